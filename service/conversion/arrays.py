@@ -88,18 +88,18 @@ class ArrayReadings:
         Raises:
             MeasurementError: shapes that do not fit, what is no number, or a length that is in another unit.
         """
-        joints = _table(self.joints, "joints")
+        joints = table_of(self.joints, "joints")
         count = len(joints)
         if joints.ndim != 2 or not np.isfinite(joints).all():
             raise _shape("joints", joints, "a row of finite numbers for each observation, (N, n)")
-        point = None if self.load_point is None else _vectors(self.load_point, count, "load_point")
+        point = None if self.load_point is None else vectors_of(self.load_point, count, "load_point")
         common = point is not None and bool((point == point[0]).all())
         for place in () if point is None else point:
             refuse_far_point(place.tolist(), "load_point", length=LENGTH[units["length"]])
         places = self._places(LENGTH[units["length"]])
         names, readings = self._readings(count, LENGTH[units["length"]])
-        forces = np.zeros((count, 3)) if self.forces is None else _vectors(self.forces, count, "forces")
-        moments = None if self.moments is None else _vectors(self.moments, count, "moments")
+        forces = np.zeros((count, 3)) if self.forces is None else vectors_of(self.forces, count, "forces")
+        moments = None if self.moments is None else vectors_of(self.moments, count, "moments")
         labels = [f"c{i:02}" for i in range(1, count + 1)] if self.labels is None else list(self.labels)
         if len(labels) != count:
             raise MeasurementError(
@@ -127,7 +127,7 @@ class ArrayReadings:
         """Return the places of the targets in the flange frame by name; none if only names are given."""
         if not isinstance(self.targets, Mapping):
             return {}
-        places = {str(name): _table(place, "targets").tolist() for name, place in self.targets.items()}
+        places = {str(name): table_of(place, "targets").tolist() for name, place in self.targets.items()}
         for name, place in places.items():
             refuse_far_point(place, f"targets['{name}']", length=length)
         return places
@@ -161,7 +161,7 @@ class ArrayReadings:
         shape = next(iter(values.values())).shape[:2]
         directions = None
         if along:
-            stated = _table(self.directions, "directions")
+            stated = table_of(self.directions, "directions")
             with suppress(ValueError):
                 directions = np.broadcast_to(stated, (*shape, 3))
             if directions is None:
@@ -204,10 +204,10 @@ def _by_target(
             raise MeasurementError(
                 f"there is no target '{missing[0]}'", where=name, remedy=f"use {', '.join(map(str, value))}"
             )
-        columns = [_table(value[each], f"{name}['{each}']") for each in names or value]
+        columns = [table_of(value[each], f"{name}['{each}']") for each in names or value]
         array = np.stack([column.reshape(len(column), -1) for column in columns], axis=1)
     else:
-        array = _table(value, name)
+        array = table_of(value, name)
         if array.ndim > 0 and array.size and array[0].size % components == 0:
             array = array.reshape(len(array), -1, components)
     names = names or [f"T{t}" for t in range(1, array.shape[1] + 1 if array.ndim > 1 else 2)]
@@ -244,15 +244,15 @@ def _refuse_long(values: FloatArray, name: str, length: float, what: str = "") -
         )
 
 
-def _vectors(value: Any, count: int, name: str) -> FloatArray:  # noqa: ANN401 - anything numpy understands
+def vectors_of(value: Any, count: int, name: str) -> FloatArray:  # noqa: ANN401 - anything numpy understands
     """Return (N, 3) finite numbers of as many rows, or of one that holds for all."""
-    array = _table(value, name)
+    array = table_of(value, name)
     if array.shape not in ((3,), (count, 3)) or not np.isfinite(array).all():
         raise _shape(name, array, f"finite numbers of shape (3,) or ({count}, 3)")
     return np.broadcast_to(array, (count, 3))
 
 
-def _table(value: Any, name: str) -> FloatArray:  # noqa: ANN401 - anything numpy understands
+def table_of(value: Any, name: str) -> FloatArray:  # noqa: ANN401 - anything numpy understands
     """Return an array of numbers of an array, lists, a data frame, or columns.
 
     Raises:
@@ -310,7 +310,7 @@ def dh_model(rows: Any, convention: str | None, units: Mapping[str, str]) -> dic
     if all(isinstance(row, Mapping) or hasattr(row, "model_dump") for row in rows):
         plain = [row if isinstance(row, Mapping) else row.model_dump() for row in rows]
         return {"format": "dh", "convention": convention, "rows": plain}
-    table = _table(rows, "robot")
+    table = table_of(rows, "robot")
     if table.ndim != 2 or table.shape[1] not in {4, 6}:
         raise RobotError(
             f"the table has the shape {table.shape}",

@@ -64,7 +64,7 @@ def report(_job: Comparison, result: ComparisonResult, view: View) -> Report:
     methods = {_short(entry) for entry in entries}
     if entries and (len(result.sides) == 1 or len(methods) > 1):
         parts += _method_parts(entries, view)
-    return Report([*parts, *_refusals(result.entries), *_charts(result)])
+    return Report([*parts, *_refusals(result.entries)])
 
 
 def _ratio_parts(result: ComparisonResult, unit: StiffnessUnit) -> list[Part]:
@@ -337,15 +337,15 @@ def _refusals(entries: Sequence[ComparedRun]) -> list[Line]:
     ]
 
 
-def _charts(result: ComparisonResult) -> list[Part]:
+def charts(result: ComparisonResult) -> list[Chart]:
     """Return the paper's figures 7 and 8: deflection of each configuration, and what each method leaves."""
-    charts: list[Part] = []
+    charts: list[Chart] = []
     for side in result.sides:
         entries = [entry for entry in result.entries if entry.side == side.side and entry.left]
         kept = {_short(entry): entry for entry in sorted(entries, key=lambda each: each.positive)}
         charts.append(
             Chart(
-                f"Deflection of each configuration, and what is left after compensation"
+                f"Deflection of each configuration and what is left after compensation, mean over the targets"
                 f"{f', {side.side} side' * (len(result.sides) > 1)}",
                 side.configurations,
                 {"measured": side.deflection, **{name: entry.left for name, entry in kept.items()}},
@@ -360,7 +360,16 @@ def _charts(result: ComparisonResult) -> list[Part]:
             "first side": one.deflection,
             "second side": [of_second.get(label) for label in one.configurations],
         }
-        charts.insert(0, Chart("Deflection of each configuration", one.configurations, series, 1e3, "mm"))
+        charts.insert(
+            0,
+            Chart(
+                "Deflection of each configuration, mean over the targets",
+                one.configurations,
+                series,
+                1e3,
+                "mm",
+            ),
+        )
     return charts
 
 
@@ -473,6 +482,7 @@ COMPARISON: Final = Kind[Comparison, ComparisonRequest, ComparisonSummary](
     report=report,
     sources=("campaigns",),
     summary=ComparisonSummary,
+    charts=charts,
     title="Comparison",
     filters={
         "first_set_id": "the first measurement set",

@@ -24,7 +24,7 @@ from jointstiff.service.conversion.units import ANGLE, FORCE, LENGTH, MOMENT
 from jointstiff.service.kinds.acceptance import RunModel, moment_factor
 from jointstiff.service.tables.files import csv_text, rows_of
 from jointstiff.service.tables.report import judged, verdict_lines
-from jointstiff.service.tables.table import NO_NUMBER, Column, Line, Part, Sheet, Table, number
+from jointstiff.service.tables.table import NO_NUMBER, Chart, Column, Line, Part, Sheet, Table, number
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.predict.answers import case_results
@@ -314,6 +314,28 @@ def _component(case: CaseResult, axis: int) -> str:
     return f"{1e3 * case.displacement[axis]:.3f}{half}"
 
 
+def prediction_sheet(result: DeflectionResult) -> Sheet:
+    """Return predictions as a table, one row a case."""
+    return judged(Sheet.of_fields(result.cases, _CSV, _MILLI), result.assessment)
+
+
+def prediction_charts(result: DeflectionResult) -> list[Chart]:
+    """Return the displacement of each case, with its interval from the readings."""
+    series = {
+        axis: [case.displacement and case.displacement[i] for case in result.cases]
+        for i, axis in enumerate("xyz")
+    }
+    intervals = {
+        axis: [
+            None if case.readings_only is None else case.readings_only.displacement[i]
+            for case in result.cases
+        ]
+        for i, axis in enumerate("xyz")
+    }
+    names = [case.label for case in result.cases]
+    return [Chart("Displacement, axes of R0", names, series, 1e3, "mm", "cases", intervals)]
+
+
 def prediction_csv(result: DeflectionResult) -> str:
-    """Return predictions as a table for spreadsheets, one row a case; what has no number is an empty cell."""
-    return csv_text(judged(Sheet.of_fields(result.cases, _CSV, _MILLI), result.assessment))
+    """Return predictions as a table for spreadsheets; what has no number is an empty cell."""
+    return csv_text(prediction_sheet(result))

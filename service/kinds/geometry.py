@@ -17,9 +17,20 @@ from jointstiff.schemas.geometry import (
     SweepEvidence,
     WristResult,
 )
-from jointstiff.service.kinds.kind import READINGS_BYTES, Kind
+from jointstiff.service.kinds.kind import READINGS_BYTES, File, Kind
 from jointstiff.service.tables.report import Report, View
-from jointstiff.service.tables.table import NO_NUMBER, Column, Line, Part, Table, concise, number, numbers
+from jointstiff.service.tables.table import (
+    NO_NUMBER,
+    Chart,
+    Column,
+    Line,
+    Part,
+    Sheet,
+    Table,
+    concise,
+    number,
+    numbers,
+)
 
 if TYPE_CHECKING:
     from jointstiff.service.kinds.work import Work
@@ -247,6 +258,27 @@ def _chance(probability: float) -> str:
     )
 
 
+def charts(result: GeometryResult) -> list[Chart]:
+    """Return the uncertainty of each axis."""
+    names = [axis.name for axis in result.axes]
+    series = {"position": [axis.position_uncertainty for axis in result.axes]}
+    return [Chart("Standard uncertainty across each axis", names, series, _MICRO, "µm", "axes")]
+
+
+def axes_sheet(geometry: Geometry) -> Sheet:
+    """Return a row an axis."""
+    return Sheet.of_fields(geometry.result.axes if geometry.result else [], _AXES)
+
+
+_AXES: Final = {
+    "axis": "name",
+    "point {x y z}": "base.point",
+    "direction {x y z}": "base.direction",
+    "position uncertainty": "position_uncertainty",
+    "direction uncertainty": "direction_uncertainty",
+}
+
+
 def compute(inputs: Inputs, request: GeometryRequest) -> Work:
     """Return the work of a geometry.
 
@@ -355,6 +387,15 @@ GEOMETRY: Final = Kind[Geometry, GeometryRequest, GeometrySummary](
     report=report,
     sources=("readings",),
     summary=GeometrySummary,
+    charts=charts,
+    files=(
+        File(
+            name="axes.csv",
+            description="a row an axis: a point and the direction in R0 at model angle zero, uncertainties.",
+            sheet=axes_sheet,
+            made_of="result",
+        ),
+    ),
     title="Geometry of a robot",
     max_bytes=READINGS_BYTES,
     reported=False,

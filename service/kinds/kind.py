@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Final, Generic, Literal, Optional, TypeVar, get_args, get_origin
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from jointstiff.service.kinds.work import Work
     from jointstiff.service.resources.inputs import Inputs
     from jointstiff.service.tables.report import Report, View
-    from jointstiff.service.tables.table import Sheet
+    from jointstiff.service.tables.table import Area, Chart, Sheet
 
 OPTIONS_BYTES: Final = 64 * 1024
 """Size of a request that names what is stored."""
@@ -81,6 +81,10 @@ class Kind(Generic[AnyJob, AnyRequest, AnySummary]):
     reported: bool = True  # whether any such job has a report made of its tables
     is_form: bool = False  # whether it is posted as a form with files, at a route of its own
     answered: Callable[[str], str] = str  # return a stored document as it is answered
+    # return the numbers that reports and `plot` draw, of a result
+    charts: Callable[[Any], Sequence[Chart]] = lambda _result: ()
+    # return what `plot` draws of the first table of a job, beside the charts
+    area: Callable[[Sheet], Area] | None = None
 
     @cached_property
     def name(self) -> str:

@@ -3,14 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import degrees
+from math import degrees, isfinite
 from typing import TYPE_CHECKING, Any, Final
 
 from jointstiff.schemas.deflection import Map, MapOptions, MapPlace, MapRequest, MapResult, MapSummary
 from jointstiff.schemas.joints import JointKind
 from jointstiff.service.kinds.kind import File, Kind
 from jointstiff.service.tables.report import Report, View
-from jointstiff.service.tables.table import Column, Line, Part, Table, ends, figure, number, numbers
+from jointstiff.service.tables.table import (
+    Area,
+    Chart,
+    Column,
+    Line,
+    Part,
+    Table,
+    ends,
+    figure,
+    number,
+    numbers,
+)
 from jointstiff.solver.text import posture_text
 
 if TYPE_CHECKING:
@@ -102,6 +113,33 @@ def _extremes(places: tuple[MapPlace, MapPlace], confidence: float, kinds: Seque
     )
 
 
+def charts(result: MapResult) -> list[Chart]:
+    """Return the quantiles of the deflection over the places."""
+    names = [f"{100 * each.share:g} %" for each in result.quantiles]
+    series = {"deflection": [each.deflection for each in result.quantiles]}
+    title = "Deflection that this share of the places does not exceed"
+    return [Chart(title, names, series, 1e6, "µm", "quantiles")] if names else []
+
+
+def area(sheet: Sheet) -> Area:
+    """Return the slice across the axis with the fewest places that holds the greatest deflection."""
+    places = {axis: [float(value) for value in sheet.columns[f"{axis} [m]"]] for axis in "xyz"}
+    values = [float("nan") if value is None else float(value) for value in sheet.columns["deflection [m]"]]
+    across = min("zyx", key=lambda axis: len(set(places[axis])))
+    reached = [i for i, value in enumerate(values) if isfinite(value)]
+    at = places[across][max(reached, key=lambda i: values[i])] if reached else places[across][0]
+    kept = [i for i, value in enumerate(places[across]) if value == at]
+    first, second = (axis for axis in "xyz" if axis != across)
+    return Area(
+        f"Deflection at {across} = {at:.3f} m",
+        [places[first][i] for i in kept],
+        [places[second][i] for i in kept],
+        [values[i] for i in kept],
+        (f"{first} [m]", f"{second} [m]", "deflection [µm]"),
+        1e6,
+    )
+
+
 MAP: Final = Kind[Map, MapRequest, MapSummary](
     message=Map,
     request=MapRequest,
@@ -110,6 +148,8 @@ MAP: Final = Kind[Map, MapRequest, MapSummary](
     report=_report,
     sources=("run",),
     summary=MapSummary,
+    charts=charts,
+    area=area,
     title="Map of a work area",
     stepped=True,
     filters={"robot_id": "robot", "name": "name (exact)"},

@@ -17,7 +17,7 @@ from jointstiff.schemas.plan import (
 )
 from jointstiff.service.kinds.kind import READINGS_BYTES, File, Kind
 from jointstiff.service.tables.report import Report, View
-from jointstiff.service.tables.table import Column, Line, Sheet, Table, number
+from jointstiff.service.tables.table import Chart, Column, Line, Sheet, Table, number
 
 if TYPE_CHECKING:
     from jointstiff.service.kinds.work import Work
@@ -183,6 +183,19 @@ def readings_sheet(plan: Plan) -> Sheet:
     )
 
 
+def charts(result: PlanResult) -> list[Chart]:
+    """Return the predicted uncertainty of each joint, beside that of today and of random plans."""
+    joints = result.joints
+    series: dict[str, list[float | None]] = {
+        "this plan": [joint.standard_uncertainty for joint in joints],
+        "random plans": [joint.random for joint in joints],
+        "now": [joint.before for joint in joints],
+    }
+    known = {name: values for name, values in series.items() if any(value is not None for value in values)}
+    title, names = "Standard uncertainty of each compliance", [joint.name for joint in joints]
+    return [Chart(title, names, known, 1e9, "10⁻⁹ rad/(N·m)", "joints", logarithmic=True)]
+
+
 _EXAMPLES: Final[dict[str, Any]] = {
     "begin a campaign": {
         "robot_id": "ID_OF_A_STORED_ROBOT",
@@ -216,6 +229,7 @@ PLAN: Final = Kind[Plan, PlanRequest, PlanSummary](
     report=report,
     sources=("robot_or_set",),
     summary=PlanSummary,
+    charts=charts,
     title="Plan of a campaign",
     max_bytes=READINGS_BYTES,
     filters={"robot_id": "robot", "measurement_set_id": "measurement set"},

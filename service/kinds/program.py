@@ -14,7 +14,7 @@ from jointstiff.schemas.program import (
 )
 from jointstiff.service.kinds.kind import File, Kind
 from jointstiff.service.tables.report import Report, View
-from jointstiff.service.tables.table import Column, Line, Part, Table, ends, number
+from jointstiff.service.tables.table import Chart, Column, Line, Part, Table, ends, number
 
 if TYPE_CHECKING:
     from jointstiff.service.kinds.work import Work
@@ -122,6 +122,19 @@ def _worst(result: ProgramResult) -> Table:
     )
 
 
+def charts(result: ProgramResult) -> list[Chart]:
+    """Return the worst points without and with the correction."""
+    points = result.worst
+    series = {
+        "without correction": [point.deflection for point in points],
+        "as written": [point.residual for point in points],
+    }
+    intervals = {"without correction": [point.interval for point in points]}
+    names = [point.name or str(point.number) for point in points]
+    title = "Distance of the loaded tool from its target, worst points"
+    return [Chart(title, names, series, 1e3, "mm", "points", intervals)] if points else []
+
+
 PROGRAM: Final = Kind[Program, ProgramRequest, ProgramSummary](
     message=Program,
     request=ProgramRequest,
@@ -130,6 +143,7 @@ PROGRAM: Final = Kind[Program, ProgramRequest, ProgramSummary](
     report=_report,
     sources=("run", "files"),
     summary=ProgramSummary,
+    charts=charts,
     title="Compensated program",
     stepped=True,
     max_bytes=16 * 1024 * 1024,

@@ -21,14 +21,16 @@ from jointstiff.schemas.run import (
     RunSummary,
     WeightResult,
 )
-from jointstiff.service.kinds.kind import Kind
+from jointstiff.service.kinds.kind import File, Kind
 from jointstiff.service.tables.report import METHOD_NAMES, VERDICTS, Report, View, joint_reason_lines
 from jointstiff.service.tables.stiffness import StiffnessUnit
 from jointstiff.service.tables.table import (
     NO_NUMBER,
+    Chart,
     Column,
     Line,
     Part,
+    Sheet,
     Table,
     figure,
     number,
@@ -511,6 +513,56 @@ def moments(joint: ResampledJoint, unit: StiffnessUnit) -> tuple[float | None, f
     return mean, deviation
 
 
+def charts(result: RunResult) -> list[Chart]:
+    """Return stiffnesses with their intervals, what each joint contributes, and what the model leaves."""
+    drawn: list[Chart] = []
+    for kind, factor, unit in (("revolute", 1e-6, "10⁶ N·m/rad"), ("prismatic", 1e-6, "N/µm")):
+        joints = [joint for joint in result.joints if joint.kind == kind]
+        if any(joint.stiffness is not None for joint in joints):
+            series = {"stiffness": [joint.stiffness for joint in joints]}
+            ends = {"stiffness": [joint.stiffness_interval for joint in joints]}
+            names = [joint.name for joint in joints]
+            drawn.append(
+                Chart("Stiffness with its interval", names, series, factor, unit, "joints", ends, True)
+            )
+    if result.contributions:
+        shares = {"share": [each.share for each in result.contributions]}
+        names = [each.joint for each in result.contributions]
+        drawn.append(Chart("Share of the predicted deflection", names, shares, 1e2, "%", "joints"))
+    measured, left = result.mean_lengths("deflection"), result.mean_lengths("residual")
+    series = {"measured": [*measured.values()], "left by the model": [*left.values()]}
+    title = "Deflection of each configuration, mean length over the targets"
+    return [*drawn, Chart(title, [*measured], series, 1e3, "mm")]
+
+
+def joints_sheet(run: Run) -> Sheet:
+    """Return a row a joint."""
+    joints = run.result.joints if run.result else []
+    return Sheet.of_joints(Sheet.of_fields(joints, _JOINTS), [joint.kind for joint in joints])
+
+
+def residuals_sheet(run: Run) -> Sheet:
+    """Return a row a target and observation."""
+    return Sheet.of_fields(run.result.residuals if run.result else [], _RESIDUALS)
+
+
+_JOINTS: Final = {
+    "joint": "name",
+    "status": "status",
+    "verdict": "verdict",
+    "stiffness": "stiffness",
+    "stiffness {low high}": "stiffness_interval",
+    "compliance": "compliance",
+    "standard uncertainty": "standard_uncertainty",
+    "compliance {low high}": "compliance_interval",
+    "reason": "reason",
+}
+_RESIDUALS: Final = {
+    "observation": "observation",
+    "target": "target",
+    "deflection {x y z}": "deflection",
+    "residual {x y z}": "residual",
+}
 _EXAMPLES: Final[dict[str, Any]] = {
     "default": {"measurement_set_id": "ID_OF_A_STORED_SET"},
     "decoupled, bounded": {
@@ -548,6 +600,21 @@ RUN: Final = Kind[Run, RunRequest, RunSummary](
         "elasticity": "elasticity",
     },
     examples=_EXAMPLES,
+    charts=charts,
+    files=(
+        File(
+            name="joints.csv",
+            description="a row a joint: stiffness, compliance, uncertainty, intervals, verdict, reason.",
+            sheet=joints_sheet,
+            made_of="result",
+        ),
+        File(
+            name="residuals.csv",
+            description="a row a target and observation: measured deflection, and what the model leaves.",
+            sheet=residuals_sheet,
+            made_of="result",
+        ),
+    ),
     description="""Identify the joint stiffnesses, and store the result with its provenance.
 
 Answers 201 with the finished run, or, if it resamples and takes longer than `wait` seconds, 202 with the

@@ -133,8 +133,17 @@ def new_job(
     )
 
 
-def carry_out(job: AnyJob, work: Work, on_progress: OnProgress | None = None) -> AnyJob:
-    """Return a job carried out here and now.
+class _CancelledError(BaseException):
+    """The caller wants no result."""
+
+
+def carry_out(
+    job: AnyJob,
+    work: Work,
+    on_progress: OnProgress | None = None,
+    cancelled: Callable[[], bool] = lambda: False,
+) -> AnyJob:
+    """Return a job carried out here and now; cancelled between two steps if the caller wants no more.
 
     Raises:
         RequestError: the request is refused.
@@ -143,12 +152,17 @@ def carry_out(job: AnyJob, work: Work, on_progress: OnProgress | None = None) ->
     def compute() -> Message:
         parts = []
         for span in work.steps():
+            if cancelled():
+                raise _CancelledError
             parts.append(work.compute(span))
             if on_progress is not None and job.progress is not None:
                 on_progress(job.progress.model_copy(update={"done": span[1]}))
         return work.conclude(parts)
 
-    result, error = outcome_of(compute)
+    try:
+        result, error = outcome_of(compute)
+    except _CancelledError:
+        return job.model_copy(update={"state": "cancelled"})
     progress = job.progress and job.progress.model_copy(update={"done": job.progress.total})
     times = {
         "started_at": job.provenance.created_at,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from os import PathLike
 from pathlib import Path
 from types import MappingProxyType
@@ -16,31 +16,43 @@ from uuid import uuid4
 import httpx2
 from pydantic import ValidationError
 
-from jointstiff.schemas.deflection import DeflectionResult
 from jointstiff.schemas.fields import Message, Page, content_key
 from jointstiff.schemas.finding import Problem
 from jointstiff.schemas.job import Job
-from jointstiff.schemas.measurement import MeasurementSet, MeasurementSetSummary
+from jointstiff.schemas.measurement import MeasurementSet, MeasurementSetDocument, MeasurementSetSummary
 from jointstiff.schemas.robot import Robot, RobotDocument, RobotRequest, RobotSummary
 from jointstiff.schemas.run import CampaignRun, Run, RunRequest, RunSummary
-from jointstiff.service.kinds.kind import AnyJob, AnySummary, Kind
+from jointstiff.service.kinds.kind import AnyJob, AnySummary, File, Kind
 from jointstiff.service.kinds.registry import KINDS
-from jointstiff.service.kinds.rooms import ROOMS
+from jointstiff.service.kinds.rooms import ROOMS, kind_of
 from jointstiff.service.library import results
+from jointstiff.service.library.campaigns import Campaign
+from jointstiff.service.library.cases import AnyPostures, load_cases
 from jointstiff.service.library.errors import AwayError, RefusedError
-from jointstiff.service.library.files import AnyCampaign, as_campaign_error, campaign_of, parse_document
-from jointstiff.service.library.results import OnProgress, TabledRun, shown
-from jointstiff.service.library.verbs import Verb, load_cases, verb_of
+from jointstiff.service.library.files import (
+    AnyCampaign,
+    as_campaign_error,
+    campaign_of,
+    json_text,
+    parse_document,
+)
+from jointstiff.service.library.follow import Cancel, Follow, OnProgress
+from jointstiff.service.library.results import Prediction, TabledRun, shown
+from jointstiff.service.library.verbs import Verb, import_files, options_of, verb_of
 from jointstiff.service.problems.table import http_problem
+from jointstiff.service.reports.job import job_sheet
+from jointstiff.service.tables.table import Sheet
 from jointstiff.solver.errors import RequestError
 
 if TYPE_CHECKING:
     from jointstiff.schemas.comparison import Comparison, ComparisonSummary
     from jointstiff.schemas.deflection import Map, MapSummary
     from jointstiff.schemas.geometry import Geometry, GeometrySummary
+    from jointstiff.schemas.imports import ImportAnswer
     from jointstiff.schemas.options import RunOptions
     from jointstiff.schemas.plan import Plan, PlanSummary
     from jointstiff.schemas.program import Program, ProgramSummary
+    from jointstiff.service.library.campaigns import Numbers
 
 PATIENCE_SECONDS: Final = 60.0
 """For a service that answered before and does not now."""
@@ -73,7 +85,6 @@ class Client:
     """
 
     # a kind of work has its verb and its collection without a line here, which is for editors and mypy
-    campaign = None  # the service keeps them
     compare: Verb[Comparison]
     geometry: Verb[Geometry]
     plan: Verb[Plan]
@@ -145,31 +156,43 @@ class Client:
     def predict(
         self,
         run: Any,  # noqa: ANN401 - a run, or a campaign
-        postures: str | PathLike[str] | Sequence[Document],
-        **options: Any,  # noqa: ANN401 - fields of DeflectionOptions
-    ) -> DeflectionResult:
+        postures: AnyPostures,
+        forces: Numbers | None = None,
+        **options: Any,  # noqa: ANN401 - of jointstiff.predict
+    ) -> Prediction:
         """Predict deflections by a run; arguments as of `jointstiff.predict`."""
-        request: dict[str, Any] = {**options, "run_id": self.identified(run)}
-        if isinstance(postures, str | PathLike):
-            joints = {name: joint.kind for name, joint in self.runs.get(request["run_id"]).joints.items()}
-            with as_campaign_error("prediction"):
-                request |= plain(load_cases(postures, joints, options))
-        else:
-            request["cases"] = [plain(case) for case in postures]
-        return resource_in(self.send("POST", "/v1/deflections", None, request), DeflectionResult)
+        run_id = self.identified(run)
+        joints = {name: joint.kind for name, joint in self.runs.get(run_id).joints.items()}
+        with as_campaign_error("prediction"):
+            request = plain(load_cases(postures, joints, forces, options)) | {"run_id": run_id}
+        return resource_in(self.send("POST", "/v1/deflections", None, request), Prediction)
+
+    def import_files(
+        self,
+        *files: str | PathLike[str],
+        robot: Any = None,  # noqa: ANN401 - as of jointstiff.import_files
+        **options: Any,  # noqa: ANN401 - of ImportRequest
+    ) -> ImportAnswer:
+        """Understand files of readings, in this process; arguments as of `jointstiff.import_files`."""
+        return import_files(*files, robot=robot, **options)
 
     def identify(
         self,
-        campaign: AnyCampaign,
+        campaign: AnyCampaign | Run,
         options: RunOptions | None = None,
         *,
         on_progress: OnProgress | None = None,
+        cancel: Cancel | None = None,
         **fields: Any,  # noqa: ANN401 - fields of RunOptions
     ) -> TabledRun:
         """Post a campaign; return its run once it has ended; arguments as of `jointstiff.identify`."""
+        if isinstance(campaign, Run):
+            again: Verb[TabledRun] = verb_of(kind_of("run"), lambda: self)
+            return again(campaign, options=options, on_progress=on_progress, cancel=cancel, **fields)
         read = campaign_of(campaign)
         run = {"leave_out": read.run.leave_out, **plain(read.run if options is None else options), **fields}
-        return self.runs.wait(self.post(plain(read) | {"run": run}), on_progress)
+        with Follow(on_progress, cancel) as follow:
+            return self.runs.wait(self.post(plain(read) | {"run": run}), follow)
 
     def post(self, campaign: AnyCampaign, *, once: bool = False) -> TabledRun:
         """Post a campaign, whose robot and readings are stored once; return its run after a second at most.
@@ -179,32 +202,54 @@ class Client:
             once: whether it gets no other run if it was posted so before.
         """
         document = plain(campaign if isinstance(campaign, Mapping) else campaign_of(campaign))
-        text = json.dumps(document, sort_keys=True)  # the same content in the same order
+        text = json.dumps(
+            json.loads(json_text(document)), sort_keys=True
+        )  # the same content in the same order
         key = content_key(text) if once else None
         return self.runs.found_in(self.send("POST", "/v1/campaigns", _WAIT, text, key))
 
     def measured(self, source: Any, _place: str = "") -> tuple[str, CampaignRun | None]:  # noqa: ANN401
         """Return the id of the measurement set of a stored run, or of a campaign, which is posted once."""
+        source = self._brought(source)
         if isinstance(source, Run):
-            return source.request.measurement_set_id, None
+            return source.request.measurement_set_id, options_of(source)
         campaign = campaign_of(source)
         return self.post(campaign, once=True).request.measurement_set_id, campaign.run
 
     def identified(self, source: Any) -> str:  # noqa: ANN401 - a run, or a campaign
         """Return the id of a stored run, or of a campaign, which is posted once and identified."""
+        source = self._brought(source)
         run: Run = source if isinstance(source, Run) else self.identify(source)
         return run.id
+
+    def _brought(self, source: Any) -> Any:  # noqa: ANN401 - a run, or a campaign
+        """Return a run of this service, or a campaign; of another run its campaign, with its options."""
+        if not isinstance(source, TabledRun) or source.is_of(self):
+            return source
+        return source.campaign.model_copy(update={"run": options_of(source)})
+
+    def campaign_of(self, run: Run) -> Campaign:
+        """Return robot, readings and options of a stored run as a campaign."""
+        stored = self.measurement_sets.get(run.request.measurement_set_id)
+        robot = self.robots.get(stored.robot_id)
+        parts = ((robot, RobotDocument), (stored, MeasurementSetDocument))
+        of_robot, of_set = (
+            {name: getattr(part, name) for name in message.model_fields if name in part.model_fields_set}
+            for part, message in parts
+        )
+        document = {"robot": of_robot, "measurement_set": of_set, "run": options_of(run)}
+        return Campaign.model_validate(document)
 
     def run(
         self,
         request: RunRequest,
-        on_progress: OnProgress | None,
+        follow: Follow,
         dispensable: bool,
     ) -> Run | None:
         """Post a run once; return it once it has ended, None if it is dispensable and not supported."""
         text = request.model_dump_json()
         try:
-            return self.runs.wait(self.runs.create(text, key=content_key(text)), on_progress)
+            return self.runs.wait(self.runs.create(text, key=content_key(text)), follow)
         except RefusedError as refused:
             if dispensable and refused.problem.type.endswith(":unsupported-method"):
                 return None
@@ -222,11 +267,23 @@ class Client:
         kind: Kind[AnyJob, Any, Any],
         request: dict[str, Any],
         files: Mapping[str, bytes],
-        on_progress: OnProgress | None = None,
+        follow: Follow,
     ) -> AnyJob:
         """Post a request; return the job once it has ended."""
         jobs: Jobs[AnyJob, Any] = getattr(self, kind.collection)
-        return jobs.wait(jobs.create(request, files=files), on_progress)
+        return jobs.wait(jobs.create(request, files=files), follow)
+
+    def sheet(self, job: Job, file: File) -> Sheet:
+        """Return the table of a file of a job; one that its answer does not hold is downloaded."""
+        kind = kind_of(job.kind)
+        whole = next((each for each in kind.files if each.suffix == "json"), None)
+        if whole is None:
+            return job_sheet(file, job, lambda: cast("Any", None))
+        columns = json.loads(self.file(job, whole.name))["columns"]
+        headers = [f"{each['name']} [{each['unit']}]" if each["unit"] else each["name"] for each in columns]
+        sheet = dict(zip(headers, [each["values"] for each in columns], strict=True))
+        texts = frozenset(name for name, values in sheet.items() if any(isinstance(v, str) for v in values))
+        return Sheet(sheet, texts)
 
     def file(
         self, job: Job, name: str, query: Mapping[str, str] | None = None, laboratory: Path | None = None
@@ -271,7 +328,7 @@ class Client:
         """
         parts: dict[str, Any] = {"params": query}
         if document is not None:
-            content = document if isinstance(document, str) else json.dumps(plain(document))
+            content = document if isinstance(document, str) else json_text(plain(document))
             parts["headers"] = {"Idempotency-Key": key or uuid4().hex}
             if files:
                 parts |= {"files": [("files", file) for file in files.items()], "data": {"options": content}}
@@ -373,18 +430,36 @@ class Jobs(Collection[AnyJob, AnySummary]):
         """Post a request; return the job after a second at most; arguments as of other collections."""
         return self.found_in(self._client.send("POST", self._path, _WAIT, document, key, files))
 
-    def done(self, document: Document, on_progress: OnProgress | None = None) -> AnyJob:
+    def done(
+        self, document: Document, on_progress: OnProgress | None = None, cancel: Cancel | None = None
+    ) -> AnyJob:
         """Post a request, and return the job once it has ended."""
-        return self.wait(self.create(document), on_progress)
+        with Follow(on_progress, cancel) as follow:
+            return self.wait(self.create(document), follow)
 
-    def wait(self, job: AnyJob, on_progress: OnProgress | None = None) -> AnyJob:
-        """Wait for the end of a job; return it as it is then."""
-        while job.state in {"queued", "running"}:
-            if on_progress is not None and job.progress is not None:
-                on_progress(job.progress)
-            time.sleep(_LOOK_SECONDS)
-            job = self.get(job.id)
+    def wait(self, job: AnyJob, follow: OnProgress | None = None) -> AnyJob:
+        """Wait for the end of a job; return it as it is then. Ctrl-C cancels it.
+
+        Args:
+            job: of the service.
+            follow: called with its progress.
+        """
+        try:
+            while job.state in {"queued", "running"}:
+                if follow is not None and job.progress is not None:
+                    follow(job.progress)
+                if isinstance(follow, Follow) and follow.cancelled:
+                    self.cancel(job.id)
+                time.sleep(_LOOK_SECONDS)
+                job = self.get(job.id)
+        except KeyboardInterrupt:
+            self.cancel(job.id)
+            raise
         return job
+
+    def cancel(self, identifier: str) -> None:
+        """Cancel a job; one that has ended stays as it is."""
+        self._client.send("PATCH", self._changed_at(identifier), None, {"cancelled": True})
 
     def files(self, program: Program) -> dict[str, bytes]:
         """Return the corrected files of a program by name."""

@@ -79,13 +79,35 @@ def parse_document(document: Mapping[str, Any], message: type[Document]) -> Docu
         CampaignError: it is not such a document, or holds what is no JSON.
     """
     try:
-        content = json.dumps(dict(document)).encode()
+        content = json_text(document).encode()
     except (TypeError, ValueError) as error:
-        remedy = "use only strings, numbers, lists and dictionaries; convert arrays to lists"
+        remedy = "use only strings, numbers, lists, arrays and dictionaries"
         raise CampaignError(
             http_problem(422, f"the document cannot be written as JSON: {error}", remedy)
         ) from None
     return _parsed(message, content)
+
+
+def json_text(document: object) -> str:
+    """Return JSON of plain values, messages and arrays.
+
+    Raises:
+        TypeError: there is something else in it.
+        ValueError: it is no JSON, as it has a circle or NaN.
+    """
+    return json.dumps(document, default=_plain_value)
+
+
+def _plain_value(value: Any) -> Any:  # noqa: ANN401 - anything in a document
+    """Return a message or an array as JSON takes it."""
+    if isinstance(value, BaseModel):
+        return value.model_dump(mode="json", exclude_unset=True)
+    if isinstance(value, Mapping):
+        return dict(value)
+    array = value.to_numpy() if hasattr(value, "to_numpy") else value
+    if hasattr(array, "tolist"):
+        return array.tolist()
+    raise TypeError(f"{type(value).__name__} is neither a number, a text, a list nor an array")
 
 
 def _parsed(message: type[Document], content: bytes, section: str | None = None) -> Document:

@@ -1,10 +1,12 @@
-"""Jobs in a notebook: they show themselves as the tables of the terminal, and runs give what follows."""
+"""Results that people hold: a line, a table, a frame, a plot, a file; and runs give what follows."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from functools import cache
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping, Sequence
+from functools import cache, partial
 from io import StringIO
+from os import PathLike
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Protocol, cast
@@ -12,31 +14,41 @@ from typing import TYPE_CHECKING, Any, Protocol, cast
 from pydantic import PrivateAttr, create_model
 from rich.console import Console
 
-from jointstiff.schemas.job import Job, Progress
+from jointstiff.schemas.deflection import DeflectionResult
+from jointstiff.schemas.fields import Message
+from jointstiff.schemas.job import Job
 from jointstiff.schemas.run import JointResult, Run, RunRequest, RunResult
-from jointstiff.service.kinds.kind import AnyJob, Kind
+from jointstiff.service.kinds.kind import AnyJob, File, Kind
 from jointstiff.service.kinds.rooms import kind_of
 from jointstiff.service.library.campaigns import Campaign
-from jointstiff.service.reports.job import job_report, job_sheet
-from jointstiff.service.tables.files import written
+from jointstiff.service.library.frames import frame_of
+from jointstiff.service.reports.job import job_parts, job_sheet
+from jointstiff.service.tables.files import written, xlsx_bytes
+from jointstiff.service.tables.table import Line, Part, Sheet
+from jointstiff.service.tables.terminal import printed
 from jointstiff.solver.errors import RequestError
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from jointstiff.schemas import run as messages
     from jointstiff.schemas.robot import RobotDocument
     from jointstiff.schemas.run import CampaignRun
+    from jointstiff.service.library.campaigns import Numbers
+    from jointstiff.service.library.cases import AnyPostures
+    from jointstiff.service.library.follow import Follow
+    from jointstiff.solver.arrays import FloatArray
 
-OnProgress = Callable[[Progress], object]
 _WIDTH = 100
+_REPORTS = {"pdf", "html"}
 _MODELS = {"csv", "xlsx", "urdf", "sdf", "mjcf", "xml"}
 
 
 class Door(Protocol):
     """This process or a service: it knows what requests are made of by ids, and does the work."""
 
-    @property
-    def campaign(self) -> messages.Campaign | None:
-        """Campaign that was identified; None if it is not kept."""
+    def campaign_of(self, run: Run) -> messages.Campaign | None:
+        """Return the campaign of a run; None if it is not known."""
 
     def measured(self, source: Any, _place: str = "") -> tuple[str, CampaignRun | None]:  # noqa: ANN401
         """Return the id of a campaign's measurement set, and the options of its run if they are known."""
@@ -47,7 +59,7 @@ class Door(Protocol):
     def described(self, robot: RobotDocument) -> str:
         """Return the id of a robot."""
 
-    def run(self, request: RunRequest, on_progress: OnProgress | None, dispensable: bool) -> Run | None:
+    def run(self, request: RunRequest, follow: Follow, dispensable: bool) -> Run | None:
         """Identify a measurement set; a dispensable run may fail or be none if it is not supported."""
 
     def done(
@@ -55,7 +67,7 @@ class Door(Protocol):
         kind: Kind[AnyJob, Any, Any],
         request: dict[str, Any],
         files: Mapping[str, bytes],
-        on_progress: OnProgress | None = None,
+        follow: Follow,
     ) -> AnyJob:
         """Do the work of a request, and of files where it takes some; return the job once it has ended."""
 
@@ -64,12 +76,128 @@ class Door(Protocol):
     ) -> bytes:
         """Return a file of a job, such as `report.pdf`, by the query of the API."""
 
+    def sheet(self, job: Job, file: File) -> Sheet:
+        """Return the table of a file of a job."""
+
+    def predict(
+        self,
+        run: Any,  # noqa: ANN401 - a run, or a campaign
+        postures: AnyPostures,
+        forces: Numbers | None = None,
+        **options: Any,  # noqa: ANN401 - of jointstiff.predict
+    ) -> Prediction:
+        """Predict deflections by a run."""
+
     def apply(self, run: TabledRun, action: str) -> TabledRun:
         """Apply an action that a reason of a run advises; return the run of what it changes."""
 
 
-class Shown:
-    """A job that shows itself as tables: to be mixed with its message."""
+class Presented(ABC):
+    """A result that people hold: short by name, a table where it is printed, a frame, a plot, a file."""
+
+    @abstractmethod
+    def _parts(self) -> Sequence[Part]:
+        """Return what people read."""
+
+    @abstractmethod
+    def _sheets(self) -> Mapping[str, Callable[[], Sheet]]:
+        """Return the tables by name, the first one first."""
+
+    @abstractmethod
+    def _figure(self) -> Figure:
+        """Draw what can be drawn."""
+
+    @property
+    def _message(self) -> Message:
+        return cast("Message", self)
+
+    def __repr__(self) -> str:
+        """Return kind, state and verdict in one line."""
+        return f"<{type(self).__name__}: {self._headline()}>"
+
+    def __str__(self) -> str:
+        """Return the report of the terminal as text."""
+        console = Console(file=StringIO(), width=_WIDTH, highlight=False)
+        console.print(printed(self._parts()))
+        return cast("StringIO", console.file).getvalue()
+
+    def _repr_html_(self) -> str:
+        """Return the report of the terminal as HTML, which notebooks display."""
+        console = Console(record=True, file=StringIO(), width=_WIDTH)
+        console.print(printed(self._parts()))
+        return console.export_html(
+            inline_styles=True, code_format='<pre style="line-height:1.2">{code}</pre>'
+        )
+
+    def _headline(self) -> str:
+        lines = [part.text for part in self._parts() if isinstance(part, Line)]
+        return lines[0].strip().partition("\n")[0] if lines else ""
+
+    def summary(self) -> str:
+        """Return the verdict, its reasons, counts and what to do, without the tables."""
+        return "\n".join(part.text for part in self._parts() if isinstance(part, Line))
+
+    def to_frame(self, name: str | None = None) -> Any:  # noqa: ANN401 - of pandas or polars
+        """Return a table as a data frame of pandas, or of polars without it; the headers carry SI units.
+
+        Args:
+            name: name of the table, such as `residuals` of a run; default: the first one.
+
+        Raises:
+            ImportError: neither is installed.
+            ValueError: there is no such table.
+        """
+        return frame_of(self._sheet(name))
+
+    def plot(self) -> Figure:
+        """Draw the result by matplotlib, which notebooks display; `.savefig(path)` writes it.
+
+        Raises:
+            ImportError: matplotlib is not installed.
+            ValueError: there is nothing to draw.
+        """
+        return self._figure()
+
+    def save(self, path: str | PathLike[str]) -> None:
+        """Write a file, of the kind that its ending says.
+
+        Args:
+            path: ends in `.json` (all numbers), `.csv` (the first table), `.xlsx` (all tables), `.svg` or
+                `.png` (the plot); of jobs `.pdf` or `.html` (the report, a draft); of a map `.npz`; of a run
+                `.urdf`, `.sdf`, `.mjcf` or `.xml` (the model); of a program as the program itself (the
+                corrected file, with its .dat beside it).
+
+        Raises:
+            ValueError: there is no such file.
+            CampaignError: it cannot be made, or the result is not to be used.
+            RefusedError: the service refuses it.
+        """
+        target = Path(path)
+        suffix = target.suffix.removeprefix(".").lower()
+        if suffix in {"svg", "png"}:
+            self._figure().savefig(target)
+        elif suffix == "json":
+            target.write_text(self._message.model_dump_json(indent=1) + "\n", encoding="utf-8")
+        elif suffix == "csv":
+            target.write_bytes(written(self._sheet(None), suffix))
+        elif suffix == "xlsx":
+            target.write_bytes(xlsx_bytes({name: sheet() for name, sheet in self._sheets().items()}))
+        else:
+            self._save_other(target, suffix)
+
+    def _save_other(self, path: Path, suffix: str) -> None:  # noqa: ARG002 - of those that have others
+        raise ValueError(f"'{path}' must end in .json, .csv, .xlsx, .svg or .png")
+
+    def _sheet(self, name: str | None) -> Sheet:
+        sheets = self._sheets()
+        chosen = next(iter(sheets), "") if name is None else name
+        if chosen not in sheets:
+            raise ValueError(f"there is no table '{chosen}': its tables are {', '.join(sheets) or 'none'}")
+        return sheets[chosen]()
+
+
+class Shown(Presented):
+    """A job that shows itself: to be mixed with its message."""
 
     _origin: Any  # where it was done; None if that is not known
 
@@ -85,20 +213,52 @@ class Shown:
     def _job(self) -> Job:
         return cast("Job", self)
 
+    def __repr__(self) -> str:
+        """Return kind, id, state and verdict in one line."""
+        job = self._job
+        return f"<{kind_of(job.kind).message.__name__} {job.id[:8]}, {job.state}: {self._headline()}>"
+
+    def _parts(self) -> Sequence[Part]:
+        return job_parts(kind_of(self._job.kind), self._job)
+
+    def _sheets(self) -> Mapping[str, Callable[[], Sheet]]:
+        files = {file.name.partition(".")[0]: file for file in reversed(kind_of(self._job.kind).files)}
+        return {name: partial(self._sheet_of, file) for name, file in reversed(files.items())}
+
+    def _sheet_of(self, file: File) -> Sheet:
+        """Return the table of a file; from where the job was done if its result does not hold it."""
+        job = self._job
+        if job.result is None:
+            raise ValueError(job.error.detail if job.error else f"the {job.kind} is {job.state}")
+        if self._origin is not None:
+            return self._known_origin().sheet(job, file)
+        if file.made_of == "work":
+            self._known_origin()
+        return job_sheet(file, job, lambda: cast("Any", None))
+
+    def _figure(self) -> Figure:
+        from jointstiff.service.library.plots import figure_of
+
+        kind, job = kind_of(self._job.kind), self._job
+        if job.result is None:
+            raise ValueError(job.error.detail if job.error else f"the {job.kind} is {job.state}")
+        areas = [] if kind.area is None else [kind.area(self._sheet(None))]
+        return figure_of(f"{kind.title}: {self._headline()}", list(kind.charts(job.result)), areas)
+
     def table(self, suffix: str) -> bytes:
-        """Return the table of the job as a file: `csv`, and for maps `npz` and `json`.
+        """Return the first table of the job as a file: `csv`, and for maps `npz` and `json`.
 
         Raises:
             ValueError: the kind has no such table, or its inputs are not known.
         """
-        job, kind = self._job, kind_of(self._job.kind)
+        kind = kind_of(self._job.kind)
         file = next((file for file in kind.files if file.suffix == suffix), None)
         if file is None:
             endings = ", ".join(f".{file.suffix}" for file in kind.files) or "none"
             raise ValueError(f"a {kind.name} has tables of these endings: {endings}")
-        if self._origin is not None or file.made_of == "work":
-            return self._known_origin().file(job, file.name)
-        return written(job_sheet(file, job, lambda: cast("Any", None)), suffix)
+        if self._origin is not None and self._job.result is not None:
+            return self._known_origin().file(self._job, file.name)
+        return written(self._sheet_of(file), suffix)
 
     def report(self, path: str | Path, laboratory: str | Path | None = None) -> None:
         """Write the report, a draft, as PDF or HTML.
@@ -111,28 +271,39 @@ class Shown:
             CampaignError: the report cannot be made, or Typst is not installed.
             RefusedError: the service refuses it.
         """
-        name = f"report.{_suffix(path, {'pdf', 'html'})}"
+        name = f"report.{_suffix(path, _REPORTS)}"
         settings = None if laboratory is None else Path(laboratory)
         Path(path).write_bytes(self._known_origin().file(self._job, name, None, settings))
 
-    def __str__(self) -> str:
-        """Return the report of the terminal as text."""
-        console = Console(file=StringIO(), width=_WIDTH, highlight=False)
-        console.print(job_report(kind_of(self._job.kind), self._job))
-        return cast("StringIO", console.file).getvalue()
+    def _save_other(self, path: Path, suffix: str) -> None:
+        job: Any = self._job
+        if suffix in _REPORTS:
+            self.report(path)
+        elif suffix == "npz":
+            path.write_bytes(self.table(suffix))
+        elif kind_of(job.kind).is_form and job.result is not None:
+            names = [file.name for file in job.result.files]
+            for name in names:
+                target = path if len(names) == 1 else path.with_suffix(Path(name).suffix)
+                target.write_bytes(self._known_origin().file(job, "program", {"file": name}))
+        else:
+            super()._save_other(path, suffix)
 
-    def _repr_html_(self) -> str:
-        """Return the report of the terminal as HTML, which notebooks display."""
-        console = Console(record=True, file=StringIO(), width=_WIDTH)
-        console.print(job_report(kind_of(self._job.kind), self._job))
-        return console.export_html(
-            inline_styles=True, code_format='<pre style="line-height:1.2">{code}</pre>'
-        )
+    def is_of(self, door: object) -> bool:
+        """Return whether the job was done there."""
+        return self._origin is door
 
     def _known_origin(self) -> Door:
         if self._origin is None:
             raise ValueError(f"it is not known where the {self._job.kind} was done: use what a verb returned")
         return cast("Door", self._origin)
+
+
+class _Joints(dict[str, JointResult]):
+    """Joints by name."""
+
+    def __missing__(self, name: str) -> JointResult:
+        raise KeyError(f"there is no joint '{name}': the joints are {', '.join(self)}")
 
 
 class TabledRun(Shown, Run):
@@ -147,36 +318,46 @@ class TabledRun(Shown, Run):
         Raises:
             RequestError: the run has no result.
         """
-        return MappingProxyType({joint.name: joint for joint in self._found().joints})
+        return MappingProxyType(_Joints({joint.name: joint for joint in self._found().joints}))
 
-    def to_frame(self) -> Any:  # noqa: ANN401 - of pandas or polars, whichever is installed
-        """Return a row a joint, in SI units, as a data frame of pandas, or of polars without it.
+    @property
+    def covariance(self) -> FloatArray:
+        """Covariance matrix (n, n) of the compliances, joints in order [rad²/(N·m)²].
+
+        Those of prismatic joints are in m/N. Rows and columns of joints without an estimate are NaN.
 
         Raises:
-            ImportError: neither is installed.
+            RequestError: the run has no result, or no uncertainty budget.
         """
-        rows = [joint.model_dump() for joint in self.joints.values()]
-        try:
-            import pandas
+        import numpy as np
 
-            return pandas.DataFrame(rows).set_index("name")
-        except ImportError:
-            pass
-        try:
-            import polars
+        found = self._found()
+        if found.budget is None:
+            remedy = "identify by joints alone, with `sigma` or more readings than joints"
+            raise RequestError("the run has no uncertainty budget", where="run", remedy=remedy)
+        names, budget = [joint.name for joint in found.joints], found.budget
+        matrix = np.full((len(names), len(names)), np.nan)
+        places, u = [names.index(name) for name in budget.joints], np.array(budget.standard_uncertainty)
+        matrix[np.ix_(places, places)] = np.outer(u, u) * np.array(budget.correlation)
+        return matrix
 
-            return polars.DataFrame(rows, strict=False)
-        except ImportError:
-            raise ImportError("to_frame needs pandas or polars: pip install pandas") from None
+    def predict(
+        self,
+        postures: AnyPostures,
+        forces: Numbers | None = None,
+        **options: Any,  # noqa: ANN401 - of `predict`
+    ) -> Prediction:
+        """Predict deflections by this run; arguments as of `jointstiff.predict`."""
+        return self._known_origin().predict(self, postures, forces, **options)
 
     @property
     def campaign(self) -> Campaign:
-        """Campaign that was identified in this process.
+        """Campaign that was identified, in this process or in the service.
 
         Raises:
             RequestError: the run comes from elsewhere.
         """
-        campaign = None if self._origin is None else self._known_origin().campaign
+        campaign = None if self._origin is None else self._known_origin().campaign_of(self)
         if campaign is None:
             raise RequestError(
                 "the run has no reference to its campaign",
@@ -217,11 +398,61 @@ class TabledRun(Shown, Run):
         query = {} if accept_verdict is None else {"accept_verdict": accept_verdict}
         Path(path).write_bytes(self._known_origin().file(self, f"model.{suffix}", query))
 
+    def _save_other(self, path: Path, suffix: str) -> None:
+        if suffix in _MODELS - {"csv", "xlsx"}:
+            self.export(path)
+        else:
+            super()._save_other(path, suffix)
+
     def _found(self) -> RunResult:
         if self.result is None:
             reason = self.error.detail if self.error else f"the run is {self.state}"
             raise RequestError(reason, where="run", remedy="read `run.error`")
         return self.result
+
+
+class Prediction(Presented, DeflectionResult):  # type: ignore[misc]  # `summary` of a listing
+    """Predicted deflections, which show themselves; arrays have a row for each case."""
+
+    @property
+    def displacement(self) -> FloatArray:
+        """Displacements (N, 3) of the place, axes of R0 [m]; NaN where there is no number."""
+        return self._rows("displacement")
+
+    @property
+    def rotation(self) -> FloatArray:
+        """Rotation vectors (N, 3) of the flange, axes of R0 [rad]; NaN where there is no number."""
+        return self._rows("rotation")
+
+    @property
+    def intervals(self) -> FloatArray:
+        """Lower and upper ends (N, 3, 2) of the displacements by the readings [m]; NaN where unknown."""
+        import numpy as np
+
+        known = [case.readings_only and case.readings_only.displacement for case in self.cases]
+        return np.array([np.full((3, 2), np.nan) if ends is None else ends for ends in known])
+
+    def _rows(self, field: str) -> FloatArray:
+        import numpy as np
+
+        none = (np.nan, np.nan, np.nan)
+        return np.array([getattr(case, field) or none for case in self.cases], dtype=np.float64)
+
+    def _parts(self) -> Sequence[Part]:
+        from jointstiff.service.kinds.deflection import prediction_parts
+
+        return prediction_parts(self)
+
+    def _sheets(self) -> Mapping[str, Callable[[], Sheet]]:
+        from jointstiff.service.kinds.deflection import prediction_sheet
+
+        return {"cases": lambda: prediction_sheet(self)}
+
+    def _figure(self) -> Figure:
+        from jointstiff.service.kinds.deflection import prediction_charts
+        from jointstiff.service.library.plots import figure_of
+
+        return figure_of(f"Predicted deflection: {self._headline()}", prediction_charts(self))
 
 
 @cache

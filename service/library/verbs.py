@@ -10,17 +10,19 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Protocol, TypeVar, cast
 
+from jointstiff.schemas import run as messages
 from jointstiff.schemas.fields import Message
 from jointstiff.schemas.job import Job
-from jointstiff.schemas.joints import JointKind
 from jointstiff.schemas.options import RunOptions
 from jointstiff.schemas.robot import RobotDocument
-from jointstiff.schemas.run import Campaign, CampaignRun, Run, RunRequest
+from jointstiff.schemas.run import CampaignRun, Run, RunRequest
+from jointstiff.service.conversion.arrays import units_of
 from jointstiff.service.conversion.prepared import PreparedRobot, prepare_robot
-from jointstiff.service.kinds.kind import AnyJob, AnyKind, Kind
+from jointstiff.service.kinds.kind import AnyJob, AnyKind, File, Kind
 from jointstiff.service.kinds.rooms import ROOMS, kind_of
 from jointstiff.service.kinds.work import QuickWork, carry_out, new_job
 from jointstiff.service.library import results
+from jointstiff.service.library.cases import AnyPostures, load_cases
 from jointstiff.service.library.errors import CampaignError
 from jointstiff.service.library.files import (
     AnyCampaign,
@@ -32,18 +34,20 @@ from jointstiff.service.library.files import (
     read_planned,
     read_robot,
 )
-from jointstiff.service.library.results import Door, OnProgress, TabledRun, shown
+from jointstiff.service.library.follow import Cancel, Follow, OnProgress
+from jointstiff.service.library.results import Door, Prediction, TabledRun, shown
 from jointstiff.service.problems.table import http_problem, problem_of
 from jointstiff.service.reports.job import job_sheet
 from jointstiff.service.resources.inputs import FromFile
 from jointstiff.service.tables.files import written
+from jointstiff.service.tables.table import Sheet
 from jointstiff.solver.errors import RequestError
 
 if TYPE_CHECKING:
     from jointstiff.schemas.comparison import CampaignComparison, Comparison, ComparisonRequest
-    from jointstiff.schemas.deflection import DeflectionOptions, DeflectionResult
     from jointstiff.schemas.imports import ImportAnswer
     from jointstiff.service.exporting.model import ExportedModel
+    from jointstiff.service.library.campaigns import Numbers
 
 AJob = TypeVar("AJob", bound=Job, covariant=True)
 
@@ -56,6 +60,7 @@ class Verb(Protocol[AJob]):
         *sources: Any,  # noqa: ANN401 - campaigns, runs, files: see the docstring of each
         options: Message | None = None,
         on_progress: OnProgress | None = None,
+        cancel: Cancel | None = None,
         **fields: Any,  # noqa: ANN401 - fields of the options
     ) -> AJob:
         """Do the work; return the job once it has ended."""
@@ -70,7 +75,7 @@ class _Call:
     waiting: list[Any]  # sources that are not taken yet
     options: Message | None
     fields: dict[str, Any]
-    on_progress: OnProgress | None
+    follow: Follow
 
 
 def verb_of(kind: AnyKind, door: Callable[[], Door]) -> Verb[Any]:
@@ -85,23 +90,27 @@ def verb_of(kind: AnyKind, door: Callable[[], Door]) -> Verb[Any]:
         *sources: Any,  # noqa: ANN401 - of the kind
         options: Message | None = None,
         on_progress: OnProgress | None = None,
+        cancel: Cancel | None = None,
         **fields: Any,  # noqa: ANN401 - of the options
     ) -> Job:
         waiting = list(sources)
         if options is None and waiting and isinstance(waiting[-1], kind.options):
             options = waiting.pop()
-        call = _Call(kind, door(), waiting, options, fields, on_progress)
-        parts: dict[str, Any] = {}
-        for source in kind.sources:
-            parts |= _TAKE[source](call)
-        if waiting:
-            raise TypeError(f"{verb.__name__}() takes {len(sources) - len(waiting)} sources")
-        files = parts.pop("files", {})
-        if "readings" not in kind.sources:
-            parts = {name: value for name, value in parts.items() if name in kind.request.model_fields}
-        if call.options is not None:
-            parts |= call.options.model_dump(mode="json", exclude_unset=True)
-        job: Job = call.door.done(kind, parts | fields, files, on_progress)
+        if isinstance(fields.get("units"), str):
+            fields["units"] = units_of(fields["units"])
+        with Follow(on_progress, cancel) as follow:
+            call = _Call(kind, door(), waiting, options, fields, follow)
+            parts: dict[str, Any] = {}
+            for source in kind.sources:
+                parts |= _TAKE[source](call)
+            if waiting:
+                raise TypeError(f"{verb.__name__}() takes {len(sources) - len(waiting)} sources")
+            files = parts.pop("files", {})
+            if "readings" not in kind.sources:
+                parts = {name: value for name, value in parts.items() if name in kind.request.model_fields}
+            if call.options is not None:
+                parts |= call.options.model_dump(mode="json", exclude_unset=True)
+            job: Job = call.door.done(kind, parts | fields, files, follow)
         return job
 
     verb.__name__ = verb.__qualname__ = ROOMS[kind.name].command
@@ -139,7 +148,12 @@ def _signature(kind: AnyKind) -> inspect.Signature:
         else inspect.Parameter(name, inspect.Parameter.POSITIONAL_ONLY)
         for name in names
     ]
-    others = ["options", "on_progress", *(name for name in kind.options.model_fields if name != "options")]
+    others = [
+        "options",
+        "on_progress",
+        "cancel",
+        *(name for name in kind.options.model_fields if name != "options"),
+    ]
     keywords = [inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=None) for name in others]
     return inspect.Signature([*sources, *keywords])
 
@@ -149,7 +163,10 @@ def _explained(kind: AnyKind) -> str:
     arguments = {
         **{name: text for source in kind.sources for name, text in _SOURCES[source].items()},
         "options": f"a `{kind.options.__name__}`; the options below replace its fields.",
-        "on_progress": "called with the progress of a job that takes steps.",
+        "on_progress": "called with the progress of a job that takes steps; default: a bar in a terminal or "
+        "a notebook, if it takes more than 2 s.",
+        "cancel": "asked between steps, such as `threading.Event().is_set`; if true, the job ends as "
+        "`cancelled`.",
     }
     for name, field in kind.options.model_fields.items():
         extra = field.json_schema_extra
@@ -210,12 +227,12 @@ def _take_campaigns(call: _Call) -> dict[str, Any]:
     sets: list[_ComparedSet] = []
     for source, place in zip(given, ("first.", "second."), strict=False):
         set_id, own = call.door.measured(source, place if len(given) > 1 else "")
-        own = _options_of(source) if isinstance(source, Run) else own or CampaignRun()
+        own = own or CampaignRun()
         shared = own if isinstance(source, Run) or not sets else sets[0].options
         sets.append(_ComparedSet(set_id, own.leave_out, chosen.run or shared))
     del call.waiting[:2]
     request = _comparison_of(
-        sets, chosen, lambda asked, dispensable: call.door.run(asked, call.on_progress, dispensable)
+        sets, chosen, lambda asked, dispensable: call.door.run(asked, call.follow, dispensable)
     )
     parts: dict[str, Any] = request.model_dump(mode="json", exclude_unset=True)
     return parts
@@ -318,7 +335,7 @@ _TAKE: Final[Mapping[str, Callable[[_Call], dict[str, Any]]]] = {
 class Here:
     """This process: what requests are made of is prepared from files, and computed here and now."""
 
-    def __init__(self, campaign: Campaign | None = None) -> None:
+    def __init__(self, campaign: messages.Campaign | None = None) -> None:
         """Begin without inputs; with the campaign of a run that was identified before."""
         self.inputs, self.campaign = FromFile(), campaign
 
@@ -329,7 +346,7 @@ class Here:
             CampaignError: robot or readings cannot be used.
         """
         if isinstance(source, TabledRun):
-            return self.measured(source.campaign)[0], _options_of(source)
+            return self.measured(source.campaign)[0], options_of(source)
         self.campaign = campaign = campaign_of(source)
         with as_campaign_error(f"{place}robot"):
             robot = _prepared(campaign.robot.model_dump_json())
@@ -362,14 +379,14 @@ class Here:
                 )
         return self.inputs.add_run(run, set_id)
 
-    def run(self, request: RunRequest, on_progress: OnProgress | None, dispensable: bool) -> Run:
+    def run(self, request: RunRequest, follow: Follow, dispensable: bool) -> Run:
         """Identify a measurement set that was prepared; what cannot support the method is a failed run.
 
         Raises:
             CampaignError: the request cannot be used, or the run is not dispensable.
         """
         try:
-            run: Run = self.done(kind_of("run"), request.model_dump(mode="json"), {}, on_progress)
+            run: Run = self.done(kind_of("run"), request.model_dump(mode="json"), {}, follow)
         except CampaignError as refused:
             if not dispensable or not refused.problem.type.endswith(":unsupported-method"):
                 raise
@@ -389,7 +406,7 @@ class Here:
         kind: Kind[AnyJob, Any, Any],
         request: dict[str, Any],
         files: Mapping[str, bytes],
-        on_progress: OnProgress | None = None,
+        follow: Follow,
     ) -> AnyJob:
         """Do the work of a request; return the job.
 
@@ -406,7 +423,8 @@ class Here:
         message = parse_document(request, kind.request)
         with as_campaign_error("" if {"readings", "files"} & set(kind.sources) else kind.name):
             work = kind.compute(self.inputs, message)
-            job: AnyJob = carry_out(new_job(shown(kind), message, work), work, on_progress)
+            new = new_job(shown(kind), message, work)
+            job: AnyJob = carry_out(new, work, follow, lambda: follow.cancelled)
         return results.of(job, self)
 
     def file(
@@ -425,8 +443,39 @@ class Here:
 
             with as_campaign_error("export"):
                 return export_model(_exported(job), cast("Any", suffix), (query or {}).get("accept_verdict"))
+        if name == "program":
+            from jointstiff.service.kinds.program_work import unpacked
+
+            wanted = (query or {}).get("file")
+            return next(unpacked(each) for each in cast("Any", job.result).files if each.name == wanted)
         file = next(file for file in kind.files if file.name == name)
-        return written(job_sheet(file, job, lambda: kind.compute(self.inputs, job.request)), suffix)
+        return written(self.sheet(job, file), suffix)
+
+    def sheet(self, job: Job, file: File) -> Sheet:
+        """Return the table of a file of a job; one that the result does not hold is computed again."""
+        kind = kind_of(job.kind)
+        return job_sheet(file, job, lambda: kind.compute(self.inputs, job.request))
+
+    def campaign_of(self, _run: Run) -> messages.Campaign | None:
+        """Return the campaign that was prepared; None if there is none."""
+        return self.campaign
+
+    def predict(
+        self,
+        run: Any,  # noqa: ANN401 - a run, or a campaign
+        postures: AnyPostures,
+        forces: Numbers | None = None,
+        **options: Any,  # noqa: ANN401 - of the function below
+    ) -> Prediction:
+        """Predict deflections by a run; arguments as of the function below."""
+        from jointstiff.service.kinds.deflection import predict_by_run
+
+        known = self.inputs.run(self.identified(run), "run_id")
+        with as_campaign_error("prediction"):
+            robot = known.prepared.robot
+            kinds = dict(zip(robot.joint_names, robot.joint_kinds, strict=True))
+            request = load_cases(postures, kinds, forces, options)
+            return Prediction.model_validate(dict(predict_by_run(robot, known.run, request)))
 
     def _report(self, kind: AnyKind, job: Job, suffix: str, laboratory: Path | None) -> bytes:
         from jointstiff.service.reports.document import draft
@@ -452,13 +501,14 @@ class Here:
         """
         from jointstiff.service.kinds.mending import advised, mended
 
-        campaign: Campaign = run.campaign.model_copy(update={"run": _options_of(run)})
+        campaign: messages.Campaign = run.campaign.model_copy(update={"run": options_of(run)})
         with as_campaign_error(""):
             campaign = mended(campaign, advised(cast("Any", run.result).assessment, action))
         return cast("TabledRun", function_of("identify")(campaign))
 
 
-def _options_of(run: Run) -> CampaignRun:
+def options_of(run: Run) -> CampaignRun:
+    """Return the options of a run as a campaign file has them."""
     options = run.request.model_dump(exclude={"measurement_set_id", "variant_of"}, exclude_unset=True)
     return CampaignRun.model_validate(options)
 
@@ -492,60 +542,34 @@ def read_job(path: Path) -> Job | None:
     return None
 
 
-def run_of(run: Run, campaign: Campaign) -> TabledRun:
+def run_of(run: Run, campaign: messages.Campaign) -> TabledRun:
     """Return a run that knows its campaign, such as one that `identify --json` printed."""
     return cast("TabledRun", results.of(run, Here(campaign)))
 
 
 def predict(
     run: TabledRun | AnyCampaign,
-    postures: str | PathLike[str] | Sequence[Message | Mapping[str, Any]],
+    postures: AnyPostures,
     /,
+    forces: Numbers | None = None,
     **options: Any,  # noqa: ANN401 - fields of DeflectionOptions
-) -> DeflectionResult:
+) -> Prediction:
     """Predict deflections and compliance in given postures, under given loads.
 
     Args:
         run: what `identify` returned, or a campaign, which is identified now.
-        postures: CSV file of postures and loads, with units in the headers; or load cases as in the API.
-        options: fields of `DeflectionOptions`, in SI units or in its `units`, such as
-            `load_point=(0, 0, 120), units={"length": "mm"}`.
+        postures: CSV file of postures and loads, with units in the headers; load cases as in the API; or an
+            array (N, n) of postures, as the controller shows them.
+        forces: (N, 3) or (3,), axes of R0, with an array of postures.
+        options: fields of `DeflectionOptions`; also `at`, the point in the flange frame where the force acts
+            and whose deflection is predicted, and beside arrays `moments` (N, 3) or (3,). Arrays and their
+            points are in m, deg and N unless `units` says otherwise, such as "mm, deg, N"; of files and
+            cases SI units are the default.
 
     Raises:
-        CampaignError: run or table cannot be used.
+        CampaignError: run, table or array cannot be used.
     """
-    from jointstiff.service.kinds.deflection import predict_by_run
-
-    here = Here()
-    known = here.inputs.run(here.identified(run), "run_id")
-    with as_campaign_error("prediction"):
-        robot = known.prepared.robot
-        kinds = dict(zip(robot.joint_names, robot.joint_kinds, strict=True))
-        return predict_by_run(robot, known.run, load_cases(postures, kinds, options))
-
-
-def load_cases(
-    postures: str | PathLike[str] | Sequence[Message | Mapping[str, Any]],
-    joints: Mapping[str, JointKind],
-    options: Mapping[str, Any],
-) -> DeflectionOptions:
-    """Return the load cases of a CSV file, or cases as in the API, with the options of a prediction.
-
-    Raises:
-        RequestError: the table is not understood.
-        CampaignError: the cases or the options cannot be used.
-    """
-    from jointstiff.schemas.deflection import DeflectionOptions
-    from jointstiff.service.kinds.deflection import read_load_cases
-
-    if isinstance(postures, str | PathLike):
-        text = Path(postures).read_text(encoding="utf-8-sig", errors="replace")
-        return read_load_cases(text, joints, **options)
-    cases = [
-        case.model_dump(mode="json", exclude_unset=True) if isinstance(case, Message) else dict(case)
-        for case in postures
-    ]
-    return parse_document({**options, "cases": cases}, DeflectionOptions)
+    return Here().predict(run, postures, forces, **options)
 
 
 def import_files(

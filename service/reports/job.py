@@ -76,7 +76,7 @@ def job_parts(kind: AnyKind, job: Job, view: View = _DEFAULT) -> list[Part]:
     report = kind.report(job, result, view)
     assessment = getattr(result, "assessment", None)
     if assessment is None:
-        return [*report.parts, *report.evidence]
+        return [*report.parts, *report.evidence, *kind.charts(result)]
     details, warnings = view.details, getattr(result, "warnings", ())
     return [
         *verdict_lines(assessment, details=details),
@@ -85,6 +85,7 @@ def job_parts(kind: AnyKind, job: Job, view: View = _DEFAULT) -> list[Part]:
         *warning_lines(assessment, warnings, details=details),
         *report.evidence,
         *to_do_lines([*remedies(assessment), *report.advice], details=details),
+        *kind.charts(result),
     ]
 
 

@@ -133,7 +133,8 @@ def bars(chart: Chart) -> Picture:
     }
     legend = 154.0
     drawing = Drawing(_WIDTH, 166.0, chart.title)
-    greatest = max((value for values in rows.values() for value in values), default=0.0) or 1.0
+    lengths = [abs(value) for values in rows.values() for value in values]
+    greatest = max(lengths, default=0.0) or 1.0
     power = 10.0 ** floor(log10(greatest))
     top = next(each * power for each in (1.0, 2.0, 5.0, 10.0) if each * power >= greatest * (1 - 1e-9))
     scale = (_BASE - 12) / top
@@ -142,19 +143,19 @@ def bars(chart: Chart) -> Picture:
         drawing.line(_LEFT, y, _WIDTH - 6, y)
         drawing.text(_LEFT - 4, y + 3, f"{tick * top:g}", anchor="end")
     drawing.text(0, 8, chart.unit)
-    below = f"configurations 1 to {count} of {len(chart.names)}"
+    below = f"{chart.axis} 1 to {count} of {len(chart.names)}"
     drawing.text(_WIDTH - 6, _BASE + 12, below, anchor="end")
     step = (_WIDTH - _LEFT - 6) / max(count, 1)
     width = 0.8 * step / max(len(rows), 1)
     for which, (name, values) in enumerate(rows.items()):
         colour = _SERIES[which % len(_SERIES)]
         for place, value in enumerate(values):
-            size = scale * value
+            size = scale * abs(value)
             drawing.bar(_LEFT + step * (place + 0.1) + width * which, _BASE - size, width, size, colour)
         x = _LEFT + (_WIDTH - _LEFT - 6) * which / len(rows)
         drawing.bar(x, legend, 7, 7, colour)
         drawing.text(x + 10, legend + 7, _short(name))
-    return Picture(str(drawing), f"{chart.title}: mean length over the targets.", 0.8)
+    return Picture(str(drawing), f"{chart.title}.", 0.8)
 
 
 def before_and_after(result: RunResult) -> Picture | None:
@@ -163,7 +164,15 @@ def before_and_after(result: RunResult) -> Picture | None:
     if not any(measured.values()):
         return None
     series = {"measured": [*measured.values()], "left by the model": [*left.values()]}
-    return bars(Chart("Deflection before and after compensation", [*measured], series, 1e3, "mm"))
+    return bars(
+        Chart(
+            "Deflection before and after compensation, mean length over the targets",
+            [*measured],
+            series,
+            1e3,
+            "mm",
+        )
+    )
 
 
 def arm(robot: Robot, joints: Sequence[float]) -> Picture | None:

@@ -139,6 +139,22 @@ class Chart:
     series: Mapping[str, Sequence[float | None]]  # one number for each place, in SI units; None for none
     factor: float  # factor from SI to the unit
     unit: str  # as shown
+    axis: str = "configurations"  # what the places are
+    # by the name of a series: an interval for each place, None for none, an end of None for no limit
+    intervals: Mapping[str, Sequence[tuple[float | None, float | None] | None]] = field(default_factory=dict)
+    logarithmic: bool = False  # whether numbers of different orders of magnitude stand side by side
+
+
+@dataclass(frozen=True)
+class Area:
+    """Numbers over a plane, for a picture."""
+
+    title: str
+    x: Sequence[float]  # in SI units
+    y: Sequence[float]
+    values: Sequence[float]  # in SI units; NaN where there is no number
+    names: tuple[str, str, str]  # of x, y and the values, with the units that are shown
+    factor: float  # factor of the values from SI to the unit
 
 
 Part = Table | Line | Chart

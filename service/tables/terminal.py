@@ -52,12 +52,17 @@ def progress_bar(*, shown: bool) -> Iterator[Callable[[Progress], None]]:
     if not shown:
         yield lambda _: None
         return
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    with ProgressBar(*columns, console=console(stderr=True), transient=True) as bar:
+    with new_bar() as bar:
         task = bar.add_task("starting", total=None)
         yield lambda progress: bar.update(
             task, description=progress.activity, total=progress.total, completed=progress.done
         )
+
+
+def new_bar() -> ProgressBar:
+    """Return a bar on the standard error, with the time left; it vanishes when it stops."""
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    return ProgressBar(*columns, console=console(stderr=True), transient=True)
 
 
 def problem_text(problem: Problem) -> Text:

@@ -1,0 +1,107 @@
+"""Load cases of a prediction: of a CSV file, of messages, of arrays."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from math import pi
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+from jointstiff.schemas.deflection import DeflectionOptions
+from jointstiff.schemas.fields import Message
+from jointstiff.schemas.joints import JointKind
+from jointstiff.schemas.measurement import Units
+from jointstiff.service.library.files import parse_document
+from jointstiff.solver.errors import RequestError
+
+if TYPE_CHECKING:
+    from jointstiff.service.library.campaigns import Numbers
+
+AnyPostures = Any
+"""CSV file of postures and loads, load cases as in the API, or an array (N, n) of postures."""
+ARRAY_UNITS: Final = "m, deg, N"
+"""Units of arrays of postures and forces, unless others are stated."""
+_TURNS: Final = 4 * pi
+"""Angle that no joint of an arm reaches [rad]."""
+
+
+def load_cases(
+    postures: AnyPostures,
+    joints: Mapping[str, JointKind],
+    forces: Numbers | None,
+    options: Mapping[str, Any],
+) -> DeflectionOptions:
+    """Return the request of a prediction without its run.
+
+    Args:
+        postures: CSV file, cases, or array (N, n).
+        joints: kinds of the robot's n joints by name, in their order.
+        forces: (N, 3) or (3,), with an array of postures.
+        options: fields of `DeflectionOptions`, and `at`: load point and place in one; of arrays also
+            `moments`.
+
+    Raises:
+        RequestError: the table is not understood, or an angle is in another unit.
+        MeasurementError: an array does not fit.
+        CampaignError: the cases or the options cannot be used.
+    """
+    from jointstiff.service.conversion.arrays import units_of
+    from jointstiff.service.kinds.deflection import read_load_cases
+
+    fields = dict(options)
+    if (point := fields.pop("at", None)) is not None:
+        fields = {"load_point": point, "place": point} | fields
+    if isinstance(fields.get("units"), str):
+        fields["units"] = units_of(fields["units"])
+    if isinstance(postures, str | PathLike):
+        text = Path(postures).read_text(encoding="utf-8-sig", errors="replace")
+        return read_load_cases(text, joints, **_plain_points(fields))
+    if forces is None and isinstance(postures, Sequence) and isinstance(postures[0], Mapping | Message):
+        return parse_document({**fields, "cases": list(postures)}, DeflectionOptions)
+    fields.setdefault("units", units_of(ARRAY_UNITS))
+    cases = _cases_of_arrays(postures, forces, fields.pop("moments", None), joints, fields["units"])
+    return parse_document({**fields, "cases": cases}, DeflectionOptions)
+
+
+def _cases_of_arrays(
+    postures: AnyPostures,
+    forces: object,
+    moments: object,
+    joints: Mapping[str, JointKind],
+    units: Units | Mapping[str, str],
+) -> list[dict[str, Any]]:
+    """Return a case for each row."""
+    from jointstiff.service.conversion.arrays import table_of, vectors_of
+    from jointstiff.service.conversion.units import ANGLE
+
+    q = table_of(postures, "postures")
+    q = q.reshape(1, -1) if q.ndim == 1 else q
+    if forces is None:
+        remedy = "give (N, 3) or (3,): predict(run, q, forces=(0, 0, -500), at=(0, 0, 0.12))"
+        raise RequestError("`forces` are missing beside the postures", where="forces", remedy=remedy)
+    turning = [j for j, kind in enumerate(joints.values()) if kind == "revolute" and j < q.shape[1]]
+    stated = units["angle"] if isinstance(units, Mapping) else units.angle
+    greatest = ANGLE[stated] * max(map(abs, q[:, turning].ravel().tolist()), default=0.0)
+    if greatest > _TURNS:
+        raise RequestError(
+            f"a joint angle of {greatest:.4g} rad is no posture of an arm",
+            where="postures",
+            remedy="state the unit of the angles, such as units='m, deg, N'",
+        )
+    load, turn = (
+        None if each is None else vectors_of(each, len(q), name).tolist()
+        for each, name in ((forces, "forces"), (moments, "moments"))
+    )
+    return [
+        {"joints": row, "force": (load or [])[i], **({} if turn is None else {"moment": turn[i]})}
+        for i, row in enumerate(q.tolist())
+    ]
+
+
+def _plain_points(fields: Mapping[str, Any]) -> dict[str, Any]:
+    """Return options whose points are tuples, whatever array they were."""
+    return {
+        name: tuple(map(float, value)) if name in {"load_point", "place"} and value is not None else value
+        for name, value in fields.items()
+    }
