@@ -20,8 +20,13 @@ if TYPE_CHECKING:
     from jointstiff.solver.geometry.poses import Poses
     from jointstiff.solver.readings.measurements import Measurements
     from jointstiff.solver.robot.model import Body, KinematicChain, Robot
-    from jointstiff.solver.weight.bodies import Balancer, Burden, WeightReadings
-    from jointstiff.solver.weight.identification import WeightEstimate, identify_weight
+    from jointstiff.solver.weight.identification import (
+        Balancer,
+        Burden,
+        WeightEstimate,
+        WeightReadings,
+        identify_weight,
+    )
 
 __all__ = [
     "Balancer",
@@ -41,9 +46,9 @@ __all__ = [
 ]
 
 _HOMES = {
-    "Balancer": "weight.bodies",
+    "Balancer": "weight.identification",
     "Body": "robot.model",
-    "Burden": "weight.bodies",
+    "Burden": "weight.identification",
     "Estimate": "evidence.estimate",
     "JointstiffError": "errors",
     "KinematicChain": "robot.model",
@@ -52,7 +57,7 @@ _HOMES = {
     "Robot": "robot.model",
     "Settings": "fitting.method",
     "WeightEstimate": "weight.identification",
-    "WeightReadings": "weight.bodies",
+    "WeightReadings": "weight.identification",
     "identify": "estimate",
     "identify_weight": "weight.identification",
 }

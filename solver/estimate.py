@@ -18,7 +18,7 @@ from jointstiff.solver.fitting.fit import Fit, RobustFit, TargetRows, fit_huber,
 from jointstiff.solver.fitting.method import (
     Method,
     MethodTriangles,
-    PriorRows,
+    Prior,
     Settings,
     length_of_least_condition,
     refuse_unless_posed,
@@ -73,8 +73,7 @@ def identify(robot: Robot, measurements: Measurements, settings: Settings) -> Es
     if settings.complementary_stiffness:
         shift: FloatArray | None = last.fit.compliance - first.fit.compliance
     else:
-        prior = settings.prior.rows(estimate.sigma) if settings.prior and estimate.sigma else None
-        shift = _neglected_shift(robot, first, prior)
+        shift = _neglected_shift(robot, first, settings.prior, estimate.sigma)
     known = estimate.estimated
     ratios = np.abs(estimate.compliance)[:, None] * first.largest_stiffness
     size = ComplementaryStiffness(
@@ -181,8 +180,8 @@ def _fit(
                 where="priors",
                 remedy="state `noise`, or add observations",
             )
-        rows = settings.prior.rows(sigma)
-        fit = replace(fit_method(triangles, observability.null, settings.constraints, rows), alone=fit)
+        prior = settings.prior.in_units_of(sigma)
+        fit = replace(fit_method(triangles, observability.null, settings.constraints, prior), alone=fit)
     return _Pass(measurements, compliance, observability, triangles, fit, largest, robust, targets)
 
 
@@ -238,9 +237,7 @@ def _iterate_to_convergence(
     Returns:
         The last fit, and how many it took after the first.
     """
-    known = measurements.sigma or first.noise()
-    prior = settings.prior.rows(known) if settings.prior and known else None
-    shift = _neglected_shift(robot, first, prior)
+    shift = _neglected_shift(robot, first, settings.prior, measurements.sigma or first.noise())
     at = replace(first, fit=replace(first.fit, compliance=first.fit.compliance + shift))
     reference = first.observability.reference_compliance
     shrinks = float((np.abs(shift) / np.maximum(np.abs(first.fit.compliance), reference)).max())
@@ -260,16 +257,17 @@ def _iterate_to_convergence(
     )
 
 
-def _neglected_shift(robot: Robot, neglected: _Pass, prior: PriorRows | None) -> FloatArray:
+def _neglected_shift(robot: Robot, neglected: _Pass, prior: Prior | None, sigma: float | None) -> FloatArray:
     """Return the change (n,) of the compliances if K_c were included, to first order [rad/(N·m)].
 
     The readings lose what the model left out, and the estimator is linear where bounds stay as active as
     they are; joints at a bound stay there. Of a set beyond `SHIFT_OBSERVATIONS` as many stand for the whole,
     evenly spread. Where loads of all directions make the observations' shares cancel, that overstates it: by
-    the root of the set's size over theirs.
+    the root of the set's size over theirs. A prior takes part where sigma [m] is known.
     """
     fit, part = neglected.fit, neglected.measurements.evenly(SHIFT_OBSERVATIONS)
     estimated = np.flatnonzero(~neglected.observability.null & (fit.active == 0))
+    prior = prior.in_units_of(sigma) if prior and sigma else None
     responses = neglected.triangles.responses(
         regressor_blocks(robot, part), [NEGLECTED_STIFFNESS], fit.compliance, estimated, prior
     )
@@ -304,7 +302,7 @@ def _judged(robot: Robot, measurements: Measurements, settings: Settings, last: 
         )
     ratios = np.full(robot.n, np.nan)
     if fit.alone is not None and settings.prior is not None and scale.sigma is not None:
-        ratios = _prior_to_data(fit.alone, settings, scale.sigma)
+        ratios = _prior_to_data(fit.alone, settings.prior, scale.sigma)
     evidence = Evidence(
         robot.joint_names,
         fit,
@@ -354,7 +352,7 @@ def _common_errors(robot: Robot, settings: Settings, last: _Pass, sigma: float) 
         [*terms, *fitted],
         last.fit.compliance,
         np.flatnonzero(~last.observability.null),
-        None if settings.prior is None else settings.prior.rows(sigma),
+        None if settings.prior is None else settings.prior.in_units_of(sigma),
     )
     by_source = {
         common.source(term.name): np.resize(sizes[term.name], responses[term.name].shape[1])
@@ -367,21 +365,18 @@ def _common_errors(robot: Robot, settings: Settings, last: _Pass, sigma: float) 
     return CommonErrors(by_source, np.hstack(list(by_source.values())))
 
 
-def _prior_to_data(alone: Fit, settings: Settings, sigma: float) -> FloatArray:
+def _prior_to_data(alone: Fit, prior: Prior, sigma: float) -> FloatArray:
     """Return the information of the prior over that of the readings, ``s₀⁻² / (sigma² C_jj)⁻¹``.
 
     Returns:
         (n,) NaN where there is no prior; inf where the readings determine no more than a combination.
     """
-    prior = settings.prior
-    if prior is None:
-        return np.full(len(alone.compliance), np.nan)
     variance = sigma**2 * np.diagonal(alone.covariance)
     ratio = np.where(prior.known, variance / prior.standard_uncertainty**2, np.nan)
     for group in alone.undetermined:
         for joint in group.joints:
             ratio[joint] = np.inf if prior.known[joint] else np.nan
-    return np.asarray(ratio)
+    return ratio
 
 
 def _in_standard_uncertainties(shift: FloatArray | None, estimate: Estimate) -> float | None:

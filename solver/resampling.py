@@ -293,7 +293,10 @@ def resample(
     draws = (plan.draw(len(blocks), first, min(first + step, stop)) for first in starts)
     parts = []
     for drawn in draws:
-        compliance, active = fit_subsets(blocks, _counts(drawn, len(blocks)), bounds)
+        shape = len(drawn), len(blocks)
+        places = np.arange(len(drawn))[:, None] * len(blocks) + drawn
+        counts = np.bincount(places.ravel(), minlength=shape[0] * shape[1]).reshape(shape).astype(np.float64)
+        compliance, active = fit_subsets(blocks, counts, bounds)
         parts.append(Resamples(compliance, active, blocks.compensation(compliance)))
     return Resamples.concatenate(parts)
 
@@ -371,13 +374,6 @@ def _solve_rows(
     x[columns] = np.where(combined, np.nan, solution.compliance)
     active[columns] = np.where(combined, 0, solution.active)
     return x, active
-
-
-def _counts(drawn: IndexArray, configurations: int) -> FloatArray:
-    """(K, N) how often each configuration was drawn."""
-    flat = (np.arange(len(drawn))[:, None] * configurations + drawn).ravel()
-    counts = np.bincount(flat, minlength=len(drawn) * configurations)
-    return counts.reshape(len(drawn), configurations).astype(np.float64)
 
 
 def _refuse_outside(name: str, value: int, least: int, most: int | None) -> None:

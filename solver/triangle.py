@@ -24,6 +24,8 @@ INDEPENDENT: Final = 1e-6
 """Least singular value of unit columns that counts for more than rounding."""
 TOLD_APART: Final = 1e-2
 """Least singular value of a load's unit columns beside the joints': below it is the load's own size."""
+_NULL: Final = 1e-9
+"""Length of a column, relative to the longest, that is rounding."""
 _RESOLUTION: Final = 1e-7
 """Residual [m] of a coordinate below which nothing is left to explain."""
 
@@ -199,10 +201,15 @@ def unit_columns(columns: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def nonnegative(columns: FloatArray, rhs: FloatArray) -> tuple[FloatArray, float]:
-    """Return the least squares of columns (m, k) with unknowns (k,) ≥ 0, and the residual's length."""
-    unit, length = unit_columns(columns)
-    x, left = optimize.nnls(unit, rhs)
-    return x / length, float(left)
+    """Return the least squares of columns (m, k) with unknowns (k,) ≥ 0, and the residual's length.
+
+    The unknowns of columns that are rounding beside the longest stay zero.
+    """
+    length = np.linalg.norm(columns, axis=0)
+    seen = length > _NULL * length.max(initial=0.0)
+    unit = np.where(seen, length, 1.0)
+    x, left = optimize.nnls(np.where(seen, columns / unit, 0.0), rhs)
+    return x / unit, float(left)
 
 
 def basis(columns: FloatArray, least: float = INDEPENDENT) -> FloatArray:

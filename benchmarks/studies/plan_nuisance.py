@@ -12,8 +12,7 @@ from benchmarks.report import Figure, Section
 from jointstiff.simulator import LOAD_POINT, TARGETS, default_arm
 from jointstiff.simulator.elastic_links import ElasticArm, beam_arm, elastic_deflections
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.design.candidates import PlanRequest
-from jointstiff.solver.design.feasibility import Equipment, Loads, drawn_postures
+from jointstiff.solver.design.candidates import Equipment, Loads, PlanRequest, drawn_postures
 from jointstiff.solver.design.plan import plan_campaign
 from jointstiff.solver.links.choice import Folds, Plan, chosen_weight, fit_fold, refined
 from jointstiff.solver.links.fit import first_certified

@@ -37,7 +37,7 @@ from jointstiff.solver.design.results import (
 from jointstiff.solver.errors import JointstiffError, RequestError, SolverError, UnsupportedMethodError
 from jointstiff.solver.estimate import identify, refuse_unsupported
 from jointstiff.solver.evidence.causes import LINKS_LEVEL, Screening, screen_estimate
-from jointstiff.solver.evidence.estimate import Estimate, UncertaintyBudget, predict, predict_encoders
+from jointstiff.solver.evidence.estimate import Estimate, UncertaintyBudget, predict
 from jointstiff.solver.fitting.fit import DEFAULT_THRESHOLD
 from jointstiff.solver.fitting.method import Prior, Settings
 from jointstiff.solver.links.choice import (
@@ -293,9 +293,6 @@ class ByJoints(Work):
             balanced=estimate.balanced,
             estimated=estimate.estimated,
         )
-        encoders = None
-        if measurements.encoders is not None:
-            encoders = predict_encoders(robot, measurements, estimate.compliance, estimate.balanced)
         assessment = prepared.assess(settings, estimate, prediction, screening)
         # Behind a mistake, what another reading would bring is not known.
         usable = assessment.verdict != "do_not_use"
@@ -307,7 +304,6 @@ class ByJoints(Work):
             [*prepared.warnings, *assessment.remarks],
             advise(robot, measurements, estimate) if usable else (),
             budget,
-            encoders,
             resampling=self._statistics(parts, estimate) if parts else None,
             model=stored_model(model, error),
             choice=choice or to_choice_of_joints(options, screening, self._excluded),

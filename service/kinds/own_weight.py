@@ -30,8 +30,7 @@ from jointstiff.solver.predict.models import JointModel
 from jointstiff.solver.robot.model import Robot
 
 if TYPE_CHECKING:
-    from jointstiff.solver.weight.bodies import WeightReadings
-    from jointstiff.solver.weight.identification import WeightEstimate
+    from jointstiff.solver.weight.identification import WeightEstimate, WeightReadings
 
 _NO_MODEL_ERROR: Final = RequestError(
     "stiffnesses are from the robot's own weight: no posture under load was left out", remedy="measure a load"
@@ -112,7 +111,7 @@ def identified_by_weight(prepared: PreparedSet, options: RunOptions, weight: Wei
 def _readings(prepared: PreparedSet, weight: Weight) -> tuple[WeightReadings, IndexArray]:
     """Return all positions, those without a load first, and the observation (rows,) of each row."""
     from jointstiff.solver.geometry.poses import Poses
-    from jointstiff.solver.weight.bodies import Balancer, Burden, WeightReadings
+    from jointstiff.solver.weight.identification import Balancer, Burden, WeightReadings
 
     m, robot = prepared.measurements, prepared.robot
     if not robot.bodies:

@@ -23,8 +23,7 @@ from jointstiff.service.kinds.own_weight import identified_by_weight
 from jointstiff.service.kinds.work import QuickWork
 from jointstiff.service.resources.inputs import Inputs
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.design.candidates import PlanRequest
-from jointstiff.solver.design.feasibility import Cell, Equipment, Loads, targets_in_flange
+from jointstiff.solver.design.candidates import Cell, Equipment, Loads, PlanRequest
 from jointstiff.solver.design.plan import CampaignPlan, plan_campaign
 from jointstiff.solver.design.results import to_assessment
 from jointstiff.solver.errors import RequestError
@@ -33,7 +32,8 @@ from jointstiff.solver.evidence.estimate import predict
 from jointstiff.solver.messages import message, rows
 from jointstiff.solver.readings.measurements import Instrument, Measurements
 from jointstiff.solver.robot.model import Robot
-from jointstiff.solver.weight.bodies import Burden, planned_rows
+from jointstiff.solver.terms.block import targets_in_flange
+from jointstiff.solver.weight.identification import Burden, planned_rows
 
 _LARGEST_RELATIVE: Final = 0.5
 """Relative uncertainty of a compliance above which it is no nominal value."""

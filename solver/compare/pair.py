@@ -29,12 +29,12 @@ from jointstiff.schemas.comparison import (
     OrderedJoint,
     OrderedResult,
 )
-from jointstiff.schemas.joints import JointKind
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.convex.solution import Bounds, Constraints, Order, greatest_violations
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.evidence.estimate import predict, profile_ends, stiffness_of
-from jointstiff.solver.fitting.fit import Likelihood, StageFit, rows_of
+from jointstiff.solver.fitting.fit import Likelihood, StageFit, rows_of, student_quantile
+from jointstiff.solver.messages import rows
 from jointstiff.solver.readings.measurements import CommonUncertainty, Measurements
 from jointstiff.solver.robot.configuration import Configurations
 from jointstiff.solver.robot.model import Robot
@@ -224,11 +224,6 @@ def _joint_ratio(
     )
 
 
-def two_sided_quantile(confidence: float, degrees_of_freedom: float) -> float:
-    """Return the quantile t of Student's distribution, normal for inf, such that ±t covers `confidence`."""
-    return float(special.stdtrit(degrees_of_freedom, 0.5 + confidence / 2))
-
-
 def ratio_interval(
     first: GaussianEstimate, second: GaussianEstimate, confidence: float, *, positive: bool
 ) -> RatioInterval | None:
@@ -250,7 +245,7 @@ def ratio_interval(
     Returns:
         The interval; None if `positive` and all ratios that the estimates allow are negative.
     """
-    t = two_sided_quantile(confidence, min(first.degrees_of_freedom, second.degrees_of_freedom))
+    t = student_quantile(0.5 + confidence / 2, min(first.degrees_of_freedom, second.degrees_of_freedom))
     y = first.value / first.standard_uncertainty
     x = second.value / second.standard_uncertainty
     scale = first.standard_uncertainty / second.standard_uncertainty
@@ -320,57 +315,39 @@ def fit_ordered(
     centre = np.concatenate([each.compliance for each in free])
     known = np.flatnonzero(np.isfinite(centre))
     c, ends = np.full(2 * n, np.nan), np.full((2 * n, 2), np.nan)
-    square = np.ix_(known, known)
-    R = block_diag(*(rows_of(part) for part in _blocks(block_diag(*noise), known, n)))
+    seen = [np.flatnonzero(np.isfinite(each.compliance)) for each in free]
+    blocks = [part[np.ix_(own, own)] for part, own in zip(noise, seen, strict=True) if len(own)]
+    R = block_diag(*map(rows_of, blocks))
     fits = [
         StageFit.of(R, R @ centre[known], known, each.select(known), None, 2 * n).solution
         for each in (together, apart)
     ]
     c[known] = fits[0].compliance
     squares = [float(np.square(R @ (fit.compliance - centre[known])).sum()) for fit in fits]
-    quantile = two_sided_quantile(confidence, min(each.degrees_of_freedom for each in free))
-    likelihood = Likelihood(np.arange(len(known)), centre[known], block_diag(*both)[square])
-    low, high = profile_ends(likelihood, together.select(known), np.eye(len(known)), np.array([quantile]))[
-        0
-    ].T
+    quantile = student_quantile(0.5 + confidence / 2, min(each.degrees_of_freedom for each in free))
+    likelihood = Likelihood(np.arange(len(known)), centre[known], block_diag(*both)[np.ix_(known, known)])
+    every = np.eye(len(known))
+    low, high = profile_ends(likelihood, together.select(known), every, np.array([quantile]))[0].T
     ends[known] = np.stack([np.minimum(low, c[known]), np.maximum(high, c[known])], axis=1)
+    first, second = c.reshape(2, n)
+    stiffness = [[stiffness_of(value) for value in part] for part in (first, second)]
     message = OrderedResult(
-        joints=list(
-            map(
-                _ordered_joint,
-                sides[0].robot.joint_names,
-                sides[0].robot.joint_kinds,
-                *c.reshape(2, n),
-                *ends.reshape(2, n, 2),
-            )
+        joints=rows(
+            OrderedJoint,
+            name=sides[0].robot.joint_names,
+            kind=sides[0].robot.joint_kinds,
+            compliance_first=first,
+            compliance_second=second,
+            stiffness_first=stiffness[0],
+            stiffness_second=stiffness[1],
+            compliance_interval_first=ends[:n],
+            compliance_interval_second=ends[n:],
+            equal=first == second,
         ),
         chi_square_increase=max(0.0, squares[0] - squares[1]),
         certificate=greatest_violations([fits[0].certificate]),
     )
     return message, c.reshape(2, n)
-
-
-def _blocks(covariance: FloatArray, known: IndexArray, n: int) -> list[FloatArray]:
-    """Return the covariances of the known joints of each of two campaigns of n joints."""
-    parts = (known[known < n], known[known >= n])
-    return [covariance[np.ix_(part, part)] for part in parts if len(part)]
-
-
-def _ordered_joint(
-    name: str, kind: JointKind, first: float, second: float, ends_first: FloatArray, ends_second: FloatArray
-) -> OrderedJoint:
-    one, two = (float(value) if isfinite(value) else None for value in (first, second))
-    return OrderedJoint(
-        name=name,
-        kind=kind,
-        compliance_first=one,
-        compliance_second=two,
-        stiffness_first=stiffness_of(one),
-        stiffness_second=stiffness_of(two),
-        compliance_interval_first=None if one is None else tuple(ends_first.tolist()),
-        compliance_interval_second=None if two is None else tuple(ends_second.tolist()),
-        equal=one is not None and one == two,
-    )
 
 
 def match(one: Measurements, two: Measurements) -> Matches:
@@ -379,16 +356,16 @@ def match(one: Measurements, two: Measurements) -> Matches:
     targets = np.array([[own.targets.index(name) for name in shared] for own in (one, two)], np.intp)
     place = {label: i for i, label in enumerate(two.labels)}
     both = [(i, place[label]) for i, label in enumerate(one.labels) if label in place]
-    rows = np.array(both, dtype=np.intp).reshape(-1, 2).T
+    places = np.array(both, dtype=np.intp).reshape(-1, 2).T
     sides = []
-    for m, at, target in zip((one, two), rows[..., None], targets, strict=True):
+    for m, at, target in zip((one, two), places[..., None], targets, strict=True):
         direction = np.zeros(m.position.shape) if m.direction is None else m.direction
         sides.append((direction[at, target], m.present[at, target]))
     (along, read), (other, also_read) = sides
     cosine = np.abs((along * other).sum(axis=-1))  # a gauge on the flange turns with the postures
     alike = (cosine > np.cos(2.0 * POSTURE_TOLERANCE)) | ~(along.any(axis=-1) | other.any(axis=-1))
     present = read & also_read & alike
-    i, k = rows
+    i, k = places
     same = np.abs(one.joints[i] - two.joints[k]).max(axis=1) <= POSTURE_TOLERANCE
     near = np.linalg.norm(one.load_point[i] - two.load_point[k], axis=1) <= LOAD_POINT_TOLERANCE
     same &= near | ~one.force[i].any(axis=1)
@@ -396,7 +373,7 @@ def match(one: Measurements, two: Measurements) -> Matches:
         size = np.maximum(np.linalg.norm(a, axis=1), np.linalg.norm(b, axis=1))
         same &= np.linalg.norm(a - b, axis=1) <= LOAD_TOLERANCE * size
     kept = same & present.any(axis=1)
-    return Matches(rows[:, kept], targets, present[kept], tuple(one.labels[j] for j in i[~kept]))
+    return Matches(places[:, kept], targets, present[kept], tuple(one.labels[j] for j in i[~kept]))
 
 
 def avoided_deflection(sides: Sequence[Side], matches: Matches, compliances: FloatArray) -> AvoidedDeflection:
@@ -453,12 +430,12 @@ def measured_shares(
         Share of the mean deflection of the shared targets, by observation (K,) and over all.
     """
     means, uncertainties, count = [], [], matches.present.sum(axis=1)
-    for own, rows, targets, sigma in zip(
+    for own, at, targets, sigma in zip(
         readings, matches.observations[..., None], matches.targets, sigmas, strict=True
     ):
-        deflection, covariance = own.deflection[rows, targets], own.covariance
+        deflection, covariance = own.deflection[at, targets], own.covariance
         if covariance.ndim == 4:
-            covariance = covariance[rows, targets]
+            covariance = covariance[at, targets]
         length = np.linalg.norm(deflection, axis=2)
         direction = deflection / np.where(length > 0, length, 1.0)[..., None]
         variance = np.sum(direction * (covariance @ direction[..., None])[..., 0], axis=2)

@@ -239,10 +239,6 @@ class NormSum:
 
         return programs.sum_of_norms(self.A, self.d, self.cone)
 
-    def residuals(self, x: FloatArray) -> FloatArray:
-        """(K, 3) ``A x − d``."""
-        return np.asarray(self.A @ x - self.d)
-
 
 @dataclass(frozen=True, eq=False)
 class RobustProgram:
@@ -371,7 +367,7 @@ def certify_robust(program: RobustProgram, x: FloatArray, dual: FloatArray) -> C
     rows = loss.A.reshape(-1, len(x))
     nu, outside, slack = _feasible_dual(loss.cone, program.weight, rows, dual)
     # ρ(r) + h‖ν‖²/2 − νᵀr as squares and products that are not negative
-    r = loss.residuals(x)
+    r = loss.A @ x - loss.d
     u = np.linalg.norm(r, axis=1)
     beyond = u > h
     direction = r / np.where(beyond, u, 1.0)[:, None]

@@ -402,9 +402,9 @@ class Certificate:
     multipliers: FloatArray
     solved_by: Proposer  #: algorithm that found the support
 
-    def is_optimal(self, eps: float = TOLERANCE) -> bool:
-        """Return whether no violation exceeds a tolerance; rounding if none is given."""
-        return max(self.primal, self.dual, self.gap) <= eps
+    def is_optimal(self) -> bool:
+        """Return whether no violation exceeds rounding."""
+        return max(self.primal, self.dual, self.gap) <= TOLERANCE
 
 
 def greatest_violations(stages: Sequence[Certificate]) -> StagesCertificate:
@@ -417,20 +417,8 @@ def greatest_violations(stages: Sequence[Certificate]) -> StagesCertificate:
     )
 
 
-def certify(problem: IdentificationProblem, compliance: FloatArray, solved_by: Proposer) -> Certificate:
-    """Evaluate the optimality conditions of a problem at compliances found elsewhere.
-
-    Args:
-        problem: as for `solve`.
-        compliance: (n,) [rad/(N·m)].
-        solved_by: algorithm that found them.
-    """
-    scaled = Scaled.of(problem)
-    return _certify(scaled, compliance / scaled.unit, solved_by)
-
-
-def _certify(scaled: Scaled, x: FloatArray, solved_by: Proposer) -> Certificate:
-    """Evaluate the optimality conditions at x (n,), in equilibrated variables."""
+def certify(scaled: Scaled, x: FloatArray, solved_by: Proposer) -> Certificate:
+    """Evaluate the optimality conditions at x (n,), in equilibrated variables, found by some algorithm."""
     gradient, size = scaled.gradient(x), max(1.0, float(np.abs(x).max()))
     if len(scaled.d):
         # Multipliers that are not negative are sought for the tight rows alone, so complementarity holds by
@@ -519,7 +507,7 @@ def _first_certified(
     certificate = Certificate(np.inf, np.inf, 0.0, np.zeros(0), "clarabel")
     for point, solved_by in proposals:
         x = scaled.bounds.snap(point)
-        certificate = _certify(scaled, x, solved_by)
+        certificate = certify(scaled, x, solved_by)
         if certificate.is_optimal():
             active = scaled.bounds.support_at(x)
             compliance = problem.bounds.hold_exactly(x * scaled.unit, active)

@@ -17,7 +17,7 @@ import numpy as np
 from jointstiff.schemas.joints import JOINT_UNITS
 from jointstiff.schemas.run import Advice
 from jointstiff.solver.arrays import FloatArray, IndexArray
-from jointstiff.solver.design.feasibility import in_whole_units, targets_in_flange, within_limits
+from jointstiff.solver.design.candidates import in_whole_units, within_limits
 from jointstiff.solver.design.optimum import uncertainty_of
 from jointstiff.solver.evidence.estimate import Estimate
 from jointstiff.solver.fitting.observability import Spectrum
@@ -25,6 +25,7 @@ from jointstiff.solver.messages import point
 from jointstiff.solver.readings.measurements import Measurements, shown_along
 from jointstiff.solver.robot.configuration import Configurations
 from jointstiff.solver.robot.model import Robot
+from jointstiff.solver.terms.block import targets_in_flange
 from jointstiff.solver.text import posture_text
 from jointstiff.solver.triangle import whitened
 

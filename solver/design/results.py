@@ -10,7 +10,6 @@ import numpy as np
 from jointstiff.schemas import finding, run
 from jointstiff.schemas.finding import Finding
 from jointstiff.schemas.joints import stated_kinds
-from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.evidence.assessment import Assessment
 from jointstiff.solver.evidence.estimate import Estimate, JointCompliance, Prediction, UncertaintyBudget
 from jointstiff.solver.messages import message, messages_of, rows
@@ -28,21 +27,20 @@ def run_result(
     warnings: list[Finding],
     advice: Sequence[run.Advice] = (),
     budget: UncertaintyBudget | None = None,
-    encoders: FloatArray | None = None,
     **parts: object,
 ) -> run.RunResult:
     """Return the numbers of a run, with residuals by observation and target, and advice.
 
-    Warnings are of the set, then of the fit; `encoders` (N, n) are predicted deflections of the joints [rad];
-    `parts` are further fields of the result, null if they are left out.
+    Warnings are of the set, then of the fit; `parts` are further fields of the result, null if they are left
+    out.
     """
     labels, targets = np.array(measurements.labels), np.array(measurements.targets)
     names = [joint.name for joint in estimate.joints]
     i, t = np.nonzero(measurements.present)
     by_encoder, contributions = [], []
-    if measurements.encoders is not None and encoders is not None:
+    if measurements.encoders is not None and prediction.encoders is not None:
         k, j = np.nonzero(measurements.encoders.present)
-        read, predicted = measurements.encoders.deflection[k, j], encoders[k, j]
+        read, predicted = measurements.encoders.deflection[k, j], prediction.encoders[k, j]
         by_encoder = rows(
             run.EncoderResidual,
             observation=labels[k],

@@ -18,14 +18,15 @@ import numpy as np
 from jointstiff.schemas.finding import Action, Finding, FindingCode, NamedCause, Verdict
 from jointstiff.schemas.joints import JOINT_UNITS
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.evidence.alternatives import (
+from jointstiff.solver.evidence.causes import (
     LARGEST_RATIO,
     AlternativeKind,
     BetterAlternative,
+    Cause,
+    Screening,
     better_alternative,
-    places_on_flange,
+    screen_estimate,
 )
-from jointstiff.solver.evidence.causes import Cause, Screening, screen_estimate
 from jointstiff.solver.evidence.estimate import ComplementaryStiffness, Estimate, JointCompliance, Prediction
 from jointstiff.solver.fitting.method import Settings
 from jointstiff.solver.readings.measurements import (
@@ -35,7 +36,7 @@ from jointstiff.solver.readings.measurements import (
     Measurements,
 )
 from jointstiff.solver.robot.model import Robot
-from jointstiff.solver.terms.block import unloaded_configurations
+from jointstiff.solver.terms.block import targets_in_flange
 from jointstiff.solver.text import length_text, unknowns_text
 from jointstiff.solver.triangle import nonnegative
 
@@ -375,8 +376,7 @@ def _load_at_target(robot: Robot, measurements: Measurements) -> Iterator[Findin
     part = measurements.evenly(_PLACES)
     if part.present.shape[1] < 2 or not part.force.any():
         return
-    at = unloaded_configurations(robot, part)
-    places = places_on_flange(part, at.flange_rotation, at.flange_translation)
+    places = np.where(part.in_flange[..., None], part.position, targets_in_flange(robot, part))
     apart = np.linalg.norm(places - part.load_point[:, None], axis=2)
     apart = np.where((part.coordinates == 3).any(axis=0), apart, np.inf).max(axis=0)
     t = int(apart.argmin())
@@ -464,7 +464,8 @@ def fit_reasons(
             "choose another robot, or check its joint map and the frame of the forces: the targets do not "
             "move as the joints of this one would move them"
         )
-        if _reversed_is_explained(estimate):
+        d = estimate.triangles.judged.rhs
+        if nonnegative(estimate.regressor, -d)[1] < (1.0 - UNUSABLE_SHARE) * np.linalg.norm(d):
             remedy = "exchange unloaded and loaded readings, or change the sign of every force"
             action = Action.of("exchange_readings")
     yield from unidentified(statuses, remedy, action)
@@ -489,13 +490,6 @@ def fit_reasons(
         yield from _unexplained(measurements, estimate, prediction)
     yield from judge(estimate)
     yield from _links(prediction, screening)
-
-
-def _reversed_is_explained(estimate: Estimate) -> bool:
-    """Tell whether the joints explain most of the deflections once these are reversed."""
-    d = estimate.triangles.judged.rhs
-    _, left = nonnegative(estimate.regressor, -d)
-    return bool(left < (1.0 - UNUSABLE_SHARE) * np.linalg.norm(d))
 
 
 def unidentified(statuses: Sequence[str], remedy: str, action: Action | None = None) -> Iterator[Finding]:

@@ -77,9 +77,15 @@ _NOT_CERTIFIED = "an end of a confidence interval could not be certified"
 
 
 def interval_ends(
-    likelihood: Likelihood, constraints: Constraints, wanted: IndexArray, radii: FloatArray, value: FloatArray
+    likelihood: Likelihood,
+    constraints: Constraints,
+    rows: FloatArray,
+    radii: FloatArray,
+    value: FloatArray,
+    *,
+    by_profile: bool = True,
 ) -> FloatArray:
-    """Return the ends of the intervals of some compliances: profiles, widened to cover what they should.
+    """Return the ends of intervals of linear functions aᵀc: profiles, widened to cover what they should.
 
     A profile-likelihood interval takes the constraints on the other joints for information, and where they
     truly are at their bounds it covers too little: 86 % instead of 95 % were seen beside two rigid joints.
@@ -91,19 +97,22 @@ def interval_ends(
     Args:
         likelihood: of p compliances.
         constraints: on the same p.
-        wanted: (w,) which of the p; each determined by the readings.
+        rows: (w, p) functions a, none zero; each determined by the readings.
         radii: (q,) √Δ in units of ‖R c‖, one for each kind of interval.
-        value: (w,) the estimate [rad/(N·m)].
+        value: (w,) the estimate, in the unit of aᵀc.
+        by_profile: whether the profile takes part; what the constraints leave covers by itself.
 
     Returns:
-        (q, w, 2) lower and upper ends [rad/(N·m)].
+        (q, w, 2) lower and upper ends, in the unit of aᵀc.
 
     Raises:
         SolverError: if an end could not be certified.
     """
-    ends = profile_ends(likelihood, constraints, np.eye(len(likelihood.centre))[wanted], radii)
-    bounds = constraints.bounds.select(wanted)
-    held = np.clip(likelihood.interval(wanted, radii), bounds.lower[:, None], bounds.upper[:, None])
+    half = radii[:, None] * np.sqrt(((rows @ likelihood.covariance) * rows).sum(axis=1))
+    box = range_on_box(rows, constraints.bounds)
+    centre = (rows @ likelihood.centre)[:, None]
+    held = np.clip(centre + half[..., None] * np.array([-1.0, 1.0]), box[:, :1], box[:, 1:])
+    ends = profile_ends(likelihood, constraints, rows, radii) if by_profile else held
     lower = np.minimum(np.minimum(ends[..., 0], held[..., 0]), value)
     upper = np.maximum(np.maximum(ends[..., 1], held[..., 1]), value)
     return np.stack([lower, upper], axis=-1)
@@ -266,7 +275,7 @@ def stiffness_of(compliance: float | None) -> float | None:
     """Return 1 / c; None for a rigid joint and where the inverse overflows."""
     if not compliance:
         return None
-    stiffness = 1.0 / compliance
+    stiffness = 1.0 / float(compliance)
     return stiffness if isfinite(stiffness) else None
 
 
@@ -473,7 +482,8 @@ class Evidence:
             tail = 1.0 - self.confidence
             radii = sigma * np.array([self.scale.quantile(1.0 - part * tail) for part in (0.5, 1.0)])
             constraints = self.constraints.select(likelihood.joints)
-            wanted, value = np.searchsorted(likelihood.joints, shown), self.fit.compliance[shown]
+            wanted = np.eye(len(likelihood.joints))[np.searchsorted(likelihood.joints, shown)]
+            value = self.fit.compliance[shown]
             ends = [*interval_ends(likelihood, constraints, wanted, radii, value).transpose(1, 0, 2)]
         joints = [
             JointCompliance(name, kind, "not_observable", reason=reason)
@@ -759,6 +769,8 @@ class Prediction:
     rms_residual: float  #: root mean square of ‖residual‖ [m]
     contributions: Contributions | None = None  #: of the joints; None where more than joints bends
     base_bends: bool = False  #: whether the base bends beside the joints, and no link
+    #: (N, n) deflections ``δθ = diag(τ) c`` of the joints behind their gearboxes [rad]; None where more bends
+    encoders: FloatArray | None = None
 
     @classmethod
     def of(
@@ -799,9 +811,10 @@ def predict(
         SolverError: the load finds no balance with joints of those compliances.
     """
     named = compliance if estimated is None else np.where(estimated, compliance, 0.0)
-    predicted, along = [], []
+    predicted, along, turned = [], [], []
     for block in regressor_blocks(robot, measurements, balanced):
         predicted.append(block.A @ compliance)
+        turned.append(block.torque * compliance)
         moved = block.A * named
         whole = moved.sum(axis=-1)
         length = np.linalg.norm(whole, axis=-1)
@@ -815,25 +828,5 @@ def predict(
         mean=mean,
         share=mean / total if total > 0.0 else np.zeros_like(mean),
     )
-    return Prediction.of(measurements, np.concatenate(predicted), contributions)
-
-
-def predict_encoders(
-    robot: Robot,
-    measurements: Measurements,
-    compliance: FloatArray,
-    balanced: FloatArray | None = None,
-) -> FloatArray:
-    """Predict the deflections of the joints behind their gearboxes, ``δθ = diag(τ) c`` (method.md §2).
-
-    Args:
-        robot: n joints.
-        measurements: N observations.
-        compliance: (n,) [rad/(N·m)].
-        balanced: (n,) compliances that bend the robot, as `Estimate.balanced`; None without K_c.
-
-    Returns:
-        (N, n) [rad].
-    """
-    blocks = regressor_blocks(robot, measurements, balanced)
-    return np.concatenate([block.torque * compliance for block in blocks])
+    prediction = Prediction.of(measurements, np.concatenate(predicted), contributions)
+    return replace(prediction, encoders=np.concatenate(turned))

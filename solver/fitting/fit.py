@@ -34,13 +34,14 @@ from jointstiff.solver.convex.solution import (
     Constraints,
     IdentificationProblem,
     Proposer,
+    Scaled,
     Solution,
     certify,
     solve,
     solve_step,
 )
 from jointstiff.solver.errors import SolverError, UnsupportedMethodError
-from jointstiff.solver.fitting.method import MethodTriangles, Prior, PriorRows
+from jointstiff.solver.fitting.method import MethodTriangles, Prior
 from jointstiff.solver.fitting.observability import Combination, Identifiability, Spectrum, analyse
 from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.terms.block import RegressorBlock, whitened_rows
@@ -89,17 +90,6 @@ class Likelihood:
             U, s, _ = np.linalg.svd(rows @ responses, full_matrices=False)
             rows = rows + U @ ((1.0 / np.hypot(1.0, s) - 1.0)[:, None] * (U.T @ rows))
         return Likelihood(self.joints, self.centre, self.covariance + responses @ responses.T, rows)
-
-    def interval(self, wanted: IndexArray, radii: FloatArray) -> FloatArray:
-        """Ends (q, w, 2) of unconstrained intervals [rad/(N·m)].
-
-        Args:
-            wanted: (w,) which of the p.
-            radii: (q,) half-widths in standard uncertainties, times sigma.
-        """
-        half = radii[:, None] * np.sqrt(np.diagonal(self.covariance)[wanted])
-        ends: FloatArray = self.centre[wanted, None] + half[..., None] * np.array([-1.0, 1.0])
-        return ends
 
 
 def rows_of(covariance: FloatArray) -> FloatArray:
@@ -170,7 +160,7 @@ class StageFit:
         z: FloatArray,
         joints: IndexArray,
         constraints: Constraints,
-        prior: PriorRows | None,
+        prior: Prior | None,
         n: int,
     ) -> StageFit:
         """Solve ``‖R c − z‖²`` for p of n joints, on which the constraints are."""
@@ -178,7 +168,7 @@ class StageFit:
         analysis = analyse(readings, joints, n)
         undetermined, parameters, known = analysis.combinations, float(readings.rank), np.zeros(0)
         if prior is not None:
-            rows, known = prior.select(joints)
+            rows, known = prior.rows(joints)
             spectrum = Spectrum(np.vstack([R, rows]))
             undetermined = analyse(spectrum, joints, n).combinations
             parameters = float(np.sum(spectrum.inverse[:, : len(R)].T * R))
@@ -204,7 +194,7 @@ class StageFit:
 
 
 def fit_method(
-    triangles: MethodTriangles, null: BoolArray, constraints: Constraints, prior: PriorRows | None = None
+    triangles: MethodTriangles, null: BoolArray, constraints: Constraints, prior: Prior | None = None
 ) -> Fit:
     """Solve the stages of a method, leaving out the null columns.
 
@@ -547,7 +537,8 @@ class _HuberProblem:
         """Certify weighted least squares with the weights of the residuals at c: the Huber problem."""
         root = np.sqrt(_weight(self.residual(c)[1]))[:, None]
         R = self.compressed(root)
-        return certify(self.posed(R[:, :-1], R[:, -1]), c, solved_by)
+        scaled = Scaled.of(self.posed(R[:, :-1], R[:, -1]))
+        return certify(scaled, c / scaled.unit, solved_by)
 
     def compressed(self, root: FloatArray) -> FloatArray:
         """Return the triangle of all rows, those of the targets times root weights (K, 1)."""
@@ -601,7 +592,7 @@ def fit_huber(
     if sigma is None:
         sigma = _robust_scale(problem, threshold)
     if prior is not None:
-        rows, known = prior.rows(sigma).select(joints)
+        rows, known = prior.in_units_of(sigma).rows(joints)
         problem = replace(problem, squared=np.vstack([problem.squared, np.column_stack([rows, known])]))
     problem = _in_units_of(problem, threshold * sigma)
     compliance, certificate = _minimise(problem)

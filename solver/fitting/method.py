@@ -66,31 +66,19 @@ class Prior:
         """(n,) joints of which something is known."""
         return np.isfinite(self.mean)
 
-    def rows(self, sigma: float) -> PriorRows:
-        """The prior as readings of the compliances beside those of the targets.
+    def in_units_of(self, sigma: float) -> Prior:
+        """Return the prior with its uncertainties in units of that of one coordinate of one reading [m]."""
+        return Prior(self.mean, self.standard_uncertainty / sigma)
 
-        Args:
-            sigma: standard uncertainty of one coordinate of one reading [m], the unit of weighted rows.
+    def rows(self, joints: IndexArray) -> tuple[FloatArray, FloatArray]:
+        """Return the prior as readings of p joints: ``c_j / s₀ = c₀ / s₀`` where something is known.
+
+        Returns:
+            (k, p), and the right-hand side (k,).
         """
-        known = self.known
-        weight = np.where(known, sigma / self.standard_uncertainty, 0.0)
-        return PriorRows(weight, np.where(known, self.mean, 0.0))
-
-
-@dataclass(frozen=True, eq=False)
-class PriorRows:
-    """One row ``(sigma/s₀) c_j = (sigma/s₀) c₀`` for each joint of which something is known."""
-
-    weight: FloatArray  #: (n,) sigma/s₀ [m / (rad/(N·m))]; zero where nothing is known
-    mean: FloatArray  #: (n,) c₀ [rad/(N·m)]
-
-    def select(self, joints: IndexArray) -> tuple[FloatArray, FloatArray]:
-        """The rows (k, p) that say something of p joints, and their right-hand side (k,)."""
-        weight = self.weight[joints]
-        known = np.flatnonzero(weight)
-        rows = np.zeros((len(known), len(joints)))
-        rows[np.arange(len(known)), known] = weight[known]
-        return rows, weight[known] * self.mean[joints][known]
+        known = np.flatnonzero(self.known[joints])
+        rows = np.eye(len(joints))[known] / self.standard_uncertainty[joints[known], None]
+        return rows, rows[:, known] @ self.mean[joints[known]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -287,7 +275,7 @@ class MethodTriangles:
         terms: Sequence[Term],
         compliance: FloatArray,
         joints: IndexArray,
-        prior: PriorRows | None = None,
+        prior: Prior | None = None,
     ) -> dict[str, FloatArray]:
         """Return what one unit of each unknown of terms that are left out adds to the estimate, bounds apart.
 
@@ -315,7 +303,7 @@ class MethodTriangles:
             own, known = np.intersect1d(stage.joints, joints), np.intersect1d(stage.known, joints)
             rows_of = triangle.matrix
             left = np.asarray(moment)[own] - rows_of[:, own].T @ (rows_of[:, known] @ out[known])
-            beside = rows_of[:, own] if prior is None else np.vstack([rows_of[:, own], prior.select(own)[0]])
+            beside = rows_of[:, own] if prior is None else np.vstack([rows_of[:, own], prior.rows(own)[0]])
             inverse = Spectrum(beside).inverse
             out[own] = inverse @ (inverse.T @ left)
         ends = np.cumsum([whitened.widths[term.name] for term in terms])[:-1]

@@ -83,7 +83,14 @@ def combinations(null_space: FloatArray, scale: FloatArray, columns: IndexArray)
         scale: (p,) norms of the regressor's columns, by which it was equilibrated.
         columns: (p,) the joint of each column.
     """
-    return tuple(_combination(null_space, scale, group, columns) for group in _groups(null_space))
+    if not len(null_space):
+        return ()
+    # The projector onto the null space does not depend on its basis, and it is block diagonal over groups
+    linked = np.abs(null_space.T @ null_space) > _PARTICIPATES
+    _, labels = connected_components(coo_array(linked), directed=False)
+    involved = linked.diagonal()
+    groups = [np.flatnonzero((labels == label) & involved) for label in np.unique(labels[involved])]
+    return tuple(_combination(null_space, scale, group, columns) for group in groups)
 
 
 def weak_direction(
@@ -102,20 +109,6 @@ def weak_direction(
     # The sign of a singular vector is arbitrary: the first joint's part counts as a rise.
     change = change * (np.sign(change[0]) / np.abs(change).max())
     return WeakDirection(tuple(int(columns[i]) for i in parts), change, attenuation)
-
-
-def _groups(null_space: FloatArray) -> list[IndexArray]:
-    """Split the coordinates that take part in a null space (k, p) into independent groups.
-
-    The projector onto the null space does not depend on its basis, and it is block diagonal over
-    groups that do not mix.
-    """
-    if not len(null_space):
-        return []
-    linked = np.abs(null_space.T @ null_space) > _PARTICIPATES
-    _, labels = connected_components(coo_array(linked), directed=False)
-    involved = linked.diagonal()
-    return [np.flatnonzero((labels == label) & involved) for label in np.unique(labels[involved])]
 
 
 def _combination(

@@ -1,31 +1,34 @@
 """Identify the geometry of a robot from sweeps or unloaded poses: one call from readings to a robot.
 
 Every number comes with its uncertainty and every suspicion with its figure; nothing is corrected silently.
+
+Suspicions about geometry readings and what was identified by them: said with figures, never mended.
+
+Anomalies of a sweep, a tracker that was bumped, a position or a reading that is off, are hypotheses with
+columns of their own: from position s on, the tracker sees everything displaced by one rigid motion; one
+position is displaced; one reading is. What a hypothesis would take off the sum of squares, with the fit
+repeated (to first order) beside it, is tested by F against what it would leave. That needs no sigma and
+blames no neighbour: a bump in the middle also spoils the readings around it, but a bump explains them all
+with six numbers.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+import math
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Final, Literal
 
 import numpy as np
+from scipy import special
 
 from jointstiff.schemas import geometry as results
-from jointstiff.schemas.finding import Assessment, Finding, combined
+from jointstiff.schemas.finding import Assessment, Finding, FindingCode, Verdict, combined
 from jointstiff.schemas.geometry import IdentifiedAxis, IdentifiedDh, LinkComparison, SweepEvidence
 from jointstiff.schemas.robot import JointMap as StoredJointMap
 from jointstiff.schemas.robot import RobotDocument, UrdfModel
-from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.errors import InputError, MeasurementError
-from jointstiff.solver.geometry.findings import (
-    agreement_findings,
-    calibration_findings,
-    drift_findings,
-    geometry_findings,
-    model_findings,
-    wrist_findings,
-)
 from jointstiff.solver.geometry.frames import (
     BaseDrift,
     BaseFrame,
@@ -48,6 +51,7 @@ from jointstiff.solver.geometry.sweeps import (
     DISAGREEMENT,
     UNEVEN,
     AngleUse,
+    AxisFit,
     SweepSet,
     SweptAxes,
     angle_probability,
@@ -56,9 +60,360 @@ from jointstiff.solver.geometry.sweeps import (
     resting_angles,
 )
 from jointstiff.solver.messages import message, rows
-from jointstiff.solver.robot.configuration import WRIST_JOINTS
+from jointstiff.solver.robot.configuration import WRIST_JOINTS, skew
 from jointstiff.solver.robot.model import JointMap, KinematicChain
 from jointstiff.solver.robot.urdf import write_urdf
+from jointstiff.solver.text import length_text
+
+AnomalyCode = Literal["tracker_bumped", "position_suspect", "reading_suspect"]
+
+FALSE_ALARM = 1e-6
+"""Probability that a clean sweep gets any finding (significance level)."""
+
+MOST_ANOMALIES = 5
+"""Maximum number of anomalies of one sweep; with more, the whole sweep is wrong."""
+
+SHORT_ARC = np.radians(30.0)
+"""Arc [rad] below which an axis gets a warning: its centre is then ten times as uncertain along the
+sagitta as over a half turn."""
+
+BEYOND_MODEL = 3.0
+"""Displacement by a bump over a typical residual of all sweeps: less may be the model or a gear."""
+
+CENTRES_DISAGREE = 1e-4
+"""p-value below which two estimates of the wrist centre count as contradictory."""
+
+RUNAWAY_BELOW = 1e-2
+"""Angle of neighbouring axes [rad] below which their common perpendicular is beyond any robot's size."""
+
+VAGUE = 10e-3
+"""Standard uncertainty of a link parameter [m or rad] beyond which a data sheet knows it better."""
+
+_SCALE_ALARM = 1e-3  # controller and tracker disagree by 0.1 % of the arc
+
+_HIDDEN = 1e-8
+"""Share of a hypothesis that remains in the residuals (squared), below which it cannot be told from the
+fit."""
+
+_CLEAR = 3.0
+"""Number of standard uncertainties by which a component of a displacement must differ from zero to be
+stated."""
+
+_EDGE = 2  # a bump has at least two positions on either side; else it is one position
+
+_WEIGHTS: Final[dict[FindingCode, Verdict]] = {
+    "tracker_bumped": "do_not_use",
+    "angle_scale_suspect": "do_not_use",
+    "residuals_below_sigma": "use",
+    "axes_nearly_parallel": "use",
+}
+"""Weights of findings that do not ask for care."""
+
+
+def _finding(code: FindingCode, where: str, message: str, remedy: str) -> Finding:
+    weight = _WEIGHTS.get(code, "use_with_care")
+    return Finding(code=code, weight=weight, where=where, message=message, remedy=remedy)
+
+
+def geometry_findings(identified: SweptAxes, whole: SweptAxes) -> Iterator[Finding]:
+    """Return the findings of all sweeps.
+
+    Args:
+        identified: axes of the sweeps, fitted one by one.
+        whole: the fit of all sweeps, whose residuals show how well the robot is its model.
+    """
+    typical = float(np.median([fit.linear.rss / fit.dof for fit in identified.fits]))
+    # Standard uncertainty by the median of the residuals, to which a few sweeps that do not fit add little
+    residuals = whole.residual.reshape(-1, 3)[whole.sweeps.present.ravel()]
+    robust = np.median(np.abs(residuals)) / special.ndtri(0.75) * np.sqrt(residuals.size / whole.dof)
+    for fit in identified.fits:
+        yield from sweep_findings(fit, identified.names, typical=typical, least=BEYOND_MODEL * float(robust))
+
+
+def sweep_findings(
+    fit: AxisFit, names: tuple[str, ...], *, typical: float = 0.0, least: float = 0.0
+) -> Iterator[Finding]:
+    """Return suspicions about one sweep; none about a clean one.
+
+    Args:
+        fit: the sweep, fitted by itself.
+        names: of the targets.
+        typical: variance of a residual in the sweeps beside it; what does not stand out from that is no
+            anomaly of this one.
+        least: displacement [m] below which a bump is none.
+    """
+    where = fit.sweep.where
+    for anomaly, size, probability in _find_anomalies(fit, typical):
+        if anomaly.code == "tracker_bumped" and size < least:
+            continue
+        target = "" if anomaly.target is None else f", target {names[anomaly.target]}"
+        place = f"{where}, position {anomaly.position + 1}{target}"
+        effect, remedy = _ANOMALIES[anomaly.code]
+        message = effect.format(f"about {length_text(size)} (p = {probability:.1g})")
+        yield _finding(anomaly.code, place, message, remedy)
+    if fit.arc < SHORT_ARC:
+        spread = float(np.sqrt(np.linalg.eigvalsh(fit.axis_covariance[:2, :2]).max()))
+        arc = float(np.degrees(fit.arc))
+        message = f"an arc of {arc:.3g}° determines the axis only within {length_text(spread)}"
+        yield _finding("short_arc", where, message, "sweep at least 90°")
+    chi_square = fit.linear.rss / fit.sigma**2
+    rms = length_text(float(np.sqrt(fit.linear.rss / fit.dof)))
+    message = f"the residuals give sigma = {rms}, but {length_text(fit.sigma)} was stated: the uncertainties"
+    if special.chdtrc(fit.dof, chi_square) < FALSE_ALARM:
+        message += " are too small"
+        remedy = "correct or omit sigma; poor repeatability of the robot has the same effect"
+        yield _finding("residuals_exceed_sigma", where, message, remedy)
+    elif special.chdtr(fit.dof, chi_square) < FALSE_ALARM:
+        message += " are too large"
+        remedy = "check the unit of sigma"
+        yield _finding("residuals_below_sigma", where, message, remedy)
+    if abs(fit.angle_scale - 1.0) > _SCALE_ALARM:
+        yield _finding(
+            "angle_scale_suspect",
+            where,
+            f"the joint turned {fit.angle_scale:.4f} times as far as the controller's angles and the "
+            "joint map give",
+            "check the joint map, the unit of the angles, and the order of the rows",
+        )
+
+
+_ANOMALIES: Final[dict[AnomalyCode, tuple[str, str]]] = {
+    "tracker_bumped": (
+        "from this position on, all readings are displaced by {}: the tracker or the robot's base was bumped",
+        "repeat the sweep, or omit the positions before or after the bump",
+    ),
+    "position_suspect": (
+        "all targets are displaced by {}",
+        "the robot may not have come to rest, or the angles belong to another position: omit the position",
+    ),
+    "reading_suspect": ("this reading is displaced by {}", "omit or repeat the reading"),
+}
+"""Effects and remedies of anomalies."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Anomaly:
+    code: AnomalyCode
+    position: int  # index of the (first) position
+    target: int | None  # index of the target of a reading; None for the others
+    readings: BoolArray  # (K, T) those displaced: from the position on, at the position, or one
+
+
+@dataclass(frozen=True, eq=False)
+class _Explained:
+    """Return what the fit and anomalies found before it explain of the readings (K, T, 3)."""
+
+    points: FloatArray  # (K, T, 3) readings
+    weight: FloatArray  # (K, T, 3, 3) their whiteners
+    basis: FloatArray  # (K, T, 3, p) orthonormal columns of what explains them
+    residual: FloatArray  # (K, T, 3) whitened, normal to the basis
+    dof: int
+
+    def columns(self, anomaly: _Anomaly) -> FloatArray:
+        """Whitened displacement of the hypothesis's M readings by its motion (M, 3, 3 or 6).
+
+        A translation, for positions with a rotation about the readings' mean, in units of their spread, too.
+        """
+        W = self.weight[anomaly.readings]
+        if anomaly.code == "reading_suspect":
+            return W
+        arms = self.points[anomaly.readings] - self.points[anomaly.readings].mean(axis=0)
+        spread = max(float(np.sqrt(np.mean(arms**2))), 1e-9)
+        return np.concatenate([W, -W @ skew(arms) / spread], axis=-1)
+
+    def beside(self, columns: FloatArray, readings: BoolArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return eigenvalues and -vectors of columns' (M, 3, c) normal equations beside the basis.
+
+        The third are the residuals along these vectors. Only the columns' own readings enter, and only what
+        the basis does not hide.
+        """
+        seen = np.einsum("mip,miq->pq", self.basis[readings], columns)
+        square = np.einsum("mip,miq->pq", columns, columns)
+        values, vectors = np.linalg.eigh(square - seen.T @ seen)
+        kept = values > _HIDDEN * np.trace(square)
+        along = vectors[:, kept].T @ np.einsum("mip,mi->p", columns, self.residual[readings])
+        return values[kept], vectors[:, kept], along
+
+    def test(self, anomaly: _Anomaly, typical: float) -> tuple[float, float]:
+        """F-test: log probability by chance, of this hypothesis alone, and the variance that it leaves."""
+        values, _, along = self.beside(self.columns(anomaly), anomaly.readings)
+        rank, left = len(values), self.dof - len(values)
+        if rank == 0 or left < 1:
+            return 0.0, 0.0
+        gain = float(along**2 @ (1.0 / values))
+        variance = max(max(float(np.sum(self.residual**2)) - gain, 1e-300) / left, typical)
+        # stats.f takes fifty times as long
+        probability = float(special.fdtrc(rank, left, gain / rank / variance))
+        return (math.log(probability) if probability > 0.0 else -math.inf), variance
+
+    def displacement(self, anomaly: _Anomaly, variance: float) -> float:
+        """Size [m] of its readings' displacement by a translation, of what stands out from noise only."""
+        values, vectors, along = self.beside(self.weight[anomaly.readings], anomaly.readings)
+        clear = along**2 > _CLEAR**2 * variance * values
+        return float(np.linalg.norm(vectors[:, clear] @ (along[clear] / values[clear])))
+
+    def with_motion(self, anomaly: _Anomaly) -> _Explained:
+        """Explain the motion of a hypothesis, too."""
+        columns = self.columns(anomaly)
+        values, vectors, _ = self.beside(columns, anomaly.readings)
+        raw = np.zeros((*self.points.shape, len(values)))
+        raw[anomaly.readings] = columns @ (vectors / np.sqrt(values))
+        more = raw - self.basis @ np.einsum("ktip,ktiq->pq", self.basis, raw)
+        residual = self.residual - more @ np.einsum("ktip,kti->p", more, self.residual)
+        basis = np.concatenate([self.basis, more], axis=-1)
+        return _Explained(self.points, self.weight, basis, residual, self.dof - len(values))
+
+
+def _find_anomalies(fit: AxisFit, typical: float) -> Iterator[tuple[_Anomaly, float, float]]:
+    """Find what does not fit, one after the other, the likeliest first.
+
+    Args:
+        fit: of a sweep.
+        typical: variance of a residual elsewhere, in the units of the fit's; smaller ones in this sweep are
+            chance.
+
+    Yields:
+        At most `MOST_ANOMALIES`, with the size of the displacement [m], without components that the fit could
+        as well take for another axis or angle, and the probability that chance alone does this to any.
+    """
+    sweep, linear, present = fit.sweep, fit.linear, fit.sweep.present
+    shape = sweep.points.shape
+    normal = linear.residual - linear.left @ (linear.left.T @ linear.residual)
+    explained = _Explained(
+        sweep.read, sweep.weight, linear.left.reshape(*shape, -1), normal.reshape(shape), fit.dof
+    )
+    count, targets = present.shape
+    position, target = np.arange(count)[:, None], np.arange(targets)[None, :]
+    starts = range(_EDGE, count - _EDGE + 1)
+    suspects = [_Anomaly("tracker_bumped", s, None, present & (position >= s)) for s in starts]
+    for k in range(count):
+        if present[k].sum() > 1:
+            suspects.append(_Anomaly("position_suspect", k, None, present & (position == k)))
+        suspects.extend(
+            _Anomaly("reading_suspect", k, int(t), present & (position == k) & (target == t))
+            for t in np.flatnonzero(present[k])
+        )
+    for _ in range(min(MOST_ANOMALIES, len(suspects))):
+        tests = [explained.test(anomaly, typical) for anomaly in suspects]
+        best = min(range(len(tests)), key=lambda index: tests[index][0])
+        log_probability, variance = tests[best][0] + math.log(len(tests)), tests[best][1]
+        if log_probability > math.log(FALSE_ALARM):
+            break
+        anomaly = suspects.pop(best)
+        yield anomaly, explained.displacement(anomaly, variance), math.exp(log_probability)
+        explained = explained.with_motion(anomaly)
+
+
+def agreement_findings(probability: float | None) -> Iterator[Finding]:
+    """Report sweeps that no single robot model fits, by the p-value of one model for all.
+
+    Args:
+        probability: of the F-test of the fit of all sweeps inside the fits one by one; None if there is none.
+    """
+    if probability is not None and probability < DISAGREEMENT:
+        yield _finding(
+            "sweeps_disagree",
+            "sweeps",
+            "joints at rest were not where the controller shows them, or the arm sagged: no single robot "
+            f"fits all sweeps (p = {probability:.1g}), so the axes are those of the sweeps fitted one by one",
+            "use the result with its larger uncertainties; for smaller ones, rest all joints at the same "
+            "angles in all sweeps, approached from the same side",
+        )
+
+
+def calibration_findings(calibrated: CalibratedAxes) -> Iterator[Finding]:
+    """Report residuals beyond the stated noise, and what the poses do not determine."""
+    if calibrated.exceeded_sigma is not None:
+        yield _finding(
+            "residuals_exceed_sigma",
+            "poses",
+            f"the residuals give sigma = {length_text(calibrated.sigma)}, but "
+            f"{length_text(calibrated.exceeded_sigma)} was stated: gear errors and sag, which no geometry "
+            "explains, are part of it; the uncertainties include the part that changes from pose to pose",
+            "sweep single joints, which shows gear errors separately, or correct sigma",
+        )
+    for names in calibrated.evidence.only_together:
+        what = "a combination of " if len(names) > 1 else ""
+        yield _finding(
+            "parameters_not_identified",
+            "poses",
+            f"the poses do not determine {what}{', '.join(names)}",
+            "add poses in which all joints turn over most of their range",
+        )
+
+
+def wrist_findings(wrist: WristCentre) -> Iterator[Finding]:
+    """Report ways to the wrist centre that contradict each other beyond noise."""
+    for pair in wrist.distances:
+        if pair.probability < CENTRES_DISAGREE:
+            yield _finding(
+                "wrist_centres_disagree",
+                "sweeps",
+                f"the wrist centres by {pair.first} and by {pair.second} are {length_text(pair.distance)} "
+                f"apart, more than their uncertainties explain (p = {pair.probability:.1g})",
+                "check the sweeps of the wrist joints; axes that do not intersect have no common centre",
+            )
+
+
+def drift_findings(drift: BaseDrift) -> Iterator[Finding]:
+    """Report motion between tracker and base beyond noise, and base targets that moved on their own."""
+    if drift.significant:
+        size = float(np.linalg.norm(drift.displacement))
+        direction = drift.displacement / max(size, 1e-300)
+        spread = float(np.sqrt(direction @ drift.displacement_covariance @ direction))
+        yield _finding(
+            "base_drifted",
+            "base_targets",
+            "between the two readings of the base targets, tracker and robot base moved relative to "
+            f"each other by {length_text(size)} ± {length_text(spread)} at the robot, and turned by "
+            f"{np.linalg.norm(drift.rotation) * 1e6:.0f} µrad",
+            "correct later readings with the given transform, or measure again",
+        )
+    for target in drift.moved_targets:
+        left = float(np.linalg.norm(drift.residuals[drift.names.index(target)]))
+        yield _finding(
+            "base_target_moved",
+            f"base_targets.after.{target}",
+            f"this base target moved relative to the others, by about {length_text(left)}",
+            "omit it, and attach it more firmly",
+        )
+
+
+def model_findings(
+    names: Sequence[str], table: IdentifiedDh, links: Sequence[LinkComparison]
+) -> Iterator[Finding]:
+    """Report neighbouring axes between which a table's numbers run away, and vague link parameters.
+
+    Args:
+        names: of the joints.
+        table: of the model.
+        links: beside those of the nominal model.
+    """
+    for pair in table.parallel:
+        first = names.index(pair.joint) + 1
+        if not pair.made_parallel and pair.angle < RUNAWAY_BELOW:
+            yield _finding(
+                "axes_nearly_parallel",
+                f"dh.{table.convention}",
+                f"axes {first} and {first + 1} are {1e3 * pair.angle:.3g} mrad from "
+                "parallel: too much to neglect, and too little to determine a, d and theta separately",
+                "use the URDF, which does not need these parameters",
+            )
+    vague = []
+    for link in links:
+        spread = link.standard_uncertainty
+        if spread is not None and spread > VAGUE:
+            shown = f"{1e3 * spread:.2g} mm" if link.unit == "m" else f"{np.degrees(spread):.2g}°"
+            vague.append(f"{link.quantity} of joint {names.index(link.joint) + 1} (± {shown})")
+    if vague:
+        yield _finding(
+            "parameters_not_identified",
+            "links",
+            f"the readings hardly determine {', '.join(vague)}",
+            "read targets farther from the last axes, or turn these joints over more of their range; "
+            "results at the same targets, over the same range, are not affected",
+        )
+
 
 SweepFit = Literal["one_by_one", "together"]
 

@@ -134,8 +134,7 @@ class View:
 
 def seen_from_flange(configurations: Configurations, position: FloatArray, measured: BoolArray) -> FloatArray:
     """(N, T, 3) positions in R0 [m] brought into the flange frame; nan where not measured."""
-    arm = position - configurations.flange_translation[:, None]
-    return np.where(measured[..., None], arm @ configurations.flange_rotation, np.nan)
+    return np.where(measured[..., None], configurations.to_flange(position), np.nan)
 
 
 def vector_quantile(comparisons: int, freedom: float, coordinates: int = 3) -> float:

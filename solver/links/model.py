@@ -15,7 +15,7 @@ force it has no unit either.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from typing import Final
 
@@ -263,6 +263,8 @@ class Formulation:
     unit: FloatArray  #: (p,) unit of each parameter: compliances are ``unit · x``
     rows: ElasticRows  #: rows of the observations
     size: float  #: ‖z‖, by which the readings are divided, in units of the whitened readings [m]
+    #: fits of absolute residuals by weight, gap and accepted gap, which Huber's scale takes as well
+    _absolute: dict[tuple[float, float, float | None], ConeSolution] = field(default_factory=dict)
 
     @property
     def width(self) -> int:
@@ -270,13 +272,30 @@ class Formulation:
         return len(self.rows.triangle[0]) - 1
 
     @cached_property
-    def targets(self) -> TargetFits:
-        """The same model on each target, for robust losses."""
-        return TargetFits(self)
+    def total(self) -> float:
+        """Sum of the lengths of the targets' readings [m], the unit of robust losses."""
+        return float(np.linalg.norm(self.rows.each[..., -1], axis=1).sum())
+
+    @cached_property
+    def _norms(self) -> NormSum:
+        """The same model on each target: one program for all robust losses and penalties."""
+        A = self.rows.each[..., self.columns] * (self.unit / self.total)
+        return NormSum(A, self.rows.each[..., -1] / self.total, self.cone)
 
     def program(self, weight: float) -> SemidefiniteProgram:
         """The program for a weight λ of the penalty."""
         return SemidefiniteProgram(self.fit, self.cone, weight)
+
+    def robust(self, weight: float, threshold: float) -> RobustProgram:
+        """Return the program of a robust loss for a weight λ and a threshold h [m]."""
+        return RobustProgram(self._norms, weight, threshold / self.total)
+
+    def absolute(self, weight: float, gap: float, accepted: float | None = None) -> ConeSolution:
+        """Return the fit of absolute residuals; see `LossProblem.fit`."""
+        key = weight, gap, accepted
+        if key not in self._absolute:
+            self._absolute[key] = solve_robust(self.robust(weight, 0.0), gap=gap, accepted=accepted)
+        return self._absolute[key]
 
     def compliances(self, x: FloatArray) -> FloatArray:
         """(..., P) compliances of parameters (..., p); zero where no parameter is."""
@@ -358,35 +377,6 @@ def compared_losses(measurements: Measurements, losses: tuple[Loss, ...]) -> tup
     )
 
 
-class TargetFits:
-    """A formulation on each target: one program for all robust losses and penalties."""
-
-    def __init__(self, formulation: Formulation) -> None:
-        """Take what was formulated."""
-        of_targets = formulation.rows.each
-        d = of_targets[..., -1]
-        self.total = float(np.linalg.norm(d, axis=1).sum())  #: sum of the lengths of the readings [m]
-        A = of_targets[..., formulation.columns] * (formulation.unit / self.total)
-        self._norms = NormSum(A, d / self.total, formulation.cone)
-        self._absolute: dict[tuple[float, float, float | None], ConeSolution] = {}
-
-    def program(self, weight: float, threshold: float) -> RobustProgram:
-        """Return the program for a weight λ and a threshold h [m]."""
-        return RobustProgram(self._norms, weight, threshold / self.total)
-
-    def absolute(self, weight: float, gap: float, accepted: float | None = None) -> ConeSolution:
-        """Return the fit of absolute residuals, which Huber's scale takes as well; see `LossProblem.fit`."""
-        key = weight, gap, accepted
-        if key not in self._absolute:
-            self._absolute[key] = solve_robust(self.program(weight, 0.0), gap=gap, accepted=accepted)
-        return self._absolute[key]
-
-    def lengths(self, x: FloatArray) -> FloatArray:
-        """(K,) lengths of the residuals [m] of parameters (p,)."""
-        lengths: FloatArray = np.linalg.norm(self._norms.residuals(x), axis=1) * self.total
-        return lengths
-
-
 @dataclass(frozen=True, eq=False)
 class LossProblem:
     """A model on some observations, ready to be fitted with its loss for any weight of the penalty."""
@@ -404,7 +394,7 @@ class LossProblem:
         """
         if self.model.loss == "squared":
             return self.formulation.size
-        return self.formulation.targets.total / self.formulation.rows.targets
+        return self.formulation.total / self.formulation.rows.targets
 
     def fit(self, weight: float, *, gap: float, accepted: float | None = None) -> tuple[ConeSolution, float]:
         """Fit, Huber's loss with h in units of sigma, or of the robust scale of the absolute residuals.
@@ -421,17 +411,16 @@ class LossProblem:
         Raises:
             SolverError: no answer has such a certificate.
         """
+        form = self.formulation
         if self.model.loss == "squared":
-            program = self.formulation.program(weight)
-            return solve_cone(program, gap=gap, accepted=accepted), float("inf")
-        targets = self.formulation.targets
+            return solve_cone(form.program(weight), gap=gap, accepted=accepted), float("inf")
         if self.model.loss == "absolute":
-            return targets.absolute(weight, gap, accepted), 0.0
+            return form.absolute(weight, gap, accepted), 0.0
         scale = self.sigma
         if scale is None:
-            scale = self._robust_scale(targets.lengths(targets.absolute(weight, gap).x))
+            scale = self._robust_scale(form.compliances(form.absolute(weight, gap).x))
         threshold = self.model.threshold * scale
-        return solve_robust(targets.program(weight, threshold), gap=gap, accepted=accepted), threshold
+        return solve_robust(form.robust(weight, threshold), gap=gap, accepted=accepted), threshold
 
     def gap_at(
         self, compliances: FloatArray, weight: float, solution: ConeSolution, threshold: float
@@ -440,7 +429,7 @@ class LossProblem:
         x = compliances[self.formulation.columns] / self.formulation.unit
         if self.model.loss == "squared":
             return certify_cone(self.formulation.program(weight), x).gap
-        program = self.formulation.targets.program(weight, threshold)
+        program = self.formulation.robust(weight, threshold)
         return certify_robust(program, x, solution.certificate.multipliers).gap
 
     def joints_only(self) -> FloatArray:
@@ -449,9 +438,10 @@ class LossProblem:
         problem = IdentificationProblem(fit.R, fit.z, Bounds.positive(fit.R.shape[1]))
         return solve_step(problem).compliance
 
-    def _robust_scale(self, norms: FloatArray) -> float:
-        """Return the robust scale [m] of residuals with these norms (K,)."""
-        least = _LEAST_SCALE * self.formulation.targets.total / max(1, len(norms))
+    def _robust_scale(self, compliances: FloatArray) -> float:
+        """Return the robust scale [m] of the residuals of compliances (P,)."""
+        norms = self.formulation.rows.lengths(compliances)
+        least = _LEAST_SCALE * self.formulation.total / max(1, len(norms))
         return max(float(np.median(norms)) / MEDIAN_NORM, least)
 
     def companion(
@@ -470,14 +460,13 @@ class LossProblem:
         """
         if self.model.loss == "squared":
             return self.formulation, weight
-        rows = self.formulation.rows
-        norms = rows.lengths(compliances)
         if threshold == 0.0:
-            threshold = self.model.threshold * max(self._robust_scale(norms), self.sigma or 0.0)
-        weighted = rows.weighted(threshold / np.maximum(norms, threshold))
+            threshold = self.model.threshold * max(self._robust_scale(compliances), self.sigma or 0.0)
+        norms = self.formulation.rows.lengths(compliances)
+        weighted = self.formulation.rows.weighted(threshold / np.maximum(norms, threshold))
         seen = np.isin(np.arange(self.model.columns.n), self.formulation.columns)
         squares = formulate(weighted, self.model, seen)
-        return squares, 2.0 * self.formulation.targets.total * threshold * weight / squares.size**2
+        return squares, 2.0 * self.formulation.total * threshold * weight / squares.size**2
 
     def weight_of_squares(self, compliances: FloatArray, weight: float) -> float:
         """Return the weight of the penalty beside plain squares that pulls as much as at a fit.
@@ -490,6 +479,5 @@ class LossProblem:
         """
         if self.model.loss == "squared":
             return weight
-        length = float(self.formulation.rows.lengths(compliances).mean())
-        total = self.formulation.targets.total
-        return max(2.0 * total * length * weight / self.formulation.size**2, _LEAST_WEIGHT)
+        form, length = self.formulation, float(self.formulation.rows.lengths(compliances).mean())
+        return max(2.0 * form.total * length * weight / form.size**2, _LEAST_WEIGHT)

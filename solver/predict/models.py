@@ -21,7 +21,7 @@ from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.convex.conic import diagonal, to_matrix
 from jointstiff.solver.convex.solution import Constraints
 from jointstiff.solver.errors import RequestError, SolverError
-from jointstiff.solver.evidence.estimate import Estimate, profile_ends, range_on_box
+from jointstiff.solver.evidence.estimate import Estimate, interval_ends
 from jointstiff.solver.fitting.fit import Likelihood
 from jointstiff.solver.fitting.observability import Spectrum
 from jointstiff.solver.links.fit import ElasticEstimate
@@ -230,7 +230,7 @@ class JointModel(ForwardModel):
         equilibrium = balance(self.robot, self.compliance, cases, self.weight, unloaded, near or unloaded)
         loaded = equilibrium.loaded
         still, reached = (at.to_base(cases.place[:, None]) for at in (unloaded, loaded))
-        jacobian = np.concatenate([loaded.jacobian_at(reached)[:, 0], loaded.angular_jacobian], axis=1)
+        jacobian = loaded.pose_jacobian_at(reached)
         step = (jacobian @ equilibrium.step[..., None])[..., 0]
         axes = loaded.flange_rotation + skew(step[:, 3:]) @ loaded.flange_rotation
         turned = rotation_vector(axes @ unloaded.flange_rotation.transpose(0, 2, 1))
@@ -327,25 +327,15 @@ class JointModel(ForwardModel):
         ends = np.stack([value, value], axis=-1)
         deviation = np.sqrt(((part @ likelihood.covariance) * part).sum(axis=1))
         some = np.flatnonzero(deviation > 0.0)
-        part, constraints = part[some], self.constraints.select(likelihood.joints)
-        box = range_on_box(part, constraints.bounds)
-        half = quantile * deviation[some, None] * np.array([-1.0, 1.0])
-        held = np.clip((part @ likelihood.centre)[:, None] + half, box[:, :1], box[:, 1:])
-        if by_profile and not constraints.order:  # an order leaves less than the box: the free ends are wider
-            for start in range(0, len(some), _BLOCK):
-                block = slice(start, start + _BLOCK)
-                with suppress(SolverError):  # the free ends cover by themselves, wherever the truth lies
-                    radii = np.array([quantile])
-                    profile = profile_ends(likelihood, constraints, part[block], radii)[0]
-                    held[block] = _hull(held[block], profile)
-        ends[some] = _hull(held, ends[some])
+        constraints, radii = self.constraints.select(likelihood.joints), np.array([quantile])
+        by_profile = by_profile and not constraints.order  # it leaves less than the box: free ends are wider
+        for start in range(0, len(some), _BLOCK):
+            block = some[start : start + _BLOCK]
+            parts = likelihood, constraints, part[block], radii, value[block]
+            ends[block] = interval_ends(*parts, by_profile=False)[0]
+            with suppress(SolverError):  # the free ends cover by themselves, wherever the truth lies
+                ends[block] = interval_ends(*parts, by_profile=by_profile)[0]
         return ends
-
-
-def _hull(first: FloatArray, second: FloatArray) -> FloatArray:
-    """Return the intervals (K, 2) from the lesser of the lower ends to the greater of the upper ones."""
-    lower, upper = np.minimum(first[:, 0], second[:, 0]), np.maximum(first[:, 1], second[:, 1])
-    return np.stack([lower, upper], axis=-1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -505,7 +495,7 @@ class ElasticPredictor(ForwardModel):
         """Take a share (B,) of the deflection; all of it if None."""
         R, origin = (part[:, list(self.columns.frames)] for part in spring_frames(self.robot, unloaded.q))
         at, pulled = (unloaded.to_base(point[:, None]) for point in (cases.place, cases.load_point))
-        jacobian = np.concatenate([unloaded.jacobian_at(at)[:, 0], unloaded.angular_jacobian], axis=1)
+        jacobian = unloaded.pose_jacobian_at(at)
         load_jacobian = unloaded.jacobian_at(pulled)[:, 0]
         torque = unloaded.joint_torque(load_jacobian, cases.force, cases.moment)
         moves = np.zeros((*R.shape[:2], 6, 6))

@@ -361,22 +361,10 @@ class Measurements:
                 where="noise.sigma",
                 remedy="give a positive length; omit `noise` to estimate it from the residuals",
             )
-        for name, shape in (
-            ("joints", (count, self.joints.shape[-1])),
-            ("force", (count, 3)),
-            ("moment", (count, 3)),
-            ("load_point", (count, 3)),
-            ("position", (count, targets, 3)),
-            ("deflection", (count, targets, 3)),
-            ("in_flange", (count, targets)),
-            ("present", (count, targets)),
-            ("direction", (count, targets, 3)),
-            ("weight", (count, targets)),
-            ("unloaded_only", (count, targets)),
-            ("covariance", (3, 3) if self.covariance.ndim == 2 else (count, targets, 3, 3)),
-        ):
-            if getattr(self, name) is not None:
-                _check(name, getattr(self, name), shape)
+        for name, shape in self._by_row.items():
+            _check(name, getattr(self, name), (count, *shape))
+        if self.covariance.ndim == 2:
+            _check("covariance", self.covariance, (3, 3))
         if self.direction is not None:
             object.__setattr__(self, "deflection", self.shown(self.deflection))
         if self.encoders is not None:
@@ -388,6 +376,20 @@ class Measurements:
                 where="noise",
                 remedy="state `noise.sigma` and `noise.encoder_sigma`, or omit the encoder readings",
             )
+
+    @property
+    def _by_row(self) -> dict[str, tuple[int, ...]]:
+        """Return the shape of a row of each array that is there and has one for each observation."""
+        targets = self.present.shape[1:]
+        shapes = {"joints": self.joints.shape[-1:], "covariance": (*targets, 3, 3)}
+        shapes |= dict.fromkeys(("force", "moment", "load_point"), (3,))
+        shapes |= dict.fromkeys(("position", "deflection", "direction"), (*targets, 3))
+        shapes |= dict.fromkeys(("in_flange", "present", "weight", "unloaded_only"), targets)
+        return {
+            name: shape
+            for name, shape in shapes.items()
+            if getattr(self, name) is not None and (name != "covariance" or self.covariance.ndim > 2)
+        }
 
     @property
     def encoder_lever(self) -> float:
@@ -420,27 +422,10 @@ class Measurements:
 
     def __getitem__(self, rows: slice | IndexArray) -> Measurements:
         """Some of the observations, in the given order."""
-        covariance = self.covariance if self.covariance.ndim == 2 else self.covariance[rows]
-        return Measurements(
-            joints=self.joints[rows],
-            force=self.force[rows],
-            moment=self.moment[rows],
-            load_point=self.load_point[rows],
-            position=self.position[rows],
-            in_flange=self.in_flange[rows],
-            deflection=self.deflection[rows],
-            present=self.present[rows],
-            sigma=self.sigma,
-            refuted_sigma=self.refuted_sigma,
-            covariance=covariance,
-            direction=None if self.direction is None else self.direction[rows],
-            encoders=None if self.encoders is None else self.encoders[rows],
-            weight=None if self.weight is None else self.weight[rows],
-            common_uncertainty=self.common_uncertainty,
-            unloaded_only=None if self.unloaded_only is None else self.unloaded_only[rows],
-            labels=tuple(self.labels[i] for i in np.arange(len(self))[rows].tolist()),
-            targets=self.targets,
-        )
+        parts = {name: getattr(self, name)[rows] for name in self._by_row}
+        encoders = None if self.encoders is None else self.encoders[rows]
+        labels = tuple(self.labels[i] for i in np.arange(len(self))[rows].tolist())
+        return replace(self, **parts, encoders=encoders, labels=labels)
 
 
 def _named(where: str, names: tuple[str, ...], count: int) -> tuple[str, ...]:

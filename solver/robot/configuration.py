@@ -153,6 +153,14 @@ class Configurations:
         turned = points @ self.flange_rotation.transpose(0, 2, 1)
         return np.asarray(turned + self.flange_translation[:, None])
 
+    def to_flange(self, points: FloatArray) -> FloatArray:
+        """Transform points (N, T, 3) from R0 to the flange frame [m]."""
+        return np.asarray((points - self.flange_translation[:, None]) @ self.flange_rotation)
+
+    def pose_jacobian_at(self, points: FloatArray) -> FloatArray:
+        """Return Jacobians (N, 6, n) of one point (N, 1, 3) of the flange and its rotation, axes of R0."""
+        return np.concatenate([self.jacobian_at(points)[:, 0], self.angular_jacobian], axis=1)
+
 
 def joint_frames(robot: Robot, q: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return axes (N, n, 3, 3) and origins (N, n, 3) [m] in R0 of the frames that move with the joints.

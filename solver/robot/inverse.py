@@ -212,7 +212,8 @@ class InverseKinematics:
         """Return the least singular value (m,) of the flange's Jacobian, in metres and radians."""
         if not len(q):
             return np.zeros(0)
-        jacobian = _jacobian(Configurations(self.arm, q))
+        here = Configurations(self.arm, q)
+        jacobian = here.pose_jacobian_at(here.flange_translation[:, None])
         return np.asarray(np.linalg.svd(jacobian, compute_uv=False)[:, -1])
 
     def followed(self, poses: FloatArray, near: FloatArray) -> tuple[FloatArray, BoolArray]:
@@ -257,7 +258,7 @@ class InverseKinematics:
             turn = poses[left, :3, :3] @ here.flange_rotation.transpose(0, 2, 1)
             small = np.trace(turn, axis1=1, axis2=2).min(initial=3.0) > 1.0 + 2.0 * np.cos(_SMALL_TURN)
             apart[:, 3:] = rotation_vector(turn) if small else Rotation.from_matrix(turn).as_rotvec()
-            jacobian = _jacobian(here)
+            jacobian = here.pose_jacobian_at(here.flange_translation[:, None])
             normal = jacobian @ jacobian.transpose(0, 2, 1) + _DAMPING * np.eye(6)
             step = (jacobian.transpose(0, 2, 1) @ np.linalg.solve(normal, apart[..., None]))[..., 0]
             rest = apart - (jacobian @ step[..., None])[..., 0]
@@ -273,12 +274,6 @@ class InverseKinematics:
 def flange_poses(robot: Robot, q: FloatArray) -> FloatArray:
     """Return poses (m, 4, 4) [m] of the flange in R0 at angles (m, n) of the model [rad]."""
     return Configurations(robot, q).flange_pose
-
-
-def _jacobian(here: Configurations) -> FloatArray:
-    """Return Jacobians (m, 6, 6) of the flange, displacement first, axes of R0."""
-    linear = here.jacobian_at(here.flange_translation[:, None])[:, 0]
-    return np.concatenate([linear, here.angular_jacobian], axis=1)
 
 
 def _between(begin: FloatArray, end: FloatArray, share: FloatArray) -> FloatArray:

@@ -95,8 +95,9 @@ class ChainJoint:
         lower, upper = self.limits or (0.0, 0.0)
         finite = math.isfinite(lower) and math.isfinite(upper)
         if not finite or lower > upper or lower >= UNLIMITED or upper <= -UNLIMITED:
+            unit = "" if self.kind == "fixed" else f" {JOINT_UNITS[self.kind].position}"
             raise RobotError(
-                f"the joint limits {lower:g} and {upper:g}{self._unit} leave no range",
+                f"the joint limits {lower:g} and {upper:g}{unit} leave no range",
                 remedy="give a finite lower limit that does not exceed the upper one, or no limits",
                 where=f"{place} limits",
             )
@@ -105,10 +106,6 @@ class ChainJoint:
     def is_moving(self) -> bool:
         """Return whether the joint has a position."""
         return self.kind != "fixed"
-
-    @property
-    def _unit(self) -> str:
-        return "" if self.kind == "fixed" else f" {JOINT_UNITS[self.kind].position}"
 
     @property
     def roll_pitch_yaw(self) -> tuple[float, float, float]:

@@ -263,6 +263,13 @@ def unloaded_configurations(robot: Robot, measurements: Measurements) -> Configu
     return whole_block(robot, measurements).configurations
 
 
+def targets_in_flange(robot: Robot, part: Measurements) -> FloatArray:
+    """Return the mean places (T, 3) of the targets in the flange frame [m], as given or read."""
+    read = unloaded_configurations(robot, part).to_flange(part.position)
+    places, present = np.where(part.in_flange[..., None], part.position, read), part.present[..., None]
+    return np.asarray(np.where(present, places, 0.0).sum(axis=0) / np.maximum(present.sum(axis=0), 1))
+
+
 def _block(robot: Robot, part: Measurements, compliance: FloatArray | None) -> RegressorBlock:
     if compliance is None:
         return unloaded_block(robot, Configurations(robot, robot.joint_map.model_angles(part.joints)), part)
@@ -277,8 +284,7 @@ def _block(robot: Robot, part: Measurements, compliance: FloatArray | None) -> R
         ) from None
     torque = equilibrium.torque + (equilibrium.stiffness @ equilibrium.step[..., None])[..., 0]
     halfway = Configurations(robot, unloaded.q + 0.5 * compliance * torque)
-    in_flange = (part.position - unloaded.flange_translation[:, None]) @ unloaded.flange_rotation
-    in_flange = np.where(part.in_flange[..., None], part.position, in_flange)
+    in_flange = np.where(part.in_flange[..., None], part.position, unloaded.to_flange(part.position))
     load_jacobian, _ = halfway.load(part.load_point, part.force, part.moment)
     return _assembled(
         robot, compliance.copy(), halfway, load_jacobian, torque, halfway.to_base(in_flange), part

@@ -63,25 +63,13 @@ def _load_zero(block: RegressorBlock, compliance: FloatArray) -> Motion:
     return by_torque(block, compliance, forces)
 
 
-def _at_load_point(robot: Robot, part: Measurements, error: FloatArray) -> Measurements:  # noqa: ARG001
-    return replace(part, load_point=part.load_point + error)
-
-
-def _with_force(robot: Robot, part: Measurements, force: FloatArray) -> Measurements:  # noqa: ARG001
-    return replace(part, force=part.force + force)
-
-
-def _with_zero(robot: Robot, part: Measurements, force: FloatArray) -> Measurements:
-    return replace(part, force=part.force + unloaded_configurations(robot, part).flange_rotation @ force)
-
-
 LOAD_POINT = Term(
     "load_point",
     "m",
     _load_point,
     lambda common: (common.load_point,),
     suspected=True,
-    under=_at_load_point,
+    under=lambda _, part, error: replace(part, load_point=part.load_point + error),
     words="every load point moved by {} in the flange frame",
     remedy="measure the load point on the flange",
 )
@@ -92,7 +80,7 @@ CONSTANT_FORCE = Term(
     "N",
     _constant_force,
     suspected=True,
-    under=_with_force,
+    under=lambda _, part, force: replace(part, force=part.force + force),
     words="a constant force of {} (axes of R0) added to every load",
     remedy="check for a weight that hangs on the flange only while loaded, and the load cell's zero",
 )
@@ -101,7 +89,9 @@ LOAD_ZERO = Term(
     "N",
     _load_zero,
     suspected=True,
-    under=_with_zero,
+    under=lambda robot, part, force: replace(
+        part, force=part.force + unloaded_configurations(robot, part).flange_rotation @ force
+    ),
     words="a constant force of {} (axes of the flange) added to every load",
     remedy="read the load cell without load in two postures",
 )

@@ -29,12 +29,12 @@ from jointstiff.solver.compare.pair import (
     measured_shares,
     models_differ,
     ratio_interval,
-    two_sided_quantile,
 )
 from jointstiff.solver.convex.solution import Bounds
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.estimate import identify
 from jointstiff.solver.evidence.estimate import Estimate
+from jointstiff.solver.fitting.fit import student_quantile
 from jointstiff.solver.fitting.method import Settings
 from jointstiff.solver.readings.measurements import CommonUncertainty, Measurements
 from jointstiff.solver.robot.model import Robot
@@ -141,7 +141,7 @@ def test_estimated_sigma_takes_the_quantile_of_student():
     few = GaussianEstimate(4e-7, 3e-8, 5.0), GaussianEstimate(2e-7, 2e-8, 9.0)
     found = ratio_interval(*few, 0.95, positive=True)
     t = 2.570581835636314  # Student, 5 degrees of freedom, 97.5 % (any table)
-    assert two_sided_quantile(0.95, 5.0) == pytest.approx(t)
+    assert student_quantile(0.975, 5.0) == pytest.approx(t)
     for ratio in (found.lower, found.upper):
         assert abs(4e-7 - ratio * 2e-7) == pytest.approx(t * np.hypot(3e-8, ratio * 2e-8))
 
@@ -473,7 +473,7 @@ def test_without_active_constraints_intervals_are_those_of_each_side_alone():
     arms = MOTOR, replace(MOTOR, stiffnesses=2 * MOTOR.stiffnesses)
     sides = [with_readings(one, sigma=None) for one in both(arms, (4, 4))]
     sides[1] = changed(sides[1], measurements=sides[1].measurements[:9])
-    t = two_sided_quantile(0.95, sides[1].estimate.degrees_of_freedom)  # the fewer
+    t = student_quantile(0.975, sides[1].estimate.degrees_of_freedom)  # the fewer
     ordered = pair_of(*sides, ordered=True).ordered
     assert not ordered.equal.any()
     widths = np.diff(ordered.intervals, axis=2)[..., 0] / (2 * t)

@@ -11,8 +11,8 @@ from jointstiff.simulator.own_weight import Balancer, Bodies, default_bodies, sa
 from jointstiff.solver.geometry.poses import Poses
 from jointstiff.solver.robot.model import Body, JointMap, Robot
 from jointstiff.solver.robot.urdf import read_urdf
-from jointstiff.solver.weight.bodies import Balancer as StatedBalancer
-from jointstiff.solver.weight.bodies import Burden, WeightReadings
+from jointstiff.solver.weight.identification import Balancer as StatedBalancer
+from jointstiff.solver.weight.identification import Burden, WeightReadings
 
 ARM, BODIES = default_arm(), default_bodies()
 SPRING = Balancer(3e4, 0.3, np.array([-0.2, 0.0, 0.5]), 1, np.array([-0.3, 0.0, 0.2]))

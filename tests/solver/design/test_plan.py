@@ -21,8 +21,15 @@ from jointstiff.simulator import LOAD_POINT, TARGETS, simulate_campaign
 from jointstiff.simulator.campaign import Experiment
 from jointstiff.simulator.equilibrium import deflections
 from jointstiff.solver.design.advice import advise, new_postures
-from jointstiff.solver.design.candidates import PlanRequest, Pool
-from jointstiff.solver.design.feasibility import Cell, Equipment, Loads, feasible, segment_distance
+from jointstiff.solver.design.candidates import (
+    Cell,
+    Equipment,
+    Loads,
+    PlanRequest,
+    Pool,
+    feasible,
+    segment_distance,
+)
 from jointstiff.solver.design.optimum import uncertainty_of
 from jointstiff.solver.design.plan import ordered, plan_campaign
 from jointstiff.solver.errors import RequestError

@@ -17,8 +17,8 @@ from jointstiff.service.resources.catalogue import find_arm, nominal_robot
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.campaign import TARGETS
 from jointstiff.solver.estimate import identify
-from jointstiff.solver.evidence.alternatives import better_alternative
 from jointstiff.solver.evidence.assessment import Assessment, assess
+from jointstiff.solver.evidence.causes import better_alternative
 from jointstiff.solver.evidence.estimate import predict
 from jointstiff.solver.fitting.method import Prior
 from jointstiff.solver.integrity import inspect

@@ -14,8 +14,8 @@ from support.geometry_truth import HOME, SIGMA, Cell, axes_of_noisy_sweeps, chi_
 
 from jointstiff.simulator import default_arm
 from jointstiff.solver.errors import MeasurementError
-from jointstiff.solver.geometry.findings import drift_findings, wrist_findings
 from jointstiff.solver.geometry.frames import BaseTargets, find_wrist_centre, trilaterate
+from jointstiff.solver.geometry.identification import drift_findings, wrist_findings
 from jointstiff.solver.geometry.sweeps import identify_axes
 
 coordinates = st.tuples(*[st.floats(-1.0, 1.0)] * 3)

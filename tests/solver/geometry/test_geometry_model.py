@@ -30,9 +30,8 @@ from jointstiff.simulator.sweeps import WornArm
 from jointstiff.simulator.urdf import urdf_text
 from jointstiff.solver.errors import MeasurementError, NotObservableError, RobotError
 from jointstiff.solver.geometry.charts import RigidTransform
-from jointstiff.solver.geometry.findings import calibration_findings
 from jointstiff.solver.geometry.frames import find_base_frame
-from jointstiff.solver.geometry.identification import Conventions, identify_from_poses
+from jointstiff.solver.geometry.identification import Conventions, calibration_findings, identify_from_poses
 from jointstiff.solver.geometry.model import FlangeConvention, dh_table, identify_model, link_table
 from jointstiff.solver.geometry.poses import Motion, Poses, PoseState, calibrate, chain_axes
 from jointstiff.solver.geometry.sweeps import identify_axes

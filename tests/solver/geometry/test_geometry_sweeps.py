@@ -33,9 +33,14 @@ from jointstiff.simulator.sweeps import SWEEPS, WornArm
 from jointstiff.simulator.urdf import urdf_text
 from jointstiff.solver.errors import MeasurementError
 from jointstiff.solver.geometry.charts import Axis, RigidTransform
-from jointstiff.solver.geometry.findings import geometry_findings, sweep_findings, wrist_findings
 from jointstiff.solver.geometry.frames import find_base_frame, find_wrist_centre
-from jointstiff.solver.geometry.identification import Conventions, identify_from_sweeps
+from jointstiff.solver.geometry.identification import (
+    Conventions,
+    geometry_findings,
+    identify_from_sweeps,
+    sweep_findings,
+    wrist_findings,
+)
 from jointstiff.solver.geometry.model import FlangeConvention, identify_model
 from jointstiff.solver.geometry.sweeps import (
     SweepSet,

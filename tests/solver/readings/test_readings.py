@@ -27,7 +27,7 @@ from jointstiff.simulator.campaign import torques
 from jointstiff.simulator.document import experiment_of
 from jointstiff.solver.convex.solution import Bounds
 from jointstiff.solver.errors import MeasurementError, UnsupportedMethodError
-from jointstiff.solver.evidence.estimate import predict_encoders
+from jointstiff.solver.evidence.estimate import predict
 from jointstiff.solver.integrity import inspect
 from jointstiff.solver.readings.measurements import (
     DifferenceNoise,
@@ -185,7 +185,7 @@ def test_mistakes_are_noticed_where_they_are(change, code, observation, words):
 
 def test_predicted_deflections_are_those_of_springs_under_a_small_load():
     robot, measurements = prepared(noise=0.0, force=10.0)
-    predicted = predict_encoders(robot, measurements, ARM.compliances)
+    predicted = predict(robot, measurements, ARM.compliances).encoders
     exact = measurements.encoders.deflection
     np.testing.assert_allclose(predicted, exact, atol=2e-4 * np.abs(exact).max())
 

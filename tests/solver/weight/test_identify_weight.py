@@ -30,8 +30,7 @@ from jointstiff.solver.predict.forward import CorrectionLimits, LoadCases, compe
 from jointstiff.solver.predict.models import JointModel, OwnWeight
 from jointstiff.solver.robot.configuration import Configurations
 from jointstiff.solver.robot.model import Body
-from jointstiff.solver.weight.bodies import Burden, rows_at
-from jointstiff.solver.weight.identification import identify_weight
+from jointstiff.solver.weight.identification import Burden, identify_weight, rows_at
 
 
 def compliances(estimate):
