@@ -14,10 +14,11 @@ import numpy as np
 import pinocchio as pin
 
 from benchmarks.campaigns import default_settings, small_campaign
+from benchmarks.performance.peers import pinocchio_model
 from benchmarks.report import Figure, Section
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.estimate import identify
-from jointstiff.solver.predict.maps import MapTask, map_places, map_postures, tool_rotations
+from jointstiff.solver.predict.answers import MapTask, map_places, map_postures, tool_rotations
 from jointstiff.solver.predict.models import JointModel
 from jointstiff.solver.robot.inverse import InverseKinematics
 from jointstiff.solver.robot.model import Robot
@@ -115,7 +116,8 @@ class _Arm:
     """Pinocchio's model at one posture, as one would write it."""
 
     def __init__(self, robot: Robot) -> None:
-        self.model, self.data = robot.model, robot.model.createData()
+        self.model = pinocchio_model(robot)
+        self.data = self.model.createData()
         self.placement, self.last = robot.flange_placement, robot.n
 
     def at(self, q: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:

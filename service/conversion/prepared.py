@@ -43,8 +43,8 @@ from jointstiff.solver.robot.urdf import read_inertials, read_urdf, write_urdf
 
 if TYPE_CHECKING:
     from jointstiff.schemas.geometry import GeometryRequest
-    from jointstiff.solver.geometry.charts import RigidTransform
     from jointstiff.solver.geometry.frames import BaseTargets
+    from jointstiff.solver.geometry.poses import RigidTransform
 
 Header = TypeVar("Header", bound=MeasurementSetHeader)
 
@@ -59,7 +59,7 @@ def stated_transform(frame: Frame, length: float) -> RigidTransform:
     Raises:
         MeasurementError: the matrix is not a rotation.
     """
-    from jointstiff.solver.geometry.charts import RigidTransform
+    from jointstiff.solver.geometry.poses import RigidTransform
 
     return RigidTransform.stated(
         np.array(frame.rotation, dtype=np.float64), length * np.array(frame.translation, dtype=np.float64)

@@ -17,7 +17,7 @@ from jointstiff.service.conversion.readings import hash_of
 from jointstiff.service.kinds.work import QuickWork
 from jointstiff.service.resources.inputs import Inputs, MeasuredRun
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.compare.pair import FreeEstimate, Side, compare_sides, models_differ
+from jointstiff.solver.compare.campaigns import FreeEstimate, Side, compare_sides, models_differ
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.predict.answers import forward_model
 from jointstiff.solver.predict.models import JointModel

@@ -18,8 +18,14 @@ from jointstiff.service.resources.inputs import Inputs
 from jointstiff.service.tables.table import Sheet
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import RequestError, RobotError
-from jointstiff.solver.predict.answers import map_numbers
-from jointstiff.solver.predict.maps import STATUSES, DeflectionMap, MapTask, map_places, tool_rotations
+from jointstiff.solver.predict.answers import (
+    STATUSES,
+    DeflectionMap,
+    MapTask,
+    map_numbers,
+    map_places,
+    tool_rotations,
+)
 from jointstiff.solver.robot.inverse import InverseKinematics
 from jointstiff.solver.robot.model import Robot
 

@@ -23,7 +23,7 @@ from jointstiff.service.problems.errors import NotFoundError, Resource
 from jointstiff.service.resources.stored import described
 from jointstiff.service.store.store import Store
 from jointstiff.service.store.tables import JobEntry, MeasurementSetEntry, TrendNote
-from jointstiff.solver.compare.trend import (
+from jointstiff.solver.compare.campaigns import (
     FALSE_ALARMS,
     LIFE,
     Alarm,

@@ -47,9 +47,9 @@ from jointstiff.service.store.tables import (
     RobotRecord,
 )
 from jointstiff.solver.errors import MeasurementError, RequestError
-from jointstiff.solver.geometry.charts import RigidTransform
 from jointstiff.solver.geometry.frames import BaseDrift
 from jointstiff.solver.geometry.identification import drift_findings
+from jointstiff.solver.geometry.poses import RigidTransform
 from jointstiff.solver.robot.model import Robot
 
 AnyJob = TypeVar("AnyJob", bound=Job)

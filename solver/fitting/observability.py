@@ -93,24 +93,6 @@ def combinations(null_space: FloatArray, scale: FloatArray, columns: IndexArray)
     return tuple(_combination(null_space, scale, group, columns) for group in groups)
 
 
-def weak_direction(
-    direction: FloatArray, scale: FloatArray, columns: IndexArray, attenuation: float
-) -> WeakDirection:
-    """Translate a right singular vector into compliances.
-
-    Args:
-        direction: (p,) of the least singular value of the equilibrated regressor.
-        scale: (p,) norms of the regressor's columns, by which it was equilibrated.
-        columns: (p,) the joint of each column.
-        attenuation: condition number.
-    """
-    parts = np.flatnonzero(np.abs(direction) > _MATTERS * np.abs(direction).max())
-    change = direction[parts] / scale[parts]
-    # The sign of a singular vector is arbitrary: the first joint's part counts as a rise.
-    change = change * (np.sign(change[0]) / np.abs(change).max())
-    return WeakDirection(tuple(int(columns[i]) for i in parts), change, attenuation)
-
-
 def _combination(
     null_space: FloatArray, scale: FloatArray, group: IndexArray, columns: IndexArray
 ) -> Combination:
@@ -313,16 +295,21 @@ def analyse(spectrum: Spectrum, columns: IndexArray, parameters: int) -> Identif
     """
     singular = spectrum.singular_values
     full = spectrum.rank == len(columns)
-    condition = float(singular[0] / singular[-1]) if full else float("inf")
+    condition, weakest = float(singular[0] / singular[-1]) if full else float("inf"), None
+    if full and condition > HARD_TO_TELL:
+        direction = spectrum.weakest
+        parts = np.flatnonzero(np.abs(direction) > _MATTERS * np.abs(direction).max())
+        change = direction[parts] / spectrum.scale[parts]
+        # The sign of a singular vector is arbitrary: the first joint's part counts as a rise.
+        change = change * (np.sign(change[0]) / np.abs(change).max())
+        weakest = WeakDirection(tuple(int(columns[i]) for i in parts), change, condition)
     return Identifiability(
         parameters=parameters,
         rank=spectrum.rank,
         condition_number=condition,
         singular_values=singular,
         combinations=combinations(spectrum.null_space, spectrum.scale, columns),
-        weakest=weak_direction(spectrum.weakest, spectrum.scale, columns, condition)
-        if full and condition > HARD_TO_TELL
-        else None,
+        weakest=weakest,
     )
 
 

@@ -45,8 +45,7 @@ from jointstiff.schemas.fields import Square3
 from jointstiff.schemas.geometry import AxisPlace, IdentifiedAxis, WristDistance
 from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.errors import MeasurementError
-from jointstiff.solver.geometry.charts import Axis, RigidTransform, minimise
-from jointstiff.solver.geometry.poses import IdentifiedAxes, chain_axes
+from jointstiff.solver.geometry.poses import Axis, IdentifiedAxes, RigidTransform, chain_axes, minimise
 from jointstiff.solver.geometry.sweeps import STILL, SweptAxes
 from jointstiff.solver.robot.configuration import WRIST_JOINTS, Wrist
 from jointstiff.solver.robot.model import KinematicChain

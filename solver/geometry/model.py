@@ -25,9 +25,8 @@ from jointstiff.schemas.geometry import IdentifiedDh, LinkComparison, NearlyPara
 from jointstiff.schemas.robot import DhRow
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import MeasurementError, RobotError
-from jointstiff.solver.geometry.charts import Axis, RigidTransform
 from jointstiff.solver.geometry.frames import LEAST_SINE, BaseFrame, common_feet, perpendicular_frame
-from jointstiff.solver.geometry.poses import IdentifiedAxes, chain_axes
+from jointstiff.solver.geometry.poses import Axis, IdentifiedAxes, RigidTransform, chain_axes
 from jointstiff.solver.messages import message, rows
 from jointstiff.solver.robot.model import ChainJoint, Convention, KinematicChain
 

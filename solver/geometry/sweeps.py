@@ -42,9 +42,11 @@ from scipy.linalg import helmert
 from jointstiff.schemas.geometry import SweptTarget
 from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.errors import MeasurementError
-from jointstiff.solver.geometry.charts import CHART_SIZE, Axis, LinearFit
 from jointstiff.solver.geometry.poses import (
+    CHART_SIZE,
+    Axis,
     IdentifiedAxes,
+    LinearFit,
     Motion,
     PoseReadings,
     PoseState,

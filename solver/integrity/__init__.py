@@ -8,8 +8,13 @@ from __future__ import annotations
 from typing import Final
 
 from jointstiff.schemas.finding import Finding, FindingCode
-from jointstiff.solver.integrity.places import inspect_drift, inspect_places, inspect_rigidity
-from jointstiff.solver.integrity.response import inspect_encoders, inspect_response
+from jointstiff.solver.integrity.beside_model import (
+    inspect_drift,
+    inspect_encoders,
+    inspect_places,
+    inspect_response,
+    inspect_rigidity,
+)
 from jointstiff.solver.integrity.values import View, inspect_repeats, inspect_values
 from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.robot.model import Robot

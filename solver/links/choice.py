@@ -477,31 +477,24 @@ def judge_penalty(chosen: float, used: float) -> Iterator[Finding]:
         yield Finding(
             code="link_penalty_at_end",
             weight="use",
-            message=(
-                f"cross-validation chose a penalty of {chosen:.3g}: held-out readings are predicted best "
-                "when "
-                "hardly any link bends"
-            ),
+            message=f"cross-validation chose a penalty of {chosen:.3g}: held-out readings are predicted best "
+            "when hardly any link bends",
             remedy="use elasticity joints; compare the models' held-out compensation in `selection`",
         )
     elif chosen <= LIMITS[0]:
         yield Finding(
             code="link_penalty_at_end",
             weight="use",
-            message=(
-                f"cross-validation chose the smallest penalty that it tries, {chosen:.3g}: the readings "
-                "hardly need one, and the penalty does not bias the links"
-            ),
+            message=f"cross-validation chose the smallest penalty that it tries, {chosen:.3g}: the readings "
+            "hardly need one, and the penalty does not bias the links",
             remedy="give link_penalty to try a smaller one; predictions will hardly change",
         )
     if used > chosen:
         yield Finding(
             code="link_penalty_raised",
             weight="use",
-            message=(
-                f"cross-validation chose a penalty of {chosen:.3g}, but rounding prevents the certificate of "
-                f"its optimum: {used:.3g} was used instead"
-            ),
+            message=f"cross-validation chose a penalty of {chosen:.3g}, but rounding prevents the "
+            f"certificate of its optimum: {used:.3g} was used instead",
             remedy="compare `selection`; give link_penalty, or choose fewer links",
         )
 
@@ -512,11 +505,7 @@ def judge_losses(targets: int) -> Iterator[Finding]:
         yield Finding(
             code="loss_not_compared",
             weight="use",
-            message=(
-                f"loss squared was used: other losses are compared only in sets of at most {MOST_TARGETS} "
-                f"targets, and this one has {targets}"
-            ),
-            remedy=(
-                "leave observations out to compare losses; with this many readings the loss matters little"
-            ),
+            message=f"loss squared was used: other losses are compared only in sets of at most "
+            f"{MOST_TARGETS} targets, and this one has {targets}",
+            remedy="leave observations out to compare losses; with so many readings the loss matters little",
         )

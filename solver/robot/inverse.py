@@ -170,7 +170,9 @@ class InverseKinematics:
             polished[~reached] = np.nan
             complete[case[~reached]] = False
             angles[case, branch] = polished
-            complete &= ~_twice(angles)
+            for i in range(1, BRANCHES):  # two of the solutions are one
+                apart = np.abs(_wrapped(angles[:, i:] - angles[:, :-i])).max(axis=2)
+                complete &= ~(np.nan_to_num(apart, nan=np.inf) < _ONE).any(axis=1)
             sharp = self.least_singular(polished[reached]) < _SINGULAR
             complete[case[reached][sharp]] = False
         return angles, complete
@@ -284,15 +286,6 @@ def _between(begin: FloatArray, end: FloatArray, share: FloatArray) -> FloatArra
     turn = Rotation.from_matrix(end[:, :3, :3] @ begin[:, :3, :3].transpose(0, 2, 1)).as_rotvec()
     poses[:, :3, :3] = Rotation.from_rotvec(part * turn).as_matrix() @ begin[:, :3, :3]
     return np.asarray(np.where(share[:, None, None] < 1.0, poses, end))
-
-
-def _twice(angles: FloatArray) -> BoolArray:
-    """Return where two of the solutions (m, 8, 6) [rad] are one."""
-    twice = np.zeros(len(angles), dtype=np.bool_)
-    for i in range(1, BRANCHES):
-        apart = np.abs(_wrapped(angles[:, i:] - angles[:, :-i])).max(axis=2)
-        twice |= (np.nan_to_num(apart, nan=np.inf) < _ONE).any(axis=1)
-    return twice
 
 
 class Unreached(IntEnum):

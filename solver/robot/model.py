@@ -1,4 +1,4 @@
-"""Robots: a kinematic chain as plain data, with joint map and bodies, and Pinocchio's model of it.
+"""Robots: a kinematic chain as plain data, with joint map and bodies.
 
 URDFs, read by `solver.robot.urdf`, and Denavit-Hartenberg tables end here, so everything behind them meets
 one kind of robot. A `KinematicChain` that exists is sound: finite numbers, unit axes, unique names, 1 to 32
@@ -48,7 +48,6 @@ LARGEST_ANGLE = 1e3
 LARGEST_TWIST = 2 * math.pi
 """Largest alpha or theta of a table [rad]; a larger one is in degrees."""
 
-_WORLD = "universe"
 _UNIT_TOLERANCE = 1e-12  # of an axis or a rotation that a reader has already normalised
 
 
@@ -89,9 +88,6 @@ class ChainJoint:
                 remedy="give an orthonormal matrix with determinant 1, and normalise the axis",
                 where=place,
             )
-        if self.is_moving and self.name == _WORLD:
-            reason = "this name is reserved for the world frame"
-            raise RobotError(reason, remedy="rename the joint", where=place)
         lower, upper = self.limits or (0.0, 0.0)
         finite = math.isfinite(lower) and math.isfinite(upper)
         if not finite or lower > upper or lower >= UNLIMITED or upper <= -UNLIMITED:
@@ -397,16 +393,11 @@ class Body:
 
 
 class Robot:
-    """A chain with Pinocchio's model of it. Take the model as read-only.
-
-    Joint i of the chain is joint i + 1 of the model, with one coordinate; link inertias are zero.
-    The model's world frame is R0, the frame of the chain's base link.
-    """
+    """A chain with joint map and bodies, and what its kinematics are computed from. Take it as read-only."""
 
     chain: KinematicChain  #: the kinematics
     joint_map: JointMap  #: from controller to model angles
     bodies: tuple[Body, ...]  #: with their masses, where they are stated
-    model: pin.Model  #: `pinocchio.Model` with nq = nv = n, and a frame of the flange's name
     flange_placement: pin.SE3  #: of the flange frame in the frame of the last moving joint [m]
     axes: FloatArray  #: (n, 3) unit vectors, each in the frame that moves with its joint
     #: (3, n, 3, 4) terms of the placement ``[R t]`` of each such frame in the one before: it is ``terms[0]
@@ -422,7 +413,7 @@ class Robot:
     def __init__(
         self, chain: KinematicChain, joint_map: JointMap | None = None, bodies: tuple[Body, ...] = ()
     ) -> None:
-        """Build the model joint by joint.
+        """Place the frames joint by joint.
 
         Args:
             chain: the kinematics, n moving joints.
@@ -442,11 +433,9 @@ class Robot:
                 remedy=f"give a {n} × {n} matrix and {n} offsets",
                 where="joint_map.matrix",
             )
-        self.model = pin.Model()
-        self.model.name = chain.name
         self.axes = np.array([joint.axis for joint in moving])
         self.joint_terms, self.slides = np.zeros((3, n, 3, 4)), np.zeros((n, 3))
-        parent, placement = 0, pin.SE3.Identity()  # Pinocchio's world, R0
+        parent, placement = 0, pin.SE3.Identity()  # R0
         for joint in chain.joints:
             placement = placement * pin.SE3(joint.rotation, joint.translation)
             if joint.is_moving:
@@ -454,17 +443,13 @@ class Robot:
                 still, sine, cosine = self.joint_terms[:, parent]
                 if joint.kind == "prismatic":
                     self.slides[parent] = placement.rotation @ joint.axis
-                    unaligned = pin.JointModelPrismaticUnaligned(joint.axis)
                 else:
                     K = pin.skew(joint.axis)
                     sine[:, :3] = placement.rotation @ K
                     cosine[:, :3] = -sine[:, :3] @ K
-                    unaligned = pin.JointModelRevoluteUnaligned(joint.axis)
                 still[:, :3] = placement.rotation - cosine[:, :3]
                 still[:, 3] = placement.translation
-                parent = self.model.addJoint(parent, unaligned, placement, joint.name)
-                placement = pin.SE3.Identity()  # in the last moving joint
-        self.model.addBodyFrame(chain.flange, parent, placement, 0)
+                parent, placement = parent + 1, pin.SE3.Identity()  # in the last moving joint
         self.flange_placement = placement
         self.joint_kinds = chain.joint_kinds
         self.prismatic = np.array([kind == "prismatic" for kind in self.joint_kinds])

@@ -42,8 +42,16 @@ from jointstiff.solver.errors import MeasurementError, NotObservableError, Reque
 from jointstiff.solver.evidence.assessment import unidentified
 from jointstiff.solver.evidence.estimate import JointCompliance
 from jointstiff.solver.fitting.fit import student_quantile
-from jointstiff.solver.geometry.charts import LinearFit, RigidTransform
-from jointstiff.solver.geometry.poses import Motion, PoseReadings, Poses, PoseState, calibrate, chain_axes
+from jointstiff.solver.geometry.poses import (
+    LinearFit,
+    Motion,
+    PoseReadings,
+    Poses,
+    PoseState,
+    RigidTransform,
+    calibrate,
+    chain_axes,
+)
 from jointstiff.solver.predict.models import STANDARD_GRAVITY, IdentifiedWeight, unit_levers
 from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.robot.configuration import Configurations, joint_frames
@@ -536,14 +544,10 @@ def reasons_of(fit: WeightFit, rank: int, freedom: int, *, stated: float | None)
         yield Finding(
             code="residuals_exceed_sigma",
             weight="use_with_care",
-            message=(
-                f"the residuals give sigma = {length_text(factor * stated)}, but {length_text(stated)} was "
-                "stated: something bends or moves that neither geometry nor own weight explains"
-            ),
-            remedy=(
-                "look for gears, links that bend, a target or base that moved; the intervals use the larger "
-                "sigma"
-            ),
+            message=f"the residuals give sigma = {length_text(factor * stated)}, but {length_text(stated)} "
+            "was stated: something bends or moves that neither geometry nor own weight explains",
+            remedy="look for gears, links that bend, a target or base that moved; the intervals use the "
+            "larger sigma",
         )
     elif stated is not None:
         chance = special.chdtrc(rank, loss)
@@ -551,13 +555,10 @@ def reasons_of(fit: WeightFit, rank: int, freedom: int, *, stated: float | None)
         yield Finding(
             code="masses_contradicted",
             weight="do_not_use",
-            message=(
-                f"no masses and centres of mass within their bounds explain the readings (p = {chance:.1g})"
-            ),
-            remedy=(
-                "check masses, centres of mass, their frames, and what hung on the flange; or widen the "
-                "bounds"
-            ),
+            message="no masses and centres of mass within their bounds explain the readings "
+            f"(p = {chance:.1g})",
+            remedy="check masses, centres of mass, their frames, and what hung on the flange; or widen the "
+            "bounds",
         )
 
 

@@ -18,7 +18,7 @@ from jointstiff.schemas.comparison import OrderedResult
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.campaign import deflections
 from jointstiff.simulator.document import experiment_of
-from jointstiff.solver.compare.pair import (
+from jointstiff.solver.compare.campaigns import (
     FreeEstimate,
     GaussianEstimate,
     RatioInterval,

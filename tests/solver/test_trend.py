@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy import integrate, stats
 
-from jointstiff.solver.compare.trend import (
+from jointstiff.solver.compare.campaigns import (
     FALSE_ALARMS,
     LIFE,
     PRIOR_SCALE,

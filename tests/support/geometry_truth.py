@@ -15,8 +15,7 @@ from support.shared_data import shared
 from jointstiff.simulator import default_arm
 from jointstiff.simulator.sweeps import HOME, SWEEP_TARGETS, SWEEPS, TrackedArm, imperfect_arm, rotation_by
 from jointstiff.simulator.urdf import urdf_text
-from jointstiff.solver.geometry.charts import Axis, RigidTransform
-from jointstiff.solver.geometry.poses import IdentifiedAxes
+from jointstiff.solver.geometry.poses import Axis, IdentifiedAxes, RigidTransform
 from jointstiff.solver.geometry.sweeps import Sweep, SweepSet, SweptAxes, identify_axes
 from jointstiff.solver.robot.model import JointMap, KinematicChain
 from jointstiff.solver.robot.urdf import read_urdf

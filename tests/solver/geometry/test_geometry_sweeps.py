@@ -32,7 +32,6 @@ from jointstiff.simulator import default_arm
 from jointstiff.simulator.sweeps import SWEEPS, WornArm
 from jointstiff.simulator.urdf import urdf_text
 from jointstiff.solver.errors import MeasurementError
-from jointstiff.solver.geometry.charts import Axis, RigidTransform
 from jointstiff.solver.geometry.frames import find_base_frame, find_wrist_centre
 from jointstiff.solver.geometry.identification import (
     Conventions,
@@ -42,6 +41,7 @@ from jointstiff.solver.geometry.identification import (
     wrist_findings,
 )
 from jointstiff.solver.geometry.model import FlangeConvention, identify_model
+from jointstiff.solver.geometry.poses import Axis, RigidTransform
 from jointstiff.solver.geometry.sweeps import (
     SweepSet,
     angle_probability,

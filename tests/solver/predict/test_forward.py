@@ -17,8 +17,8 @@ from jointstiff.solver.errors import RequestError
 from jointstiff.solver.links.choice import Folds, Plan
 from jointstiff.solver.links.fit import estimate_elastic
 from jointstiff.solver.links.model import ElasticColumns, ElasticModel
+from jointstiff.solver.predict.answers import STATUSES, MapTask, map_places, tool_rotations
 from jointstiff.solver.predict.forward import CorrectionLimits, LoadCases, compensate, ramp_shares
-from jointstiff.solver.predict.maps import STATUSES, MapTask, map_places, tool_rotations
 from jointstiff.solver.predict.models import ElasticPredictor, JointModel, OwnWeight
 from jointstiff.solver.robot.configuration import joint_frames
 from jointstiff.solver.robot.inverse import InverseKinematics, flange_poses

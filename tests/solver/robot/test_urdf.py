@@ -19,6 +19,7 @@ from support.hostile_urdfs import HOSTILE
 from support.urdf_documents import BRANCHED, SMALL, changed, inertial, serial
 
 from jointstiff.solver.errors import RobotError
+from jointstiff.solver.robot.configuration import Configurations
 from jointstiff.solver.robot.inverse import flange_poses
 from jointstiff.solver.robot.model import Robot
 from jointstiff.solver.robot.urdf import read_urdf, write_urdf
@@ -83,13 +84,14 @@ def test_a_document_of_a_thousand_joints_may_hold_a_short_chain():
 
 
 def read_or_refuse(text, base="base_link", flange="flange"):
-    """Anything but a chain that Pinocchio takes or a RobotError fails the test."""
+    """Anything but a robot with kinematics or a RobotError fails the test."""
     try:
         robot = Robot(read_urdf(text, base, flange))
     except RobotError as error:
         str(error).encode("utf-8")
     else:
-        assert robot.n == robot.model.nq
+        at = Configurations(robot, np.zeros((1, robot.n)))
+        assert np.isfinite(at.jacobian).all()
 
 
 @given(st.text(), st.text(max_size=5), st.text(max_size=5))
