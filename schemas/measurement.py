@@ -526,6 +526,7 @@ class MeasurementSetSummary(StoredSet):
     encoders: Literal["motor", "secondary"]
     observation_count: int
     warning_count: int
+    open: bool = Field(default=False, description="True while it is measured live.")
 
 
 class StoredMeasurementSet(MeasurementSetHeader, StoredSet):

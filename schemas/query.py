@@ -96,6 +96,10 @@ class RobotQuery(ArchivableQuery):
 class SetQuery(ArchivableQuery):
     """Filters of measurement sets."""
 
+    open: bool = Field(
+        default=False,
+        description="True: only sets that are measured live, which other filters do not narrow.",
+    )
     robot_id: Reference | None = Field(default=None, description="Filter by robot.")
     name: ExactName | None = Field(default=None, description="Filter by name (exact).")
     encoders: Literal["motor", "secondary"] | None = Field(default=None, description="Filter by encoders.")

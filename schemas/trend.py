@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import Field
+from pydantic import Discriminator, Field, RootModel, Tag
 
 from jointstiff.schemas.alarm import TrendChange
 from jointstiff.schemas.fields import Dimensionless, Identifier, Message, Name, Stiffness, Timestamp
@@ -203,9 +203,27 @@ class BaselineRequest(Message):
 class AcknowledgementRequest(Message):
     """Acknowledgement of an alarm."""
 
-    run_id: Identifier = Field(description="`run_id` of the alarm.")
+    run_id: Identifier = Field(
+        description="Id to send when you acknowledge the alarm: the run of its first campaign."
+    )
     joint: Name
     note: Notes = Field(description="Finding or decision in words.", examples=["belt checked, order 4711"])
+
+
+def _kind_of_note(note: object) -> str:
+    return "acknowledgement" if isinstance(note, dict) and "joint" in note else "baseline"
+
+
+class TrendNoteRequest(
+    RootModel[
+        Annotated[
+            Annotated[BaselineRequest, Tag("baseline")]
+            | Annotated[AcknowledgementRequest, Tag("acknowledgement")],
+            Discriminator(_kind_of_note),
+        ]
+    ]
+):
+    """A new baseline; or with `joint` and `note`, that an alarm was seen."""
 
 
 class FleetRow(Message):

@@ -11,7 +11,7 @@ from anyio.to_thread import current_default_thread_limiter
 from fastapi import FastAPI
 from starlette.middleware.gzip import GZipMiddleware
 
-from jointstiff.service.api import admin, health, jobs, resources, runs
+from jointstiff.service.api import admin, health, jobs, live, resources, runs
 from jointstiff.service.api.answers import describe_problems, install_error_handlers, problems
 from jointstiff.service.api.health import Metrics, Watch
 from jointstiff.service.api.jobs import Followers
@@ -116,6 +116,7 @@ def create_app(
         resources.robots,
         resources.trends,
         resources.sets,
+        live.router,
         runs.router,
         runs.authorisations,
         runs.imports,

@@ -8,12 +8,8 @@ from fastapi import APIRouter, Path, Query, Request, Response
 
 from jointstiff.schemas import trend
 from jointstiff.schemas.fields import Page
-from jointstiff.schemas.measurement import (
-    MeasurementSet,
-    MeasurementSetRequest,
-    MeasurementSetSummary,
-    SetChange,
-)
+from jointstiff.schemas.live import LiveSetChange, MeasurementSetPost, OpenSet
+from jointstiff.schemas.measurement import MeasurementSet, MeasurementSetSummary, SetChange
 from jointstiff.schemas.query import RobotQuery, SetQuery
 from jointstiff.schemas.robot import (
     Catalogue,
@@ -28,9 +24,11 @@ from jointstiff.service.api import answers
 from jointstiff.service.api.bodies import EXAMPLES, BodyRoute, Key, shown
 from jointstiff.service.api.jobs import AskedBy
 from jointstiff.service.conversion.robots import to_kinematics
+from jointstiff.service.problems.errors import ClosedError
 from jointstiff.service.resources.catalogue import catalogue
 from jointstiff.service.resources.stored import assembled, described
 from jointstiff.service.security.access import OPERATOR, VIEWER
+from jointstiff.solver.errors import RequestError
 
 Id = Annotated[str, Path(max_length=64)]
 
@@ -101,13 +99,6 @@ def change_robot(
     return answers.json_response(described(parts.robots.change(robot_id, body)).model_dump_json())
 
 
-@robots.delete("/v1/robots/{robot_id}", dependencies=[OPERATOR], **answers.DELETES)
-def delete_robot(parts: answers.PartsOf, robot_id: Id) -> Response:
-    """Delete a robot that no measurement set and no job refers to. It can be restored for 30 days."""
-    parts.robots.delete(robot_id)
-    return Response(status_code=204)
-
-
 @robots.get("/v1/catalogue", dependencies=[VIEWER], response_model=Catalogue)
 def get_catalogue() -> Catalogue:
     """Get the nominal arms, each with the source of its figures, and the presets of joint maps.
@@ -139,12 +130,12 @@ def compute_kinematics(
     "/v1/measurement-sets",
     dependencies=[OPERATOR],
     status_code=201,
-    response_model=MeasurementSet,
+    response_model=MeasurementSet | OpenSet,
     responses=answers.LOCATION,
 )
 def create_measurement_set(
     parts: answers.PartsOf,
-    body: Annotated[MeasurementSetRequest, shown(EXAMPLES["measurement_sets"])],
+    body: Annotated[MeasurementSetPost, shown(EXAMPLES["measurement_sets"])],
     key: Key,
 ) -> Response:
     """Store a measurement set.
@@ -152,7 +143,18 @@ def create_measurement_set(
     What cannot be right is refused with its place and the remedy, and nothing is stored. What is
     suspicious (targets that did not move as one body, deflection against the force, angles that look
     like the other unit, …) is stored with a warning, which every run of the set shows.
+
+    With `open` the set is measured live: it states its goal, and takes one observation after the other.
     """
+    if body.open is not None:
+        set_id = parts.live.create(body, body.open, key)
+        return answers.created("measurement-sets", set_id, parts.live.document(set_id).model_dump_json())
+    if not body.observations:
+        raise RequestError(
+            "must have at least 1 item",
+            where="observations",
+            remedy="give them, or `open` for readings that are still to be taken",
+        )
     record = parts.sets.create(body, key)
     return answers.created("measurement-sets", record.id, assembled(record).model_dump_json())
 
@@ -161,8 +163,10 @@ def create_measurement_set(
 def list_measurement_sets(
     parts: answers.PartsOf, query: Annotated[SetQuery, Query()]
 ) -> Page[MeasurementSetSummary]:
-    """List measurement sets without their observations, newest first."""
-    page = parts.store.sets.page(**query.listing())
+    """List measurement sets without their observations, newest first; or those that are measured live."""
+    if query.open:
+        return parts.live.page(query.limit, query.cursor, query.robot_id)
+    page = parts.store.sets.page(**query.model_copy(update={"open": None}).listing())
     items = [MeasurementSetSummary.model_validate(entry, from_attributes=True) for entry in page.records]
     return Page(items=items, next=page.next)
 
@@ -170,34 +174,35 @@ def list_measurement_sets(
 @sets.get(
     "/v1/measurement-sets/{set_id}",
     dependencies=[VIEWER],
-    response_model=MeasurementSet,
+    response_model=MeasurementSet | OpenSet,
     responses=answers.NOT_MODIFIED,
 )
 def get_measurement_set(request: Request, parts: answers.PartsOf, set_id: Id) -> Response:
-    """Get a measurement set as it was posted, with what was noticed."""
-    return answers.unchanging(request, parts.sets.document(set_id).model_dump_json())
+    """Get a measurement set as it was posted, with what was noticed; or an open one, as far as it is read."""
+    document = parts.live.document(set_id) if parts.live.is_open(set_id) else parts.sets.document(set_id)
+    return answers.unchanging(request, document.model_dump_json())
 
 
 @sets.patch("/v1/measurement-sets/{set_id}", dependencies=[OPERATOR], response_model=MeasurementSetSummary)
 def change_measurement_set(
     parts: answers.PartsOf,
     set_id: Id,
-    body: Annotated[SetChange, shown(EXAMPLES["set_changes"])],
+    body: Annotated[LiveSetChange, shown(EXAMPLES["set_changes"])],
+    by: AskedBy,
 ) -> MeasurementSetSummary:
     """Change name and metadata of a measurement set, archive it, delete it, or restore it.
 
     Fields that are left out stay; null removes one. Readings, hash and runs stay as they are, whatever
     changes. Listings leave an archived set out. A set that a job refers to cannot be deleted; a deleted one
-    can be restored for 30 days.
+    can be restored for 30 days. Of an open set, readings are withdrawn or kept, and postures skipped.
     """
-    return MeasurementSetSummary.model_validate(parts.sets.change(set_id, body), from_attributes=True)
-
-
-@sets.delete("/v1/measurement-sets/{set_id}", dependencies=[OPERATOR], **answers.DELETES)
-def delete_measurement_set(parts: answers.PartsOf, set_id: Id) -> Response:
-    """Delete a measurement set that no job refers to. It can be restored for 30 days."""
-    parts.sets.delete(set_id)
-    return Response(status_code=204)
+    if parts.live.is_open(set_id):
+        return parts.live.changed(set_id, body, by)
+    if body.is_live:
+        raise ClosedError(set_id)
+    changes = body.model_dump(include=set(SetChange.model_fields), exclude_unset=True)
+    record = parts.sets.change(set_id, SetChange.model_validate(changes))
+    return MeasurementSetSummary.model_validate(record, from_attributes=True)
 
 
 @trends.get("/v1/robots/{robot_id}/trend", dependencies=[VIEWER], response_model=trend.Trend)
@@ -215,32 +220,21 @@ def get_trend(
 
 
 @trends.post(
-    "/v1/robots/{robot_id}/trend/baselines",
+    "/v1/robots/{robot_id}/trend",
     dependencies=[OPERATOR],
     status_code=201,
-    response_model=trend.TrendBaseline,
+    response_model=trend.TrendBaseline | trend.Acknowledgement,
 )
-def create_trend_baseline(
-    parts: answers.PartsOf, robot_id: Id, body: trend.BaselineRequest, by: AskedBy
-) -> trend.TrendBaseline:
-    """Begin a new baseline, as after a repair. It counts for all trends of the same serial number.
+def note_in_trend(
+    parts: answers.PartsOf, robot_id: Id, body: trend.TrendNoteRequest, by: AskedBy
+) -> trend.TrendBaseline | trend.Acknowledgement:
+    """Begin a new baseline, as after a repair; or acknowledge an alarm of a joint with a note.
 
-    Campaigns before it keep their charts. Of two baselines from the same campaign on, the later one counts.
+    A baseline counts for all trends of the same serial number; campaigns before it keep their charts. Of two
+    from the same campaign on, the later one counts. An acknowledged alarm stays in the trend; its joint
+    counts as seen.
     """
-    return parts.trends.add_baseline(robot_id, body, by)
-
-
-@trends.post(
-    "/v1/robots/{robot_id}/trend/acknowledgements",
-    dependencies=[OPERATOR],
-    status_code=201,
-    response_model=trend.Acknowledgement,
-)
-def acknowledge_alarm(
-    parts: answers.PartsOf, robot_id: Id, body: trend.AcknowledgementRequest, by: AskedBy
-) -> trend.Acknowledgement:
-    """Acknowledge an alarm with a note. The alarm stays in the trend; its joint counts as seen."""
-    return parts.trends.acknowledge(robot_id, body, by)
+    return parts.trends.note(robot_id, body, by)
 
 
 @trends.get("/v1/fleet", dependencies=[VIEWER], response_model=trend.Fleet)

@@ -27,6 +27,7 @@ from jointstiff.service.kinds.work import (
     unexpected_failure,
     unpack,
 )
+from jointstiff.service.live.stored import OpenSets
 from jointstiff.service.problems.errors import NotFoundError, Resource, TooManyJobsError, WorkerLostError
 from jointstiff.service.problems.table import problem_of
 from jointstiff.service.resources.stored import Resources
@@ -263,6 +264,7 @@ class Parts(Resources):
         super().__init__(store)
         self.jobs = {kind.name: Jobs(kind, self, enqueue) for kind in KINDS}  # by the name of their kind
         self.trends = Trends(store)  # of its robots
+        self.live = OpenSets(self, lambda *run: self.jobs["run"].create(*run).id)  # sets that are measured
 
     def jobs_of(self, job_id: str) -> Jobs:
         """Return the jobs of the kind that a job is of; it may be deleted.

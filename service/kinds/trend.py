@@ -543,6 +543,14 @@ class Trends:
             **trend_of(ground.names, entering, baselines, acknowledgements),
         )
 
+    def note(
+        self, robot_id: str, request: messages.TrendNoteRequest, by: Requester | None
+    ) -> messages.TrendBaseline | messages.Acknowledgement:
+        """Begin a new baseline, or note that an alarm was seen; raises as these do."""
+        if isinstance(request.root, messages.BaselineRequest):
+            return self.add_baseline(robot_id, request.root, by)
+        return self.acknowledge(robot_id, request.root, by)
+
     def add_baseline(
         self, robot_id: str, request: messages.BaselineRequest, by: Requester | None
     ) -> messages.TrendBaseline:

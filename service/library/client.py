@@ -400,7 +400,7 @@ class Collection(Generic[Resource, Summary]):
 
     def delete(self, identifier: str) -> None:
         """Delete a resource, which can be restored for 30 days."""
-        self._client.send("DELETE", self._changed_at(identifier))
+        self._client.send("PATCH", self._changed_at(identifier), None, {"deleted": True})
 
     def restore(self, identifier: str) -> None:
         """Restore a deleted resource."""

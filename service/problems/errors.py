@@ -9,6 +9,7 @@ ServiceError                   something outside of a request is in the way: see
     ├── NotFoundError          no such record: check the id
     │   └── DeletedError       it was deleted: restore it
     ├── NotEndedError          a job that goes on cannot be deleted: cancel it first
+    ├── ClosedError            a set that was closed takes no more readings: open another one
     ├── ReferencedError        others refer to what is to be deleted: delete those first
     ├── AuthorisedError        the report of a run that is to be deleted was authorised: keep it
     ├── WorkerLostError        the workers of a job died: send it again
@@ -137,6 +138,26 @@ class NotEndedError(StoreError):
         super().__init__(
             f"the {kind.name} {_shown(identifier)} has not finished",
             f"cancel it first with {cancel}, or wait until it has finished",
+        )
+
+
+class ClosedError(StoreError):
+    """A measurement set that was closed takes no more readings."""
+
+    def __init__(self, identifier: str) -> None:
+        super().__init__(
+            f"the measurement set {_shown(identifier)} is closed",
+            "open another one; what was read stays in this one",
+        )
+
+
+class TakenError(StoreError):
+    """An open set has another reading of that label."""
+
+    def __init__(self, label: str) -> None:
+        super().__init__(
+            f"the set has another observation {_shown(label)}",
+            "another device may have sent it: ask what is next, and send this one with a label of its own",
         )
 
 

@@ -14,6 +14,7 @@ from jointstiff.schemas.fields import Message
 from jointstiff.schemas.finding import Problem, ProblemItem
 from jointstiff.service.problems.errors import (
     AuthorisedError,
+    ClosedError,
     CursorError,
     DeletedError,
     FilesError,
@@ -27,6 +28,7 @@ from jointstiff.service.problems.errors import (
     RoleError,
     StoreError,
     StoreUnavailableError,
+    TakenError,
     TooManyJobsError,
     VerdictError,
     WorkerLostError,
@@ -73,6 +75,8 @@ _KINDS: Final[Mapping[type[Exception], tuple[int, str, str]]] = MappingProxyType
         ReferencedError: (409, "referenced", "Other resources refer to it"),
         QuotaError: (507, "quota", "The database is full"),
         AuthorisedError: (409, "authorised", "The run has an authorised report"),
+        ClosedError: (409, "closed", "The measurement set is closed"),
+        TakenError: (409, "label-taken", "Another reading has this label"),
         NotEndedError: (409, "not-ended", "The job has not finished"),
         WorkerLostError: (500, "worker-lost", "The workers of the job died"),
         NotFoundError: (404, "not-found", "The resource does not exist"),
@@ -200,6 +204,10 @@ def _remedy(error: Mapping[str, Any]) -> str | None:
     return _REMEDIES.get(str(error["type"]))
 
 
+_TAGS: Final = (("baseline",), ("acknowledgement",))
+"""Names of what a body may be."""
+
+
 def _urn(slug: str) -> str:
     return f"urn:jointstiff:problem:{slug}"
 
@@ -219,6 +227,7 @@ def _short(text: str, longest: int = _LONGEST) -> str:
 def _path(location: Sequence[int | str]) -> str:
     """Return observations[3].force[0]; FastAPI's `body` and the tag of a model's format are no fields."""
     location = location[1:] if location[:1] == ("body",) else location
+    location = location[1:] if location[:1] in _TAGS else location
     path = ""
     for i, part in enumerate(location):
         if i and location[i - 1] == "model" and part in {"urdf", "dh", "geometry"}:

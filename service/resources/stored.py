@@ -234,9 +234,17 @@ class MeasurementSets(Kept[MeasurementSetRecord, MeasurementSetEntry, PreparedSe
         self._robots = robots
 
     def create(
-        self, request: messages.MeasurementSetRequest, key: IdempotencyKey | None
+        self,
+        request: messages.MeasurementSetRequest,
+        key: IdempotencyKey | None,
+        identifier: str | None = None,
     ) -> MeasurementSetRecord:
         """Check a set, look for the usual mistakes, and store it with what was found.
+
+        Args:
+            request: robot and readings.
+            key: that came with it.
+            identifier: id of the set; a new one if absent.
 
         Raises:
             MeasurementError: the set cannot be used; with the place and the remedy.
@@ -252,8 +260,8 @@ class MeasurementSets(Kept[MeasurementSetRecord, MeasurementSetEntry, PreparedSe
         resolved, drift = resolve_frame(self._store, request)
         checked = check_set(request, robot, resolved, drift)
         stored = messages.StoredMeasurementSet(
-            **request.model_dump(exclude={"observations"}),
-            id=uuid4().hex,
+            **request.model_dump(exclude={"observations", "open"}),
+            id=identifier or uuid4().hex,
             resolved_frame=resolved,
             warnings=checked.warnings,
             content_hash=checked.content_hash,

@@ -19,6 +19,7 @@ from jointstiff.service.store.tables import (
     AuthorisationRecord,
     Entry,
     IdempotencyKey,
+    LiveEntry,
     Record,
     RecordPage,
     Row,
@@ -26,8 +27,10 @@ from jointstiff.service.store.tables import (
     authorisations,
     idempotency_keys,
     jobs,
+    live_entries,
     measurement_sets,
     of_records,
+    open_sets,
     robots,
 )
 
@@ -110,7 +113,10 @@ class Collection(Generic[Record, Entry]):
             (each, reference.column.table) for each in shown for reference in each.foreign_keys
         ]
         self._children: list[sa.Column[Any]] = [
-            each for child in (measurement_sets, jobs) for each in child.c if each.references(shown.id)
+            each
+            for child in (measurement_sets, open_sets, jobs)
+            for each in child.c
+            if each.references(shown.id)
         ]
         columns = of_records(table, record).selected_columns
         self._visible, self._hidden = shown.deleted_at.is_(None), shown.deleted_at.is_not(None)
@@ -412,7 +418,7 @@ def is_indexable(text: str) -> bool:
     return True
 
 
-Noted = TypeVar("Noted", AuditEntry, TrendNote, AuthorisationRecord)
+Noted = TypeVar("Noted", AuditEntry, TrendNote, AuthorisationRecord, LiveEntry)
 
 
 class Journal(Generic[Noted]):
@@ -467,6 +473,25 @@ class Authorisations(Journal[AuthorisationRecord]):
             return latest[0]
         if record.number != (latest[0].number if latest else 0) + 1:
             raise NumberTakenError
+        return super()._insert(connection, record)
+
+
+class LiveEntries(Journal[LiveEntry]):
+    """The records of open sets. An entry of the same kind and label is not added again."""
+
+    def _insert(self, connection: sa.Connection, record: LiveEntry) -> LiveEntry:
+        # Entries of one set take turns: none follows the one that closes it.
+        held = sa.select(open_sets.c.deleted_at).where(open_sets.c.id == record.set_id).with_for_update()
+        row = connection.execute(held).one_or_none()
+        if row is None or row.deleted_at is not None:
+            raise errors.NotFoundError(MEASUREMENT_SET, record.set_id)
+        columns = live_entries.c
+        mine = self._all.where(columns.set_id == record.set_id)
+        same = mine.where(columns.change == record.change, columns.label == record.label)
+        for found in connection.execute(same):
+            return self._record(*found)
+        for _ in connection.execute(mine.where(columns.change == "closed")):
+            raise errors.ClosedError(record.set_id)
         return super()._insert(connection, record)
 
 

@@ -19,6 +19,7 @@ from jointstiff.service.store.collection import (
     Authorisations,
     Collection,
     Journal,
+    LiveEntries,
     is_indexable,
 )
 from jointstiff.service.store.database import Database, Dialect, Quota
@@ -26,15 +27,19 @@ from jointstiff.service.store.jobs import Heartbeats, JobRecords
 from jointstiff.service.store.tables import (
     AuditEntry,
     AuthorisationRecord,
+    LiveEntry,
     MeasurementSetEntry,
     MeasurementSetRecord,
+    OpenSetRecord,
     RobotRecord,
     TrendNote,
     audit,
     authorisations,
     jobs,
+    live_entries,
     make_tables,
     measurement_sets,
+    open_sets,
     robots,
     trend_notes,
 )
@@ -60,6 +65,11 @@ class Store:
         self.sets = Collection(
             database, MEASUREMENT_SET, measurement_sets, MeasurementSetRecord, MeasurementSetEntry, self.quota
         )
+        # those that are measured live, and what was read of each
+        self.open_sets = Collection(
+            database, MEASUREMENT_SET, open_sets, OpenSetRecord, OpenSetRecord, self.quota
+        )
+        self.live_entries = LiveEntries(database, live_entries, LiveEntry, self.quota)
         # the jobs of a kind
         self.jobs: Callable[[Resource], JobRecords] = cache(
             lambda kind: JobRecords(database, kind, self.quota)

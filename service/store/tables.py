@@ -64,6 +64,31 @@ class MeasurementSetRecord(MeasurementSetEntry):
 
 
 @dataclass(frozen=True, slots=True)
+class OpenSetRecord:
+    """A measurement set that is measured live, as it was declared. Its readings are entries of a journal."""
+
+    id: str  # and of the measurement set that it becomes
+    robot_id: str
+    name: str
+    created_at: datetime
+    document: str  # JSON text of what was declared
+    resolved: str | None  # JSON text of what its frame means
+    warnings: str  # JSON list of what was noticed about the frame
+
+
+@dataclass(frozen=True, slots=True)
+class LiveEntry:
+    """An entry in the record of an open set: a reading, or what became of one. One of each kind and label."""
+
+    set_id: str
+    change: str  # `observation`, `withdrawn`, `kept`, `skipped` or `closed`
+    label: str
+    noted_at: datetime
+    key_name: str | None
+    document: str  # JSON text
+
+
+@dataclass(frozen=True, slots=True)
 class JobEntry:
     """A job of any kind in a listing."""
 
@@ -205,8 +230,8 @@ OPEN_STATES: Final = ("queued", "running")
 
 AnyRecord = RobotRecord | MeasurementSetRecord | JobRecord
 
-Record = TypeVar("Record", RobotRecord, MeasurementSetRecord, JobRecord)
-Entry = TypeVar("Entry", RobotRecord, MeasurementSetEntry, JobEntry)
+Record = TypeVar("Record", RobotRecord, MeasurementSetRecord, OpenSetRecord, JobRecord)
+Entry = TypeVar("Entry", RobotRecord, MeasurementSetEntry, OpenSetRecord, JobEntry)
 
 
 Row = TypeVar("Row")
@@ -220,7 +245,7 @@ class RecordPage(Generic[Row]):
     next: str | None  # cursor of the following page; none on the last one
 
 
-LAYOUT: Final = "0005_kinds_of_joints"
+LAYOUT: Final = "0006_open_sets"
 """Name of the tables as they are here, and of what the documents in them hold; another one with each change.
 
 Nothing was released: one layout is made and read, and all others are refused.
@@ -349,6 +374,14 @@ measurement_sets = _numbered(
     ],
 )
 
+open_sets = _numbered(
+    "open_sets",
+    OpenSetRecord,
+    _deleted_at(),
+    references={"robot_id": "robots.id"},
+    filters=["robot_id"],
+)
+
 jobs = _numbered(
     "jobs",
     JobRecord,
@@ -374,7 +407,7 @@ jobs = _numbered(
         ("kind", "verdict"),
     ],
 )
-for _table in (robots, measurement_sets, jobs):
+for _table in (robots, measurement_sets, open_sets, jobs):
     _deleted = _table.c.deleted_at.is_not(None)
     sa.Index(None, _table.c.deleted_at, sqlite_where=_deleted, postgresql_where=_deleted)
 
@@ -429,6 +462,8 @@ access_links = sa.Table(
 # Journals refer to nothing: they outlive the robots and the runs that they name.
 audit = _numbered("audit", AuditEntry, filters=["key_id"])
 trend_notes = _numbered("trend_notes", TrendNote, filters=["robot_id"])
+live_entries = _numbered("live_entries", LiveEntry, filters=["set_id"])
+sa.Index(None, live_entries.c.set_id, live_entries.c.change, live_entries.c.label, unique=True)
 authorisations = _numbered("authorisations", AuthorisationRecord, filters=["run_id", "supersedes"])
 
 webhooks = sa.Table("webhooks", metadata, *_columns(WebhookRecord, {}, key="id"))

@@ -351,6 +351,16 @@ def whitened_rows(robot: Robot, request: PlanRequest, measurements: Measurements
     return rows.reshape(len(rows), -1, rows.shape[-1])
 
 
+def known_rows(robot: Robot, request: PlanRequest, so_far: Measurements) -> FloatArray:
+    """Return the rows (3 N T, P) of readings that were taken, in units of sigma."""
+    if request.by_weight is None:
+        rows = whitened_rows(robot, request, so_far)
+    else:
+        taken = np.repeat(so_far.present & ~so_far.in_flange, 3, axis=1)[..., None]
+        rows = request.by_weight(so_far.joints) * taken
+    return rows.reshape(-1, rows.shape[-1])
+
+
 @dataclass(frozen=True, eq=False)
 class Readings:
     """Readings that could be taken: N postures with the loads under which each is judged."""
@@ -461,6 +471,8 @@ class Pool:
     base: FloatArray  #: (p, p) information of the readings so far and of priors
     #: (R, p, p) AᵀA of the deflection at places of the work area [m²], mean over axes; None without one
     places: FloatArray | None
+    #: (R, 9, P) deflection at these places by forces along the axes of R0 [m]; None without a work area
+    predicted: FloatArray | None
     feasible: int  #: number of feasible readings, of which the candidates may be a selection
     struck_out: dict[str, int]  #: number of infeasible readings by reason
 
@@ -491,13 +503,8 @@ class Pool:
         sample = np.linspace(0, total - 1, min(total, _SAMPLED)).astype(np.intp)
         sampled = readings[sample].rows(robot, request, equipment)
         seen = sampled.reshape(-1, sampled.shape[-1])
-        known = seen[:0]
-        if (so_far := request.so_far) is not None:
-            if request.by_weight is None:
-                known = whitened_rows(robot, request, so_far).reshape(-1, seen.shape[1])
-            else:
-                taken = np.repeat(so_far.present & ~so_far.in_flange, 3, axis=1)[..., None]
-                known = (request.by_weight(so_far.joints) * taken).reshape(-1, seen.shape[1])
+        so_far = request.so_far
+        known = seen[:0] if so_far is None else known_rows(robot, request, so_far)
         seen = np.concatenate([seen, known]) / sigma
         parameters = parameters_of(
             seen,
@@ -521,7 +528,7 @@ class Pool:
             A = predicted @ basis
             places = A.transpose(0, 2, 1) @ A / 3.0
         candidates = Candidates.from_rows(rows if rows.shape[1] > 1 else rows[:, 0])
-        return cls(readings, candidates, parameters, base, places, count, struck_out)
+        return cls(readings, candidates, parameters, base, places, predicted, count, struck_out)
 
     def force(self, unit: FloatArray, index: IndexArray) -> FloatArray:
         """Return the forces (k, 3) [N] of candidates, along unit vectors where their direction is free."""

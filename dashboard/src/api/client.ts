@@ -140,7 +140,7 @@ function collection<Item, Summary, Change = never>(name: string) {
     one: (item: string, signal?: AbortSignal) => call<Item>("GET", at(item), options(signal)),
     add: (body: unknown, key: string) => call<Item>("POST", `/v1/${name}`, { body, key }),
     change: (item: string, body: Change) => call<unknown>("PATCH", at(item), { body }),
-    delete: (item: string) => call<undefined>("DELETE", at(item)),
+    delete: (item: string) => call<unknown>("PATCH", at(item), { body: { deleted: true } }),
     restore: (item: string) => call<unknown>("PATCH", at(item), { body: { deleted: false } }),
     /** The address of what belongs to an item. */
     below: (item: string, name: string) => `${at(item)}/${name}`,
@@ -189,9 +189,9 @@ export const api = {
   trend: (robot: string, filters: Filters, signal?: AbortSignal) =>
     call<Trend>("GET", `${robots.below(robot, "trend")}${query(filters)}`, options(signal)),
   addBaseline: (robot: string, body: { run_id: string; reason: string; campaigns: number }) =>
-    call<unknown>("POST", robots.below(robot, "trend/baselines"), { body }),
+    call<unknown>("POST", robots.below(robot, "trend"), { body }),
   acknowledge: (robot: string, body: { run_id: string; joint: string; note: string }) =>
-    call<unknown>("POST", robots.below(robot, "trend/acknowledgements"), { body }),
+    call<unknown>("POST", robots.below(robot, "trend"), { body }),
   sets: collection<MeasurementSet, MeasurementSetSummary, SetChange>("measurement-sets"),
 
   jobs,

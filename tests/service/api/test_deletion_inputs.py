@@ -124,7 +124,7 @@ class TestApi:
             robot = client.get(f"/v1/measurement-sets/{stored}").json()["robot_id"]
             addresses = [f"/v1/runs/{run}", f"/v1/measurement-sets/{stored}", f"/v1/robots/{robot}"]
             for address in addresses[:0:-1]:
-                refused = client.request("DELETE", address)
+                refused = client.request("PATCH", address, json=DELETE)
                 assert refused.status_code == 409
                 assert refused.json()["type"] == "urn:jointstiff:problem:referenced"
             shown = [client.get(address).json() for address in addresses]
@@ -133,7 +133,7 @@ class TestApi:
                 answers = [client.request("PATCH", at, json=DELETE) for _ in range(2)]
                 assert [answer.status_code for answer in answers] == [200, 200]
                 assert answers[0].json() == answers[1].json()
-                assert client.request("DELETE", at).status_code == 204
+                assert client.request("PATCH", at, json=DELETE).status_code == 200
                 assert client.get(address).json()["type"] == "urn:jointstiff:problem:deleted"
                 listing = address.rpartition("/")[0]
                 assert client.get(listing).json()["items"] == []

@@ -7,7 +7,7 @@ from support.in_process import Client
 
 from jointstiff.schemas.deflection import DeflectionRequest
 from jointstiff.schemas.imports import ImportRequest
-from jointstiff.schemas.measurement import MeasurementSetRequest
+from jointstiff.schemas.live import MeasurementSetPost
 from jointstiff.schemas.robot import RobotRequest
 from jointstiff.schemas.run import Campaign
 from jointstiff.service.api.bodies import EXAMPLES
@@ -42,7 +42,7 @@ def test_examples_are_valid():
     for model, documented in (
         (RobotRequest, EXAMPLES["robots"]),
         (Campaign, EXAMPLES["campaigns"]),
-        (MeasurementSetRequest, EXAMPLES["measurement_sets"]),
+        (MeasurementSetPost, EXAMPLES["measurement_sets"]),
         (DeflectionRequest, EXAMPLES["deflections"]),
         *((kind.request, kind.examples) for kind in KINDS if not kind.is_form),
     ):

@@ -182,7 +182,7 @@ def test_an_alarm_follows_what_its_trend_is_made_of(client, robot, runs):
 
 
 def test_an_alarm_is_acknowledged_once_it_is_there(client, robot, runs):
-    address = f"/v1/robots/{robot}/trend/acknowledgements"
+    address = f"/v1/robots/{robot}/trend"
     body = {"run_id": runs[SOFT]["id"], "joint": "joint_3", "note": "gearbox ordered"}
     problem = post(client, address, body | {"joint": "joint_1"}, status=422)
     assert problem["where"] == "run_id"
@@ -231,7 +231,7 @@ def test_a_new_baseline_begins_new_charts(client):
         measured(client, robot, 40 + index, soft=index >= SOFT, measured_at=DAYS[index]) for index in range(7)
     ]
     assert joint(trend_of(client, robot))["state"] == "alarm"
-    address = f"/v1/robots/{robot}/trend/baselines"
+    address = f"/v1/robots/{robot}/trend"
     body = {"run_id": runs[SOFT]["id"], "reason": "gearbox of joint 3 replaced"}
     made = post(client, address, body)
     assert made["campaigns"] == 3

@@ -65,8 +65,8 @@ def test_other_tables_are_another_layout() -> None:
     dialect = sqlite_dialect.dialect()
     tables = "".join(str(CreateTable(table).compile(dialect=dialect)) for table in metadata.sorted_tables)
     assert (LAYOUT, hashlib.sha256(tables.encode()).hexdigest()[:16]) == (
-        "0005_kinds_of_joints",
-        "a6f5c98344b3741b",
+        "0006_open_sets",
+        "1bcab4b2bb083c98",
     )
 
 
@@ -93,7 +93,7 @@ def test_documents_of_another_shape_are_another_layout() -> None:
     documents = [Robot, StoredMeasurementSet, *(kind.message for kind in KINDS)]
     shapes = [shape(each.model_json_schema(mode="serialization")) for each in documents]
     digest = hashlib.sha256(json.dumps(shapes, sort_keys=True).encode()).hexdigest()[:16]
-    assert (LAYOUT, digest) == ("0005_kinds_of_joints", "486f908f3faf92a4")
+    assert (LAYOUT, digest) == ("0006_open_sets", "486f908f3faf92a4")
 
 
 def test_tables_that_cannot_be_made_leave_nothing(database_url: str) -> None:

@@ -1,0 +1,225 @@
+"""A campaign that is measured live: its goal, one reading after the other, and what they say so far."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import FailFast, Field
+
+from jointstiff.schemas.fields import (
+    Dimensionless,
+    Identifier,
+    Message,
+    Metres,
+    Name,
+    Newtons,
+    Positions,
+    Quantity,
+    Stiffness,
+    Timestamp,
+    Vector3,
+)
+from jointstiff.schemas.finding import Assessment, Finding
+from jointstiff.schemas.joints import StatedKind
+from jointstiff.schemas.measurement import (
+    MAX_OBSERVATIONS,
+    MeasurementSetHeader,
+    MeasurementSetRequest,
+    Notes,
+    Observation,
+    SetChange,
+)
+from jointstiff.schemas.plan import MAX_CANDIDATES, Force, PlanOptions
+
+_Share = Annotated[float, Field(strict=True, ge=0.001, le=1.0)]
+_Length = Annotated[float, Field(strict=True, ge=1e-9, le=1.0)]
+
+
+class JointsGoal(Message):
+    """Every joint that a load can twist is known to a share of its stiffness."""
+
+    kind: Literal["joints"]
+    relative: Dimensionless[_Share] = Field(
+        description="Greatest half-width of a 95 % interval over the compliance: 0.15 for ± 15 %."
+    )
+
+
+class DeflectionGoal(Message):
+    """The deflection in a box is known to some micrometres."""
+
+    kind: Literal["deflection"]
+    uncertainty: Metres[_Length] = Field(
+        description="Greatest expanded uncertainty (95 %) of a coordinate of the deflection, root mean "
+        "square over places of the work area and forces along the axes of R0."
+    )
+    force: Newtons[Force | None] = Field(default=None, description="Force there; default: that of the load.")
+
+
+class DecisionGoal(Message):
+    """A decision: does the deflection in a box stay below a limit?"""
+
+    kind: Literal["decision"]
+    limit: Metres[_Length] = Field(
+        description="Greatest length of the deflection at any place of the work area, by a force along an "
+        "axis of R0. It is decided where the limit is outside the 95 % interval of the greatest one."
+    )
+    force: Newtons[Force | None] = Field(default=None, description="Force there; default: that of the load.")
+
+
+Goal = Annotated[JointsGoal | DeflectionGoal | DecisionGoal, Field(discriminator="kind")]
+
+
+class LiveOptions(PlanOptions):
+    """Goal of an open set and equipment to reach it, declared before the first reading.
+
+    Targets, loads, surroundings and candidates are those of a plan, from which each next reading is chosen.
+    """
+
+    goal: Goal
+    candidates: Annotated[int, Field(strict=True, ge=10, le=MAX_CANDIDATES)] = Field(
+        default=1_000, description="Postures drawn within the joints' limits, of which the next is chosen."
+    )
+    plan_id: Identifier | None = Field(
+        default=None, description="Plan whose robot, loads, targets and surroundings are taken."
+    )
+
+
+class LiveSetChange(SetChange):
+    """Changes of a measurement set beside its readings; and of an open one, what becomes of a reading."""
+
+    withdrawn: Annotated[dict[Name, Notes], Field(max_length=MAX_OBSERVATIONS)] = Field(
+        default_factory=dict,
+        description="Labels of readings that do not count any more, each with the reason. They stay in the "
+        "record.",
+        examples=[{"m04": "target P11 was blocked"}],
+    )
+    kept: Annotated[list[Name], Field(max_length=MAX_OBSERVATIONS)] = Field(
+        default_factory=list, description="Labels of doubtful readings that count, as they are right."
+    )
+    skipped: Name | None = Field(
+        default=None,
+        description="Label of the next reading, if its posture cannot be taken; another one is chosen.",
+    )
+
+    @property
+    def is_live(self) -> bool:
+        """True if it changes the record of an open set."""
+        return bool(self.withdrawn or self.kept or self.skipped)
+
+
+class Innovation(Message):
+    """Comparison of a reading with what the others let expect."""
+
+    label: Name
+    p_value: Dimensionless[float | None] = Field(
+        description="Probability of a reading at least so far from its prediction; null where the others do "
+        "not predict it."
+    )
+    distance: Metres[float | None] = Field(
+        description="Greatest distance of a target from where it was expected."
+    )
+    doubtful: bool = Field(description="True if it ought to be read again before the load is taken off.")
+    causes: list[str] = Field(description="Causes in words, the likeliest first.")
+    message: str
+
+
+class HeldOut(Message):
+    """A reading that was compared with its prediction before it counted."""
+
+    label: Name
+    inside: bool = Field(description="True if it lies in the 90 % ball of its prediction.")
+    share: Dimensionless[float] = Field(description="Distance over the radius of the ball.")
+    distance: Metres[float] = Field(description="Greatest distance of a target from its prediction.")
+
+
+class LiveReading(Message):
+    """A reading of an open set in its record."""
+
+    label: Name
+    state: Literal["counts", "doubtful", "withdrawn"]
+    reason: str | None = Field(default=None, description="Reason for which it was withdrawn.")
+    innovation: Innovation | None = Field(default=None)
+    held_out: HeldOut | None = Field(default=None)
+
+
+class NextReading(Message):
+    """The next reading: posture, load and reason."""
+
+    label: Name = Field(description="Label to send it with.")
+    joints: Positions[list[Quantity]] = Field(description="Joints as displayed by the controller.")
+    force: Newtons[Vector3] = Field(description="Force on the robot, axes of R0.")
+    anchor: int | None = Field(default=None, description="Index of the cable's anchor.")
+    held_out: bool = Field(description="True for the last one, which checks what is known.")
+    reason: str = Field(description="Reason for this one.")
+
+
+class LiveJoint(Message):
+    """A joint as far as it is known."""
+
+    name: Name
+    kind: StatedKind = "revolute"
+    stiffness: Stiffness[float | None]
+    interval: Stiffness[tuple[float, float | None] | None] = Field(
+        description="95 % interval of the stiffness, with the model error where the postures show it."
+    )
+    relative: Dimensionless[float | None] = Field(
+        description="Half-width of the interval of the compliance over it, without errors of which nothing "
+        "was stated: more readings do not lessen those. It is compared with the goal."
+    )
+    relative_with_assumed: Dimensionless[float | None] = Field(
+        default=None, description="The same with the load point and the force as they are assumed."
+    )
+
+
+class LiveState(Message):
+    """State of an open set: its record, what it says so far, and what to do next."""
+
+    revision: int = Field(description="Number of entries in the record: another one with each change.")
+    state: Literal["measuring", "reached", "cannot", "closed"] = Field(
+        description="`reached`: the goal is met, and a held-out reading lay in its ball; `cannot`: it will "
+        "not be met, and why; `closed`: it is an ordinary measurement set."
+    )
+    message: str = Field(description="Standing in words.")
+    goal: str = Field(description="Declared goal in words.")
+    share: Dimensionless[float | None] = Field(
+        description="Uncertainty over that of the goal, which is met at 1 and below; null before it is known."
+    )
+    still_needed: int | None = Field(
+        description="Number of readings that are missing, the held-out one among them; null if unknown."
+    )
+    readings: list[LiveReading] = Field(description="The record, in the order in which they came.")
+    joints: list[LiveJoint] = Field(description="Joints so far; none before they are determined.")
+    deflection_uncertainty: Metres[float | None] = Field(
+        default=None, description="Expanded uncertainty (95 %) of the deflection in the work area."
+    )
+    greatest_deflection: Metres[float | None] = Field(
+        default=None, description="Length of the greatest deflection in the work area."
+    )
+    assessment: Assessment | None = Field(description="Verdict so far; null before there is one.")
+    next: NextReading | None = Field(description="Next reading; null if nothing is left to read.")
+    warnings: list[Finding] = Field(default_factory=list, description="Findings in the readings.")
+    measurement_set_id: Identifier | None = Field(default=None, description="The set, once it is closed.")
+    run_id: Identifier | None = Field(default=None, description="The run of the closed set.")
+
+
+class MeasurementSetPost(MeasurementSetRequest):
+    """A measurement set as it is posted: whole, or open for readings that are still to be taken."""
+
+    observations: Annotated[list[Observation], Field(max_length=MAX_OBSERVATIONS), FailFast()] = Field(
+        default_factory=list,
+        description=f"At most {MAX_OBSERVATIONS} observations; one at least without `open`.",
+    )
+    open: LiveOptions | None = Field(
+        default=None, description="Goal of a set that is measured live, one observation after the other."
+    )
+
+
+class OpenSet(MeasurementSetHeader):
+    """A measurement set that is measured live."""
+
+    id: Identifier
+    robot_id: Identifier = Field(description="Id of the robot that is measured.")
+    created_at: Timestamp
+    open: LiveOptions
+    observations: list[Observation] = Field(description="Observations that count so far.")
+    live: LiveState

@@ -1,0 +1,94 @@
+"""Measurement sets that are measured live, over HTTP: observations one by one, what is next, and the end."""
+
+from __future__ import annotations
+
+from collections.abc import AsyncIterator
+from typing import Annotated, Final
+
+import anyio
+from fastapi import APIRouter, Path, Query, Request, Response
+from fastapi.concurrency import run_in_threadpool
+from fastapi.sse import EventSourceResponse, format_sse_event
+
+from jointstiff.schemas.live import LiveState
+from jointstiff.schemas.measurement import Observation
+from jointstiff.service.api import answers
+from jointstiff.service.api.bodies import EXAMPLES, BodyRoute, shown
+from jointstiff.service.api.jobs import AskedBy
+from jointstiff.service.live.stored import OpenSets
+from jointstiff.service.security.access import OPERATOR, VIEWER, Gate, asked_of
+
+Id = Annotated[str, Path(max_length=64)]
+LOOK_SECONDS: Final = 0.5
+"""Pause between two looks at an open set that is followed."""
+_LOOKS: Final = 10
+"""Looks after which it is asked again whether one may follow."""
+
+router = APIRouter(prefix="/v1/measurement-sets/{set_id}", tags=["measurement sets"], route_class=BodyRoute)
+
+
+@router.post("/observations", dependencies=[OPERATOR], status_code=201, response_model=LiveState)
+def add_observation(
+    parts: answers.PartsOf,
+    set_id: Id,
+    body: Annotated[Observation, shown(EXAMPLES["observations"])],
+    by: AskedBy,
+) -> Response:
+    """Add an observation to an open set, and get what all of them say.
+
+    It is compared with what the others let expect; `readings` says so. The same observation again changes
+    nothing; another one of a label that is taken is refused (409).
+    """
+    return answers.json_response(parts.live.observe(set_id, body, by).model_dump_json(), 201)
+
+
+@router.get(
+    "/next",
+    dependencies=[VIEWER],
+    response_model=LiveState,
+    responses=answers.NOT_MODIFIED,
+)
+async def get_next(
+    request: Request,
+    parts: answers.PartsOf,
+    set_id: Id,
+    follow: Annotated[
+        bool, Query(description="True for a stream of events, one `state` with each change.")
+    ] = False,
+) -> Response:
+    """Get what the readings of an open set say so far, what to read next and why, and how many follow.
+
+    With `follow` the answer is a stream of events, the last one when the set is closed.
+    """
+    state = await run_in_threadpool(parts.live.state, set_id)
+    if not follow:
+        return answers.unchanging(request, state.model_dump_json())
+    return EventSourceResponse(_events(request, parts.live, set_id, state))
+
+
+@router.post("/close", dependencies=[OPERATOR], response_model=LiveState)
+def close_measurement_set(parts: answers.PartsOf, set_id: Id, by: AskedBy) -> Response:
+    """Close an open set: it becomes an ordinary measurement set of the same id, and gets a run.
+
+    Its notes state the declared goal, how it ended, the held-out reading and what was withdrawn. To close it
+    again changes nothing.
+    """
+    return answers.json_response(parts.live.close(set_id, by).model_dump_json())
+
+
+async def _events(request: Request, sets: OpenSets, set_id: str, latest: LiveState) -> AsyncIterator[bytes]:
+    """Yield the state with each change until the set is closed, or one may not follow any more."""
+    gate: Gate = request.app.state.gate
+    told, looks = -1, 0
+    while not request.app.state.is_closing():
+        if latest.revision != told:
+            told = latest.revision
+            yield format_sse_event(event="state", data_str=latest.model_dump_json())
+        if latest.state == "closed":
+            return
+        await anyio.sleep(LOOK_SECONDS)
+        looks += 1
+        if looks % _LOOKS == 0 and not await gate.still_opens(request, asked_of(request).key):
+            return
+        if await run_in_threadpool(sets.revision, set_id) != told:
+            latest = await run_in_threadpool(sets.state, set_id)

@@ -1,0 +1,465 @@
+"""A campaign while it is measured: its record, and what the record says. No store."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Final, Literal
+
+import numpy as np
+from scipy import special
+
+from jointstiff.schemas import live
+from jointstiff.schemas.finding import Finding
+from jointstiff.schemas.live import DecisionGoal, DeflectionGoal, HeldOut, Innovation, JointsGoal
+from jointstiff.schemas.measurement import MeasurementSetDocument, Observation, ResolvedFrame
+from jointstiff.schemas.options import RunOptions
+from jointstiff.schemas.plan import OwnWeight, PlanOptions, PlanRequest
+from jointstiff.schemas.run import Budget, Goodness, RunResult
+from jointstiff.service.conversion.prepared import CheckedSet, PreparedSet, check_set
+from jointstiff.service.conversion.units import LENGTH
+from jointstiff.service.kinds.identification import ByJoints, identified, to_settings
+from jointstiff.service.kinds.own_weight import identified_by_weight
+from jointstiff.service.kinds.planning import to_design_request
+from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.errors import JointstiffError, RequestError
+from jointstiff.solver.evidence.estimate import stiffness_interval
+from jointstiff.solver.fitting.fit import student_quantile
+from jointstiff.solver.live.ahead import Ahead, Known, Next, Share
+from jointstiff.solver.live.innovation import held_out, innovation
+from jointstiff.solver.robot.model import Robot
+from jointstiff.solver.text import length_text
+
+FEWEST: Final = 5
+"""Number of readings before a goal can be met."""
+ENOUGH_TO_SAY: Final = 10
+"""Number of readings from which on it is said that a goal will not be met."""
+Change = Literal["observation", "withdrawn", "kept", "skipped", "closed"]
+
+
+@dataclass(frozen=True)
+class Entry:
+    """An entry in the record of a campaign: a reading, or what became of one."""
+
+    change: Change
+    label: str  # of the observation; empty for the end
+    observation: Observation | None = None
+    innovation: Innovation | None = None  # of an observation
+    held_out: HeldOut | None = None  # of an observation that came when the goal was met
+    reason: str | None = None  # why it was withdrawn
+    joints: tuple[float, ...] = ()  # posture that was skipped
+
+
+@dataclass(frozen=True, eq=False)
+class Declared:
+    """Declaration of a campaign, made before its first reading."""
+
+    robot: Robot
+    header: live.MeasurementSetPost  # units, noise and frame; without observations
+    options: live.LiveOptions  # goal and equipment
+    resolved: ResolvedFrame | None = None  # what its frame means
+    noticed: Sequence[Finding] = ()  # about the frame
+
+    @cached_property
+    def ahead(self) -> Ahead:
+        """Candidates of the readings to come.
+
+        Raises:
+            RequestError: targets or loads are not said, or no reading is feasible.
+        """
+        options, header = self.options, self.header
+        length = LENGTH[header.units.length]
+        if isinstance(options.goal, DeflectionGoal | DecisionGoal) and options.work_area is None:
+            raise RequestError(
+                "the goal is about deflections, and the work area is missing",
+                where="open.work_area",
+                remedy="give the corners of the box in which they matter, in R0, or the goal `joints`",
+            )
+        own: dict[str, object] = {"robot_id": header.robot_id}
+        if not options.targets:
+            own["targets"] = {
+                name: tuple(length * part for part in place) for name, place in header.flange_targets.items()
+            }
+        if options.load_point is None and header.load_point is not None:
+            own["load_point"] = tuple(length * part for part in header.load_point)
+        asked = PlanRequest.model_validate(options.model_dump(include=set(PlanOptions.model_fields)) | own)
+        nothing = np.full(self.robot.n, np.nan)
+        noise = header.noise.sigma if header.noise is not None else None
+        request = to_design_request(
+            asked,
+            self.robot,
+            nominal=nothing,
+            sigma=None if noise is None else length * noise,
+            unexplained=None,
+            so_far=None,
+        )
+        force = None if isinstance(options.goal, JointsGoal) else options.goal.force
+        return Ahead.of(self.robot, request, force)
+
+    def document(self, observations: Sequence[Observation]) -> MeasurementSetDocument:
+        """Return the set of some observations; their labels and readings were checked when they came."""
+        fields = {name: getattr(self.header, name) for name in MeasurementSetDocument.model_fields}
+        return MeasurementSetDocument.model_construct(**{**fields, "observations": list(observations)})
+
+    def checked(self, observations: Sequence[Observation]) -> CheckedSet:
+        """Check a set of observations.
+
+        Raises:
+            MeasurementError: they cannot be right.
+        """
+        return check_set(self.document(observations), self.robot, self.resolved, list(self.noticed))
+
+    def prepared(self, observations: Sequence[Observation]) -> PreparedSet:
+        """Return observations ready for computation; raises as `checked` does."""
+        checked = self.checked(observations)
+        return PreparedSet(
+            self.robot, checked.measurements, checked.warnings, self.header.robot_id, checked.content_hash
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class LiveCampaign:
+    """A campaign with the entries of its record so far. Each change gives another one."""
+
+    declared: Declared
+    entries: tuple[Entry, ...] = ()
+    of_label: Mapping[str, Entry] = field(init=False)  # the observations
+
+    def __post_init__(self) -> None:
+        named = {entry.label: entry for entry in self.entries if entry.change == "observation"}
+        object.__setattr__(self, "of_label", named)
+
+    def with_entry(self, entry: Entry) -> LiveCampaign:
+        """Return the campaign with one more entry."""
+        return LiveCampaign(self.declared, (*self.entries, entry))
+
+    def _labels(self, change: Change) -> dict[str, Entry]:
+        return {entry.label: entry for entry in self.entries if entry.change == change}
+
+    @property
+    def observations(self) -> list[Observation]:
+        """The observations that count."""
+        withdrawn = self._labels("withdrawn")
+        return [
+            entry.observation
+            for label, entry in self.of_label.items()
+            if label not in withdrawn and entry.observation is not None
+        ]
+
+    @property
+    def closed(self) -> bool:
+        """True once no reading comes any more."""
+        return bool(self._labels("closed"))
+
+    def judged(self, observation: Observation) -> Entry:
+        """Return the entry of a new observation, compared with those that count.
+
+        Raises:
+            MeasurementError: it cannot be right.
+        """
+        before = self.observations
+        prepared = self.declared.prepared([*before, observation])
+        if (
+            not before
+            or isinstance(self.declared.options.load, OwnWeight)
+            or prepared.measurements.direction is not None
+        ):
+            return Entry("observation", observation.label, observation)
+        compliance = self._compliance
+        if compliance is None:
+            return Entry("observation", observation.label, observation)
+        m, robot = prepared.measurements, prepared.robot
+        found = innovation(robot, m, compliance)
+        last = None
+        if self.awaits_held_out and not found.doubtful:
+            last = held_out(robot, m, compliance, len(m) - 1)
+        return Entry("observation", observation.label, observation, found, last)
+
+    @cached_property
+    def _prepared(self) -> PreparedSet | None:
+        observations = self.observations
+        return self.declared.prepared(observations) if observations else None
+
+    @cached_property
+    def _compliance(self) -> FloatArray | None:
+        """Compliances by the readings that count; None if they cannot be identified."""
+        if self._prepared is None:
+            return None
+        try:
+            _, estimate = identified(self._prepared, to_settings(RunOptions(), self.declared.robot))
+        except JointstiffError:
+            return None
+        return np.maximum(estimate.compliance, 0.0)
+
+    @cached_property
+    def result(self) -> RunResult | JointstiffError | None:
+        """The ordinary result of the readings so far, or why there is none; None before the first reading."""
+        if self._prepared is None:
+            return None
+        load = self.declared.options.load
+        try:
+            if isinstance(load, OwnWeight):
+                return identified_by_weight(self._prepared, RunOptions(weight=load), load)
+            return ByJoints(self._prepared, RunOptions(), "").conclude([])
+        except JointstiffError as error:
+            return error
+
+    @cached_property
+    def known(self) -> Known:
+        """Compliances by the readings so far, with the stated errors."""
+        return self._known(assumed=False)
+
+    def _known(self, *, assumed: bool) -> Known:
+        """Return what is known, with or without errors of which nothing was stated."""
+        result, n = self.result, self.declared.robot.n
+        if not isinstance(result, RunResult):
+            return Known.nothing(n)
+        compliance = np.array([joint.compliance or np.nan for joint in result.joints], dtype=np.float64)
+        if result.budget is not None:
+            left_out = set() if _lacks(result.goodness) else {"model_error"}
+            if not assumed:
+                left_out |= {part.source for part in result.budget.components if "assumed" in part.source}
+            covariance, factor = _spread(result.budget, self.declared.robot.joint_names, left_out)
+        else:
+            u = np.array([joint.standard_uncertainty or np.nan for joint in result.joints], dtype=np.float64)
+            covariance, factor = np.diag(np.square(np.nan_to_num(u))), student_quantile(0.975, None)
+        known = np.diagonal(covariance) > 0.0
+        return Known(np.where(known, compliance, np.nan), covariance, factor)
+
+    @cached_property
+    def share(self) -> Share:
+        """Uncertainty so far beside that of the goal."""
+        return self.declared.ahead.reached(self.declared.options.goal, self.known)
+
+    @property
+    def doubtful(self) -> list[str]:
+        """Labels of doubtful readings of which nothing became yet."""
+        settled = self._labels("withdrawn") | self._labels("kept")
+        return [
+            label
+            for label, entry in self.of_label.items()
+            if entry.innovation is not None and entry.innovation.doubtful and label not in settled
+        ]
+
+    @property
+    def met(self) -> bool:
+        """True if the goal is met by enough readings, none of them in doubt."""
+        return len(self.observations) >= FEWEST and not self.doubtful and self.share.greatest_share <= 1.0
+
+    @property
+    def check(self) -> HeldOut | None:
+        """The held-out reading that counts, if it is the last one."""
+        observations = self.observations
+        return self.of_label[observations[-1].label].held_out if observations else None
+
+    @property
+    def awaits_held_out(self) -> bool:
+        """True if the next reading is the one that is held out."""
+        return self.met and (self.check is None or not self.check.inside)
+
+    @cached_property
+    def ahead(self) -> Next | None:
+        """The next reading; None if no candidate is left."""
+        m = None if self._prepared is None else self._prepared.measurements
+        skipped = [entry.joints for entry in self.entries if entry.change == "skipped"]
+        taken = np.array([*skipped], dtype=np.float64).reshape(-1, self.declared.robot.n)
+        if m is not None:
+            taken = np.concatenate([taken, m.joints])
+        last = m.joints[-1] if m is not None else None
+        return self.declared.ahead.next(self.declared.options.goal, self.known, m, taken, last)
+
+    def state(self, measurement_set_id: str | None = None, run_id: str | None = None) -> live.LiveState:
+        """Return what the record says, and what to do next; with the set and the run of a closed campaign."""
+        result = self.result
+        state, message = self._standing()
+        following = None if self.closed or state == "reached" else self.next_reading()
+        warnings = [] if self._prepared is None else list(self._prepared.warnings)
+        share = self.share if self.observations else None
+        known = share is not None and np.isfinite(share.greatest_share)
+        return live.LiveState(
+            revision=len(self.entries),
+            state=state,
+            message=message,
+            goal=goal_text(self.declared.options),
+            share=share.greatest_share if share is not None and known else None,
+            still_needed=0 if state in ("reached", "closed") else self.still_needed,
+            readings=self._record(),
+            joints=_joints(self.declared.robot, self.known, self._known(assumed=True)),
+            deflection_uncertainty=share.uncertainty if share is not None and known else None,
+            greatest_deflection=share.greatest if share is not None and known else None,
+            assessment=result.assessment if isinstance(result, RunResult) else None,
+            next=following,
+            warnings=warnings,
+            measurement_set_id=measurement_set_id,
+            run_id=run_id,
+        )
+
+    @property
+    def still_needed(self) -> int | None:
+        """Number of readings that are missing, the held-out one among them; None if unknown."""
+        if self.met:
+            return 0 if self.check is not None and self.check.inside else 1
+        missing = self.ahead.missing if self.ahead is not None and self.observations else None
+        return None if missing is None else max(missing, FEWEST - len(self.observations)) + 1
+
+    def next_reading(self) -> live.NextReading | None:
+        """Return what to read next."""
+        following = self.ahead
+        if following is None:
+            return None
+        share, robot, goal = self.share, self.declared.robot, self.declared.options.goal
+        if self.awaits_held_out:
+            reason = "it is held out, and checks what the others say"
+        elif share.joint is not None:
+            reason = f"it tells most of {robot.joint_names[share.joint]}, which is farthest from the goal"
+        elif isinstance(goal, JointsGoal):
+            reason = "it tells most of the joints"
+        else:
+            reason = "it tells most of the deflection in the work area"
+        return live.NextReading(
+            label=f"m{1 + len(self.of_label):02d}",
+            joints=following.joints.tolist(),
+            force=tuple(following.force.tolist()),
+            anchor=following.anchor,
+            held_out=self.awaits_held_out,
+            reason=reason,
+        )
+
+    def _standing(self) -> tuple[Literal["measuring", "reached", "cannot", "closed"], str]:
+        """Return the state, and where the campaign stands in words."""
+        count = len(self.observations)
+        if self.closed:
+            return "closed", f"closed after {count} readings"
+        if self.doubtful:
+            label = self.doubtful[-1]
+            found = self.of_label[label].innovation
+            return "measuring", f"{label} is doubtful: {found.message if found else ''}"
+        if self.met:
+            if self.check is not None and self.check.inside:
+                return "reached", f"reached after {count} readings; the held-out one lies in its 90 % ball"
+            failed = "" if self.check is None else f"held-out {self.check.label} lies outside its ball; "
+            return "measuring", f"{failed}the goal is met; one held-out reading checks it"
+        missing = self.still_needed
+        if count >= ENOUGH_TO_SAY and missing is None:
+            return "cannot", f"the goal will not be met: {self._obstacle()}"
+        if isinstance(self.result, JointstiffError):
+            return "measuring", f"{count} readings do not tell yet: {self.result.reason}"
+        left = "" if missing is None else f"; about {missing} more"
+        return "measuring", f"{count} readings{left}"
+
+    def _obstacle(self) -> str:
+        """Return what keeps the goal from being met, by joint or by place."""
+        share, result, names = self.share, self.result, self.declared.robot.joint_names
+        if share.joint is None:
+            reached = "unknown" if share.uncertainty is None else length_text(share.uncertainty)
+            return f"the deflection in the work area is known to {reached}, and readings add little"
+        parts = {part.joint: part for part in result.contributions} if isinstance(result, RunResult) else {}
+        own = parts.get(names[share.joint])
+        carries = "" if own is None else f" carries {100 * own.mean:.1f} % of the deflection, and"
+        return f"{names[share.joint]}{carries} will not be known well enough"
+
+    def _record(self) -> list[live.LiveReading]:
+        withdrawn, doubtful = self._labels("withdrawn"), self.doubtful
+        return [
+            live.LiveReading(
+                label=label,
+                state="withdrawn" if label in withdrawn else "doubtful" if label in doubtful else "counts",
+                reason=withdrawn[label].reason if label in withdrawn else None,
+                innovation=entry.innovation,
+                held_out=entry.held_out,
+            )
+            for label, entry in self.of_label.items()
+        ]
+
+    def summary(self) -> str:
+        """Return the declared rule, how it ended, and the readings that were withdrawn, for the report."""
+        record = self._record()
+        lines = [f"Measured live. Declared goal: {goal_text(self.declared.options)}."]
+        state, message = replace(self, entries=_open(self.entries))._standing()
+        lines.append(f"{state.capitalize()}: {message}.")
+        if self.check is not None:
+            lines.append(
+                f"Held-out reading {self.check.label}: {length_text(self.check.distance)} from its "
+                f"prediction, {self.check.share:.2f} of the radius of its 90 % ball."
+            )
+        lines += [f"Withdrawn {each.label}: {each.reason}." for each in record if each.state == "withdrawn"]
+        lines += [f"Kept although doubtful: {label}." for label in self._labels("kept")]
+        return "\n".join(lines)
+
+
+def _open(entries: tuple[Entry, ...]) -> tuple[Entry, ...]:
+    return tuple(entry for entry in entries if entry.change != "closed")
+
+
+def goal_text(options: live.LiveOptions) -> str:
+    """Return what was declared, in words."""
+    goal = options.goal
+    if isinstance(goal, JointsGoal):
+        return f"every joint that the load can twist to ± {100 * goal.relative:.3g} %"
+    force = "" if goal.force is None else f" under {goal.force:.4g} N"
+    if isinstance(goal, DeflectionGoal):
+        return f"deflection in the work area{force} to ± {length_text(goal.uncertainty)}"
+    return f"whether the deflection in the work area{force} stays below {length_text(goal.limit)}"
+
+
+def _joints(robot: Robot, known: Known, whole: Known) -> list[live.LiveJoint]:
+    """Return what is known of each joint: without errors that are only assumed, and with them."""
+    half, joints = whole.factor * np.sqrt(np.diagonal(whole.covariance)), []
+    for j, (name, kind) in enumerate(zip(robot.joint_names, robot.joint_kinds, strict=True)):
+        c, h = float(known.compliance[j]), float(half[j])
+        if not np.isfinite(c):
+            joints.append(live.LiveJoint(name=name, kind=kind, stiffness=None, interval=None, relative=None))
+            continue
+        joints.append(
+            live.LiveJoint(
+                name=name,
+                kind=kind,
+                stiffness=1.0 / c,
+                interval=stiffness_interval((max(c - h, 0.0), c + h)),
+                relative=float(known.relative[j]),
+                relative_with_assumed=h / c,
+            )
+        )
+    return joints
+
+
+_SHOWS: Final = 0.2
+"""Probability of residuals as great as these by stated noise alone, above which nothing shows that joints
+and loads explain too little."""
+
+
+def _lacks(goodness: Goodness) -> bool:
+    """Return whether residuals may be more than noise: the dispersion over postures is model error then."""
+    if goodness.sigma_source == "residuals":
+        return True
+    return float(special.chdtrc(goodness.degrees_of_freedom, goodness.chi_square)) < _SHOWS
+
+
+def _spread(budget: Budget, names: Sequence[str], left_out: Collection[str]) -> tuple[FloatArray, float]:
+    """Return covariance (n, n) of the compliances with the model error, and coverage factor of 95 %.
+
+    The factor is Student's at the effective degrees of freedom (Welch and Satterthwaite, GUM G.4) of the
+    joint whose are least.
+
+    Args:
+        budget: of a run.
+        names: of the n joints.
+        left_out: sources of uncertainty that do not count.
+    """
+    shown = [names.index(name) for name in budget.joints]
+    total, by_freedom = np.zeros((len(shown), len(shown))), np.zeros(len(shown))
+    for part in budget.components:
+        counts = part.included or part.source == "model_error"
+        if not counts or part.source in left_out:
+            continue
+        u = np.array(part.contributions)
+        total += np.array(part.correlation) * np.outer(u, u)
+        if part.degrees_of_freedom is not None:
+            by_freedom += u**4 / part.degrees_of_freedom
+    whole = np.square(np.diagonal(total))
+    effective = np.where(by_freedom > 0.0, whole / np.where(by_freedom > 0.0, by_freedom, 1.0), np.inf)
+    covariance = np.zeros((len(names), len(names)))
+    covariance[np.ix_(shown, shown)] = total
+    least = float(effective.min()) if len(shown) else np.inf
+    return covariance, student_quantile(0.975, least if np.isfinite(least) else None)

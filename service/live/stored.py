@@ -1,0 +1,320 @@
+"""Open sets of a store: declared, read one observation at a time, and closed to ordinary sets."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import suppress
+from datetime import UTC, datetime
+from functools import lru_cache
+from typing import Any, Final
+from uuid import uuid4
+
+from pydantic import TypeAdapter
+
+from jointstiff.schemas import live
+from jointstiff.schemas.fields import Page
+from jointstiff.schemas.finding import Finding
+from jointstiff.schemas.job import Requester
+from jointstiff.schemas.measurement import (
+    MAX_NOTES_LENGTH,
+    MeasurementSetHeader,
+    MeasurementSetRequest,
+    MeasurementSetSummary,
+    Observation,
+    ResolvedFrame,
+)
+from jointstiff.schemas.options import Weight
+from jointstiff.schemas.plan import OwnWeight, Plan, PlanOptions
+from jointstiff.schemas.run import RunRequest
+from jointstiff.service.live.campaign import Declared, Entry, LiveCampaign
+from jointstiff.service.problems.errors import NotFoundError, TakenError
+from jointstiff.service.resources.stored import Resources, resolve_frame, stored_job
+from jointstiff.service.store.tables import IdempotencyKey, LiveEntry, OpenSetRecord
+from jointstiff.solver.errors import RequestError
+
+MOST_READINGS: Final = 200
+"""Observations of an open set."""
+_CAMPAIGNS: Final = 64
+"""Open sets that are kept ready."""
+_ENTRY: Final = TypeAdapter(Entry)
+_FINDINGS: Final = TypeAdapter(list[Finding])
+
+CreateRun = Callable[[RunRequest, IdempotencyKey, Requester | None], str]
+"""Stores a run, and returns its id."""
+
+
+class OpenSets:
+    """The open sets of a store."""
+
+    def __init__(self, resources: Resources, create_run: CreateRun) -> None:
+        """Serve the open sets of a store; a closed one is identified by `create_run`."""
+        self._resources, self._store, self._create_run = resources, resources.store, create_run
+        self._declared = lru_cache(_CAMPAIGNS)(self._load)
+        self._ready: dict[str, LiveCampaign] = {}
+
+    def create(
+        self, request: live.MeasurementSetPost, options: live.LiveOptions, key: IdempotencyKey | None
+    ) -> str:
+        """Declare a set, with the observations that there are already; return its id.
+
+        Raises:
+            RequestError: robot, plan, targets or loads are missing, or nothing can be read.
+            MeasurementError: an observation cannot be right.
+        """
+        if key is not None and (before := self._store.open_sets.find(key)) is not None:
+            return before.id
+        options, robot_id = self._of_plan(options, request.robot_id)
+        header = request.model_copy(update={"open": options, "observations": [], "robot_id": robot_id})
+        resolved, noticed = resolve_frame(self._store, header)
+        robot, _ = self._resources.robot(robot_id, "robot_id")
+        campaign = LiveCampaign(Declared(robot, header, options, resolved, noticed))
+        _ = campaign.declared.ahead  # refuses what cannot be measured
+        for observation in request.observations:
+            campaign = campaign.with_entry(campaign.judged(observation))
+        record = OpenSetRecord(
+            id=uuid4().hex,
+            robot_id=robot_id,
+            name=header.name,
+            created_at=datetime.now(UTC),
+            document=header.model_dump_json(),
+            resolved=None if resolved is None else resolved.model_dump_json(),
+            warnings=_FINDINGS.dump_json(list(noticed)).decode(),
+        )
+        stored = self._store.open_sets.add(record, key)
+        if stored.id == record.id:
+            for entry in campaign.entries:
+                self._add(record.id, entry, None)
+        return stored.id
+
+    def observe(self, set_id: str, observation: Observation, by: Requester | None) -> live.LiveState:
+        """Take in an observation; the same one again changes nothing.
+
+        Raises:
+            NotFoundError: there is no such open set.
+            ClosedError: it is closed.
+            TakenError: it has another observation of this label.
+            MeasurementError: it cannot be right.
+        """
+        campaign = self._campaign(set_id)
+        known = campaign.of_label.get(observation.label)
+        if known is None:
+            if len(campaign.of_label) >= MOST_READINGS:
+                raise RequestError(
+                    f"an open set takes {MOST_READINGS} observations at most",
+                    where="label",
+                    remedy="close it, and open another one",
+                )
+            entry = campaign.judged(observation)
+            known = self._add(set_id, entry, by)
+        if known.observation != observation:
+            raise TakenError(observation.label)
+        return self.state(set_id)
+
+    def change(self, set_id: str, change: live.LiveSetChange, by: Requester | None) -> None:
+        """Withdraw readings, keep doubtful ones, or skip the posture that is next.
+
+        Raises:
+            NotFoundError: there is no such open set.
+            RequestError: it has no such observation, or another posture is next.
+        """
+        campaign = self._campaign(set_id)
+        unknown = next(
+            (label for label in [*change.withdrawn, *change.kept] if label not in campaign.of_label), None
+        )
+        if unknown is not None:
+            raise RequestError(
+                f"the set has no observation '{unknown}'",
+                where="withdrawn" if unknown in change.withdrawn else "kept",
+                remedy="give labels of its readings",
+            )
+        following = campaign.next_reading() if change.skipped else None
+        if change.skipped and (following is None or following.label != change.skipped):
+            raise RequestError(
+                f"'{change.skipped}' is not what is read next", where="skipped", remedy="ask what is next"
+            )
+        for label, reason in change.withdrawn.items():
+            self._add(set_id, Entry("withdrawn", label, reason=reason), by)
+        for label in change.kept:
+            self._add(set_id, Entry("kept", label), by)
+        if following is not None:
+            again = sum(entry.change == "skipped" for entry in campaign.entries)
+            skipped = Entry("skipped", f"{following.label}/{again}", joints=tuple(following.joints))
+            self._add(set_id, skipped, by)
+
+    def close(self, set_id: str, by: Requester | None) -> live.LiveState:
+        """Make an ordinary set of what was read, and identify it; to do so again changes nothing.
+
+        Raises:
+            NotFoundError: there is no such open set.
+            RequestError: no reading counts.
+            JointstiffError: as the run's request does; the set is kept then.
+        """
+        campaign = self._campaign(set_id)
+        if not campaign.observations:
+            raise RequestError(
+                "no reading counts yet", where="close", remedy="send observations, or delete the open set"
+            )
+        if not campaign.closed:
+            self._add(set_id, Entry("closed", ""), by)
+            campaign = self._campaign(set_id)
+        with suppress(NotFoundError):
+            self._store.sets.get(set_id)
+            return self.state(set_id)
+        declared = campaign.declared
+        notes = "\n".join(filter(None, [declared.header.notes, campaign.summary()]))[:MAX_NOTES_LENGTH]
+        fields = {name: getattr(declared.header, name) for name in MeasurementSetRequest.model_fields}
+        fields |= {"observations": campaign.observations, "notes": notes}
+        self._resources.sets.create(MeasurementSetRequest.model_construct(**fields), None, set_id)
+        self._run(set_id, declared, by)
+        return self.state(set_id)
+
+    def state(self, set_id: str) -> live.LiveState:
+        """Return what the record says, and what is next; raises `NotFoundError`."""
+        campaign = self._campaign(set_id)
+        if not campaign.closed:
+            return campaign.state()
+        run_id = self._run(set_id, campaign.declared, None) if self._is_stored(set_id) else None
+        return campaign.state(set_id if run_id else None, run_id)
+
+    def revision(self, set_id: str) -> int:
+        """Return the number of entries in the record; raises `NotFoundError`."""
+        return len(self._campaign(set_id).entries)
+
+    def document(self, set_id: str) -> live.OpenSet:
+        """Return a set with its readings so far; raises `NotFoundError`."""
+        record, campaign = self._store.open_sets.get(set_id), self._campaign(set_id)
+        declared = campaign.declared
+        fields = {name: getattr(declared.header, name) for name in MeasurementSetHeader.model_fields}
+        return live.OpenSet(
+            **fields,
+            id=set_id,
+            robot_id=record.robot_id,
+            created_at=record.created_at,
+            open=declared.options,
+            observations=campaign.observations,
+            live=self.state(set_id),
+        )
+
+    def page(self, limit: int, cursor: str | None, robot_id: str | None) -> Page[MeasurementSetSummary]:
+        """List the sets that are still measured, newest first."""
+        filters = {} if robot_id is None else {"robot_id": robot_id}
+        page = self._store.open_sets.page(limit=limit, cursor=cursor, filters=filters)
+        items = [self.summary(record) for record in page.records if not self._campaign(record.id).closed]
+        return Page(items=items, next=page.next)
+
+    def summary(self, record: OpenSetRecord) -> MeasurementSetSummary:
+        """Return a set as it is listed."""
+        campaign = self._campaign(record.id)
+        return MeasurementSetSummary(
+            id=record.id,
+            robot_id=record.robot_id,
+            name=record.name,
+            encoders=campaign.declared.header.encoders,
+            observation_count=len(campaign.observations),
+            warning_count=0,
+            open=True,
+            content_hash="",
+            created_at=record.created_at,
+        )
+
+    def is_open(self, set_id: str) -> bool:
+        """Return whether an id is that of a set that is not closed, deleted or not."""
+        with suppress(NotFoundError):
+            self._store.open_sets.get(set_id, hidden=True)
+            return not any(entry.change == "closed" for entry in self._store.live_entries.of(set_id=set_id))
+        return False
+
+    def changed(self, set_id: str, change: live.LiveSetChange, by: Requester | None) -> MeasurementSetSummary:
+        """Change the record of an open set, delete it or restore it; return it as it is listed.
+
+        Raises:
+            NotFoundError: it was deleted.
+            RequestError: it has no such observation, another posture is next, or its name is to change.
+        """
+        stated = change.model_fields_set - {"deleted", "withdrawn", "kept", "skipped"}
+        if stated:
+            raise RequestError(
+                "what is declared of an open set does not change",
+                where=min(stated),
+                remedy="close it first, or delete it and open another one",
+            )
+        if change.deleted is False:
+            self._store.open_sets.restore(set_id)
+        self.change(set_id, change, by)
+        record = self._store.open_sets.get(set_id)
+        summary = self.summary(record)
+        if change.deleted:
+            self._store.open_sets.delete(set_id)
+        return summary
+
+    def _is_stored(self, set_id: str) -> bool:
+        with suppress(NotFoundError):
+            return bool(self._store.sets.get(set_id))
+        return False
+
+    def _run(self, set_id: str, declared: Declared, by: Requester | None) -> str:
+        load = declared.options.load
+        weight = (
+            Weight(**load.model_dump(include=set(Weight.model_fields)))
+            if isinstance(load, OwnWeight)
+            else None
+        )
+        key = IdempotencyKey(f"closed {set_id}", "closed")
+        return self._create_run(RunRequest(measurement_set_id=set_id, weight=weight), key, by)
+
+    def _campaign(self, set_id: str) -> LiveCampaign:
+        """Return a campaign with all entries of its record; those that are known stay as they are."""
+        entries = [
+            _ENTRY.validate_json(entry.document) for entry in self._store.live_entries.of(set_id=set_id)
+        ]
+        ready = self._ready.get(set_id)
+        if ready is None or len(ready.entries) > len(entries):
+            ready = LiveCampaign(self._declared(set_id))
+        for entry in entries[len(ready.entries) :]:
+            ready = ready.with_entry(entry)
+        self._store.open_sets.get(set_id)  # it may be deleted meanwhile
+        if len(self._ready) >= _CAMPAIGNS:
+            self._ready.clear()
+        self._ready[set_id] = ready
+        return ready
+
+    def _add(self, set_id: str, entry: Entry, by: Requester | None) -> Entry:
+        """Add an entry to a record; return it, or the one of this kind and label that is there already."""
+        record = LiveEntry(
+            set_id=set_id,
+            change=entry.change,
+            label=entry.label,
+            noted_at=datetime.now(UTC),
+            key_name=None if by is None else by.key_name,
+            document=_ENTRY.dump_json(entry).decode(),
+        )
+        return _ENTRY.validate_json(self._store.live_entries.add(record).document)
+
+    def _load(self, set_id: str) -> Declared:
+        record = self._store.open_sets.get(set_id)
+        header = live.MeasurementSetPost.model_validate_json(record.document)
+        if header.open is None:
+            raise NotFoundError(self._store.open_sets.resource, set_id)
+        robot, _ = self._resources.robots.load(record.robot_id)
+        resolved = None if record.resolved is None else ResolvedFrame.model_validate_json(record.resolved)
+        return Declared(robot, header, header.open, resolved, _FINDINGS.validate_json(record.warnings))
+
+    def _of_plan(self, options: live.LiveOptions, robot_id: str) -> tuple[live.LiveOptions, str]:
+        """Return options with what the plan says of loads, targets and surroundings, where they say none."""
+        if options.plan_id is None:
+            return options, robot_id
+        try:
+            plan = stored_job(self._store, Plan, options.plan_id)
+        except NotFoundError as error:
+            raise RequestError(error.reason, remedy=error.remedy, where="open.plan_id") from error
+        if plan.result is None:
+            raise RequestError("the plan has no result", remedy="give another plan", where="open.plan_id")
+        known: dict[str, Any] = {
+            name: getattr(plan.request, name)
+            for name in PlanOptions.model_fields
+            if name in plan.request.model_fields_set and name not in {"candidates", "readings", "validation"}
+        }
+        known |= {"targets": plan.result.targets, "load_point": plan.result.load_point}
+        return options.model_copy(
+            update={name: value for name, value in known.items() if name not in options.model_fields_set}
+        ), robot_id

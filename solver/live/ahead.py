@@ -1,0 +1,221 @@
+"""Progress of a campaign: its share of the goal, the next reading, and the number of those that are missing.
+
+The readings at hand say how uncertain each compliance is; rows of candidate readings say by how much one
+more reduces that. A goal becomes a weighted mean of variances, ``tr(W M⁻¹)`` (A-optimality): the candidate
+that lessens it most is next, and the number of those that follow until the goal is met is what is missing.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from jointstiff.schemas.live import DecisionGoal, Goal, JointsGoal
+from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
+from jointstiff.solver.design.candidates import PlanRequest, Pool, known_rows
+from jointstiff.solver.design.optimum import AOptimality, Atoms, uncertainty_of
+from jointstiff.solver.design.plan import Distinct
+from jointstiff.solver.readings.measurements import Measurements
+from jointstiff.solver.robot.model import Robot
+
+MOST_MORE: Final = 60
+"""Readings that are looked ahead: where more are missing, the goal is not within reach."""
+_BEFORE: Final = 3.0
+"""Relative standard uncertainty of a compliance before any reading, for the choice of the first ones."""
+_TRIED: Final = 24
+"""Candidates of the best prices whose reading is evaluated exactly."""
+_AS_GOOD: Final = 1.05
+"""Factor within which the nearest of the candidates is taken: travel takes time."""
+_RATIO: Final = (0.2, 20.0)
+"""Least and greatest factor between what the readings say and what the design expects."""
+
+
+@dataclass(frozen=True, eq=False)
+class Known:
+    """Compliances of n joints by the readings so far."""
+
+    compliance: FloatArray  #: (n,) [rad/(N·m)]; NaN of joints without a number
+    covariance: FloatArray  #: (n, n) with the model error, as far as it is known; rows of others are zero
+    factor: float  #: coverage factor of an interval of 95 %
+
+    @classmethod
+    def nothing(cls, n: int) -> Known:
+        """Return what is known of n joints before any reading."""
+        return cls(np.full(n, np.nan), np.zeros((n, n)), 2.0)
+
+    @property
+    def relative(self) -> FloatArray:
+        """Half-width (n,) of the intervals over the compliance; inf of joints without a number."""
+        half = self.factor * np.sqrt(np.diagonal(self.covariance))
+        known = np.isfinite(self.compliance) & (np.nan_to_num(self.compliance) > 0.0)
+        return np.where(known, half / np.where(known, self.compliance, 1.0), np.inf)
+
+
+@dataclass(frozen=True, eq=False)
+class Share:
+    """Uncertainty so far beside that of a goal."""
+
+    #: (s,) of the joints that loads twist, or (1,): uncertainty over that of the goal, which is met where all
+    #: are 1 at most; inf where nothing is known
+    each: FloatArray
+    weights: FloatArray  #: (n, n) W of compliances whose variances are to become less
+    allowed: float  #: what the uncertainty may be: relative, or of a deflection [m]
+    joint: int | None = None  #: joint that is farthest from the goal
+    uncertainty: float | None = None  #: expanded, of the deflection in the work area [m]
+    greatest: float | None = None  #: length of the greatest deflection there [m]
+
+    @property
+    def greatest_share(self) -> float:
+        """The greatest of all; the goal is met at 1 and below."""
+        return float(self.each.max())
+
+
+@dataclass(frozen=True, eq=False)
+class Next:
+    """The next reading."""
+
+    index: int  #: of the candidate
+    joints: FloatArray  #: (n,) controller's angles [rad]
+    force: FloatArray  #: (3,) axes of R0 [N]
+    anchor: int | None  #: of the cable
+    missing: (
+        int | None
+    )  #: readings until the goal is met, this one among them; None for more than `MOST_MORE`
+
+
+@dataclass(frozen=True, eq=False)
+class Ahead:
+    """Candidates of a campaign, made once."""
+
+    robot: Robot
+    request: PlanRequest
+    pool: Pool
+    places: FloatArray  #: (R, 3, 3, n) deflections [m] at places of the work area, by forces along the axes
+
+    @classmethod
+    def of(cls, robot: Robot, request: PlanRequest, force: float | None = None) -> Ahead:
+        """Draw candidates, and places of the work area under a force [N].
+
+        Raises:
+            RequestError: as `Pool.of` does.
+        """
+        pool, n = Pool.of(robot, request), robot.n
+        if pool.predicted is None:
+            return cls(robot, request, pool, np.zeros((0, 3, 3, n)))
+        scale = 1.0 if force is None else force / request.equipment.loads.force
+        rows = scale * pool.predicted[:, :, :n]
+        return cls(robot, request, pool, rows.reshape(len(rows), 3, 3, n))
+
+    @property
+    def wanted(self) -> IndexArray:
+        """Joints (s,) that the loads twist."""
+        return self.pool.parameters.joints
+
+    def reached(self, goal: Goal, known: Known) -> Share:
+        """Return how much of a goal is reached."""
+        n = self.robot.n
+        if isinstance(goal, JointsGoal):
+            each = known.relative[self.wanted] / goal.relative
+            # The joints that are farthest from the goal count most.
+            urgent = np.square(np.clip(np.where(np.isfinite(each), each, np.inf), 0.1, 10.0))
+            weights = np.zeros((n, n))
+            weights[self.wanted, self.wanted] = urgent / np.square(self._unit(known)[self.wanted])
+            return Share(each, weights, goal.relative, joint=int(self.wanted[np.argmax(each)]))
+        rows = self.places.reshape(-1, n)
+        mean, hidden = rows.T @ rows / len(rows), ~np.isfinite(known.compliance)
+        if hidden.any() and np.abs(rows[:, hidden]).max() > 1e-9 * np.abs(rows).max():
+            allowed = goal.limit if isinstance(goal, DecisionGoal) else goal.uncertainty
+            return Share(np.array([np.inf]), mean, allowed, joint=int(np.flatnonzero(hidden)[0]))
+        if not isinstance(goal, DecisionGoal):
+            uncertainty = known.factor * float(np.sqrt((mean * known.covariance).sum()))
+            each = np.array([uncertainty / goal.uncertainty])
+            return Share(each, mean, goal.uncertainty, uncertainty=uncertainty)
+        moved = self.places @ np.nan_to_num(known.compliance)
+        length = np.linalg.norm(moved, axis=-1)
+        along = np.einsum("...i,...ij->...j", moved / length[..., None], self.places)
+        u = known.factor * np.sqrt(np.einsum("...j,jk,...k->...", along, known.covariance, along))
+        most = np.unravel_index(int(np.argmax(length + u)), length.shape)
+        uncertainty, greatest, row = float(u[most]), float(length[most]), along[most]
+        allowed = max(abs(goal.limit - greatest), 1e-12)
+        each = np.array([uncertainty / allowed])
+        return Share(each, np.outer(row, row), allowed, uncertainty=uncertainty, greatest=greatest)
+
+    def next(
+        self,
+        goal: Goal,
+        known: Known,
+        readings: Measurements | None,
+        taken: FloatArray,
+        at: FloatArray | None = None,
+    ) -> Next | None:
+        """Return the reading that shortens the way to a goal most; None if no candidate is left.
+
+        Args:
+            goal: of the campaign.
+            known: what the readings so far say.
+            readings: the readings so far.
+            taken: (K, n) postures that are read or left out, controller's angles [rad].
+            at: (n,) where the arm stands; None where it does not matter.
+        """
+        parameters, candidates, share = self.pool.parameters, self.pool.candidates, self.reached(goal, known)
+        basis = parameters.basis[: self.robot.n]
+        criterion = AOptimality(basis.T @ share.weights @ basis)
+        M = self.pool.base
+        if readings is not None:
+            rows = known_rows(self.robot, self.request, readings) @ parameters.basis
+            M = M + rows.T @ rows / (readings.sigma or self.request.equipment.sigma) ** 2
+        vague = np.diag(np.full(len(M), _BEFORE**-2.0))
+        distinct = Distinct(self.pool.readings.joints, self.request.angle)
+        free = np.ones(len(candidates), dtype=np.bool_)
+        for posture in taken:
+            free &= np.abs(distinct.postures - posture).max(axis=1) >= self.request.angle
+        if not free.any():
+            return None
+        best = self._best(criterion, M + vague, free, at)
+        first, missing = int(best.index[0]), None
+        # The readings say more or less than the design expects of them: so will those to come.
+        expected = self._expected(goal, known, share, M)
+        ratio = np.ones(len(expected))
+        certain = np.isfinite(share.each) & np.isfinite(expected)
+        ratio[certain] = np.clip(share.each[certain] / expected[certain], *_RATIO)
+        force, anchor = self.pool.force(best.force, best.index)[0], int(self.pool.readings.anchor[first])
+        for count in range(1, MOST_MORE + 1):
+            M = M + best.information[0]
+            free &= ~distinct.near(int(best.index[0]))
+            if (ratio * self._expected(goal, known, share, M)).max() <= 1.0:
+                missing = count
+                break
+            if not free.any():
+                break
+            best = candidates.best(criterion.support(M + vague), free)
+        joints = self.pool.readings.joints[first]
+        return Next(first, joints, force, None if anchor < 0 else anchor, missing)
+
+    def _expected(self, goal: Goal, known: Known, share: Share, M: FloatArray) -> FloatArray:
+        """Return by how much the uncertainties exceed the goal as the design has it, for information M."""
+        parameters = self.pool.parameters
+        if isinstance(goal, JointsGoal):
+            half = known.factor * uncertainty_of(M, len(self.wanted)) * parameters.nominal[self.wanted]
+            return np.asarray(half / self._unit(known)[self.wanted] / goal.relative)
+        basis = parameters.basis[: self.robot.n]
+        information = AOptimality(basis.T @ share.weights @ basis).information(M)
+        deviation = information**-0.5 if information > 0.0 else np.inf
+        return np.array([known.factor * deviation / share.allowed])
+
+    def _unit(self, known: Known) -> FloatArray:
+        """Return the compliances (n,): as they are known, or by which all joints would move targets alike."""
+        return np.where(np.isfinite(known.compliance), known.compliance, self.pool.parameters.nominal)
+
+    def _best(self, criterion: AOptimality, M: FloatArray, free: BoolArray, at: FloatArray | None) -> Atoms:
+        """Return the candidate after which the criterion is best; the nearest of those that are as good."""
+        G = criterion.support(M)
+        prices = np.where(free, self.pool.candidates.prices(G), -np.inf)
+        index = np.argsort(-prices)[: min(_TRIED, int(free.sum()))]
+        tried = self.pool.candidates.atoms(index, G)
+        left = np.array([1.0 / criterion.information(M + K) for K in tried.information])
+        good = np.flatnonzero(left <= _AS_GOOD * left.min())
+        far = left[good] if at is None else np.abs(self.pool.readings.joints[index[good]] - at).max(axis=1)
+        best = good[np.argmin(far)]
+        return tried[best : best + 1]

@@ -1,0 +1,345 @@
+"""Innovation: whether a new reading is what the others let expect, and what explains it if not.
+
+The others are fitted with what is uncertain of all loads and places as unknowns of stated size. What they
+leave open of the new reading is then known before it is taken, and so is the probability of its distance.
+Of a doubtful reading, mistakes that are made with a single reading compete: each changes what was read, and
+the one that leaves the least is named.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from itertools import combinations
+from typing import Final
+
+import numpy as np
+from scipy import special
+
+from jointstiff.schemas.live import HeldOut, Innovation
+from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.errors import SolverError
+from jointstiff.solver.readings.measurements import CommonUncertainty, Measurements
+from jointstiff.solver.robot.model import Robot
+from jointstiff.solver.terms.block import Term, regressor_blocks, unloaded_configurations, whitened_rows
+from jointstiff.solver.terms.errors import FORCE_SCALE, SHIFT, TERMS
+from jointstiff.solver.terms.springs import JOINTS
+from jointstiff.solver.text import length_text
+
+DOUBTFUL: Final = 1e-4
+"""Probability of so great a distance below which a reading is doubtful."""
+_BEYOND: Final = 1.5
+"""Factor by which a doubtful reading is farther off than any of the others is from its own prediction."""
+_FEWEST: Final = 4
+"""Number of other readings from which on they are compared with each other, too."""
+_BALL: Final = 0.9
+"""Probability that the ball about a prediction holds."""
+_VAGUE: Final = 30.0
+"""Standard uncertainty of each compliance before any reading, relative to what would move targets alike."""
+_PLAUSIBLE: Final = 1e-3
+"""Probability above which a mistake explains a reading."""
+_BETTER: Final = 6.0
+"""Difference of two mistakes' criteria below which both are named."""
+_MOST_NAMED: Final = 2
+_PLACE: Final = 2e-3
+"""Standard deviation of a target's place by the kinematic model [m], at least: arms are as accurate."""
+_WRONG_PLACE: Final = 1e-6
+"""Probability of so great a distance of the unloaded targets from where the model puts them."""
+
+
+@dataclass(frozen=True, eq=False)
+class Expectation:
+    """Expectation of another reading by N of them: a fit of the joints and of errors of stated size."""
+
+    robot: Robot
+    terms: tuple[Term, ...]
+    compliance: FloatArray  #: (n,) at which rows are computed [rad/(N·m)]
+    best: FloatArray  #: (K,) fitted unknowns of all terms
+    root: FloatArray  #: (K, K); its product with the transpose is their covariance over that of the readings
+    variance: float  #: of a coordinate of unit covariance [m²]
+    freedom: float  #: degrees of freedom of the variance; inf where it is known
+    places: FloatArray  #: (T, 3) of targets in the flange frame by unloaded readings [m]; NaN where unknown
+    spread: float  #: standard deviation of a coordinate of such a place [m]
+
+    @classmethod
+    def of(cls, robot: Robot, others: Measurements, compliance: FloatArray) -> Expectation | None:
+        """Fit N readings; None where they say nothing about noise.
+
+        Args:
+            robot: n joints.
+            others: N observations under load.
+            compliance: (n,) by a fit to them [rad/(N·m)].
+
+        Raises:
+            SolverError: the load finds no balance.
+        """
+        common = others.common_uncertainty or CommonUncertainty()
+        errors = [(term, term.prior(common)) for term in TERMS.values()]
+        errors = [(term, prior) for term, prior in errors if prior and max(prior) > 0.0]
+        terms = (JOINTS, *(term for term, _ in errors))
+        rows, widths = _rows(robot, others, terms, compliance)
+        A, d = rows[:, :-1], rows[:, -1]
+        size = np.sqrt(np.square(A[:, : robot.n]).sum(axis=0))
+        alike = np.where(size > 1e-9 * size.max(), size, np.inf)
+        length = float(np.sqrt(np.square(d).mean())) or 1.0
+        deviation = [_VAGUE * length * np.sqrt(len(d)) / alike]
+        for term, prior in errors:
+            deviation.append(np.resize(np.array(prior), widths[term.name]))
+        unit = np.concatenate(deviation)
+        read = int(others.coordinates.sum())
+        stated = None if others.sigma is None else others.sigma**2
+        variance, freedom = stated or length**2, np.inf
+        for _ in range(1 if stated is None and read <= robot.n else 3):  # the prior's weight depends on it
+            M = np.vstack([A * unit, np.sqrt(variance) * np.eye(len(unit))])
+            x, *_ = np.linalg.lstsq(M, np.concatenate([d, np.zeros(len(unit))]), rcond=None)
+            squares = float(np.square(A @ (unit * x) - d).sum())
+            left = read - int(np.isfinite(alike).sum())
+            if left < 1:
+                break
+            by_readings = squares / left
+            known = stated is not None and stated >= by_readings
+            variance, freedom = (stated or 0.0, np.inf) if known else (max(by_readings, 1e-24), left)
+        if stated is None and not np.isfinite(freedom):
+            return None
+        R = np.linalg.qr(M, mode="reduced")[1]
+        root = unit[:, None] * np.linalg.solve(R, np.eye(len(unit)))
+        places, spread = _places(robot, others)
+        return cls(robot, terms, compliance, unit * x, root, variance, freedom, places, spread)
+
+    def distance(self, reading: Measurements, *, free: Term | None = None) -> tuple[float, float, int]:
+        """Return squared distance, probability of at least that, and number of coordinates of one reading.
+
+        Args:
+            reading: one observation.
+            free: term that is fitted to this reading alone.
+
+        Raises:
+            SolverError: its load finds no balance.
+        """
+        rows, _ = _rows(self.robot, reading, self.terms, self.compliance)
+        count = int(reading.coordinates.sum())
+        own = rows[:, :-1] @ self.root
+        left = rows[:, -1] - rows[:, :-1] @ self.best
+        covariance = np.eye(len(own)) + own @ own.T
+        factor = np.linalg.cholesky(covariance)
+        e = np.linalg.solve(factor, left) / np.sqrt(self.variance)
+        if free is not None:
+            more, _ = _rows(self.robot, reading, (free,), self.compliance)
+            C = np.linalg.solve(factor, more[:, :-1])
+            e = e - C @ np.linalg.lstsq(C, e, rcond=None)[0]
+            count -= C.shape[1]
+        square = float(e @ e)
+        return square, self._probability(square, count), count
+
+    def off(self, reading: Measurements) -> float:
+        """Return the greatest distance of a target of one reading from its prediction [m]."""
+        rows, _ = _rows(self.robot, replace(reading, covariance=np.eye(3)), self.terms, self.compliance)
+        left = (rows[:, -1] - rows[:, :-1] @ self.best).reshape(-1, 3)
+        return float(np.linalg.norm(left, axis=1).max())
+
+    def misplaced(self, reading: Measurements) -> tuple[float, float]:
+        """Return the squared distance of unloaded targets from where the model has them, and its p-value."""
+        places = _in_flange(self.robot, reading)[0]
+        off = (places - self.places)[np.isfinite(places - self.places).all(axis=1)] / self.spread
+        square = float(np.square(off).sum())
+        return square, float(special.chdtrc(off.size, square)) if off.size else 1.0
+
+    def limit(self, probability: float, count: int) -> float:
+        """Return the squared distance that a reading of so many coordinates keeps with a probability."""
+        if np.isinf(self.freedom):
+            return float(special.chdtri(count, 1.0 - probability))
+        return float(count * special.fdtri(count, self.freedom, probability))
+
+    def _probability(self, square: float, count: int) -> float:
+        if count < 1:
+            return 0.0
+        if np.isinf(self.freedom):
+            return float(special.chdtrc(count, square))
+        return float(special.fdtrc(count, self.freedom, square / count))
+
+
+def innovation(
+    robot: Robot,
+    measurements: Measurements,
+    compliance: FloatArray,
+    *,
+    row: int = -1,
+) -> Innovation:
+    """Compare a reading with what the others let expect, and look for the mistake if it is doubtful.
+
+    Args:
+        robot: n joints.
+        measurements: N observations, this one among them.
+        compliance: (n,) by a fit to the others [rad/(N·m)].
+        row: of the reading.
+    """
+    here = row % len(measurements)
+    label = measurements.labels[here]
+    others = measurements[np.delete(np.arange(len(measurements)), here)] if len(measurements) > 1 else None
+    reading = measurements[np.array([here])]
+    try:
+        expected = None if others is None else Expectation.of(robot, others, compliance)
+        if others is None or expected is None:
+            return _unjudged(label)
+        square, p_value, _ = expected.distance(reading)
+        wrong_place = expected.misplaced(reading)[1] < _WRONG_PLACE
+        doubtful = p_value < DOUBTFUL
+        if doubtful and len(others) >= _FEWEST:
+            doubtful = square > _BEYOND * max(_own_distances(robot, others, compliance))
+        off = expected.off(reading)
+    except SolverError:  # other findings say so
+        return _unjudged(label)
+    if not doubtful and not wrong_place:
+        return Innovation(
+            label=label, p_value=p_value, distance=off, doubtful=False, causes=[], message="as expected"
+        )
+    causes = _causes(expected, reading, others)
+    if not causes and wrong_place:
+        causes = ["the joint angles are those of another posture"]
+    where = f"{length_text(off)} from where the others put it" if doubtful else "unloaded targets misplaced"
+    why = " or ".join(causes) + "?" if causes else "no single mistake explains it"
+    return Innovation(
+        label=label,
+        p_value=p_value,
+        distance=off,
+        doubtful=True,
+        causes=causes,
+        message=f"{where}: {why} Read it again before the load is taken off.",
+    )
+
+
+def held_out(robot: Robot, measurements: Measurements, compliance: FloatArray, row: int) -> HeldOut | None:
+    """Compare a reading with its 90 % ball; None where the others do not predict it.
+
+    The ball holds noise and what the others leave open; where they are `_FEWEST` or more, it is not smaller
+    than the quantile of their own distances from what the rest lets expect, which hold the model error.
+    """
+    others = measurements[np.delete(np.arange(len(measurements)), row)]
+    reading = measurements[np.array([row])]
+    try:
+        expected = Expectation.of(robot, others, compliance)
+        if expected is None:
+            return None
+        square, _, count = expected.distance(reading)
+        limit = expected.limit(_BALL, count)
+        if len(others) >= _FEWEST:
+            own = np.sort(_own_distances(robot, others, compliance))
+            limit = max(limit, float(own[min(len(own) - 1, int(np.ceil(_BALL * (len(own) + 1))) - 1)]))
+        off = expected.off(reading)
+    except SolverError:
+        return None
+    share = float(np.sqrt(square / limit))
+    return HeldOut(label=measurements.labels[row], inside=share <= 1.0, share=share, distance=off)
+
+
+def _unjudged(label: str) -> Innovation:
+    return Innovation(
+        label=label,
+        p_value=None,
+        distance=None,
+        doubtful=False,
+        causes=[],
+        message="too few readings to judge it by",
+    )
+
+
+def _own_distances(robot: Robot, others: Measurements, compliance: FloatArray) -> list[float]:
+    """Return the squared distance of each reading from what the rest of them lets expect."""
+    squares = []
+    for k in range(len(others)):
+        rest = Expectation.of(robot, others[np.delete(np.arange(len(others)), k)], compliance)
+        if rest is not None:
+            squares.append(rest.distance(others[np.array([k])])[0])
+    return squares or [0.0]
+
+
+def _causes(expected: Expectation, reading: Measurements, others: Measurements) -> list[str]:
+    """Return the mistakes that explain a reading, in words, the likeliest first."""
+    scores: list[tuple[bool, float, str]] = []  # a fitted size explains what a plain slip does: it comes last
+    for words, changed, free, unknowns in _mistakes(expected.robot, reading, others):
+        try:
+            square, p_value, _ = expected.distance(changed, free=free)
+        except SolverError:
+            continue
+        off, p_place = expected.misplaced(changed)
+        if p_value > _PLAUSIBLE and p_place > _WRONG_PLACE:
+            price = unknowns * np.log(reading.coordinates.sum())
+            scores.append((free is not None, square + off + price, words))
+    scores.sort(key=lambda score: score[:2])
+    named = [
+        words
+        for fitted, square, words in scores
+        if (fitted, square) <= (scores[0][0], scores[0][1] + _BETTER)
+    ]
+    return list(dict.fromkeys(named))[:_MOST_NAMED]
+
+
+def _mistakes(
+    robot: Robot, reading: Measurements, others: Measurements
+) -> Iterator[tuple[str, Measurements, Term | None, int]]:
+    """Yield mistakes: in words, the reading without it, what is fitted to it, and number of unknowns."""
+    yield "the force has the opposite sign", replace(reading, force=-reading.force), None, 0
+    if not reading.in_flange.any():
+        after = reading.position + reading.deflection
+        swapped = replace(reading, position=after, deflection=-reading.deflection)
+        yield "unloaded and loaded readings are exchanged", swapped, None, 0
+    for words, exchanged in _exchanges(reading):
+        yield words, exchanged, None, 0
+    for label, joints in zip(others.labels, others.joints, strict=True):
+        if not np.allclose(joints, reading.joints[0]):
+            yield f"the joint angles are those of '{label}'", replace(reading, joints=joints[None]), None, 1
+    for j, name in enumerate(robot.joint_names):
+        turned = reading.joints.copy()
+        turned[0, j] *= -1.0
+        yield f"the angle of {name} has the opposite sign", replace(reading, joints=turned), None, 0
+    yield "the force is another than stated", reading, FORCE_SCALE, 1
+    yield "the arm or the tracker moved between the two readings", reading, SHIFT, 3
+
+
+def _exchanges(reading: Measurements) -> Iterator[tuple[str, Measurements]]:
+    """Yield exchanges of two targets, in words, and the reading without it."""
+    before, after = reading.position, reading.position + reading.deflection
+    for a, b in combinations(np.flatnonzero(reading.present[0]).tolist(), 2):
+        order = np.arange(len(reading.targets))
+        order[[a, b]] = b, a
+        words = f"{reading.targets[a]} and {reading.targets[b]} are exchanged"
+        if reading.in_flange.any():
+            yield words, replace(reading, deflection=reading.deflection[:, order])
+            continue
+        for start, end, state in (
+            (before[:, order], after[:, order], ""),
+            (before, after[:, order], " under load"),
+            (before[:, order], after, " without load"),
+        ):
+            yield words + state, replace(reading, position=start, deflection=end - start)
+
+
+def _rows(
+    robot: Robot, measurements: Measurements, terms: tuple[Term, ...], compliance: FloatArray
+) -> tuple[FloatArray, dict[str, int]]:
+    """Return whitened rows (3 N T, K + 1) [m], and the number of columns of each term."""
+    parts, widths = [], {}
+    for block in regressor_blocks(robot, measurements, compliance):
+        rows = whitened_rows(block, terms, compliance)
+        parts.append(rows.targets.reshape(-1, rows.targets.shape[-1]))
+        widths = rows.widths
+    return np.concatenate(parts), widths
+
+
+def _in_flange(robot: Robot, measurements: Measurements) -> FloatArray:
+    """Return places (N, T, 3) of targets in the flange frame by unloaded readings [m]; NaN where unknown."""
+    now = unloaded_configurations(robot, measurements)
+    places = (measurements.position - now.flange_translation[:, None]) @ now.flange_rotation
+    known = measurements.present & ~measurements.in_flange
+    return np.where(known[..., None], places, np.nan)
+
+
+def _places(robot: Robot, others: Measurements) -> tuple[FloatArray, float]:
+    """Return the median places (T, 3) of targets in the flange frame, and their spread [m]."""
+    places = _in_flange(robot, others)
+    if len(others) < _FEWEST or np.isnan(places).all():
+        return np.full(places.shape[1:], np.nan), _PLACE
+    with np.errstate(all="ignore"):
+        middle = np.nanmedian(places, axis=0)
+        spread = 1.5 * float(np.nanmedian(np.abs(places - middle)))
+    return middle, max(_PLACE, spread)
