@@ -29,7 +29,7 @@ from jointstiff.schemas.measurement import (
     Observation,
     SetChange,
 )
-from jointstiff.schemas.plan import MAX_CANDIDATES, Force, PlanOptions
+from jointstiff.schemas.plan import MAX_CANDIDATES, PlanOptions
 
 _Share = Annotated[float, Field(strict=True, ge=0.001, le=1.0)]
 _Length = Annotated[float, Field(strict=True, ge=1e-9, le=1.0)]
@@ -52,7 +52,11 @@ class DeflectionGoal(Message):
         description="Greatest expanded uncertainty (95 %) of a coordinate of the deflection, root mean "
         "square over places of the work area and forces along the axes of R0."
     )
-    force: Newtons[Force | None] = Field(default=None, description="Force there; default: that of the load.")
+    force: Newtons[Vector3 | None] = Field(
+        default=None,
+        description="Force there, axes of R0; default: that of the load, down if it is a weight, else along "
+        "each axis.",
+    )
 
 
 class DecisionGoal(Message):
@@ -63,7 +67,11 @@ class DecisionGoal(Message):
         description="Greatest length of the deflection at any place of the work area, by a force along an "
         "axis of R0. It is decided where the limit is outside the 95 % interval of the greatest one."
     )
-    force: Newtons[Force | None] = Field(default=None, description="Force there; default: that of the load.")
+    force: Newtons[Vector3 | None] = Field(
+        default=None,
+        description="Force there, axes of R0; default: that of the load, down if it is a weight, else along "
+        "each axis.",
+    )
 
 
 Goal = Annotated[JointsGoal | DeflectionGoal | DecisionGoal, Field(discriminator="kind")]

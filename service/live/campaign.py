@@ -95,7 +95,7 @@ class Declared:
             so_far=None,
         )
         force = None if isinstance(options.goal, JointsGoal) else options.goal.force
-        return Ahead.of(self.robot, request, force)
+        return Ahead.of(self.robot, request, None if force is None else np.array(force))
 
     def document(self, observations: Sequence[Observation]) -> MeasurementSetDocument:
         """Return the set of some observations; their labels and readings were checked when they came."""
@@ -397,7 +397,7 @@ def goal_text(options: live.LiveOptions) -> str:
     goal = options.goal
     if isinstance(goal, JointsGoal):
         return f"every joint that the load can twist to ± {100 * goal.relative:.3g} %"
-    force = "" if goal.force is None else f" under {goal.force:.4g} N"
+    force = "" if goal.force is None else f" under ({', '.join(f'{part:.4g}' for part in goal.force)}) N"
     if isinstance(goal, DeflectionGoal):
         return f"deflection in the work area{force} to ± {length_text(goal.uncertainty)}"
     return f"whether the deflection in the work area{force} stays below {length_text(goal.limit)}"

@@ -17,6 +17,7 @@ from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.design.candidates import PlanRequest, Pool, known_rows
 from jointstiff.solver.design.optimum import AOptimality, Atoms, uncertainty_of
 from jointstiff.solver.design.plan import Distinct
+from jointstiff.solver.errors import RequestError
 from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.robot.model import Robot
 
@@ -28,6 +29,8 @@ _TRIED: Final = 24
 """Candidates of the best prices whose reading is evaluated exactly."""
 _AS_GOOD: Final = 1.05
 """Factor within which the nearest of the candidates is taken: travel takes time."""
+_TWISTS: Final = 1e-9
+"""Deflection by a joint, relative to the greatest, below which it counts as rounding."""
 _RATIO: Final = (0.2, 20.0)
 """Least and greatest factor between what the readings say and what the design expects."""
 
@@ -92,21 +95,38 @@ class Ahead:
     robot: Robot
     request: PlanRequest
     pool: Pool
-    places: FloatArray  #: (R, 3, 3, n) deflections [m] at places of the work area, by forces along the axes
+    places: (
+        FloatArray  #: (R, F, 3, n) deflections [m] at places of the work area, by each of the forces there
+    )
 
     @classmethod
-    def of(cls, robot: Robot, request: PlanRequest, force: float | None = None) -> Ahead:
-        """Draw candidates, and places of the work area under a force [N].
+    def of(cls, robot: Robot, request: PlanRequest, force: FloatArray | None = None) -> Ahead:
+        """Draw candidates, and places of the work area.
+
+        Args:
+            robot: n joints.
+            request: equipment and surroundings.
+            force: (3,) in the work area, axes of R0 [N]; None for that of the load.
 
         Raises:
-            RequestError: as `Pool.of` does.
+            RequestError: as `Pool.of` does, or forces in the work area twist a joint that the loads do not.
         """
-        pool, n = Pool.of(robot, request), robot.n
+        pool, loads, n = Pool.of(robot, request), request.equipment.loads, robot.n
         if pool.predicted is None:
-            return cls(robot, request, pool, np.zeros((0, 3, 3, n)))
-        scale = 1.0 if force is None else force / request.equipment.loads.force
-        rows = scale * pool.predicted[:, :, :n]
-        return cls(robot, request, pool, rows.reshape(len(rows), 3, 3, n))
+            return cls(robot, request, pool, np.zeros((0, 1, 3, n)))
+        by_axis = pool.predicted[:, :, :n].reshape(-1, 3, 3, n)
+        if force is None and loads.kind == "dead_weight":
+            force = np.array([0.0, 0.0, -loads.force])
+        places = by_axis if force is None else np.einsum("rfcn,f->rcn", by_axis, force / loads.force)[:, None]
+        hidden = ~pool.parameters.basis[:n].any(axis=1)
+        if hidden.any() and np.abs(places[..., hidden]).max() > _TWISTS * np.abs(places).max():
+            names = ", ".join(np.array(robot.joint_names)[hidden])
+            raise RequestError(
+                f"the loads do not twist {names}, but forces in the work area do",
+                where="open.load",
+                remedy="apply forces in other directions, or give the goal a `force` that does not twist it",
+            )
+        return cls(robot, request, pool, places)
 
     @property
     def wanted(self) -> IndexArray:
@@ -125,7 +145,7 @@ class Ahead:
             return Share(each, weights, goal.relative, joint=int(self.wanted[np.argmax(each)]))
         rows = self.places.reshape(-1, n)
         mean, hidden = rows.T @ rows / len(rows), ~np.isfinite(known.compliance)
-        if hidden.any() and np.abs(rows[:, hidden]).max() > 1e-9 * np.abs(rows).max():
+        if hidden.any() and np.abs(rows[:, hidden]).max() > _TWISTS * np.abs(rows).max():
             allowed = goal.limit if isinstance(goal, DecisionGoal) else goal.uncertainty
             return Share(np.array([np.inf]), mean, allowed, joint=int(np.flatnonzero(hidden)[0]))
         if not isinstance(goal, DecisionGoal):

@@ -195,7 +195,11 @@ def innovation(
         )
     causes = _causes(expected, reading, others)
     if not causes and wrong_place:
-        causes = ["the joint angles are those of another posture"]
+        same = np.isclose(others.joints, reading.joints[0]).all(axis=1)
+        whose = (
+            f"those of '{others.labels[int(np.argmax(same))]}'" if same.any() else "not those of this posture"
+        )
+        causes = [f"the joint angles are {whose}"]
     where = f"{length_text(off)} from where the others put it" if doubtful else "unloaded targets misplaced"
     why = " or ".join(causes) + "?" if causes else "no single mistake explains it"
     return Innovation(
@@ -287,7 +291,7 @@ def _mistakes(
         yield words, exchanged, None, 0
     for label, joints in zip(others.labels, others.joints, strict=True):
         if not np.allclose(joints, reading.joints[0]):
-            yield f"the joint angles are those of '{label}'", replace(reading, joints=joints[None]), None, 1
+            yield f"the arm stood as for '{label}'", replace(reading, joints=joints[None]), None, 1
     for j, name in enumerate(robot.joint_names):
         turned = reading.joints.copy()
         turned[0, j] *= -1.0

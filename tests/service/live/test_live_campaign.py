@@ -1,0 +1,253 @@
+"""Live campaigns: exact springs read posture by posture, mistakes named at the reading, a set at the end."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+from fastapi.testclient import TestClient
+
+from jointstiff.service.app import create_app
+from jointstiff.service.store.store import Store
+from jointstiff.simulator import (
+    LOAD_POINT,
+    TARGETS,
+    Experiment,
+    default_arm,
+    robot_document,
+    simulate_positions,
+)
+
+ARM, SIGMA = default_arm(), 2e-5
+EXACT = {"sigma": SIGMA, "load_point": 1e-4, "force": {"scale": 1e-3}}  # next to exact
+OPEN: dict[str, Any] = {
+    "goal": {"kind": "joints", "relative": 0.15},
+    "load": {"kind": "dead_weight", "mass": 150.0},
+    "targets": {name: list(place) for name, place in TARGETS.items()},
+}
+Answer = dict[str, Any]
+
+
+def read(following: Answer, seed: int = 0, **changes: object) -> Answer:
+    """An observation of what is next, by springs that balance the load exactly, and noise."""
+    experiment = Experiment(
+        joints=np.array([following["joints"]]),
+        forces=np.array([following["force"]]),
+        moments=np.zeros((1, 3)),
+        load_points=np.array([LOAD_POINT]),
+    )
+    number = int(following["label"].strip("m"))
+    unloaded, loaded = simulate_positions(ARM, experiment, TARGETS, sigma=SIGMA, seed=1000 * seed + number)
+    readings = [
+        {"target": name, "unloaded": unloaded[0, i].tolist(), "loaded": loaded[0, i].tolist()}
+        for i, name in enumerate(TARGETS)
+    ]
+    return {
+        "label": following["label"],
+        "joints": following["joints"],
+        "force": following["force"],
+        "readings": readings,
+        **changes,
+    }
+
+
+@pytest.fixture
+def service(database_url: str) -> Iterator[TestClient]:
+    with (
+        Store.open(database_url) as store,
+        TestClient(create_app(store), base_url="http://127.0.0.1") as client,
+    ):
+        yield client
+
+
+def declared(service: TestClient, **changes: object) -> str:
+    """The address of an open set."""
+    robot = service.post("/v1/robots", json=robot_document(ARM)).json()["id"]
+    body = {
+        "robot_id": robot,
+        "name": "live",
+        "units": {"length": "m", "angle": "rad", "force": "N"},
+        "encoders": "motor",
+        "noise": EXACT,
+        "load_point": list(LOAD_POINT),
+        "open": OPEN | changes,
+    }
+    answer = service.post("/v1/measurement-sets", json=body)
+    assert answer.status_code == 201, answer.text
+    return str(answer.headers["Location"])
+
+
+def measured(service: TestClient, address: str, readings: int, seed: int = 0) -> Answer:
+    """The state after some readings."""
+    state: Answer = service.get(f"{address}/next").json()
+    for _ in range(readings):
+        if state["next"] is None:
+            break
+        answer = service.post(f"{address}/observations", json=read(state["next"], seed))
+        assert answer.status_code == 201, answer.text
+        state = answer.json()
+    return state
+
+
+def test_a_campaign_is_measured_until_its_goal_is_met_and_becomes_an_ordinary_set(service):
+    address = declared(service)
+    state = measured(service, address, 30)
+    assert state["state"] == "reached"
+    assert len(state["readings"]) <= 13
+    assert state["share"] <= 1.0
+    assert [each["held_out"] is not None for each in state["readings"]][-1]
+    assert state["readings"][-1]["held_out"]["inside"]
+    for joint, stiffness in zip(state["joints"], ARM.stiffnesses, strict=True):
+        if joint["name"] == "joint_1":  # a weight does not twist it
+            assert joint["interval"] is None
+        else:
+            assert joint["relative"] <= 0.15
+            assert abs(joint["stiffness"] / stiffness - 1.0) <= 2.0 * joint["relative"]
+    closed = service.post(f"{address}/close").json()
+    assert closed["state"] == "closed"
+    assert service.post(f"{address}/close").json() == closed
+    stored = service.get(address).json()
+    assert len(stored["observations"]) == len(state["readings"])
+    assert "± 15 %" in stored["notes"]
+    assert "90 % ball" in stored["notes"]
+    run = service.get(f"/v1/runs/{closed['run_id']}").json()
+    assert run["state"] == "succeeded"
+    late = service.post(f"{address}/observations", json=read({**run, "label": "m99", **reading_of(stored)}))
+    assert (late.status_code, late.json()["type"]) == (409, "urn:jointstiff:problem:closed")
+
+
+def reading_of(stored: Answer) -> Answer:
+    """Posture and force of the first observation."""
+    return {name: stored["observations"][0][name] for name in ("joints", "force")}
+
+
+def test_an_observation_is_acknowledged_once_and_survives(database_url):
+    """What was answered 201 is there in another service on the same database, once."""
+    with (
+        Store.open(database_url) as store,
+        TestClient(create_app(store), base_url="http://127.0.0.1") as first,
+    ):
+        address = declared(first)
+        state = first.get(f"{address}/next").json()
+        body = read(state["next"])
+        answers = [first.post(f"{address}/observations", json=body) for _ in range(2)]
+        assert answers[0].json() == answers[1].json()
+        other = first.post(f"{address}/observations", json=body | {"force": [0.0, 0.0, -1.0]})
+        assert (other.status_code, other.json()["type"]) == (409, "urn:jointstiff:problem:label-taken")
+        with TestClient(create_app(store), base_url="http://127.0.0.1") as second:
+            again = second.get(f"{address}/next").json()
+            assert again == answers[0].json()
+            assert [each["label"] for each in again["readings"]] == ["m01"]
+
+
+def exchanged(body: Answer) -> Answer:
+    names = [reading["target"] for reading in body["readings"]]
+    swapped = [names[1], names[0], *names[2:]]
+    readings = [{**reading, "target": name} for reading, name in zip(body["readings"], swapped, strict=True)]
+    return body | {"readings": readings}
+
+
+MISTAKES: dict[str, tuple[Callable[[Answer, Answer], Answer], str]] = {
+    "sign": (lambda body, _: body | {"force": [-part for part in body["force"]]}, "opposite sign"),
+    "posture": (lambda body, first: body | {"joints": first["joints"]}, "those of 'm01'"),
+    "targets": (lambda body, _: exchanged(body), "P10 and P11 are exchanged"),
+    "force": (lambda body, _: body | {"force": [0.85 * part for part in body["force"]]}, "force is another"),
+}
+
+
+@pytest.mark.parametrize("mistake", MISTAKES)
+def test_a_mistake_is_named_at_the_reading_and_withdrawn(service, mistake):
+    address = declared(service, goal={"kind": "joints", "relative": 0.02})
+    first = service.get(f"{address}/next").json()["next"]
+    state = measured(service, address, 5)
+    assert not any(each["innovation"] and each["innovation"]["doubtful"] for each in state["readings"])
+    plant, words = MISTAKES[mistake]
+    label = state["next"]["label"]
+    answer = service.post(f"{address}/observations", json=plant(read(state["next"]), read(first))).json()
+    found = answer["readings"][-1]
+    assert found["state"] == "doubtful"
+    assert any(words in cause for cause in found["innovation"]["causes"]), found["innovation"]
+    change = {"withdrawn": {label: "read again"}}
+    assert service.patch(address, json=change).status_code == 200
+    after = service.get(f"{address}/next").json()
+    assert after["readings"][-1]["state"] == "withdrawn"
+    assert after["joints"] == state["joints"]
+    assert service.patch(address, json={"withdrawn": {"m77": "?"}}).status_code == 422
+
+
+def test_a_posture_is_skipped_and_no_other_than_the_next_one(service):
+    address = declared(service)
+    state = measured(service, address, 1)
+    assert service.patch(address, json={"skipped": "m01"}).status_code == 422
+    assert service.patch(address, json={"skipped": state["next"]["label"]}).status_code == 200
+    after = service.get(f"{address}/next").json()["next"]
+    assert after["label"] == state["next"]["label"]
+    apart = np.abs(np.array(after["joints"]) - state["next"]["joints"]).max()
+    assert apart >= np.radians(10.0) - 1e-9
+
+
+def test_a_goal_beyond_reach_is_said_after_ten_readings_by_joint(service):
+    address = declared(service, goal={"kind": "joints", "relative": 0.001}, candidates=100)
+    state = measured(service, address, 10)
+    assert state["state"] == "cannot"
+    assert "joint_" in state["message"]
+
+
+def test_a_deflection_in_a_work_area_is_a_goal_and_a_decision(service):
+    area = {"work_area": [[0.8, -0.6, 0.4], [1.9, 0.6, 1.6]]}
+    state = measured(service, declared(service, goal={"kind": "deflection", "uncertainty": 5e-5}, **area), 20)
+    assert state["state"] == "reached"
+    assert state["deflection_uncertainty"] <= 5e-5
+    decided = measured(service, declared(service, goal={"kind": "decision", "limit": 0.05}, **area), 20)
+    assert decided["state"] == "reached"
+    assert decided["greatest_deflection"] + decided["deflection_uncertainty"] < 0.05
+
+
+@pytest.mark.parametrize(
+    ("changes", "where"),
+    [
+        ({"goal": {"kind": "deflection", "uncertainty": 1e-5}}, "open.work_area"),
+        ({"load": None}, "load"),
+        ({"targets": {}}, "targets"),
+        ({"plan_id": "none"}, "open.plan_id"),
+    ],
+)
+def test_what_cannot_be_measured_is_refused_before_the_first_reading(service, changes, where):
+    robot = service.post("/v1/robots", json=robot_document(ARM)).json()["id"]
+    body = {
+        "robot_id": robot,
+        "name": "live",
+        "units": {"length": "m", "angle": "rad", "force": "N"},
+        "encoders": "motor",
+        "open": {**OPEN, **changes},
+    }
+    answer = service.post("/v1/measurement-sets", json=body)
+    assert (answer.status_code, answer.json()["where"]) == (422, where)
+    assert service.get("/v1/measurement-sets", params={"open": True}).json()["items"] == []
+
+
+def test_open_sets_are_listed_deleted_and_restored_and_no_run_takes_one(service):
+    address = declared(service)
+    measured(service, address, 2)
+    (listed,) = service.get("/v1/measurement-sets", params={"open": True}).json()["items"]
+    assert (listed["open"], listed["observation_count"]) == (True, 2)
+    assert service.get("/v1/measurement-sets").json()["items"] == []
+    assert service.post("/v1/runs", json={"measurement_set_id": listed["id"]}).status_code == 422
+    assert len(service.get(address).json()["observations"]) == 2
+    assert service.patch(address, json={"name": "other"}).status_code == 422
+    assert service.patch(address, json={"deleted": True}).status_code == 200
+    assert service.get(f"{address}/next").status_code == 404
+    assert service.patch(address, json={"deleted": False}).status_code == 200
+    assert len(service.get(f"{address}/next").json()["readings"]) == 2
+
+
+def test_followers_are_told_of_each_change(service):
+    address = declared(service)
+    service.post(f"{address}/observations", json=read(service.get(f"{address}/next").json()["next"]))
+    service.post(f"{address}/close")
+    with service.stream("GET", f"{address}/next", params={"follow": True}) as stream:
+        lines = [line for line in stream.iter_lines() if line.startswith("data")]
+    assert len(lines) == 1
+    assert '"state":"closed"' in lines[0]
