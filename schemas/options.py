@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import BeforeValidator, Field, ValidationInfo, field_validator, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, ValidationInfo, field_validator, model_validator
 
 from jointstiff.schemas.fields import (
     Confidence,
@@ -180,6 +180,21 @@ class MethodOptions(Message):
         return length
 
 
+def _once_each(causes: list[NamedCause]) -> list[NamedCause]:
+    if len({(cause.name, cause.first) for cause in causes}) < len(causes):
+        raise ValueError("names the same cause twice")
+    return causes
+
+
+Causes = Annotated[
+    list[NamedCause],
+    Field(max_length=MAX_CAUSES),
+    AfterValidator(_once_each),
+    Terminal("--cause", "NAME[:FIRST]", cause_of, "list"),
+]
+"""Causes that are fitted beside the joints."""
+
+
 class RunOptions(MethodOptions):
     """Options of an identification. All defaults suit three targets and a tracker."""
 
@@ -211,11 +226,7 @@ class RunOptions(MethodOptions):
         "Kao's conservative congruence transformation, K_c); the paper neglects it, and so do the models "
         "with elastic links or coupling.",
     )
-    causes: Annotated[
-        list[NamedCause],
-        Field(max_length=MAX_CAUSES),
-        Terminal("--cause", "NAME[:FIRST]", cause_of, "list"),
-    ] = Field(
+    causes: Causes = Field(
         default_factory=list,
         description="Causes to fit beside the joints, such as those that a reason advises: the readings stay "
         "as they are, and the intervals hold the uncertainty of what was fitted.",
@@ -312,13 +323,6 @@ class RunOptions(MethodOptions):
         if isinstance(chosen, list) and chosen and elasticity in {"coupled_joints", "joints_and_base"}:
             raise ValueError(f"needs an elasticity with links, not `{elasticity}`")
         return chosen
-
-    @field_validator("causes", mode="after")
-    @classmethod
-    def _once_each(cls, causes: list[NamedCause]) -> list[NamedCause]:
-        if len({(cause.name, cause.first) for cause in causes}) < len(causes):
-            raise ValueError("names the same cause twice")
-        return causes
 
     @field_validator("weight", mode="after")
     @classmethod

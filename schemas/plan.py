@@ -31,7 +31,7 @@ from jointstiff.schemas.finding import AcceptingOptions, Assessment
 from jointstiff.schemas.job import Job, JobSummary, Result
 from jointstiff.schemas.joints import StatedKind
 from jointstiff.schemas.measurement import MAX_TARGETS, Uncertainty
-from jointstiff.schemas.options import StiffnessPrior, Weight
+from jointstiff.schemas.options import Causes, StiffnessPrior, Weight
 from jointstiff.schemas.robot import MAX_JOINTS
 
 MAX_CANDIDATES = 50_000
@@ -177,6 +177,11 @@ class PlanOptions(AcceptingOptions):
         Field(max_length=MAX_JOINTS),
         Terminal("--prior", "JOINT=STIFFNESS:UNCERTAINTY", prior_of, "dict"),
     ] = Field(default_factory=dict, description="Prior knowledge of joints; it counts like readings.")
+    causes: Causes = Field(
+        default_factory=list,
+        description="Causes that are fitted beside the joints to the readings of the campaign so far, as in "
+        "its run; from Python and the terminal those of its run.",
+    )
     joints: Annotated[list[Name], Field(max_length=MAX_JOINTS)] = Field(
         default_factory=list, description="Joints to determine; default: all that the loads twist."
     )

@@ -59,6 +59,12 @@ def planning(inputs: Inputs, request: plans.PlanRequest) -> QuickWork:
     Raises:
         RequestError: there is no such robot or set.
     """
+    if request.causes and (request.measurement_set_id is None or isinstance(request.load, OwnWeight)):
+        raise RequestError(
+            "causes are fitted to the loaded readings of a campaign",
+            where="causes",
+            remedy="omit `causes`, or go on with a measured campaign under loads",
+        )
     if request.measurement_set_id is None:
         robot, content = inputs.robot(str(request.robot_id), "robot_id")
         planned = Planned(robot, str(request.robot_id), content)
@@ -66,7 +72,8 @@ def planning(inputs: Inputs, request: plans.PlanRequest) -> QuickWork:
         prepared = inputs.measured(request.measurement_set_id, "measurement_set_id")
         if request.load is None and not prepared.measurements.force.any():
             request = request.model_copy(update={"load": OwnWeight(kind="own_weight")})
-        prepared = prepared if isinstance(request.load, OwnWeight) else prepared.with_loads()
+        by_weight = isinstance(request.load, OwnWeight)
+        prepared = prepared if by_weight else prepared.with_loads().beside(request.causes)
         planned = Planned(prepared.robot, prepared.robot_id, prepared.content, prepared)
     options = request.model_dump_json(exclude={"robot_id", "measurement_set_id"})
     return QuickWork(

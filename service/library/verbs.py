@@ -296,7 +296,9 @@ def _take_robot_or_campaign(call: _Call) -> dict[str, Any]:
     call.waiting[0] = source = read_planned(source) if isinstance(source, str) else source
     if isinstance(source, RobotDocument):
         return {"robot_id": call.door.described(call.waiting.pop(0))}
-    return {"measurement_set_id": _take_campaign(call)["measurement_set_id"]}
+    set_id, run = call.door.measured(call.waiting.pop(0))
+    causes = [] if run is None else [cause.model_dump(mode="json") for cause in run.causes]
+    return {"measurement_set_id": set_id, **({"causes": causes} if causes else {})}
 
 
 def _take_readings(call: _Call) -> dict[str, Any]:

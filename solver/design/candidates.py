@@ -27,6 +27,7 @@ from jointstiff.solver.terms.block import regressor_blocks
 from jointstiff.solver.terms.block import whitened_rows as term_rows
 from jointstiff.solver.terms.errors import TERMS
 from jointstiff.solver.terms.springs import JOINTS, links_behind
+from jointstiff.solver.triangle import basis, unit_columns
 
 LoadKind = Literal["dead_weight", "any_direction", "cable"]
 
@@ -338,17 +339,25 @@ def whitened_rows(robot: Robot, request: PlanRequest, measurements: Measurements
         measurements: N readings of T targets.
 
     Returns:
-        (N, 3 T, P) in units of sigma.
+        (N, 3 T, P) in units of sigma; of readings beside which causes were fitted, what these leave.
     """
     hedged = [term for term in TERMS.values() if term.hedged]
     terms = [JOINTS, *([links_behind(tuple(range(robot.n)))] if request.links else hedged)]
+    common = measurements.common_uncertainty
+    fitted = () if common is None or common.fitted is None else common.fitted.terms
     parts = []
     for block in regressor_blocks(robot, measurements):
-        columns, _, widths = term_rows(block, terms, np.nan_to_num(request.nominal))
-        unit = np.repeat([term.hedged or 1.0 for term in terms], list(widths.values()))
+        columns, _, widths = term_rows(block, [*terms, *fitted], np.nan_to_num(request.nominal))
+        unit = np.repeat([term.hedged or 1.0 for term in (*terms, *fitted)], list(widths.values()))
         parts.append(columns[..., :-1] * unit)
     rows = np.concatenate(parts)
-    return rows.reshape(len(rows), -1, rows.shape[-1])
+    rows = rows.reshape(len(rows), -1, rows.shape[-1])
+    if not fitted:
+        return rows
+    kept = sum(widths[term.name] for term in terms)
+    flat = rows.reshape(-1, rows.shape[-1])
+    moved, left = basis(unit_columns(flat[:, kept:])[0]), flat[:, :kept]
+    return np.asarray(left - moved @ (moved.T @ left)).reshape(*rows.shape[:2], kept)
 
 
 def known_rows(robot: Robot, request: PlanRequest, so_far: Measurements) -> FloatArray:

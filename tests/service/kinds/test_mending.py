@@ -197,6 +197,28 @@ def test_a_cause_is_fitted_beside_the_joints_and_the_numbers_stay(clean, mistake
     assert before.result.causes[0].p_value < 1e-6
 
 
+def test_a_plan_goes_on_with_a_mended_campaign(clean):
+    """What the run fitted beside the joints goes along: the plan knows that the campaign is mended."""
+    before = jointstiff.identify(planted(clean, load_point_stated_too_well))
+    with pytest.raises(jointstiff.CampaignError, match="do_not_use"):
+        jointstiff.plan(before.campaign, readings=6, candidates=300)
+    after = before.apply("fit_causes")
+    plan = jointstiff.plan(after, readings=6, candidates=300)
+    assert [cause.name for cause in plan.request.causes] == ["load_point"]
+    assert [reason.code for reason in plan.result.assessment.reasons] == ["cause_fitted"]
+    exact = jointstiff.plan(jointstiff.identify(clean), readings=6, candidates=300)
+    for mended, known in zip(plan.result.joints, exact.result.joints, strict=True):
+        assert mended.before >= 0.9 * known.before  # what was fitted leaves less for the joints
+
+
+def test_a_plan_without_readings_under_loads_takes_no_causes():
+    with pytest.raises(jointstiff.CampaignError) as caught:
+        jointstiff.plan(
+            "KUKA KR 210 R2700", load={"kind": "any_direction", "force": 1e3}, causes=[{"name": "play"}]
+        )
+    assert caught.value.problem.where.endswith("causes")
+
+
 @pytest.mark.parametrize("cause", [{"name": "ghost"}, {"name": "shift", "first": "none"}])
 def test_a_cause_that_no_reading_shows_is_refused(clean, cause):
     with pytest.raises(jointstiff.CampaignError) as caught:
