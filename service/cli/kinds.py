@@ -408,7 +408,8 @@ def _write_robot(job: Any, values: _Values, _sources: Sequence[Any]) -> Any:  # 
 
 
 def _write_campaign(job: Any, values: _Values, sources: Sequence[Any]) -> Any:  # noqa: ANN401 - a Plan
-    from jointstiff.service.library.files import campaign_to_fill_in, read_planned
+    from jointstiff.service.kinds.plan import campaign_to_fill_in
+    from jointstiff.service.library.files import read_planned
 
     if values["campaign"] is not None:
         campaign = campaign_to_fill_in(read_planned(sources[0]), job)

@@ -2,17 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from functools import partial
 from math import inf
 from typing import Any, Final
 
 import numpy as np
 
-from jointstiff.schemas.comparison import ComparedRun, ComparedSide, ComparisonRequest, ComparisonResult
+from jointstiff.schemas.comparison import (
+    CampaignComparison,
+    ComparedRun,
+    ComparedSide,
+    ComparisonRequest,
+    ComparisonResult,
+)
 from jointstiff.schemas.comparison import Side as SideName
 from jointstiff.schemas.finding import Assessment, Finding, combined
-from jointstiff.schemas.run import Run, RunResult
+from jointstiff.schemas.options import RunOptions
+from jointstiff.schemas.run import Run, RunRequest, RunResult
 from jointstiff.service.conversion.readings import hash_of
 from jointstiff.service.kinds.work import QuickWork
 from jointstiff.service.resources.inputs import Inputs, MeasuredRun
@@ -327,4 +335,56 @@ def _free_estimate(run: Run, robot: Robot) -> FreeEstimate:
         degrees_of_freedom=inf if model.degrees_of_freedom is None else model.degrees_of_freedom,
         reasons=[joint.reason for joint in joints],
         unseen=unseen,
+    )
+
+
+# ---- the runs of a comparison
+
+
+@dataclass(frozen=True)
+class ComparedSet:
+    """A measurement set to be compared."""
+
+    set_id: str
+    leave_out: Sequence[str]  # labels of observations that its runs omit
+    options: RunOptions  # options of the run by which it is compared with another set
+
+
+def comparison_of(
+    sets: Sequence[ComparedSet], chosen: CampaignComparison, make: Callable[[RunRequest, bool], Run | None]
+) -> ComparisonRequest:
+    """Make the runs of one set or two, and return the request that compares them.
+
+    Args:
+        sets: one for methods side by side, or two.
+        chosen: methods, constraints, draws.
+        make: identifies; the flag says whether the others do without the run.
+    """
+    confidence = chosen.confidence or sets[0].options.confidence
+    common = {"elasticity": "joints", "confidence": confidence, "resampling": chosen.resampling}
+    table = [
+        RunOptions(**method.model_dump(), **common, positive=constraint == "positive")
+        for method in chosen.methods
+        for constraint in chosen.constraints
+    ]
+    runs: list[Run] = []
+    for each in sets:
+        stated = each.options.model_dump(exclude={"leave_out"})
+        named = {} if stated["elasticity"] == "automatic" else {"elasticity": stated["elasticity"]}
+        own = RunOptions.model_validate({**stated, **common, **named})
+        listed = [own, *(other for other in table if other != own)] if len(sets) > 1 else table
+
+        def made(options: RunOptions, each: ComparedSet = each, own: RunOptions = own) -> Run | None:
+            asked = RunRequest(
+                **options.model_dump(), measurement_set_id=each.set_id, leave_out=list(each.leave_out)
+            )
+            return make(asked, options != own)
+
+        by_options = [(options, made(options)) for options in listed]
+        free = own.model_copy(update=UNCONSTRAINED)
+        if free not in listed and any(options == own and run and is_held(run) for options, run in by_options):
+            by_options.append((free, made(free)))
+        runs += [run for _, run in by_options if run is not None]
+    return ComparisonRequest(
+        run_ids=[run.id for run in runs], ordered=chosen.ordered, confidence=chosen.confidence
     )

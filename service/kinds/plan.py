@@ -15,6 +15,8 @@ from jointstiff.schemas.plan import (
     PlanResult,
     PlanSummary,
 )
+from jointstiff.schemas.robot import RobotDocument
+from jointstiff.schemas.run import Campaign
 from jointstiff.service.kinds.kind import READINGS_BYTES, File, Kind
 from jointstiff.service.tables.report import Report, View
 from jointstiff.service.tables.table import Chart, Column, Line, Sheet, Table, number
@@ -181,6 +183,43 @@ def readings_sheet(plan: Plan) -> Sheet:
         }
         for each in result.readings
     )
+
+
+def campaign_to_fill_in(source: RobotDocument | Campaign, plan: Plan) -> dict[str, Any]:
+    """Return a campaign file with the planned readings, whose positions are still null."""
+    options, result = plan.request, plan.result
+    robot = source.robot if isinstance(source, Campaign) else source
+    encoders = source.measurement_set.encoders if isinstance(source, Campaign) else "motor"
+    targets = {} if result is None else result.targets
+    observations = [
+        {
+            "label": each.label,
+            "joints": each.joints,
+            "force": each.force,
+            "readings": [{"target": target, **_unread(each)} for target in targets],
+        }
+        for each in ([] if result is None else result.readings)
+    ]
+    return {
+        "robot": robot.model_dump(mode="json", exclude_none=True),
+        "measurement_set": {
+            "name": f"planned for {robot.name}"[:200],
+            "units": {"length": "m", "angle": "rad", "force": "N"},
+            "encoders": encoders,
+            **({"flange_targets": targets} if options.directions else {}),
+            **({} if options.sigma is None else {"noise": {"sigma": options.sigma}}),
+            "load_point": (0.0, 0.0, 0.0) if result is None else result.load_point,
+            "observations": observations,
+        },
+        "run": {"method": "partial_pose"},
+    }
+
+
+def _unread(planned: PlannedReading) -> dict[str, Any]:
+    """Return the fields of a reading that is still to be taken."""
+    if planned.direction is not None:
+        return {"displacement": None, "direction": planned.direction}
+    return {"unloaded": None, "loaded": None}
 
 
 def charts(result: PlanResult) -> list[Chart]:

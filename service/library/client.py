@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator, Mapping
 from os import PathLike
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, Final, Generic, TypeVar, cast
+from typing import TYPE_CHECKING, Any, Final, Generic, TypeVar, Unpack, cast
 from urllib.parse import quote
 from uuid import uuid4
 
@@ -73,7 +73,13 @@ def plain(document: Document) -> dict[str, Any]:
     return dict(document)
 
 
-class Client:
+if TYPE_CHECKING:
+    from jointstiff.service.library.typed import IdentifyFields, ImportFields, PredictFields, Verbs
+else:
+    Verbs = object
+
+
+class Client(Verbs):
     """A service, with its resources by kind, such as `client.runs.get(id)`.
 
     The verbs are those of `import jointstiff`, such as `client.identify("campaign.json")`; where they take a
@@ -84,12 +90,7 @@ class Client:
     if the service refuses or does not answer. Used as a context manager, it closes its connections.
     """
 
-    # a kind of work has its verb and its collection without a line here, which is for editors and mypy
-    compare: Verb[Comparison]
-    geometry: Verb[Geometry]
-    plan: Verb[Plan]
-    map: Verb[Map]
-    compensate: Verb[Program]
+    # a kind of work has its collection without a line here, which is for editors and mypy
     runs: Jobs[TabledRun, RunSummary]
     comparisons: Jobs[Comparison, ComparisonSummary]
     geometries: Jobs[Geometry, GeometrySummary]
@@ -157,8 +158,9 @@ class Client:
         self,
         run: Any,  # noqa: ANN401 - a run, or a campaign
         postures: AnyPostures,
+        /,
         forces: Numbers | None = None,
-        **options: Any,  # noqa: ANN401 - of jointstiff.predict
+        **options: Unpack[PredictFields],
     ) -> Prediction:
         """Predict deflections by a run; arguments as of `jointstiff.predict`."""
         run_id = self.identified(run)
@@ -171,7 +173,7 @@ class Client:
         self,
         *files: str | PathLike[str],
         robot: Any = None,  # noqa: ANN401 - as of jointstiff.import_files
-        **options: Any,  # noqa: ANN401 - of ImportRequest
+        **options: Unpack[ImportFields],
     ) -> ImportAnswer:
         """Understand files of readings, in this process; arguments as of `jointstiff.import_files`."""
         return import_files(*files, robot=robot, **options)
@@ -179,11 +181,12 @@ class Client:
     def identify(
         self,
         campaign: AnyCampaign | Run,
+        /,
         options: RunOptions | None = None,
         *,
         on_progress: OnProgress | None = None,
         cancel: Cancel | None = None,
-        **fields: Any,  # noqa: ANN401 - fields of RunOptions
+        **fields: Unpack[IdentifyFields],
     ) -> TabledRun:
         """Post a campaign; return its run once it has ended; arguments as of `jointstiff.identify`."""
         if isinstance(campaign, Run):

@@ -18,31 +18,78 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from jointstiff.schemas.comparison import Comparison
-    from jointstiff.schemas.deflection import Map
-    from jointstiff.schemas.geometry import Geometry
-    from jointstiff.schemas.plan import Plan
-    from jointstiff.schemas.program import Program
+    from jointstiff.schemas.comparison import CampaignComparison
+    from jointstiff.schemas.deflection import DeflectionOptions, LoadCase, MapOptions
+    from jointstiff.schemas.geometry import GeometryRequest
+    from jointstiff.schemas.measurement import Noise, Units
+    from jointstiff.schemas.options import RunOptions
+    from jointstiff.schemas.plan import PlanOptions
+    from jointstiff.schemas.program import ProgramOptions
+    from jointstiff.schemas.robot import RobotDocument
+    from jointstiff.service.library.async_client import AsyncClient
     from jointstiff.service.library.campaigns import Campaign
     from jointstiff.service.library.client import Client
     from jointstiff.service.library.errors import CampaignError, RefusedError
-    from jointstiff.service.library.results import TabledRun
+    from jointstiff.service.library.results import Prediction, TabledRun
     from jointstiff.service.library.robots import robot
-    from jointstiff.service.library.verbs import Verb, import_files, pair, predict
+    from jointstiff.service.library.typed import Verbs
+    from jointstiff.service.library.verbs import pair
 
-    identify: Verb[TabledRun]
-    compare: Verb[Comparison]
-    geometry: Verb[Geometry]
-    plan: Verb[Plan]
-    map: Verb[Map]  # noqa: A001 - the kind's name
-    compensate: Verb[Program]
+    _here = Verbs()
+    identify = _here.identify
+    compare = _here.compare
+    geometry = _here.geometry
+    plan = _here.plan
+    map = _here.map  # noqa: A001 - the kind's name
+    compensate = _here.compensate
+    predict = _here.predict
+    import_files = _here.import_files
+
+_HOMES = {
+    "AsyncClient": "service.library.async_client",
+    "Campaign": "service.library.campaigns",
+    "CampaignComparison": "schemas.comparison",
+    "CampaignError": "service.library.errors",
+    "Client": "service.library.client",
+    "DeflectionOptions": "schemas.deflection",
+    "GeometryRequest": "schemas.geometry",
+    "LoadCase": "schemas.deflection",
+    "MapOptions": "schemas.deflection",
+    "Noise": "schemas.measurement",
+    "PlanOptions": "schemas.plan",
+    "Prediction": "service.library.results",
+    "ProgramOptions": "schemas.program",
+    "RefusedError": "service.library.errors",
+    "RobotDocument": "schemas.robot",
+    "RunOptions": "schemas.options",
+    "TabledRun": "service.library.results",
+    "Units": "schemas.measurement",
+    "import_files": "service.library.verbs",
+    "pair": "service.library.verbs",
+    "predict": "service.library.verbs",
+    "robot": "service.library.robots",
+}
+"""Modules of the names that are no kinds of work."""
 
 __all__ = [
+    "AsyncClient",
     "Campaign",
+    "CampaignComparison",
     "CampaignError",
     "Client",
+    "DeflectionOptions",
+    "GeometryRequest",
+    "LoadCase",
+    "MapOptions",
+    "Noise",
+    "PlanOptions",
+    "Prediction",
+    "ProgramOptions",
     "RefusedError",
+    "RobotDocument",
+    "RunOptions",
     "TabledRun",
+    "Units",
     "compare",
     "compensate",
     "geometry",
@@ -55,26 +102,13 @@ __all__ = [
     "robot",
 ]
 
-_HOMES = {
-    "Campaign": "campaigns",
-    "CampaignError": "errors",
-    "Client": "client",
-    "RefusedError": "errors",
-    "TabledRun": "results",
-    "import_files": "verbs",
-    "pair": "verbs",
-    "predict": "verbs",
-    "robot": "robots",
-}
-"""Modules of the names that are no kinds of work."""
-
 
 def __getattr__(name: str) -> object:
     """Import a name of this package when it is first used."""
     if name == "__version__":
         return import_module("jointstiff.service.versions").JOINTSTIFF_VERSION
     if name in _HOMES:
-        return getattr(import_module(f"jointstiff.service.library.{_HOMES[name]}"), name)
+        return getattr(import_module(f"jointstiff.{_HOMES[name]}"), name)
     from jointstiff.service.kinds.rooms import ROOMS
 
     if any(room.command == name for room in ROOMS.values()):

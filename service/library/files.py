@@ -13,7 +13,6 @@ from typing import Any, Final, TypeVar
 from pydantic import BaseModel, ConfigDict
 
 from jointstiff.schemas.finding import Problem
-from jointstiff.schemas.plan import Plan, PlannedReading
 from jointstiff.schemas.robot import RobotDocument
 from jointstiff.schemas.run import Campaign
 from jointstiff.service.conversion.parsing import MAX_SET_BYTES, NOT_JSON, MalformedError, parse
@@ -189,40 +188,3 @@ def read_planned(text: str) -> RobotDocument | Campaign:
     except (ValueError, TypeError):
         is_campaign = True  # whose reader says what is wrong
     return read_document(path, Campaign) if is_campaign else read_document(path, RobotDocument)
-
-
-def campaign_to_fill_in(source: RobotDocument | Campaign, plan: Plan) -> dict[str, Any]:
-    """Return a campaign file with the planned readings, whose positions are still null."""
-    options, result = plan.request, plan.result
-    robot = source.robot if isinstance(source, Campaign) else source
-    encoders = source.measurement_set.encoders if isinstance(source, Campaign) else "motor"
-    targets = {} if result is None else result.targets
-    observations = [
-        {
-            "label": each.label,
-            "joints": each.joints,
-            "force": each.force,
-            "readings": [{"target": target, **_unread(each)} for target in targets],
-        }
-        for each in ([] if result is None else result.readings)
-    ]
-    return {
-        "robot": robot.model_dump(mode="json", exclude_none=True),
-        "measurement_set": {
-            "name": f"planned for {robot.name}"[:200],
-            "units": {"length": "m", "angle": "rad", "force": "N"},
-            "encoders": encoders,
-            **({"flange_targets": targets} if options.directions else {}),
-            **({} if options.sigma is None else {"noise": {"sigma": options.sigma}}),
-            "load_point": (0.0, 0.0, 0.0) if result is None else result.load_point,
-            "observations": observations,
-        },
-        "run": {"method": "partial_pose"},
-    }
-
-
-def _unread(planned: PlannedReading) -> dict[str, Any]:
-    """Return the fields of a reading that is still to be taken."""
-    if planned.direction is not None:
-        return {"displacement": None, "direction": planned.direction}
-    return {"unloaded": None, "loaded": None}

@@ -9,7 +9,7 @@ from io import StringIO
 from os import PathLike
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, Protocol, cast
+from typing import TYPE_CHECKING, Any, Protocol, Unpack, cast
 
 from pydantic import PrivateAttr, create_model
 from rich.console import Console
@@ -21,9 +21,9 @@ from jointstiff.schemas.run import JointResult, Run, RunRequest, RunResult
 from jointstiff.service.kinds.kind import AnyJob, File, Kind
 from jointstiff.service.kinds.rooms import kind_of
 from jointstiff.service.library.campaigns import Campaign
-from jointstiff.service.library.frames import frame_of
 from jointstiff.service.reports.job import job_parts, job_sheet
 from jointstiff.service.tables.files import written, xlsx_bytes
+from jointstiff.service.tables.frames import frame_of
 from jointstiff.service.tables.table import Line, Part, Sheet
 from jointstiff.service.tables.terminal import printed
 from jointstiff.solver.errors import RequestError
@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from jointstiff.service.library.campaigns import Numbers
     from jointstiff.service.library.cases import AnyPostures
     from jointstiff.service.library.follow import Follow
+    from jointstiff.service.library.typed import PredictFields
     from jointstiff.solver.arrays import FloatArray
 
 _WIDTH = 100
@@ -83,8 +84,9 @@ class Door(Protocol):
         self,
         run: Any,  # noqa: ANN401 - a run, or a campaign
         postures: AnyPostures,
+        /,
         forces: Numbers | None = None,
-        **options: Any,  # noqa: ANN401 - of jointstiff.predict
+        **options: Unpack[PredictFields],
     ) -> Prediction:
         """Predict deflections by a run."""
 
@@ -237,7 +239,7 @@ class Shown(Presented):
         return job_sheet(file, job, lambda: cast("Any", None))
 
     def _figure(self) -> Figure:
-        from jointstiff.service.library.plots import figure_of
+        from jointstiff.service.reports.plots import figure_of
 
         kind, job = kind_of(self._job.kind), self._job
         if job.result is None:
@@ -344,8 +346,9 @@ class TabledRun(Shown, Run):
     def predict(
         self,
         postures: AnyPostures,
+        /,
         forces: Numbers | None = None,
-        **options: Any,  # noqa: ANN401 - of `predict`
+        **options: Unpack[PredictFields],
     ) -> Prediction:
         """Predict deflections by this run; arguments as of `jointstiff.predict`."""
         return self._known_origin().predict(self, postures, forces, **options)
@@ -450,7 +453,7 @@ class Prediction(Presented, DeflectionResult):  # type: ignore[misc]  # `summary
 
     def _figure(self) -> Figure:
         from jointstiff.service.kinds.deflection import prediction_charts
-        from jointstiff.service.library.plots import figure_of
+        from jointstiff.service.reports.plots import figure_of
 
         return figure_of(f"Predicted deflection: {self._headline()}", prediction_charts(self))
 

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cache, lru_cache
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, Protocol, TypeVar, cast
+from typing import TYPE_CHECKING, Any, Final, Protocol, TypeVar, Unpack, cast
 
 from jointstiff.schemas import run as messages
 from jointstiff.schemas.fields import Message
@@ -44,10 +44,11 @@ from jointstiff.service.tables.table import Sheet
 from jointstiff.solver.errors import RequestError
 
 if TYPE_CHECKING:
-    from jointstiff.schemas.comparison import CampaignComparison, Comparison, ComparisonRequest
+    from jointstiff.schemas.comparison import Comparison
     from jointstiff.schemas.imports import ImportAnswer
     from jointstiff.service.exporting.model import ExportedModel
     from jointstiff.service.library.campaigns import Numbers
+    from jointstiff.service.library.typed import ImportFields, PredictFields
 
 AJob = TypeVar("AJob", bound=Job, covariant=True)
 
@@ -218,77 +219,25 @@ def _take_campaign(call: _Call) -> dict[str, Any]:
 def _take_campaigns(call: _Call) -> dict[str, Any]:
     """Make the runs of one campaign or two, by each method and constraint, and compare them."""
     from jointstiff.schemas.comparison import CampaignComparison
+    from jointstiff.service.kinds.comparing import ComparedSet, comparison_of
 
     stated = {} if call.options is None else call.options.model_dump(mode="json", exclude_unset=True)
     chosen = parse_document({**stated, **call.fields}, CampaignComparison)
     call.options = None
     call.fields.clear()
     given = call.waiting[:2]
-    sets: list[_ComparedSet] = []
+    sets: list[ComparedSet] = []
     for source, place in zip(given, ("first.", "second."), strict=False):
         set_id, own = call.door.measured(source, place if len(given) > 1 else "")
         own = own or CampaignRun()
         shared = own if isinstance(source, Run) or not sets else sets[0].options
-        sets.append(_ComparedSet(set_id, own.leave_out, chosen.run or shared))
+        sets.append(ComparedSet(set_id, own.leave_out, chosen.run or shared))
     del call.waiting[:2]
-    request = _comparison_of(
+    request = comparison_of(
         sets, chosen, lambda asked, dispensable: call.door.run(asked, call.follow, dispensable)
     )
     parts: dict[str, Any] = request.model_dump(mode="json", exclude_unset=True)
     return parts
-
-
-@dataclass(frozen=True)
-class _ComparedSet:
-    """A measurement set to be compared."""
-
-    set_id: str
-    leave_out: Sequence[str]  # labels of observations that its runs omit
-    options: RunOptions  # options of the run by which it is compared with another set
-
-
-def _comparison_of(
-    sets: Sequence[_ComparedSet], chosen: CampaignComparison, make: Callable[[RunRequest, bool], Run | None]
-) -> ComparisonRequest:
-    """Make the runs of one set or two, and return the request that compares them.
-
-    Args:
-        sets: one for methods side by side, or two.
-        chosen: methods, constraints, draws.
-        make: identifies; the flag says whether the others do without the run.
-    """
-    from jointstiff.schemas.comparison import ComparisonRequest
-    from jointstiff.schemas.options import RunOptions
-    from jointstiff.service.kinds.comparing import UNCONSTRAINED, is_held
-
-    confidence = chosen.confidence or sets[0].options.confidence
-    common = {"elasticity": "joints", "confidence": confidence, "resampling": chosen.resampling}
-    table = [
-        RunOptions(**method.model_dump(), **common, positive=constraint == "positive")
-        for method in chosen.methods
-        for constraint in chosen.constraints
-    ]
-    runs: list[Run] = []
-    for each in sets:
-        stated = each.options.model_dump(exclude={"leave_out"})
-        named = {} if stated["elasticity"] == "automatic" else {"elasticity": stated["elasticity"]}
-        own = RunOptions.model_validate({**stated, **common, **named})
-        listed = [own, *(other for other in table if other != own)] if len(sets) > 1 else table
-
-        def made(options: RunOptions, each: _ComparedSet = each, own: RunOptions = own) -> Run | None:
-            asked = RunRequest(
-                **options.model_dump(), measurement_set_id=each.set_id, leave_out=list(each.leave_out)
-            )
-            return make(asked, options != own)
-
-        by_options = [(options, made(options)) for options in listed]
-        free = own.model_copy(update=UNCONSTRAINED)
-        if free not in listed and any(options == own and run and is_held(run) for options, run in by_options):
-            by_options.append((free, made(free)))
-        runs += [run for _, run in by_options if run is not None]
-    return ComparisonRequest(
-        run_ids=[run.id for run in runs], ordered=chosen.ordered, confidence=chosen.confidence
-    )
 
 
 def _take_robot_or_campaign(call: _Call) -> dict[str, Any]:
@@ -466,8 +415,9 @@ class Here:
         self,
         run: Any,  # noqa: ANN401 - a run, or a campaign
         postures: AnyPostures,
+        /,
         forces: Numbers | None = None,
-        **options: Any,  # noqa: ANN401 - of the function below
+        **options: Unpack[PredictFields],
     ) -> Prediction:
         """Predict deflections by a run; arguments as of the function below."""
         from jointstiff.service.kinds.deflection import predict_by_run
@@ -554,7 +504,7 @@ def predict(
     postures: AnyPostures,
     /,
     forces: Numbers | None = None,
-    **options: Any,  # noqa: ANN401 - fields of DeflectionOptions
+    **options: Unpack[PredictFields],
 ) -> Prediction:
     """Predict deflections and compliance in given postures, under given loads.
 
@@ -577,7 +527,7 @@ def predict(
 def import_files(
     *files: str | PathLike[str],
     robot: Any = None,  # noqa: ANN401 - as of a campaign
-    **options: Any,  # noqa: ANN401 - of ImportRequest
+    **options: Unpack[ImportFields],
 ) -> ImportAnswer:
     """Understand files of readings, as `jointstiff import` does.
 

@@ -19,8 +19,7 @@ from jointstiff.schemas.robot import RobotDocument
 from jointstiff.schemas.run import Campaign
 from jointstiff.service.conversion.readings import ReadingArrays
 from jointstiff.service.kinds.mending import mended
-from jointstiff.service.kinds.plan import readings_sheet
-from jointstiff.service.library.files import campaign_to_fill_in
+from jointstiff.service.kinds.plan import campaign_to_fill_in, readings_sheet
 from jointstiff.service.resources.imports import ImportRefusedError, import_files
 from jointstiff.service.tables.files import csv_text
 from jointstiff.simulator import default_arm, simulate_campaign
