@@ -121,6 +121,7 @@ class PlanFields(TypedDict, total=False):
     torque_limits: Mapping[str, float]
     stiffness: Mapping[str, float]
     priors: Mapping[str, StiffnessPrior | Mapping[str, Any]]
+    causes: Sequence[NamedCause | Mapping[str, Any]]
     joints: Sequence[str]
     candidates: int
     postures: Matrix
