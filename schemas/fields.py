@@ -202,6 +202,24 @@ def planned_load_of(text: str) -> dict[str, Any]:
         ) from None
 
 
+def target_of(text: str) -> tuple[str, list[float]]:
+    """Return a target and its place [m] of `NAME=X,Y,Z` in mm."""
+    name, _, numbers = text.rpartition("=")
+    place = numbers_of(numbers)
+    if not name or len(place) != 3:
+        raise ValueError(f"'{text}' must be like P10=147,55,50: name and place on the flange in mm")
+    return name.strip(), [1e-3 * part for part in place]
+
+
+def box_of(text: str) -> list[list[float]]:
+    """Return the two corners of a box [m] of `X,Y,Z,X,Y,Z` in mm."""
+    numbers = [1e-3 * part for part in numbers_of(text)]
+    if len(numbers) != 6:
+        raise ValueError(f"'{text}' must be two corners in mm, such as 800,-600,400,1900,600,1600")
+    pairs = [sorted(pair) for pair in zip(numbers[:3], numbers[3:], strict=True)]
+    return [[least for least, _ in pairs], [greatest for _, greatest in pairs]]
+
+
 def force_of(text: str) -> dict[str, list[float]]:
     """Return a load without moment of `X,Y,Z` [N]."""
     return {"force": numbers_of(text)}

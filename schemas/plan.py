@@ -22,10 +22,12 @@ from jointstiff.schemas.fields import (
     Stiffness,
     Terminal,
     Vector3,
+    box_of,
     either,
     numbers_of,
     planned_load_of,
     prior_of,
+    target_of,
 )
 from jointstiff.schemas.finding import AcceptingOptions, Assessment
 from jointstiff.schemas.job import Job, JobSummary, Result
@@ -121,6 +123,9 @@ class Surroundings(Message):
 PlanCriterion = Literal["relative_a", "work_area", "d", "e", "worst_place"]
 
 
+_AREA = "Work area: two corners of a box, in R0, in mm, in which deflections will be predicted."
+
+
 class PlanOptions(AcceptingOptions):
     """Options of a plan."""
 
@@ -134,15 +139,18 @@ class PlanOptions(AcceptingOptions):
         "compliances, the default without; `d`, `e`: volume and longest axis of their uncertainty ellipsoid; "
         "`worst_place`: greatest variance in the work area.",
     )
-    work_area: Metres[Box | None] = Field(
-        default=None, description="Work area: box, in R0, in which deflections will be predicted."
+    work_area: Annotated[Metres[Box | None], Terminal("--area", "X,Y,Z,X,Y,Z[mm]", box_of, text=_AREA)] = (
+        Field(default=None, description="Work area: box, in R0, in which deflections will be predicted.")
     )
     load: Annotated[PlannedLoad | None, Terminal("", "KIND:NEWTONS", planned_load_of)] = Field(
         default=None,
         description="Load to apply: a dead_weight, a force in any_direction, a cable, or the own_weight of "
         "the robot's bodies; default with a campaign: its strongest force, or the own weight if it has none.",
     )
-    targets: Metres[Annotated[dict[Name, Vector3], Field(max_length=MAX_TARGETS)]] = Field(
+    targets: Annotated[
+        Metres[Annotated[dict[Name, Vector3], Field(max_length=MAX_TARGETS)]],
+        Terminal("--target", "NAME=X,Y,Z[mm]", target_of, "dict"),
+    ] = Field(
         default_factory=dict, description="Targets in the flange frame; default: those of the campaign."
     )
     directions: Annotated[

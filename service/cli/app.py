@@ -18,6 +18,7 @@ from jointstiff.service.cli.services import backup, doctor, post, restore, serve
 from jointstiff.service.kinds.rooms import ROOMS
 
 _MADE = {room.command: room.summary for room in ROOMS.values()} | {
+    "measure": "Measure live until a goal is reached.",
     "import": "Import files of readings as a campaign.",
     "predict": "Predict deflections in given postures under given loads.",
 }
@@ -37,6 +38,8 @@ class _Commands(typer.core.TyperGroup):
         if args and args[0] in _MADE:
             if args[0] == "import":
                 from jointstiff.service.cli.imports import import_command as make
+            elif args[0] == "measure":
+                from jointstiff.service.cli.measure import measure_command as make
             elif args[0] == "predict":
                 from jointstiff.service.cli.kinds import predict_command as make
             else:

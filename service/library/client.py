@@ -53,6 +53,7 @@ if TYPE_CHECKING:
     from jointstiff.schemas.plan import Plan, PlanSummary
     from jointstiff.schemas.program import Program, ProgramSummary
     from jointstiff.service.library.campaigns import Numbers
+    from jointstiff.service.library.measure import LiveMeasurement
 
 PATIENCE_SECONDS: Final = 60.0
 """For a service that answered before and does not now."""
@@ -177,6 +178,19 @@ class Client(Verbs):
     ) -> ImportAnswer:
         """Understand files of readings, in this process; arguments as of `jointstiff.import_files`."""
         return import_files(*files, robot=robot, **options)
+
+    def measure(
+        self,
+        robot: Any,  # noqa: ANN401 - as of jointstiff.measure
+        /,
+        goal: Any,  # noqa: ANN401 - as of jointstiff.measure
+        source: Any = None,  # noqa: ANN401 - as of jointstiff.measure
+        **options: Any,  # noqa: ANN401 - of jointstiff.measure
+    ) -> LiveMeasurement:
+        """Begin a campaign that this service keeps until it is closed; arguments as of `measure`."""
+        from jointstiff.service.library.measure import measure
+
+        return measure(robot, goal, source, client=self, **options)
 
     def identify(
         self,

@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from jointstiff.service.library.campaigns import Campaign
     from jointstiff.service.library.client import Client
     from jointstiff.service.library.errors import CampaignError, RefusedError
+    from jointstiff.service.library.measure import measure
     from jointstiff.service.library.results import Prediction, TabledRun
     from jointstiff.service.library.robots import robot
     from jointstiff.service.library.typed import Verbs
@@ -65,6 +66,7 @@ _HOMES = {
     "TabledRun": "service.library.results",
     "Units": "schemas.measurement",
     "import_files": "service.library.verbs",
+    "measure": "service.library.measure",
     "pair": "service.library.verbs",
     "predict": "service.library.verbs",
     "robot": "service.library.robots",
@@ -96,6 +98,7 @@ __all__ = [
     "identify",
     "import_files",
     "map",
+    "measure",
     "pair",
     "plan",
     "predict",

@@ -13,9 +13,15 @@ from scipy import special
 from jointstiff.schemas import live
 from jointstiff.schemas.finding import Finding
 from jointstiff.schemas.live import DecisionGoal, DeflectionGoal, HeldOut, Innovation, JointsGoal
-from jointstiff.schemas.measurement import MeasurementSetDocument, Observation, ResolvedFrame
-from jointstiff.schemas.options import RunOptions
-from jointstiff.schemas.plan import OwnWeight, PlanOptions, PlanRequest
+from jointstiff.schemas.measurement import (
+    MAX_NOTES_LENGTH,
+    MeasurementSetDocument,
+    MeasurementSetRequest,
+    Observation,
+    ResolvedFrame,
+)
+from jointstiff.schemas.options import RunOptions, Weight
+from jointstiff.schemas.plan import OwnWeight, PlannedLoad, PlanOptions, PlanRequest
 from jointstiff.schemas.run import Budget, Goodness, RunResult
 from jointstiff.service.conversion.prepared import CheckedSet, PreparedSet, check_set
 from jointstiff.service.conversion.units import LENGTH
@@ -35,6 +41,8 @@ FEWEST: Final = 5
 """Number of readings before a goal can be met."""
 ENOUGH_TO_SAY: Final = 10
 """Number of readings from which on it is said that a goal will not be met."""
+MOST_READINGS: Final = 200
+"""Observations of an open set."""
 Change = Literal["observation", "withdrawn", "kept", "skipped", "closed"]
 
 
@@ -326,6 +334,62 @@ class LiveCampaign:
             reason=reason,
         )
 
+    def entries_of(self, change: live.LiveSetChange) -> list[Entry]:
+        """Return the entries of a change: readings withdrawn or kept, the next posture skipped.
+
+        Raises:
+            RequestError: it has no such observation, or another posture is next.
+        """
+        named = [*change.withdrawn, *change.kept]
+        unknown = next((label for label in named if label not in self.of_label), None)
+        if unknown is not None:
+            raise RequestError(
+                f"the set has no observation '{unknown}'",
+                where="withdrawn" if unknown in change.withdrawn else "kept",
+                remedy="give labels of its readings",
+            )
+        entries = [Entry("withdrawn", label, reason=reason) for label, reason in change.withdrawn.items()]
+        entries += [Entry("kept", label) for label in change.kept]
+        if change.skipped:
+            following = self.next_reading()
+            if following is None or following.label != change.skipped:
+                raise RequestError(
+                    f"'{change.skipped}' is not what is read next",
+                    where="skipped",
+                    remedy="ask what is next",
+                )
+            again = sum(entry.change == "skipped" for entry in self.entries)
+            entries.append(Entry("skipped", f"{following.label}/{again}", joints=tuple(following.joints)))
+        return entries
+
+    def refuse_more(self) -> None:
+        """Refuse a further observation of a full set.
+
+        Raises:
+            RequestError: it has as many as an open set takes.
+        """
+        if len(self.of_label) >= MOST_READINGS:
+            raise RequestError(
+                f"an open set takes {MOST_READINGS} observations at most",
+                where="label",
+                remedy="close it, and open another one",
+            )
+
+    def closing(self) -> tuple[dict[str, object], Weight | None]:
+        """Return the fields of the ordinary set that it becomes, and the weight of its run.
+
+        Raises:
+            RequestError: no reading counts.
+        """
+        if not self.observations:
+            raise RequestError(
+                "no reading counts yet", where="close", remedy="send observations, or delete the open set"
+            )
+        header, load = self.declared.header, self.declared.options.load
+        notes = "\n".join(filter(None, [header.notes, self.summary()]))[:MAX_NOTES_LENGTH]
+        fields = {name: getattr(header, name) for name in MeasurementSetRequest.model_fields}
+        return fields | {"observations": self.observations, "notes": notes}, weight_of(load)
+
     def _standing(self) -> tuple[Literal["measuring", "reached", "cannot", "closed"], str]:
         """Return the state, and where the campaign stands in words."""
         count = len(self.observations)
@@ -386,6 +450,13 @@ class LiveCampaign:
         lines += [f"Withdrawn {each.label}: {each.reason}." for each in record if each.state == "withdrawn"]
         lines += [f"Kept although doubtful: {label}." for label in self._labels("kept")]
         return "\n".join(lines)
+
+
+def weight_of(load: PlannedLoad | None) -> Weight | None:
+    """Return the weight by which readings under a load are identified; None for another load."""
+    if not isinstance(load, OwnWeight):
+        return None
+    return Weight(**load.model_dump(include=set(Weight.model_fields)))
 
 
 def _open(entries: tuple[Entry, ...]) -> tuple[Entry, ...]:

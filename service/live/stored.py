@@ -16,24 +16,20 @@ from jointstiff.schemas.fields import Page
 from jointstiff.schemas.finding import Finding
 from jointstiff.schemas.job import Requester
 from jointstiff.schemas.measurement import (
-    MAX_NOTES_LENGTH,
     MeasurementSetHeader,
     MeasurementSetRequest,
     MeasurementSetSummary,
     Observation,
     ResolvedFrame,
 )
-from jointstiff.schemas.options import Weight
-from jointstiff.schemas.plan import OwnWeight, Plan, PlanOptions
+from jointstiff.schemas.plan import Plan, PlanOptions
 from jointstiff.schemas.run import RunRequest
-from jointstiff.service.live.campaign import Declared, Entry, LiveCampaign
+from jointstiff.service.live.campaign import Declared, Entry, LiveCampaign, weight_of
 from jointstiff.service.problems.errors import NotFoundError, TakenError
 from jointstiff.service.resources.stored import Resources, resolve_frame, stored_job
 from jointstiff.service.store.tables import IdempotencyKey, LiveEntry, OpenSetRecord
 from jointstiff.solver.errors import RequestError
 
-MOST_READINGS: Final = 200
-"""Observations of an open set."""
 _CAMPAIGNS: Final = 64
 """Open sets that are kept ready."""
 _ENTRY: Final = TypeAdapter(Entry)
@@ -98,12 +94,7 @@ class OpenSets:
         campaign = self._campaign(set_id)
         known = campaign.of_label.get(observation.label)
         if known is None:
-            if len(campaign.of_label) >= MOST_READINGS:
-                raise RequestError(
-                    f"an open set takes {MOST_READINGS} observations at most",
-                    where="label",
-                    remedy="close it, and open another one",
-                )
+            campaign.refuse_more()
             entry = campaign.judged(observation)
             known = self._add(set_id, entry, by)
         if known.observation != observation:
@@ -117,29 +108,8 @@ class OpenSets:
             NotFoundError: there is no such open set.
             RequestError: it has no such observation, or another posture is next.
         """
-        campaign = self._campaign(set_id)
-        unknown = next(
-            (label for label in [*change.withdrawn, *change.kept] if label not in campaign.of_label), None
-        )
-        if unknown is not None:
-            raise RequestError(
-                f"the set has no observation '{unknown}'",
-                where="withdrawn" if unknown in change.withdrawn else "kept",
-                remedy="give labels of its readings",
-            )
-        following = campaign.next_reading() if change.skipped else None
-        if change.skipped and (following is None or following.label != change.skipped):
-            raise RequestError(
-                f"'{change.skipped}' is not what is read next", where="skipped", remedy="ask what is next"
-            )
-        for label, reason in change.withdrawn.items():
-            self._add(set_id, Entry("withdrawn", label, reason=reason), by)
-        for label in change.kept:
-            self._add(set_id, Entry("kept", label), by)
-        if following is not None:
-            again = sum(entry.change == "skipped" for entry in campaign.entries)
-            skipped = Entry("skipped", f"{following.label}/{again}", joints=tuple(following.joints))
-            self._add(set_id, skipped, by)
+        for entry in self._campaign(set_id).entries_of(change):
+            self._add(set_id, entry, by)
 
     def close(self, set_id: str, by: Requester | None) -> live.LiveState:
         """Make an ordinary set of what was read, and identify it; to do so again changes nothing.
@@ -150,22 +120,16 @@ class OpenSets:
             JointstiffError: as the run's request does; the set is kept then.
         """
         campaign = self._campaign(set_id)
-        if not campaign.observations:
-            raise RequestError(
-                "no reading counts yet", where="close", remedy="send observations, or delete the open set"
-            )
+        fields, _ = campaign.closing()
         if not campaign.closed:
             self._add(set_id, Entry("closed", ""), by)
             campaign = self._campaign(set_id)
         with suppress(NotFoundError):
             self._store.sets.get(set_id)
             return self.state(set_id)
-        declared = campaign.declared
-        notes = "\n".join(filter(None, [declared.header.notes, campaign.summary()]))[:MAX_NOTES_LENGTH]
-        fields = {name: getattr(declared.header, name) for name in MeasurementSetRequest.model_fields}
-        fields |= {"observations": campaign.observations, "notes": notes}
-        self._resources.sets.create(MeasurementSetRequest.model_construct(**fields), None, set_id)
-        self._run(set_id, declared, by)
+        request: Any = MeasurementSetRequest.model_construct(**fields)  # type: ignore[arg-type]
+        self._resources.sets.create(request, None, set_id)
+        self._run(set_id, campaign.declared, by)
         return self.state(set_id)
 
     def state(self, set_id: str) -> live.LiveState:
@@ -253,12 +217,7 @@ class OpenSets:
         return False
 
     def _run(self, set_id: str, declared: Declared, by: Requester | None) -> str:
-        load = declared.options.load
-        weight = (
-            Weight(**load.model_dump(include=set(Weight.model_fields)))
-            if isinstance(load, OwnWeight)
-            else None
-        )
+        weight = weight_of(declared.options.load)
         key = IdempotencyKey(f"closed {set_id}", "closed")
         return self._create_run(RunRequest(measurement_set_id=set_id, weight=weight), key, by)
 

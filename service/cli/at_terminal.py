@@ -1,0 +1,135 @@
+"""The person at the terminal beside the robot: words, questions and answers of `jointstiff measure`."""
+
+from __future__ import annotations
+
+import math
+import sys
+from typing import TYPE_CHECKING, Literal
+
+import typer
+
+from jointstiff.service.cli import options as cli
+from jointstiff.service.library.measure import Person
+
+if TYPE_CHECKING:
+    from jointstiff.schemas.live import LiveReading, LiveState, NextReading
+    from jointstiff.service.library.measure import LiveMeasurement
+
+
+class AtTerminal(Person):
+    """The person at the terminal; all words go to the standard error."""
+
+    def __init__(self, campaign: LiveMeasurement, *, asks: bool, confirmed: bool) -> None:
+        """Stand beside a robot.
+
+        Args:
+            campaign: that is measured.
+            asks: whether somebody answers; else it goes on as nobody does.
+            confirmed: whether the profile of a source need not be confirmed.
+        """
+        super().__init__()
+        self._campaign, self._asks, self._confirmed = campaign, asks, confirmed
+        self._by_itself = bool(getattr(campaign.source, "by_itself", False))
+
+    def confirms(self, profile: str) -> bool:
+        """Show how lines are read, and ask whether that is right."""
+        cli.warn(profile)
+        if self._confirmed:
+            return True
+        try:
+            return typer.confirm("are the lines read rightly?", err=True)
+        except typer.Abort:
+            raise cli.failed("nobody confirmed how the lines are read", "confirm it, or give --yes") from None
+
+    def told(self, state: LiveState, reading: LiveReading) -> None:
+        """Print the reading's line, and why it is doubtful."""
+        cli.warn(reading_line(state, reading))
+        found = reading.innovation
+        if found is not None and found.doubtful:
+            cli.warn(f"  {found.message}")
+            for cause in found.causes:
+                cli.warn(f"  {cause}")
+
+    def ready(self, following: NextReading, *, loaded: bool) -> Literal["read", "skip", "stop"]:
+        """Show posture and force, and wait."""
+        if not self._asks or self._by_itself:
+            return "read"
+        if loaded:
+            cli.warn(f"  hang the load: {force_text(following)}")
+        else:
+            cli.warn(f"\n{following.label}: {posture_text(self._campaign, following)}")
+            cli.warn(f"  {force_text(following)}; {following.reason}")
+        state = "with the load" if loaded else "without load"
+        answer = _asked(f"  Enter reads {state}; s skips this posture; q ends", {"", "s", "q"})
+        chosen: dict[str, Literal["read", "skip", "stop"]] = {"": "read", "s": "skip", "q": "stop"}
+        return chosen[answer]
+
+    def doubts(self, reading: LiveReading) -> Literal["again", "keep"]:
+        """Ask what becomes of a doubtful reading."""
+        if not self._asks:
+            return super().doubts(reading)
+        return "again" if _asked("  r reads it again; k keeps it", {"r", "k"}) == "r" else "keep"
+
+    def missed(self, error: Exception) -> Literal["again", "skip", "stop"]:
+        """Print the reason why there is no reading, and ask what to do."""
+        cli.warn(f"no reading: {error}")
+        remedy = getattr(error, "remedy", None)
+        if remedy:
+            cli.warn(f"  remedy: {remedy}")
+        if not self._asks:
+            return super().missed(error)
+        answer = _asked("  r reads again; s skips this posture; q ends", {"r", "s", "q"})
+        chosen: dict[str, Literal["again", "skip", "stop"]] = {"r": "again", "s": "skip", "q": "stop"}
+        return chosen[answer]
+
+
+def reading_line(state: LiveState, reading: LiveReading) -> str:
+    """Return a reading in a line: share of the goal, worst joint, innovation, and how many follow."""
+    parts = [f"{reading.label}:"]
+    if state.share is not None:
+        parts.append(f"share of the goal {state.share:.2f},")
+    known = [joint for joint in state.joints if joint.relative is not None]
+    if known:
+        worst = max(known, key=lambda joint: joint.relative or 0.0)
+        parts.append(f"{worst.name} ± {100.0 * (worst.relative or 0.0):.0f} %,")
+    found = reading.innovation
+    if found is not None and found.p_value is not None:
+        parts.append(f"as expected with p {found.p_value:.2g}," if not found.doubtful else "doubtful,")
+    if reading.held_out is not None:
+        parts.append(f"held out: {'inside' if reading.held_out.inside else 'outside'} its ball,")
+    needed = state.still_needed
+    still = "" if needed is None else f"about {needed} more" if needed else "reached"
+    parts.append(still or "how many are still needed is not known")
+    return " ".join(parts)
+
+
+def _asked(prompt: str, answers: set[str]) -> str:
+    """Return one of some answers; the end of the input is `q`, or `k` where nothing can end."""
+    while True:
+        typer.echo(f"{prompt}: ", nl=False, err=True)
+        line = sys.stdin.readline()
+        if not line:
+            return "q" if "q" in answers else "k"
+        answer = line.strip().lower()
+        if answer in answers:
+            return answer
+
+
+def posture_text(campaign: LiveMeasurement, following: NextReading) -> str:
+    """Return the posture as the controller shows it, in degrees and millimetres."""
+    parts = []
+    for name, kind, value in zip(campaign.joint_names, campaign.joint_kinds, following.joints, strict=True):
+        shown = f"{1e3 * value:.1f} mm" if kind == "prismatic" else f"{math.degrees(value):.2f}°"
+        parts.append(f"{name} {shown}")
+    return ", ".join(parts)
+
+
+def force_text(following: NextReading) -> str:
+    """Return the force by size and direction."""
+    size = math.hypot(*following.force)
+    if not size:
+        return "no load"
+    anchor = "" if following.anchor is None else f" to anchor {following.anchor + 1}"
+    unit = ", ".join(f"{axis} {part / size:+.2f}" for axis, part in zip("xyz", following.force, strict=True))
+    down = following.force[2] < -0.9999 * size
+    return f"{size:.0f} N {'down' if down else unit}{anchor}"

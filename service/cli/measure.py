@@ -1,0 +1,267 @@
+"""The command `jointstiff measure`: one reading after the other until a goal is reached."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Final
+
+import typer
+
+from jointstiff.schemas.live import LiveOptions
+from jointstiff.service.cli import options as cli
+from jointstiff.service.cli.kinds import field_options, gathered
+
+if TYPE_CHECKING:
+    from jointstiff.service.library.measure import LiveMeasurement
+
+_NOT_OFFERED: Final = {
+    "readings",
+    "criterion",
+    "validation",
+    "elastic_links",
+    "accept_verdict",
+    "directions",
+    "goal",
+    "plan_id",
+}
+"""Fields of a plan that a goal replaces, or that a live campaign does not read."""
+_TEXT: Final = {
+    "load": "Load to apply, such as dead_weight:1500, dead_weight:150kg or any_direction:1500; default: the "
+    "strongest force of the campaign, a weight if all of its forces pull down.",
+    "targets": "Target in the flange frame, in mm; default: those of the campaign. Repeatable.",
+    "work_area": "Work area of a goal about deflections: two corners of a box, in R0, in mm; default: the "
+    "box of the campaign's load places.",
+}
+
+
+def _text_option(name: str, metavar: str, text: str) -> Any:  # noqa: ANN401 - an annotation
+    return Annotated[str | None, typer.Option(name, metavar=metavar, help=text)]
+
+
+_OWN: Final[cli.Parameters] = {
+    "goal": (
+        Annotated[
+            str,
+            typer.Option(
+                metavar="GOAL",
+                help='"15 %" of every joint that the load twists; "6 um" of the deflection in the work area; '
+                '"below 0.5 mm" to decide about it.',
+            ),
+        ],
+        ...,
+    ),
+    "source": (
+        Annotated[
+            str,
+            typer.Option(
+                metavar="SOURCE",
+                help="simulated:SEED, lines:/dev/ttyUSB0, lines:tcp://host:port, lines:udp://:port, or "
+                "robodk.",
+            ),
+        ],
+        ...,
+    ),
+    "force": (
+        _text_option(
+            "--force",
+            "X,Y,Z[N]",
+            "Force in the work area, axes of R0; one number is a weight. Default: that of the load.",
+        ),
+        None,
+    ),
+    "options": (
+        Annotated[Path | None, cli.file_option("JSON file with further options, named as in the API.")],
+        None,
+    ),
+    "service": (
+        _text_option(
+            "--service",
+            "ADDRESS",
+            "Service that keeps the open set, so that a page can follow; default: this process.",
+        ),
+        None,
+    ),
+    "most": (
+        Annotated[int, typer.Option(min=1, max=200, help="Number of readings after which it ends.")],
+        200,
+    ),
+    "save": (Annotated[Path | None, cli.path_option("File to write the closed campaign to.")], None),
+    "overwrite": (cli.Overwrite, False),
+    "yes": (
+        Annotated[bool, typer.Option("--yes", help="Ask nothing: read at once, one after the other.")],
+        False,
+    ),
+    "pattern": (
+        _text_option(
+            "--pattern", "REGEX", "How `lines` are read: named groups x, y, z, and target, sigma if there."
+        ),
+        None,
+    ),
+    "columns": (
+        _text_option(
+            "--columns",
+            "NAME,NAME,...",
+            "How `lines` are read: columns in order, such as target,x,y,z or -,x,y,z,sigma.",
+        ),
+        None,
+    ),
+    "source_unit": (
+        _text_option("--source-unit", "UNIT", "Unit of lengths in `lines`: mm, m, um or in; default: mm."),
+        None,
+    ),
+    "request": (
+        _text_option(
+            "--request",
+            "TEXT",
+            "Text sent to `lines` before each reading, with {target}, {state}, {label}, {joints} [rad], "
+            "{force} [N].",
+        ),
+        None,
+    ),
+    "baud": (
+        Annotated[int | None, typer.Option(help="Bits a second of a serial line; default: 9600.")],
+        None,
+    ),
+    "timeout": (
+        Annotated[float, typer.Option(min=0.1, help="Seconds after which a silent source has stopped.")],
+        30.0,
+    ),
+    "unit": (cli.Unit, "MNm/rad"),
+    "details": (cli.Details, False),
+    "as_json": (cli.AsJson, False),
+}
+_OF_LINES: Final = ("pattern", "columns", "source_unit", "request", "baud")
+
+
+def measure_command() -> Callable[..., None]:
+    """Return the command `measure`, with an option for each field of its open set that has one."""
+    offered = {key: one for key, one in field_options(LiveOptions) if key not in _NOT_OFFERED}
+    for key, text in _TEXT.items():
+        offered[key].__metadata__[0].help = text
+
+    def command(source_file: str, **values: Any) -> None:  # noqa: ANN401 - by the signature below
+        """Measure live: what to read next, what the readings say so far, and when it is enough.
+
+        docs/live.md explains goals and sources.
+        """
+        if values["save"] is not None:
+            cli.refuse_existing(values["save"], overwrite=values["overwrite"])
+        everything = {name: None for name, _ in field_options(LiveOptions)} | values
+        _measure(source_file, gathered(LiveOptions, everything), values)
+
+    argument = Annotated[
+        str,
+        typer.Argument(
+            metavar="CAMPAIGN_OR_ROBOT",
+            help="Campaign whose robot, loads, targets and noise are taken, its readings not; or a robot: a "
+            "file, or the name of an arm of the catalogue, with --load and --target.",
+        ),
+    ]
+    fields = {key: (one, None) for key, one in offered.items()}
+    sources: dict[str, tuple[Any, Any]] = {"source_file": (argument, ...)}
+    cli.with_signature(command, sources | dict(_OWN) | fields)
+    return command
+
+
+def _measure(source: str, stated: dict[str, Any], values: dict[str, Any]) -> None:
+    from jointstiff.service.library.client import Client
+    from jointstiff.service.library.files import read_object
+    from jointstiff.service.library.measure import measure
+
+    if values["options"] is not None:
+        stated = read_object(values["options"]) | stated
+    asks = not values["yes"] and not values["as_json"] and sys.stdin.isatty()
+    of_lines = {name: values[name] for name in _OF_LINES if values[name] is not None}
+    if values["source"].startswith("lines:"):
+        of_lines |= {"sample": not values["yes"], "warn": cli.warn}
+    given: dict[str, Any] = {
+        "goal": values["goal"],
+        "source": values["source"],
+        "force": _force(values["force"]),
+        "timeout": values["timeout"],
+        "source_options": of_lines,
+        **stated,
+    }
+    if values["service"] is None:
+        with measure(source, **given) as campaign:
+            _carry_out(campaign, values, asks=asks)
+        return
+    with Client(values["service"].rstrip("/"), warn=cli.warn) as client:
+        client.ping()
+        with measure(source, client=client, **given) as campaign:
+            _carry_out(campaign, values, asks=asks)
+
+
+def _force(text: str | None) -> tuple[float, ...] | None:
+    """Return a force; one number is a weight."""
+    if text is None:
+        return None
+    try:
+        weight = float(text)
+    except ValueError:
+        return cli.vector_of(text)
+    return 0.0, 0.0, -abs(weight)
+
+
+def _carry_out(campaign: LiveMeasurement, values: dict[str, Any], *, asks: bool) -> None:
+    """Measure, close the campaign, and show what came of it.
+
+    Raises:
+        typer.Exit: the source has stopped, or the run has failed.
+    """
+    from jointstiff.service.cli.at_terminal import AtTerminal
+    from jointstiff.service.kinds.run import RUN
+    from jointstiff.service.live.sources import SourceError
+    from jointstiff.service.reports.job import job_report
+    from jointstiff.service.tables.terminal import console
+
+    person = AtTerminal(campaign, asks=asks, confirmed=values["yes"])
+    cli.warn(f"goal: {campaign.state.goal}")
+    stopped: SourceError | None = None
+    try:
+        campaign.run_source(person, values["most"])
+    except SourceError as error:
+        stopped = error
+        if not campaign.count:
+            raise
+        cli.warn(f"{error.reason}\n  remedy: {error.remedy}")
+    state = campaign.state
+    cli.warn(f"{state.state}: {state.message}")
+    if not campaign.count:
+        raise cli.failed("nothing was read", "measure again")
+    run = campaign.close()
+    if values["save"] is not None:
+        campaign.campaign.save(values["save"])
+        cli.warn(f"wrote {values['save']}")
+    if values["as_json"]:
+        typer.echo(json.dumps(_document(campaign, stopped), indent=2, ensure_ascii=False))
+    else:
+        console().print(job_report(RUN, run, details=values["details"], unit=values["unit"]))
+    if stopped is not None or run.state != "succeeded":
+        raise typer.Exit(1)
+
+
+def _document(campaign: LiveMeasurement, stopped: Any) -> dict[str, Any]:  # noqa: ANN401 - an error or None
+    """Return what `--json` prints."""
+    state, run = campaign.outcome, campaign.close()
+    plain = state.model_dump(mode="json")
+    return {
+        "readings": campaign.count,
+        "state": state.state,
+        "message": state.message,
+        "goal": state.goal,
+        "share": state.share,
+        "withdrawn": sum(each.state == "withdrawn" for each in state.readings),
+        "held_out": next((each["held_out"] for each in plain["readings"][::-1] if each["held_out"]), None),
+        "deflection_uncertainty": state.deflection_uncertainty,
+        "greatest_deflection": state.greatest_deflection,
+        "joints": plain["joints"],
+        "record": plain["readings"],
+        "stopped": None if stopped is None else stopped.reason,
+        "run_id": run.id,
+        "error": None if run.error is None else run.error.model_dump(mode="json"),
+        "result": None if run.result is None else run.result.model_dump(mode="json"),
+    }

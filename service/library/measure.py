@@ -1,0 +1,601 @@
+"""Measure live: one reading after the other until a declared goal is reached, here or over a service."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import threading
+from collections.abc import Coroutine, Mapping
+from types import TracebackType
+from typing import TYPE_CHECKING, Any, Final, Literal, Protocol, Self, TypeVar, cast
+from urllib.parse import quote
+
+import numpy as np
+
+from jointstiff.schemas.fields import Message
+from jointstiff.schemas.live import (
+    Goal,
+    LiveOptions,
+    LiveReading,
+    LiveSetChange,
+    LiveState,
+    MeasurementSetPost,
+    NextReading,
+)
+from jointstiff.schemas.measurement import MeasurementSetDocument, Observation
+from jointstiff.schemas.plan import OwnWeight
+from jointstiff.schemas.robot import RobotDocument
+from jointstiff.schemas.run import CampaignRun
+from jointstiff.service.conversion.prepared import PreparedRobot, prepare_robot, stated_transform, to_resolved
+from jointstiff.service.conversion.units import LENGTH
+from jointstiff.service.library.campaigns import Campaign
+from jointstiff.service.library.errors import AwayError, ProblemError
+from jointstiff.service.library.files import as_campaign_error, parse_document, read_planned
+from jointstiff.service.live.campaign import MOST_READINGS, Declared, Entry, LiveCampaign
+from jointstiff.service.live.declaration import Scales, declared, goal_of
+from jointstiff.service.live.sources import (
+    PATIENCE,
+    Checked,
+    Point,
+    Setting,
+    Source,
+    SourceError,
+    Stand,
+    source_of,
+)
+from jointstiff.service.problems.errors import TakenError
+from jointstiff.solver.errors import RequestError
+
+if TYPE_CHECKING:
+    from jointstiff.service.library.client import Client
+    from jointstiff.service.library.results import TabledRun
+
+T = TypeVar("T")
+_SIGMA: Final = 2e-5
+"""Noise of a simulated tracker where nothing is said [m]."""
+_AGAIN: Final = "doubtful; read again"
+_PLAIN: Final = {"area": "work_area"}
+"""Shorter names of options."""
+
+
+class Person:
+    """Whoever stands beside the robot: asked before readings, when one is doubtful, and when there is none.
+
+    This one is nobody: it goes on, reads a doubtful posture again once and then keeps it, and asks a source
+    that failed once more.
+    """
+
+    def __init__(self) -> None:
+        self._again: set[str] = set()
+
+    def confirms(self, profile: str) -> bool:  # noqa: ARG002 - others read it
+        """Return whether the readings of a source are understood so."""
+        return True
+
+    def ready(self, following: NextReading, *, loaded: bool) -> Literal["read", "skip", "stop"]:  # noqa: ARG002
+        """Return what to do once the arm stands in a posture, with or without its load."""
+        return "read"
+
+    def told(self, state: LiveState, reading: LiveReading) -> None:
+        """Hear what a reading says."""
+
+    def doubts(self, reading: LiveReading) -> Literal["again", "keep"]:  # noqa: ARG002
+        """Return what becomes of a doubtful reading."""
+        if "doubt" in self._again:
+            self._again.discard("doubt")
+            return "keep"
+        self._again.add("doubt")
+        return "again"
+
+    def missed(self, error: Exception) -> Literal["again", "skip", "stop"]:
+        """Return what to do where a source has no reading; nobody lets a second failure pass."""
+        if "missed" in self._again:
+            self._again.discard("missed")
+            raise error
+        self._again.add("missed")
+        return "again"
+
+    def got(self) -> None:
+        """Hear that a source has read."""
+        self._again.discard("missed")
+
+
+class _Place(Protocol):
+    """Keeper of an open set: this process, or a service."""
+
+    def state(self) -> LiveState:
+        """Return its state."""
+        ...
+
+    def observe(self, observation: Observation) -> LiveState:
+        """Take in an observation; return the state."""
+        ...
+
+    def change(self, change: LiveSetChange) -> LiveState:
+        """Change the record; return the state."""
+        ...
+
+    def close(self) -> tuple[TabledRun, LiveState]:
+        """Make the ordinary set; return its run and the last state."""
+        ...
+
+
+class _Here:
+    """An open set in this process."""
+
+    def __init__(self, robot: PreparedRobot, post: MeasurementSetPost, run: CampaignRun) -> None:
+        self._document, self._run = robot.document, run
+        frame, resolved = post.frame, None
+        with as_campaign_error("measurement_set"):
+            if frame is not None:
+                if frame.geometry_id is not None:
+                    raise RequestError(
+                        f"the geometry '{frame.geometry_id}' cannot be used from a file",
+                        remedy="give the frame's rotation and translation, or measure over a service",
+                        where="frame.geometry_id",
+                    )
+                resolved = to_resolved(stated_transform(frame, LENGTH[post.units.length]))
+        with as_campaign_error(""):
+            assert_open = cast("LiveOptions", post.open)
+            self._campaign = LiveCampaign(Declared(robot.robot, post, assert_open, resolved))
+            _ = self._campaign.declared.ahead  # refuses what cannot be measured
+
+    def state(self) -> LiveState:
+        return self._campaign.state()
+
+    def observe(self, observation: Observation) -> LiveState:
+        campaign = self._campaign
+        with as_campaign_error(""):
+            known = campaign.of_label.get(observation.label)
+            if known is not None and known.observation != observation:
+                raise RequestError(TakenError(observation.label).reason, remedy="use the next label")
+            if known is None:
+                campaign.refuse_more()
+                self._campaign = campaign.with_entry(campaign.judged(observation))
+        return self.state()
+
+    def change(self, change: LiveSetChange) -> LiveState:
+        with as_campaign_error(""):
+            for entry in self._campaign.entries_of(change):
+                self._campaign = self._campaign.with_entry(entry)
+        return self.state()
+
+    def close(self) -> tuple[TabledRun, LiveState]:
+        from jointstiff.service.library.verbs import function_of
+
+        with as_campaign_error(""):
+            fields, weight = self._campaign.closing()
+        if not self._campaign.closed:
+            self._campaign = self._campaign.with_entry(Entry("closed", ""))
+        kept = {name: fields[name] for name in MeasurementSetDocument.model_fields}
+        run = self._run if weight is None else self._run.model_copy(update={"weight": weight})
+        campaign = Campaign(
+            robot=self._document, measurement_set=MeasurementSetDocument.model_validate(kept), run=run
+        )
+        return cast("TabledRun", function_of("identify")(campaign)), self.state()
+
+
+class _There:
+    """An open set of a service."""
+
+    def __init__(self, client: Client, robot: RobotDocument, post: MeasurementSetPost) -> None:
+        self._client = client
+        body = post.model_copy(update={"robot_id": client.described(robot)})
+        text = body.model_dump_json(exclude_unset=True)
+        answer = client.send("POST", "/v1/measurement-sets", None, text)
+        self.id = str(json.loads(answer.content)["id"])
+        self._path = f"/v1/measurement-sets/{quote(self.id, safe='')}"
+
+    def _state_in(self, verb: str, path: str, document: Message | str | None = None) -> LiveState:
+        from jointstiff.service.library.client import resource_in
+
+        answer = self._client.send(verb, f"{self._path}{path}", None, document)
+        return resource_in(answer, LiveState)
+
+    def state(self) -> LiveState:
+        return self._state_in("GET", "/next")
+
+    def observe(self, observation: Observation) -> LiveState:
+        return self._state_in("POST", "/observations", observation)
+
+    def change(self, change: LiveSetChange) -> LiveState:
+        self._client.send("PATCH", self._path, None, change)
+        return self.state()
+
+    def close(self) -> tuple[TabledRun, LiveState]:
+        state = self._state_in("POST", "/close", "{}")
+        run = self._client.runs.wait(self._client.runs.get(str(state.run_id)))
+        return run, state
+
+
+class _Loop:
+    """A thread in which a source waits for what comes, while nobody asks."""
+
+    def __init__(self) -> None:
+        self._loop = asyncio.new_event_loop()
+        self._thread = threading.Thread(target=self._loop.run_forever, name="source", daemon=True)
+        self._thread.start()
+
+    def do(self, work: Coroutine[Any, Any, T]) -> T:
+        """Return what a coroutine returns."""
+        future = asyncio.run_coroutine_threadsafe(work, self._loop)
+        try:
+            return future.result()
+        except BaseException:
+            future.cancel()
+            raise
+
+    def close(self) -> None:
+        """End the thread."""
+        self._loop.call_soon_threadsafe(self._loop.stop)
+        self._thread.join()
+        self._loop.run_until_complete(asyncio.sleep(0))  # connections that were just closed
+        self._loop.close()
+
+
+class LiveMeasurement:
+    """A campaign while it is measured, here or over a service.
+
+        with js.measure("campaign.json", goal="15 %", source="simulated:1") as campaign:
+            campaign.run_source()
+        print(campaign.run)
+
+    Left as a context manager it lets go of its source; the set stays open until `close`.
+    """
+
+    def __init__(
+        self,
+        place: _Place,
+        robot: PreparedRobot,
+        post: MeasurementSetPost,
+        source: Source | None,
+        wait: float,
+    ) -> None:
+        """Begin; `jointstiff.measure` and `Client.measure` do."""
+        self._place, self._robot, self._post = place, robot.robot, post
+        self._scales = Scales.of(post.units, robot.robot)
+        self.source, self._wait = source, wait
+        self.joint_names, self.joint_kinds = robot.robot.joint_names, robot.robot.joint_kinds
+        self._loop: _Loop | None = None
+        self._checked: Checked | None = None
+        self._profile: str | None = None
+        self.state = place.state()  #: what the readings say so far, and what is next
+        self.run: TabledRun | None = None  #: the run, once the campaign is closed
+        self.robot = robot.document  #: that is measured
+        #: state before it was closed
+        self.outcome: LiveState = self.state
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.let_go()
+
+    def __repr__(self) -> str:
+        """Return goal and standing."""
+        return f"<LiveMeasurement of '{self.robot.name}': {self.state.goal}; {self.state.message}>"
+
+    @property
+    def next(self) -> NextReading | None:
+        """Next reading, in SI units; None if nothing is left."""
+        return self.state.next
+
+    @property
+    def count(self) -> int:
+        """Number of readings that count."""
+        return sum(each.state != "withdrawn" for each in self.state.readings)
+
+    def observe(
+        self,
+        unloaded: Any = None,  # noqa: ANN401 - arrays or positions by target
+        loaded: Any = None,  # noqa: ANN401 - arrays or positions by target
+        *,
+        label: str | None = None,
+        joints: Any = None,  # noqa: ANN401 - anything that numpy understands
+        force: Any = None,  # noqa: ANN401 - anything that numpy understands
+        sigma: Mapping[str, float] | None = None,
+    ) -> LiveState:
+        """Take in a reading, compare it with the others, and return what all of them say.
+
+        Args:
+            unloaded: positions without load [m], by target or as (T, 3) in their order; R0, or the frame of
+                the campaign.
+            loaded: the same under load; None for the robot's own weight.
+            label: of the reading; default: that of the next one.
+            joints: (n,) as the controller shows them [rad or m]; default: those of the next reading.
+            force: (3,) on the robot, axes of R0 [N]; default: that of the next reading.
+            sigma: standard uncertainty of a coordinate by target [m], where the campaign states none.
+
+        Raises:
+            CampaignError: the reading cannot be right, or the label is taken.
+            RefusedError: the service refuses it.
+        """
+        following, scales = self.next, self._scales
+        if following is None and (label is None or joints is None or force is None):
+            raise RequestError(
+                "nothing is left to read", where="label", remedy="give `label`, `joints` and `force`"
+            )
+        angles = np.asarray(following.joints if joints is None and following else joints, dtype=np.float64)
+        newtons = np.asarray(following.force if force is None and following else force, dtype=np.float64)
+        before, after = self._places(unloaded), self._places(loaded)
+        readings = [
+            {
+                "target": name,
+                "unloaded": place,
+                **({"loaded": after[name]} if name in after else {}),
+                **({"sigma": sigma[name] / scales.length} if sigma and name in sigma else {}),
+            }
+            for name, place in before.items()
+        ]
+        document = {
+            "label": label or (following.label if following else ""),
+            "joints": (angles / np.array(scales.joints)).tolist(),
+            "force": (newtons / scales.force).tolist(),
+            "readings": readings,
+        }
+        self.state = self._place.observe(parse_document(document, Observation))
+        return self.state
+
+    def withdraw(self, label: str, reason: str) -> LiveState:
+        """Let a reading count no more, and say why; it stays in the record."""
+        return self._changed({"withdrawn": {label: reason}})
+
+    def keep(self, label: str) -> LiveState:
+        """Let a doubtful reading count, as it is right."""
+        return self._changed({"kept": [label]})
+
+    def skip(self) -> LiveState:
+        """Leave the next posture out; another one is chosen."""
+        return self.state if self.next is None else self._changed({"skipped": self.next.label})
+
+    def run_source(self, person: Person | None = None, most: int = MOST_READINGS) -> LiveState:
+        """Read by the source until the goal is reached, cannot be, or there are as many readings.
+
+        Args:
+            person: asked on the way; default: nobody, a doubtful posture is read again once and then kept.
+            most: number of readings after which it ends.
+
+        Raises:
+            SourceError: the source failed twice at the same reading.
+            RequestError: the campaign has no source, or nobody confirmed how its lines are read.
+        """
+        person = Person() if person is None else person
+        self._open_source(person)
+        while self.state.state == "measuring" and self.next is not None and self.count < most:
+            if not self._read(self.next, person):
+                break
+        return self.state
+
+    def close(self) -> TabledRun:
+        """Make an ordinary measurement set of the readings, and return its run.
+
+        Raises:
+            CampaignError: no reading counts.
+            RefusedError: the service refuses it.
+        """
+        self.let_go()
+        if self.run is None:
+            self.outcome = self.state
+            self.run, self.state = self._place.close()
+        return self.run
+
+    @property
+    def campaign(self) -> Campaign:
+        """The closed campaign: robot, readings, and in its notes the declared goal and how it ended."""
+        return self.close().campaign
+
+    def let_go(self) -> None:
+        """Let go of the source."""
+        if self._loop is not None:
+            if self._checked is not None:
+                self._loop.do(self._checked.close())
+            self._loop.close()
+            self._loop = self._checked = None
+
+    def _changed(self, change: dict[str, Any]) -> LiveState:
+        self.state = self._place.change(parse_document(change, LiveSetChange))
+        return self.state
+
+    def _places(self, places: Any) -> dict[str, list[float]]:  # noqa: ANN401 - arrays or positions by target
+        """Return positions by target in the units of the set."""
+        if places is None:
+            return {}
+        names = cast("LiveOptions", self._post.open).targets or self._post.flange_targets
+        named = places if isinstance(places, Mapping) else dict(zip(names, places, strict=True))
+        return {
+            str(name): (np.asarray(place, dtype=np.float64) / self._scales.length).tolist()
+            for name, place in named.items()
+        }
+
+    def _setting(self) -> Setting:
+        post, options = self._post, cast("LiveOptions", self._post.open)
+        length = self._scales.length
+        targets = dict(options.targets) or {
+            name: (length * x, length * y, length * z) for name, (x, y, z) in post.flange_targets.items()
+        }
+        point = options.load_point
+        if point is None:
+            x, y, z = post.load_point or (0.0, 0.0, 0.0)
+            point = (length * x, length * y, length * z)
+        noise = post.noise.sigma if post.noise is not None else None
+        sigma = length * noise if noise else options.sigma or _SIGMA
+        if post.frame is None or post.frame.rotation is None:
+            return Setting(self._robot, targets, point, sigma)
+        transform = stated_transform(post.frame, length)
+        return Setting(
+            self._robot, targets, point, sigma, (transform.rotation, np.asarray(transform.translation))
+        )
+
+    def _open_source(self, person: Person) -> None:
+        if self.source is None:
+            raise RequestError(
+                "the campaign has no source", where="source", remedy='give one, such as source="simulated:1"'
+            )
+        if isinstance(cast("LiveOptions", self._post.open).load, OwnWeight) and self.source.by_itself:
+            raise RequestError(
+                "a simulated source bends by loads only",
+                where="source",
+                remedy="give a load, such as dead_weight:1500",
+            )
+        if self._loop is not None:
+            return
+        self._loop = _Loop()
+        self._checked = Checked(self.source, self._setting(), self._wait)
+        try:
+            profile = self._loop.do(self._checked.open())
+        except BaseException:
+            self.let_go()
+            raise
+        if profile is not None and not person.confirms(profile):
+            self.let_go()
+            raise RequestError(
+                "nobody confirmed how the lines are read",
+                where="source",
+                remedy="state their form by `columns` or `pattern`, and their unit",
+            )
+
+    def _read(self, following: NextReading, person: Person) -> bool:
+        """Read a posture, again where it is doubtful; return whether to go on."""
+        while True:
+            answer = self._attempt(following, person)
+            if answer == "again":
+                continue
+            if answer == "skip":
+                self.skip()
+            if answer != "read":
+                return answer == "skip"
+            reading = self.state.readings[-1]
+            person.told(self.state, reading)
+            if reading.state != "doubtful":
+                return True
+            if person.doubts(reading) == "keep":
+                self.keep(reading.label)
+                return True
+            self.withdraw(reading.label, _AGAIN)
+            label = f"m{1 + len(self.state.readings):02d}"
+            following = following.model_copy(update={"label": label})
+
+    def _attempt(self, following: NextReading, person: Person) -> Literal["read", "again", "skip", "stop"]:
+        """Read a posture once; return what became of it."""
+        try:
+            points = self._points(following, person)
+            if isinstance(points, str):
+                return points
+            self._observe(following, *points)
+        except AwayError:
+            raise
+        except (SourceError, ProblemError) as error:
+            return person.missed(error)
+        person.got()
+        return "read"
+
+    def _points(
+        self, following: NextReading, person: Person
+    ) -> Literal["skip", "stop"] | tuple[dict[str, Point], dict[str, Point]]:
+        """Return positions without and with the load, or what to do instead."""
+        by_weight = isinstance(cast("LiveOptions", self._post.open).load, OwnWeight)
+        parts: list[dict[str, Point]] = []
+        for loaded in (False,) if by_weight else (False, True):
+            answer = person.ready(following, loaded=loaded)
+            if answer != "read":
+                return answer
+            stand = Stand(following.label, tuple(following.joints), following.force, loaded)
+            parts.append(cast("_Loop", self._loop).do(cast("Checked", self._checked).read(stand)))
+        return parts[0], parts[1] if len(parts) > 1 else {}
+
+    def _observe(self, following: NextReading, unloaded: dict[str, Point], loaded: dict[str, Point]) -> None:
+        sigma: dict[str, float] = {}
+        if self._post.noise is None or self._post.noise.sigma is None:
+            # of both positions the greater one
+            stated = {name: (unloaded[name][1], loaded.get(name, unloaded[name])[1]) for name in unloaded}
+            sigma = {name: max(u, v) for name, (u, v) in stated.items() if u is not None and v is not None}
+        self.observe(
+            {name: place for name, (place, _) in unloaded.items()},
+            {name: place for name, (place, _) in loaded.items()} or None,
+            label=following.label,
+            joints=following.joints,
+            force=following.force,
+            sigma=sigma,
+        )
+
+
+def measure(
+    robot: Any,  # noqa: ANN401 - a robot, a campaign, or a run
+    /,
+    goal: str | Goal | Mapping[str, Any],
+    source: str | Source | None = None,
+    *,
+    force: Any = None,  # noqa: ANN401 - three numbers
+    timeout: float = PATIENCE,
+    client: Client | None = None,
+    source_options: Mapping[str, Any] | None = None,
+    **options: Any,  # noqa: ANN401 - fields of LiveOptions
+) -> LiveMeasurement:
+    """Begin a campaign that is measured until a declared goal is reached.
+
+    Args:
+        robot: to begin with a robot: a document, a file, or the name of an arm of the catalogue, with `load`
+            and `targets`. Or a campaign, its file or a run: its robot, loads, targets, noise and load point
+            are taken, its readings are not.
+        goal: "15 %" of every joint that the load twists; "6 um" of the deflection in the work area; "below
+            0.5 mm", a decision about it; or a goal as in the API.
+        source: `simulated:SEED`, `lines:/dev/ttyUSB0`, `lines:tcp://host:port`, `lines:udp://:port`,
+            `robodk`, another one by the entry points `jointstiff.sources`, or an object with ``async def
+            point(name)``. Without one, readings come by `observe`.
+        force: (3,) in the work area, axes of R0 [N]; default: that of the load.
+        timeout: seconds after which a source that sends nothing has stopped.
+        client: service that keeps the open set; default: this process. `Client.measure` gives it.
+        source_options: of `lines`: `columns` or `pattern`, `source_unit`, `request`, `baud`, `sample`.
+        options: fields of `LiveOptions` in SI units, such as `load`, `targets`, `work_area` (or `area`),
+            `load_point`, `sigma`, `surroundings`, `candidates`, `seed`. A load may be a text, such as
+            "dead_weight:1500".
+
+    Raises:
+        CampaignError: robot, goal or an option cannot be used; its `problem` says what, where and what to do.
+        RefusedError: the service refuses it.
+        OSError: a file cannot be read.
+    """
+    from jointstiff.schemas.fields import planned_load_of
+
+    if isinstance(options.get("load"), str):
+        options["load"] = planned_load_of(options["load"])
+    named = {_PLAIN.get(name, name): value for name, value in options.items()}
+    measured, campaign = _planned(robot)
+    with as_campaign_error(""):
+        towards = None if force is None else tuple(np.asarray(force, dtype=np.float64).tolist())
+        stated = goal_of(goal, cast("Any", towards))
+        prepared = prepare_robot(measured)
+        document = None if campaign is None else campaign.measurement_set
+        run = CampaignRun() if campaign is None else CampaignRun(confidence=campaign.run.confidence)
+        weight = None if campaign is None else campaign.run.weight
+        post = declared(prepared, document, stated, _parsed(named, stated), weight)
+        reader = source_of(source, source_options or {}) if isinstance(source, str) else source
+    place: _Place = _Here(prepared, post, run) if client is None else _There(client, measured, post)
+    return LiveMeasurement(place, prepared, post, reader, timeout)
+
+
+def _parsed(options: Mapping[str, Any], goal: Goal) -> dict[str, Any]:
+    """Return options that are checked, with those that were stated."""
+    asked = {name: value for name, value in options.items() if value is not None}
+    message = parse_document({**asked, "goal": goal}, LiveOptions)
+    return {name: getattr(message, name) for name in asked}
+
+
+def _planned(source: Any) -> tuple[RobotDocument, Campaign | None]:  # noqa: ANN401 - robot, campaign or run
+    """Return the robot, and the campaign if it is one."""
+    from jointstiff.schemas import run as messages
+    from jointstiff.service.library import robots
+    from jointstiff.service.library.files import campaign_of
+    from jointstiff.service.library.results import TabledRun
+
+    if isinstance(source, TabledRun):
+        source = source.campaign
+    elif isinstance(source, str):
+        source = read_planned(source)
+    elif isinstance(source, Mapping) and "measurement_set" in source:
+        source = campaign_of(source)
+    if isinstance(source, messages.Campaign):
+        return source.robot, Campaign.of(source)
+    return robots.robot(source), None

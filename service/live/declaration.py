@@ -1,0 +1,147 @@
+"""Declaration of a live campaign: a goal in words, and equipment taken over from a campaign."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+
+from jointstiff.schemas.fields import Message, Vector3
+from jointstiff.schemas.live import DecisionGoal, DeflectionGoal, Goal, JointsGoal, LiveOptions
+from jointstiff.schemas.live import MeasurementSetPost as OpenPost
+from jointstiff.schemas.measurement import MeasurementSetDocument, MeasurementSetHeader, Noise, Units
+from jointstiff.schemas.options import Weight
+from jointstiff.schemas.plan import AnyDirection, DeadWeight, OwnWeight, PlannedLoad
+from jointstiff.service.conversion.prepared import PreparedRobot, prepare_set
+from jointstiff.service.conversion.units import ANGLE, FORCE, LENGTH
+from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.errors import RequestError
+from jointstiff.solver.readings.measurements import Measurements
+from jointstiff.solver.robot.configuration import Configurations
+from jointstiff.solver.robot.model import Robot
+from jointstiff.solver.terms.block import targets_in_flange
+
+_GOAL: Final = re.compile(
+    r"(?P<below>below|<)?\s*±?\s*(?P<number>[0-9]*\.?[0-9]+(?:e-?[0-9]+)?)\s*(?P<unit>%|um|µm|μm|mm|m)",
+    re.IGNORECASE,
+)
+_METRES: Final = {"um": 1e-6, "µm": 1e-6, "μm": 1e-6, "mm": 1e-3, "m": 1.0}
+_DOWN: Final = -0.999
+"""Part along z of R0 of a force's direction from which on it counts as a weight."""
+SI: Final = Units(length="m", angle="rad", force="N")
+"""Units of a campaign that begins with a robot."""
+
+
+def goal_of(goal: str | Goal | Mapping[str, Any], force: Vector3 | None = None) -> Goal:
+    """Return a goal of words: `15 %` of every joint, `6 um` of the deflection, or `below 0.5 mm`.
+
+    Args:
+        goal: words, or the message.
+        force: in the work area, axes of R0 [N]; None for that of the load.
+
+    Raises:
+        RequestError: the words are no goal.
+    """
+    if isinstance(goal, Message):
+        return goal
+    if isinstance(goal, Mapping):
+        return LiveOptions.model_validate({"goal": dict(goal)}).goal
+    match = _GOAL.fullmatch(goal.strip())
+    relative = match is not None and match["unit"] == "%"
+    if match is None or float(match["number"]) <= 0.0 or (relative and match["below"]):
+        raise RequestError(
+            f"'{goal}' is no goal",
+            where="goal",
+            remedy='write "15 %" for every joint, "6 um" for the deflection in the work area, or '
+            '"below 0.5 mm" for a decision about it',
+        )
+    number = float(match["number"])
+    if relative:
+        return JointsGoal(kind="joints", relative=0.01 * number)
+    size = number * _METRES[match["unit"].lower()]
+    if match["below"]:
+        return DecisionGoal(kind="decision", limit=size, force=force)
+    return DeflectionGoal(kind="deflection", uncertainty=size, force=force)
+
+
+@dataclass(frozen=True)
+class Scales:
+    """Sizes of a set's units, by which numbers in SI units are divided."""
+
+    length: float  # [m]
+    force: float  # [N]
+    joints: tuple[float, ...]  # of each joint [rad or m]
+
+    @classmethod
+    def of(cls, units: Units, robot: Robot) -> Scales:
+        """Return the sizes of units for the joints of a robot."""
+        length, angle = LENGTH[units.length], ANGLE[units.angle]
+        return cls(length, FORCE[units.force], tuple(np.where(robot.prismatic, length, angle).tolist()))
+
+
+def declared(
+    robot: PreparedRobot,
+    campaign: MeasurementSetDocument | None,
+    goal: Goal,
+    options: Mapping[str, Any],
+    weight: Weight | None = None,
+) -> OpenPost:
+    """Return an open set for a goal, without the id of its robot.
+
+    Args:
+        robot: that is measured.
+        campaign: whose loads, targets, noise and load point hold where options say nothing; of a goal about
+            deflections also the box of its load places. Its readings do not count. None without one.
+        goal: of the open set.
+        options: fields of `LiveOptions` in SI units; `sigma` is the noise of the readings.
+        weight: by which the campaign's runs identify; None for loads.
+
+    Raises:
+        MeasurementError: the campaign cannot be used.
+        RequestError: something is missing.
+    """
+    stated = {name: value for name, value in options.items() if value is not None}
+    header: dict[str, Any] = {"units": SI, "encoders": "motor"}
+    if campaign is not None:
+        kept = set(MeasurementSetHeader.model_fields) & campaign.model_fields_set
+        header = {name: getattr(campaign, name) for name in kept}
+        measurements = prepare_set(campaign, robot, "robot").measurements
+        stated = _equipment(robot.robot, measurements, goal, weight) | stated
+    sigma = stated.get("sigma")
+    noise: Noise | None = header.get("noise")
+    if sigma is not None:
+        unit = LENGTH[header["units"].length]
+        own = {} if noise is None else noise.model_dump(exclude={"sigma", "instrument"}, exclude_unset=True)
+        header["noise"] = {**own, "sigma": sigma / unit}
+    if not isinstance(stated.get("load"), OwnWeight):
+        length = LENGTH[header["units"].length]
+        header["load_point"] = tuple(part / length for part in stated.get("load_point", (0.0, 0.0, 0.0)))
+    header["name"] = f"measured live: {robot.document.name}"[:200]
+    options_of_set = LiveOptions.model_validate({**stated, "goal": goal})
+    return OpenPost.model_validate({**header, "robot_id": "robot", "open": options_of_set})
+
+
+def _equipment(robot: Robot, measurements: Measurements, goal: Goal, weight: Weight | None) -> dict[str, Any]:
+    """Return loads, targets, load point and work area of a campaign."""
+    m, size = measurements, np.linalg.norm(measurements.force, axis=1)
+    places = targets_in_flange(robot, m)
+    unique = np.sort(np.unique(np.round(places, 6), axis=0, return_index=True)[1])
+    taken: dict[str, Any] = {"targets": {m.targets[t]: tuple(places[t].tolist()) for t in unique}}
+    strongest = float(size.max())
+    if strongest == 0.0:
+        own = {} if weight is None else weight.model_dump()
+        return taken | {"load": OwnWeight(kind="own_weight", **own)}
+    down = bool((m.force[:, 2] <= _DOWN * size).all())
+    load: PlannedLoad = AnyDirection(kind="any_direction", force=strongest)
+    if down:
+        load = DeadWeight(kind="dead_weight", force=strongest)
+    taken |= {"load": load, "load_point": tuple(m.load_point[int(np.argmax(size))].tolist())}
+    if not isinstance(goal, JointsGoal):
+        loaded = m.load_point[size > 0.0][:, None]
+        now = Configurations(robot, robot.joint_map.model_angles(m.joints[size > 0.0]))
+        spots: FloatArray = now.to_base(loaded)[:, 0]
+        taken["work_area"] = (tuple(spots.min(axis=0).tolist()), tuple(spots.max(axis=0).tolist()))
+    return taken

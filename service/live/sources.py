@@ -1,0 +1,740 @@
+"""Sources of readings: simulated arms, lines of text, RoboDK; others by entry points.
+
+A source is one class. It is made with the text behind its name, `lines:tcp://host:port`, and has one method
+that must be there: ``async def point(name)`` returns the position of a target [m], in R0 or in the frame that
+the campaign states, and its standard uncertainty, or None for the campaign's. `Source` has the others, and
+the entry points `jointstiff.sources` name such classes of other packages.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import inspect
+import math
+import os
+import re
+from abc import ABC, abstractmethod
+from collections import deque
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from dataclasses import dataclass, field
+from importlib.metadata import entry_points
+from typing import Any, Final
+from urllib.parse import urlsplit
+
+import numpy as np
+
+from jointstiff.service.problems.errors import ServiceError
+from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.convex.solution import Bounds, Constraints
+from jointstiff.solver.errors import JointstiffError, RequestError
+from jointstiff.solver.predict.forward import LoadCases
+from jointstiff.solver.predict.models import JointModel
+from jointstiff.solver.robot.configuration import Configurations, joint_frames
+from jointstiff.solver.robot.model import Robot
+
+Place = tuple[float, float, float]
+Point = tuple[Place, float | None]
+"""Position of a target [m] and its standard uncertainty [m]; None for that of the campaign."""
+GROUP: Final = "jointstiff.sources"
+"""Entry points: name of a source, and its class."""
+PATIENCE: Final = 30.0
+"""Time after which a source that sends nothing has stopped [s]."""
+_FARTHEST: Final = 100.0
+"""Coordinate beyond which a position is rubbish [m]."""
+_ASTRAY: Final = 0.1
+"""Distance of an unloaded target from where the robot holds it, beyond which the source has jumped [m]."""
+_STRETCH: Final = 0.01
+"""Difference of two targets' distance from that on the flange, beyond which one of them is another [m]."""
+_LARGEST_DEFLECTION: Final = 0.05
+"""Distance of a loaded target from the unloaded one, beyond which the source has jumped [m]."""
+
+
+class SourceError(ServiceError):
+    """A source has no reading: it stopped, repeats itself, jumped, or sent what is none."""
+
+
+@dataclass(frozen=True, eq=False)
+class Setting:
+    """Campaign for which a source reads."""
+
+    robot: Robot
+    targets: Mapping[str, Place]  # places in the flange frame [m]
+    load_point: Place  # flange frame [m]
+    sigma: float  # standard uncertainty of a coordinate [m]
+    #: rotation (3, 3) and translation (3,) [m] from the frame of the readings to R0
+    frame: tuple[FloatArray, FloatArray] = field(default_factory=lambda: (np.eye(3), np.zeros(3)))
+
+    def to_base(self, place: FloatArray) -> FloatArray:
+        """Return a reading (3,) in R0 [m]."""
+        return np.asarray(self.frame[0] @ place + self.frame[1])
+
+    def from_base(self, place: FloatArray) -> FloatArray:
+        """Return a place (3,) of R0 in the frame of the readings [m]."""
+        return np.asarray(self.frame[0].T @ (place - self.frame[1]))
+
+
+@dataclass(frozen=True)
+class Stand:
+    """Posture and load in which targets are read next."""
+
+    label: str
+    joints: tuple[float, ...]  # as the controller shows them [rad or m]
+    force: Place  # of the posture's load, axes of R0 [N]
+    loaded: bool  # whether it acts now
+
+
+class Source(ABC):
+    """A source of positions, one target after the other."""
+
+    by_itself = False
+    """True if nobody moves an arm and hangs a weight: nothing is asked before each reading."""
+
+    async def open(self, setting: Setting) -> str | None:  # noqa: ARG002 - most sources do not ask
+        """Get ready; return how readings are understood, to be confirmed, or None if nothing is to be asked.
+
+        Raises:
+            SourceError: it cannot be reached.
+        """
+        return None
+
+    async def stand(self, stand: Stand) -> None:  # noqa: B027 - most sources do not ask
+        """Hear in which posture and under which load the targets are read from now on."""
+
+    @abstractmethod
+    async def point(self, name: str) -> Point:
+        """Read a target.
+
+        Raises:
+            SourceError: there is no reading.
+        """
+
+    async def close(self) -> None:  # noqa: B027 - most sources hold nothing
+        """Let go of what is held."""
+
+
+def source_of(text: str, options: Mapping[str, Any]) -> Source:
+    """Return the source of a text such as `simulated:1`, its options as it takes them.
+
+    Raises:
+        RequestError: there is no such source, or it does not take an option.
+    """
+    name, _, address = text.partition(":")
+    known = {"simulated": Simulated, "lines": Lines, "robodk": RoboDk}
+    found: Any = known.get(name)
+    if found is None:
+        named = {entry.name: entry for entry in entry_points(group=GROUP)}
+        if name not in named:
+            raise RequestError(
+                f"there is no source '{name}'",
+                where="source",
+                remedy=f"give one of {', '.join(sorted({*known, *named}))}, such as simulated:1",
+            )
+        found = named[name].load()
+    given = {key: value for key, value in options.items() if value is not None}
+    taken = inspect.signature(found).parameters
+    if not any(each.kind is inspect.Parameter.VAR_KEYWORD for each in taken.values()):
+        for key in given:
+            if key not in taken:
+                raise RequestError(
+                    f"the source '{name}' takes no `{key}`", where="source", remedy=f"omit `{key}`"
+                )
+    made: Source = found(address, **given)
+    return made
+
+
+class Checked:
+    """A source whose readings are looked at before they count: what is none is said, and does not count."""
+
+    def __init__(self, source: Any, setting: Setting, patience: float = PATIENCE) -> None:  # noqa: ANN401
+        """Look at the readings of a source, which has `point` at least."""
+        self._source, self._setting, self._patience = source, setting, patience
+        self._seen: set[Place] = set()
+        self._stand: Stand | None = None
+        self._unloaded: dict[str, FloatArray] = {}
+
+    async def open(self) -> str | None:
+        """Get the source ready; return what is to be confirmed."""
+        profile: str | None = await self._asked("open", self._setting)
+        return profile
+
+    async def close(self) -> None:
+        """Let go of what the source holds."""
+        with suppress(SourceError):
+            await self._asked("close")
+
+    async def read(self, stand: Stand) -> dict[str, Point]:
+        """Return all targets in a posture, with or without its load.
+
+        Raises:
+            SourceError: the source has stopped, repeats itself, jumped, or sent what is no reading.
+        """
+        await self._asked("stand", stand)
+        points: dict[str, Point] = {}
+        for name in self._setting.targets:
+            points[name] = point = await self._one(name)
+            self._look_at(stand, name, np.array(point[0]), points)
+        places = {name: np.array(place) for name, (place, _) in points.items()}
+        self._seen |= {place for place, _ in points.values()}
+        self._unloaded = {} if stand.loaded else places
+        self._stand = stand
+        return points
+
+    async def _asked(self, what: str, *arguments: object) -> Any:  # noqa: ANN401 - whatever a source answers
+        """Call a method that a source may have."""
+        method = getattr(self._source, what, None)
+        if method is None:
+            return None
+        try:
+            return await asyncio.wait_for(method(*arguments), self._patience)
+        except TimeoutError:
+            raise self._stopped() from None
+        except OSError as error:
+            raise SourceError(
+                f"the source cannot be reached: {error}", remedy="look at its address and its cable"
+            ) from error
+
+    def _stopped(self) -> SourceError:
+        return SourceError(
+            f"the source sent nothing for {self._patience:g} s",
+            remedy="look at the instrument and its cable, then read again",
+        )
+
+    async def _one(self, name: str) -> Point:
+        """Return a reading that is one."""
+        answer = await self._asked("point", name)
+        try:
+            place, sigma = answer
+            x, y, z = (float(part) for part in place)
+            sigma = None if sigma is None else float(sigma)
+        except (TypeError, ValueError):
+            raise SourceError(
+                f"{name}: {str(answer)[:80]!r} is not a position and its uncertainty",
+                remedy="let `point` return three numbers in metres, and a number or None",
+            ) from None
+        sound = all(math.isfinite(part) and abs(part) <= _FARTHEST for part in (x, y, z))
+        if not sound or (sigma is not None and not 0.0 < sigma < 1.0):
+            raise SourceError(
+                f"{name}: ({x:g}, {y:g}, {z:g}) m is no position of a target",
+                remedy="look at the unit and the columns of the source",
+            )
+        return (x, y, z), sigma
+
+    def _look_at(self, stand: Stand, name: str, place: FloatArray, points: Mapping[str, Point]) -> None:
+        """Refuse a reading that repeats another one, or jumped.
+
+        Raises:
+            SourceError: it does.
+        """
+        others = {other: np.array(point) for other, (point, _) in points.items() if other != name}
+        if points[name][0] in self._seen or any((place == other).all() for other in others.values()):
+            raise SourceError(
+                f"{name}: the source repeats an earlier reading, digit by digit",
+                remedy="look whether the instrument still measures, then read again",
+            )
+        setting, flange = self._setting, {n: np.array(p) for n, p in self._setting.targets.items()}
+        for other, there in others.items():
+            held = float(np.linalg.norm(flange[name] - flange[other]))
+            apart = float(np.linalg.norm(place - there))
+            if abs(apart - held) > _STRETCH:
+                raise SourceError(
+                    f"the source has jumped: {name} is {1e3 * apart:.0f} mm from {other}, and "
+                    f"{1e3 * held:.0f} mm on the flange",
+                    remedy="look which target the instrument sees, then read again",
+                )
+        if stand.loaded:
+            before = self._unloaded.get(name)
+            moved = 0.0 if before is None else float(np.linalg.norm(place - before))
+            if moved > _LARGEST_DEFLECTION:
+                raise SourceError(
+                    f"the source has jumped: {name} is {1e3 * moved:.0f} mm from where it was without load",
+                    remedy="look whether the arm still stands in the posture, then read again",
+                )
+            return
+        angles = setting.robot.joint_map.model_angles(np.array([stand.joints]))
+        expected = Configurations(setting.robot, angles).to_base(flange[name][None, None])[0, 0]
+        astray = float(np.linalg.norm(setting.to_base(place) - expected))
+        if astray > _ASTRAY:
+            raise SourceError(
+                f"the source has jumped: {name} is {astray:.3g} m from where the robot holds it",
+                remedy="look at the posture, the frame of the readings and their unit, then read again",
+            )
+
+
+_STIFFEST: Final = 3e6
+"""Stiffness of a joint at the base of an arm of the reach below [N·m/rad]."""
+_REACH: Final = 2.8
+"""Reach of such an arm [m]."""
+_SHORTEST_LEVER: Final = 0.15
+"""Distance of a joint from the load over the reach, below which a joint becomes no softer."""
+_SLIDE: Final = 1e8
+"""Stiffness of a linear axis [N/m]."""
+_SPREAD: Final = 0.35
+"""Standard deviation of the logarithm of a stiffness."""
+
+
+class Simulated(Source):
+    """A simulated arm: plausible stiffnesses by a seed, springs in exact balance with the load, and noise."""
+
+    by_itself = True
+
+    def __init__(self, address: str = "") -> None:
+        """Draw stiffnesses and noise by a seed, 1 if none is given.
+
+        Raises:
+            RequestError: it is no seed.
+        """
+        if not (address or "1").isdecimal():
+            raise RequestError(
+                f"'{address}' is no seed of a simulated arm", where="source", remedy="write simulated:1"
+            )
+        self._random = np.random.default_rng(int(address or 1))
+
+    async def open(self, setting: Setting) -> str | None:
+        """Draw the stiffnesses of the campaign's robot."""
+        robot = setting.robot
+        self._setting = setting
+        self.stiffness: FloatArray = plausible_stiffness(robot, self._random)  # (n,) [N·m/rad or N/m]
+        bounds = Constraints(Bounds.positive(robot.n))
+        self._model = JointModel(robot, 1.0 / self.stiffness, None, bounds)
+        return None
+
+    async def stand(self, stand: Stand) -> None:
+        """Bend the arm.
+
+        Raises:
+            SourceError: it finds no balance.
+        """
+        names, setting = list(self._setting.targets), self._setting
+        count = len(names)
+
+        def rows(values: object) -> FloatArray:
+            return np.tile(np.asarray(values, dtype=np.float64), (count, 1))
+
+        force = stand.force if stand.loaded else (0.0, 0.0, 0.0)
+        cases = LoadCases(
+            joints=rows(stand.joints),
+            force=rows(force),
+            moment=np.zeros((count, 3)),
+            load_point=rows(setting.load_point),
+            place=np.array([setting.targets[name] for name in names], dtype=np.float64),
+        )
+        try:
+            places = self._model.deflect(cases).place
+        except JointstiffError as error:
+            raise SourceError(error.reason, remedy="give a smaller load") from error
+        self._places = dict(zip(names, places, strict=True))
+
+    async def point(self, name: str) -> Point:
+        """Read a target, with noise of the campaign's size."""
+        noise = self._setting.sigma * self._random.standard_normal(3)
+        x, y, z = (self._setting.from_base(self._places[name]) + noise).tolist()
+        return (x, y, z), None
+
+
+def plausible_stiffness(robot: Robot, random: np.random.Generator) -> FloatArray:
+    """Return stiffnesses (n,) such as arms of this size have [N·m/rad, N/m of a prismatic joint].
+
+    A joint is as stiff as the square of its distance from the flange asks for, so that all of them move the
+    tool by similar lengths; an arm of twice the size is eight times as stiff.
+    """
+    zero = np.zeros((1, robot.n))
+    origins = joint_frames(robot, zero)[1][0]
+    flange = Configurations(robot, zero).flange_translation
+    steps = np.linalg.norm(np.diff(np.concatenate([origins, flange]), axis=0), axis=1)
+    levers = np.maximum(np.cumsum(steps[::-1])[::-1], 1e-3)
+    reach = float(levers.max())
+    turning = _STIFFEST * (reach / _REACH) ** 3 * np.maximum(levers / reach, _SHORTEST_LEVER) ** 2
+    usual = np.where(robot.prismatic, _SLIDE * reach / _REACH, turning)
+    return np.asarray(usual * np.exp(_SPREAD * random.standard_normal(robot.n)))
+
+
+_LENGTHS: Final = {"mm": 1e-3, "m": 1.0, "um": 1e-6, "in": 0.0254}
+_FIELDS: Final = ("target", "x", "y", "z", "sigma")
+_SEPARATORS: Final = re.compile(r"[,;\s]+")
+_RUBBISH: Final = 20
+"""Lines in a row that are no readings, after which a source is given up."""
+_LONGEST_LINE: Final = 65_536
+_KEPT_LINES: Final = 1_000
+
+
+@dataclass(frozen=True)
+class Profile:
+    """Form of a line of text, and its unit."""
+
+    pattern: re.Pattern[str] | None  # with named groups; None for columns
+    columns: tuple[str, ...]  # their names in order, `-` for one that is not read; empty: by the line itself
+    unit: str  # of lengths
+
+    @classmethod
+    def of(cls, pattern: str | None, columns: str | None, unit: str) -> Profile:
+        """Return the profile of stated texts.
+
+        Raises:
+            RequestError: they name no coordinates, or both are given.
+        """
+        if unit not in _LENGTHS:
+            raise RequestError(
+                f"'{unit}' is no unit of length",
+                where="source_unit",
+                remedy=f"give one of {', '.join(_LENGTHS)}",
+            )
+        if pattern is not None and columns is not None:
+            raise RequestError(
+                "both a pattern and columns are given", where="columns", remedy="give one of them"
+            )
+        if pattern is None:
+            names = tuple(name.strip() for name in (columns or "").split(",") if name.strip())
+            known = [name for name in names if name != "-"]
+            if names and (not {"x", "y", "z"} <= set(names) or not set(known) <= set(_FIELDS)):
+                raise RequestError(
+                    f"the columns '{columns}' do not name x, y and z",
+                    where="columns",
+                    remedy="name them in order, such as target,x,y,z or -,x,y,z,sigma",
+                )
+            if len(known) != len(set(known)):
+                raise RequestError(
+                    f"the columns '{columns}' name one twice", where="columns", remedy="name each once"
+                )
+            return cls(None, names, unit)
+        try:
+            compiled = re.compile(pattern)
+        except re.error as error:
+            raise RequestError(
+                f"the pattern is no regular expression: {error}", where="pattern", remedy="correct it"
+            ) from error
+        if not {"x", "y", "z"} <= set(compiled.groupindex):
+            raise RequestError(
+                "the pattern has no groups x, y and z",
+                where="pattern",
+                remedy=r"name them, such as (?P<target>\w+) (?P<x>\S+) (?P<y>\S+) (?P<z>\S+)",
+            )
+        return cls(compiled, (), unit)
+
+    def parts(self, line: str) -> dict[str, str] | None:
+        """Return the fields of a line; None if it has another form."""
+        if self.pattern is not None:
+            match = self.pattern.search(line)
+            return None if match is None else {k: v for k, v in match.groupdict().items() if v is not None}
+        cells = [cell for cell in _SEPARATORS.split(line.strip()) if cell]
+        columns = self.columns or (("x", "y", "z") if len(cells) == 3 else ("target", "x", "y", "z"))
+        if len(cells) != len(columns):
+            return None
+        return {name: cell for name, cell in zip(columns, cells, strict=True) if name != "-"}
+
+    def read(self, line: str) -> tuple[str | None, Point] | None:
+        """Return target and position of a line; None if it is no reading."""
+        parts = self.parts(line)
+        if parts is None or not {"x", "y", "z"} <= set(parts):
+            return None
+        try:
+            x, y, z = (_LENGTHS[self.unit] * float(parts[axis]) for axis in "xyz")
+            sigma = _LENGTHS[self.unit] * float(parts["sigma"]) if "sigma" in parts else None
+        except ValueError:
+            return None
+        if not all(map(math.isfinite, (x, y, z))):
+            return None
+        return parts.get("target"), ((x, y, z), sigma)
+
+    def words(self, line: str | None) -> str:
+        """Return the profile in words, with a line that it reads."""
+        if self.pattern is not None:
+            how = f"by the pattern {self.pattern.pattern}"
+        else:
+            how = f"as columns {', '.join(self.columns)}" if self.columns else "as [target] x y z"
+        text = f"lines are read {how}, lengths in {self.unit}"
+        reading = None if line is None else self.read(line)
+        if reading is None:
+            return text
+        target, ((x, y, z), sigma) = reading
+        named = "the target that is asked for" if target is None else f"target {target}"
+        noise = "" if sigma is None else f", uncertainty {1e6 * sigma:.3g} µm"
+        shown = "".join(c if c.isprintable() else " " for c in (line or "").strip())[:200]
+        return f"{text}\n  {shown!r} is {named} at x {x:.6f} m, y {y:.6f} m, z {z:.6f} m{noise}"
+
+
+class Lines(Source):
+    """Lines of text from a serial line, a TCP connection or UDP: an instrument, or any script."""
+
+    def __init__(
+        self,
+        address: str,
+        *,
+        pattern: str | None = None,
+        columns: str | None = None,
+        source_unit: str = "mm",
+        request: str | None = None,
+        baud: int = 9600,
+        sample: bool = True,
+        warn: Callable[[str], object] = lambda _: None,
+    ) -> None:
+        """Read lines.
+
+        Args:
+            address: file of a serial line, `tcp://host:port`, or `udp://[host]:port` to listen at.
+            pattern: regular expression with the named groups x, y, z, and target, sigma if they are there.
+            columns: names of columns in order, such as `target,x,y,z`; default: by the number of cells.
+            source_unit: unit of lengths, mm, m, um or in.
+            request: text that is sent before each reading, and a newline, with {target}, {state}, {label},
+                {joints}, {force}; none if absent.
+            baud: bits a second of a serial line.
+            sample: whether a line is awaited first, to show how it is read.
+            warn: called with what is no reading.
+
+        Raises:
+            RequestError: an address or a profile cannot be understood.
+        """
+        self._profile = Profile.of(pattern, columns, source_unit)
+        self._address, self._url = address, urlsplit(address)
+        self._request, self._baud, self._sample, self._warn = request, baud, sample, warn
+        is_net = self._url.scheme in {"tcp", "udp"}
+        try:
+            port = self._url.port
+        except ValueError:
+            port = None
+        missing = is_net and (port is None or (self._url.scheme == "tcp" and not self._url.hostname))
+        if missing or not address or (self._url.scheme and not is_net):
+            raise RequestError(
+                f"'{address}' is no address of lines",
+                where="source",
+                remedy="write lines:/dev/ttyUSB0, lines:tcp://host:port or lines:udp://:port",
+            )
+        if request is not None and self._url.scheme == "udp":
+            raise RequestError(
+                "UDP is only listened to", where="request", remedy="omit `request`, or use TCP"
+            )
+        self._lines: deque[str] = deque(maxlen=_KEPT_LINES)
+        self._waiting: dict[str, Point] = {}
+        self._buffer = b""
+        self._ended: str | None = "not open"
+        self._stand: Stand | None = None
+        self._let_go: Callable[[], None] = lambda: None
+        self._send: Callable[[bytes], object] = lambda _: None
+
+    async def open(self, setting: Setting) -> str | None:
+        """Connect; return the profile, with a line as it is read."""
+        self._came = asyncio.Event()
+        await self._connect()
+        if not self._sample:
+            return self._profile.words(None)
+        first = next(iter(setting.targets), "")
+        self._ask(first)
+        line = await self._next()
+        while self._profile.read(line) is None:
+            self._rubbish(line)
+            line = await self._next()
+        return self._profile.words(line)
+
+    async def stand(self, stand: Stand) -> None:
+        """Forget what came before: it is of another posture or another load."""
+        if self._ended is not None:
+            await self._connect()
+        self._stand = stand
+        self._lines.clear()
+        self._waiting.clear()
+
+    async def point(self, name: str) -> Point:
+        """Return the next line of a target."""
+        if name in self._waiting:
+            return self._waiting.pop(name)
+        self._ask(name)
+        useless = 0
+        while useless < _RUBBISH:
+            line = await self._next()
+            reading = self._profile.read(line)
+            if reading is None:
+                self._rubbish(line)
+                useless += 1
+                continue
+            target, point = reading
+            if target in (None, name):
+                return point
+            self._waiting[str(target)] = point
+        raise SourceError(
+            f"the source sent {_RUBBISH} lines that are no readings",
+            remedy="state their form by `columns` or `pattern`",
+        )
+
+    async def close(self) -> None:
+        """Let go of the connection."""
+        self._let_go()
+
+    def _rubbish(self, line: str) -> None:
+        shown = "".join(c if c.isprintable() else "�" for c in line)[:80]
+        self._warn(f"{shown!r} is no reading, and does not count")
+
+    def _ask(self, name: str) -> None:
+        """Send the text that asks for a reading, if there is one."""
+        if self._request is None:
+            return
+        stand = self._stand
+        filled = {
+            "{target}": name,
+            "{state}": "loaded" if stand is not None and stand.loaded else "unloaded",
+            "{label}": "" if stand is None else stand.label,
+            "{joints}": "" if stand is None else " ".join(map(repr, stand.joints)),
+            "{force}": "" if stand is None else " ".join(map(repr, stand.force)),
+        }
+        text = re.sub(r"\{\w+\}", lambda match: filled.get(match[0], match[0]), self._request)
+        self._send(text.encode() + b"\n")
+
+    async def _next(self) -> str:
+        """Return the next line.
+
+        Raises:
+            SourceError: the source has ended.
+        """
+        while not self._lines:
+            if self._ended is not None:
+                raise SourceError(
+                    f"the source has stopped: {self._ended}", remedy="start it again, then read again"
+                )
+            self._came.clear()
+            await self._came.wait()
+        return self._lines.popleft()
+
+    def _take(self, data: bytes) -> None:
+        """Take in what came."""
+        *whole, rest = re.split(rb"[\r\n]+", self._buffer + data)
+        self._buffer = rest[-_LONGEST_LINE:]
+        self._lines.extend(line.decode("utf-8", "replace") for line in whole if line.strip())
+        self._came.set()
+
+    def _end(self, reason: str) -> None:
+        self._ended = reason
+        self._came.set()
+
+    async def _connect(self) -> None:
+        """Connect to the address; a connection that ended is made anew."""
+        self._let_go()
+        self._buffer, loop, url = b"", asyncio.get_running_loop(), self._url
+        if url.scheme == "tcp":
+            transport, _ = await loop.create_connection(
+                lambda: _Stream(self), url.hostname or "", url.port or 0
+            )
+            self._send, self._let_go = transport.write, transport.close
+        elif url.scheme == "udp":
+            local = (url.hostname or "0.0.0.0", url.port or 0)  # noqa: S104 - instruments are other machines
+            datagrams, _ = await loop.create_datagram_endpoint(lambda: _Datagrams(self), local)
+            self._let_go = datagrams.close
+        else:
+            self._connect_serial(loop)
+        self._ended = None
+
+    def _connect_serial(self, loop: asyncio.AbstractEventLoop) -> None:
+        descriptor = _serial_line(self._address, self._baud)
+
+        def arrived() -> None:
+            reason = "the line was hung up"
+            try:
+                data = os.read(descriptor, 4096)
+            except BlockingIOError:
+                return
+            except OSError as error:
+                data, reason = b"", str(error)
+            if data:
+                self._take(data)
+            else:
+                loop.remove_reader(descriptor)
+                self._end(reason)
+
+        def let_go() -> None:
+            loop.remove_reader(descriptor)
+            os.close(descriptor)
+            self._let_go = lambda: None
+
+        loop.add_reader(descriptor, arrived)
+        self._send, self._let_go = lambda data: os.write(descriptor, data), let_go
+
+
+def _serial_line(address: str, baud: int) -> int:
+    """Open a serial line; return its descriptor.
+
+    Raises:
+        SourceError: it is none, or has no such speed.
+    """
+    import termios
+    import tty
+
+    descriptor = os.open(address, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+    speed = getattr(termios, f"B{baud}", None)
+    if not os.isatty(descriptor) or speed is None:
+        is_line = os.isatty(descriptor)
+        os.close(descriptor)
+        if is_line:
+            raise SourceError(f"{baud} is no speed of a serial line", remedy="give 9600 or 115200")
+        raise SourceError(f"{address} is no serial line", remedy="give its device, such as /dev/ttyUSB0")
+    tty.setraw(descriptor)
+    modes = termios.tcgetattr(descriptor)
+    modes[4] = modes[5] = speed
+    termios.tcsetattr(descriptor, termios.TCSANOW, modes)
+    return descriptor
+
+
+class _Stream(asyncio.Protocol):
+    """A TCP connection."""
+
+    def __init__(self, lines: Lines) -> None:
+        self._lines = lines
+
+    def data_received(self, data: bytes) -> None:
+        self._lines._take(data)
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        self._lines._end("the connection was closed" if exc is None else str(exc))
+
+
+class _Datagrams(asyncio.DatagramProtocol):
+    """Datagrams of the first sender whose line is a reading."""
+
+    def __init__(self, lines: Lines) -> None:
+        self._lines, self._sender = lines, None
+
+    def datagram_received(self, data: bytes, addr: Any) -> None:  # noqa: ANN401 - of the system
+        if self._sender is None and any(
+            self._lines._profile.read(line) for line in data.decode("utf-8", "replace").splitlines()
+        ):
+            self._sender = addr[0]
+        if self._sender in (None, addr[0]):
+            self._lines._take(data + b"\n")
+
+
+class RoboDk(Source):
+    """The laser tracker of a RoboDK station, and its simulated robot or the one that is connected."""
+
+    def __init__(self, address: str = "") -> None:
+        """Connect to RoboDK.
+
+        Raises:
+            SourceError: the package `robodk` is not there.
+        """
+        try:
+            from robodk import robolink  # type: ignore[import-not-found]
+        except ImportError:
+            raise SourceError(
+                "the source robodk needs RoboDK's package, which is not there",
+                remedy="install it with `pip install robodk`, and start RoboDK",
+            ) from None
+        self._link, self._name = robolink.Robolink(), address
+
+    async def open(self, setting: Setting) -> str | None:
+        """Remember where targets are expected."""
+        self._setting = setting
+        return None
+
+    async def stand(self, stand: Stand) -> None:
+        """Expect the targets where the robot holds them."""
+        setting, names = self._setting, list(self._setting.targets)
+        now = Configurations(setting.robot, setting.robot.joint_map.model_angles(np.array([stand.joints])))
+        places = now.to_base(np.array([[setting.targets[name] for name in names]], dtype=np.float64))[0]
+        self._expected = {
+            name: (1e3 * setting.from_base(place)).tolist() for name, place in zip(names, places, strict=True)
+        }
+
+    async def point(self, name: str) -> Point:
+        """Measure a target by the tracker, which looks for it where it is expected."""
+        measured = await asyncio.to_thread(self._link.LaserTracker_Measure, self._expected[name], True)
+        if measured is None:
+            raise SourceError(f"the tracker did not find {name}", remedy="aim at it, then read again")
+        x, y, z = (1e-3 * float(part) for part in measured)
+        return (x, y, z), None
