@@ -27,7 +27,7 @@ import httpx2
 import numpy as np
 from fastapi.exceptions import RequestValidationError
 
-from benchmarks.attacks.hostile_bodies import bodies, imports, peak_of
+from benchmarks.attacks.hostile_bodies import bodies, imports
 from benchmarks.attacks.many_posts import posts_at_once, queue_full
 from benchmarks.campaigns import small_campaign
 from benchmarks.report import Figure, Part, Section
@@ -40,6 +40,7 @@ from jointstiff.service.importing.reading import SourceFile
 from jointstiff.service.problems.table import invalid_request
 from jointstiff.service.resources.imports import import_files
 from jointstiff.simulator.sweeps import TrackedArm
+from tests.support.memory import peak_of
 
 __all__ = ["run"]
 

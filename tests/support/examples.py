@@ -7,12 +7,12 @@ from typing import Any
 from hypothesis import settings
 
 FULL = "full"
-SHARE, LEAST = 3, 10
+SHARE, LEAST = 10, 6
 
 settings.register_profile(FULL, deadline=None)
 
 
 def examples(count: int, **options: Any) -> settings:
-    """Settings of a property: `count` examples in the nightly run, a third of them otherwise; no deadline."""
+    """Settings of a property: `count` examples in the nightly run, a tenth of them otherwise; no deadline."""
     drawn = count if settings.get_current_profile_name() == FULL else min(count, max(count // SHARE, LEAST))
     return settings(max_examples=drawn, deadline=None, **options)

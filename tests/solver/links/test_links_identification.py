@@ -252,11 +252,11 @@ def selected(robot, measurements, plan, names=MODELS):
 
 
 def test_selection_names_joints_where_links_are_rigid_and_links_where_they_bend(elastic):
-    weights = (1e-4, 1e-2)
+    plan = Plan(draws=1, weights=(1e-4, 1e-2))
     for seed in range(2):
-        rigid = selected(*rigid_pulled(15, seed), Plan(seed=seed, weights=weights))
+        rigid = selected(*rigid_pulled(15, seed), replace(plan, seed=seed))
         assert rigid.simplest == "joints"
-    bending = selected(*elastic, Plan(weights=weights))
+    bending = selected(*elastic, plan)
     assert bending.simplest != "joints"
     assert bending.of("joints_and_links").compensation > bending.of("joints").compensation
     assert bending.of("joints").penalty is None
