@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import warnings
 from itertools import product
-from math import sqrt
 
 import cvxpy as cp
 import numpy as np
@@ -71,19 +70,3 @@ def profile(R, centre, bounds, unit, j, t):
         return float(rhs @ rhs)
     scaled = bounds.lower[others] / unit[others], bounds.upper[others] / unit[others]
     return least_within(R[:, others] * unit[others], rhs, *scaled)
-
-
-def end_by_cone_program(R, centre, unit, order, j, side, quantile):
-    """One end of the profile interval of parameter j, whose radius has this quantile."""
-    x = cp.Variable(len(centre))
-    A = R * unit
-    constraints = [x >= 0]
-    for i, k in order:
-        larger = max(unit[i], unit[k])
-        constraints.append(unit[i] / larger * x[i] <= unit[k] / larger * x[k])
-    nearest = cp.Problem(cp.Minimize(cp.sum_squares(A @ x - R @ centre)), constraints)
-    nearest.solve(solver=cp.CLARABEL, tol_gap_abs=1e-11, tol_gap_rel=1e-11)
-    radius = sqrt(nearest.value + quantile**2)
-    ball = cp.norm((A / radius) @ x - R @ centre / radius) <= 1.0
-    objective = cp.Minimize(x[j]) if side == 0 else cp.Maximize(x[j])
-    return float(cp.Problem(objective, [*constraints, ball]).solve(solver=cp.CLARABEL))

@@ -11,7 +11,6 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from scipy.optimize import nnls
 from support.campaigns import METHODS, POINTS, prepare, settings_of, spring_columns
-from support.encoders import with_encoders
 from support.shared_data import shared
 
 from jointstiff.schemas.comparison import OrderedResult
@@ -24,7 +23,6 @@ from jointstiff.solver.compare.campaigns import (
     RatioInterval,
     Side,
     compare_sides,
-    difference_p_value,
     match,
     measured_shares,
     models_differ,
@@ -34,7 +32,6 @@ from jointstiff.solver.convex.solution import Bounds
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.estimate import identify
 from jointstiff.solver.evidence.estimate import Estimate
-from jointstiff.solver.fitting.fit import student_quantile
 from jointstiff.solver.fitting.method import Settings
 from jointstiff.solver.readings.measurements import CommonUncertainty, Measurements
 from jointstiff.solver.robot.model import Robot
@@ -135,23 +132,6 @@ def test_every_ratio_is_in_or_out_as_the_definition_says(c1, s1, c2, s2, ratio):
     assert holds(free, ratio) == (margin < 0)
     positive = ratio_interval(first, second, 0.95, positive=True)
     assert holds(positive, ratio) == (margin < 0 and ratio >= 0)
-
-
-def test_estimated_sigma_takes_the_quantile_of_student():
-    few = GaussianEstimate(4e-7, 3e-8, 5.0), GaussianEstimate(2e-7, 2e-8, 9.0)
-    found = ratio_interval(*few, 0.95, positive=True)
-    t = 2.570581835636314  # Student, 5 degrees of freedom, 97.5 % (any table)
-    assert student_quantile(0.975, 5.0) == pytest.approx(t)
-    for ratio in (found.lower, found.upper):
-        assert abs(4e-7 - ratio * 2e-7) == pytest.approx(t * np.hypot(3e-8, ratio * 2e-8))
-
-
-@pytest.mark.parametrize(("t", "freedom"), [(T95, (inf, inf)), (2.570581835636314, (5.0, 8.0))])
-def test_p_value_of_a_difference(t, freedom):
-    first = GaussianEstimate(3e-7, 3e-8, freedom[0])
-    second = GaussianEstimate(3e-7 + t * 5e-8, 4e-8, freedom[1])
-    assert difference_p_value(first, second) == pytest.approx(0.05)
-    assert difference_p_value(first, first) == 1.0
 
 
 def changed(campaign, **fields):
@@ -258,17 +238,6 @@ def test_the_order_is_never_crossed_in_noise(method, seed):
     assert (high[1] <= high[0] * (1 + 1e-9)).all()
 
 
-@pytest.mark.parametrize(
-    "options", [{"method": "decoupled_partial_pose"}, {"method": "complete_pose", "weighting": "uniform"}]
-)
-def test_ordered_intervals_contain_estimates_that_are_not_of_maximum_likelihood(options):
-    """A bound that the readings contradict draws the least squares of such a method elsewhere."""
-    stated = {"stiffness_bounds": {"joint_3": [1e5, 5e5]}, **options}
-    ordered = pair_of(*both(options=stated, configurations=4), ordered=True).ordered
-    assert (ordered.intervals[..., 0] <= ordered.compliance).all()
-    assert (ordered.compliance <= ordered.intervals[..., 1]).all()
-
-
 def test_bounds_that_contradict_the_order_are_refused(simulated):
     limits = Bounds(np.zeros(6), np.full(6, 1e-7)), Bounds(np.full(6, 2e-7), np.ones(6))
     sides = [with_settings(one, bounds=bounds) for one, bounds in zip(simulated, limits, strict=True)]
@@ -323,19 +292,6 @@ def test_ordered_intervals_end_where_the_likelihood_has_fallen_by_its_quantile(c
         assert at_end - least == pytest.approx(T95**2, rel=1e-6)
 
 
-def test_sigma_from_the_residuals_takes_the_fewer_degrees_of_freedom(simulated):
-    first, second = (with_readings(one, sigma=None) for one in simulated)
-    few = changed(second, measurements=second.measurements[:9])
-    freedom = 9 * 9 - 6
-    assert few.estimate.degrees_of_freedom == freedom < first.estimate.degrees_of_freedom
-    rows = zip(pair_of(first, few).joints, first.estimate.joints, few.estimate.joints, strict=True)
-    for joint, *both_sides in rows:
-        one, two = (GaussianEstimate(c.compliance, c.standard_uncertainty, freedom) for c in both_sides)
-        expected = ratio_interval(one, two, 0.95, positive=True)
-        assert joint.ratio_interval == pytest.approx(expected[:2])
-        assert joint.p_value == pytest.approx(difference_p_value(one, two))
-
-
 def test_uncertainty_of_the_measured_share_is_what_noise_does(simulated):
     readings = [one.measurements for one in simulated]
     matches = match(*readings)
@@ -372,14 +328,6 @@ def test_labels_find_each_other_in_any_order_but_in_other_postures_and_loads(sim
     assert avoided.predicted == pytest.approx(straight.predicted)
 
 
-def test_no_common_observation_leaves_the_prediction(simulated):
-    first, second = simulated
-    labels = tuple(f"x{label}" for label in second.measurements.labels)
-    avoided = pair_of(first, with_readings(second, labels=labels)).avoided
-    assert (avoided.matching, avoided.measured) == (0, None)
-    assert 0.2 < avoided.predicted < 0.6
-
-
 @pytest.mark.parametrize("loads", [("pull", "dead_weight"), ("dead_weight", "pull")])
 def test_a_joint_that_one_campaign_does_not_twist(loads):
     arms = MOTOR, SECONDARY
@@ -401,21 +349,6 @@ def test_a_joint_that_one_campaign_does_not_twist(loads):
     assert told == {"pull": {False}, "dead_weight": {True}}  # every pull twists joint 1
 
 
-def test_constraints_of_each_side_hold_in_one_problem(simulated):
-    """Joint 2 is at 3.1e6 with the motors' encoders, at 5.7e6 with secondary ones."""
-    limits = settings_of(simulated[0].robot, stiffness_bounds={"joint_2": (4e6, 5e6)})
-    bound, tied, free = (
-        pair_of(*(changed(one, settings=settings) for one in simulated), ordered=True).ordered
-        for settings in (limits, replace(simulated[0].settings, order=((2, 1),)), simulated[0].settings)
-    )
-    assert 1 / bound.compliance[:, 1] == pytest.approx([4e6, 5e6])
-    assert (tied.compliance[:, 2] <= tied.compliance[:, 1] * (1 + 1e-12)).all()
-    assert (tied.compliance[1] <= tied.compliance[0]).all()
-    joint = free.result.joints[1]
-    stiffness = joint.stiffness_first, joint.stiffness_second
-    assert stiffness == pytest.approx((3.0e6, 5.7e6), rel=0.1)
-
-
 def test_without_an_uncertainty_there_is_neither_ratio_nor_order(simulated):
     first, second = simulated
     one = with_readings(first, sigma=None)
@@ -425,18 +358,6 @@ def test_without_an_uncertainty_there_is_neither_ratio_nor_order(simulated):
     }
     with pytest.raises(RequestError, match="cannot be weighted"):
         pair_of(few, second, ordered=True)
-
-
-def test_the_order_holds_with_the_complementary_stiffness():
-    """Readings without noise: the order's one problem finds the springs, which without K_c are 1e-3 off."""
-    free = replace(MOTOR, stiffnesses=0.9 * SECONDARY.stiffnesses)
-    exact = [with_readings(one, sigma=2e-5) for one in both((free, SECONDARY), (5, 5), sigma=0.0)]
-    included, neglected = (
-        pair_of(*(with_settings(one, complementary_stiffness=bent) for one in exact), ordered=True).ordered
-        for bent in (True, False)
-    )
-    np.testing.assert_allclose(included.compliance, [free.compliances, SECONDARY.compliances], rtol=1e-4)
-    assert np.abs(neglected.compliance[0] / free.compliances - 1).max() > 1e-3
 
 
 def test_robots_that_differ_are_refused_by_their_joints_and_noticed_by_their_model(simulated):
@@ -466,37 +387,6 @@ def test_ratio_intervals_cover(method):
         joints = pair_of(*sides, confidence=0.9).joints
         covered += [holds(interval_of(joint), ratio) for joint, ratio in zip(joints, expected, strict=True)]
     assert np.abs(covered / count - 0.9).max() < 4.5 * np.sqrt(0.09 / count)
-
-
-def test_without_active_constraints_intervals_are_those_of_each_side_alone():
-    """Both sides are independent, and every joint of the second is clearly stiffer."""
-    arms = MOTOR, replace(MOTOR, stiffnesses=2 * MOTOR.stiffnesses)
-    sides = [with_readings(one, sigma=None) for one in both(arms, (4, 4))]
-    sides[1] = changed(sides[1], measurements=sides[1].measurements[:9])
-    t = student_quantile(0.975, sides[1].estimate.degrees_of_freedom)  # the fewer
-    ordered = pair_of(*sides, ordered=True).ordered
-    assert not ordered.equal.any()
-    widths = np.diff(ordered.intervals, axis=2)[..., 0] / (2 * t)
-    alone = [np.sqrt(np.diag(one.estimate.covariance)) for one in sides]
-    np.testing.assert_allclose(widths, alone, rtol=1e-6)
-
-
-@pytest.mark.parametrize("method", METHODS)
-def test_encoders_of_one_side_make_its_ratios_sharper(method):
-    document = simulate_campaign(MOTOR, load="pull", seed=0, configurations=12)
-    second = side(simulate_campaign(SECONDARY, load="pull", seed=1, configurations=12), method=method)
-    read = with_encoders(MOTOR, document, sigma=2e-6, noise=2e-6)
-    plain, sharp = (pair_of(side(one, method=method), second, ordered=True) for one in (document, read))
-
-    def width(joint):
-        low, high = joint.ratio_interval
-        return high / low
-
-    for coarse, fine in zip(plain.joints, sharp.joints, strict=True):
-        assert width(fine) < width(coarse)
-    assert (sharp.ordered.compliance[1] <= sharp.ordered.compliance[0]).all()
-    errors = [np.abs(p.ordered.compliance[0] / MOTOR.compliances - 1).max() for p in (plain, sharp)]
-    assert errors[1] < min(errors[0], 0.02)
 
 
 def test_an_assumed_load_point_cancels_only_if_both_assume_it_of_one_place(simulated):

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from fractions import Fraction
-from math import erfc, exp, log, sqrt
+from math import exp, log, sqrt
 
 import numpy as np
 import pytest
-from scipy import integrate, stats
+from scipy import stats
 
 from jointstiff.solver.compare.campaigns import (
     FALSE_ALARMS,
     LIFE,
-    PRIOR_SCALE,
     Baseline,
     Chart,
     Series,
@@ -54,20 +53,6 @@ def test_the_scatter_between_campaigns_is_dersimonian_and_lairds_in_fractions() 
     assert float(agreeing.between) == 0.0
 
 
-def test_the_plausible_scatter_is_prior_times_restricted_likelihood() -> None:
-    """Equal uncertainties have the closed form exp(-Q / 2(1 + ρ²)) / (1 + ρ²): integrated by quadrature."""
-    values, u = np.array([0.0, 0.03, -0.03]), 0.02
-    q = float((values**2).sum() / u**2)
-
-    def density(rho: float) -> float:
-        return exp(-0.5 * (rho / PRIOR_SCALE) ** 2) / (1 + rho**2) * exp(-0.5 * q / (1 + rho**2))
-
-    whole = integrate.quad(density, 0, 5 * PRIOR_SCALE)[0]
-    square = integrate.quad(lambda rho: rho**2 * density(rho), 0, 5 * PRIOR_SCALE)[0] / whole
-    tau, probability = Baseline.of(values, np.full(3, u)).plausible_between(_AGREED)
-    assert float((probability * tau**2).sum()) / u**2 == pytest.approx(square, rel=1e-3)
-
-
 def test_the_deviation_has_the_variance_of_a_dense_matrix() -> None:
     """z_t - mean is a linear map of all campaigns: its rows come from unit vectors, with unequal noise."""
     rng = np.random.default_rng(3)
@@ -86,19 +71,6 @@ def test_the_deviation_has_the_variance_of_a_dense_matrix() -> None:
         assert found.deviation[t] == pytest.approx(float(minus_mean[3:] @ values), rel=1e-12)
         assert found.readings[t] == pytest.approx(float(minus_mean**2 @ noise2), rel=1e-12)
         assert found.between[t] == pytest.approx(float(minus_mean @ minus_mean), rel=1e-12)
-
-
-def test_a_limit_is_what_chance_exceeds_with_the_level() -> None:
-    rng = np.random.default_rng(5)
-    baseline = Baseline.of(np.array([0.0, 0.02, 0.01]), np.full(3, 0.02))
-    found = monitor(baseline, _AGREED, rng.normal(0, 0.02, 5), np.full(5, 0.02), 1e-3)
-    for limit, readings, between in zip(found.limits, found.readings, found.between, strict=True):
-        chance = sum(
-            p * erfc(limit / sqrt(2 * (readings + between * t**2)))
-            for p, t in zip(found.probability, found.tau, strict=True)
-        )
-        assert chance == pytest.approx(1e-3, rel=1e-6)
-    assert np.array_equal(np.abs(found.deviation) > found.limits, found.exceeded)
 
 
 def test_scatter_is_pooled_and_false_alarms_add_up_over_all_joints() -> None:

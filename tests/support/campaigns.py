@@ -109,17 +109,6 @@ def twins(robot: Robot, measurements: Measurements, offset: float = 0.0) -> tupl
     return Robot(chain), replace(measurements, joints=np.insert(measurements.joints, 1, 0.0, axis=1))
 
 
-def in_units(
-    robot: Robot, measurements: Measurements, length: float = 1.0, force: float = 1.0
-) -> tuple[Robot, Measurements]:
-    """The same robot and readings, numbers of lengths and of forces times so much."""
-    factors = dict.fromkeys(("load_point", "position", "deflection", "sigma"), length)
-    factors |= {"force": force, "moment": force * length}
-    scaled = {name: factor * getattr(measurements, name) for name, factor in factors.items()}
-    joints = tuple(replace(joint, translation=length * joint.translation) for joint in robot.chain.joints)
-    return Robot(replace(robot.chain, joints=joints), robot.joint_map), replace(measurements, **scaled)
-
-
 def in_base_frame(robot: Robot, measurements: Measurements, seed: int) -> tuple[Robot, Measurements]:
     """The same robot and readings, in another base frame by chance."""
     rng = np.random.default_rng(seed)

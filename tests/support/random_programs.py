@@ -47,10 +47,6 @@ class Stopped(Exception):  # noqa: N818
     """The controller stops the program."""
 
 
-class Returned(Exception):  # noqa: N818
-    """The routine ends."""
-
-
 @dataclass(frozen=True)
 class Language:
     """Generator and controller of a language."""

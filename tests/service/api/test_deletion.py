@@ -73,32 +73,6 @@ class TestStore:
         assert listed(store, RESOURCES[job.kind]) == [job.id]
 
     @jobs
-    def test_unknown(self, store, job):
-        deletions = store.jobs(RESOURCES[job.kind])
-        for act in (lambda: deletions.delete("u9", TIME), lambda: deletions.restore("u9")):
-            with pytest.raises(NotFoundError) as caught:
-                act()
-            assert type(caught.value) is NotFoundError
-        deletions.refuse_deleted("u9")
-
-    def test_pages_and_filters_pass_over_what_is_deleted(self, store):
-        for number in range(6):
-            store.jobs(RUNS).add(dataclasses.replace(RUN, id=f"u{number}"))
-        for number in (0, 2, 3, 5):
-            store.jobs(RUNS).delete(f"u{number}", TIME)
-        first = store.jobs(RUNS).page(limit=1, filters={"measurement_set_id": "s1"})
-        second = store.jobs(RUNS).page(limit=1, filters={"measurement_set_id": "s1"}, cursor=first.next)
-        assert [page.records[0].id for page in (first, second)] == ["u4", "u1"]
-        assert second.next is None
-
-    def test_a_key_answers_as_before_while_its_resource_is_deleted(self, store):
-        store.jobs(RUNS).add(RUN, KEY)
-        store.jobs(RUNS).delete("u1", TIME)
-        again = dataclasses.replace(RUN, id="u2")
-        assert store.jobs(RUNS).find(KEY) == store.jobs(RUNS).add(again, KEY) == RUN
-        assert listed(store, RUNS) == []
-
-    @jobs
     def test_purged_after_a_while_with_all_that_names_it(self, store, job):
         kind = RESOURCES[job.kind]
         other = dataclasses.replace(job, id="other")
@@ -119,12 +93,6 @@ class TestStore:
         assert store.jobs(kind).add(dataclasses.replace(job, id="anew"), KEY).id == "anew"
         jobs.add(job)
         assert jobs.status(job.id).done == 0
-
-    def test_the_longest_deleted_goes_first(self, store):
-        for day, name in enumerate(("u3", "u1", "u2")):
-            store.jobs(RUNS).add(dataclasses.replace(RUN, id=name))
-            store.jobs(RUNS).delete(name, TIME + timedelta(days=day))
-        assert store.jobs(RUNS).purge(TIME + timedelta(days=9), 2) == ["u3", "u1"]
 
     def test_what_is_brought_back_is_not_purged(self, store):
         store.jobs(RUNS).add(RUN)
@@ -153,12 +121,6 @@ class TestJobs:
             runs.cancel(run.id)
         runs.records.restore(run.id)
         assert runs.document(run.id) == before
-
-    def test_a_key_answers_with_the_deleted_run(self, store, runs):
-        asked = request(stored_set(store), resampling=None)
-        run = runs.create(asked, KEY)
-        runs.records.delete(run.id)
-        assert runs.create(asked, KEY) == run
 
     def test_a_deleted_run_is_not_compared(self, store, runs):
         parts, set_id = Parts(store), stored_set(store)

@@ -80,21 +80,6 @@ def test_any_content_type(text):
             continue
 
 
-@pytest.mark.parametrize(
-    "body",
-    [
-        PART + END,
-        PART + END + b"an epilogue",
-        (PART + END).replace(
-            b"\r\n\r\n", b"\r\ncontent-type: text/csv\r\nContent-Transfer-Encoding: 8BIT\r\n\r\n"
-        ),
-        PART + b"--XyZ--",
-    ],
-)
-def test_forms_that_are_right(body):
-    assert read(TYPE, body) == [("files", "a.csv", b"1;2")]
-
-
 def test_options_may_come_as_a_file():
     options = PART.replace(b'"files"', b'"options"')
     assert read(TYPE, options + END) == [("options", None, "1;2")]

@@ -16,10 +16,9 @@ from support.in_process import Client, served
 from support.processes import Service, until
 
 from jointstiff.schemas.access import Health
-from jointstiff.service.api.answers import ANSWER_HEADERS
 from jointstiff.service.api.bodies import EXAMPLES
 from jointstiff.service.api.health import Watch
-from jointstiff.service.app import CONCURRENT_REQUESTS, create_app
+from jointstiff.service.app import CONCURRENT_REQUESTS
 from jointstiff.service.problems.errors import StoreUnavailableError
 from jointstiff.service.problems.table import problem_of
 from jointstiff.service.store.store import Store
@@ -116,21 +115,6 @@ def test_every_answer_has_security_headers(own_and_foreign, method, path):
         assert headers["cache-control"] == "no-store"
         assert headers["cross-origin-resource-policy"] == "same-origin"
         assert headers["content-security-policy"].startswith("default-src 'none'")
-
-
-def test_an_unexpected_error_has_security_headers_too():
-    with Store.open("sqlite://") as store:
-        app = create_app(store)
-        app.state.failing_workers = lambda: 1 // 0
-
-        async def ask() -> httpx2.Response:
-            transport = httpx2.ASGITransport(app, raise_app_exceptions=False)
-            async with httpx2.AsyncClient(transport=transport, base_url="http://localhost") as client:
-                return await client.get("/health")
-
-        answer = anyio.run(ask)
-    assert answer.status_code == 500
-    assert {name: answer.headers[name] for name in ANSWER_HEADERS} == ANSWER_HEADERS
 
 
 class Stumbling(Store):

@@ -7,7 +7,7 @@ import json
 import socket
 
 import pytest
-from support.importing_samples import CAMPAIGN, JOINTS, POINTS
+from support.importing_samples import CAMPAIGN
 from support.workbooks import SHEET, bomb, repacked, table_of, workbook
 
 from jointstiff.schemas.finding import Problem
@@ -17,7 +17,6 @@ from jointstiff.service.problems.table import MAX_PROBLEM_BYTES
 from jointstiff.simulator import default_arm, simulate_campaign
 
 OPTIONS = {"encoders": "motor", "load_point": [0.0, 0.0, 120.0]}
-MM = {"length": "mm", "angle": "deg", "force": "N"}
 FORM = {"Content-Type": "multipart/form-data; boundary=XyZ"}
 HEAD = b'--XyZ\r\nContent-Disposition: form-data; name="files"; filename="a.csv"\r\n\r\n'
 
@@ -47,46 +46,6 @@ def refused(answer, *statuses):
 
 
 class TestAnswers:
-    def test_from_a_table_to_the_same_stiffnesses(self, client):
-        campaign = simulate_campaign(default_arm(), load="dead_weight", configurations=6, seed=7)
-        sent = campaign["measurement_set"]
-        options = {name: sent[name] for name in ("encoders", "noise", "load_point", "name") if name in sent}
-        found = send(client, ("cell 3.csv", table_of(campaign)), **options).json()
-        assert found["missing"] == []
-        robot = client.post("/v1/robots", json=campaign["robot"]).json()["id"]
-        stiffness = []
-        for readings in (sent, found["measurement_set"]):
-            stored = client.post("/v1/measurement-sets", json=readings | {"robot_id": robot})
-            assert stored.status_code == 201, stored.text
-            run = client.post("/v1/runs", json={"measurement_set_id": stored.json()["id"]}).json()
-            stiffness.append([joint["stiffness"] for joint in run["result"]["joints"]])
-        assert stiffness[0] == stiffness[1]
-
-    def test_the_preview_says_what_was_understood(self, client):
-        found = answered(client, ("j.csv", JOINTS.encode()), ("p.txt", POINTS.encode()), units=MM, **OPTIONS)
-        assert [file.file for file in found.preview.files] == ["j.csv", "p.txt"]
-        assert found.preview.files[1].assumptions == [
-            "no header found; assumed columns: name, x, y, z",
-        ]
-        assert found.measurement_set.name == "j"
-        assert found.measurement_set.observations[0].readings[0].loaded == (1245.6021, -310.1098, 237.9853)
-        assert found.measurement_set.load_point == (0.0, 0.0, 120.0)
-
-    def test_what_is_missing_is_said_and_no_set_made(self, client):
-        found = answered(client, ("p.txt", POINTS.encode()), units=MM)
-        assert found.measurement_set is None
-        for words in ("joint angles", "force", "`load_point`", "`encoders`"):
-            assert any(words in text for text in found.missing), words
-        found = answered(client, ("a.csv", CAMPAIGN.encode()), load_point=[0.0, 0.0, 0.0])
-        assert [text.partition(" that")[0] for text in found.missing] == ["the encoders"]
-
-    def test_deflections_need_the_places_of_their_targets(self, client):
-        text = "label;J1 [deg];Fx [N];Fy [N];Fz [N];tcp dx [mm];tcp dy [mm];tcp dz [mm]\nc1;1;0;0;9;0;0;1\n"
-        for targets, complete in (({}, False), ({"other": [0.0] * 3}, False), ({"tcp": [0.0] * 3}, True)):
-            found = answered(client, ("a.csv", text.encode()), flange_targets=targets, **OPTIONS)
-            assert (found.measurement_set is not None) is complete
-            assert any("flange_targets" in text for text in found.missing) is not complete
-
     def test_nothing_is_stored(self, client):
         before = client.get("/v1/measurement-sets").json()
         answered(client, ("a.csv", CAMPAIGN.encode()), **OPTIONS)
@@ -131,11 +90,6 @@ class TestAnswers:
         problem = refused(send(client, ("a.csv", CAMPAIGN.encode()), **template), 422)
         assert "does not fit the template" in problem.detail
 
-    def test_excel(self, client):
-        from_text = answered(client, ("a.csv", CAMPAIGN.encode()), **OPTIONS)
-        from_excel = answered(client, ("a.xlsx", workbook()), **OPTIONS)
-        assert from_excel.measurement_set == from_text.measurement_set
-
     @pytest.mark.parametrize(
         ("text", "where", "reason"),
         [
@@ -151,24 +105,6 @@ class TestAnswers:
         assert reason in problem.detail
         assert problem.remedy
 
-    @pytest.mark.parametrize(
-        ("options", "where"),
-        [
-            (b"{", "options"),
-            (b"[]", "options"),
-            (b'{"unit": 1}', "options.unit"),
-            (b'{"units": {"length": "inch", "angle": "deg", "force": "N"}}', "options.units.length"),
-            (b'{"encoders": "both"}', "options.encoders"),
-            (b'{"load_point": [1, 2]}', "options.load_point"),
-            (b"\xff", "options"),
-            (b"[" * 50_000, "options"),
-        ],
-    )
-    def test_wrong_options(self, client, options, where):
-        form = [("files", ("a.csv", CAMPAIGN.encode())), ("options", (None, options))]
-        problem = refused(client.post("/v1/imports", files=form), 422)
-        assert problem.where.startswith(where)
-
     def test_fields(self, client):
         def post(*form):
             return client.post("/v1/imports", files=list(form))
@@ -181,11 +117,6 @@ class TestAnswers:
         assert refused(post(("files", ("a" * 201, b"1"))), 422).where == "files"
         assert refused(post(file, file), 422).detail == "two files have this name"
         refused(post(file, ("options", (None, b" " * 70_000))), 413)
-
-    @pytest.mark.parametrize("media_type", ["application/json", "text/csv", "multipart/mixed", ""])
-    def test_only_forms(self, client, media_type):
-        answer = client.post("/v1/imports", content=b"{}", headers={"Content-Type": media_type})
-        assert "multipart/form-data" in refused(answer, 415).detail
 
 
 HOSTILE = {

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import pytest
-from support.api import CANCEL, file_at, job_at, posted
+from support.api import file_at, job_at, posted
 
-from jointstiff.service.exporting.formats import FORMATS
 from jointstiff.simulator import default_arm, simulate_campaign
 
 CAMPAIGN = simulate_campaign(default_arm(), load="pull", configurations=12, seed=1)
@@ -19,22 +18,6 @@ def run(local):
 
 
 class TestCampaigns:
-    def test_answers_with_the_run_and_stores_each_part_once(self, local):
-        answers = [local.request("POST", "/v1/campaigns", json=CAMPAIGN) for _ in range(2)]
-        assert [answer.status_code for answer in answers] == [201, 201]
-        first, again = (answer.json() for answer in answers)
-        assert answers[0].headers["location"] == f"/v1/runs/{first['id']}"
-        assert first["id"] != again["id"]
-        assert first["request"] == again["request"]
-        assert first["result"] == again["result"]
-
-    def test_a_key_gives_the_same_run(self, local):
-        key = {"Idempotency-Key": "a campaign"}
-        first, again = (
-            local.request("POST", "/v1/campaigns", json=CAMPAIGN, headers=key).json() for _ in range(2)
-        )
-        assert first["id"] == again["id"]
-
     def test_parts_that_were_deleted_are_stored_anew(self, local):
         named = CAMPAIGN | {"measurement_set": CAMPAIGN["measurement_set"] | {"name": "to be deleted"}}
         first = local.request("POST", "/v1/campaigns", json=named).json()
@@ -76,14 +59,6 @@ def test_a_job_that_has_ended_sends_its_end_at_once(local, run):
     assert [line for line in answer.text.splitlines() if line.startswith("event:")] == ["event: end"]
 
 
-def test_cancelling_what_has_ended_changes_nothing(local, run):
-    answer = local.request("PATCH", job_at(run), json=CANCEL)
-    assert (answer.status_code, answer.json()) == (200, run)
-    assert local.request("PATCH", job_at(run), json={}).json() == run
-    for odd in ({"cancelled": False}, {"deleted": "x"}, {"state": "running"}):
-        assert local.request("PATCH", job_at(run), json=odd).status_code == 422
-
-
 @pytest.mark.parametrize(
     "name", ["", "nothing", "model.step", "report.docx", "issued-1.pdf", "issued-0.pdf", "../x", "%00"]
 )
@@ -111,16 +86,6 @@ def test_who_has_a_document_is_told_so(local, run):
     known = local.get(addresses[2]).headers["etag"]
     local.request("PATCH", f"/v1/robots/{robot}", json={"name": "yet another"})
     assert local.get(addresses[2], headers={"If-None-Match": known}).status_code == 200
-
-
-def test_each_format_is_a_file(local, run):
-    run_id = run["id"]
-    for name, found in FORMATS.items():
-        answer = local.get(file_at(run, f"model.{name}"))
-        assert answer.status_code == 200, answer.text
-        assert answer.headers["content-type"].startswith(found.media_type)
-        assert answer.headers["content-disposition"] == f'attachment; filename="model-{run_id}.{name}"'
-        assert run_id.encode() in answer.content or name == "xlsx"
 
 
 def test_reports_are_files_that_browsers_show(local, run):

@@ -53,14 +53,3 @@ def test_what_cannot_be_left_out_is_refused(client, stored, left):
     assert answer.status_code == 422, answer.text
     assert answer.json()["where"] == "leave_out"
     assert answer.json()["remedy"]
-
-
-def test_a_variant_is_listed_with_its_origin_and_has_its_numbers(client, stored):
-    clean = stored[0]
-    first = run(client, clean)
-    second = run(client, clean, variant_of=first["id"])
-    assert second["result"] == first["result"]
-    assert second["provenance"]["input_hash"] == first["provenance"]["input_hash"]
-    items = {item["id"]: item for item in client.get("/v1/runs").json()["items"]}
-    assert items[second["id"]]["variant_of"] == first["id"]
-    assert items[first["id"]]["variant_of"] is None

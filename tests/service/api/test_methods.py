@@ -52,20 +52,6 @@ def without_time_and_name(answer: httpx2.Response) -> dict[str, str]:
     return {name: value for name, value in answer.headers.items() if name not in {"date", "x-request-id"}}
 
 
-@pytest.mark.parametrize("method", ["PATCH", "PUT"])
-def test_a_refused_method_names_those_that_are_taken(client, addresses, method):
-    refusing = {address: methods for address, methods in addresses.items() if method not in methods}
-    for address, methods in refusing.items():
-        answer = client.request(method, address)
-        assert answer.status_code == 405, address
-        assert allowed(answer) == methods, address
-
-
-@pytest.mark.parametrize("method", ["HEAD", "OPTIONS"])
-def test_where_there_is_nothing(client, method):
-    assert client.request(method, "/v1/nothing").status_code == 404
-
-
 def test_head_of_a_stream_ends(client):
     campaign = simulate_campaign(default_arm(), load="dead_weight", configurations=6, seed=5)
     resampling = {"size": 5, "repetitions": 100_000, "seed": 1}

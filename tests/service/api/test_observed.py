@@ -8,8 +8,7 @@ import socket
 
 import httpx2
 import pytest
-from prometheus_client import generate_latest
-from support.in_process import Client, served
+from support.in_process import served
 from support.processes import Service
 
 from jointstiff.service.api.answers import ANSWER_HEADERS
@@ -23,19 +22,6 @@ def store():
         yield opened
 
 
-@pytest.fixture
-def client(store):
-    return Client(store)
-
-
-@pytest.mark.parametrize("path", ["/health", "/v1/robots/none", "/v1/runs?limit=0", "/nowhere", "/live"])
-def test_every_answer_names_its_request(client, path):
-    first, second = client.get(path), client.get(path)
-    assert first.headers["x-request-id"] != second.headers["x-request-id"]
-    if first.headers.get("content-type") == "application/problem+json":
-        assert first.json()["request_id"] == first.headers["x-request-id"]
-
-
 def test_an_unexpected_error_names_its_request(store, monkeypatch):
     def fail(**_options):
         raise KeyError("odd")
@@ -45,19 +31,6 @@ def test_an_unexpected_error_names_its_request(store, monkeypatch):
         answer = httpx2.get(f"{url}/v1/robots")
     assert answer.status_code == 500
     assert answer.json()["request_id"] == answer.headers["x-request-id"]
-
-
-def test_requests_are_counted_by_route_and_status(client):
-    client.get("/v1/robots/one")
-    client.get("/v1/robots/two")
-    client.request("BREW", "/v1/robots")
-    client._app.state.metrics.gauges = lambda: {"workers": 2, "database_up": True}
-    text = generate_latest(client._app.state.metrics.registry).decode()
-    line = 'jointstiff_requests_total{method="GET",route="/v1/robots/{robot_id}",status="404"} 2.0'
-    assert line in text
-    assert 'method="other"' in text
-    assert "jointstiff_workers 2.0" in text
-    assert "jointstiff_database_up 1.0" in text
 
 
 @pytest.mark.process
@@ -75,17 +48,6 @@ def test_metrics_are_shown_on_a_port_of_their_own_alone(tmp_path):
         assert httpx2.get(f"{service.url}/metrics").status_code == 404
     finally:
         service.stop()
-
-
-def test_a_line_of_the_log_has_what_belongs_to_the_request(client, caplog):
-    caplog.set_level(logging.INFO, ACCESS_LOGGER)
-    answer = client.get("/v1/robots/none")
-    (record,) = [record for record in caplog.records if record.name == ACCESS_LOGGER]
-    line = json.loads(JsonFormatter().format(record))
-    assert (line["method"], line["path"], line["status"]) == ("GET", "/v1/robots/none", 404)
-    assert line["level"] == "info"
-    assert record.seconds >= 0
-    assert answer.status_code == 404
 
 
 def test_logs_as_json_have_exceptions_and_warnings(monkeypatch, capsys):

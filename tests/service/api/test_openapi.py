@@ -3,18 +3,13 @@
 from __future__ import annotations
 
 import pytest
-from support.in_process import Client
 
 from jointstiff.schemas.deflection import DeflectionRequest
-from jointstiff.schemas.imports import ImportRequest
 from jointstiff.schemas.live import MeasurementSetPost
 from jointstiff.schemas.robot import RobotRequest
 from jointstiff.schemas.run import Campaign
 from jointstiff.service.api.bodies import EXAMPLES
-from jointstiff.service.importing.reading import SourceFile
 from jointstiff.service.kinds.registry import KINDS
-from jointstiff.service.resources.imports import import_files
-from jointstiff.service.store.store import Store
 
 
 @pytest.mark.parametrize(
@@ -30,14 +25,6 @@ def test_bodies_and_errors_are_described(name, openapi):
     assert operation["description"]
 
 
-def test_the_description_is_answered_as_it_was_first_written(openapi):
-    with Store.open("sqlite://") as store:
-        client = Client(store)
-        assert client.get("/openapi.json").json() == openapi
-        client._app.openapi = None  # nobody asks it again
-        assert client.get("/openapi.json").json() == openapi
-
-
 def test_examples_are_valid():
     for model, documented in (
         (RobotRequest, EXAMPLES["robots"]),
@@ -48,20 +35,6 @@ def test_examples_are_valid():
     ):
         for example in documented.values():
             model.model_validate(example)
-
-
-def test_imports_are_described_and_their_example_is_complete(openapi):
-    operation = openapi["paths"]["/v1/imports"]["post"]
-    content = operation["requestBody"]["content"]["multipart/form-data"]
-    form = openapi["components"]["schemas"][content["schema"]["$ref"].split("/")[-1]]
-    assert form["required"] == ["files"]
-    assert form["properties"]["options"]["contentSchema"]["$ref"].endswith("/ImportRequest")
-    assert form["properties"]["files"]["examples"]
-    assert "ImportRequest" in openapi["components"]["schemas"]
-    assert {"200", "413", "415", "422"} <= operation["responses"].keys()
-    for example in EXAMPLES["imports"].values():
-        files = [SourceFile(f"{i}.csv", text.encode()) for i, text in enumerate(example["files"])]
-        assert import_files(files, ImportRequest.model_validate(example["options"])).measurement_set
 
 
 EXTRA = {"/v1/runs/{run_id}/apply", "/v1/runs/{run_id}/authorisations"}

@@ -8,9 +8,7 @@ import pytest
 from support.api import file_at, posted
 from support.programs import options, path, tool_poses
 
-from jointstiff.schemas.finding import Problem
 from jointstiff.schemas.program import Program
-from jointstiff.service.kinds.program import PROGRAM
 from jointstiff.service.programs.formats import read_program
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.programs import program_text
@@ -54,25 +52,6 @@ def test_a_program_is_corrected_and_handed_back(local, run_id):
     assert len(table.text.splitlines()) == 9
 
 
-def test_a_key_comes_again_with_another_boundary(local, run_id):
-    key = {"Idempotency-Key": "once"}
-    first, second = post(local, run_id, headers=key), post(local, run_id, headers=key)
-    assert first.json()["id"] == second.json()["id"]
-    assert post(local, run_id, TEXT + "\n", headers=key).status_code == 422
-
-
-def test_faults_come_by_line(local, run_id):
-    poses = tool_poses(path(8))
-    poses[2:5, 0, 3] += 9.0
-    problem = Problem.model_validate(post(local, run_id, program_text("krl", poses, 4)).json())
-    assert [item.where for item in problem.errors] == [f"'cell.src', line {i}" for i in (9, 10, 11)]
-    assert (problem.status, problem.where) == (422, "'cell.src', line 9")
-    answer = post(local, run_id, "\n".join(["DEF a()", *["LIN_REL {X 1}"] * 500, "END"]))
-    assert answer.status_code == 422
-    assert len(answer.json()["errors"]) <= 20
-    assert len(answer.content) <= 8000
-
-
 @pytest.mark.parametrize(
     ("changes", "where"),
     [
@@ -93,26 +72,6 @@ def test_two_files_of_one_name_are_refused(local, run_id):
     files = [("files", ("a.src", TEXT.encode()))] * 2
     stated = {"options": json.dumps(options("krl") | {"run_id": run_id})}
     assert local.request("POST", "/v1/programs", files=files, data=stated).json()["where"] == "files"
-
-
-def test_the_documented_example_is_carried_out(local, run_id):
-    example = PROGRAM.examples["milling"]
-    files = [("files", (f"part{i}.src", text)) for i, text in enumerate(example["files"])]
-    stated = {"options": json.dumps(example["options"] | {"run_id": run_id})}
-    answer = local.request("POST", "/v1/programs", files=files, data=stated)
-    assert answer.status_code == 201, answer.text
-    assert answer.json()["result"]["corrected"] == 1
-
-
-def test_long_programs_are_jobs_with_progress(local, run_id, monkeypatch):
-    monkeypatch.setattr("jointstiff.service.kinds.program_work.MAX_QUICK_POINTS", 5)
-    monkeypatch.setattr("jointstiff.service.kinds.program_work.STEP_POINTS", 3)
-    long = post(local, run_id).json()
-    assert long["progress"] == {"done": 8, "total": 8, "unit": "points", "activity": "compensating"}
-    monkeypatch.undo()
-    quick = post(local, run_id).json()
-    assert quick["progress"] is None
-    assert quick["result"] == long["result"]
 
 
 @pytest.mark.parametrize("mark", [True, False])

@@ -5,13 +5,9 @@ from __future__ import annotations
 import asyncio
 import json
 import time
-from collections.abc import AsyncIterator
-from datetime import UTC, datetime
 
-import httpx2
 import pytest
-from fastapi import APIRouter, FastAPI
-from fastapi.sse import EventSourceResponse, ServerSentEvent
+from fastapi.sse import ServerSentEvent
 from support.records import RUN, job_record
 
 from jointstiff.schemas.job import Progress, Provenance
@@ -21,9 +17,7 @@ from jointstiff.service.kinds.registry import KINDS
 from jointstiff.service.problems.errors import DeletedError, StoreUnavailableError
 from jointstiff.service.store.jobs import JobStatus
 
-FOLLOWERS = 100
 REQUEST = RunRequest(measurement_set_id="s")
-NOW = datetime(2026, 11, 20, tzinfo=UTC)
 
 
 class ScriptedJobs:
@@ -77,26 +71,6 @@ def data_of(events):
     return [json.loads(event.raw_data) for event in events]
 
 
-def test_all_who_follow_a_job_share_one_look():
-    jobs = ScriptedJobs([10, 10, 40, None, 80])
-
-    async def crowd():
-        followers = hurried()
-        told = await asyncio.gather(*(followed(followers, jobs) for _ in range(FOLLOWERS)))
-        assert followers._followed == {}
-        return told
-
-    told = asyncio.run(crowd())
-    assert len(told) == FOLLOWERS
-    assert all(events == told[0] for events in told)
-    assert (jobs.looks, jobs.documents) == (6, 2)
-    assert [event.event for event in told[0]] == ["progress"] * 3 + ["end"]
-    data = data_of(told[0])
-    assert [each["progress"]["done"] for each in data] == [10, 40, 80, 90]
-    assert [each["state"] for each in data] == ["running", "running", "running", "succeeded"]
-    assert set(data[0]) == {"id", "state", "progress"}
-
-
 def test_who_may_follow_no_longer_hears_no_more():
     asked = []
 
@@ -110,18 +84,6 @@ def test_who_may_follow_no_longer_hears_no_more():
 
     assert [event.event for event in asyncio.run(follow())] == ["progress"]
     assert asked == [True, True, False]
-
-
-def test_one_look_serves_all_jobs():
-    jobs = ScriptedJobs([])
-
-    async def crowd():
-        followers = hurried()
-        return await asyncio.gather(*(followed(followers, jobs, f"r{n}") for n in range(FOLLOWERS)))
-
-    told = asyncio.run(crowd())
-    assert [each["id"] for events in told for each in data_of(events)] == [f"r{n}" for n in range(FOLLOWERS)]
-    assert jobs.looks == 1
 
 
 def test_streams_end_when_the_service_is_told_to():
@@ -181,34 +143,6 @@ def test_who_leaves_as_news_come_has_left():
         assert followers._followed == {}
 
     asyncio.run(leave())
-
-
-def test_a_quiet_job_sends_comments(monkeypatch):
-    """Proxies would close the connection."""
-    monkeypatch.setattr("fastapi.routing._PING_INTERVAL", 0.03)
-    router = APIRouter()
-
-    @router.get("/", response_class=EventSourceResponse)
-    async def events() -> AsyncIterator[ServerSentEvent]:
-        async for event in hurried().events(ScriptedJobs([5] * 20), "r1"):
-            yield event
-
-    app = FastAPI()
-    app.include_router(router)
-
-    async def get():
-        async with httpx2.AsyncClient(transport=httpx2.ASGITransport(app), base_url="http://x") as client:
-            return await client.get("/")
-
-    answer = asyncio.run(get())
-    assert answer.headers["content-type"].startswith("text/event-stream")
-    assert "no-" in answer.headers["cache-control"]
-    blocks = answer.text.strip().split("\n\n")
-    # The first look is a thread's: under load, comments come before the event, too.
-    first, last = [place for place, block in enumerate(blocks) if block != ": ping"]
-    assert blocks[first].startswith("event: progress\ndata: {")
-    assert last > first + 1
-    assert blocks[last].startswith("event: end\ndata: {")
 
 
 def test_a_look_that_fails_ends_the_streams():

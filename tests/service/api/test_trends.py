@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import replace
 
 import pytest
@@ -82,61 +81,6 @@ def trend_of(client, robot, **query):
 
 def joint(trend, name="joint_3"):
     return next(one for one in trend["joints"] if one["name"] == name)
-
-
-def test_campaigns_are_in_the_order_of_their_measurement(client, robot, runs):
-    trend = trend_of(client, robot)
-    assert [one["run_id"] for one in trend["campaigns"]] == [run["id"] for run in runs]
-    assert {one["time_source"] for one in trend["campaigns"]} == {"measured_at"}
-    assert trend["selection"] | {"serial_number": "A", "method": "partial_pose"} == trend["selection"]
-    assert trend["false_alarms"] == {"probability": 0.05, "campaigns": 20, "joints": 6}
-
-
-def test_a_joint_that_softens_raises_an_alarm_with_its_reason(client, robot, runs):
-    found = joint(trend_of(client, robot))
-    assert found["state"] == "alarm"
-    (alarm,) = found["alarms"]
-    assert alarm["run_id"] == runs[SOFT]["id"]
-    assert alarm["until"] is None
-    size, uncertainty = re.match(r"joint_3 is ([\d.]+) ± ([\d.]+) % softer", alarm["message"]).groups()
-    assert abs(float(size) - 10.0) < 3.0 * float(uncertainty)  # not the EWMA's, which lags behind
-    assert "softer" in alarm["message"]
-    assert alarm["message"].endswith("since 2026-04-10")
-    latest = found["latest"]
-    assert latest["relative"] == pytest.approx(-0.1, abs=4 * latest["standard_uncertainty"])
-    assert [point["role"] for point in found["points"]] == ["baseline"] * 3 + ["monitored"] * 2
-    last = found["points"][-1]
-    assert last["smoothed"] < last["lower_limit"] < found["charts"][0]["stiffness"] < last["upper_limit"]
-
-
-def test_other_joints_stay_in_control(client, robot, runs):
-    others = [one for one in trend_of(client, robot)["joints"] if one["name"] != "joint_3"]
-    assert {one["state"] for one in others} == {"in_control"}
-    assert not any(one["alarms"] for one in others)
-
-
-def test_what_is_not_comparable_is_left_out_and_said(client, robot, runs):
-    noted = {"measured_at": DAYS[5], "serial_number": "A"}
-    measured(client, robot, 20, encoders="secondary", name="secondary", **noted)
-    measured(
-        client,
-        robot,
-        21,
-        **noted,
-        name="with prior",
-        options={"priors": {"joint_5": {"stiffness": 4e5, "standard_uncertainty": 4e4}}},
-    )
-    bare = campaign_of(22)["measurement_set"] | {"robot_id": robot, "serial_number": "A", "name": "no run"}
-    post(client, "/v1/measurement-sets", bare)
-    trend = trend_of(client, robot, encoders="motor", serial_number="A")
-    assert [one["run_id"] for one in trend["campaigns"]] == [run["id"] for run in runs]
-    reasons = {one["name"]: one["reason"] for one in trend["left_out"]}
-    assert reasons == {
-        "secondary": "encoders: secondary",
-        "with prior": "it was identified with priors, which shift the stiffnesses",
-        "no run": "it has no run with stiffnesses",
-    }
-    assert len(trend_of(client, robot, encoders="secondary")["campaigns"]) == 1
 
 
 def alarms_of(client, robot):
@@ -245,16 +189,6 @@ def test_a_new_baseline_begins_new_charts(client):
     assert second["stiffness"] / first["stiffness"] == pytest.approx(0.9, abs=0.03)
     assert post(client, address, body | {"run_id": "none"}, status=422)["where"] == "run_id"
     assert post(client, address, body | {"campaigns": 2}, status=422)["where"] == "campaigns"
-
-
-def test_a_robot_without_runs_says_what_is_missing(client):
-    robot = post(client, "/v1/robots", campaign_of(0)["robot"] | {"name": "bare"})["id"]
-    trend = trend_of(client, robot)
-    assert trend["selection"] is None
-    assert trend["note"].startswith("no campaign is charted")
-    assert {one["state"] for one in trend["joints"]} == {"unjudged"}
-    assert client.get("/v1/robots/nobody/trend").status_code == 404
-    assert client.get(f"/v1/robots/{robot}/trend", params={"methode": "x"}).status_code == 422
 
 
 def test_who_noted_what_stays_with_it(client, store, robot, runs):

@@ -46,23 +46,6 @@ def run(*arguments):
     return CliRunner().invoke(app, ["import", *map(str, arguments)])
 
 
-def test_shows_what_was_understood_and_writes_nothing(folder):
-    before = sorted(folder.iterdir())
-    shown = run("joints.csv", "points.txt", *UNITS)
-    assert shown.exit_code == 0, shown.output
-    for words in (
-        "joints.csv: utf-8, comma between cells, decimal point, 2 rows",
-        "J2 [deg]",
-        "position x",
-        "assumed: no header found",
-        "2 observations (c01, c02), 2 joints, 2 complete readings; targets: P10",
-        "missing: the encoders",
-        "missing: the load point",
-    ):
-        assert words in shown.stdout, words
-    assert sorted(folder.iterdir()) == before
-
-
 @pytest.mark.parametrize("robot", ["campaign.json", "robot.json"])
 def test_a_campaign_that_can_be_identified(folder, robot_file, robot):
     point = ",".join(repr(1e3 * part) for part in robot_file["measurement_set"]["load_point"])
@@ -172,18 +155,6 @@ def test_too_much(folder):
     shown = run("joints.csv", "table.csv", "points.txt")
     assert shown.exit_code == 2
     assert "exceed 8 MiB together" in shown.stderr
-
-
-def test_all_faults_are_named_as_options(folder):
-    bare = CAMPAIGN.replace(" [deg]", "").replace(" [N]", "").replace("label;", "label;shift;")
-    (folder / "table.csv").write_text(bare.replace("\nc0", "\nc0;night;"))
-    shown = run("table.csv")
-    assert shown.exit_code == 2
-    for words in ("unknown column header 'shift'", "joint 1 has no unit", "force x has no unit"):
-        assert words in shown.stderr, words
-    for option in ("--units", "--column", "--ignore"):
-        assert f"`{option}`" in shown.stderr, option
-    assert "`units`" not in shown.stderr
 
 
 def test_a_terminal_is_asked_and_nothing_else_is(folder, robot_file, monkeypatch):

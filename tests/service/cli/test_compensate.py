@@ -83,22 +83,6 @@ def test_refusals_write_nothing(folder, arguments, words):
     assert not (folder / "out.src").exists()
 
 
-@pytest.mark.parametrize("order", [("path.src", "path.dat"), ("path.dat", "path.src")])
-def test_a_dat_is_written_beside_its_src(folder, order):
-    lines = (folder / "path.src").read_text().split("\n")
-    points = [line.removeprefix("LIN ").removesuffix(" C_DIS") for line in lines if line.startswith("LIN")]
-    declared = "\n".join(f"DECL E6POS XP{i}={point}" for i, point in enumerate(points))
-    (folder / "path.dat").write_text(f"DEFDAT PATH\n{declared}\nENDDAT\n")
-    moves = "\n".join(f"LIN XP{i}" for i in range(len(points)))
-    (folder / "path.src").write_text(f"DEF path()\n$TOOL=TOOL_DATA[1]\n$BASE=BASE_DATA[1]\n{moves}\nEND\n")
-    command = ["compensate", "campaign.json", *order, "-o", "out.src", "--accuracy-option", "off"]
-    done = CliRunner().invoke(app, [*command, "--options", "options.json"])
-    assert done.exit_code == 0, done.output
-    assert (folder / "out.src").read_text() == (folder / "path.src").read_text()
-    assert (folder / "out.dat").read_text().startswith("DEFDAT")
-    assert (folder / "out.dat").read_text() != (folder / "path.dat").read_text()
-
-
 def test_moves_are_explained_and_left_where_asked(folder):
     program = folder / "path.src"
     head, _, tail = program.read_text().rpartition("END")

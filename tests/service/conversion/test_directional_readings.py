@@ -105,25 +105,6 @@ class TestNoise:
         places = {"P0": (0.1, 0.0, 0.1), "P1 0": (0.0, 0.1, 0.1)}
         return prepare(measured(document, observations=both, flange_targets=places, noise=noise))[1]
 
-    def test_of_each_kind_is_weighed_by_its_own(self):
-        for noise in (
-            {"sigma": 2e-5},
-            {
-                "instrument": {
-                    "station": [3.0, 0.0, 0.0],
-                    "range": {"constant": 2e-5, "per_distance": 0.0},
-                    "transverse": {"constant": 2e-5, "per_distance": 0.0},
-                }
-            },
-        ):
-            readings = self.mixed(noise, {"sigma": 2e-6})
-            variance = readings.sigma**2 * np.trace(readings.covariance, axis1=-2, axis2=-1) / 6.0
-            np.testing.assert_allclose(variance[:, 0], 4e-10, rtol=1e-12)
-            np.testing.assert_allclose(variance[:, 1], 4e-12, rtol=1e-12)
-
-    def test_of_the_set_holds_for_a_gauge_that_states_none(self):
-        assert self.mixed({"sigma": 2e-5}, {}).sigma == 2e-5
-
     def test_of_a_tracker_is_not_that_of_a_gauge(self):
         sheet = {
             "station": [3.0, 0.0, 0.0],
@@ -159,17 +140,6 @@ def test_a_clean_campaign_of_gauges_is_used_and_holds_the_truth():
             low, high = joint.stiffness_interval
             inside += low <= k <= (high or np.inf)
     assert inside >= 0.88 * joints  # 114 of 120 are expected, 106 at p = 0.001
-
-
-def test_a_gauge_that_slipped_is_told():
-    document = simulate_campaign(ARM, load="pull", readings="deflections", seed=3, configurations=30)
-    of_gauges = by_gauges(document, triads(30)[:, :1])
-    of_gauges["measurement_set"]["observations"][7]["readings"][0]["displacement"] += 1e-3
-    run = identify(of_gauges)
-    assert "residual_outlier" in {warning.code for warning in run.result.warnings}
-    assert run.result.assessment.verdict != "use"
-    actions = [reason.action for reason in run.result.assessment.reasons if reason.action]
-    assert "use_huber" not in {action.kind for action in actions}
 
 
 def test_a_minute_direction_is_refused_before_its_square_is_zero():
@@ -278,20 +248,6 @@ class TestImport:
     def test_its_place_is_asked_for(self):
         answer = self.document("a;1;2;0;0;-100;0.25;\n", flange_targets={})
         assert "flange_targets" in answer.missing_fields
-
-    def test_a_target_of_such_a_name_is_no_gauge(self):
-        rows = (
-            "label;target;J1 [deg];J2 [deg];Fx [N];Fy [N];Fz [N];dx [mm];dy [mm];dz [mm]\n"
-            "a;tip along z;1;2;0;0;-100;0.1;0.2;0.3\n"
-        )
-        asked = {
-            "encoders": "motor",
-            "load_point": (0.0, 0.0, 1.0),
-            "flange_targets": {"tip along z": (1.0, 2.0, 3.0)},
-        }
-        answer = import_files(sources_of(("a.csv", rows)), ImportRequest.model_validate(asked))
-        (reading,) = answer.measurement_set.observations[0].readings
-        assert reading.deflection == (0.1, 0.2, 0.3)
 
     def test_beside_uncertainties_of_a_tracker(self):
         columns = [

@@ -156,27 +156,10 @@ def test_hostile_names_are_text(weighed):
     assert not [c for sheet in book for row in sheet.iter_rows() for c in row if c.data_type == "f"]
 
 
-@pytest.mark.parametrize("name", ["csv", "xlsx"])
-@pytest.mark.parametrize("first", ["=", "+", "-", "@", "\uff1d", "\uff0b", "\uff0d", "\uff20"])
-def test_no_cell_is_carried_out(pulled, name, first):
-    joint = pulled.result.joints[0].model_copy(update={"name": f"{first}1+1", "reason": f"{first}2"})
-    result = pulled.result.model_copy(update={"joints": [joint, *pulled.result.joints[1:]]})
-    _, row, *_ = cells_of(name, export_model(ExportedModel(pulled.run, result, pulled.robot, "arm"), name))
-    assert row[0] == f"'{first}1+1"
-    assert f"'{first}2" in row
-
-
 def test_the_file_says_which_geometry_it_has(pulled):
     found = ExportedModel(pulled.run, pulled.result, pulled.robot, "arm", "g1")
     assert "as identified, geometry g1" in export_model(found, "mjcf").decode()
     assert "as it was described, not identified" in export_model(pulled, "mjcf").decode()
-
-
-def test_names_of_the_sdf_differ(pulled):
-    arm = parsed(export_model(pulled, "sdf")).find("model")
-    names = [each.get("name") for each in arm]
-    names = [name for name in names if name]
-    assert len(set(names)) == len(names)
 
 
 def statics(mujoco, model, content, q, force):

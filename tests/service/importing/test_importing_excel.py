@@ -53,15 +53,6 @@ def refused(content, reason, line=None, column=None, **options):
     return samples.refused(("a.xlsx", content), reason=reason, line=line, column=column, **options)
 
 
-def test_a_workbook_reads_as_the_text_does():
-    imported = read(("a.xlsx", workbook()))
-    assert values_of(imported) == values_of(read(("a.csv", CAMPAIGN)))
-    assert points_of(imported) == points_of(read(("a.csv", CAMPAIGN)))
-    file = imported.preview.files[0]
-    how = (file.format, file.sheet, file.encoding, file.delimiter, file.decimal_mark)
-    assert how == ("xlsx", "Sheet", None, None, None)
-
-
 def test_comments_empty_rows_and_columns():
     rows = [["# day 1"], [], *([*row, None, None] for row in rows_of_values()), [], ["% end"]]
     imported = read(("a.xlsx", workbook(rows)))
@@ -124,15 +115,6 @@ def test_columns_left_out_may_hold_anything():
     assert points_of(read(("a.xlsx", workbook(rows)))) == points_of(read(("a.csv", CAMPAIGN)))
 
 
-def test_labels_as_numbers_match_those_of_texts():
-    rows = [["label", "x [mm]", "y [mm]", "z [mm]"], [1, 0.5, 2, 3], [2, 1.5, 2, 3]]
-    texts = "1 7 8 9.5\n2 7 8 9.5\n"
-    units = {"length": "mm", "angle": "deg", "force": "N"}
-    imported = read(("P10_loaded.xlsx", workbook(rows)), ("P10_unloaded.txt", texts), units=units)
-    assert points_of(imported)["2", "P10", "loaded"] == (1.5, 2, 3)
-    assert points_of(imported)["2", "P10", "unloaded"] == (7, 8, 9.5)
-
-
 @pytest.mark.parametrize(
     ("cell", "reason"),
     [
@@ -160,13 +142,6 @@ def test_formulas_have_the_values_that_are_stored_with_them(cell, reason):
     imported = read(("a.xlsx", content))
     assert values_of(imported) == values_of(read(("a.csv", CAMPAIGN)))
     assert imported.preview.files[0].assumptions == ["the stored values of formulas were used (1 cells)"]
-
-
-@pytest.mark.parametrize("value", [b"-20&#46;25", b"-20<!--x-->.25", b"<![CDATA[-20.25]]>", b" -20.25 "])
-def test_markup_within_a_value(value):
-    """Of which python-calamine 0.9 reads -20, -20 and nothing."""
-    content = repacked(workbook(), SHEET, lambda data: data.replace(b"-20.25", value))
-    assert values_of(read(("a.xlsx", content))) == values_of(read(("a.csv", CAMPAIGN)))
 
 
 @pytest.mark.parametrize("far", [b"XFD3", b"IV1048576"])

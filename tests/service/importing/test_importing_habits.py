@@ -7,7 +7,6 @@ import zipfile
 
 import pytest
 from support.importing_samples import CAMPAIGN, JOINTS, points_of, read, sources_of, values_of
-from support.shared_data import MISSING, SHARED
 
 from jointstiff.schemas.imports import ImportOptions, ImportRequest
 from jointstiff.service.importing.reading import SourceFile, understand_files
@@ -174,21 +173,6 @@ def test_a_template_reads_the_same_form_and_no_other():
         assert any(reason in fault.reason for fault in shown.faults), (old, shown.faults)
 
 
-def test_one_force_for_all_observations():
-    content = "\n".join(
-        ";".join(cell for index, cell in enumerate(line.split(";")) if index not in (4, 5, 6))
-        for line in CAMPAIGN.splitlines()[1:]
-    )
-    files = [SourceFile("a.csv", content.encode())]
-    options = {"encoders": "motor", "load_point": (0.0, 0.0, 0.0)}
-    assert import_files(files, ImportRequest(**options)).missing_fields == ["force"]
-    options["force"] = (0.0, 0.0, -150.0)
-    assert import_files(files, ImportRequest(**options)).missing_fields == ["units.force"]
-    answer = import_files(files, ImportRequest(**options, units={"force": "kgf"}))
-    assert answer.measurement_set.units.force == "kgf"
-    assert {one.force for one in answer.measurement_set.observations} == {(0.0, 0.0, -150.0)}
-
-
 def archive(*names):
     output = io.BytesIO()
     with zipfile.ZipFile(output, "w") as file:
@@ -213,23 +197,3 @@ def archive(*names):
 )
 def test_what_is_no_table_is_named(content, words):
     assert words in refused(("a.csv", content))[0]
-
-
-@pytest.mark.skipif(not SHARED.is_dir(), reason=MISSING)
-def test_a_real_file_of_poses_is_refused_naming_all_its_faults():
-    content = (SHARED / "ur10_poses" / "measurements_iso_cubes.csv").read_bytes()
-    reasons = refused(("poses.csv", content))
-    assert all(len(reason) < 300 for reason in reasons)  # longer ones are cut in answers
-    for header in ("Goal x", "shoulder_pan_joint", "measurement_temperature", "measurement_std_rz"):
-        assert any(repr(header) in reason for reason in reasons), header
-    assert reasons[-1] == ("'measurement_x', read as measurement x, has no unit, nor have 2 others")
-    joints = ["shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3"]
-    text = content.decode().splitlines()[0].split(";")
-    columns = {f"{name}_joint": f"J{number} [rad]" for number, name in enumerate(joints, 1)}
-    columns |= {f"measurement_{axis}": f"TMAC unloaded {axis} [mm]" for axis in "xyz"}
-    ignore = [header for header in text if header not in columns]
-    options = ImportOptions(columns=columns, ignore=ignore, by_order=True)
-    understood = understand_files([SourceFile("poses.csv", content)], options)
-    imported = understood
-    assert understood.preview.observation_count == 632
-    assert points_of(imported)["1", "TMAC", "unloaded"] == (2336.7643, -905.76441, -454.63664)

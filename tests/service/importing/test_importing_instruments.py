@@ -30,28 +30,6 @@ def sa(gap=", ", unit="mm", frame="Frames::WORLD", states=("unloaded", "loaded")
     return SA.format(unit=unit, frame=frame) + "\n".join(rows) + "\n"
 
 
-@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "latin-1", "utf-16"])
-@pytest.mark.parametrize("gap", [",", ", ", ",  ", "  "])
-@pytest.mark.parametrize("unit", ["mm", "Inches"])
-@pytest.mark.parametrize("end", ["\n", "\r\n"])
-def test_spatial_analyzer_2022(encoding, gap, unit, end):
-    content = sa(gap, unit).replace("\n", end).encode(encoding)
-    imported = read(("day 1.txt", content))
-    assert imported.units == {"length": "mm"}
-    for key, xyz in points_of(imported).items():
-        assert xyz == pytest.approx(READ[key], abs=1e-7)
-    assert len(points_of(imported)) == 4
-    assert any("the frame 'Frames::WORLD'" in note for note in imported.preview.files[0].assumptions)
-
-
-def test_groups_with_brackets_and_several_files():
-    files = []
-    for state in ("unloaded", "loaded"):
-        bracketed = sa(states=(state,)).replace(f"{state}, ", f"{state}, Cell [3] ")
-        files.append((f"{state}.txt", bracketed.replace("// Coll", "//  Coll")))
-    assert {(f"Cell [3] {a}", b, c): xyz for (a, b, c), xyz in READ.items()} == points_of(read(*files))
-
-
 def test_files_of_two_frames_are_refused_with_both_names():
     other = sa(frame="Frames::best fit", states=("loaded",))
     (fault,) = faults(("a.txt", sa(states=("unloaded",))), ("b.txt", other))
@@ -95,33 +73,6 @@ def leica(
         cells = [cell.replace(".", mark) if re.fullmatch(r"-?\d+\.\d+", cell) else cell for cell in cells]
         lines.append(delimiter.join(cells) + (delimiter if trailing else ""))
     return (end.join(lines) + end).encode(encoding)
-
-
-@pytest.mark.parametrize(
-    "form",
-    [
-        {},
-        {"encoding": "utf-8"},
-        {"encoding": "utf-16"},
-        {"end": "\n"},
-        {"end": "\r"},
-        {"trailing": False},
-        {"delimiter": ";"},
-        {"delimiter": ";", "mark": ","},
-        {"delimiter": "\t", "mark": ","},
-        {"order": -1},
-        {"order": -1, "delimiter": "\t", "encoding": "utf-8-sig"},
-        {"without": ("Tilt  [deg]", "OTG Applied", "U(95)  [mm]")},
-    ],
-)
-def test_leicas_columns(form):
-    imported = read(("tracker.csv", leica(**form)))
-    assert points_of(imported) == READ
-    assert imported.preview.joint_count is None  # Q1 to Q3 are a rotation
-    assert imported.preview.uncertainty == "coordinate"
-    point = imported.observations[0].points["P10"]["loaded"]
-    assert point.sigma == pytest.approx((0.031 / 1.96, 0.012 / 1.96, 0.0005 / 1.96), rel=1e-12)
-    assert imported.surroundings.measured_at == datetime(2022, 11, 8, 16, 10, 28, 353_000, UTC)
 
 
 def test_uncertainties_of_coordinates_become_covariances():
@@ -233,30 +184,6 @@ def test_a_stated_header_is_taken_as_a_whole():
     assert "is in mm, but" in fault.reason
 
 
-@pytest.mark.parametrize("cut", [1, 2, 3, 4, 5])
-def test_a_file_that_is_cut_off_within_a_number_is_refused(cut):
-    content = CAMPAIGN.rstrip("\n")
-    assert points_of(read(("a.csv", content))) == points_of(read(("a.csv", CAMPAIGN)))
-    (fault,) = faults(("a.csv", content[:-cut]))
-    assert fault.reason.startswith("the file is cut off")
-    assert fault.place.line == 5
-
-
-@pytest.mark.parametrize("last", ["22", "2", "-2"])
-def test_a_number_that_is_cut_off_at_its_point_is_refused(last):
-    """Zeros are dropped here: 63.6 has one decimal less than the others, and a cut one might have, too."""
-    names = ("c01_P10_unloaded", "c01_P10_loaded", "c02_P10_unloaded", "c02_P10_loaded")
-
-    def points(*heights):
-        return "\n".join(
-            ("x [mm];y [mm];name;z [mm]", *(f"1;2;{n};{z}" for n, z in zip(names, heights, strict=True)))
-        )
-
-    (fault,) = faults(("a.csv", points("836.13", "-63.6", "97.31", last)))
-    assert fault.reason.startswith("the file is cut off")
-    assert read(("a.csv", points("-12", "-10", "11", "-9")))  # numbers without decimals may be short
-
-
 def test_rows_by_order_beside_deleted_ones_are_refused():
     """What is left of a file without some rows would be paired with other postures."""
     table = "x [mm];y [mm];z [mm];Delete\n1.5;0;0;0\n2.5;0;0;{}\n3.5;0;0;{}\n4.5;0;0;0\n"
@@ -295,31 +222,6 @@ def test_a_value_far_from_its_column_is_asked_about():
     assert not confirmed.template.accept_unusual, "the next file is asked about again"
 
 
-@pytest.mark.parametrize(
-    ("options", "reason"),
-    [
-        ({"load_point": (0.0, 0.0, 5000.0)}, None),
-        ({"load_point": (0.0, 120.0, 5.1), "length_unit": "m"}, "load point is 120.108 m from the flange"),
-        ({"load_point": (0.0, 0.0, 6000.0), "accept_unusual": True}, None),
-    ],
-)
-def test_a_load_point_beyond_5_m_is_asked_about(options, reason):
-    answer = answered(("a.csv", CAMPAIGN), **options)
-    assert (answer.measurement_set is None) == (reason is not None)
-    assert answer.missing_fields == (["accept_unusual"] if reason else [])
-    assert (reason or "") in "".join(answer.missing)
-
-
-def test_lengths_of_the_request_are_converted_to_the_files_unit():
-    noise = {"sigma": 0.02, "force": {"scale": 0.01}}
-    options = {"load_point": (0.0, -20.5, 120.0), "noise": noise, "length_unit": "mm"}
-    metres = ("a.csv", CAMPAIGN.replace("[mm]", "[m]"))
-    document = answered(metres, **options, accept_unusual=True).measurement_set
-    assert document.load_point == pytest.approx((0.0, -0.0205, 0.12), rel=1e-15)
-    assert (document.noise.sigma, document.noise.force.scale) == (pytest.approx(2e-5), 0.01)
-    assert answered(("a.csv", CAMPAIGN), **options).measurement_set.load_point == (0.0, -20.5, 120.0)
-
-
 # ---- other instruments
 
 
@@ -342,12 +244,6 @@ def test_headers_of_other_instruments(head, row):
     assert points_of(read(("a.csv", "\n".join([head, *rows]) + "\n"), units={"length": "mm"})) == READ
 
 
-@pytest.mark.parametrize("header", ["Tx", "Tx [N.m]"])
-def test_a_translation_has_a_unit_of_length_as_it_may_be_a_moment(header):
-    table = f"name;{header};{header.replace('x', 'y')};{header.replace('x', 'z')}\nc01_P10_loaded;1;2;3.5\n"
-    assert faults(("a.csv", table), units={"length": "mm"})
-
-
 @pytest.mark.parametrize(
     "header", ["tip along z [mm]", "dial gauge z [mm]", "Messuhr 1 z [mm]", "LVDT dz [mm]"]
 )
@@ -359,16 +255,6 @@ def test_dial_gauges_by_their_word(header):
     readings = [one.readings[0] for one in answer.measurement_set.observations]
     assert [reading.displacement for reading in readings] == [0.25, -0.5]
     assert {reading.direction for reading in readings} == {(0.0, 0.0, 1.0)}
-
-
-def test_an_unknown_gauge_learns_the_form():
-    (fault,) = faults(("a.csv", "label;J1 [deg];Weg [mm]\nc01;1;0.25\n"))
-    assert "`tip along z [mm]` of a gauge" in fault.remedy
-
-
-def test_a_target_called_gauge_has_positions_where_states_are_named():
-    content = CAMPAIGN.replace("P10", "gauge")
-    assert {target for _, target, _ in points_of(read(("a.csv", content)))} == {"gauge"}
 
 
 def test_groups_of_spatial_analyzer_that_end_with_the_state():

@@ -48,13 +48,6 @@ def prepared(document):
     return prepare_robot(RobotDocument.model_validate(document)).robot
 
 
-def test_without_masses_they_are_poses_and_the_way_to_a_set_is_said():
-    answer = import_files(sources_of(positions()), ImportRequest(encoders="motor"), prepared(BARE))
-    assert (answer.measurement_set, len(answer.poses.poses)) == (None, 30)
-    assert answer.missing_fields == ["force", "loaded", "load_point"]
-    assert any("a table of masses" in text for text in answer.missing)
-
-
 def test_a_robot_with_masses_makes_a_set_that_is_identified_without_an_option(tmp_path):
     """The numbers are those of the campaign as it was simulated; nothing says `weight`."""
     table = tmp_path / "grid.csv"

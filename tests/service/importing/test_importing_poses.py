@@ -38,24 +38,6 @@ def robot_of(name):
     return RobotDocument.model_validate({"name": name, "model": model})
 
 
-def test_deviations_are_added_to_the_coordinates_of_their_target_and_state():
-    answer = answered(TABLE, columns=PLUS, noise={"sigma": 0.02})
-    assert answer.measurement_set is None
-    assert answer.poses.model_dump(exclude_none=True) == {
-        "name": "poses",
-        "units": {"length": "mm", "angle": "deg"},
-        "noise": {"sigma": 0.02},
-        "poses": [
-            {"joints": [10.0, 20.0], "targets": {"P1": (1000.5, 199.75, 300.125)}},
-            {"joints": [30.0, 40.0], "targets": {"P1": (899.5, 400.75, 350.0)}},
-        ],
-    }
-    shown = [column.meaning for column in answer.preview.files[0].columns]
-    assert shown[6:] == ["P1 unloaded plus x", "P1 unloaded plus y", "P1 unloaded plus z"]
-    again = answered(TABLE, columns={f"d{axis}": f"{shown[6 + i]} [mm]" for i, axis in enumerate("xyz")})
-    assert again.poses.poses == answer.poses.poses
-
-
 @pytest.mark.parametrize(
     ("columns", "reason"),
     [
@@ -80,15 +62,6 @@ def test_an_empty_deviation_is_refused():
 def test_a_deviation_in_another_unit_is_refused():
     answer = answered(TABLE, columns={**PLUS, "dx": "P1 unloaded plus x [m]"}, show_faults=True)
     assert "use one unit for every length" in [fault.remedy for fault in answer.faults]
-
-
-def test_poses_need_joints_and_unloaded_positions_only():
-    ignored = {f"d{axis}": "ignore" for axis in "xyz"}
-    loaded = answered(TABLE.replace("unloaded", "loaded"), columns=ignored)
-    assert loaded.poses is None
-    without = answered(TABLE, columns={**ignored, "J1 [deg]": "ignore", "J2 [deg]": "ignore"})
-    assert without.poses is None
-    assert "joints" in without.missing_fields
 
 
 def test_uncertainties_in_the_files_become_one_sigma():

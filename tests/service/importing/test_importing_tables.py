@@ -7,7 +7,6 @@ from support import importing_samples as samples
 from support.importing_samples import (
     CAMPAIGN,
     MM,
-    READ_POINTS,
     answered,
     points_of,
     read,
@@ -17,7 +16,6 @@ from support.importing_samples import (
 from support.memory import peak_of
 
 from jointstiff.schemas.imports import ImportRequest
-from jointstiff.schemas.measurement import MeasurementSetDocument
 from jointstiff.service.conversion.parsing import MAX_SET_BYTES
 from jointstiff.service.importing.errors import ImportFileError
 from jointstiff.service.importing.grid import (
@@ -39,58 +37,6 @@ def refused(content, *, name="a.csv", **stated):
 def changed(old, new, count=1):
     assert old in CAMPAIGN
     return CAMPAIGN.replace(old, new, count)
-
-
-def test_a_campaign_becomes_a_measurement_set():
-    imported = read(("day1.csv", CAMPAIGN))
-    assert imported.preview.reading_count == 3
-    answer = answered(("day1.csv", CAMPAIGN), load_point=None)
-    assert answer.missing == ["the load point (`load_point`), in the flange frame"]
-    document = answered(("day1.csv", CAMPAIGN), name="cell 3").measurement_set
-    assert isinstance(document, MeasurementSetDocument)
-    assert document.units.model_dump() == {**MM, "moment": None}
-    assert [one.label for one in document.observations] == ["c01", "c02", "c03"]
-    first = document.observations[0]
-    assert first.joints == [10.5, -20.25, 30.0]
-    assert first.force == (0.0, 0.0, -1471.5)
-    assert first.readings[0].unloaded == READ_POINTS["c01", "P10", "unloaded"]
-    assert first.readings[0].loaded == READ_POINTS["c01", "P10", "loaded"]
-
-
-def test_the_preview_tells_all():
-    preview = read(("day1.csv", CAMPAIGN)).preview
-    file = preview.files[0]
-    how = (file.format, file.encoding, file.delimiter, file.decimal_mark)
-    assert how == ("text", "utf-8", "semicolon", "point")
-    meanings = [f"{column.meaning} [{column.unit or ''}]" for column in file.columns]
-    assert meanings[:5] == ["name []", "joint 1 [deg]", "joint 2 [deg]", "joint 3 [deg]", "force x [N]"]
-    assert meanings[-1] == "P10 loaded z [mm]"
-    assert (file.row_count, file.first_rows[0], file.first_lines) == (3, ROWS[1], [3, 4, 5])
-    assert file.assumptions == [
-        "comments were skipped (1 line); the first: 'cell 3, dead weight, 2026-11-20'"
-    ]
-    assert (preview.observation_count, preview.joint_count, preview.reading_count) == (3, 3, 3)
-    assert (preview.targets, preview.states) == (["P10"], ["unloaded", "loaded"])
-
-
-@pytest.mark.parametrize(
-    ("joint", "force", "unloaded", "loaded"),
-    [
-        ("J{} (deg)", "F{}/N", "P10_unloaded_{} [mm]", "P10_{}_loaded [mm]"),
-        ("q{}[°]", "F_{} [N]", "P10 ul {} (mm)", "loaded P10 {}/mm"),
-        ("Joint {} [degrees]", "force {} [N]", "{} P10 unloaded [MM]", "P10 LOADED {} [mm]"),
-        ("axis_{} /deg", "F-{} (N)", "P10_u_{}[mm]", "P10_l_{}[mm]"),
-        ("θ{} [deg]", "FORCE {} [N]", "P10  Unloaded  {} [mm]", "P10 load {} [ mm ]"),
-    ],
-)
-@pytest.mark.parametrize("case", [str.lower, str.upper])
-def test_spellings_of_headers(joint, force, unloaded, loaded, case):
-    header = ["Label", *(joint.format(number) for number in (1, 2, 3))]
-    header += [text.format(case(axis)) for text in (force, unloaded, loaded) for axis in "xyz"]
-    content = CAMPAIGN.replace(";".join(ROWS[0]), ";".join(header))
-    imported = read(("a.csv", content))
-    assert values_of(imported) == values_of(read(("a.csv", CAMPAIGN)))
-    assert points_of(imported) == points_of(read(("a.csv", CAMPAIGN)))
 
 
 def test_a_row_for_each_target():
@@ -156,14 +102,6 @@ def test_units_are_never_guessed():
         line=2,
         column=13,
     )
-
-
-@pytest.mark.parametrize(
-    ("unit", "column"), [("Fx [kg]", 5), ("Fx [lbf]", 5), ("J1 [grad]", 2), ("Fx []", 5)]
-)
-def test_unknown_units(unit, column):
-    old = "Fx [N]" if column == 5 else "J1 [deg]"
-    refused(changed(old, unit), reason="is not a known unit of", line=2, column=column)
 
 
 def hung(header="mass [kg]", mass="150"):
@@ -305,26 +243,6 @@ def test_both_marks_in_one_number():
     refused(changed("1102.5518", "1,102.5518"), reason="decimal points and decimal commas", line=4, column=8)
 
 
-def test_a_comma_between_cells_or_in_numbers():
-    whitespace = "label J1[deg] Fx[N] Fy[N] Fz[N]\nc01 1,5 0 0 -1500,25\n"
-    assert values_of(read(("a", whitespace)))["c01", "force"] == (0, 0, -1500.25)
-    commas = "label,J1[deg],Fx[N],Fy[N],Fz[N]\nc01,1,5,0,0,-1500,25\n"
-    refused(commas, reason="7 cells, but line 1 has 5", line=2, column=6)
-
-
-def test_trailing_delimiters_of_the_whole_file():
-    every = CAMPAIGN.replace("\n", ";\n").replace("2026-11-20;", "2026-11-20")
-    imported = read(("a.csv", every))
-    assert points_of(imported) == points_of(read(("a.csv", CAMPAIGN)))
-    assert any("empty last column" in note for note in imported.preview.files[0].assumptions)
-    refused(changed("237.9853\n", "237.9853;\n"), reason="14 cells", line=3, column=14)
-
-
-def test_empty_rows_of_spreadsheets_are_skipped():
-    content = CAMPAIGN + ";" * 12 + "\n\n"
-    assert read(("a.csv", content)).preview.observation_count == 3
-
-
 def test_readings_that_are_missing():
     content = changed("1102.5518;402.9017;318.4406", ";;")
     refused(content, reason="target P10 was read only loaded", line=4, column=8)
@@ -334,17 +252,6 @@ def test_readings_that_are_missing():
     refused(changed("1102.5518;402.9017", ";402.9017"), reason="cell is empty", line=4, column=8,
             allow_missing=True)  # fmt: skip
     refused(changed("c02;-15;-35.125;42.75", "c02;;;"), reason="this row has no joint", line=4, column=2)
-
-
-def test_columns_to_leave_out():
-    content = "\n".join(
-        line if line.startswith(("#", "label")) else line.replace(";", ";night;", 1)
-        for line in CAMPAIGN.replace("label;", "label;shift;").splitlines()
-    )
-    refused(content, reason="unknown column header 'shift'", line=2, column=2)
-    imported = read(("a.csv", content), ignore=["shift"])
-    assert points_of(imported) == points_of(read(("a.csv", CAMPAIGN)))
-    assert imported.preview.files[0].columns[1].meaning == "ignored"
 
 
 def test_readings_held_out_from_the_fit():
@@ -364,13 +271,6 @@ def test_a_header_of_the_caller():
     assert points_of(read(("a.csv", body), header=ROWS[0])) == points_of(read(("a.csv", CAMPAIGN)))
     refused(CAMPAIGN, reason="not a number", line=2, column=2, header=ROWS[0])
     refused(body, reason="13 cells, but the header 12", line=1, column=13, header=ROWS[0][:-1])
-
-
-def test_what_is_missing_is_told_and_refused():
-    answer = import_files(sources_of(("a.csv", "label;J1 [deg]\nc01;1.5\n")), ImportRequest())
-    assert answer.measurement_set is None
-    assert answer.missing_fields == ["force", "readings", "load_point", "encoders"]
-    assert "Fx" in answer.missing[0]
 
 
 def test_limits():
@@ -406,15 +306,6 @@ def test_what_is_refused_takes_little_memory(content):
     peak, outcome = peak_of(lambda: read(("a.csv", content), units=MM))
     assert outcome == "ImportFileError"
     assert peak < 100
-
-
-@pytest.mark.timeout(30)
-@pytest.mark.parametrize("comment", [b"# a\n", b"# x y z\n", b"# a" + b" " * 60_000 + b"b\n"])
-def test_comments_above_a_list_of_points_are_read_soon(comment):
-    """Each of these took minutes once."""
-    content = comment * (400_000 // len(comment)) + b"P10 1 2 3\n"
-    with pytest.raises(ImportFileError, match="the target and the state is given neither"):
-        read(("a.csv", content), units=MM)
 
 
 @pytest.mark.parametrize(

@@ -10,19 +10,15 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 from rich.console import Console
-from support.jobs import set_of
 from support.shared_data import shared
 
 import jointstiff
 from jointstiff.schemas.geometry import GeometryRequest
 from jointstiff.schemas.options import RunOptions
-from jointstiff.schemas.run import Campaign, RunRequest
-from jointstiff.service.jobs.life import Parts
+from jointstiff.schemas.run import Campaign
 from jointstiff.service.kinds.comparison import COMPARISON
 from jointstiff.service.kinds.geometry import GEOMETRY
-from jointstiff.service.kinds.run import RUN
 from jointstiff.service.reports.job import job_report
-from jointstiff.service.store.store import Store
 from jointstiff.simulator import TARGETS, default_arm, simulate_campaign
 from jointstiff.solver.links.choice import LIMITS, WEIGHTS
 
@@ -60,49 +56,6 @@ def first_line(report):
     console = Console(file=io.StringIO(), width=120)
     console.print(report)
     return console.file.getvalue().splitlines()[0]
-
-
-def test_a_clean_run_is_for_use(clean):
-    run = jointstiff.identify(of(clean), INCLUDED)
-    assert run.result.assessment.verdict == "use"
-    assert run.result.assessment.reasons == []
-    assert {joint.verdict for joint in run.result.joints} == {"use"}
-    assert first_line(job_report(RUN, run)) == "Use: all 6 joints passed the checks"
-
-
-def test_exchanged_columns_cap_every_joint_and_can_be_exchanged_back(exchanged):
-    run = jointstiff.identify(of(exchanged), INCLUDED)
-    assessment = run.result.assessment
-    assert assessment.verdict == "do_not_use"
-    (reason,) = [each for each in assessment.reasons if each.code == "alternative_explains_better"]
-    names = [joint.name for joint in run.result.joints]
-    assert (reason.action.kind, reason.action.joints) == ("exchange_columns", names[1:3])
-    assert reason.weight == "do_not_use"
-    assert {joint.verdict for joint in run.result.joints} == {"do_not_use"}
-    assert first_line(job_report(RUN, run)).startswith("Do not use: ")
-
-
-def test_places_are_labels_of_the_set(clean):
-    document = deepcopy(clean)
-    document["measurement_set"].pop("noise", None)
-    bumped = document["measurement_set"]["observations"][5]
-    bumped["readings"][1]["deflection"][1] += 1e-3
-    run = jointstiff.identify(of(document), INCLUDED)
-    (reason,) = [each for each in run.result.assessment.reasons if each.code == "suspicious_readings"]
-    assert run.result.assessment.verdict == "use_with_care"
-    assert reason.where == f"observations[5] '{bumped['label']}'"
-    assert reason.action.observations == [bumped["label"]]
-    assert bumped["label"] in {warning.observation for warning in run.result.warnings}
-
-
-def test_the_target_of_an_action_is_its_name(clean):
-    document = deepcopy(clean)
-    document["measurement_set"]["load_point"] = list(TARGETS["P11"])
-    for observation in document["measurement_set"]["observations"]:
-        observation.pop("load_point", None)
-    run = jointstiff.identify(of(document), INCLUDED)
-    targets = {each.action.target for each in run.result.assessment.reasons if each.code == "load_at_target"}
-    assert targets == {"P11"}
 
 
 def test_elastic_runs_are_assessed(exchanged):
@@ -169,19 +122,6 @@ def test_a_penalty_under_which_no_link_bends_is_noted(clean):
     assert "link_penalty_at_end" in noted
 
 
-def test_a_comparison_has_the_worst_verdict_of_its_fits(clean, exchanged):
-    for document, verdict in ((clean, "use"), (exchanged, "do_not_use")):
-        comparison = jointstiff.compare(of(document))
-        verdicts = [entry.assessment.verdict for entry in comparison.result.entries]
-        assert comparison.result.assessment.verdict == max(
-            verdicts, key=["use", "use_with_care", "do_not_use"].index
-        )
-        assert (verdict == "do_not_use") == (comparison.result.assessment.verdict == "do_not_use")
-        places = [(each.code, each.where) for each in comparison.result.assessment.reasons]
-        assert len(places) == len(set(places))
-    assert first_line(job_report(COMPARISON, comparison)).startswith("Do not use: ")
-
-
 def test_a_comparison_without_a_fit_is_not_for_use(clean):
     document = deepcopy(clean)
     for observation in document["measurement_set"]["observations"]:
@@ -216,16 +156,3 @@ def test_a_geometry_is_assessed_by_its_findings():
     assert (geometry.result.assessment.verdict == "use") == (not worst)
     assert len(geometry.result.assessment.reasons) == geometry.result.summary.warning_count
     assert first_line(job_report(GEOMETRY, geometry)).startswith("Use")
-
-
-def test_listings_tell_verdict_compensation_joints_and_warnings(exchanged):
-    with Store.open("sqlite://") as store:
-        parts = Parts(store)
-        run = parts.jobs["run"].create(RunRequest(measurement_set_id=set_of(parts, exchanged)), None)
-        result = parts.jobs["run"].current(run.id).result
-        (listed,) = parts.jobs["run"].page(RUN.query()).items
-    assert listed.verdict == "do_not_use"
-    assert listed.compensation == result.compensation
-    assert listed.joints_identified == sum(joint.status == "identified" for joint in result.joints)
-    assert listed.joint_count == 6
-    assert listed.warning_count == len(result.warnings)

@@ -7,28 +7,16 @@ import json
 import numpy as np
 import pytest
 from pydantic import ValidationError
-from scipy import stats
 
 import jointstiff
 from jointstiff.schemas.measurement import Noise
 from jointstiff.simulator import default_arm, simulate_campaign
-from jointstiff.simulator.elastic_links import beam_arm, elastic_campaign
 
 
 def identified(noise):
     document = simulate_campaign(default_arm(), configurations=8, load="pull")
     document["measurement_set"]["noise"] = noise
     return jointstiff.identify(document)
-
-
-def test_the_budget_of_a_run_adds_up():
-    for joint in identified({"sigma": 2e-5, "force": {"scale": 0.01, "direction": 0.002}}).result.joints:
-        budget = joint.budget
-        assert budget.force_scale == pytest.approx(0.01 * joint.compliance, rel=1e-6)
-        assert budget.load_point == 0.0 < budget.assumed_load_point
-        parts = budget.readings**2 + budget.force_scale**2 + budget.force_direction**2
-        parts += budget.assumed_load_point**2
-        assert parts == pytest.approx(joint.standard_uncertainty**2, rel=1e-9)
 
 
 ALL = {
@@ -65,37 +53,6 @@ def test_each_source_is_named_and_all_add_up():
         assert sum(value**2 for value in own) == pytest.approx(joint.standard_uncertainty**2, rel=1e-9)
 
 
-def test_where_links_bend_the_intervals_hold_what_other_postures_say():
-    """Joints alone, of 24 postures of a beam arm, beside the same fit of 120 others."""
-    arm = beam_arm(default_arm())
-    small, large = (
-        jointstiff.identify(
-            elastic_campaign(arm, configurations=count, seed=seed) | {"run": {"elasticity": "joints"}}
-        ).result
-        for count, seed in ((24, 1), (120, 100))
-    )
-    (part,) = (part for part in small.budget.components if part.source == "model_error")
-    assert (part.included, part.degrees_of_freedom) == (True, 23)
-    assert small.budget.missing == large.budget.missing == ["lack_of_fit"]  # so no U without `partial`
-    assert small.budget.coverage_factor == pytest.approx(stats.t.ppf(0.975, 23))
-    held = by_readings = 0
-    for joint, other in zip(small.joints, large.joints, strict=True):
-        own = joint.budget
-        parts = own.readings**2 + own.assumed_load_point**2 + own.assumed_force_scale**2
-        parts += own.model_error**2
-        assert parts == pytest.approx(joint.standard_uncertainty**2, rel=1e-6)
-        low, high = joint.compliance_interval
-        assert low <= max(0.0, joint.compliance - small.budget.coverage_factor * joint.standard_uncertainty)
-        assert (joint.stiffness_interval[1] is None) == (joint.status == "uncertain")
-        held += low <= other.compliance <= high
-        by_readings += abs(joint.compliance - other.compliance) <= 1.96 * own.readings
-    assert held >= 5
-    assert by_readings <= 3
-    clean = identified({"sigma": 2e-5}).result.budget
-    included = {part.source for part in clean.components if part.included}
-    assert included == {"readings", "assumed_load_point", "assumed_force_scale"}
-
-
 def test_lengths_are_in_the_units_of_the_set():
     metres = identified(ALL).result.budget
     document = simulate_campaign(default_arm(), configurations=8, load="pull")
@@ -124,36 +81,6 @@ def in_millimetres(document, noise):
         out["load_point"] = scaled(out["load_point"])
     places = {"load_point": 0.5, "target_places": 0.5, "axes": {"position": 0.1, "direction": 1e-4}}
     return out | {"noise": noise | {"sigma": 0.02} | places}
-
-
-def test_it_may_stand_alone():
-    run = identified({"force": {"scale": 0.01}})
-    assert run.result.goodness.sigma_source == "residuals"
-    assert run.result.joints[0].budget.force_direction == 0.0
-
-
-@pytest.mark.parametrize(
-    ("source", "note", "stated"),
-    [
-        ("load_point", "Load point: ±10 mm assumed", {"load_point": 0.01}),
-        ("force_scale", "Forces: ±1 % assumed", {"force": {"scale": 0.01}}),
-    ],
-)
-def test_what_is_not_stated_is_assumed_and_said(source, note, stated):
-    """The same numbers as if it were stated; nothing is said where it is."""
-    assumed, given = (identified({"sigma": 2e-5} | more).result for more in ({}, stated))
-    assert sum(note in each for each in assumed.assessment.notes) == 1
-    assert not any(note in each for each in given.assessment.notes)
-    for one, other in zip(assumed.joints, given.joints, strict=True):
-        assert one.compliance_interval == pytest.approx(other.compliance_interval, rel=1e-9)
-        held = getattr(one.budget, f"assumed_{source}")
-        assert held == pytest.approx(getattr(other.budget, source), rel=1e-9)
-        assert getattr(one.budget, source) == getattr(other.budget, f"assumed_{source}") == 0.0
-
-
-def test_one_per_cent_of_force_is_one_per_cent_of_every_compliance():
-    for joint in identified({"sigma": 2e-5}).result.joints:
-        assert joint.budget.assumed_force_scale == pytest.approx(0.01 * joint.compliance, rel=1e-6)
 
 
 def test_intervals_hold_the_truth_where_the_load_point_is_10_mm_off():

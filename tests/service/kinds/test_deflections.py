@@ -120,19 +120,6 @@ def test_a_point_that_no_tool_reaches_is_refused(client, pulled, field):
     post(client, "/v1/deflections", request(pulled, **{field: [0, 0, 5_000.0]}), expected=200)
 
 
-def test_the_reason_for_no_bound_is_the_true_one(tmp_path):
-    robot_and_set = simulate_campaign(ARM, load="pull", configurations=24, seed=1)
-    observations = robot_and_set["measurement_set"]["observations"]
-    for observation in observations:
-        observation["joints"] = observations[0]["joints"]
-    campaign = Campaign.model_validate_json(json.dumps(robot_and_set))
-    table = tmp_path / "table.csv"
-    table.write_text(TABLE)
-    result = jointstiff.predict(campaign, table, load_point=POINT)
-    assert any("the model error needs two postures under load" in remark for remark in result.remarks)
-    assert not any("there are 0" in remark for remark in result.remarks)
-
-
 def test_a_joint_of_which_nothing_is_known_leaves_no_number(client):
     answer = post(
         client,
@@ -171,15 +158,6 @@ def test_what_cannot_be_predicted_is_refused_with_its_place(client, pulled, chan
     assert answer["where"] == where
 
 
-def test_own_weight_softens(client, pulled):
-    masses = [{"joint": "joint_3", "mass": 300.0, "centre": [300.0, 0.0, 0.0]}]
-    plain, heavy = (
-        post(client, "/v1/deflections", request(pulled, masses=m), expected=200) for m in ([], masses)
-    )
-    assert heavy["remarks"] == []
-    assert heavy["cases"][0]["displacement"] != plain["cases"][0]["displacement"]
-
-
 def test_cases_are_bounded_by_the_joints():
     robot = Robot(dh_chain(32 * [DhRow(a=0.1, alpha=0.0, d=0.0, theta=0.0)], "standard", "snake"))
     case = {"joints": 32 * [0.0], "force": FORCE}
@@ -194,15 +172,6 @@ def test_cases_are_bounded_by_the_joints():
 
 
 class TestTables:
-    def test_units_in_headers_and_decimal_commas(self):
-        german = (
-            TABLE.replace(",", ";").replace("10.0", "10,0").replace("[N]", "[kN]").replace("-800.0", "-0,8")
-        )
-        found = read_load_cases(german, KINDS)
-        np.testing.assert_allclose(found.cases[0].joints, np.radians(JOINTS))
-        assert found.cases[0].force == (200e3, 300e3, -800.0)
-        assert found.cases[0].label == "drill"
-
     def test_options_and_cells_each_have_their_units(self, tmp_path):
         """Cells those of their headers, options those of `units`, which SI completes."""
         masses = [{"joint": "joint_3", "mass": 10.0, "centre": (300, 0, 0)}]

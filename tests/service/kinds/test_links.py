@@ -161,12 +161,6 @@ def test_coupled_joints_come_as_one_matrix(store, set_id):
     assert links.elements[-1].kind == "coupling"
 
 
-def test_joints_alone_have_no_links(store, set_id):
-    result = carried_out(store, set_id, elasticity="joints", link_penalty=None).result
-    assert result.links is None
-    assert result.selection is None
-
-
 def test_cross_validation_is_a_durable_job_with_the_numbers_of_one_go(store, set_id):
     """A worker computes each step from the stored request, and its result travels as text."""
     enqueued = []
@@ -287,40 +281,6 @@ def test_a_pedestal_is_recognised_and_shown(monkeypatch, tmp_path):
         assert text in shown.stdout
 
 
-def test_a_gross_mistake_is_mended_before_models_are_compared(store):
-    """Two columns exchanged leave patterns, too; the default says so at once."""
-    parts = Parts(store)
-    wrong = json.loads(json.dumps(simulate_campaign(default_arm(), load="pull", configurations=12, seed=2)))
-    for observation in wrong["measurement_set"]["observations"]:
-        joints = observation["joints"]
-        joints[1], joints[2] = joints[2], joints[1]
-    set_id = set_of(parts, wrong)
-    run = parts.jobs["run"].create(RunRequest(measurement_set_id=set_id), None)
-    assert run.state == "succeeded"
-    run = parts.jobs["run"].current(run.id)
-    choice = run.result.choice
-    assert (choice.elasticity, choice.source, run.result.selection) == ("joints", "screening", None)
-    assert choice.links_p_value < 3e-3
-    assert "correct the mistake" in choice.message
-
-
-@pytest.mark.parametrize(
-    ("options", "excluded"),
-    [
-        ({"method": "complete_pose"}, "method"),
-        ({"positive": False}, "stiffness bounds"),
-        ({"priors": {"joint_2": {"stiffness": 1e6, "standard_uncertainty": 1e5}}}, "priors"),
-        ({"resampling": {"size": 5, "repetitions": 20}}, "resampling"),
-    ],
-)
-def test_automatic_keeps_to_joints_beside_options_of_joints(store, set_id, options, excluded):
-    result = carried_out(store, set_id, elasticity="automatic", link_penalty=None, **options).result
-    assert (result.choice.source, result.choice.elasticity) == ("options", "joints")
-    assert f"exclude {excluded}" in result.choice.message
-    (reason,) = (each for each in result.assessment.reasons if each.code == "lack_of_fit")
-    assert reason.action is None
-
-
 def test_a_run_is_listed_by_what_bends(store, set_id):
     options = {"elasticity": "automatic", "links": ["joint_2"], "cross_validation": {"folds": 2, "draws": 1}}
     jobs = Parts(store).jobs["run"]
@@ -331,11 +291,6 @@ def test_a_run_is_listed_by_what_bends(store, set_id):
     worker.conclude(record.id, [pack(work.compute(span)) for span in work.steps()])
     run = jobs.current(record.id)
     assert run.elasticity == run.result.links.model != "automatic"
-
-
-def test_an_unknown_link_is_refused(store, set_id):
-    with pytest.raises(RequestError, match="no joint 'elbow'"):
-        carried_out(store, set_id, links=["elbow"])
 
 
 @pytest.mark.parametrize(

@@ -16,8 +16,6 @@ from jointstiff.service.conversion.prepared import PreparedSet
 from jointstiff.service.kinds.identification import ByJoints
 from jointstiff.simulator import default_arm, simulate_campaign
 
-NEGLECTED = {"complementary_stiffness": "neglected"}
-
 
 @pytest.fixture(scope="module")
 def document():
@@ -46,46 +44,12 @@ def result(document, **options) -> RunResult:
     return ByJoints(prepared, RunOptions(**options), "").conclude(())
 
 
-def test_huber_names_the_bumped_target(document):
-    found = result(document, loss="huber")
-    assert found.robust.threshold == 2.8
-    worst = found.robust.suspicious[0]
-    assert (worst.observation, worst.target) == ("c05", "P11")
-    assert worst.weight == pytest.approx(2.8 / worst.residual_norm)
-    assert found.robust.suspicious_count == len(found.robust.suspicious)
-    assert len(found.certificate.solved_by) == 2
-    assert result(document).robust is None
-
-
 def test_huber_is_nearer_the_truth_than_the_squared_loss(document):
     errors = []
     for loss in ("huber", "squared"):
         pairs = zip(result(document, loss=loss).joints, default_arm().stiffnesses, strict=True)
         errors.append(max(abs(j.compliance * k - 1) for j, k in pairs if j.compliance is not None))
     assert errors[0] < 0.5 * errors[1]
-
-
-@pytest.mark.parametrize("method", ["complete_pose", "partial_pose", "decoupled_partial_pose"])
-def test_every_run_tells_the_complementary_stiffness(document, method):
-    found = (
-        result(document, method=method, **NEGLECTED),
-        result(document, method=method),
-    )
-    neglected, included = (of.complementary_stiffness for of in found)
-    assert (neglected.included, neglected.iterations) == (False, 0)
-    assert included.included
-    assert included.iterations >= 1  # one refit after the first-order shift suffices
-    assert neglected.largest_ratio == pytest.approx(included.largest_ratio, rel=0.05)
-    assert neglected.largest_shift == pytest.approx(included.largest_shift, rel=0.05)
-
-
-def test_it_warns_where_it_matters_and_says_the_remedy(document):
-    method = "decoupled_partial_pose"
-    neglected = result(document, method=method, **NEGLECTED)
-    remedies = {reason.code: reason.remedy for reason in neglected.assessment.reasons}
-    assert remedies["complementary_stiffness_matters"] == "set complementary_stiffness: included"
-    included = result(document, method=method)
-    assert "complementary_stiffness_matters" not in {reason.code for reason in included.assessment.reasons}
 
 
 def test_readings_without_a_balance_are_identified_without_it():
@@ -105,12 +69,6 @@ def test_readings_without_a_balance_are_identified_without_it():
     assert "include_complementary_stiffness" not in {
         reason.action.kind for reason in found.assessment.reasons if reason.action
     }
-
-
-def test_residuals_are_those_of_the_model_that_was_fitted():
-    exact = simulate_campaign(default_arm(), load="dead_weight", seed=2, sigma=0.0)
-    assert result(exact).rms_residual < 1e-8
-    assert result(exact, **NEGLECTED).rms_residual > 1e-6
 
 
 def test_options_of_the_command(command):

@@ -13,9 +13,6 @@ from support.in_process import Client
 from typer.testing import CliRunner
 
 from jointstiff.service.cli.app import app
-from jointstiff.service.jobs.life import Parts
-from jointstiff.service.kinds.map_work import MapWork
-from jointstiff.service.kinds.work import pack, unpack
 from jointstiff.service.store.store import Store
 from jointstiff.simulator import default_arm, simulate_campaign
 
@@ -61,35 +58,6 @@ def made(client, run_id):
 def rows_of(client, found):
     text = client.get(file_at(found, "map.csv")).text
     return list(csv.DictReader(io.StringIO(text)))
-
-
-class TestSummary:
-    def test_says_how_many_places_and_which_is_worst(self, client, made):
-        result, rows = made["result"], rows_of(client, made)
-        assert made["state"] == "succeeded"
-        assert result["places"] == len(rows) == 18
-        assert result["counts"]["reached"] == sum(row["status"] == "reached" for row in rows) > 10
-        assert sum(result["counts"].values()) == 18
-        lengths = [float(row["deflection [m]"]) for row in rows if row["deflection [m]"]]
-        assert result["worst"]["deflection"] == pytest.approx(max(lengths))
-        assert result["stiffest"]["deflection"] == pytest.approx(min(lengths))
-        assert result["quantiles"][3] == {"share": 0.5, "deflection": pytest.approx(np.median(lengths))}
-        assert result["model_error_postures"] == 20
-        assert "own weight" in result["remarks"][0]
-
-    def test_its_worst_place_is_predicted_alike(self, client, made, run_id):
-        worst = made["result"]["worst"]
-        asked = {
-            "run_id": run_id,
-            "units": {"length": "m", "angle": "rad", "force": "N"},
-            "load_point": AREA["place"],
-            "cases": [{"joints": worst["joints"], "force": AREA["force"]}],
-        }
-        case = client.request("POST", "/v1/deflections", json=asked).json()["cases"][0]
-        assert worst["displacement"] == pytest.approx(case["displacement"], rel=1e-9)
-        assert worst["compliance_along"] == pytest.approx(case["compliance"]["along"]["compliance"])
-        most = max(worst["deflection"] + case["with_model_error"]["radius"], worst["readings_only"][1])
-        assert worst["with_model_error"][1] == pytest.approx(most, rel=1e-9)
 
 
 class TestDownloads:
@@ -151,24 +119,6 @@ def test_a_run_of_elastic_links_maps_as_it_predicts(client, run_id):
     assert radius == pytest.approx(case["with_model_error"]["radius"], rel=1e-6)
     low, high = worst["readings_only"]
     assert low < worst["deflection"] < high < worst["with_model_error"][1]
-
-
-def test_in_steps_it_is_the_same(client, run_id, monkeypatch):
-    whole = posted(client, "maps", AREA | {"run_id": run_id})
-    monkeypatch.setattr("jointstiff.service.kinds.map_work.POSES_A_STEP", 10)
-    stepped = posted(client, "maps", AREA | {"run_id": run_id})
-    assert stepped["progress"] == {"done": 18, "total": 18, "unit": "places", "activity": "mapping"}
-    assert whole["progress"] is None
-    assert stepped["result"] == whole["result"]
-    assert stepped["provenance"]["input_hash"] == whole["provenance"]["input_hash"]
-
-
-def test_a_step_is_kept_as_text(store, made):
-    work: MapWork = Parts(store).jobs["map"].work(made["id"])
-    part = work.compute((0, 5))
-    again = unpack(pack(part))
-    for name, column in part.items():
-        np.testing.assert_array_equal(again[name], column)
 
 
 class TestCommand:

@@ -14,7 +14,6 @@ from typer.testing import CliRunner
 
 from jointstiff import identify
 from jointstiff.schemas.imports import ImportRequest
-from jointstiff.schemas.measurement import MeasurementSetRequest
 from jointstiff.schemas.plan import MAX_CANDIDATES, Plan, PlanRequest
 from jointstiff.schemas.robot import RobotDocument
 from jointstiff.service.cli.app import app
@@ -31,7 +30,6 @@ from jointstiff.simulator import TARGETS, default_arm, robot_document, simulate_
 from jointstiff.simulator.equilibrium import deflections
 from jointstiff.solver.errors import RequestError
 
-CAMPAIGN = simulate_campaign(default_arm(), configurations=6, load="pull", seed=2)
 WEIGHT = simulate_campaign(default_arm(), configurations=6, load="dead_weight", seed=2)
 BEGIN = {
     "readings": 10,
@@ -124,30 +122,6 @@ def test_on_paper_each_posture_has_its_row(parts, another):
 
 
 class TestPlans:
-    def test_of_a_robot(self, parts, robot):
-        plan = plan_of(parts, robot_id=robot, **BEGIN)
-        result = plan.result
-        assert plan.state == "succeeded", plan.error
-        assert len(result.readings) == 10
-        assert sum(each.validation for each in result.readings) == 2
-        assert {each.label[0] for each in result.readings if each.validation} == {"v"}
-        assert 0.85 < result.efficiency <= 1.0
-        assert result.random_efficiency < 0.8
-        assert all(joint.relative is None and joint.before is None for joint in result.joints)
-        assert result.considered == 300
-
-    def test_that_goes_on_with_a_campaign(self, parts, robot):
-        posted = MeasurementSetRequest.model_validate(CAMPAIGN["measurement_set"] | {"robot_id": robot})
-        set_id = parts.sets.create(posted, None).id
-        plan = plan_of(parts, measurement_set_id=set_id, readings=5, candidates=300)
-        result = plan.result
-        report = job_document(PLAN, plan, plan.model_dump_json(), LaboratorySettings())
-        assert "the list has only the new readings" in report_page(report).decode()
-        assert all(joint.standard_uncertainty < joint.before for joint in result.joints)
-        assert all(joint.relative < 0.1 for joint in result.joints)
-        sizes = [np.linalg.norm(each.force) for each in result.readings]
-        np.testing.assert_allclose(sizes, 1500.0, rtol=1e-6)
-
     def test_what_is_known_beforehand_counts(self, parts, robot):
         """Independent information adds: 1/u² of the plan is at least that of the prior and of the list."""
         prior = {"joint_4": {"stiffness": 5e5, "standard_uncertainty": 5e3}}

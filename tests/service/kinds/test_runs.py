@@ -2,20 +2,13 @@
 
 from __future__ import annotations
 
-import sqlite3
-from contextlib import closing
-
 import pytest
-from pydantic import ValidationError
 from support.jobs import request, runs_of, stored_set
 
 from jointstiff.service.jobs import life as module
-from jointstiff.service.jobs.life import Parts
-from jointstiff.service.kinds.identification import ByJoints
 from jointstiff.service.kinds.work import pack
-from jointstiff.service.problems.errors import NotFoundError, TooManyJobsError
+from jointstiff.service.problems.errors import TooManyJobsError
 from jointstiff.service.store.store import Store
-from jointstiff.service.store.tables import IdempotencyKey
 from jointstiff.solver.errors import RequestError, UnsupportedMethodError
 
 
@@ -34,22 +27,6 @@ def enqueued():
 def runs(store, enqueued):
     """Runs whose long ones are enqueued to a list instead of an engine."""
     return runs_of(store, lambda _connection, kind, run_id: enqueued.append((kind, run_id)))
-
-
-def test_a_long_run_is_announced_once_in_the_transaction_that_stores_it(store, runs, enqueued):
-    set_id = stored_set(store)
-    key = IdempotencyKey("key", "hash")
-    first, second = (runs.create(request(set_id), key) for _ in range(2))
-    assert first.id == second.id
-    assert enqueued == [("run", first.id)]
-    assert runs.current(first.id).state == "queued"
-
-    def broken(_connection, _kind, _run_id):
-        raise RuntimeError("the engine is not there")
-
-    with pytest.raises(RuntimeError, match="not there"):
-        runs_of(store, broken).create(request(set_id), IdempotencyKey("other", "hash"))
-    assert runs.create(request(set_id), IdempotencyKey("other", "hash")).id == enqueued[-1][1]
 
 
 def test_steps_in_any_order_make_the_run_that_one_process_makes(store, runs, enqueued):
@@ -82,14 +59,6 @@ def test_a_run_ends_once(store, runs):
     assert runs.cancel(run.id) == cancelled
 
 
-def test_a_failure_of_the_steps_is_the_end_of_the_run(store, runs):
-    run = runs.create(request(stored_set(store)), None)
-    runs.fail(run.id, UnsupportedMethodError("no", where="method", remedy="another"))
-    failed = runs.current(run.id)
-    assert failed.state == "failed"
-    assert (failed.error.detail, failed.error.where) == ("no", "method")
-
-
 def test_refused_before_anything_is_stored(store, runs, enqueued):
     set_id = stored_set(store, targets={"P10": (0.1, 0.1, 0.0)})
     with pytest.raises(UnsupportedMethodError, match="needs 3 targets"):
@@ -108,21 +77,6 @@ def test_refused_before_anything_is_stored(store, runs, enqueued):
     assert enqueued == []
 
 
-def test_unknown_runs(runs):
-    for look in (runs.current, runs.document, runs.cancel):
-        with pytest.raises(NotFoundError):
-            look("nothing")
-
-
-def test_steps_cover_all_draws_once_and_take_a_fraction_of_a_second(store):
-    prepared = Parts(store).sets.prepared(stored_set(store))
-    options = request("x", resampling={"size": 8, "repetitions": 100_000})
-    spans = ByJoints(prepared, options, "hash").steps()
-    assert [start for start, _ in spans[1:]] == [stop for _, stop in spans[:-1]]
-    assert (spans[0][0], spans[-1][1]) == (0, 100_000)
-    assert len(spans) > 2
-
-
 def test_as_many_as_may_wait_and_no_more(store, runs, enqueued, monkeypatch):
     monkeypatch.setattr(module, "MAX_OPEN", 2)
     set_id = stored_set(store)
@@ -132,30 +86,3 @@ def test_as_many_as_may_wait_and_no_more(store, runs, enqueued, monkeypatch):
     runs.cancel(first.id)
     runs.create(request(set_id), None)
     assert len(enqueued) == 3
-
-
-def test_a_run_does_not_begin_before_it_was_posted_nor_end_before_it_began(tmp_path):
-    """The clock was set back by centuries after the post."""
-    path = tmp_path / "jointstiff.db"
-    with Store.open(f"sqlite:///{path}") as store, closing(sqlite3.connect(path)) as other:
-        runs = runs_of(store, lambda *_: None)
-        run = runs.create(request(stored_set(store)), None).id
-        other.execute(
-            "UPDATE jobs SET document = json_set(document, '$.provenance.created_at', '2999-01-01T00:00:00Z')"
-        )
-        other.commit()
-        runs.start(run)
-        runs.cancel(run)
-        times = runs.current(run).provenance
-        assert times.created_at <= times.started_at <= times.ended_at
-
-
-def test_a_damaged_run_is_not_read(tmp_path):
-    path = tmp_path / "jointstiff.db"
-    with Store.open(f"sqlite:///{path}") as store, closing(sqlite3.connect(path)) as other:
-        runs = runs_of(store, lambda *_: None)
-        run = runs.create(request(stored_set(store)), None).id
-        other.execute("UPDATE jobs SET document = substr(document, 1, 500)")
-        other.commit()
-        with pytest.raises(ValidationError):
-            runs.current(run)

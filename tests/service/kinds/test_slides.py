@@ -21,10 +21,10 @@ from jointstiff.service.kinds.plan import readings_sheet
 from jointstiff.service.kinds.program_work import ProgramWork, unpacked
 from jointstiff.service.kinds.run import RUN
 from jointstiff.service.programs.errors import ProgramError
-from jointstiff.service.reports.job import job_parts, kinds_in
+from jointstiff.service.reports.job import job_parts
 from jointstiff.service.resources.imports import ImportRefusedError, import_files
 from jointstiff.service.tables.files import csv_text
-from jointstiff.service.tables.report import View, requested
+from jointstiff.service.tables.report import View
 from jointstiff.service.tables.stiffness import UNITS
 from jointstiff.service.tables.table import Table
 from jointstiff.simulator import equilibrium, simulate_campaign
@@ -90,12 +90,6 @@ def test_the_slide_is_in_newtons_per_metre_and_shown_in_newtons_per_micron(name,
         assert float(number) == pytest.approx(factor * joint.stiffness, rel=0.05)
         assert label in text_of(found, unit)
     assert UNITS["urad/Nm"].cells(joint)[0].endswith("µm/N")
-
-
-def test_a_request_says_the_unit_of_each_joint():
-    asked = js.identify(campaign("rail"), priors={"joint_1": {"stiffness": 2e7, "standard_uncertainty": 4e6}})
-    said = dict(requested(asked.request, kinds_in(asked)))
-    assert said["Priors"] == "joint_1 stiffness 20 N/µm, standard uncertainty 4 N/µm"
 
 
 def test_the_table_of_joints_says_both_units():

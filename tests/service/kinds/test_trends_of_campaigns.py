@@ -6,11 +6,10 @@ import json
 from datetime import UTC, datetime, timedelta
 
 import numpy as np
-import pytest
 
 from jointstiff.schemas.run import JointResult
 from jointstiff.schemas.trend import TrendSelection
-from jointstiff.service.kinds.trend import Campaign, ReadRun, acknowledgements_of, note_of, trend_of
+from jointstiff.service.kinds.trend import Campaign, ReadRun, acknowledgements_of, note_of
 from jointstiff.service.store.tables import MeasurementSetEntry
 
 START = datetime(2026, 1, 1, tzinfo=UTC)
@@ -47,33 +46,6 @@ def campaigns(instruments, source="force_scale"):
             str(number), "r", "c", "motor", 9, 0, at, "", measured_at=at, instrument=instrument
         )
         yield Campaign(str(number), at, run, entry)
-
-
-def limit_of(instruments, **source):
-    return limit_among(list(campaigns(instruments, **source)))
-
-
-def limit_among(measured):
-    (joint,) = trend_of(["joint_1"], measured)["joints"]
-    return np.log(joint.points[-1].upper_limit / joint.charts[0].stiffness)
-
-
-def test_one_load_cell_shifts_all_campaigns_alike():
-    """Its scale is in no difference; another load cell's, or one that nobody names, is."""
-    same = limit_of(["cell 7"] * 5)
-    others = [limit_of(["cell 7"] * 4 + ["cell 8"]), limit_of([None] * 5)]
-    assert others[0] == pytest.approx(others[1])
-    assert same < 0.4 * others[0]
-
-
-def test_an_assumed_load_point_is_that_of_one_hook():
-    """Nothing was stated, so no campaign says that it is elsewhere than in the others."""
-    assumed = limit_of(["cell 7"] * 4 + ["cell 8"], source="assumed_load_point")
-    assert assumed == pytest.approx(limit_of(["cell 7"] * 5))
-    *others, last = campaigns(["cell 7"] * 5, source="assumed_load_point")
-    *_, stated = campaigns(["cell 7"] * 5, source="load_point")
-    assert last.joints["joint_1"].compliance == stated.joints["joint_1"].compliance
-    assert limit_among([*others, stated]) > 2.0 * assumed  # it has a hook of its own
 
 
 def test_an_acknowledgement_is_of_one_methods_trend():

@@ -15,7 +15,6 @@ from support.programs import options
 from typer.testing import CliRunner
 
 import jointstiff
-from jointstiff.schemas.job import Result
 from jointstiff.service.cli.app import app
 from jointstiff.service.exporting.formats import FORMATS
 from jointstiff.service.kinds.registry import KINDS
@@ -68,22 +67,6 @@ def made(request, post):
 
 
 class TestEveryKind:
-    def test_has_it_in_its_message(self, made):
-        kind, job = made
-        assessment = job["result"]["assessment"]
-        assert assessment["verdict"] == "do_not_use"
-        assert {reason["code"] for reason in assessment["reasons"]} >= {"alternative_explains_better"}
-        assert isinstance(kind.message.model_validate(job).result, Result)
-
-    def test_is_listed_and_filtered_by_it(self, made, client):
-        kind, job = made
-        assert "verdict" in kind.query.model_fields
-        address = f"/v1/{kind.collection}"
-        listed = client.get(address, params={"verdict": "do_not_use"}).json()["items"]
-        assert [each["verdict"] for each in listed if each["id"] == job["id"]] == ["do_not_use"]
-        assert client.get(address, params={"verdict": "use"}).json()["items"] == []
-        assert client.get(address, params={"verdict": "good"}).status_code == 422
-
     def test_says_it_first_in_the_terminal(self, made):
         kind, job = made
         console = Console(file=io.StringIO(), width=120)
@@ -177,17 +160,6 @@ def test_the_terminal_wants_it_said(tmp_path, monkeypatch):
         done = CliRunner().invoke(app, [*command, "--despite-verdict"])
         assert done.exit_code == 0, done.output
         assert command[0] == "export" or done.stdout.startswith(HEADLINE)
-
-
-def test_so_does_python(tmp_path):
-    run = jointstiff.identify(campaign())
-    with pytest.raises(jointstiff.CampaignError, match="do not use"):
-        jointstiff.map(run, **MAP)
-    with pytest.raises(jointstiff.CampaignError, match="do not use"):
-        run.export(tmp_path / "model.csv")
-    assert jointstiff.map(run, **MAP, **ACCEPTED).result.assessment == run.result.assessment
-    run.export(tmp_path / "model.csv", accept_verdict="do_not_use")
-    assert (tmp_path / "model.csv").exists()
 
 
 def test_with_care_is_not_refused():

@@ -122,15 +122,6 @@ def compensated_with_table(text, table):
     return ProgramWork(robot, "robot", run, changed).conclude(())
 
 
-def test_axes_of_the_tool():
-    joints = path(6)
-    text = program_text("krl", tool_poses(joints), FULL)
-    result = compensated("krl", text, axes="tool", load={"force": (0.0, 0.0, -900.0)})
-    force = -900.0 * tool_poses(joints)[:, :3, 2]
-    reached = loaded_poses(inverse(commanded_poses("krl", result), joints), force)
-    np.testing.assert_allclose(reached, tool_poses(joints), atol=1e-9)
-
-
 def test_the_frames_of_the_controller():
     """Base, world, tool and flange in other places give the same correction."""
     joints = path(5)
@@ -203,14 +194,6 @@ def test_what_is_missing_or_impossible_is_refused(changes, where, words):
     assert caught.value.remedy
 
 
-def test_all_faults_come_in_one_answer():
-    poses = tool_poses(path(5))
-    poses[1:4, 0, 3] += 9.0
-    with pytest.raises(ProgramError) as caught:
-        compensated("krl", program_text("krl", poses, 4))
-    assert [fault.line for fault in caught.value.faults] == [8, 9, 10]
-
-
 def test_one_target_under_two_loads_is_refused():
     frames = "$TOOL=$NULLFRAME\n$BASE=$NULLFRAME"
     text = f"DEF a()\n{frames}\nXP1={{X 1803,Y 290,Z 1505,A 18,B 140,C 9}}\nLIN XP1\nLIN XP1\nEND"
@@ -227,12 +210,6 @@ def test_a_table_of_loads_has_no_more_lines_and_cells_than_points_need(rest):
     request_with_table = asked.model_copy(update={"files": [*asked.files, table]})
     with pytest.raises(FilesError, match="more lines or cells"):
         ProgramWork(robot, "robot", run, request_with_table)
-
-
-def test_moves_to_one_target_count_one_by_one():
-    move = "LIN P1\n" * 10_001
-    text = f"DEF a()\n$TOOL=TOOL_DATA[1]\n$BASE=BASE_DATA[1]\nP1={{X 1,Y 2,Z 3,A 0,B 0,C 0}}\n{move}END\n"
-    assert len(work_of("krl", text).steps()) == 1
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -284,9 +261,3 @@ def test_moves_that_are_not_certain_are_left_where_that_is_confirmed():
     assert written.replace(marks[0] + b"\r\n", b"") == unpacked(compensated("krl", text).files[0]).replace(
         b"END\r\n", UNCERTAIN.encode()
     )
-
-
-def test_a_program_of_which_nothing_is_certain_is_refused_whatever_is_confirmed():
-    text = program_text("krl", tool_poses(path(3)), 4).replace("DEF", "DEF a()\r\nother()\r\nEND\r\nDEF", 1)
-    with pytest.raises(ProgramError):
-        compensated("krl", text.replace("$TOOL", ";").replace("$BASE", ";"), leave_others=True)

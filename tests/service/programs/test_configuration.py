@@ -10,7 +10,6 @@ from jointstiff.service.kinds.program_work import unpacked
 from jointstiff.service.programs.errors import ProgramError
 from jointstiff.simulator.programs import program_text
 
-KRL = "X {:.4f},Y {:.4f},Z {:.4f},A {:.5f},B {:.5f},C {:.5f}"
 FREE = "[9E9,9E9,9E9,9E9,9E9,9E9]"
 FRAMES = "$TOOL=TOOL_DATA[1]\n$BASE=BASE_DATA[1]"
 

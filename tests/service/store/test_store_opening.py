@@ -17,7 +17,7 @@ from typing import Any
 
 import psycopg
 import pytest
-from sqlalchemy import Connection, text
+from sqlalchemy import text
 from sqlalchemy.dialects import sqlite as sqlite_dialect
 from sqlalchemy.schema import CreateTable
 
@@ -31,11 +31,6 @@ from jointstiff.service.store.store import Store
 from jointstiff.service.store.tables import LAYOUT, RobotRecord, metadata
 
 TIME = datetime(2026, 11, 20, tzinfo=UTC)
-
-
-def test_ping_names_the_database(database_url: str) -> None:
-    with Store.open(database_url) as store:
-        assert store.ping() == database_url.partition(":")[0]
 
 
 def test_a_new_file_is_its_owners_alone(tmp_path: Path) -> None:
@@ -128,23 +123,6 @@ def test_threads_open_many_fresh_databases_together(tmp_path: Path) -> None:
     open_together([f"sqlite:///{tmp_path}/{number}.db" for number in range(8)])
 
 
-def test_who_makes_the_tables_locks_others_out_by_the_database_alone(
-    database_url: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Like processes, but meeting without fail."""
-    calls: list[bool] = []
-
-    def slow_creation(connection: Connection, *, checkfirst: bool) -> None:
-        create(connection, checkfirst=checkfirst)
-        calls.append(checkfirst)
-        time.sleep(0.2)
-
-    create = metadata.create_all
-    monkeypatch.setattr(metadata, "create_all", slow_creation)
-    open_together([database_url] * 4)
-    assert calls == [False]
-
-
 @pytest.mark.process
 def test_processes_open_a_fresh_database_together(database_url: str) -> None:
     program = (
@@ -207,13 +185,6 @@ def test_errors_do_not_show_the_password(tmp_path: Path) -> None:
 
 
 class TestSqlite:
-    def test_in_memory(self) -> None:
-        record = RobotRecord("r1", "n", TIME, "h", "{}")
-        with Store.open("sqlite://") as store, ThreadPoolExecutor(8) as pool:
-            store.robots.add(record)
-            found = pool.map(lambda _: store.robots.get("r1"), range(50))
-            assert set(found) == {record}
-
     def test_is_durable_and_checks_references(self, tmp_path: Path) -> None:
         database = Database.open(f"sqlite:///{tmp_path / 'jointstiff.db'}")
         for block in (database.reading, database.writing):
@@ -229,17 +200,6 @@ class TestSqlite:
                 "busy_timeout": 20_000,
             }
         database.close()
-
-    def test_a_folder_that_is_not_there(self, tmp_path: Path) -> None:
-        with pytest.raises(StoreUnavailableError, match="unable to open"):
-            Store.open(f"sqlite:///{tmp_path / 'missing' / 'jointstiff.db'}")
-
-    def test_a_file_of_another_kind(self, tmp_path: Path) -> None:
-        path = tmp_path / "notes.txt"
-        path.write_text("These are notes. " * 100)
-        with pytest.raises(StoreUnavailableError, match="not a database"):
-            Store.open(f"sqlite:///{path}")
-        assert path.read_text() == "These are notes. " * 100
 
     def test_opening_waits_for_a_writer(self, tmp_path: Path) -> None:
         path = tmp_path / "jointstiff.db"

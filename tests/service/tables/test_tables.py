@@ -13,14 +13,11 @@ from rich.console import Console
 from support.shared_data import shared
 
 import jointstiff
-from jointstiff.schemas.finding import combined
 from jointstiff.schemas.options import RunOptions
 from jointstiff.schemas.run import Campaign
 from jointstiff.service.cli.options import Units
 from jointstiff.service.kinds.run import RUN
 from jointstiff.service.reports.job import job_report
-from jointstiff.service.reports.run import assessment
-from jointstiff.service.tables.report import support
 from jointstiff.service.tables.stiffness import UNITS
 from jointstiff.simulator import default_arm, simulate_campaign
 
@@ -64,26 +61,6 @@ def test_the_terminal_offers_the_units_of_the_reports():
     assert list(get_args(Units)) == list(UNITS)
 
 
-@pytest.mark.parametrize(
-    ("unit", "label", "factor"),
-    [
-        ("MNm/rad", "10⁶ N·m/rad", 1e-6),
-        ("kNm/deg", "kN·m/°", 1.745329e-5),
-        ("Nm/arcmin", "N·m/arcmin", 2.908882e-4),
-        ("Nm/rad", "N·m/rad", 1.0),
-    ],
-)
-def test_units_of_stiffness(run, unit, label, factor):
-    text = printed(job_report(RUN, run, unit=unit))
-    joint = run.result.joints[1]
-    value, uncertainty, low, high = numbers(text)
-    assert f"interval in {label}" in text
-    u = factor * joint.standard_uncertainty * joint.stiffness**2
-    assert uncertainty == pytest.approx(u, rel=0.05)
-    ends = [factor * end for end in joint.stiffness_interval]
-    assert [value, low, high] == pytest.approx([factor * joint.stiffness, *ends], abs=0.06 * u)
-
-
 def test_compliances_as_a_unit(run):
     text = printed(job_report(RUN, run, unit="urad/Nm"))
     joint = run.result.joints[1]
@@ -94,26 +71,6 @@ def test_compliances_as_a_unit(run):
     assert uncertainty == pytest.approx(u, rel=0.05)
     ends = [1e6 * end for end in joint.compliance_interval]
     assert [value, low, high] == pytest.approx([1e6 * joint.compliance, *ends], abs=0.06 * u)
-
-
-def test_details_are_printed_on_demand(run):
-    short, whole = printed(job_report(RUN, run)), printed(job_report(RUN, run, details=True))
-    for text in ("observability O1", "complementary stiffness", "χ²/dof"):
-        assert text not in short
-        assert text in whole
-    assert short.splitlines()[0] == whole.splitlines()[0] == "Use: 5 of 6 joints passed the checks"
-
-
-def test_the_report_counts_the_joints_as_the_terminal_does(run):
-    section = assessment(run.result, [])
-    assert section.notes[0] == "5 of 6 joints passed the checks."
-
-
-def test_several_fits_count_the_joints_of_the_least(run):
-    known = run.result.assessment
-    fits = [known, known.model_copy(update={"joints_identified": 3})]
-    assert support(combined(fits)) == "3 of 6 joints passed the checks"
-    assert support(combined([])) == "the checks found no fault"
 
 
 def test_at_most_three_things_to_do_and_nothing_twice(bumped):
@@ -127,20 +84,6 @@ def test_at_most_three_things_to_do_and_nothing_twice(bumped):
     for reason in bumped.result.assessment.reasons[:3]:
         assert text.count(reason.message) == 1
         assert text.count(reason.remedy) <= 1
-
-
-def test_a_kind_of_warnings_that_a_reason_sums_up_is_not_printed_again(bumped):
-    summed = {
-        warning.code
-        for warning in bumped.result.warnings
-        for reason in bumped.result.assessment.reasons
-        if reason.message.startswith(warning.message)
-    }
-    assert summed
-    text = printed(job_report(RUN, bumped, details=True))
-    for warning in bumped.result.warnings:
-        if warning.code in summed:
-            assert f"{warning.message}; {warning.remedy}" not in text
 
 
 def test_links_explain_what_joints_alone_call_outliers():

@@ -11,7 +11,6 @@ from support.jobs import request, runs_of, stored_set
 from typer.testing import CliRunner
 
 from jointstiff.service.cli.app import app
-from jointstiff.service.problems.errors import StoreError
 from jointstiff.service.store.database import Database
 from jointstiff.service.store.store import Store
 from jointstiff.service.workers.doctor import examine
@@ -29,12 +28,6 @@ def planted(url, *statements):
     with closing(Database.open(url)) as database, database.reading() as connection:
         for statement in statements:
             connection.execute(text(statement))
-
-
-def test_a_healthy_database(url):
-    found = examine(url)
-    assert found.faults == []
-    assert found.counted == {"robot": 1, "measurement set": 1, "run": 1}
 
 
 @pytest.mark.parametrize(
@@ -106,8 +99,3 @@ class TestOnSqlite:
         new = f"sqlite:///{tmp_path / 'new.db'}"
         assert CliRunner().invoke(app, ["restore", "--database", new, folder]).exit_code == 0
         assert examine(new).faults == []
-
-    def test_what_is_not_there_is_not_made(self, tmp_path):
-        with pytest.raises(StoreError, match="there is no database"):
-            examine(f"sqlite:///{tmp_path / 'none.db'}")
-        assert not (tmp_path / "none.db").exists()

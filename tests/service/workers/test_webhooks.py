@@ -17,7 +17,6 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
 import httpx2
 import pytest
-from support.guide_files import blocks_of
 from support.in_process import Client
 from support.jobs import QueueEngine, request, runs_of, stored_set
 from support.processes import Service, until
@@ -223,23 +222,6 @@ def test_a_receiver_that_is_down_ten_minutes_gets_everything_once_and_in_order(d
         assert data["link"] == f"http://localhost:8000/#/runs/{data['run_id']}"
         assert data["verdict"] in {"use", "use_with_care"}
         assert data["robot"]
-
-
-def test_the_guide_shows_how_to_check_a_signature(store, receiver, clock):
-    made = told_of(store, receiver, events=["run.succeeded"])
-    run(store, stored_set(store))
-    with receiver.up():
-        sender_of(store, clock).look()
-    (code,) = [text for language, text in blocks_of("docs/webhooks.md") if language == "python"]
-    guide = {}
-    exec(code, guide)  # noqa: S102 - our own guide
-    ((headers, body),) = receiver.came
-    now = int(clock.time.timestamp())
-    assert guide["is_genuine"](made["secret"], headers, body.encode(), now)
-    for forged in (headers | {"webhook-id": "msg_other"}, headers | {"webhook-timestamp": "1"}):
-        assert not guide["is_genuine"](made["secret"], forged, body.encode(), now)
-    assert not guide["is_genuine"](made["secret"], headers, body.encode() + b" ", now)
-    assert not guide["is_genuine"](made["secret"], headers, body.encode(), now + 301)
 
 
 def test_the_terminal_makes_lists_and_deletes_them(store, receiver, monkeypatch):

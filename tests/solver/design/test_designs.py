@@ -44,12 +44,6 @@ def problem_of(rows, criterion, n=6, base=0.0):
     return DesignProblem(Candidates.from_rows(rows), criterion, n, base * np.eye(rows.shape[-1]))
 
 
-def matrices(count, seed):
-    """Positive definite matrices in pairs (count, 2, P, P)."""
-    X = np.random.default_rng(seed).standard_normal((count, 2, 6, P))
-    return X.swapaxes(-1, -2) @ X
-
-
 def weights(design, count):
     found = np.zeros(count)
     found[design.atoms.index] = design.weights
@@ -57,21 +51,6 @@ def weights(design, count):
 
 
 class TestCriteria:
-    @every_criterion
-    def test_a_supporting_matrix_bounds_the_information_everywhere(self, criterion):
-        for M, other in matrices(20, 0):
-            G = criterion.support(M)
-            assert np.linalg.eigvalsh(G)[0] > -1e-9 * np.linalg.eigvalsh(G)[-1]
-            assert criterion.information(M) == pytest.approx(float((G * M).sum()))
-            assert criterion.information(other) <= float((G * other).sum()) * (1 + 1e-9)
-
-    def test_nuisance_parameters_leave_the_information_on_the_others(self):
-        """Against the covariance: the block of the inverse is the inverse of C."""
-        M = information(random_rows(3, 6)).sum(axis=0)
-        covariance = np.linalg.inv(M)[:2, :2]
-        assert DOptimality(2).information(M) == pytest.approx(np.linalg.det(covariance) ** -0.5)
-        assert EOptimality(np.ones(2)).information(M) == pytest.approx(1 / np.linalg.eigvalsh(covariance)[-1])
-
     def test_singular_information_is_worth_nothing(self):
         M = information(random_rows(3, 1)).sum(axis=0)
         assert [criterion.information(M) for criterion in CRITERIA] == [0.0] * len(CRITERIA)
@@ -106,54 +85,8 @@ class TestCertificate:
         assert criterion.information(exact.matrix) == pytest.approx(best, rel=1e-9)
         assert 0.8 < exact.efficiency <= 1.0
 
-    def test_lists_of_distinct_postures(self):
-        """Exhaustive search over the lists that obey the rule."""
-        rng = np.random.default_rng(2)
-        rows, postures = random_rows(2, 16), rng.uniform(0.0, 1.0, (16, 2))
-        distinct, criterion = Distinct(postures, 0.2), DOptimality(P)
-        problem = problem_of(rows, criterion, 5)
-        exact = exact_design(problem, optimise(problem), distinct)
-        apart = np.abs(postures[:, None] - postures).max(axis=2) >= 0.2
-        lists = (
-            list(c)
-            for c in itertools.combinations(range(16), 5)
-            if all(apart[i, j] for i, j in itertools.combinations(c, 2))
-        )
-        K = information(rows)
-        best = max(criterion.information(K[c].sum(axis=0)) for c in lists)
-        chosen = exact.atoms.index
-        assert all(apart[i, j] for i, j in itertools.combinations(chosen.tolist(), 2))
-        reached = criterion.information(exact.matrix)
-        assert reached == pytest.approx(best, rel=1e-9)
-        assert exact.efficiency <= reached / best + 1e-9
-
-
-class TestInvariance:
-    def test_units_of_the_parameters_over_twelve_decades(self):
-        rows = random_rows(7, 300)
-        unit = np.array([1e-6, 1.0, 1e6, 1e3])
-        for criterion in (DOptimality(P), AOptimality(np.diag([1.0, 2.0, 0.5, 1.0]))):
-            first = optimise(problem_of(rows, criterion))
-            second = optimise(problem_of(rows * unit, criterion.scaled(unit)))
-            assert weights(second, 300) == pytest.approx(weights(first, 300), abs=1e-6)
-
 
 class TestFreeForces:
-    def test_the_price_is_the_greatest_over_all_directions(self):
-        rows = np.random.default_rng(3).standard_normal((20, 3, 6, P))
-        candidates = Candidates.from_rows(rows)
-        X = np.random.default_rng(4).standard_normal((6, P))
-        G = X.T @ X
-        prices = candidates.prices(G)
-        F = np.random.default_rng(5).standard_normal((4000, 3))
-        F /= np.linalg.norm(F, axis=1, keepdims=True)
-        under = np.einsum("da,iamp->idmp", F, rows)
-        sampled = np.einsum("idmp,pq,idmq->id", under, G, under)
-        assert (sampled <= prices[:, None] * (1 + 1e-9)).all()
-        assert sampled.max(axis=1) == pytest.approx(prices, rel=0.01)
-        atoms = candidates.atoms(np.arange(20), G)
-        assert np.einsum("ipq,pq->i", atoms.information, G) == pytest.approx(prices, rel=1e-9)
-
     def test_the_bound_holds_for_directions_that_nobody_tried(self):
         rows = np.random.default_rng(6).standard_normal((30, 3, 3, P))
         criterion, n = AOptimality(np.eye(P)), 8
@@ -219,24 +152,6 @@ def assert_weights(design, rows, expected, tolerance):
 class TestPolynomialsOnAnInterval:
     """Fedorov 1972, Pukelsheim 1993 (chapters 9.5 to 9.15)."""
 
-    @pytest.mark.parametrize(
-        ("criterion", "expected", "tolerance", "gap"),
-        [
-            (DOptimality(3), {-1.0: 1 / 3, 0.0: 1 / 3, 1.0: 1 / 3}, 1e-3, 1e-9),
-            (DOptimality(4), {-1.0: 0.25, -(0.2**0.5): 0.25, 0.2**0.5: 0.25, 1.0: 0.25}, 1e-3, 1e-9),
-            (AOptimality(np.eye(3)), {-1.0: 0.25, 0.0: 0.5, 1.0: 0.25}, 1e-6, 1e-9),
-            (EOptimality(np.ones(3)), {-1.0: 0.2, 0.0: 0.6, 1.0: 0.2}, 1e-3, 1e-6),
-        ],
-        ids=["D of a parabola", "D of a cubic", "A of a parabola", "E of a parabola"],
-    )
-    def test_weights(self, criterion, expected, tolerance, gap):
-        rows = polynomials(len(expected) - 1)
-        design = best(rows, criterion)
-        assert_weights(design, rows, expected, tolerance)
-        assert design.bound.efficiency > 1 - gap
-        if isinstance(criterion, EOptimality):
-            assert np.linalg.eigvalsh(design.matrix)[0] == pytest.approx(0.2, rel=1e-6)
-
     def test_g_equals_d(self):
         """Kiefer & Wolfowitz 1960: the worst variance of the best design is the number of parameters."""
         rows = polynomials(2, 101)
@@ -256,21 +171,3 @@ def test_quadratic_on_a_grid_of_nine():
     corner, edge, centre = 0.14579, 0.08016, 0.09619
     expected = [corner, edge, corner, edge, centre, edge, corner, edge, corner]
     assert found == pytest.approx(expected, abs=1e-5)
-
-
-def test_one_combination_only():
-    """The documentation of PICOS, optimal experimental design, c-optimality: 12.8 % and 87.2 %."""
-    A = [
-        [[1, 0, 0, 0, 0], [0, 3, 0, 0, 0], [0, 0, 1, 0, 0]],
-        [[0, 0, 2, 0, 0], [0, 1, 0, 0, 0], [0, 0, 0, 1, 0]],
-        [[0, 0, 0, 2, 0], [4, 0, 0, 0, 0], [0, 0, 1, 0, 0]],
-        [[1, 0, 0, 0, 0], [0, 0, 2, 0, 0], [0, 0, 0, 0, 4]],
-        [[1, 0, 2, 0, 0], [0, 3, 0, 1, 2], [0, 0, 1, 2, 0]],
-        [[0, 1, 1, 1, 0], [0, 3, 0, 1, 0], [0, 0, 2, 2, 0]],
-        [[1, 2, 0, 0, 0], [0, 3, 3, 0, 5], [1, 0, 0, 2, 0]],
-        [[1, 0, 3, 0, 1], [0, 3, 2, 0, 0], [1, 0, 0, 2, 0]],
-    ]
-    c = np.arange(1.0, 6.0)
-    design = best(np.array(A, dtype=float), AOptimality(np.outer(c, c)))
-    weights = dict(zip(design.atoms.index.tolist(), design.weights.round(3).tolist(), strict=True))
-    assert weights == {4: 0.128, 6: 0.872}

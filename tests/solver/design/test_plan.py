@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 
 import numpy as np
@@ -10,7 +9,7 @@ import pytest
 from flint import fmpq_mat
 from hypothesis import given
 from hypothesis import strategies as st
-from support.campaigns import ARM, estimate, prepare, straight_wrist, twins
+from support.campaigns import ARM, estimate, prepare
 from support.examples import examples
 from support.shared_data import shared
 from support.springs import SpringCampaign
@@ -20,7 +19,7 @@ from jointstiff.service.kinds.identification import to_settings
 from jointstiff.simulator import LOAD_POINT, TARGETS, simulate_campaign
 from jointstiff.simulator.campaign import Experiment
 from jointstiff.simulator.equilibrium import deflections
-from jointstiff.solver.design.advice import advise, new_postures
+from jointstiff.solver.design.advice import advise
 from jointstiff.solver.design.candidates import (
     Cell,
     Equipment,
@@ -28,10 +27,9 @@ from jointstiff.solver.design.candidates import (
     PlanRequest,
     Pool,
     feasible,
-    segment_distance,
 )
 from jointstiff.solver.design.optimum import uncertainty_of
-from jointstiff.solver.design.plan import ordered, plan_campaign
+from jointstiff.solver.design.plan import plan_campaign
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.estimate import identify
 from jointstiff.solver.readings.measurements import Instrument
@@ -187,35 +185,6 @@ class TestFeasibility:
         assert struck_out == ({} if reason is None else {reason: 1})
         assert kept.tolist() == [reason is None]
 
-    def test_links_that_touch(self, robot):
-        """Stretched out nothing touches; with the forearm folded back onto the upper arm it does."""
-        postures = np.radians([[0.0, 0.0, 0.0, 0.0, 0.0, 0.0], [0.0, 70.0, 60.0, 0.0, 90.0, 0.0]])
-        kept, struck_out = feasible(robot, equipment(), Cell(link_radius=0.1), postures, None)
-        assert kept.tolist() == [True, False]
-        assert struck_out == {"self_collision": 1}
-
-    def test_distance_of_segments(self):
-        """Against a fine grid of points on both."""
-        rng = np.random.default_rng(0)
-        p, q, r, s = rng.standard_normal((4, 50, 3))
-        s[:5] = r[:5]
-        q[5:10] = p[5:10]
-        t = np.linspace(0.0, 1.0, 201)[:, None]
-        on_first = p[:, None] + t * (q - p)[:, None]
-        on_second = r[:, None] + t * (s - r)[:, None]
-        least = np.linalg.norm(on_first[:, :, None] - on_second[:, None], axis=3).min(axis=(1, 2))
-        np.testing.assert_allclose(segment_distance(p, q, r, s), least, atol=0.02)
-
-    def test_the_order_saves_travel(self):
-        joints = np.random.default_rng(0).uniform(-2.0, 2.0, (20, 6))
-        order = ordered(joints, np.zeros(20, dtype=int))
-        assert sorted(order.tolist()) == list(range(20))
-
-        def travel(path):
-            return float(np.abs(np.diff(path, axis=0)).max(axis=1).sum())
-
-        assert travel(joints[order]) < 0.8 * travel(joints)
-
 
 THREE = np.random.default_rng(0).uniform(-1.0, 1.0, (3, N))
 
@@ -265,62 +234,9 @@ class TestUncertainty:
         variance = [float(inverse[j, j].p) / float(inverse[j, j].q) for j in range(n)]
         assert uncertainty_of(rows.T @ rows, n) ** 2 == pytest.approx(variance, rel=1e-6)
 
-    def test_of_what_is_not_determined_is_infinite(self):
-        rows = np.array([[1.0, 1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 2.0], [2.0, 2.0, 0.0, 1.0]])
-        # Of joint 3 the sum of the first two takes a share: 5 − 2²/5.
-        expected = [np.inf, np.inf, np.inf, (5 - 4 / 5) ** -0.5]
-        assert uncertainty_of(rows.T @ rows, 4) == pytest.approx(expected, rel=1e-12)
-
-    def test_all_matrices_at_once(self):
-        rows = np.random.default_rng(0).standard_normal((5, 7, 4))
-        G = rows.swapaxes(1, 2) @ rows
-        expected = np.sqrt(np.diagonal(np.linalg.inv(G), axis1=1, axis2=2))
-        np.testing.assert_allclose(uncertainty_of(G, 2), expected[:, :2], rtol=1e-9)
-
 
 class TestFollowed:
     """What the advice promised is what the same identification finds with the advised reading."""
-
-    def test_the_joint_that_a_weight_never_twists(self):
-        robot, measurements, _, (advice,) = advised(simulate_campaign(ARM, load="dead_weight", seed=4))
-        assert advice.joint == "joint_1"
-        assert advice.uncertainty_ratio is None
-        # Along an axis, which is easier; sideways, as upwards is as blind as downwards
-        assert np.sort(np.abs(advice.force)) == pytest.approx([0.0, 0.0, 1500.0], abs=1e-9)
-        assert abs(advice.force[2]) < 1e-9
-        joint = estimate(robot, follow(robot, measurements, advice)).joints[0]
-        assert joint.status == "identified"
-        assert joint.standard_uncertainty == pytest.approx(advice.standard_uncertainty, rel=0.01)
-        assert abs(joint.compliance - ARM.compliances[0]) < 4 * joint.standard_uncertainty
-
-    @pytest.mark.parametrize("sigma", [2e-5, None])
-    @pytest.mark.parametrize("seed", range(3))
-    def test_few_readings(self, seed, sigma):
-        """Weights: another direction, and a posture with the weights as they are. Both hold good."""
-        robot, measurements = prepare(simulate_campaign(ARM, configurations=3, seed=seed + 1))
-        measurements = replace(measurements, sigma=sigma)
-        found = estimate(robot, measurements)
-        pieces = advise(robot, measurements, found)
-        assert {piece.joint for piece in pieces} > {"joint_1"}
-        assert any("as before" in piece.message and piece.observation is None for piece in pieces)
-        for piece in pieces:
-            after = estimate(robot, follow(robot, measurements, piece))
-            j = robot.joint_names.index(piece.joint)
-            deviation = after.joints[j].standard_uncertainty / after.sigma
-            assert deviation == pytest.approx(piece.standard_uncertainty / found.sigma, rel=0.01)
-            if piece.uncertainty_ratio is not None:
-                before = found.joints[j].standard_uncertainty / found.sigma
-                assert deviation / before == pytest.approx(piece.uncertainty_ratio, rel=0.01)
-                assert piece.uncertainty_ratio < 0.99
-
-    def test_a_straight_wrist_is_to_be_bent(self):
-        robot, measurements = straight_wrist(0.0)
-        pieces = advise(robot, measurements, estimate(robot, measurements))
-        assert [piece.joint for piece in pieces] == ["joint_4", "joint_6"]
-        assert all(piece.observation is None and abs(piece.joints[4]) > 0.1 for piece in pieces)
-        after = estimate(robot, follow(robot, measurements, pieces[0]))
-        assert after.joints[3].status == after.joints[5].status == "identified"
-        assert after.joints[3].standard_uncertainty == pytest.approx(pieces[0].standard_uncertainty, rel=0.01)
 
     def test_several_joints_without_a_trace(self):
         """One posture with the weight above the wrist: joints 1 and others show nothing."""
@@ -330,24 +246,6 @@ class TestFollowed:
             after = estimate(robot, follow(robot, measurements, piece))
             joint = after.joints[robot.joint_names.index(piece.joint)]
             assert joint.standard_uncertainty == pytest.approx(piece.standard_uncertainty, rel=0.01)
-
-
-class TestBest:
-    def test_no_direction_does_much_better(self):
-        """Against 2,000 directions in every posture of the set, by regressors of the simulator."""
-        _, measurements, found, (advice, *_) = advised(simulate_campaign(ARM, configurations=6, seed=0))
-        assert advice.joint == "joint_1"
-        rows = [rows_of(measurements.joints[i], measurements.force[i]) for i in range(6)]
-        rng = np.random.default_rng(0)
-        best = np.inf
-        for q in measurements.joints:
-            directions = rng.standard_normal((350, 3))
-            forces = 1500.0 * directions / np.linalg.norm(directions, axis=1, keepdims=True)
-            along_axes = np.stack([rows_of(q, axis) for axis in np.eye(3)])
-            for added in np.einsum("di,irj->drj", forces, along_axes):  # linear in the force
-                R = np.vstack([*rows, added])
-                best = min(best, np.sqrt(2 * np.linalg.inv(R.T @ R)[0, 0]))
-        assert best < advice.standard_uncertainty / found.sigma < 1.06 * best
 
 
 class TestNone:
@@ -361,33 +259,8 @@ class TestNone:
         assert any(joint.status != "identified" for joint in found.joints)
         assert pieces == ()
 
-    def test_where_all_forces_meet_the_axis(self):
-        """The load point lies on the last axis; rounding leaves it levers of some 1e-17 m."""
-        document = simulate_campaign(ARM, load="pull", seed=3, load_point=(0, 0, 0.12))
-        *_, found, pieces = advised(document)
-        assert found.joints[5].status == "not_observable"
-        assert all(advice.joint != "joint_6" for advice in pieces)
-
-    def test_where_nothing_could_tell_two_joints_apart(self):
-        """Two joints on one axis."""
-        campaign = twins(*prepare(simulate_campaign(ARM, load="pull", seed=3)))
-        found = estimate(*campaign)
-        assert found.joints[0].status == "not_observable"
-        assert advise(*campaign, found) == ()
-
 
 class TestNewPostures:
-    def test_within_limits_and_span_in_whole_degrees(self):
-        robot, measurements = limited(simulate_campaign(ARM, load="pull", seed=3), (-0.3, 0.25))
-        found = new_postures(robot, measurements, 30)
-        assert len(found) == 30
-        np.testing.assert_allclose(np.degrees(found), np.round(np.degrees(found)), atol=1e-9)
-        assert (found >= robot.limits[:, 0]).all()
-        assert (found <= robot.limits[:, 1]).all()
-        least, greatest = measurements.joints.min(axis=0), measurements.joints.max(axis=0)
-        allowed = np.maximum(greatest - least, 1.0) / 2 + np.radians(0.5)  # one radian at the least
-        assert (np.abs(found - (least + greatest) / 2) <= allowed).all()
-
     def test_none_where_the_limits_leave_no_room(self):
         document = simulate_campaign(ARM, configurations=3, seed=3)
         confined, measurements = limited(document, (3.0, 3.1))
@@ -396,40 +269,6 @@ class TestNewPostures:
 
 
 class TestMessages:
-    def test_with_label_direction_and_numbers(self):
-        document = shared("simulated/dead_weight_motor")
-        _, measurements, _, pieces = advised(document)
-        (advice,) = pieces
-        direction = ", ".join(f"{abs(x) / 1500:.2f}" for x in advice.force)
-        assert advice.message == (
-            f"in posture {advice.observation} apply 1500 N along ({direction}): "
-            f"u(joint_1) falls to {advice.standard_uncertainty:.2g} rad/(N.m)"
-        )
-        assert advice.joints == pytest.approx(
-            document["measurement_set"]["observations"][measurements.labels.index(advice.observation)][
-                "joints"
-            ]
-        )
-        json.dumps(advice.model_dump(mode="json"), allow_nan=False)
-
-    @pytest.mark.parametrize(
-        ("method", "weighting", "same"),
-        [
-            ("partial_pose", "covariance", True),
-            ("complete_pose", "covariance", True),
-            ("complete_pose", "uniform", False),
-            ("decoupled_partial_pose", "covariance", False),
-        ],
-    )
-    def test_of_a_method_that_will_find_another_uncertainty(self, method, weighting, same):
-        options = {"method": method, "weighting": weighting}
-        document = simulate_campaign(ARM, configurations=4, seed=2)
-        robot, measurements, _, pieces = advised(document, **options)
-        after = estimate(robot, follow(robot, measurements, pieces[0]), **options)
-        kept = after.joints[0].standard_uncertainty == pytest.approx(pieces[0].standard_uncertainty, rel=0.01)
-        assert kept == same
-        assert ("with method partial_pose u(joint_1)" in pieces[0].message) != same
-
     def test_of_a_new_posture_and_without_sigma(self):
         robot, measurements, found, pieces = advised(simulate_campaign(ARM, configurations=3, seed=1))
         (new, *_) = (piece for piece in pieces if piece.observation is None)
@@ -440,15 +279,6 @@ class TestMessages:
         assert first.joint == "joint_1"
         assert "about the axis of joint_1" in first.message
         assert first.standard_uncertainty is None
-
-
-def rows_of(q, force):
-    """Regressor (9, 6) of one reading of the default targets, by the simulator."""
-    posture = ARM.posture(q)
-    load, *targets = (
-        posture.velocities(posture.point_to_base(point)).T for point in (LOAD_POINT, *TARGETS.values())
-    )
-    return np.vstack(targets) * (force @ load)
 
 
 def limited(document, limits):

@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from itertools import pairwise
 from math import sqrt
 
 import numpy as np
 import pytest
-from reference.optima import end_by_cone_program, least_within, profile
-from scipy.optimize import brentq
 from support.campaigns import METHODS, estimate, prepare
 
 from jointstiff.simulator import default_arm, simulate_campaign
@@ -37,18 +34,6 @@ def ends_of(found, constraints, radii=RADII, wanted=None):
     wanted = np.arange(len(found.centre)) if wanted is None else np.asarray(wanted)
     rows = np.eye(len(found.centre))[wanted]
     return profile_ends(found, constraints, rows, np.atleast_1d(np.asarray(radii, dtype=float)))
-
-
-def random_likelihood(rng, decades):
-    """Correlated columns over some decades; the centre a few standard deviations about zero."""
-    n = int(rng.integers(1, 7))
-    while True:
-        R = rng.standard_normal((n + 2, n)) @ (np.eye(n) + rng.uniform(-0.6, 0.6, (n, n)))
-        if np.linalg.cond(R) < 300:  # campaigns have 5 to 50; beyond 1000 an order may not be certified
-            break
-    unit = 10.0 ** rng.uniform(-decades, decades, n)
-    centre = rng.standard_normal(n) * rng.choice([0.3, 1.0, 3.0, 30.0])
-    return R / unit, centre * unit
 
 
 class TestClosedForms:
@@ -99,76 +84,10 @@ class TestClosedForms:
 
 
 class TestIndependently:
-    def test_common_errors_widen_rows_that_are_given(self):
-        """By C + S Sᵀ, inverted as a whole; also where the rows are more than the unknowns."""
-        rng = np.random.default_rng(4)
-        for n, k in ((1, 1), (3, 1), (4, 2), (5, 7)):
-            R, S = rng.standard_normal((n + 3, n)), rng.standard_normal((n, k))
-            widened = likelihood(R, rng.standard_normal(n)).with_common(S)
-            covariance = np.linalg.inv(R.T @ R) + S @ S.T
-            assert widened.covariance == pytest.approx(covariance, rel=1e-9)
-            assert widened.rows.T @ widened.rows == pytest.approx(np.linalg.inv(covariance), rel=1e-8)
-
-    def test_brute_force_over_the_profile(self):
-        """p_j(t) = min ‖R (c − ĉ)‖² with c_j = t by bounded least squares; the ends are where it is ρ²."""
-        rng, bent = np.random.default_rng(11), 0
-        for _ in range(40):
-            R, centre = random_likelihood(rng, 2)
-            n = len(centre)
-            unit = 1 / np.linalg.norm(R, axis=0)
-            upper = np.where(rng.random(n) < 0.3, 2 * unit, np.inf)
-            found, bounds = likelihood(R, centre), Bounds(np.zeros(n), upper)
-            ends = ends_of(found, Constraints(bounds))
-            free = np.array(ends_of(found, Constraints(Bounds.unconstrained(n))))
-            bent += int((np.abs(ends - free) > 1e-9 * np.abs(ends)).sum())
-            best = least_within(R * unit, R @ centre, bounds.lower / unit, upper / unit)
-            for q, radius in enumerate(RADII):
-                for j in range(n):
-                    _check_ends(R, centre, bounds, unit, j, best + radius**2, ends[q, j])
-        assert bent > 200
-
-    def test_cone_programs_with_bounds_and_orders(self):
-        rng = np.random.default_rng(5)
-        for _ in range(12):
-            R, centre = random_likelihood(rng, 1)
-            n = len(centre)
-            order = _random_order(rng, n)
-            ends = ends_of(likelihood(R, centre), positive(n, *order))
-            unit = 1 / np.linalg.norm(R, axis=0)
-            for j in range(n):
-                for side in (0, 1):
-                    expected = end_by_cone_program(R, centre, unit, order, j, side, RADII[0])
-                    assert ends[0, j, side] / unit[j] == pytest.approx(expected, abs=1e-6, rel=1e-6)
-
     def test_an_end_that_is_not_certified_is_an_error(self, monkeypatch):
         monkeypatch.setattr(module, "MOST_ROUNDS", 0)
         with pytest.raises(SolverError, match="end of a confidence interval"):
             ends_of(likelihood(np.eye(2), [1.0, -1.0]), positive(2))
-
-
-def _check_ends(R, centre, bounds, unit, j, level, ends):
-    """The profile is convex: it equals the level at an end, or is below it at a bound."""
-    for end, bound in zip(ends, (bounds.lower[j], bounds.upper[j]), strict=True):
-        value = profile(R, centre, bounds, unit, j, end)
-        if end == bound:
-            assert value <= level * (1 + 1e-8)
-        else:
-            assert value == pytest.approx(level, rel=1e-8)
-    width = ends[1] - ends[0]
-    if ends[1] != bounds.upper[j]:  # and the root is where a search by itself finds it
-
-        def excess(t):
-            return profile(R, centre, bounds, unit, j, t) - level
-
-        root = brentq(excess, ends[0] + 0.5 * width, ends[1] + width, xtol=1e-12 * width, rtol=1e-12)
-        assert root == pytest.approx(ends[1], rel=1e-7, abs=1e-7 * width)
-
-
-def _random_order(rng, n):
-    shuffled = rng.permutation(n).tolist()
-    if n > 2 and rng.random() < 0.4:
-        return ((shuffled[0], shuffled[2]), (shuffled[1], shuffled[2]))
-    return tuple(pairwise(shuffled))
 
 
 @pytest.fixture(scope="module")
@@ -204,25 +123,3 @@ class TestJoints:
         assert least > joint.stiffness_interval[0]
         number = 1e6 * float(joint.reason.split("stiffer than ")[1].split(" · 10⁶ N·m/rad at 95 %")[0])
         assert 0.99 * least < number <= least
-
-    def test_an_unconstrained_interval_that_spans_zero_is_none_of_stiffness(self, rigid_joint):
-        robot, measurements = read_with_noise(rigid_joint, 1)
-        free = estimate(robot, measurements, positive=False).joints[3]
-        bounds = free.one_sided.compliance_at_least, free.one_sided.compliance_at_most
-        for ends, quantile in zip((free.compliance_interval, bounds), RADII, strict=True):
-            half = quantile * free.standard_uncertainty
-            np.testing.assert_allclose(ends, [free.compliance - half, free.compliance + half], rtol=1e-12)
-        assert free.compliance_interval[0] < 0 < free.compliance_interval[1]
-        assert free.stiffness_interval is None
-        assert free.one_sided.stiffness_at_least is free.one_sided.stiffness_at_most is None
-
-    def test_confidence_and_students_t(self, rigid_joint):
-        robot, measurements = read_with_noise(rigid_joint, 1)
-        free = estimate(robot, replace(measurements, sigma=None), positive=False, confidence=0.99)
-        # Student's t of 165 degrees of freedom: 0.995 for two sides, 0.99 for one.
-        joint = free.joints[0]
-        assert free.degrees_of_freedom == pytest.approx(165)
-        half = (joint.compliance_interval[1] - joint.compliance_interval[0]) / 2 / joint.standard_uncertainty
-        assert half == pytest.approx(2.6060, abs=1e-4)
-        above = (joint.one_sided.compliance_at_most - joint.compliance) / joint.standard_uncertainty
-        assert above == pytest.approx(2.3492, abs=1e-4)

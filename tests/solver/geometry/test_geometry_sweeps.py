@@ -40,11 +40,9 @@ from jointstiff.solver.geometry.identification import (
     sweep_findings,
     wrist_findings,
 )
-from jointstiff.solver.geometry.model import FlangeConvention, identify_model
 from jointstiff.solver.geometry.poses import Axis, RigidTransform
 from jointstiff.solver.geometry.sweeps import (
     SweepSet,
-    angle_probability,
     fit_axis,
     identify_axes,
     refine_axes,
@@ -85,15 +83,6 @@ class TestSharedSweeps:
             true = Axis.through(R @ axis["point"] + t, R @ axis["direction"])
             within(found.axes[joint].chart(true), axis_covariance(found, joint))
 
-    @pytest.mark.parametrize("by", ["model", "axes"])
-    def test_base_frame(self, way, by):
-        found, _, R, t = shared(way)
-        chain = shared_chain() if by == "model" else None
-        transform = find_base_frame(found, chain, height=0.675).transform_tracker_to_base
-        true = RigidTransform(R.T, -R.T @ t)
-        within(transform.chart(true), transform.covariance)
-        within(transform.inverse().chart(true.inverse()), transform.inverse().covariance)
-
     def test_wrist_centre(self, way):
         """20 µm where the readings can do so, in the tracker's frame; in R0 the frame's part comes on top.
 
@@ -117,14 +106,6 @@ class TestSharedSweeps:
         bound = dict(zip(WAYS, (40e-6, 24e-6, 20e-6), strict=True))
         assert np.linalg.norm(centre - true) < bound[way]
 
-    def test_targets(self, way):
-        found, truth, *_ = shared(way)
-        chain = shared_chain()
-        base = find_base_frame(found, chain)
-        model = identify_model(found, base, FlangeConvention.of_chain(chain), nominal=chain)
-        true = np.array([truth["targets_in_flange"][name] for name in found.names])
-        within((model.targets_in_flange - true).ravel(), model.targets_covariance)
-
     def test_nothing_is_flagged(self, way):
         found, *_ = shared(way)
         assert list(geometry_findings(found, found)) == []
@@ -133,17 +114,6 @@ class TestSharedSweeps:
     def test_sigma_from_the_residuals(self, way):
         sweeps, _ = shared_sweeps(stated=False)
         assert identified(sweeps, way).sigma == pytest.approx(SIGMA, rel=0.1)
-
-
-def test_the_readings_say_whether_the_controllers_angles_are_good_enough():
-    sweeps, _ = shared_sweeps()
-    assert angle_probability(identify_axes(sweeps), identify_axes(sweeps, angles="controller")) > 0.01
-    worse = []
-    for one in sweeps.sweeps:
-        error = np.outer(60e-6 * np.sin(12.0 * one.angles[:, one.joint]), np.eye(6)[one.joint])
-        worse.append(replace(one, angles=one.angles + error))
-    spoilt = replace(sweeps, sweeps=tuple(worse))
-    assert angle_probability(identify_axes(spoilt), identify_axes(spoilt, angles="controller")) < 1e-6
 
 
 def _worn(seed, *, spread):
@@ -212,37 +182,6 @@ def perpendicular_truth(cell):
     return RigidTransform(R, np.array([0.0, 0.0, 0.78 - height])).after(cell.tracker_to_base)
 
 
-@pytest.mark.parametrize("way", WAYS)
-def test_a_coupled_sweep_states_its_uncertainty(way):
-    """A FANUC arm: turning J2 moves the forearm without rotating it, circles of one radius."""
-    cell = Cell(imperfect_arm(5), matrix=FANUC_MAP)
-    squares = []
-    for seed in range(16):
-        found = identified(cell.sweeps(np.random.default_rng(seed)), way)
-        squares.append(chi_squares(found, cell))
-    # The mean of 16 χ² with four degrees of freedom scatters by 18 %: a third too small is seen.
-    assert np.mean(squares, axis=0) == pytest.approx(np.full(6, 4.0), rel=0.6)
-
-
-def test_against_each_other_the_controllers_joints_turn_one_axis():
-    """J3 commanded against J2 keeps model joint 3 at rest; then the circles are ordinary ones."""
-    cell = Cell(imperfect_arm(2), matrix=FANUC_MAP)
-    angles = cell.sweeps().sweeps[1].angles.copy()
-    angles[:, 2] = HOME[2] + HOME[1] - angles[:, 1]
-    both = swept(cell, 1, angles)
-    found = identify_axes(with_sweep(cell.sweeps(), 1, both))
-    assert found.sweeps.turning(both) == (1,)
-    assert np.abs(found.axes[1].chart(cell.axis_at(1, np.zeros(6)))).max() < 1e-8
-
-
-def test_sweeps_at_different_homes_fit_together():
-    cell, rng = Cell(imperfect_arm(9)), np.random.default_rng(4)
-    homes = HOME + rng.uniform(-0.3, 0.3, (6, 6))
-    parts = tuple(cell.sweeps(home=homes[joint]).sweeps[joint] for joint in range(6))
-    found = identify_axes(replace(cell.sweeps(), sweeps=parts))
-    assert np.abs(axis_errors(found, cell)).max() < 1e-8
-
-
 def _single_axis():
     """There is nothing that it could agree with: it is fitted by itself."""
     read = Cell().sweeps(np.random.default_rng(0)).sweeps[0]
@@ -280,15 +219,6 @@ def test_sweeps_that_determine_no_robot_are_refused(sweeps, message):
 
 
 class TestBaseConvention:
-    def test_without_a_model_x_points_to_axis_2_whatever_its_sense(self):
-        arm, turn = default_arm(), np.where(np.arange(6) == 1, -1.0, 1.0)[:, None]
-        for directions in (arm.axis_directions, turn * arm.axis_directions):
-            cell = Cell(replace(arm, axis_directions=directions))
-            found = identify_axes(cell.sweeps(np.random.default_rng(0)))
-            base = find_base_frame(found, height=0.78)
-            gap = base.transform_tracker_to_base.chart(cell.tracker_to_base)
-            assert np.abs(gap).max() < 3e-4
-
     def test_parallel_first_axes_define_no_frame(self):
         arm = default_arm()
         directions = arm.axis_directions[[0, 0, 2, 3, 4, 5]]
@@ -340,18 +270,6 @@ def test_exact_readings_give_the_axis_to_rounding(joint, angles):
         assert target.radius == pytest.approx(np.sqrt(point @ point - along**2), abs=1e-9)
 
 
-def test_missing_readings_and_a_target_that_was_read_once():
-    exact = made(3, -60.0, 60.0, seed=None)
-    present = np.random.default_rng(1).random(exact.present.shape) > 0.3
-    present[:, 2] = False
-    present[:, 0] |= ~present[:, 1]
-    present[4] = True
-    sweep = replace(exact, points=np.where(present[..., None], exact.points, np.nan), present=present)
-    fit = fitted(sweep)
-    assert np.abs(error(fit)).max() < 1e-9
-    assert [target.readings for target in fit.targets(NAMES)] == present.sum(axis=0).tolist()
-
-
 def test_the_covariance_is_that_of_many_repetitions():
     joint, found, stated = 2, [], []
     for seed in range(300):
@@ -363,56 +281,6 @@ def test_the_covariance_is_that_of_many_repetitions():
     assert np.all(np.abs(ratio - 1.0) < 0.3)
     inside = np.mean([chi_square(e, c) < stats.chi2.ppf(0.95, 4) for e, c in zip(found, stated, strict=True)])
     assert 0.91 < inside < 0.985
-
-
-@pytest.mark.parametrize("joint", [3, 5])
-def test_a_target_near_the_axis_does_not_spoil_it(joint):
-    """Issue 5: one target 1.7 mm from axes 4 and 6; direction no worse than without that target.
-
-    Axes 4 and 6 coincide at wrist angle zero, where one target can be near both.
-    """
-    posture = CELL.arm.posture(np.zeros(6))
-    near = posture.axis_points[5] + posture.axis_directions[5] * -0.5
-    side = np.cross(posture.axis_directions[5], [0.0, 0.0, 1.0])
-    target = posture.flange_rotation.T @ (near + 1.7e-3 * side - posture.flange_translation)
-    cell = Cell(CELL.arm, targets=np.vstack([TARGETS, target]))
-    home = np.zeros(6)
-    with_it, without = [], []
-    angles = cell.sweep(joint, np.radians(np.linspace(-70.0, 70.0, 15)), home)
-    for seed in range(30):
-        sweep = swept(cell, joint, angles, np.random.default_rng(seed))
-        all_four = fitted(sweep)
-        three = fitted(replace(sweep, points=sweep.points[:, :3], present=sweep.present[:, :3]))
-        if joint == 5:
-            assert all_four.targets((*NAMES, "P13"))[3].radius < 2.2e-3
-        for fit, errors in ((all_four, with_it), (three, without)):
-            errors.append(fit.axis.chart(cell.axis_at(joint, home))[2:])
-        assert np.all(
-            np.linalg.eigvalsh(three.axis_covariance[2:, 2:] - all_four.axis_covariance[2:, 2:]) > -1e-16
-        )
-    assert np.mean(np.square(with_it)) < 1.05 * np.mean(np.square(without))
-
-
-def test_weights_follow_the_trackers_noise():
-    """Readings that are ten times worse along the line of sight than across, and worse far off."""
-    exact = made(0, -50.0, 50.0, seed=None)
-    distance = np.linalg.norm(exact.points, axis=-1, keepdims=True)
-    sight = exact.points / distance
-    shape = np.eye(3) + 99.0 * sight[..., :, None] * sight[..., None, :]
-    covariance = shape * (distance[..., None] / 4.0) ** 2
-    factors = np.linalg.cholesky(covariance)
-    weighted, plain = [], []
-    for seed in range(50):
-        noise = np.random.default_rng(seed).normal(0.0, SIGMA, (*exact.points.shape, 1))
-        points = exact.points + (factors @ noise)[..., 0]
-        sweep = replace(exact, points=points, covariance=covariance)
-        fit = fitted(sweep)
-        weighted.append(chi_square(error(fit), fit.axis_covariance))
-        e, f = error(fit), error(fitted(replace(exact, points=points)))
-        plain.append((e @ e, f @ f))
-    assert np.mean(weighted) == pytest.approx(4.0, rel=0.3)
-    ours, unweighted = np.mean(plain, axis=0)
-    assert ours < 0.8 * unweighted
 
 
 def test_free_angles_survive_encoder_errors_that_ruin_the_others():
@@ -437,10 +305,6 @@ def codes(sweep, **options):
 
 
 class TestFlags:
-    def test_clean_sweeps_raise_nothing(self):
-        for seed in range(48):
-            assert codes(made(seed % 6, -45.0, 55.0, seed=seed)) == []
-
     def displaced(self, sweep, part, shift):
         """Findings where some readings are displaced by (3,) [m]."""
         points = sweep.points.copy()

@@ -174,11 +174,6 @@ def test_the_length_of_a_displacement_has_an_uncertainty_by_source():
     np.testing.assert_allclose(found.length_uncertainties(covariances), expected, rtol=1e-3, atol=1e-18)
 
 
-def test_a_load_without_balance_is_refused():
-    with pytest.raises(RequestError, match="balance"):
-        MODEL.deflect(cases(force=1e10))
-
-
 @pytest.mark.parametrize("across", [0.0, 1.0])
 def test_a_load_that_cancels_the_spring_is_refused_by_its_case(across):
     """A push of k/a along an arm of length a: I − diag(c) K_c is exactly singular, by powers of two."""
@@ -213,25 +208,6 @@ class TestIdentified:
             ends = self.model(measurements).deflect(load).interval(0.95)
             held.append((ends[..., 0] <= truth) & (truth <= ends[..., 1]))
         assert 0.92 <= np.mean(held) <= 0.975
-
-    def test_free_intervals_are_plus_and_minus(self):
-        found = self.model(positive=False).deflect(cases())
-        deviation = np.linalg.norm(found.half, axis=2)
-        expected = found.motion[..., None] + 1.6448536 * deviation[..., None] * [-1, 1]
-        np.testing.assert_allclose(found.interval(0.9), expected, rtol=1e-6)
-
-    def test_constraints_cut_intervals_and_hold_the_joints_own(self):
-        """Beside a row that is one joint's deflection alone, the interval is that joint's."""
-        noisy = next(iter(self.design.measured(1, seed=1, sigma=1e-3)))
-        found = estimate(ROBOT, noisy, complementary_stiffness="included")
-        model = JointModel.of(ROBOT, found, POSITIVE)
-        ends = model.ends(np.eye(6), 0.95)
-        np.testing.assert_allclose(ends, [j.compliance_interval for j in found.joints], rtol=1e-9, atol=1e-16)
-        assert (ends[:, 0] >= 0.0).all()
-        assert (found.compliance == 0.0).any() or (ends[:, 0] == 0.0).any()
-        rows = np.random.default_rng(2).standard_normal((20, 6))
-        ends, value = model.ends(rows, 0.95), rows @ found.compliance
-        assert ((ends[:, 0] <= value) & (value <= ends[:, 1])).all()
 
     def test_an_unseen_joint_is_named_where_the_load_twists_it(self):
         plan = self.design.experiment
@@ -336,11 +312,6 @@ def test_as_much_is_compensated_as_is_predicted(links):
     compensated = 1.0 - np.linalg.norm(reached - goal, axis=1).mean() / size
     assert predicted > 0.97
     assert compensated == pytest.approx(predicted, abs=1e-3)
-
-
-def test_the_place_follows_from_rows_and_from_blocks_alike(links):
-    found = links.deflect(path())
-    np.testing.assert_allclose(found.motion, found.rows @ links.entries, atol=1e-15)
 
 
 INVERSE = InverseKinematics(ROBOT)
@@ -471,19 +442,6 @@ def circle(u):
     first = np.linalg.svd(u[None])[2][1]
     second = np.cross(u, first)
     return [np.cos(a) * first + np.sin(a) * second for a in np.linspace(0, np.pi, 200)]
-
-
-@pytest.mark.parametrize("direction", [(0.0, 0.0, 1.0), (1.0, 0.0, 0.0), (0.6, 0.0, 0.8)])
-def test_orientations_point_the_tool_along_its_direction(direction):
-    axis = np.array([0.0, -0.6, 0.8])
-    rotations = tool_rotations(axis, np.array([direction]), 4)
-    np.testing.assert_allclose(rotations @ axis, np.tile(direction, (4, 1)), atol=1e-15)
-    np.testing.assert_allclose(
-        rotations @ rotations.transpose(0, 2, 1), np.tile(np.eye(3), (4, 1, 1)), atol=1e-15
-    )
-    step = rotations[1] @ rotations[0].T
-    assert np.trace(step) == pytest.approx(1.0)  # a quarter turn
-    np.testing.assert_allclose(step @ direction, direction, atol=1e-15)
 
 
 def test_near_singularities_a_map_keeps_the_branch_or_refuses_the_place():

@@ -6,14 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from support.campaigns import METHODS, prepare, shared
+from support.campaigns import prepare, shared
 from support.springs import SpringCampaign, robot_of
 
 from jointstiff.simulator import default_arm
 from jointstiff.solver.convex.solution import Bounds
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.estimate import identify
-from jointstiff.solver.evidence.estimate import predict
 from jointstiff.solver.fitting.method import Settings
 from jointstiff.solver.predict.forward import LoadCases
 from jointstiff.solver.predict.model_error import MOST_STEPS, ModelError, leave_postures_out, merged_steps
@@ -32,43 +31,6 @@ def left_out(robot, measurements, method="partial_pose", **options):
 
 def noisy():
     return next(iter(DESIGN.measured(1, seed=4)))
-
-
-@pytest.mark.parametrize("method", METHODS)
-def test_scores_are_those_of_fits_repeated_without_each_posture(method):
-    measurements = noisy()
-    _, error = left_out(ROBOT, measurements, method)
-    assert error.postures == len(measurements)
-    found = sorted(error.score)
-    expected = []
-    for i in range(len(measurements)):
-        others = np.delete(np.arange(len(measurements)), i)
-        rest, _ = left_out(ROBOT, measurements[others], method)
-        one = measurements[np.array([i])]
-        size = np.linalg.norm(one.force) / np.linalg.norm(measurements.force, axis=1).max()
-        # The linear model, as the refits have it.
-        residual = predict(ROBOT, one, rest.compliance).residual[0]
-        expected += list(np.linalg.norm(residual, axis=1) / np.sqrt(size))
-    ratio = np.sqrt(np.square(found).mean() / np.square(expected).mean())
-    np.testing.assert_allclose(found, ratio * np.sort(expected), rtol=1e-6, atol=1e-12)
-    # On exact springs nearly all of a residual is the reading's own error, of six coordinates.
-    noise, mean = 6.0 * measurements.sigma**2, np.square(expected).mean()
-    assert ratio**2 * mean < 0.3 * noise
-    assert ratio**2 * mean > mean - 1.2 * noise
-
-
-def test_without_a_stated_noise_nothing_is_known_to_be_the_readings_own():
-    """But for what the missing posture would have told."""
-    measurements = replace(noisy(), sigma=None)
-    _, error = left_out(ROBOT, measurements)
-    _, stated = left_out(ROBOT, noisy())
-    residuals = []
-    for i in range(len(measurements)):
-        rest, _ = left_out(ROBOT, measurements[np.delete(np.arange(len(measurements)), i)])
-        residuals.append(predict(ROBOT, measurements[np.array([i])], rest.compliance).residual[0])
-    whole = np.square(residuals).sum(axis=-1).mean()
-    assert 0.95 * whole < np.square(error.score).mean() <= (1.0 + 1e-5) * whole
-    assert np.square(stated.score).mean() < 0.3 * whole
 
 
 def test_too_few_postures_bound_nothing():
@@ -105,40 +67,6 @@ def test_merged_steps_round_quantiles_up_by_little():
     for confidence in (0.05, 0.5, 0.9, 0.95, 0.98):
         assert exact(confidence) <= error.quantile(confidence) <= exact(confidence + 1.0 / MOST_STEPS)
     assert np.isinf(error.quantile(0.999))
-
-
-def test_a_force_where_only_moments_were_measured_has_no_bound():
-    plan = DESIGN.experiment
-    twisted = replace(noisy(), moment=noisy().force, force=np.zeros_like(noisy().force))
-    model, error = left_out(ROBOT, twisted)
-    cases = LoadCases(plan.joints, plan.forces, plan.moments, plan.load_points, np.array(plan.load_points))
-    bound = error.bound(cases, model.deflect(cases).leverage, 0.9)
-    assert np.isinf(bound.radius).all()
-    assert bound.unmeasured == "force"
-
-
-def test_extrapolation_widens_and_is_named():
-    model, error = left_out(ROBOT, noisy())
-    plan = DESIGN.experiment
-    place = np.array(plan.load_points)
-    cases = LoadCases(plan.joints, plan.forces, plan.moments, plan.load_points, place)
-    inside = error.bound(cases, model.deflect(cases).leverage, 0.9)
-    np.testing.assert_allclose(inside.load_ratio, 1.0, rtol=1e-5)
-    stronger = replace(cases, force=3.0 * cases.force)
-    outside = error.bound(stronger, model.deflect(stronger).leverage, 0.9)
-    np.testing.assert_allclose(outside.load_ratio, 3.0, rtol=1e-5)
-    assert (outside.radius >= 2.99 * inside.radius).all()
-    weaker = replace(cases, force=0.1 * cases.force)
-    below = error.bound(weaker, model.deflect(weaker).leverage, 0.9)
-    np.testing.assert_allclose(below.radius, inside.radius, rtol=1e-3)  # all loads of the campaign are equal
-    far = replace(cases, place=place + np.array([0.0, 0.0, 5.0]))
-    bound = error.bound(far, model.deflect(far).leverage, 0.9)
-    assert (bound.leverage_ratio > 1.0).any()
-    assert (bound.radius > 1.5 * inside.radius).any()
-    turned = replace(cases, moment=np.full(cases.moment.shape, 10.0))
-    unknown = error.bound(turned, model.deflect(turned).leverage, 0.9)
-    assert unknown.unmeasured == "moment"
-    assert np.isinf(unknown.radius).all()
 
 
 def test_held_out_postures_of_a_real_robot():

@@ -24,13 +24,11 @@ from support.gauges import by_gauges, triads
 
 from jointstiff.simulator import simulate_campaign
 from jointstiff.simulator.campaign import torques
-from jointstiff.simulator.document import experiment_of
 from jointstiff.solver.convex.solution import Bounds
 from jointstiff.solver.errors import MeasurementError, UnsupportedMethodError
 from jointstiff.solver.evidence.estimate import predict
 from jointstiff.solver.integrity import inspect
 from jointstiff.solver.readings.measurements import (
-    DifferenceNoise,
     EncoderReadings,
     Instrument,
     refuse_no_covariance,
@@ -89,57 +87,6 @@ def test_covariance_is_that_of_a_linear_function_of_all_readings(method):
     )
     found = estimate(robot, measurements, method=method, positive=False)
     assert_covariance(found.covariance, expected, atol=1e-7)
-
-
-@pytest.mark.parametrize("method", METHODS)
-def test_encoders_count_in_chi_square_and_its_degrees_of_freedom(method):
-    document, without = campaign(joints=(0, 1, 4), configurations=40)
-    after = estimate(*prepare(document), method=method, positive=False)
-    before = estimate(*prepare(without), method=method, positive=False)
-    if method != "decoupled_partial_pose":  # whose degrees of freedom are no whole number
-        assert after.degrees_of_freedom == pytest.approx(before.degrees_of_freedom + 3 * 40)
-    ratio = after.chi_square / after.degrees_of_freedom
-    assert abs(ratio - 1.0) < 5 * np.sqrt(2 / after.degrees_of_freedom)
-
-
-@pytest.mark.parametrize("method", METHODS)
-def test_precise_encoders_decide(method):
-    """Exact encoder readings under a small load: the truth, to the change of torque with deflection."""
-    robot, measurements = prepared(noise=0.0, force=100.0)
-    sharp = changed(measurements, sigma=1e-10)
-    found = estimate(robot, sharp, method=method, positive=False)
-    np.testing.assert_allclose(found.compliance, ARM.compliances, rtol=2e-4)
-
-
-def test_an_encoder_shows_what_no_target_sees():
-    """A target on the axis of joint 6 stands still when it turns."""
-    on_axis = {"P0": (0.0, 0.0, 0.1)}
-    document, without = campaign(
-        targets=on_axis, joints=(5,), load_point=(0.2, 0.0, 0.1), noise=0.0, readings="deflections"
-    )
-    hidden = estimate(*prepare(without)).joints[5]
-    assert hidden.status == "not_observable"
-    assert "no target moves when joint_6 turns" in hidden.reason
-    seen = estimate(*prepare(document)).joints[5]
-    assert seen.status == "identified"
-    assert seen.compliance == pytest.approx(ARM.compliances[5], rel=0.01)
-
-
-@pytest.mark.parametrize("method", METHODS)
-def test_an_encoder_says_nothing_of_a_joint_without_torque(method):
-    joint = estimate(*prepared(load="dead_weight"), method=method).joints[0]
-    assert joint.status == "not_observable"
-    assert "never twists" in joint.reason
-
-
-def test_units_do_not_matter():
-    same = estimate(*prepared(noise=0.0))
-    other = estimate(*prepared(noise=0.0, units={"length": "mm", "angle": "deg", "force": "kN"}))
-    # The documents are rounded to about twelve digits of an angle of radians.
-    np.testing.assert_allclose(other.compliance, same.compliance, rtol=1e-5)
-    np.testing.assert_allclose(
-        other.covariance, same.covariance, rtol=1e-5, atol=1e-5 * same.covariance.max()
-    )
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -242,79 +189,6 @@ def tracked(targets=ONE, **options):
     return simulate_campaign(ARM, targets=targets, **options)
 
 
-def deflections_of(document):
-    return np.array([o["readings"][0]["deflection"] for o in document["measurement_set"]["observations"]])
-
-
-def as_exact(document, of_gauges, **options):
-    """Both fits, which must agree to 1e-9."""
-    tracker, gauges = (estimate(*prepare(each), **options) for each in (document, of_gauges))
-    np.testing.assert_allclose(gauges.compliance, tracker.compliance, rtol=1e-9, atol=1e-15)
-    assert_covariance(gauges.covariance, tracker.covariance, atol=1e-9)
-    assert gauges.chi_square == pytest.approx(tracker.chi_square, rel=1e-9)
-    assert gauges.degrees_of_freedom == pytest.approx(tracker.degrees_of_freedom)
-    return gauges
-
-
-@pytest.mark.parametrize("weighting", ["covariance", "uniform"])
-@pytest.mark.parametrize("stiffness", ["neglected", "included"])
-@pytest.mark.parametrize("frame", ["base", "flange"])
-def test_three_gauges_at_right_angles_are_as_exact_as_a_target(weighting, stiffness, frame):
-    document = tracked()
-    rotation = ARM.posture(experiment_of(document).joints).flange_rotation if frame == "flange" else None
-    of_gauges = by_gauges(document, 3.0 * triads(20), rotation)
-    as_exact(document, of_gauges, weighting=weighting, complementary_stiffness=stiffness)
-
-
-def test_one_gauge_reads_one_row_of_the_tracker():
-    """Least squares of the gauges' rows alone, written out here with the simulator's kinematics."""
-    document = tracked(configurations=30)
-    directions = triads(30)[:, :1]
-    robot, measurements = prepare(by_gauges(document, directions))
-    found = estimate(robot, measurements, positive=False)
-    experiment = experiment_of(document)
-    posture = ARM.posture(experiment.joints)
-    target = posture.point_to_base(np.broadcast_to([0.1, 0.05, 0.1], (30, 3)))
-    torque = torques(ARM, experiment.joints, *experiment.wrenches)
-    A = np.einsum("ni,nji->nj", directions[:, 0], posture.velocities(target)) * torque
-    y = np.einsum("ni,ni->n", directions[:, 0], deflections_of(document))
-    c, left, *_ = np.linalg.lstsq(A, y)
-    np.testing.assert_allclose(found.compliance, c, rtol=1e-9)
-    assert found.degrees_of_freedom == pytest.approx(30 - 6)
-    assert found.chi_square == pytest.approx(left[0] / (2 * measurements.sigma**2), rel=1e-9)
-    np.testing.assert_allclose(
-        found.covariance, 2 * measurements.sigma**2 * np.linalg.inv(A.T @ A), rtol=1e-7
-    )
-
-
-@pytest.mark.parametrize("method", ["partial_pose", "complete_pose", "decoupled_partial_pose"])
-def test_gauges_join_targets_in_every_method(method):
-    """A target read by three gauges beside three targets of a tracker is a fourth target."""
-    four = SPREAD | {"P3": (0.05, 0.02, 0.2)}
-    document = tracked(targets=four)
-    gauges = by_gauges(document, triads(20))
-    mixed = [
-        tracker | {"readings": tracker["readings"][:3] + gauge["readings"][9:]}
-        for tracker, gauge in zip(
-            document["measurement_set"]["observations"],
-            gauges["measurement_set"]["observations"],
-            strict=True,
-        )
-    ]
-    places = gauges["measurement_set"]["flange_targets"] | four
-    measured = document["measurement_set"] | {"observations": mixed, "flange_targets": places}
-    as_exact(document, document | {"measurement_set": measured}, method=method)
-
-
-def test_resampling_takes_the_same_rows():
-    document = tracked()
-    blocks = [
-        blocks_of_set(robot, measurements, settings_of(robot))
-        for robot, measurements in (prepare(document), prepare(by_gauges(document, triads(20))))
-    ]
-    np.testing.assert_allclose(blocks[1].stages[0].gram, blocks[0].stages[0].gram, rtol=1e-9, atol=1e-12)
-
-
 def test_what_gauges_do_not_support_is_refused():
     robot, measurements = prepare(by_gauges(tracked(targets=SPREAD), triads(20)))
     with pytest.raises(UnsupportedMethodError, match="3 targets"):
@@ -373,13 +247,6 @@ class TestInstrument:
         found = Instrument(*instrument).covariance(np.array([place], dtype=float))
         np.testing.assert_allclose(found[0], covariance, rtol=1e-12, atol=1e-15 * np.max(covariance))
 
-    def test_both_readings_count(self):
-        """Isotropic 1 and 2 make a difference of variance 5; sigma is its unit, √(5/2)."""
-        unloaded, loaded = np.eye(3)[None, None], 4.0 * np.eye(3)[None, None]
-        noise = DifferenceNoise.of(unloaded, loaded, np.full((1, 1), 3))
-        assert noise.sigma == pytest.approx(np.sqrt(2.5))
-        np.testing.assert_allclose(noise.sigma**2 * noise.covariance[0, 0], 5.0 * np.eye(3))
-
     @pytest.mark.parametrize(
         ("instrument", "reason"),
         [
@@ -420,24 +287,6 @@ class TestKindsAgree:
         )
         same_estimates(one, other)
 
-    @pytest.mark.parametrize("matrices", [False, True])
-    def test_readings_of_their_own(self, matrices):
-        document = pulled(None)
-        square = (SIGMA**2 * np.eye(3)).tolist()
-        fields = (
-            {"unloaded_covariance": square, "loaded_covariance": square} if matrices else {"sigma": SIGMA}
-        )
-        for reading in readings_of(document):
-            reading |= fields
-        same_estimates(estimate_of(pulled({"sigma": SIGMA})), estimate_of(document))
-
-    def test_units_do_not_matter(self):
-        in_mm = {k: v | {"constant": 1e3 * v["constant"]} for k, v in SHEET.items()}
-        in_mm["station"] = [1e3 * x for x in STATION]
-        units = {"length": "mm", "angle": "rad", "force": "N"}
-        other = estimate_of(pulled({"instrument": in_mm}, units=units))
-        same_estimates(estimate_of(pulled(TRACKER)), other)
-
     def test_targets_given_in_the_flange_are_as_far_as_those_read(self):
         documents = (pulled(TRACKER, readings=readings) for readings in ("positions", "deflections"))
         by_position, in_flange = (m.sigma**2 * m.covariance for _, m in map(prepare, documents))
@@ -450,17 +299,6 @@ class TestKindsAgree:
             for state in ("unloaded", "loaded"):
                 reading[f"{state}_covariance"] = covariance_at(reading[state])
         same_estimates(estimate_of(pulled(TRACKER)), estimate_of(by_hand))
-
-    def test_encoders_weigh_the_same_whatever_the_unit_sigma_is(self):
-        """Their rows are weighted against the targets' in absolute terms."""
-        robot, measured = prepare(pulled(TRACKER))
-        generator = np.random.default_rng(8)
-        present = np.zeros((len(measured), 6), dtype=bool)
-        present[:, 1:3] = True
-        read = np.where(present, 1e-4 * generator.standard_normal(present.shape), 0.0)
-        one = replace(measured, encoders=EncoderReadings(read, present, 5e-6))
-        other = replace(one, sigma=1.0, covariance=measured.sigma**2 * measured.covariance)
-        same_estimates(estimate(robot, one), estimate(robot, other))
 
 
 def covariance_at(place):

@@ -19,7 +19,6 @@ from support.campaigns import (
     prepare,
     settings_of,
     simulated,
-    twins,
     with_targets,
 )
 from support.shared_data import shared
@@ -98,18 +97,6 @@ class TestAgainstIdentify:
                 assert bounds is FREE or (found.active != 0).any()
                 assert ((bounds.lower <= found.compliance) & (found.compliance <= bounds.upper)).all()
 
-    def test_characteristic_length_is_that_of_the_full_set(self, noisy):
-        robot, measurements = noisy
-        searched = Settings("complete_pose", "characteristic_length", POSITIVE)
-        full = identify(robot, measurements, searched)
-        blocks = blocks_of_set(robot, measurements, searched)
-        assert blocks.characteristic_length == full.characteristic_length
-        plan = ResamplingPlan(10, 1, 0)
-        given = replace(searched, characteristic_length=full.characteristic_length)
-        expected = identify(robot, measurements[plan.draw(19, 0, 1)[0]], given)
-        found = resample(blocks, plan, POSITIVE)
-        np.testing.assert_allclose(found.compliance[0], expected.compliance, rtol=1e-8)
-
     @pytest.mark.parametrize("method", METHODS)
     def test_dead_weight_and_missing_readings(self, method):
         """A joint that the full set does not show has no number; a reading that is not there no weight."""
@@ -129,31 +116,6 @@ class TestAgainstIdentify:
 
 
 class TestUndetermined:
-    @pytest.mark.parametrize("method", METHODS)
-    def test_a_joint_that_a_draw_never_twists(self, rarely_twisted, method):
-        robot, measurements = rarely_twisted
-        plan, options = ResamplingPlan(6, 60, 0), settings(method)
-        found = resample(blocks_of_set(robot, measurements, options), plan, POSITIVE)
-        drawn = plan.draw(19, 0, 60)
-        unseen = (drawn >= 3).all(axis=1)
-        assert 5 < unseen.sum() < 55
-        np.testing.assert_array_equal(found.undetermined[:, 0], unseen)
-        assert not found.undetermined[:, 1:].any()
-        np.testing.assert_array_equal(np.isnan(found.compensation), unseen)
-        for k in np.flatnonzero(unseen)[:5]:
-            expected = identify(robot, measurements[drawn[k]], options)
-            assert expected.joints[0].status == "not_observable"
-            np.testing.assert_allclose(found.compliance[k, 1:], expected.compliance[1:], rtol=1e-8)
-
-    def test_joints_that_show_only_together(self, noisy):
-        """Two joints on one axis: no draw tells them apart, and the others keep their numbers."""
-        plan, options = ResamplingPlan(10, 20, 0), settings("partial_pose")
-        found = resample(blocks_of_set(*twins(*noisy), options), plan, Bounds.positive(7))
-        expected = resample(blocks_of_set(*noisy, options), plan, POSITIVE)
-        assert found.undetermined[:, :2].all()
-        assert np.isnan(found.compensation).all()
-        np.testing.assert_allclose(found.compliance[:, 2:], expected.compliance[:, 1:], rtol=1e-8)
-
     def test_fewer_readings_than_joints(self, noisy):
         robot, measurements = noisy
         one = replace(measurements, present=np.arange(3) == np.zeros((19, 1)))
@@ -264,10 +226,6 @@ class TestSameNumbers:
             command = [sys.executable, "-c", program]
             digests.add(subprocess.check_output(command, env=os.environ | threads))
         assert len(digests) == 1
-
-    def test_seed(self, blocks):
-        one, again, other = (resample(blocks, ResamplingPlan(10, 20, seed), FREE) for seed in (1, 1, 2))
-        assert _bytes(one) == _bytes(again) != _bytes(other)
 
 
 class TestSummary:

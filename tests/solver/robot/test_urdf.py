@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 import re
 import subprocess
@@ -16,7 +15,7 @@ from hypothesis import strategies as st
 from reference.kinematics import flange_by_pinocchio
 from support.examples import examples
 from support.hostile_urdfs import HOSTILE
-from support.urdf_documents import BRANCHED, SMALL, changed, inertial, serial
+from support.urdf_documents import BRANCHED
 
 from jointstiff.solver.errors import RobotError
 from jointstiff.solver.robot.configuration import Configurations
@@ -46,41 +45,6 @@ def test_kinematics_are_those_of_the_original_document(base, flange):
     for angles, pose in zip(q, flange_poses(Robot(chain), q), strict=True):
         named = dict(zip(chain.joint_names, angles, strict=True))
         np.testing.assert_allclose(pose, flange_by_pinocchio(BRANCHED, named, base, flange), atol=1e-14)
-
-
-@pytest.mark.parametrize(
-    "text",
-    [
-        *(SMALL, "\ufeff" + SMALL, inertial()),
-        # Inertias are ignored.
-        *(inertial("-1"), inertial("nan"), inertial(ixy="2"), inertial().replace("<inertia ", "<x ")),
-    ],
-)
-def test_the_small_robot_is_sound(text):
-    assert read_urdf(text, "a", "b").joint_names == ("j1",)
-
-
-@pytest.mark.parametrize(
-    ("text", "limits"),
-    [
-        (changed('lower="-1" upper="1"', 'lower="-1e16" upper="1e16"'), None),
-        (changed('lower="-1" ', ""), (0.0, 1.0)),
-        (changed("revolute", "continuous"), None),
-        (changed('lower="-1" upper="1"', 'lower="0" upper="0"'), (0.0, 0.0)),
-    ],
-)
-def test_limits(text, limits):
-    assert read_urdf(text, "a", "b").joints[0].limits == limits
-
-
-def test_axis_within_tolerance_is_normalised():
-    chain = read_urdf(changed('axis xyz="0 0 1"', 'axis xyz="0.707 0 0.707"'), "a", "b")
-    half = math.sqrt(0.5)
-    np.testing.assert_allclose(chain.joints[0].axis, [half, 0.0, half], atol=1e-15)
-
-
-def test_a_document_of_a_thousand_joints_may_hold_a_short_chain():
-    assert len(read_urdf(serial(1_000), "a", "l6").joints) == 6
 
 
 def read_or_refuse(text, base="base_link", flange="flange"):

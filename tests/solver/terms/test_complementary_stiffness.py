@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import gc
-import weakref
 from dataclasses import replace
 
 import numpy as np
@@ -13,10 +11,8 @@ from support.campaigns import (
     METHODS_AND_WEIGHTS,
     POINTS,
     SIGMA,
-    blocks_of_set,
     estimate,
     first_target,
-    settings_of,
     simulated,
     wrench_of,
 )
@@ -25,11 +21,7 @@ from jointstiff.simulator.campaign import LOAD_POINT
 from jointstiff.simulator.equilibrium import deflections, torques
 from jointstiff.solver import estimate as iteration
 from jointstiff.solver.errors import SolverError
-from jointstiff.solver.estimate import identify
-from jointstiff.solver.evidence.assessment import judge
-from jointstiff.solver.evidence.causes import screen_estimate
 from jointstiff.solver.evidence.estimate import predict
-from jointstiff.solver.resampling import ResamplingPlan, gram_blocks, resample
 from jointstiff.solver.terms import block as regressor
 from jointstiff.solver.terms.block import regressor_blocks
 from jointstiff.solver.terms.springs import NEGLECTED_STIFFNESS, complementary_stiffness
@@ -98,11 +90,6 @@ class TestDeflectedRegressor:
         expected = torques(ARM, bent, *wrench_of(measurements))
         np.testing.assert_allclose(block.torque, expected, rtol=1e-10, atol=1e-9)
 
-    def test_rigid_joints_do_not_bend_and_leave_the_plain_regressor(self, pulls):
-        (plain,) = regressor_blocks(*pulls)
-        (rigid,) = regressor_blocks(*pulls, np.zeros(6))
-        np.testing.assert_allclose(rigid.A, plain.A, rtol=1e-10, atol=1e-10)
-
     def test_a_load_that_buckles_the_arm_is_refused(self, pulls):
         with pytest.raises(SolverError, match="no equilibrium"):
             next(regressor_blocks(*pulls, 1e3 * ARM.compliances))
@@ -124,21 +111,6 @@ class TestIncluded:
         # A fifth for weightings of larger uncertainty, three quarters for the decoupled method.
         before = np.abs(neglected.compliance[known] - truth)
         assert 0.15 < (before / uncertainty).max() < 0.9
-
-    def test_with_the_huber_loss(self, pulls):
-        robot, measurements = pulls
-        spoilt = measurements.deflection.copy()
-        spoilt[4, 1] += [1e-3, 0.0, -1e-3]
-        found, squared = (
-            estimate(
-                robot, replace(measurements, deflection=spoilt), complementary_stiffness="included", loss=loss
-            )
-            for loss in ("huber", "squared")
-        )
-        uncertainty = np.sqrt(np.diag(found.covariance))
-        off = [np.abs((each.compliance - ARM.compliances) / uncertainty).max() for each in (found, squared)]
-        assert off[0] < 1.0 < 5.0 < off[1]
-        assert found.robust.suspicious.tolist() == [[4, 1]]
 
     def test_prediction_is_the_exact_balance(self, pulls):
         robot, measurements = pulls
@@ -178,13 +150,6 @@ class TestReported:
         assert 1 <= other.iterations <= 8
         assert other.largest_shift == pytest.approx(expected, rel=0.01)
 
-    def test_ratio_is_that_of_the_joints_with_an_estimate(self, dead_weight):
-        found = estimate(*dead_weight)
-        assert found.joints[0].compliance is None
-        (block,) = regressor_blocks(*dead_weight)
-        ratios = np.abs(complementary_stiffness(block)).max(axis=0) * found.compliance[:, None]
-        assert found.complementary_stiffness.largest_ratio == pytest.approx(ratios[1:, 1:].max())
-
     def test_shift_of_a_large_set_is_that_of_an_even_part_of_it(self, monkeypatch):
         robot, measurements = exact("dead_weight", configurations=200)
         whole = estimate(robot, measurements).complementary_stiffness
@@ -199,76 +164,3 @@ class TestReported:
         robot, measurements = exact(configurations=2)
         one = replace(first_target(measurements), sigma=None)
         assert estimate(robot, one).complementary_stiffness.largest_shift is None
-
-    @pytest.mark.parametrize(
-        ("sigma", "choice", "warned"),
-        [(SIGMA, "neglected", True), (3 * SIGMA, "neglected", False), (SIGMA, "included", False)],
-    )
-    def test_says_so_where_it_matters(self, dead_weight, sigma, choice, warned):
-        robot, measurements = dead_weight[0], replace(dead_weight[1], sigma=sigma)
-        found = estimate(robot, measurements, complementary_stiffness=choice)
-        assert (found.complementary_stiffness.largest_shift > 0.5) == (sigma == SIGMA)
-        remedies = [f.remedy for f in judge(found) if f.code == "complementary_stiffness_matters"]
-        assert ["complementary_stiffness: included" in remedy for remedy in remedies] == [True] * warned
-
-
-@pytest.mark.parametrize(("method", "weighting"), METHODS_AND_WEIGHTS)
-def test_resamples_find_the_springs(pulls, method, weighting):
-    """Each draw of readings without noise finds the springs, with K_c at the whole set's compliances."""
-    found, neglected = (
-        resample(blocks_of_set(*pulls, settings), ResamplingPlan(10, 6, 1), settings.bounds)
-        for settings in (
-            settings_of(pulls[0], method=method, weighting=weighting, complementary_stiffness=choice)
-            for choice in ("included", "neglected")
-        )
-    )
-    true = np.broadcast_to(ARM.compliances, found.compliance.shape)
-    np.testing.assert_allclose(found.compliance, true, rtol=1e-4)
-    assert np.abs(neglected.compliance / true - 1).max() > 1e-3
-    assert (found.compensation > 1 - 1e-5).all()
-
-
-def test_the_same_set_has_the_same_regressors_and_others_have_their_own():
-    robot, measurements = simulated(seed=8)
-    (first,) = regressor_blocks(robot, measurements)
-    (again,) = regressor_blocks(robot, measurements)
-    assert again.A is first.A
-    assert again.measurements is measurements
-    (bent,) = regressor_blocks(robot, measurements, np.full(robot.n, 1e-6))
-    assert (bent.A != first.A).any()
-    (stronger,) = regressor_blocks(robot, replace(measurements, force=2.0 * measurements.force))
-    np.testing.assert_allclose(stronger.A, 2.0 * first.A, rtol=1e-12)
-    other, _ = simulated(seed=8)
-    (of_other,) = regressor_blocks(other, measurements)
-    assert of_other.A is not first.A
-
-
-def test_nothing_depends_on_what_else_is_asked_of_the_same_set(pulls):
-    """A service asks one set several questions at once, and its regressors are kept with it."""
-    robot, settings = pulls[0], settings_of(pulls[0], complementary_stiffness="included")
-
-    def answers(*others):
-        measurements = replace(pulls[1])
-        found = identify(robot, measurements, settings)
-        answered = [found.compliance]
-        for question in (
-            lambda: predict(robot, measurements, found.compliance, balanced=found.balanced).predicted,
-            lambda: [test.p_value for test in screen_estimate(robot, measurements, found).tests],
-            lambda: gram_blocks(robot, measurements, settings, found).regressor,
-        ):
-            for other in others:
-                list(regressor_blocks(robot, measurements, other))
-            answered.append(question())
-        return answered
-
-    for alone, together in zip(answers(), answers(np.full(robot.n, 1e-6)), strict=True):
-        np.testing.assert_array_equal(alone, together)
-
-
-def test_a_set_that_is_gone_leaves_nothing_behind():
-    robot, measurements = simulated(seed=8)
-    (block,) = regressor_blocks(robot, measurements)
-    kept = weakref.ref(block.configurations)
-    del block, measurements
-    gc.collect()
-    assert kept() is None
