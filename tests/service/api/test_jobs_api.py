@@ -53,12 +53,6 @@ class TestCampaigns:
         assert answer.json()["where"].startswith(where), answer.json()
 
 
-def test_a_job_that_has_ended_sends_its_end_at_once(local, run):
-    answer = local.get(f"{job_at(run)}/events")
-    assert answer.headers["content-type"].startswith("text/event-stream")
-    assert [line for line in answer.text.splitlines() if line.startswith("event:")] == ["event: end"]
-
-
 @pytest.mark.parametrize(
     "name", ["", "nothing", "model.step", "report.docx", "issued-1.pdf", "issued-0.pdf", "../x", "%00"]
 )

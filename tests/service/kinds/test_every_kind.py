@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import io
 import uuid
 
 import pytest
-from support.api import RESTORE, file_at, job_at, posted
+from rich.console import Console
+from support.api import CANCEL, RESTORE, file_at, job_at, posted
 from support.kinds import CHANGES, posted_job
 
 from jointstiff.schemas.finding import Problem
 from jointstiff.service.kinds.registry import KINDS
+from jointstiff.service.reports.job import job_report
 from jointstiff.simulator import default_arm, simulate_campaign
 
 CAMPAIGN = simulate_campaign(default_arm(), load="pull", configurations=12, seed=1)
@@ -69,6 +72,28 @@ def test_it_is_listed_by_each_of_its_filters(client, post, kind):
     assert client.get(address, params={"colour": "red"}).status_code == 422
     missing = Problem.model_validate(client.get(f"{address}/nobody").json())
     assert (missing.status, missing.type[-10:]) == (404, ":not-found")
+
+
+@kinds
+def test_it_has_an_end_files_and_a_place_in_the_terminal(client, post, kind):
+    job = post(kind).json()
+    events = client.get(f"{job_at(job)}/events")
+    assert events.headers["content-type"].startswith("text/event-stream")
+    assert [line for line in events.text.splitlines() if line.startswith("event:")] == ["event: end"]
+    cancelled = client.patch(job_at(job), json=CANCEL)
+    assert (cancelled.status_code, cancelled.json()) == (200, job)
+    for odd in ({"cancelled": False}, {"deleted": "x"}, {"state": "running"}):
+        assert client.patch(job_at(job), json=odd).status_code == 422
+    assert client.patch(f"{job_at(job)}x", json=CANCEL).status_code == 404
+    for file in kind.files:
+        answer = client.get(file_at(job, file.name))
+        assert answer.status_code == 200, answer.text
+        assert answer.headers["content-type"].startswith(file.media_type), file.name
+        assert job["id"] in answer.headers["content-disposition"] or kind.name == "program", file.name
+        assert answer.content
+    console = Console(file=io.StringIO(), width=120)
+    console.print(job_report(kind, kind.message.model_validate(job)))
+    assert len(console.file.getvalue().splitlines()) > 5
 
 
 @kinds
