@@ -20,7 +20,7 @@ BEGIN, END = "<!-- recorded -->", "<!-- /recorded -->"
 
 def refuse_changes() -> None:
     """End the program if the checkout has changes: its figures would be of no commit."""
-    if changes := _git("status", "--porcelain", "--untracked-files=no", "--", ".", f":!{PAGE}"):
+    if changes := _git("status", "--porcelain", "--untracked-files=no", "--", ".", ":!docs/figures.md"):
         sys.exit(f"--record measures a commit, and these files have changes:\n{changes}")
 
 

@@ -20,11 +20,16 @@ def file_at(job: str | dict[str, Any], name: str) -> str:
     return f"{job_at(job)}/files/{name}"
 
 
+def post(client: Any, path: str, body: Any, status: int = 201, **headers: str) -> Any:
+    """Post a body; return what is answered, if it is answered as expected."""
+    answer = client.request("POST", path, json=body, headers=headers)
+    assert answer.status_code == status, answer.text
+    return answer.json()
+
+
 def posted(client: Any, campaign: dict[str, Any], **options: Any) -> dict[str, Any]:
     """Post a campaign with options of its run; return the run, which has ended."""
-    answer = client.request("POST", "/v1/campaigns", json=campaign | {"run": options})
-    assert answer.status_code == 201, answer.text
-    run: dict[str, Any] = answer.json()
+    run: dict[str, Any] = post(client, "/v1/campaigns", campaign | {"run": options})
     return run
 
 

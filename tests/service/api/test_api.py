@@ -10,6 +10,7 @@ import uuid
 import httpx2
 import numpy as np
 import pytest
+from support.api import post
 from support.campaigns import METHODS
 from support.shared_data import shared
 
@@ -21,12 +22,6 @@ from jointstiff.simulator import default_arm, simulate_campaign
 @pytest.fixture(scope="module")
 def campaign():
     return simulate_campaign(default_arm(), load="dead_weight", configurations=8, seed=11)
-
-
-def post(client, path, body, status=201, **headers):
-    answer = client.post(path, json=body, headers=headers)
-    assert answer.status_code == status, answer.text
-    return answer.json()
 
 
 @pytest.fixture(scope="module")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pytest
+from support.api import post
 
 from jointstiff.simulator import default_arm, simulate_campaign
 
@@ -15,12 +16,6 @@ def campaign():
 @pytest.fixture
 def robot(local, campaign):
     return post(local, "/v1/robots", campaign["robot"])
-
-
-def post(local, path, body):
-    answer = local.request("POST", path, json=body)
-    assert answer.status_code == 201, answer.text
-    return answer.json()
 
 
 def changed(local, path, **change):

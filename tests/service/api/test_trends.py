@@ -5,35 +5,16 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
-from support.api import RESTORE, file_at, job_at
-from support.in_process import Client
+from support.api import RESTORE, file_at, job_at, post
 
 from jointstiff.schemas.job import Requester
 from jointstiff.schemas.trend import AcknowledgementRequest, BaselineRequest
 from jointstiff.service.kinds.trend import Trends
-from jointstiff.service.store.store import Store
 from jointstiff.simulator import default_arm, simulate_campaign
 
 DAYS = [f"2026-{month:02d}-10T08:00:00Z" for month in range(1, 9)]
 SOFT = 3
 """Campaign with which joint 3 has lost a tenth of its stiffness."""
-
-
-@pytest.fixture(scope="module")
-def store():
-    with Store.open("sqlite://") as opened:
-        yield opened
-
-
-@pytest.fixture(scope="module")
-def client(store):
-    return Client(store)
-
-
-def post(client, path, body, status=201):
-    answer = client.request("POST", path, json=body)
-    assert answer.status_code == status, answer.text
-    return answer.json()
 
 
 def campaign_of(seed, *, soft=False):
@@ -44,25 +25,25 @@ def campaign_of(seed, *, soft=False):
     return simulate_campaign(replace(arm, stiffnesses=stiffnesses), load="pull", configurations=10, seed=seed)
 
 
-def measured(client, robot, seed, *, soft=False, options=None, **metadata):
+def measured(local, robot, seed, *, soft=False, options=None, **metadata):
     """Post a set and its run; return the run."""
     document = campaign_of(seed, soft=soft)["measurement_set"]
-    posted = post(client, "/v1/measurement-sets", document | {"robot_id": robot} | metadata)
-    return post(client, "/v1/runs", {"measurement_set_id": posted["id"]} | (options or {}))
+    posted = post(local, "/v1/measurement-sets", document | {"robot_id": robot} | metadata)
+    return post(local, "/v1/runs", {"measurement_set_id": posted["id"]} | (options or {}))
 
 
 @pytest.fixture(scope="module")
-def robot(client):
-    return post(client, "/v1/robots", campaign_of(0)["robot"] | {"name": "worn"})["id"]
+def robot(local):
+    return post(local, "/v1/robots", campaign_of(0)["robot"] | {"name": "worn"})["id"]
 
 
 @pytest.fixture(scope="module")
-def runs(client, robot):
+def runs(local, robot):
     """Five campaigns of one arm, posted in another order than measured; joint 3 softens."""
     found = {}
     for index in (1, 0, 2, 4, 3):
         found[index] = measured(
-            client,
+            local,
             robot,
             index + 1,
             soft=index >= SOFT,
@@ -73,8 +54,8 @@ def runs(client, robot):
     return [found[index] for index in range(5)]
 
 
-def trend_of(client, robot, **query):
-    answer = client.get(f"/v1/robots/{robot}/trend", params=query)
+def trend_of(local, robot, **query):
+    answer = local.get(f"/v1/robots/{robot}/trend", params=query)
     assert answer.status_code == 200, answer.text
     return answer.json()
 
@@ -83,83 +64,83 @@ def joint(trend, name="joint_3"):
     return next(one for one in trend["joints"] if one["name"] == name)
 
 
-def alarms_of(client, robot):
+def alarms_of(local, robot):
     """Return the alarms of a robot as the robot itself and the listing say them."""
-    alone = client.get(f"/v1/robots/{robot}").json()["alarms"]
-    (listed,) = [one for one in client.get("/v1/robots").json()["items"] if one["id"] == robot]
+    alone = local.get(f"/v1/robots/{robot}").json()["alarms"]
+    (listed,) = [one for one in local.get("/v1/robots").json()["items"] if one["id"] == robot]
     assert listed["alarms"] == alone
     return alone
 
 
-def test_an_open_alarm_stands_on_the_robot_and_in_the_report_of_its_runs(client, robot, runs):
-    (alarm,) = alarms_of(client, robot)
+def test_an_open_alarm_stands_on_the_robot_and_in_the_report_of_its_runs(local, robot, runs):
+    (alarm,) = alarms_of(local, robot)
     assert alarm | {"joint": "joint_3", "serial_number": "A", "run_id": runs[SOFT]["id"]} == alarm
     assert alarm["measurement_set_id"] == runs[SOFT]["request"]["measurement_set_id"]
     assert alarm["since"] == DAYS[SOFT]
-    assert alarm["change"] == joint(trend_of(client, robot, encoders="motor"))["latest"]
-    report = client.get(file_at(runs[-1], "report.html")).text
+    assert alarm["change"] == joint(trend_of(local, robot, encoders="motor"))["latest"]
+    report = local.get(file_at(runs[-1], "report.html")).text
     assert "The robot is in alarm" in report
     assert alarm["message"] in report
 
 
-def test_an_alarm_follows_what_its_trend_is_made_of(client, robot, runs):
+def test_an_alarm_follows_what_its_trend_is_made_of(local, robot, runs):
     """Nothing of it is stored: it goes and comes with a run, a set, the serial number."""
-    (alarm,) = alarms_of(client, robot)
+    (alarm,) = alarms_of(local, robot)
     last = [job_at(run) for run in runs[SOFT:]]
     for path in last:
-        assert client.request("DELETE", path).status_code == 204
-    assert alarms_of(client, robot) == []
+        assert local.request("DELETE", path).status_code == 204
+    assert alarms_of(local, robot) == []
     for path in last:
-        client.request("PATCH", path, json=RESTORE)
-    assert alarms_of(client, robot) == [alarm]
+        local.request("PATCH", path, json=RESTORE)
+    assert alarms_of(local, robot) == [alarm]
     sets = [f"/v1/measurement-sets/{run['request']['measurement_set_id']}" for run in runs[SOFT:]]
     for change, back in (
         ({"serial_number": "B"}, {"serial_number": "A"}),
         ({"archived": True}, {"archived": False}),
     ):
         for path in sets:
-            client.request("PATCH", path, json=change)
-        assert alarms_of(client, robot) == []
+            local.request("PATCH", path, json=change)
+        assert alarms_of(local, robot) == []
         for path in sets:
-            client.request("PATCH", path, json=back)
-        assert alarms_of(client, robot) == [alarm]
+            local.request("PATCH", path, json=back)
+        assert alarms_of(local, robot) == [alarm]
 
 
-def test_an_alarm_is_acknowledged_once_it_is_there(client, robot, runs):
+def test_an_alarm_is_acknowledged_once_it_is_there(local, robot, runs):
     address = f"/v1/robots/{robot}/trend"
     body = {"run_id": runs[SOFT]["id"], "joint": "joint_3", "note": "gearbox ordered"}
-    problem = post(client, address, body | {"joint": "joint_1"}, status=422)
+    problem = post(local, address, body | {"joint": "joint_1"}, status=422)
     assert problem["where"] == "run_id"
     assert "no alarm of 'joint_1'" in problem["detail"]
-    assert post(client, address, body)["note"] == "gearbox ordered"
-    found = joint(trend_of(client, robot, encoders="motor"))
+    assert post(local, address, body)["note"] == "gearbox ordered"
+    found = joint(trend_of(local, robot, encoders="motor"))
     assert found["state"] == "acknowledged"
     assert found["alarms"][0]["acknowledgement"]["note"] == "gearbox ordered"
-    assert alarms_of(client, robot) == []
-    report = client.get(file_at(runs[-1], "report.html")).text
+    assert alarms_of(local, robot) == []
+    report = local.get(file_at(runs[-1], "report.html")).text
     assert "The robot is in alarm" not in report
 
 
-def test_the_fleet_has_a_row_for_each_serial_number(client, robot, runs):
-    other = post(client, "/v1/robots", campaign_of(0)["robot"] | {"name": "new"})["id"]
-    measured(client, robot, 30, serial_number="B", measured_at=DAYS[0])
-    fleet = client.get("/v1/fleet").json()
+def test_the_fleet_has_a_row_for_each_serial_number(local, robot, runs):
+    other = post(local, "/v1/robots", campaign_of(0)["robot"] | {"name": "new"})["id"]
+    measured(local, robot, 30, serial_number="B", measured_at=DAYS[0])
+    fleet = local.get("/v1/fleet").json()
     rows = {(row["name"], row["serial_number"]): row for row in fleet["items"]}
     assert fleet["is_whole"]
     assert set(rows) == {("worn", "A"), ("worn", "B"), ("new", None)}
     assert rows["worn", "B"]["state"] == "unjudged"
     assert rows["worn", "B"]["missing"].startswith("the baseline has 1 of 3 campaigns")
     assert rows["new", None]["measured_at"] is rows["new", None]["verdict"] is None
-    (newest,) = client.get("/v1/runs", params={"limit": 1}).json()["items"]
+    (newest,) = local.get("/v1/runs", params={"limit": 1}).json()["items"]
     assert rows["worn", "B"]["verdict"] == newest["verdict"] == "use"
     assert rows["new", None]["robot_id"] == other
 
 
-def test_below_three_campaigns_there_is_only_the_pair(client):
-    robot = post(client, "/v1/robots", campaign_of(0)["robot"] | {"name": "young"})["id"]
-    measured(client, robot, 1)
-    measured(client, robot, 2, soft=True)
-    trend = trend_of(client, robot)
+def test_below_three_campaigns_there_is_only_the_pair(local):
+    robot = post(local, "/v1/robots", campaign_of(0)["robot"] | {"name": "young"})["id"]
+    measured(local, robot, 1)
+    measured(local, robot, 2, soft=True)
+    trend = trend_of(local, robot)
     assert "no chart yet, only a test" in trend["note"]
     assert {one["time_source"] for one in trend["campaigns"]} == {"created_at"}
     found = joint(trend)
@@ -169,17 +150,17 @@ def test_below_three_campaigns_there_is_only_the_pair(client):
     assert joint(trend, "joint_2")["pair"]["p_value"] > 1e-3
 
 
-def test_a_new_baseline_begins_new_charts(client):
-    robot = post(client, "/v1/robots", campaign_of(0)["robot"] | {"name": "repaired"})["id"]
+def test_a_new_baseline_begins_new_charts(local):
+    robot = post(local, "/v1/robots", campaign_of(0)["robot"] | {"name": "repaired"})["id"]
     runs = [
-        measured(client, robot, 40 + index, soft=index >= SOFT, measured_at=DAYS[index]) for index in range(7)
+        measured(local, robot, 40 + index, soft=index >= SOFT, measured_at=DAYS[index]) for index in range(7)
     ]
-    assert joint(trend_of(client, robot))["state"] == "alarm"
+    assert joint(trend_of(local, robot))["state"] == "alarm"
     address = f"/v1/robots/{robot}/trend"
     body = {"run_id": runs[SOFT]["id"], "reason": "gearbox of joint 3 replaced"}
-    made = post(client, address, body)
+    made = post(local, address, body)
     assert made["campaigns"] == 3
-    trend = trend_of(client, robot)
+    trend = trend_of(local, robot)
     assert [one["reason"] for one in trend["baselines"]] == [None, "gearbox of joint 3 replaced"]
     assert [one["baseline"] for one in trend["campaigns"]] == [0] * 3 + [1] * 4
     found = joint(trend)
@@ -187,17 +168,17 @@ def test_a_new_baseline_begins_new_charts(client):
     assert found["alarms"] == []
     first, second = found["charts"]
     assert second["stiffness"] / first["stiffness"] == pytest.approx(0.9, abs=0.03)
-    assert post(client, address, body | {"run_id": "none"}, status=422)["where"] == "run_id"
-    assert post(client, address, body | {"campaigns": 2}, status=422)["where"] == "campaigns"
+    assert post(local, address, body | {"run_id": "none"}, status=422)["where"] == "run_id"
+    assert post(local, address, body | {"campaigns": 2}, status=422)["where"] == "campaigns"
 
 
-def test_who_noted_what_stays_with_it(client, store, robot, runs):
+def test_who_noted_what_stays_with_it(local, memory, robot, runs):
     by = Requester(key_id="0123456789", key_name="tablet hall 3")
-    trends = Trends(store)
+    trends = Trends(memory)
     request = AcknowledgementRequest(run_id=runs[SOFT]["id"], joint="joint_3", note="seen again")
     trends.acknowledge(robot, request, by)
     trends.add_baseline(robot, BaselineRequest(run_id=runs[-1]["id"], reason="repaired"), by)
-    trend = trend_of(client, robot, serial_number="A", encoders="motor")
+    trend = trend_of(local, robot, serial_number="A", encoders="motor")
     assert trend["baselines"][-1]["set_by"] == by.model_dump()
     (alarm,) = joint(trend)["alarms"]
     assert alarm["acknowledgement"]["acknowledged_by"] == by.model_dump()
@@ -205,21 +186,21 @@ def test_who_noted_what_stays_with_it(client, store, robot, runs):
     assert alarm["until"] is None
 
 
-def test_an_archived_campaign_does_not_leave_without_a_trace(client):
-    robot = post(client, "/v1/robots", campaign_of(0)["robot"] | {"name": "archived"})["id"]
-    run = measured(client, robot, 60)
+def test_an_archived_campaign_does_not_leave_without_a_trace(local):
+    robot = post(local, "/v1/robots", campaign_of(0)["robot"] | {"name": "archived"})["id"]
+    run = measured(local, robot, 60)
     archived = run["request"]["measurement_set_id"]
-    client.request("PATCH", f"/v1/measurement-sets/{archived}", json={"archived": True})
-    (left_out,) = trend_of(client, robot)["left_out"]
+    local.request("PATCH", f"/v1/measurement-sets/{archived}", json={"archived": True})
+    (left_out,) = trend_of(local, robot)["left_out"]
     assert (left_out["measurement_set_id"], left_out["reason"]) == (archived, "it is archived")
 
 
-def test_the_fleet_reads_a_robot_once_for_all_its_serial_numbers(client, store, monkeypatch):
-    robot = post(client, "/v1/robots", campaign_of(0)["robot"] | {"name": "many arms"})["id"]
+def test_the_fleet_reads_a_robot_once_for_all_its_serial_numbers(local, memory, monkeypatch):
+    robot = post(local, "/v1/robots", campaign_of(0)["robot"] | {"name": "many arms"})["id"]
     for seed, number in enumerate("CDE", start=70):
-        measured(client, robot, seed, serial_number=number)
-    reads, page = [], store.sets.page
-    monkeypatch.setattr(store.sets, "page", lambda **asked: reads.append(asked["filters"]) or page(**asked))
-    rows = [row for row in client.get("/v1/fleet").json()["items"] if row["robot_id"] == robot]
+        measured(local, robot, seed, serial_number=number)
+    reads, page = [], memory.sets.page
+    monkeypatch.setattr(memory.sets, "page", lambda **asked: reads.append(asked["filters"]) or page(**asked))
+    rows = [row for row in local.get("/v1/fleet").json()["items"] if row["robot_id"] == robot]
     assert sorted((row["serial_number"], row["campaigns"]) for row in rows) == [("C", 1), ("D", 1), ("E", 1)]
     assert reads.count({"robot_id": robot}) == 2  # those that are archived, too

@@ -8,7 +8,7 @@ import json
 
 import numpy as np
 import pytest
-from support.api import posted
+from support.api import post, posted
 from typer.testing import CliRunner
 
 import jointstiff
@@ -28,12 +28,6 @@ FORCE = [200.0, 300.0, -800.0]
 POINT = [0.0, 0.0, 0.12]
 HEADER = "label,J1 [deg],J2 [deg],J3 [deg],J4 [deg],J5 [deg],J6 [deg],Fx [N],Fy [N],Fz [N]"
 TABLE = f"{HEADER}\ndrill,{','.join(map(str, JOINTS + FORCE))}\n"
-
-
-def post(client, path, body, expected=201):
-    answer = client.post(path, json=body)
-    assert answer.status_code == expected, answer.text
-    return answer.json()
 
 
 def run_of(client, load, **options):
@@ -60,7 +54,7 @@ def pulled(client):
 
 
 def test_the_answer_holds_the_truth(client, pulled):
-    answer = post(client, "/v1/deflections", request(pulled, confidence=0.95), expected=200)
+    answer = post(client, "/v1/deflections", request(pulled, confidence=0.95), status=200)
     result = DeflectionResult.model_validate(answer)
     (case,) = result.cases
     assert (result.model_error_postures, result.postures_needed) == (24, 19)
@@ -74,7 +68,7 @@ def test_the_answer_holds_the_truth(client, pulled):
     assert case.compliance.along.lateral_free <= case.compliance.along.lateral_blocked
     assert case.compliance.symmetric
     assert result.remarks == ["own weight is not included, because no masses are given"]
-    again = post(client, "/v1/deflections", request(pulled, confidence=0.95), expected=200)
+    again = post(client, "/v1/deflections", request(pulled, confidence=0.95), status=200)
     assert again == answer
 
 
@@ -83,7 +77,7 @@ def test_the_budget_of_a_displacement_adds_up_and_carries_the_force(client):
     campaign = simulate_campaign(ARM, load="pull", configurations=24, seed=1)
     campaign["measurement_set"]["noise"]["force"] = {"scale": 0.05}
     run_id = posted(client, campaign)["id"]
-    (case,) = post(client, "/v1/deflections", request(run_id), expected=200)["cases"]
+    (case,) = post(client, "/v1/deflections", request(run_id), status=200)["cases"]
     parts = {part["source"]: part for part in case["budget"]["components"]}
     assert parts["force_scale"]["contribution"] == pytest.approx(0.05 * np.linalg.norm(truth()), rel=0.02)
     assert parts["model_error"]["contribution"] * case["budget"]["coverage_factor"] == pytest.approx(
@@ -98,7 +92,7 @@ def test_too_few_postures_and_extrapolation_are_said(client, pulled):
     strong = {"joints": JOINTS, "force": [0, 0, -4000.0], "moment": [0, 0, 10.0]}
     units = {"length": "mm", "angle": "deg", "force": "N", "moment": "N.m"}
     answer = post(
-        client, "/v1/deflections", request(pulled, units=units, cases=[strong], confidence=0.99), expected=200
+        client, "/v1/deflections", request(pulled, units=units, cases=[strong], confidence=0.99), status=200
     )
     assert any("99 postures are needed" in remark for remark in answer["remarks"])
     (case,) = answer["cases"]
@@ -113,11 +107,11 @@ def test_a_point_that_no_tool_reaches_is_refused(client, pulled, field):
     """Millimetres in a column of metres: 120 m from the flange, in a case or for all of them."""
     cases = [{"joints": JOINTS, "force": FORCE}, {"joints": JOINTS, "force": FORCE, field: [0, 0, 120e3]}]
     for changes, where in (({"cases": cases}, f"cases[1].{field}"), ({field: [0, 0, 120e3]}, field)):
-        refused = post(client, "/v1/deflections", request(pulled, **changes), expected=422)
+        refused = post(client, "/v1/deflections", request(pulled, **changes), status=422)
         assert refused["where"] == where
         assert "120 m from the flange" in refused["detail"]
         assert "unit" in refused["remedy"]
-    post(client, "/v1/deflections", request(pulled, **{field: [0, 0, 5_000.0]}), expected=200)
+    post(client, "/v1/deflections", request(pulled, **{field: [0, 0, 5_000.0]}), status=200)
 
 
 def test_a_joint_of_which_nothing_is_known_leaves_no_number(client):
@@ -125,7 +119,7 @@ def test_a_joint_of_which_nothing_is_known_leaves_no_number(client):
         client,
         "/v1/deflections",
         request(run_of(client, "dead_weight", complementary_stiffness="neglected")),
-        expected=200,
+        status=200,
     )
     (case,) = answer["cases"]
     assert case["displacement"] is None
@@ -154,7 +148,7 @@ def test_a_joint_of_which_nothing_is_known_leaves_no_number(client):
     ],
 )
 def test_what_cannot_be_predicted_is_refused_with_its_place(client, pulled, changes, where):
-    answer = post(client, "/v1/deflections", request(pulled) | changes, expected=422)
+    answer = post(client, "/v1/deflections", request(pulled) | changes, status=422)
     assert answer["where"] == where
 
 

@@ -21,7 +21,6 @@ from jointstiff.service.kinds.program_work import ProgramWork
 from jointstiff.service.kinds.run import RUN
 from jointstiff.service.kinds.work import carry_out, new_job, pack
 from jointstiff.service.resources.stored import Resources
-from jointstiff.service.store.store import Store
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.base import pedestal_campaign
 from jointstiff.simulator.elastic_links import beam_arm, elastic_campaign
@@ -38,25 +37,19 @@ def document():
 
 
 @pytest.fixture(scope="module")
-def store():
-    with Store.open("sqlite://") as opened:
-        yield opened
+def set_id(memory, document):
+    return set_of(Parts(memory), document)
 
 
-@pytest.fixture(scope="module")
-def set_id(store, document):
-    return set_of(Parts(store), document)
-
-
-def carried_out(store, set_id, **options):
-    jobs = Parts(store).jobs["run"]
+def carried_out(memory, set_id, **options):
+    jobs = Parts(memory).jobs["run"]
     request = RunRequest.model_validate({"measurement_set_id": set_id} | OPTIONS | options)
     return jobs.current(jobs.create(request, None).id)
 
 
 @pytest.fixture(scope="module")
-def given(store, set_id):
-    return carried_out(store, set_id)
+def given(memory, set_id):
+    return carried_out(memory, set_id)
 
 
 def test_a_given_penalty_is_quick_and_reports_all(given, document):
@@ -96,9 +89,9 @@ def test_joints_have_their_number_and_its_spread(given):
         assert joint.compliance_interval is None
 
 
-def test_deflections_are_predicted_by_the_stored_model(store, given, document):
+def test_deflections_are_predicted_by_the_stored_model(memory, given, document):
     """As the message travels, at a target that was read: what the run itself predicts there."""
-    parts = Parts(store)
+    parts = Parts(memory)
     run = Run.model_validate_json(given.model_dump_json())
     readings = document["measurement_set"]
     observation = readings["observations"][3]
@@ -123,8 +116,8 @@ def test_deflections_are_predicted_by_the_stored_model(store, given, document):
     assert forward_model(robot, run.result.model)[0].first_order
 
 
-def test_a_program_is_compensated_by_links(store, set_id, given):
-    robot = Parts(store).sets.prepared(set_id).robot
+def test_a_program_is_compensated_by_links(memory, set_id, given):
+    robot = Parts(memory).sets.prepared(set_id).robot
     text = program_text("krl", tool_poses(path(12)), 5)
     result = ProgramWork(robot, "robot", given, request("krl", text)).conclude(())
     assert result.corrected == 12
@@ -152,8 +145,8 @@ def test_the_selection_compares_all_models(given):
     assert by_name["joints_and_links"] > by_name["joints"] + 0.1
 
 
-def test_coupled_joints_come_as_one_matrix(store, set_id):
-    links = carried_out(store, set_id, elasticity="coupled_joints").result.links
+def test_coupled_joints_come_as_one_matrix(memory, set_id):
+    links = carried_out(memory, set_id, elasticity="coupled_joints").result.links
     matrix = np.array(links.coupled_joints)
     assert matrix.shape == (6, 6)
     assert np.linalg.eigvalsh(matrix).min() >= 0.0
@@ -161,10 +154,10 @@ def test_coupled_joints_come_as_one_matrix(store, set_id):
     assert links.elements[-1].kind == "coupling"
 
 
-def test_cross_validation_is_a_durable_job_with_the_numbers_of_one_go(store, set_id):
+def test_cross_validation_is_a_durable_job_with_the_numbers_of_one_go(memory, set_id):
     """A worker computes each step from the stored request, and its result travels as text."""
     enqueued = []
-    parts = Parts(store, lambda _, kind, job_id: enqueued.append((kind, job_id)))
+    parts = Parts(memory, lambda _, kind, job_id: enqueued.append((kind, job_id)))
     jobs = parts.jobs["run"]
     request = RunRequest.model_validate(
         {
@@ -179,7 +172,7 @@ def test_cross_validation_is_a_durable_job_with_the_numbers_of_one_go(store, set
     queued = jobs.current(record.id)
     assert (queued.state, queued.progress.unit) == ("queued", "penalties")
     assert queued.progress.total == 4 * 2 * 7
-    worker = Parts(store).jobs["run"]
+    worker = Parts(memory).jobs["run"]
     worker.start(record.id)
     work = worker.work(record.id)
     steps = work.steps()
@@ -188,7 +181,7 @@ def test_cross_validation_is_a_durable_job_with_the_numbers_of_one_go(store, set
     worker.conclude(record.id, [computed[span] for span in steps])
     durable = jobs.current(record.id)
     told = []
-    work = RUN.compute(Resources(store), request)
+    work = RUN.compute(Resources(memory), request)
     same = carry_out(new_job(Run, request, work), work, told.append)
     assert durable.state == same.state == "succeeded"
     assert durable.result == same.result
@@ -208,16 +201,16 @@ def test_cross_validation_is_a_durable_job_with_the_numbers_of_one_go(store, set
         ({"resampling": {"size": 5}}, "resampling"),
     ],
 )
-def test_what_does_not_go_with_links_is_refused_with_its_remedy(store, set_id, options, where):
+def test_what_does_not_go_with_links_is_refused_with_its_remedy(memory, set_id, options, where):
     with pytest.raises(UnsupportedMethodError) as refused:
-        carried_out(store, set_id, **options)
+        carried_out(memory, set_id, **options)
     assert refused.value.where == where
     assert refused.value.remedy
 
 
-def test_loss_and_penalty_are_chosen_together(store, set_id):
+def test_loss_and_penalty_are_chosen_together(memory, set_id):
     cross_validation = {"folds": 2}
-    run = carried_out(store, set_id, link_penalty=None, links=["joint_2"], cross_validation=cross_validation)
+    run = carried_out(memory, set_id, link_penalty=None, links=["joint_2"], cross_validation=cross_validation)
     links, selection = run.result.links, run.result.selection
     assert (links.loss_source, links.model_source, links.penalty_source) == (
         "cross_validation",
@@ -233,13 +226,13 @@ def test_loss_and_penalty_are_chosen_together(store, set_id):
         assert low <= joint.compliance <= high
 
 
-def test_automatic_takes_the_simplest_model_that_is_good_enough(store, set_id):
-    parts = Parts(store)
+def test_automatic_takes_the_simplest_model_that_is_good_enough(memory, set_id):
+    parts = Parts(memory)
     rigid = json.loads(json.dumps(simulate_campaign(default_arm(), load="pull", configurations=12, seed=2)))
     rigid_id = set_of(parts, rigid)
     options = {"elasticity": "automatic", "link_penalty": None, "links": ["joint_2"]}
     options["cross_validation"] = {"folds": 2, "draws": 2}
-    joints = carried_out(store, rigid_id, **options).result
+    joints = carried_out(memory, rigid_id, **options).result
     assert joints.links is None
     assert joints.selection is None
     assert (joints.choice.elasticity, joints.choice.loss, joints.choice.source) == (
@@ -249,11 +242,11 @@ def test_automatic_takes_the_simplest_model_that_is_good_enough(store, set_id):
     )
     assert joints.choice.links_p_value > 3e-3
     assert joints.model is not None
-    bends = carried_out(store, set_id, **options).result
+    bends = carried_out(memory, set_id, **options).result
     assert (bends.choice.elasticity, bends.choice.source) == (bends.links.model, "cross_validation")
     assert bends.choice.links_p_value < 1e-5
     assert bends.selection.gain.error < bends.selection.gain.error_of_joints
-    plain = carried_out(store, set_id, elasticity="joints", link_penalty=None).result
+    plain = carried_out(memory, set_id, elasticity="joints", link_penalty=None).result
     assert bends.choice.plain.joints == plain.joints
     assert bends.choice.plain.rms_residual == plain.rms_residual
     said = {reason.code: reason.message for reason in bends.assessment.reasons}["links_bend_with_joints"]
@@ -281,11 +274,11 @@ def test_a_pedestal_is_recognised_and_shown(monkeypatch, tmp_path):
         assert text in shown.stdout
 
 
-def test_a_run_is_listed_by_what_bends(store, set_id):
+def test_a_run_is_listed_by_what_bends(memory, set_id):
     options = {"elasticity": "automatic", "links": ["joint_2"], "cross_validation": {"folds": 2, "draws": 1}}
-    jobs = Parts(store).jobs["run"]
+    jobs = Parts(memory).jobs["run"]
     record = jobs.create(RunRequest.model_validate({"measurement_set_id": set_id, **options}), None)
-    worker = Parts(store).jobs["run"]
+    worker = Parts(memory).jobs["run"]
     worker.start(record.id)
     work = worker.work(record.id)
     worker.conclude(record.id, [pack(work.compute(span)) for span in work.steps()])

@@ -9,11 +9,9 @@ import json
 import numpy as np
 import pytest
 from support.api import file_at
-from support.in_process import Client
 from typer.testing import CliRunner
 
 from jointstiff.service.cli.app import app
-from jointstiff.service.store.store import Store
 from jointstiff.simulator import default_arm, simulate_campaign
 
 CAMPAIGN = simulate_campaign(default_arm(), configurations=20, load="pull", seed=2)
@@ -26,47 +24,36 @@ AREA = {
 }
 
 
-@pytest.fixture(scope="module")
-def store():
-    with Store.open("sqlite://") as found:
-        yield found
-
-
-@pytest.fixture(scope="module")
-def client(store):
-    return Client(store)
-
-
-def posted(client, path, document):
-    answer = client.request("POST", f"/v1/{path}", json=document)
+def posted(local, path, document):
+    answer = local.request("POST", f"/v1/{path}", json=document)
     assert answer.status_code == 201, answer.text
     return answer.json()
 
 
 @pytest.fixture(scope="module")
-def run_id(client):
-    robot = posted(client, "robots", CAMPAIGN["robot"])["id"]
-    set_id = posted(client, "measurement-sets", CAMPAIGN["measurement_set"] | {"robot_id": robot})["id"]
-    return posted(client, "runs", {"measurement_set_id": set_id, "method": "partial_pose"})["id"]
+def run_id(local):
+    robot = posted(local, "robots", CAMPAIGN["robot"])["id"]
+    set_id = posted(local, "measurement-sets", CAMPAIGN["measurement_set"] | {"robot_id": robot})["id"]
+    return posted(local, "runs", {"measurement_set_id": set_id, "method": "partial_pose"})["id"]
 
 
 @pytest.fixture(scope="module")
-def made(client, run_id):
-    return posted(client, "maps", AREA | {"run_id": run_id, "name": "plate"})
+def made(local, run_id):
+    return posted(local, "maps", AREA | {"run_id": run_id, "name": "plate"})
 
 
-def rows_of(client, found):
-    text = client.get(file_at(found, "map.csv")).text
+def rows_of(local, found):
+    text = local.get(file_at(found, "map.csv")).text
     return list(csv.DictReader(io.StringIO(text)))
 
 
 class TestDownloads:
-    def test_npz_has_the_same_numbers(self, client, made):
-        answer = client.get(file_at(made, "map.npz"))
+    def test_npz_has_the_same_numbers(self, local, made):
+        answer = local.get(file_at(made, "map.npz"))
         with np.load(io.BytesIO(answer.content), allow_pickle=False) as found:
             headers, table, status = list(found["headers"]), found["table"], found["status"]
             assert set(found["overall verdict"]) == {made["result"]["assessment"]["verdict"]}
-        rows = rows_of(client, made)
+        rows = rows_of(local, made)
         assert ["status", *headers, "overall verdict"] == list(rows[0])
         assert status.tolist() == [row["status"] for row in rows]
         for row, numbers in zip(rows, table, strict=True):
@@ -93,8 +80,8 @@ class TestDownloads:
         ({"load_point": [0, 0, 120.0]}, "load_point", "120 m from the flange"),
     ],
 )
-def test_refused_with_place_and_remedy(client, run_id, changes, where, message):
-    answer = client.request("POST", "/v1/maps", json=AREA | {"run_id": run_id} | changes)
+def test_refused_with_place_and_remedy(local, run_id, changes, where, message):
+    answer = local.request("POST", "/v1/maps", json=AREA | {"run_id": run_id} | changes)
     assert answer.status_code == 422
     problem = answer.json()
     assert problem["where"] == where
@@ -102,17 +89,17 @@ def test_refused_with_place_and_remedy(client, run_id, changes, where, message):
     assert problem["remedy"]
 
 
-def test_a_run_of_elastic_links_maps_as_it_predicts(client, run_id):
-    asked = client.get(f"/v1/runs/{run_id}").json()["request"]["measurement_set_id"]
+def test_a_run_of_elastic_links_maps_as_it_predicts(local, run_id):
+    asked = local.get(f"/v1/runs/{run_id}").json()["request"]["measurement_set_id"]
     options = {"measurement_set_id": asked, "elasticity": "joints_and_links", "link_penalty": 1e-3}
-    elastic = posted(client, "runs", options)["id"]
-    made = posted(client, "maps", AREA | {"run_id": elastic})
+    elastic = posted(local, "runs", options)["id"]
+    made = posted(local, "maps", AREA | {"run_id": elastic})
     assert "first order" in made["result"]["remarks"][0]
     worst = made["result"]["worst"]
     cases = [{"joints": worst["joints"], "force": AREA["force"]}]
     units = {"length": "m", "angle": "rad", "force": "N"}
     stated = {"run_id": elastic, "units": units, "load_point": AREA["place"], "cases": cases}
-    case = client.request("POST", "/v1/deflections", json=stated).json()["cases"][0]
+    case = local.request("POST", "/v1/deflections", json=stated).json()["cases"][0]
     assert worst["displacement"] == pytest.approx(case["displacement"], rel=1e-9)
     assert worst["compliance_along"] == pytest.approx(case["compliance"]["along"]["compliance"])
     radius = worst["with_model_error"][1] - worst["deflection"]

@@ -8,13 +8,12 @@ from copy import deepcopy
 
 import numpy as np
 import pytest
-from support.in_process import Client
+from support.api import post
 from typer.testing import CliRunner
 
 import jointstiff
 from jointstiff.schemas.run import Campaign
 from jointstiff.service.cli.app import app
-from jointstiff.service.store.store import Store
 from jointstiff.simulator import TARGETS, default_arm, simulate_campaign
 
 TRUTH = default_arm().compliances
@@ -335,46 +334,34 @@ def test_the_command_writes_the_mended_campaign_beside_the_old_one(clean, tmp_pa
     assert "exchange_columns" in refused.output
 
 
-@pytest.fixture(scope="module")
-def client():
-    with Store.open("sqlite://") as store:
-        yield Client(store)
-
-
-def post(client, address, body):
-    answer = client.request("POST", address, json=body)
-    assert answer.status_code == 201, answer.text
-    return answer.json()
-
-
 @pytest.mark.parametrize("mistake", MISTAKES, ids=lambda mistake: mistake.__name__)
-def test_the_service_stores_and_identifies_the_mended_set(client, clean, mistake):
+def test_the_service_stores_and_identifies_the_mended_set(local, clean, mistake):
     document = planted(clean, mistake)
-    robot = post(client, "/v1/robots", document["robot"])["id"]
-    old = post(client, "/v1/measurement-sets", document["measurement_set"] | {"robot_id": robot})
+    robot = post(local, "/v1/robots", document["robot"])["id"]
+    old = post(local, "/v1/measurement-sets", document["measurement_set"] | {"robot_id": robot})
     stated = {"measurement_set_id": old["id"], "complementary_stiffness": "included"}
-    run = post(client, "/v1/runs", stated)
+    run = post(local, "/v1/runs", stated)
     actions = [reason["action"] for reason in run["result"]["assessment"]["reasons"]]
     action = next(each for each in actions if each and each["kind"] == MISTAKES[mistake])
-    after = post(client, f"/v1/runs/{run['id']}/apply", action)
+    after = post(local, f"/v1/runs/{run['id']}/apply", action)
     assert after["result"]["assessment"]["verdict"] == "use"
     assert after["request"]["variant_of"] == run["id"]
-    new = client.get(f"/v1/measurement-sets/{after['request']['measurement_set_id']}").json()
+    new = local.get(f"/v1/measurement-sets/{after['request']['measurement_set_id']}").json()
     assert new["id"] != old["id"]
-    assert client.get(f"/v1/measurement-sets/{old['id']}").json() == old
+    assert local.get(f"/v1/measurement-sets/{old['id']}").json() == old
     assert (new["robot_id"] != robot) == (action["kind"] == "apply_joint_map")
-    again = client.request("POST", f"/v1/runs/{run['id']}/apply", json=action)
+    again = local.request("POST", f"/v1/runs/{run['id']}/apply", json=action)
     assert again.json()["id"] == after["id"]
 
 
-def test_the_service_applies_what_is_advised_only(client, clean):
+def test_the_service_applies_what_is_advised_only(local, clean):
     document = planted(clean, columns_exchanged)
-    robot = post(client, "/v1/robots", document["robot"])["id"]
-    measured = post(client, "/v1/measurement-sets", document["measurement_set"] | {"robot_id": robot})["id"]
-    run = post(client, "/v1/runs", {"measurement_set_id": measured})
+    robot = post(local, "/v1/robots", document["robot"])["id"]
+    measured = post(local, "/v1/measurement-sets", document["measurement_set"] | {"robot_id": robot})["id"]
+    run = post(local, "/v1/runs", {"measurement_set_id": measured})
     action = next(reason["action"] for reason in run["result"]["assessment"]["reasons"] if reason["action"])
     for other in (action | {"joints": ["joint_1", "joint_5"]}, action | {"kind": "omit_noise"}):
-        refused = client.request("POST", f"/v1/runs/{run['id']}/apply", json=other)
+        refused = local.request("POST", f"/v1/runs/{run['id']}/apply", json=other)
         assert refused.status_code == 422
         assert "does not advise" in refused.json()["detail"]
-    assert client.request("POST", "/v1/runs/none/apply", json=action).status_code == 404
+    assert local.request("POST", "/v1/runs/none/apply", json=action).status_code == 404

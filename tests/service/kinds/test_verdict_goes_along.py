@@ -9,7 +9,6 @@ import json
 import pytest
 from rich.console import Console
 from support.api import file_at, posted
-from support.in_process import Client
 from support.kinds import MAP, PLAN, TEXT, posted_job
 from support.programs import options
 from typer.testing import CliRunner
@@ -19,7 +18,6 @@ from jointstiff.service.cli.app import app
 from jointstiff.service.exporting.formats import FORMATS
 from jointstiff.service.kinds.registry import KINDS
 from jointstiff.service.reports.job import job_report
-from jointstiff.service.store.store import Store
 from jointstiff.simulator import default_arm, simulate_campaign
 
 ACCEPTED = {"accept_verdict": "do_not_use"}
@@ -38,23 +36,17 @@ def campaign():
 
 
 @pytest.fixture(scope="module")
-def client():
-    with Store.open("sqlite://") as store:
-        yield Client(store)
-
-
-@pytest.fixture(scope="module")
-def runs(client):
+def runs(local):
     """Return runs of two measurement sets of the campaign."""
     document = campaign()
     again = document | {"measurement_set": document["measurement_set"] | {"name": "again"}}
-    return posted(client, document), posted(client, again)
+    return posted(local, document), posted(local, again)
 
 
 @pytest.fixture(scope="module")
-def post(client, runs):
+def post(local, runs):
     """Post a job of a kind that is made from the runs."""
-    return lambda kind, **more: posted_job(client, kind, runs[0], runs[1]["id"], **more)
+    return lambda kind, **more: posted_job(local, kind, runs[0], runs[1]["id"], **more)
 
 
 @pytest.fixture(scope="module", params=[kind.name for kind in KINDS if kind.name != "geometry"])
@@ -75,26 +67,26 @@ class TestEveryKind:
         assert first.startswith(HEADLINE)
         assert any("despite this verdict" in line for line in rest) == (kind.name in REFUSED)
 
-    def test_has_it_in_its_report(self, made, client):
+    def test_has_it_in_its_report(self, made, local):
         _, job = made
-        page = client.get(file_at(job, "report.html")).text
+        page = local.get(file_at(job, "report.html")).text
         assert "do not use" in page.lower()
 
-    def test_has_it_in_its_tables(self, made, client):
+    def test_has_it_in_its_tables(self, made, local):
         kind, job = made
         names = [file.name for file in kind.files if file.suffix == "csv"]
         names += ["model.csv?accept_verdict=do_not_use"] if kind.name == "run" else []
         assert names
         for name in names:
-            text = client.get(file_at(job, name)).text
+            text = local.get(file_at(job, name)).text
             rows = list(csv.DictReader(io.StringIO(text)))
             assert {row["overall verdict"] for row in rows} == {"do_not_use"}
 
 
 @pytest.mark.parametrize("kind", REFUSED)
-def test_nothing_acts_on_a_robot_unasked(client, post, kind):
+def test_nothing_acts_on_a_robot_unasked(local, post, kind):
     collection = next(each.collection for each in KINDS if each.name == kind)
-    before = client.get(f"/v1/{collection}").json()["items"]
+    before = local.get(f"/v1/{collection}").json()["items"]
     answer = post(kind)
     assert answer.status_code == 422
     problem = answer.json()
@@ -102,32 +94,32 @@ def test_nothing_acts_on_a_robot_unasked(client, post, kind):
     assert problem["where"] == ("measurement_set_id" if kind == "plan" else "run_id")
     assert "accept_verdict" in problem["remedy"]
     assert any("joint_2" in each["reason"] and each["remedy"] for each in problem["errors"])
-    assert client.get(f"/v1/{collection}").json()["items"] == before
+    assert local.get(f"/v1/{collection}").json()["items"] == before
     assert post(kind, accept_verdict="use_with_care").status_code == 422
 
 
 @pytest.mark.parametrize("name", FORMATS)
-def test_nor_does_an_export(client, runs, name):
+def test_nor_does_an_export(local, runs, name):
     address = file_at(runs[0], f"model.{name}")
-    assert client.get(address).json()["type"] == "urn:jointstiff:problem:not-to-be-used"
-    accepted = client.get(address, params=ACCEPTED)
+    assert local.get(address).json()["type"] == "urn:jointstiff:problem:not-to-be-used"
+    accepted = local.get(address, params=ACCEPTED)
     assert accepted.status_code == 200
     if name not in {"csv", "xlsx"}:
         assert "Verdict on the result: do not use." in accepted.text
 
 
-def test_the_program_says_it_even_unmarked(client, post):
+def test_the_program_says_it_even_unmarked(local, post):
     program = post("program", **ACCEPTED, mark=False).json()
-    text = client.get(file_at(program, "program")).text
+    text = local.get(file_at(program, "program")).text
     (mark,) = [line for line in text.splitlines() if "Jointstiff run" in line]
     assert mark.endswith("verdict: do not use")
 
 
-def test_a_prediction_has_it(client, runs, tmp_path):
+def test_a_prediction_has_it(local, runs, tmp_path):
     case = {"joints": [0.1] * 6, "force": [0.0, 0.0, -500.0], "load_point": [0.0, 0.0, 0.2]}
     units = {"length": "m", "angle": "rad", "force": "N"}
     body = {"run_id": runs[0]["id"], "units": units, "cases": [case]}
-    answer = client.request("POST", "/v1/deflections", json=body)
+    answer = local.request("POST", "/v1/deflections", json=body)
     assert answer.json()["assessment"]["verdict"] == "do_not_use"
     (tmp_path / "campaign.json").write_text(json.dumps(campaign()))
     heads = ",".join([*(f"J{j} [deg]" for j in range(1, 7)), *(f"F{axis} [N]" for axis in "xyz")])
@@ -169,15 +161,15 @@ def test_with_care_is_not_refused():
     assert jointstiff.map(run, **MAP).result.assessment.verdict == "use_with_care"
 
 
-def test_a_trend_has_it(client):
-    run = posted(client, simulate_campaign(default_arm(), load="pull", configurations=12, seed=1))
-    robot = client.get(f"/v1/measurement-sets/{run['request']['measurement_set_id']}").json()["robot_id"]
-    (entering,) = client.get(f"/v1/robots/{robot}/trend").json()["campaigns"]
+def test_a_trend_has_it(local):
+    run = posted(local, simulate_campaign(default_arm(), load="pull", configurations=12, seed=1))
+    robot = local.get(f"/v1/measurement-sets/{run['request']['measurement_set_id']}").json()["robot_id"]
+    (entering,) = local.get(f"/v1/robots/{robot}/trend").json()["campaigns"]
     assert entering["assessment"] == run["result"]["assessment"]
 
 
-def test_a_plan_goes_on_from_too_few_readings(client):
-    run = posted(client, simulate_campaign(default_arm(), load="pull", configurations=2, seed=1))
-    answer = posted_job(client, "plan", run)
+def test_a_plan_goes_on_from_too_few_readings(local):
+    run = posted(local, simulate_campaign(default_arm(), load="pull", configurations=2, seed=1))
+    answer = posted_job(local, "plan", run)
     assert answer.status_code == 201, answer.text
     assert answer.json()["result"]["assessment"]["verdict"] != "use"

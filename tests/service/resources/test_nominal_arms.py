@@ -5,19 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from reference.published_arms import ARMS, UR_ORIGINS, ur_flange_at
-from support.in_process import Client
 
 from jointstiff.service.conversion.prepared import prepare_robot
 from jointstiff.service.conversion.robots import to_kinematics
 from jointstiff.service.resources.catalogue import catalogue, find_arm, nominal_robot
-from jointstiff.service.store.store import Store
 from jointstiff.solver.errors import RequestError
-
-
-@pytest.fixture(scope="module")
-def client():
-    with Store.open("sqlite://") as store:
-        yield Client(store)
 
 
 def robot_of(name):
@@ -59,32 +51,30 @@ def test_an_unclear_name_is_refused(typed, said):
     assert caught.value.where == "model.arm"
 
 
-def test_over_the_api(client):
-    listed = client.get("/v1/catalogue").json()
+def test_over_the_api(local):
+    listed = local.get("/v1/catalogue").json()
     arm = next(each for each in listed["arms"] if each["name"] == "FANUC M-20iD/25")
     assert arm["reach"] == pytest.approx(1.831)
     presets = {each["id"]: each for each in listed["joint_maps"]}
     assert presets[arm["joint_map_preset"]]["joint_map"] == arm["joint_map"]
     body = {"name": "cell 3", "model": {"format": "catalogue", "arm": "M-20iD"}}
-    answer = client.request("POST", "/v1/robots", json=body)
+    answer = local.request("POST", "/v1/robots", json=body)
     assert answer.status_code == 201, answer.text
     robot = answer.json()
     assert robot["nominal_arm"] == "FANUC M-20iD/25"
     assert robot["model"] == arm["model"]
     assert robot["joint_map"] == arm["joint_map"]
     described = {"name": "cell 4", "model": arm["model"], "joint_map": arm["joint_map"]}
-    same = client.request("POST", "/v1/robots", json=described).json()
+    same = local.request("POST", "/v1/robots", json=described).json()
     assert same["nominal_arm"] is None
-    found = client.get("/v1/robots", params={"content_hash": robot["content_hash"]}).json()["items"]
+    found = local.get("/v1/robots", params={"content_hash": robot["content_hash"]}).json()["items"]
     assert [(each["name"], each["nominal_arm"]) for each in found] == [
         ("cell 4", None),
         ("cell 3", "FANUC M-20iD/25"),
     ]
     own = {"matrix": np.eye(6).tolist(), "offset": [0.0] * 6}
-    mapped = client.request("POST", "/v1/robots", json=body | {"joint_map": own}).json()
+    mapped = local.request("POST", "/v1/robots", json=body | {"joint_map": own}).json()
     assert mapped["joint_map"] == own
-    refused = client.request(
-        "POST", "/v1/robots", json=body | {"model": {"format": "catalogue", "arm": "X1"}}
-    )
+    refused = local.request("POST", "/v1/robots", json=body | {"model": {"format": "catalogue", "arm": "X1"}})
     assert refused.status_code == 422
     assert refused.json()["where"] == "model.arm"
