@@ -180,13 +180,14 @@ def served_in_process(tmp_path_factory: pytest.TempPathFactory) -> Iterator[InPr
         yield InProcess(url)
 
 
-@pytest.fixture(scope="session", params=["sqlite", "postgresql"])
+@pytest.fixture(scope="session")
 def service(request: pytest.FixtureRequest) -> Service | InProcess:
-    """The running service: a thread of this process on SQLite, a process with workers on PostgreSQL.
+    """The running service, a thread of this process on SQLite; a module that says so takes PostgreSQL, too.
 
-    No test may expect it to be empty.
+    There it is a process with workers: `pytestmark = support.api.BOTH_DATABASES`. No test may expect it to
+    be empty.
     """
-    if request.param == "sqlite":
+    if getattr(request, "param", "sqlite") == "sqlite":
         return request.getfixturevalue("served_in_process")
     return request.getfixturevalue("services")(request.param)
 

@@ -4,6 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
+import pytest
+
+BOTH_DATABASES = pytest.mark.parametrize("service", ["sqlite", "postgresql"], indirect=True, scope="session")
+"""For modules that ask the running service on SQLite and on PostgreSQL."""
 CANCEL = {"cancelled": True}
 DELETE = {"deleted": True}
 RESTORE = {"deleted": False}

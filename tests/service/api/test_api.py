@@ -10,7 +10,7 @@ import uuid
 import httpx2
 import numpy as np
 import pytest
-from support.api import post
+from support.api import BOTH_DATABASES, post
 from support.campaigns import METHODS
 from support.shared_data import shared
 
@@ -206,6 +206,7 @@ class TestRuns:
         assert joint["stiffness"] == pytest.approx(1e6)
 
 
+@BOTH_DATABASES
 class TestIdempotency:
     @pytest.mark.parametrize("collection", ["robots", "measurement-sets"])
     def test_the_same_key_gives_one_resource(self, client, campaign, readings, collection):
@@ -235,6 +236,7 @@ class TestIdempotency:
         assert len(listed["items"]) == 1
 
 
+@BOTH_DATABASES
 class TestListings:
     def test_pages_newest_first_and_filters(self, client, robot_id, set_id):
         sent = [

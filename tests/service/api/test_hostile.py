@@ -10,6 +10,7 @@ import tracemalloc
 import pytest
 from fastapi import HTTPException
 from fastapi.exceptions import RequestValidationError
+from support.api import BOTH_DATABASES
 
 from jointstiff.schemas.geometry import GeometryRequest
 from jointstiff.schemas.measurement import MeasurementSetRequest
@@ -17,7 +18,6 @@ from jointstiff.service.api.bodies import understood
 from jointstiff.service.problems.table import MAX_PROBLEM_BYTES
 from jointstiff.service.security.admission import refuse_structure
 
-before_any_database = pytest.mark.parametrize("service", ["sqlite"], indirect=True)
 JSON = {"Content-Type": "application/json"}
 PATHS = ["/v1/robots", "/v1/measurement-sets", "/v1/runs"]
 
@@ -49,7 +49,6 @@ def send(client, path, content, **headers):
     return client.post(path, content=content, headers=JSON | headers)
 
 
-@before_any_database
 @pytest.mark.parametrize("path", PATHS)
 @pytest.mark.parametrize("name", BODIES)
 def test_bodies(client, path, name):
@@ -63,7 +62,6 @@ def test_bodies(client, path, name):
     assert "\x07" not in answer.text
 
 
-@before_any_database
 @pytest.mark.parametrize(
     ("path", "limit"), [("/v1/robots", 4 << 20), ("/v1/measurement-sets", 8 << 20), ("/v1/runs", 64 << 10)]
 )
@@ -74,7 +72,6 @@ def test_too_large(client, path, limit):
     assert answer.json()["remedy"] == "split it into several requests"
 
 
-@before_any_database
 @pytest.mark.parametrize("filler", [b"{},", b"0,", b'"a":0,'])
 def test_small_parts_without_end(client, filler):
     """A few bytes each in the body, a thousand times that in a parser: refused before it starts."""
@@ -123,7 +120,6 @@ def test_keys_of_strings_are_no_keys():
         refuse_structure(json.dumps({"a": {f'k"{i}': "" for i in range(4_000)}}, indent=2).encode())
 
 
-@before_any_database
 @pytest.mark.parametrize("path", ["/v1/runs", "/v1/robots", "/v1/imports"])
 def test_a_body_that_is_declared_too_large_is_not_read(service, path):
     host, port = service.url.removeprefix("http://").split(":")
@@ -136,7 +132,6 @@ def test_a_body_that_is_declared_too_large_is_not_read(service, path):
         assert connection.recv(64).startswith(b"HTTP/1.1 413 ")
 
 
-@before_any_database
 @pytest.mark.parametrize("media_type", ["text/plain", "application/xml", "multipart/form-data", ""])
 def test_only_json(client, media_type):
     answer = client.post("/v1/runs", content=b"{}", headers={"Content-Type": media_type})
@@ -144,7 +139,6 @@ def test_only_json(client, media_type):
     assert "application/json" in answer.json()["detail"]
 
 
-@before_any_database
 @pytest.mark.parametrize("key", ["x" * 256, ""])
 def test_bad_idempotency_keys(client, key):
     assert send(client, "/v1/runs", b"{}", **{"Idempotency-Key": key}).status_code == 422
@@ -154,12 +148,14 @@ def test_bad_idempotency_keys(client, key):
     "identifier", ["%00", "..%2f..%2fetc", "a" * 2_000, "%F0%9F%92%A9", "'; DROP TABLE run"]
 )
 @pytest.mark.parametrize("path", PATHS)
+@BOTH_DATABASES
 def test_identifiers(client, path, identifier):
     answer = client.get(f"{path}/{identifier}")
     assert answer.status_code in {404, 422}
     assert len(answer.content) <= MAX_PROBLEM_BYTES
 
 
+@BOTH_DATABASES
 def test_numbers_at_the_edge_of_what_is_allowed(client):
     """Every field within its limits, and none sensible: refused or failed, never a crash."""
     robot = {
@@ -210,6 +206,7 @@ def test_numbers_at_the_edge_of_what_is_allowed(client):
             assert "unexpectedly" not in run.text, document
 
 
+@BOTH_DATABASES
 def test_a_client_that_never_finishes_does_not_stop_the_others(service, client):
     host, port = service.url.removeprefix("http://").split(":")
     stalled = [socket.create_connection((host, int(port))) for _ in range(30)]

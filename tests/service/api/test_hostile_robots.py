@@ -9,8 +9,6 @@ from support.hostile_urdfs import HOSTILE, LARGE
 
 from jointstiff.service.problems.table import MAX_PROBLEM_BYTES
 
-pytestmark = pytest.mark.parametrize("service", ["sqlite"], indirect=True)  # before any database
-
 
 def post(client, text):
     model = {"format": "urdf", "urdf": text, "base": "a", "flange": "b"}

@@ -140,7 +140,6 @@ HOSTILE = {
 }
 
 
-@pytest.mark.parametrize("service", ["sqlite"], indirect=True)  # before any database
 class TestHostileForms:
     @pytest.mark.parametrize("name", HOSTILE)
     def test_refused(self, client, name):

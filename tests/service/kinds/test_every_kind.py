@@ -7,7 +7,7 @@ import uuid
 
 import pytest
 from rich.console import Console
-from support.api import CANCEL, RESTORE, file_at, job_at, posted
+from support.api import BOTH_DATABASES, CANCEL, RESTORE, file_at, job_at, posted
 from support.kinds import CHANGES, posted_job
 
 from jointstiff.schemas.finding import Problem
@@ -17,6 +17,7 @@ from jointstiff.simulator import default_arm, simulate_campaign
 
 CAMPAIGN = simulate_campaign(default_arm(), load="pull", configurations=12, seed=1)
 
+pytestmark = BOTH_DATABASES
 kinds = pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.name)
 
 
