@@ -161,7 +161,8 @@ class TestHttp:
     @pytest.mark.parametrize("identifier", ["nothing", "%00", "%F0%9F%92%A9", "a%ED%A0%80"])
     def test_unknown(self, client, collection, identifier):
         address = f"/v1/{collection}/{identifier}"
-        for answer in (client.delete(address), client.patch(address, json=RESTORE)):
+        answers = [client.patch(address, json=change) for change in (DELETE, RESTORE)]
+        for answer in (*answers, client.delete(f"/v1/jobs/{identifier}")):
             assert answer.status_code == 404
             assert Problem.model_validate(answer.json()).type.endswith(":not-found")
 

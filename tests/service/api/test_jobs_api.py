@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from support.api import file_at, job_at, posted
+from support.api import DELETE, file_at, job_at, posted
 
 from jointstiff.simulator import default_arm, simulate_campaign
 
@@ -23,7 +23,7 @@ class TestCampaigns:
         first = local.request("POST", "/v1/campaigns", json=named).json()
         before = first["request"]["measurement_set_id"]
         for address in (job_at(first), f"/v1/measurement-sets/{before}"):
-            assert local.request("DELETE", address).status_code == 204
+            assert local.request("PATCH", address, json=DELETE).status_code == 200
         again = local.request("POST", "/v1/campaigns", json=named).json()
         assert again["request"]["measurement_set_id"] != before
         assert again["result"] == first["result"]
