@@ -39,6 +39,8 @@ from jointstiff.solver.text import length_text
 
 FEWEST: Final = 5
 """Number of readings before a goal can be met."""
+FEWEST_WITH_MODEL_ERROR: Final = 10
+"""The same where residuals may be more than noise: a ball of 90 % about a prediction needs nine postures."""
 ENOUGH_TO_SAY: Final = 10
 """Number of readings from which on it is said that a goal will not be met."""
 MOST_READINGS: Final = 200
@@ -253,7 +255,15 @@ class LiveCampaign:
     @property
     def met(self) -> bool:
         """True if the goal is met by enough readings, none of them in doubt."""
-        return len(self.observations) >= FEWEST and not self.doubtful and self.share.greatest_share <= 1.0
+        enough = len(self.observations) >= self.fewest
+        return enough and not self.doubtful and self.share.greatest_share <= 1.0
+
+    @property
+    def fewest(self) -> int:
+        """Number of readings before the goal can be met."""
+        result = self.result
+        lacks = isinstance(result, RunResult) and _lacks(result.goodness)
+        return FEWEST_WITH_MODEL_ERROR if lacks else FEWEST
 
     @property
     def check(self) -> HeldOut | None:
@@ -309,7 +319,7 @@ class LiveCampaign:
         if self.met:
             return 0 if self.check is not None and self.check.inside else 1
         missing = self.ahead.missing if self.ahead is not None and self.observations else None
-        return None if missing is None else max(missing, FEWEST - len(self.observations)) + 1
+        return None if missing is None else max(missing, self.fewest - len(self.observations)) + 1
 
     def next_reading(self) -> live.NextReading | None:
         """Return what to read next."""

@@ -185,7 +185,7 @@ def innovation(
         wrong_place = expected.misplaced(reading)[1] < _WRONG_PLACE
         doubtful = p_value < DOUBTFUL
         if doubtful and len(others) >= _FEWEST:
-            doubtful = square > _BEYOND * max(_own_distances(robot, others, compliance))
+            doubtful = square > _BEYOND * max(_own_distances(expected, others))
         off = expected.off(reading)
     except SolverError:  # other findings say so
         return _unjudged(label)
@@ -227,7 +227,7 @@ def held_out(robot: Robot, measurements: Measurements, compliance: FloatArray, r
         square, _, count = expected.distance(reading)
         limit = expected.limit(_BALL, count)
         if len(others) >= _FEWEST:
-            own = np.sort(_own_distances(robot, others, compliance))
+            own = np.sort(_own_distances(expected, others))
             limit = max(limit, float(own[min(len(own) - 1, int(np.ceil(_BALL * (len(own) + 1))) - 1)]))
         off = expected.off(reading)
     except SolverError:
@@ -247,13 +247,14 @@ def _unjudged(label: str) -> Innovation:
     )
 
 
-def _own_distances(robot: Robot, others: Measurements, compliance: FloatArray) -> list[float]:
-    """Return the squared distance of each reading from what the rest of them lets expect."""
+def _own_distances(expected: Expectation, others: Measurements) -> list[float]:
+    """Return the squared distance of each reading from what the rest of them lets expect, in one unit."""
     squares = []
     for k in range(len(others)):
-        rest = Expectation.of(robot, others[np.delete(np.arange(len(others)), k)], compliance)
+        part = others[np.delete(np.arange(len(others)), k)]
+        rest = Expectation.of(expected.robot, part, expected.compliance)
         if rest is not None:
-            squares.append(rest.distance(others[np.array([k])])[0])
+            squares.append(rest.distance(others[np.array([k])])[0] * rest.variance / expected.variance)
     return squares or [0.0]
 
 
