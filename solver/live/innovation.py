@@ -28,8 +28,8 @@ from jointstiff.solver.text import length_text
 
 DOUBTFUL: Final = 1e-4
 """Probability of so great a distance below which a reading is doubtful."""
-_BEYOND: Final = 1.5
-"""Factor by which a doubtful reading is farther off than any of the others is from its own prediction."""
+_BEYOND: Final = 4.0
+"""Squared factor by which a doubtful reading that no slip explains is farther off than each of the others."""
 _FEWEST: Final = 4
 """Number of other readings from which on they are compared with each other, too."""
 _BALL: Final = 0.9
@@ -55,9 +55,10 @@ class Expectation:
     terms: tuple[Term, ...]
     compliance: FloatArray  #: (n,) at which rows are computed [rad/(N·m)]
     best: FloatArray  #: (K,) fitted unknowns of all terms
-    root: FloatArray  #: (K, K); its product with the transpose is their covariance over that of the readings
-    variance: float  #: of a coordinate of unit covariance [m²]
-    freedom: float  #: degrees of freedom of the variance; inf where it is known
+    root: FloatArray  #: (K, K); its product with the transpose is their covariance [unit²]
+    noise: float  #: variance of a coordinate of unit covariance [m²]
+    misfit: float  #: squared share of a deflection that is not explained, beyond noise
+    freedom: float  #: degrees of freedom of both; inf where noise is stated and explains what is left
     places: FloatArray  #: (T, 3) of targets in the flange frame by unloaded readings [m]; NaN where unknown
     spread: float  #: standard deviation of a coordinate of such a place [m]
 
@@ -102,9 +103,11 @@ class Expectation:
         if stated is None and not np.isfinite(freedom):
             return None
         R = np.linalg.qr(M, mode="reduced")[1]
-        root = unit[:, None] * np.linalg.solve(R, np.eye(len(unit)))
+        root = np.sqrt(variance) * unit[:, None] * np.linalg.solve(R, np.eye(len(unit)))
         places, spread = _places(robot, others)
-        return cls(robot, terms, compliance, unit * x, root, variance, freedom, places, spread)
+        noise = variance if stated is None else stated
+        misfit = (variance - noise) / float(np.square(d).sum() / read)
+        return cls(robot, terms, compliance, unit * x, root, noise, misfit, freedom, places, spread)
 
     def distance(self, reading: Measurements, *, free: Term | None = None) -> tuple[float, float, int]:
         """Return squared distance, probability of at least that, and number of coordinates of one reading.
@@ -118,11 +121,10 @@ class Expectation:
         """
         rows, _ = _rows(self.robot, reading, self.terms, self.compliance)
         count = int(reading.coordinates.sum())
-        own = rows[:, :-1] @ self.root
-        left = rows[:, -1] - rows[:, :-1] @ self.best
-        covariance = np.eye(len(own)) + own @ own.T
-        factor = np.linalg.cholesky(covariance)
-        e = np.linalg.solve(factor, left) / np.sqrt(self.variance)
+        own, moved = rows[:, :-1] @ self.root, rows[:, :-1] @ self.best
+        variance = self.noise + self.misfit * float(np.square(moved).sum()) / count
+        factor = np.linalg.cholesky(variance * np.eye(len(own)) + own @ own.T)
+        e = np.linalg.solve(factor, rows[:, -1] - moved)
         if free is not None:
             more, _ = _rows(self.robot, reading, (free,), self.compliance)
             C = np.linalg.solve(factor, more[:, :-1])
@@ -183,17 +185,18 @@ def innovation(
             return _unjudged(label)
         square, p_value, _ = expected.distance(reading)
         wrong_place = expected.misplaced(reading)[1] < _WRONG_PLACE
-        doubtful = p_value < DOUBTFUL
-        if doubtful and len(others) >= _FEWEST:
-            doubtful = square > _BEYOND * max(_own_distances(expected, others))
-        off = expected.off(reading)
+        off, causes, doubtful = expected.off(reading), list[str](), p_value < DOUBTFUL
+        if doubtful or wrong_place:
+            slips, causes = _causes(expected, reading, others)
+            # What bends beside the joints is no slip, and puts other readings off as well.
+            far = len(others) >= _FEWEST and square > _BEYOND * max(_own_distances(expected, others))
+            doubtful = slips or far
     except SolverError:  # other findings say so
         return _unjudged(label)
     if not doubtful and not wrong_place:
         return Innovation(
             label=label, p_value=p_value, distance=off, doubtful=False, causes=[], message="as expected"
         )
-    causes = _causes(expected, reading, others)
     if not causes and wrong_place:
         same = np.isclose(others.joints, reading.joints[0]).all(axis=1)
         whose = (
@@ -254,12 +257,13 @@ def _own_distances(expected: Expectation, others: Measurements) -> list[float]:
         part = others[np.delete(np.arange(len(others)), k)]
         rest = Expectation.of(expected.robot, part, expected.compliance)
         if rest is not None:
-            squares.append(rest.distance(others[np.array([k])])[0] * rest.variance / expected.variance)
+            rest = replace(rest, noise=expected.noise, misfit=expected.misfit)
+            squares.append(rest.distance(others[np.array([k])])[0])
     return squares or [0.0]
 
 
-def _causes(expected: Expectation, reading: Measurements, others: Measurements) -> list[str]:
-    """Return the mistakes that explain a reading, in words, the likeliest first."""
+def _causes(expected: Expectation, reading: Measurements, others: Measurements) -> tuple[bool, list[str]]:
+    """Return whether a plain slip explains a reading, and what does in words, the likeliest first."""
     scores: list[tuple[bool, float, str]] = []  # a fitted size explains what a plain slip does: it comes last
     for words, changed, free, unknowns in _mistakes(expected.robot, reading, others):
         try:
@@ -276,7 +280,7 @@ def _causes(expected: Expectation, reading: Measurements, others: Measurements) 
         for fitted, square, words in scores
         if (fitted, square) <= (scores[0][0], scores[0][1] + _BETTER)
     ]
-    return list(dict.fromkeys(named))[:_MOST_NAMED]
+    return bool(scores) and not scores[0][0], list(dict.fromkeys(named))[:_MOST_NAMED]
 
 
 def _mistakes(
