@@ -322,7 +322,7 @@ def run(*, quick: bool, part: Part) -> list[Section]:
     figures.append(
         Figure(f"of {campaigns} campaigns without a mistake, with a doubt", doubts, "at most", 1.0)
     )
-    titles = ("goal", "reached", "readings", "fixed list", "plan in order", "right [%]")
+    titles: tuple[str, ...] = ("goal", "reached", "readings", "fixed list", "plan in order", "right [%]")
     titles = (*titles, "first held-out inside [%]", "fresh inside [%]")
     return [
         Section("campaigns measured live until the goal is met", titles, tuple(rows), tuple(figures)),
