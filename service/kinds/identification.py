@@ -716,7 +716,7 @@ def to_choice_by_comparison(
         remarks += " Intervals of stiffness are of this model."
     elif intervals is not None:
         richer = intervals.replace("_", " ")
-        remarks += f" Intervals of stiffness are of {richer}, the largest model that predicts as well."
+        remarks += f" Intervals of stiffness are of {richer}, the richest model compared."
     return ModelChoice(
         elasticity=chosen.model,
         loss=chosen.loss,

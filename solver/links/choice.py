@@ -315,8 +315,7 @@ class Selection:
     models: tuple[HeldOut, ...]  #: that were compared, each with all losses
     best: ModelName  #: model of least mean residual of held-out postures, each with its best loss
     simplest: ModelName  #: whose mean is near the best one's, paired by posture; see `simplest_of`
-    #: richest model that predicts within one paired standard error of the best: intervals are of it
-    largest: ModelName
+    largest: ModelName  #: richest of the models that bend as the simplest does: intervals are of it
     #: gain of the best model but joints over joints alone; None where either has no answer
     gain: HeldOutGain | None
 
@@ -336,13 +335,8 @@ class Selection:
         names = dict.fromkeys(each.model for each in models)
         by_name = [_best_loss(models, name, LOSSES) for name in names]
         best = min(by_name, key=lambda each: float(each.by_posture.mean()))
-        return cls(
-            tuple(models),
-            best.model,
-            simplest_of(by_name, best, screened=screened),
-            largest_of(by_name, best),
-            _gain(by_name),
-        )
+        simplest = simplest_of(by_name, best, screened=screened)
+        return cls(tuple(models), best.model, simplest, largest_of(list(names), simplest), _gain(by_name))
 
 
 def _best_loss(models: Sequence[HeldOut], name: ModelName, losses: Sequence[Loss]) -> HeldOut:
@@ -420,14 +414,14 @@ def simplest_of(by_name: Sequence[HeldOut], best: HeldOut, *, screened: bool) ->
     )
 
 
-def largest_of(by_name: Sequence[HeldOut], best: HeldOut) -> ModelName:
-    """Return the richest of models, from simple to rich, within one paired standard error of the best.
+def largest_of(names: Sequence[ModelName], chosen: ModelName) -> ModelName:
+    """Return the richest of models, from simple to rich, in which all bends that bends in the chosen one.
 
-    What the chosen model leaves out, the readings do not refute: an interval that takes the chosen one for
-    true is too narrow.
+    A model that predicts best trades bias for variance, and an interval that takes it for true is too narrow
+    (Leeb & Pötscher, *Model selection and inference: facts and fiction*, 2005). How well the richest predicts
+    says nothing against its intervals: they are as wide as what the readings leave open.
     """
-    behind = [(each.model, *each.behind(best)) for each in by_name]
-    return [model for model, worse, error in behind if worse <= error][-1]
+    return [name for name in names if name in WITH_BASE or chosen not in WITH_BASE][-1]
 
 
 def _gain(by_name: Sequence[HeldOut]) -> HeldOutGain | None:

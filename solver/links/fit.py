@@ -387,8 +387,7 @@ def effective_compliances(
         robot: n joints.
         elastic: with links; the intervals contain its effective compliances in any case.
         confidence: of the intervals.
-        widest: richest model that predicts as well, with the same columns, whose range it is; the same
-            estimate if None.
+        widest: richest model compared, with the same columns, whose range it is; the same estimate if None.
         with_ends: whether prediction chose the penalty; of one that was given no ends are quoted.
     """
     companion = (widest or elastic).companion

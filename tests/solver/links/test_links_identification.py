@@ -26,6 +26,7 @@ from jointstiff.solver.links.choice import (
     fit_fold,
     judge_losses,
     judge_penalty,
+    largest_of,
     refined,
     select_model,
 )
@@ -410,10 +411,31 @@ def held_out(behind):
 def test_a_model_at_another_penalty_is_compared_anew():
     models = held_out({"joints": 3.0, "diagonal_links": None, "joints_and_links": 1.1})
     before = Selection.among(models, screened=True)
-    assert (before.simplest, before.best, before.largest) == ("diagonal_links",) * 3
+    assert (before.simplest, before.best, before.largest) == (*("diagonal_links",) * 2, "joints_and_links")
     better = replace(models[-1], by_posture=models[1].by_posture - 1e-5, penalty=1e-5)
     kept = before.with_refined(better)
-    assert (kept.simplest, kept.best, kept.largest) == ("diagonal_links",) * 3
+    assert (kept.simplest, kept.best, kept.largest) == (*("diagonal_links",) * 2, "joints_and_links")
     after = Selection.among(kept.models, screened=True)
     assert (after.simplest, after.best, after.largest) == ("joints_and_links",) * 3
     assert after.of("joints_and_links").penalty == 1e-5
+
+
+@pytest.mark.parametrize(
+    ("models", "chosen", "expected"),
+    [
+        (
+            ("joints", "coupled_joints", "diagonal_links", "joints_and_links"),
+            "diagonal_links",
+            "joints_and_links",
+        ),
+        (MODELS, "diagonal_links", "links_and_base"),
+        (
+            ("joints", "joints_and_base", "diagonal_links", "joints_and_links"),
+            "joints_and_base",
+            "joints_and_base",
+        ),
+        (("joints", "joints_and_base"), "joints_and_base", "joints_and_base"),
+    ],
+)
+def test_intervals_are_of_the_richest_model_that_holds_the_chosen_one(models, chosen, expected):
+    assert largest_of(models, chosen) == expected
