@@ -36,10 +36,10 @@ class AtTerminal(Person):
         cli.warn(profile)
         if self._confirmed:
             return True
-        try:
-            return typer.confirm("are the lines read rightly?", err=True)
-        except typer.Abort:
-            raise cli.failed("nobody confirmed how the lines are read", "confirm it, or give --yes") from None
+        answer = _asked("are the lines read rightly? y or n", {"y", "n"}, at_end="")
+        if not answer:
+            raise cli.failed("nobody confirmed how the lines are read", "confirm it, or give --yes")
+        return answer == "y"
 
     def told(self, state: LiveState, reading: LiveReading) -> None:
         """Print the reading's line, and why it is doubtful."""
@@ -60,7 +60,7 @@ class AtTerminal(Person):
             cli.warn(f"\n{following.label}: {posture_text(self._campaign, following)}")
             cli.warn(f"  {force_text(following)}; {following.reason}")
         state = "with the load" if loaded else "without load"
-        answer = _asked(f"  Enter reads {state}; s skips this posture; q ends", {"", "s", "q"})
+        answer = _asked(f"  Enter reads {state}; s skips this posture; q ends", {"", "s", "q"}, at_end="q")
         chosen: dict[str, Literal["read", "skip", "stop"]] = {"": "read", "s": "skip", "q": "stop"}
         return chosen[answer]
 
@@ -68,17 +68,17 @@ class AtTerminal(Person):
         """Ask what becomes of a doubtful reading."""
         if not self._asks:
             return super().doubts(reading)
-        return "again" if _asked("  r reads it again; k keeps it", {"r", "k"}) == "r" else "keep"
+        return "again" if _asked("  r reads it again; k keeps it", {"r", "k"}, at_end="k") == "r" else "keep"
 
     def missed(self, error: Exception) -> Literal["again", "skip", "stop"]:
         """Print the reason why there is no reading, and ask what to do."""
-        cli.warn(f"no reading: {error}")
+        cli.warn(f"no reading: {getattr(error, 'reason', error)}")
         remedy = getattr(error, "remedy", None)
         if remedy:
             cli.warn(f"  remedy: {remedy}")
         if not self._asks:
             return super().missed(error)
-        answer = _asked("  r reads again; s skips this posture; q ends", {"r", "s", "q"})
+        answer = _asked("  r reads again; s skips this posture; q ends", {"r", "s", "q"}, at_end="q")
         chosen: dict[str, Literal["again", "skip", "stop"]] = {"r": "again", "s": "skip", "q": "stop"}
         return chosen[answer]
 
@@ -103,16 +103,14 @@ def reading_line(state: LiveState, reading: LiveReading) -> str:
     return " ".join(parts)
 
 
-def _asked(prompt: str, answers: set[str]) -> str:
-    """Return one of some answers; the end of the input is `q`, or `k` where nothing can end."""
+def _asked(prompt: str, answers: set[str], at_end: str) -> str:
+    """Return one of some answers, or what the end of the input stands for."""
     while True:
         typer.echo(f"{prompt}: ", nl=False, err=True)
         line = sys.stdin.readline()
-        if not line:
-            return "q" if "q" in answers else "k"
         answer = line.strip().lower()
-        if answer in answers:
-            return answer
+        if not line or answer in answers:
+            return answer if line else at_end
 
 
 def posture_text(campaign: LiveMeasurement, following: NextReading) -> str:

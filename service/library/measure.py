@@ -29,7 +29,7 @@ from jointstiff.schemas.run import CampaignRun
 from jointstiff.service.conversion.prepared import PreparedRobot, prepare_robot, stated_transform, to_resolved
 from jointstiff.service.conversion.units import LENGTH
 from jointstiff.service.library.campaigns import Campaign
-from jointstiff.service.library.errors import AwayError, ProblemError
+from jointstiff.service.library.errors import AwayError, CampaignError, ProblemError
 from jointstiff.service.library.files import as_campaign_error, parse_document, read_planned
 from jointstiff.service.live.campaign import MOST_READINGS, Declared, Entry, LiveCampaign
 from jointstiff.service.live.declaration import Scales, declared, goal_of
@@ -44,6 +44,7 @@ from jointstiff.service.live.sources import (
     source_of,
 )
 from jointstiff.service.problems.errors import TakenError
+from jointstiff.service.problems.table import http_problem
 from jointstiff.solver.errors import RequestError
 
 if TYPE_CHECKING:
@@ -258,7 +259,7 @@ class LiveMeasurement:
         self.joint_names, self.joint_kinds = robot.robot.joint_names, robot.robot.joint_kinds
         self._loop: _Loop | None = None
         self._checked: Checked | None = None
-        self._profile: str | None = None
+        self._confirmed = False
         self.state = place.state()  #: what the readings say so far, and what is next
         self.run: TabledRun | None = None  #: the run, once the campaign is closed
         self.robot = robot.document  #: that is measured
@@ -314,9 +315,8 @@ class LiveMeasurement:
         """
         following, scales = self.next, self._scales
         if following is None and (label is None or joints is None or force is None):
-            raise RequestError(
-                "nothing is left to read", where="label", remedy="give `label`, `joints` and `force`"
-            )
+            remedy = "give `label`, `joints` and `force`"
+            raise CampaignError(http_problem(422, "nothing is left to read", remedy))
         angles = np.asarray(following.joints if joints is None and following else joints, dtype=np.float64)
         newtons = np.asarray(following.force if force is None and following else force, dtype=np.float64)
         before, after = self._places(unloaded), self._places(loaded)
@@ -359,13 +359,14 @@ class LiveMeasurement:
 
         Raises:
             SourceError: the source failed twice at the same reading.
-            RequestError: the campaign has no source, or nobody confirmed how its lines are read.
+            CampaignError: the campaign has no source, or nobody confirmed how its lines are read.
         """
         person = Person() if person is None else person
-        self._open_source(person)
-        while self.state.state == "measuring" and self.next is not None and self.count < most:
-            if not self._read(self.next, person):
-                break
+        with as_campaign_error(""):
+            self._open_source()
+            while self.state.state == "measuring" and self.next is not None and self.count < most:
+                if not self._read(self.next, person):
+                    break
         return self.state
 
     def close(self) -> TabledRun:
@@ -428,7 +429,7 @@ class LiveMeasurement:
             self._robot, targets, point, sigma, (transform.rotation, np.asarray(transform.translation))
         )
 
-    def _open_source(self, person: Person) -> None:
+    def _open_source(self) -> None:
         if self.source is None:
             raise RequestError(
                 "the campaign has no source", where="source", remedy='give one, such as source="simulated:1"'
@@ -444,17 +445,10 @@ class LiveMeasurement:
         self._loop = _Loop()
         self._checked = Checked(self.source, self._setting(), self._wait)
         try:
-            profile = self._loop.do(self._checked.open())
+            self._loop.do(self._checked.open())
         except BaseException:
             self.let_go()
             raise
-        if profile is not None and not person.confirms(profile):
-            self.let_go()
-            raise RequestError(
-                "nobody confirmed how the lines are read",
-                where="source",
-                remedy="state their form by `columns` or `pattern`, and their unit",
-            )
 
     def _read(self, following: NextReading, person: Person) -> bool:
         """Read a posture, again where it is doubtful; return whether to go on."""
@@ -502,8 +496,26 @@ class LiveMeasurement:
             if answer != "read":
                 return answer
             stand = Stand(following.label, tuple(following.joints), following.force, loaded)
+            self._confirm(stand, person)
             parts.append(cast("_Loop", self._loop).do(cast("Checked", self._checked).read(stand)))
         return parts[0], parts[1] if len(parts) > 1 else {}
+
+    def _confirm(self, stand: Stand, person: Person) -> None:
+        """Let a person confirm how the first reading is understood.
+
+        Raises:
+            RequestError: nobody does.
+        """
+        if self._confirmed:
+            return
+        profile = cast("_Loop", self._loop).do(cast("Checked", self._checked).profile(stand))
+        if profile is not None and not person.confirms(profile):
+            raise RequestError(
+                "nobody confirmed how the lines are read",
+                where="source",
+                remedy="state their form by `columns` or `pattern`, and their unit",
+            )
+        self._confirmed = True
 
     def _observe(self, following: NextReading, unloaded: dict[str, Point], loaded: dict[str, Point]) -> None:
         sigma: dict[str, float] = {}

@@ -90,12 +90,15 @@ class Source(ABC):
     by_itself = False
     """True if nobody moves an arm and hangs a weight: nothing is asked before each reading."""
 
-    async def open(self, setting: Setting) -> str | None:  # noqa: ARG002 - most sources do not ask
-        """Get ready; return how readings are understood, to be confirmed, or None if nothing is to be asked.
+    async def open(self, setting: Setting) -> None:  # noqa: B027 - most sources do not ask
+        """Get ready.
 
         Raises:
             SourceError: it cannot be reached.
         """
+
+    async def profile(self) -> str | None:
+        """Return how readings are understood, to be confirmed in the first posture; None for no question."""
         return None
 
     async def stand(self, stand: Stand) -> None:  # noqa: B027 - most sources do not ask
@@ -150,12 +153,18 @@ class Checked:
         """Look at the readings of a source, which has `point` at least."""
         self._source, self._setting, self._patience = source, setting, patience
         self._seen: set[Place] = set()
-        self._stand: Stand | None = None
+        self._stand: Stand | None = None  # of which the source was told, and read nothing yet
         self._unloaded: dict[str, FloatArray] = {}
 
-    async def open(self) -> str | None:
-        """Get the source ready; return what is to be confirmed."""
-        profile: str | None = await self._asked("open", self._setting)
+    async def open(self) -> None:
+        """Get the source ready."""
+        await self._asked("open", self._setting)
+
+    async def profile(self, stand: Stand) -> str | None:
+        """Return how readings are understood, to be confirmed; None if nothing is to be asked."""
+        await self._asked("stand", stand)
+        self._stand = stand
+        profile: str | None = await self._asked("profile")
         return profile
 
     async def close(self) -> None:
@@ -169,7 +178,9 @@ class Checked:
         Raises:
             SourceError: the source has stopped, repeats itself, jumped, or sent what is no reading.
         """
-        await self._asked("stand", stand)
+        if self._stand != stand:
+            await self._asked("stand", stand)
+        self._stand = None  # to read again is to begin again
         points: dict[str, Point] = {}
         for name in self._setting.targets:
             points[name] = point = await self._one(name)
@@ -177,7 +188,6 @@ class Checked:
         places = {name: np.array(place) for name, (place, _) in points.items()}
         self._seen |= {place for place, _ in points.values()}
         self._unloaded = {} if stand.loaded else places
-        self._stand = stand
         return points
 
     async def _asked(self, what: str, *arguments: object) -> Any:  # noqa: ANN401 - whatever a source answers
@@ -290,14 +300,13 @@ class Simulated(Source):
             )
         self._random = np.random.default_rng(int(address or 1))
 
-    async def open(self, setting: Setting) -> str | None:
+    async def open(self, setting: Setting) -> None:
         """Draw the stiffnesses of the campaign's robot."""
         robot = setting.robot
         self._setting = setting
         self.stiffness: FloatArray = plausible_stiffness(robot, self._random)  # (n,) [N·m/rad or N/m]
         bounds = Constraints(Bounds.positive(robot.n))
         self._model = JointModel(robot, 1.0 / self.stiffness, None, bounds)
-        return None
 
     async def stand(self, stand: Stand) -> None:
         """Bend the arm.
@@ -511,18 +520,22 @@ class Lines(Source):
         self._let_go: Callable[[], None] = lambda: None
         self._send: Callable[[bytes], object] = lambda _: None
 
-    async def open(self, setting: Setting) -> str | None:
-        """Connect; return the profile, with a line as it is read."""
+    async def open(self, setting: Setting) -> None:
+        """Connect."""
         self._came = asyncio.Event()
+        self._first = next(iter(setting.targets), "")
         await self._connect()
+
+    async def profile(self) -> str | None:
+        """Return the profile in words, with the first line as it is read."""
         if not self._sample:
             return self._profile.words(None)
-        first = next(iter(setting.targets), "")
-        self._ask(first)
+        self._ask(self._first)
         line = await self._next()
         while self._profile.read(line) is None:
             self._rubbish(line)
             line = await self._next()
+        self._lines.appendleft(line)  # it is the first reading, too
         return self._profile.words(line)
 
     async def stand(self, stand: Stand) -> None:
@@ -537,9 +550,11 @@ class Lines(Source):
         """Return the next line of a target."""
         if name in self._waiting:
             return self._waiting.pop(name)
-        self._ask(name)
-        useless = 0
+        useless, asked = 0, False
         while useless < _RUBBISH:
+            if not self._lines and not asked:
+                self._ask(name)
+                asked = True
             line = await self._next()
             reading = self._profile.read(line)
             if reading is None:
@@ -717,10 +732,9 @@ class RoboDk(Source):
             ) from None
         self._link, self._name = robolink.Robolink(), address
 
-    async def open(self, setting: Setting) -> str | None:
+    async def open(self, setting: Setting) -> None:
         """Remember where targets are expected."""
         self._setting = setting
-        return None
 
     async def stand(self, stand: Stand) -> None:
         """Expect the targets where the robot holds them."""
