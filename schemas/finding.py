@@ -188,6 +188,13 @@ FindingCode = Literal[
     "corrections_capped",
     "beyond_campaign",
     "near_singularity",
+    "nothing_corrected",
+    # in what is made of a run
+    "prediction_implausible",
+    "point_implausible",
+    "numbers_missing",
+    "joint_left_out",
+    "joint_stays_uncertain",
     # in two results side by side
     "no_common_configuration",
     "configurations_differ",
@@ -232,6 +239,11 @@ class Assessment(Message):
         "geometries.",
     )
     joint_count: int | None = Field(default=None, description="Number of joints; null for geometries.")
+    headline: str | None = Field(
+        default=None,
+        description="Verdict in one line, which says of what, for what is made of a run: prediction, map, "
+        "program, plan, comparison. Null for runs and geometries.",
+    )
     notes: list[str] = Field(
         default_factory=list,
         description="Checks that these readings do not allow, and assumptions in their place.",

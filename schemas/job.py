@@ -57,7 +57,9 @@ class Result(Message):
 class FromRun(Result):
     """Result that is made from a run."""
 
-    assessment: Assessment = Field(description="Assessment of the run whose model this uses.")
+    assessment: Assessment = Field(
+        description="Assessment of this result, with the reasons of its own and those of its run."
+    )
 
 
 class Job(Message):

@@ -270,7 +270,7 @@ class PlanResult(Result):
     """List of readings with its predicted uncertainties."""
 
     assessment: Assessment | None = Field(
-        description="Assessment of the campaign so far, by joints alone; null for a new campaign."
+        description="Assessment of the plan, with the reasons of the campaign so far, by joints alone."
     )
 
     readings: list[PlannedReading] = Field(

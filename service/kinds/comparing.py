@@ -22,6 +22,7 @@ from jointstiff.schemas.finding import Assessment, Finding, combined
 from jointstiff.schemas.options import RunOptions
 from jointstiff.schemas.run import Run, RunRequest, RunResult
 from jointstiff.service.conversion.readings import hash_of
+from jointstiff.service.kinds.verdicts import judged, own_reason
 from jointstiff.service.kinds.work import QuickWork
 from jointstiff.service.resources.inputs import Inputs, MeasuredRun
 from jointstiff.solver.arrays import FloatArray
@@ -108,7 +109,9 @@ def compute(inputs: Inputs, request: ComparisonRequest, runs: Sequence[MeasuredR
         ordered=None,
         warnings=_once(finding for each in runs for finding in _warnings(each.run)),
     )
-    return result if len(parts) == 1 else _two_sides(inputs, request, parts, leading, result)
+    if len(parts) == 1:
+        return result.model_copy(update={"assessment": judged("comparison", [], result.assessment)})
+    return _two_sides(inputs, request, parts, leading, result)
 
 
 def _worst(results: Sequence[RunResult | None]) -> Assessment:
@@ -204,11 +207,15 @@ def _two_sides(
         for name, _, found in by
         if found is not None
     ]
-    if not pair.avoided.matching:
-        assessments.append(Assessment(verdict=_NOTHING_COMMON.weight, reasons=[_NOTHING_COMMON]))
+    own = [] if pair.avoided.matching else [_NOTHING_COMMON]
+    without = [joint.name for joint in pair.joints if joint.ratio is None]
+    if without:
+        message = f"no ratio for {', '.join(without)}"
+        remedy = "measure with loads that twist these joints on both sides"
+        own.append(own_reason("numbers_missing", "use_with_care", message, remedy))
     return result.model_copy(
         update={
-            "assessment": combined(assessments),
+            "assessment": judged("comparison", own, combined(assessments)),
             "joints": pair.joints,
             "avoided": pair.avoided,
             "ordered": pair.ordered,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
+from math import hypot
 from typing import Any, Final, TypeVar
 
 import numpy as np
@@ -11,9 +12,10 @@ from pydantic import BaseModel, ValidationError
 
 from jointstiff.schemas.deflection import MAX_CASES, CaseResult, DeflectionOptions, DeflectionResult
 from jointstiff.schemas.fields import Vector3
+from jointstiff.schemas.finding import Finding
 from jointstiff.schemas.joints import JointKind
 from jointstiff.schemas.measurement import Units
-from jointstiff.schemas.run import Run
+from jointstiff.schemas.run import Run, RunResult
 from jointstiff.service.conversion.robots import (
     joint_factors,
     kinds_of,
@@ -22,8 +24,10 @@ from jointstiff.service.conversion.robots import (
 )
 from jointstiff.service.conversion.units import ANGLE, FORCE, LENGTH, MOMENT
 from jointstiff.service.kinds.acceptance import RunModel, moment_factor
+from jointstiff.service.kinds.verdicts import judged, of_campaign, of_deflection, of_missing, of_points
 from jointstiff.service.tables.files import csv_text, rows_of
-from jointstiff.service.tables.report import judged, verdict_lines
+from jointstiff.service.tables.report import judged as with_verdict
+from jointstiff.service.tables.report import verdict_lines
 from jointstiff.service.tables.table import NO_NUMBER, Chart, Column, Line, Part, Sheet, Table, number
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import RequestError
@@ -42,6 +46,7 @@ _VECTORS: Final[Mapping[str, tuple[str, Mapping[str, float], str]]] = {
     "direction": ("direction ", {"": 1.0, "1": 1.0}, ""),
 }
 """Beginning of the headers of a vector, its units, and the name of its unit in a request."""
+_EXTRAPOLATED: Final = 1.0 + 1e-6
 _SI: Final = {"length": "m", "angle": "rad", "force": "N", "moment": "N.m"}
 _MILLI: Final = {
     "m": (1e3, "mm"),
@@ -84,15 +89,30 @@ def predict_by_run(robot: Robot, run: Run, request: DeflectionOptions) -> Deflec
     size = np.linalg.norm(directions, axis=1, keepdims=True)
     directions = np.where(size > 0.0, directions / np.where(size > 0.0, size, 1.0), np.nan)
     labels = [case.label or str(i) for i, case in enumerate(request.cases, 1)]
+    answers = case_results(bent, bound, directions, confidence, labels, used.result.budget)
     return DeflectionResult(
         joint_kinds=kinds_of(robot),
-        assessment=used.result.assessment,
+        assessment=judged("prediction", _reasons(answers, cases, used.result), used.result.assessment),
         confidence=confidence,
         model_error_postures=used.postures,
         postures_needed=ModelError.needed(confidence),
         remarks=used.remarks(confidence),
-        cases=case_results(bent, bound, directions, confidence, labels, used.result.budget),
+        cases=answers,
     )
+
+
+def _reasons(answers: Sequence[CaseResult], cases: LoadCases, run: RunResult) -> list[Finding]:
+    """Return what speaks against a prediction beside its run."""
+    lengths = [hypot(*each.displacement) for each in answers if each.displacement is not None]
+    bounds = [each.with_model_error for each in answers if each.with_model_error is not None]
+    beyond = sum(max(bound.load_ratio, bound.leverage_ratio) > _EXTRAPOLATED for bound in bounds)
+    points = [*cases.load_point.tolist(), *cases.place.tolist()]
+    return [
+        *of_deflection(max(lengths, default=None), run),
+        *of_missing(len(answers) - len(lengths), len(answers), "cases"),
+        *of_points(points),
+        *of_campaign(beyond, len(answers), "cases"),
+    ]
 
 
 def load_cases(request: DeflectionOptions, robot: Robot) -> LoadCases:
@@ -316,7 +336,7 @@ def _component(case: CaseResult, axis: int) -> str:
 
 def prediction_sheet(result: DeflectionResult) -> Sheet:
     """Return predictions as a table, one row a case."""
-    return judged(Sheet.of_fields(result.cases, _CSV, _MILLI), result.assessment)
+    return with_verdict(Sheet.of_fields(result.cases, _CSV, _MILLI), result.assessment)
 
 
 def prediction_charts(result: DeflectionResult) -> list[Chart]:

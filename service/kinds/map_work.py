@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import cached_property
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
 from jointstiff.schemas.deflection import MAX_PLACES, MAX_POSES, MapOptions, MapRequest, MapResult
+from jointstiff.schemas.finding import Finding
 from jointstiff.schemas.run import Run
 from jointstiff.service.conversion.readings import hash_of
 from jointstiff.service.conversion.robots import joint_index, kinds_of, refuse_far_point, refuse_other_angles
 from jointstiff.service.kinds.acceptance import RunModel, accepted_run
+from jointstiff.service.kinds.verdicts import judged, of_campaign, of_deflection, of_missing, of_points
 from jointstiff.service.kinds.work import Arrays, Span, Work, joined, spans
 from jointstiff.service.resources.inputs import Inputs
 from jointstiff.service.tables.table import Sheet
@@ -81,13 +83,24 @@ class MapWork(Work):
         """
         table, used = DeflectionMap(**joined(parts)) if parts else self.table, self._used
         tool = self._task.rotation @ _unit(self.request.tool_axis, "tool_axis")
+        numbers = map_numbers(table, self.places, tool)
         return MapResult(
-            assessment=used.result.assessment,
+            assessment=judged("map", self._reasons(numbers), used.result.assessment),
             joint_kinds=kinds_of(self.robot),
             model_error_postures=used.postures,
             remarks=used.remarks(self.request.confidence),
-            **map_numbers(table, self.places, tool),
+            **numbers,
         )
+
+    def _reasons(self, numbers: Mapping[str, Any]) -> list[Finding]:
+        """Return what speaks against a map beside its run."""
+        counts, places, worst = numbers["counts"], numbers["places"], numbers["worst"]
+        return [
+            *of_deflection(None if worst is None else worst.deflection, self._used.result),
+            *of_missing(places - counts["reached"], places, "places"),
+            *of_points([self.request.place, self.request.load_point]),
+            *of_campaign(numbers["extrapolated"], places, "places"),
+        ]
 
     @cached_property
     def table(self) -> DeflectionMap:

@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 
 from jointstiff.schemas import plan as plans
-from jointstiff.schemas.finding import Assessment
+from jointstiff.schemas.finding import Assessment, Finding
 from jointstiff.schemas.measurement import LEAST_DIRECTION
 from jointstiff.schemas.options import RunOptions
 from jointstiff.schemas.plan import OwnWeight, PlanResult
@@ -20,6 +20,7 @@ from jointstiff.service.conversion.robots import joint_index, kinds_of, refuse_f
 from jointstiff.service.kinds.acceptance import refuse_unaccepted
 from jointstiff.service.kinds.identification import identified, to_settings
 from jointstiff.service.kinds.own_weight import identified_by_weight
+from jointstiff.service.kinds.verdicts import judged, own_reason
 from jointstiff.service.kinds.work import QuickWork
 from jointstiff.service.resources.inputs import Inputs
 from jointstiff.solver.arrays import FloatArray
@@ -129,7 +130,27 @@ def _plan(planned: Planned, request: plans.PlanRequest) -> PlanResult:
         request, robot, nominal=nominal, sigma=sigma, unexplained=unexplained, so_far=so_far
     )
     names, _ = named_targets(request, robot, so_far)
-    return to_plan_result(asked, plan_campaign(robot, asked), robot, names, assessment)
+    found = to_plan_result(asked, plan_campaign(robot, asked), robot, names, assessment)
+    return found.model_copy(update={"assessment": judged("plan", _reasons(found), assessment)})
+
+
+def _reasons(result: PlanResult) -> list[Finding]:
+    """Return what speaks against a plan beside the campaign so far."""
+    reasons = []
+    if result.left_out:
+        message = f"no load of this plan twists {', '.join(result.left_out)}"
+        remedy = "state loads that twist them, such as any_direction, or name the joints that you need"
+        reasons.append(own_reason("joint_left_out", "use_with_care", message, remedy))
+    poor = [each.name for each in result.joints if (each.relative or 0.0) > _POOR]
+    if poor:
+        message = f"after this plan {', '.join(poor)} would still be uncertain by over {100 * _POOR:.0f} %"
+        remedy = "plan more readings, a larger load, or targets farther from the flange"
+        reasons.append(own_reason("joint_stays_uncertain", "use_with_care", message, remedy))
+    return reasons
+
+
+_POOR: Final = 0.5
+"""Standard uncertainty relative to the compliance beyond which a plan does not determine a joint."""
 
 
 _LACK_OF_FIT: Final = 0.1

@@ -14,7 +14,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from jointstiff.schemas.finding import Assessment, Finding, FindingCode, combined
+from jointstiff.schemas.finding import Assessment, Verdict
 from jointstiff.schemas.program import (
     MAX_WORST,
     LeftAlone,
@@ -32,7 +32,9 @@ from jointstiff.service.conversion.robots import kinds_of
 from jointstiff.service.conversion.units import ANGLE, LENGTH
 from jointstiff.service.kinds.acceptance import RunModel, accepted_run
 from jointstiff.service.kinds.program_path import ProgramPath, Visits, program_path, start_of
+from jointstiff.service.kinds.verdicts import judged, of_campaign, of_deflection, of_points, own_reason
 from jointstiff.service.kinds.work import Arrays, Span, Work, as_request_errors, joined, spans
+from jointstiff.service.problems.errors import VerdictError
 from jointstiff.service.programs.errors import ProgramError
 from jointstiff.service.programs.formats import marked, read_program
 from jointstiff.service.programs.program import BLOCK, NUMBERS, Rewriting
@@ -412,50 +414,40 @@ class ProgramWork(Work):
         return self._result(points, files, assessment)
 
     def _assessment(self, corrections: Corrections) -> Assessment:
-        """Return the run's assessment, with what of this program is to be used with care."""
+        """Return the verdict on the program: its own reasons, and those of its run."""
         left, points = len(self._program.left), len(corrections.points)
-        moves = len(self._program.moves) + left
+        moves, capped = len(self._program.moves) + left, int(corrections.capped.sum())
+        lengths = np.linalg.norm(corrections.uncorrected[:, :3], axis=1)
         turned = np.abs(corrections.commanded - self._path.cases.joints[corrections.points]).max(
             axis=1, initial=0.0
         )
-        counts: tuple[tuple[FindingCode, int, str, str], ...] = (
-            (
-                "moves_left",
-                left,
-                f"{moves - left} of {moves} moves corrected, {left} left",
-                "check that the moves that are left do not need a correction",
-            ),
-            (
-                "corrections_capped",
-                int(corrections.capped.sum()),
-                "the limits reduce the corrections of {count} of {points} points",
-                "check the load, then raise `limits`",
-            ),
-            (
-                "beyond_campaign",
-                int((corrections.extrapolation > 1.0).sum()),
-                "{count} of {points} points have loads or postures beyond those of the campaign",
-                "measure with such loads and postures",
-            ),
-            (
-                "near_singularity",
-                int((turned > _TURNED).sum()),
-                f"{{count}} of {{points}} points are near a singularity: joints turn by over {_TURNED:g} rad",
-                "move the part away from the singularity",
-            ),
-        )
+        near, run = int((turned > _TURNED).sum()), self._used.result
         reasons = [
-            Finding(
-                code=code,
-                weight="use_with_care",
-                message=message.format(count=count, points=points),
-                remedy=remedy,
-            )
-            for code, count, message, remedy in counts
-            if count
+            *of_deflection(float(lengths.max(initial=0.0)), run),
+            *of_points([*np.unique(self._path.cases.load_point, axis=0).tolist()]),
+            *of_campaign(int((corrections.extrapolation > 1.0).sum()), points, "points"),
         ]
-        own = Assessment(verdict="use_with_care" if reasons else "use", reasons=reasons)
-        return combined([self._used.result.assessment, own]) if reasons else self._used.result.assessment
+        if not corrections.correction.any():
+            message = "nothing is corrected: no point is loaded, or each deflection is below its uncertainty"
+            remedy = "state the load; measure more if the deflections matter"
+            reasons.append(own_reason("nothing_corrected", "use_with_care", message, remedy))
+        if left:
+            message = f"{moves - left} of {moves} moves corrected, {left} left"
+            remedy = "check that the moves that are left do not need a correction"
+            reasons.append(own_reason("moves_left", "use_with_care", message, remedy))
+        if capped:
+            weight: Verdict = "do_not_use" if capped == points else "use_with_care"
+            message = f"the limits reduce the corrections of {capped} of {points} points"
+            remedy = "check the load and its unit, then raise `limits`"
+            reasons.append(own_reason("corrections_capped", weight, message, remedy))
+        if near:
+            message = f"{near} of {points} points are near a singularity: joints turn by over {_TURNED:g} rad"
+            remedy = "move the part away from the singularity"
+            reasons.append(own_reason("near_singularity", "use_with_care", message, remedy))
+        if capped and self._request.accept_verdict is None:
+            items = [("the program", each.message, each.remedy) for each in reasons]
+            raise VerdictError.of("a program whose corrections are held back", "limits", items)
+        return judged("program", reasons, run.assessment)
 
     def _limits(self) -> CorrectionLimits:
         limits, units = self._request.limits, self._request.units

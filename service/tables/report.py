@@ -77,7 +77,13 @@ def judged(sheet: Sheet, assessment: Assessment | None) -> Sheet:
 
 def verdict_line(assessment: Assessment) -> Line:
     """Return the verdict in one line."""
+    if assessment.headline is not None:
+        return Line(assessment.headline, _HEAD_STYLES[assessment.verdict])
     verdict, count = assessment.verdict, len(assessment.reasons)
+    identified, joints = assessment.joints_identified, assessment.joint_count
+    if not count and identified is not None and identified != joints:
+        rest = "the others have no number that passed the checks"
+        return Line(f"Use {identified} of {joints} joints: {rest}", _HEAD_STYLES[verdict])
     why = _counted(count, "reason") if count else support(assessment)
     return Line(f"{VERDICTS[verdict].capitalize()}: {why}", _HEAD_STYLES[verdict])
 

@@ -27,7 +27,7 @@ export function VerdictCard({
     <section class={`verdict-card ${verdict}`} aria-label={words.title}>
       <h2>
         <Badge verdict={verdict} large />
-        <span>{counted ? words.supported(identified, count) : sentences[verdict]}</span>
+        <span>{assessment.headline ?? (counted ? words.supported(identified, count) : sentences[verdict])}</span>
       </h2>
       {reasons.length > 0 && (
         <ul>

@@ -145,7 +145,7 @@ def test_a_pair_has_the_worse_verdict_and_says_which_side(clean, exchanged):
     assert {joint.verdict for joint in first.joints} == {"use"}
     assert {joint.verdict for joint in second.joints} == {"do_not_use"}
     assert result.summary.compensation == second.compensation < first.compensation
-    assert first_line(job_report(COMPARISON, pair)).startswith("Do not use: ")
+    assert first_line(job_report(COMPARISON, pair)).startswith("Do not use this comparison: ")
 
 
 def test_a_geometry_is_assessed_by_its_findings():

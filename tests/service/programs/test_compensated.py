@@ -152,12 +152,15 @@ def test_steps_give_the_same_program():
 def test_the_table_has_a_row_a_point():
     text = program_text("krl", tool_poses(path(6)), 4)
     segments = [{"first_line": 7, "last_line": 9, "force": FORCE}]
-    result = compensated("krl", text, load=None, segments=segments, limits={"displacement": 1.0})
+    held = {"segments": segments, "limits": {"displacement": 1.0}}
+    with pytest.raises(RequestError, match="corrections are held back"):
+        compensated("krl", text, load=None, **held)
+    result = compensated("krl", text, load=None, accept_verdict="do_not_use", **held)
     rows = list(csv.DictReader(io.StringIO(csv_text(points_sheet(unpacked(result.table))))))
     assert [row["remark"] for row in rows] == ["capped"] * 3 + ["no load"] * 3
     assert result.capped == 3
     assert (result.assessment.verdict, "corrections_capped") == (
-        "use_with_care",
+        "do_not_use",  # no point under load has its correction
         next(each.code for each in result.assessment.reasons if "limits" in each.message),
     )
     assert all(float(row["correction [mm]"]) < 1.02 for row in rows[:3])
