@@ -37,6 +37,7 @@ GUIDES = (
     "docs/elastic-links.md",
     "docs/geometry.md",
     "docs/plan.md",
+    "docs/live.md",
     "docs/compensate.md",
     "docs/python.md",
     "docs/webhooks.md",
@@ -45,6 +46,7 @@ BEFORE = {
     "README.md": "rm secondary.json",
     "docs/elastic-links.md": "jointstiff simulate campaign.json",
     "docs/geometry.md": "rm robot.json",
+    "docs/live.md": "jointstiff simulate campaign.json --load dead_weight",
 }
 """Commands that bring the folder to where a guide begins."""
 
