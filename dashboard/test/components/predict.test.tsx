@@ -25,7 +25,14 @@ const predicted: DeflectionResult["cases"][number] = {
 
 const facts = async (changes: Partial<typeof predicted>) => {
   const result = {
-    assessment: { verdict: "use" as const, reasons: [], joints_identified: 6, joint_count: 6, notes: [] },
+    assessment: {
+      verdict: "use" as const,
+      reasons: [],
+      joints_identified: 6,
+      joint_count: 6,
+      headline: null,
+      notes: [],
+    },
     confidence: 0.95,
     joint_kinds: {},
     model_error_postures: 19,

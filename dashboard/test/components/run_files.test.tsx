@@ -25,7 +25,7 @@ const session = (role: "admin" | "viewer" | null) => async () => ({
   ends_at: null,
 });
 
-const USE = { verdict: "use" as const, reasons: [], joints_identified: 6, joint_count: 6, notes: [] };
+const USE = { verdict: "use" as const, reasons: [], joints_identified: 6, joint_count: 6, headline: null, notes: [] };
 
 describe("files of a run", () => {
   it("asks before a model of a run that is not to be used goes out", async () => {

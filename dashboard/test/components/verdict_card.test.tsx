@@ -14,6 +14,7 @@ it.each([
     notes: [],
     joints_identified: identified,
     joint_count: count,
+    headline: null,
   };
   const root = await drawn(<VerdictCard assessment={assessment} context={null} />);
   expect(root.querySelector("h2")?.textContent).toContain(said);
