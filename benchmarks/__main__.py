@@ -50,6 +50,9 @@ BENCHMARKS = {
     "causes": Benchmark("studies.causes", "planted, named and mended; clean ones", in_parts=True),
     "base": Benchmark("studies.base", "pedestals that bend, and clean arms; an hour", in_parts=True),
     "live": Benchmark("studies.live", "readings until a goal is met; mistakes at the reading", in_parts=True),
+    "live_service": Benchmark(
+        "attacks.live_service", "kill -9 while readings are sent; fifty campaigns at once", in_parts=True
+    ),
     "links_fanuc": Benchmark("studies.links_fanuc", "elastic links, held out on the real set", in_parts=True),
     "own_weight": Benchmark(
         "studies.own_weight", "stiffness without a load; docs/without-a-load.md", in_parts=True

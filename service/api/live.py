@@ -6,6 +6,7 @@ from collections.abc import AsyncIterator
 from typing import Annotated, Final
 
 import anyio
+from anyio.to_thread import run_sync
 from fastapi import APIRouter, Path, Query, Request, Response
 from fastapi.concurrency import run_in_threadpool
 from fastapi.sse import EventSourceResponse, format_sse_event
@@ -28,7 +29,8 @@ router = APIRouter(prefix="/v1/measurement-sets/{set_id}", tags=["measurement se
 
 
 @router.post("/observations", dependencies=[OPERATOR], status_code=201, response_model=LiveState)
-def add_observation(
+async def add_observation(
+    request: Request,
     parts: answers.PartsOf,
     set_id: Id,
     body: Annotated[Observation, shown(EXAMPLES["observations"])],
@@ -39,7 +41,8 @@ def add_observation(
     It is compared with what the others let expect; `readings` says so. The same observation again changes
     nothing; another one of a label that is taken is refused (409).
     """
-    return answers.json_response(parts.live.observe(set_id, body, by).model_dump_json(), 201)
+    state = await run_sync(parts.live.observe, set_id, body, by, limiter=request.app.state.work)
+    return answers.json_response(state.model_dump_json(), 201)
 
 
 @router.get(
@@ -60,20 +63,23 @@ async def get_next(
 
     With `follow` the answer is a stream of events, the last one when the set is closed.
     """
-    state = await run_in_threadpool(parts.live.state, set_id)
+    state = await run_sync(parts.live.state, set_id, limiter=request.app.state.work)
     if not follow:
         return answers.unchanging(request, state.model_dump_json())
     return EventSourceResponse(_events(request, parts.live, set_id, state))
 
 
 @router.post("/close", dependencies=[OPERATOR], response_model=LiveState)
-def close_measurement_set(parts: answers.PartsOf, set_id: Id, by: AskedBy) -> Response:
+async def close_measurement_set(
+    request: Request, parts: answers.PartsOf, set_id: Id, by: AskedBy
+) -> Response:
     """Close an open set: it becomes an ordinary measurement set of the same id, and gets a run.
 
     Its notes state the declared goal, how it ended, the held-out reading and what was withdrawn. To close it
     again changes nothing.
     """
-    return answers.json_response(parts.live.close(set_id, by).model_dump_json())
+    state = await run_sync(parts.live.close, set_id, by, limiter=request.app.state.work)
+    return answers.json_response(state.model_dump_json())
 
 
 async def _events(request: Request, sets: OpenSets, set_id: str, latest: LiveState) -> AsyncIterator[bytes]:
@@ -91,4 +97,4 @@ async def _events(request: Request, sets: OpenSets, set_id: str, latest: LiveSta
         if looks % _LOOKS == 0 and not await gate.still_opens(request, asked_of(request).key):
             return
         if await run_in_threadpool(sets.revision, set_id) != told:
-            latest = await run_in_threadpool(sets.state, set_id)
+            latest = await run_sync(sets.state, set_id, limiter=request.app.state.work)
