@@ -29,6 +29,8 @@ const GeometriesView = lazy(text.geometry.title, () =>
 const GeometryView = lazy(text.geometry.title, () => import("./views/geometry").then((module) => module.GeometryView));
 const PlansView = lazy(text.plan.begin, () => import("./views/plans").then((module) => module.PlansView));
 const PlanView = lazy(text.plan.kind, () => import("./views/plan").then((module) => module.PlanView));
+const MeasureView = lazy(text.measure.title, () => import("./views/measure").then((module) => module.MeasureView));
+const LiveView = lazy(text.measure.kind, () => import("./views/live").then((module) => module.LiveView));
 const FleetView = lazy(text.fleet.title, () => import("./views/fleet").then((module) => module.FleetView));
 const TrendView = lazy(text.fleet.title, () => import("./views/trend").then((module) => module.TrendView));
 const RobotNewView = lazy(text.robots.add, () => import("./views/robot_new").then((module) => module.RobotNewView));
@@ -91,9 +93,11 @@ export function App() {
 const sectionOf = ({ parts: [first = ""] }: Route): string =>
   first === "sets" || first === "fleet" || first === "plans" || first === "geometries"
     ? "robots"
-    : first === "maps" || first === "programs"
-      ? "runs"
-      : first;
+    : first === "measure"
+      ? ""
+      : first === "maps" || first === "programs"
+        ? "runs"
+        : first;
 
 /** Parts of one run are one view, which keeps what it has loaded. */
 const viewKey = ({ parts }: Route): string => (parts[0] === "runs" ? parts.slice(0, 2) : parts).join("/");
@@ -119,6 +123,8 @@ function View({ route }: { route: Route }) {
       return second ? <GeometryView id={second} /> : <GeometriesView />;
     case "plans":
       return second ? <PlanView id={second} /> : <PlansView query={route.query} />;
+    case "measure":
+      return second ? <LiveView id={second} /> : <MeasureView query={route.query} />;
     case "robots":
       return second === "new" ? <RobotNewView /> : second ? <RobotView id={second} /> : <RobotsView list="robots" />;
     case "webhooks":

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import AsyncIterator
 from typing import Annotated, Final
 
@@ -67,6 +68,25 @@ async def get_next(
     if not follow:
         return answers.unchanging(request, state.model_dump_json())
     return EventSourceResponse(_events(request, parts.live, set_id, state))
+
+
+@router.get("/code.svg", dependencies=[VIEWER], response_class=Response)
+def get_code(
+    parts: answers.PartsOf,
+    set_id: Id,
+    page: Annotated[
+        str, Query(max_length=400, pattern=r"^https?://[^\s#]+$", description="Address of the page.")
+    ],
+) -> Response:
+    """Draw a QR code of the page's address of an open set, for a tablet beside the robot."""
+    import segno
+
+    parts.live.revision(set_id)  # there is one
+    drawing = io.BytesIO()
+    segno.make(f"{page}#/measure/{set_id}", micro=False).save(
+        drawing, kind="svg", scale=4, dark="#000", light="#fff"
+    )
+    return Response(drawing.getvalue(), media_type="image/svg+xml")
 
 
 @router.post("/close", dependencies=[OPERATOR], response_model=LiveState)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from contextlib import suppress
 from datetime import UTC, datetime
@@ -22,7 +23,7 @@ from jointstiff.schemas.measurement import (
     Observation,
     ResolvedFrame,
 )
-from jointstiff.schemas.plan import Plan, PlanOptions
+from jointstiff.schemas.plan import AnyDirection, DeadWeight, Plan, PlanOptions, PlanResult
 from jointstiff.schemas.run import RunRequest
 from jointstiff.service.live.campaign import Declared, Entry, LiveCampaign, weight_of
 from jointstiff.service.problems.errors import NotFoundError, TakenError
@@ -274,6 +275,19 @@ class OpenSets:
             if name in plan.request.model_fields_set and name not in {"candidates", "readings", "validation"}
         }
         known |= {"targets": plan.result.targets, "load_point": plan.result.load_point}
+        if known.get("load") is None:
+            known["load"] = _planned_load(plan.result)
         return options.model_copy(
             update={name: value for name, value in known.items() if name not in options.model_fields_set}
         ), robot_id
+
+
+def _planned_load(result: PlanResult) -> DeadWeight | AnyDirection | None:
+    """Return the load of a plan that took it from its campaign; None if the plan has none."""
+    forces = [reading.force for reading in result.readings]
+    size = max((math.hypot(*force) for force in forces), default=0.0)
+    if size == 0.0:
+        return None
+    if all(z <= 0.0 and math.hypot(x, y) <= 1e-9 * size for x, y, z in forces):
+        return DeadWeight(force=size)
+    return AnyDirection(kind="any_direction", force=size)

@@ -28,7 +28,7 @@ from support.browsing import (
 from support.processes import Service
 from support.programs import START, path, tool_poses
 
-from jointstiff.simulator import default_arm
+from jointstiff.simulator import TARGETS, default_arm
 from jointstiff.simulator.document import robot_document
 from jointstiff.simulator.programs import program_text
 
@@ -148,7 +148,18 @@ def stored(api: httpx2.Client) -> Stored:
     made = post(api, "/v1/maps", work | tool)["id"]
     sweeps = json.loads((ROOT / "examples" / "sweeps.json").read_text(encoding="utf-8"))
     geometry = post(api, "/v1/geometries", {**sweeps, "name": "stored sweeps"})["id"]
-    return Stored(robot, first, second, run, comparison, pair, plan, made, compensated(api, run), geometry)
+    program, live = compensated(api, run), opened(api, robot)
+    return Stored(robot, first, second, run, comparison, pair, plan, made, program, geometry, live)
+
+
+def opened(api: httpx2.Client, robot: str) -> str:
+    """Return an open set with the readings of a small campaign."""
+    document = campaign(load="dead_weight", configurations=5, seed=5)["measurement_set"]
+    goal = {"kind": "joints", "relative": 0.02}
+    options = {"goal": goal, "load": {"kind": "dead_weight", "force": 1500.0}, "candidates": 100}
+    targets = {name: list(place) for name, place in TARGETS.items()}
+    body = {**document, "robot_id": robot, "open": {**options, "targets": targets}}
+    return str(post(api, "/v1/measurement-sets", body)["id"])
 
 
 def compensated(api: httpx2.Client, run: str) -> str:

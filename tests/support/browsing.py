@@ -93,6 +93,7 @@ class Stored:
     map: str
     program: str
     geometry: str
+    live: str
 
 
 def campaign(**options: Any) -> dict[str, Any]:
@@ -138,6 +139,8 @@ VIEWS = (
     "#/compare/methods/{pair}",
     "#/compare/trend/{robot}",
     "#/fleet",
+    "#/measure?robot={robot}",
+    "#/measure/{live}",
     "#/runs/nothing-of-this-name",
 )
 """Every view, an error among them."""

@@ -18,11 +18,14 @@ import type {
   ImportOptions,
   Kinematics,
   NewWebhook,
+  LiveState,
   Map as WorkMap,
   MapSummary,
   ProgramSummary,
   MeasurementSet,
   MeasurementSetSummary,
+  Observation,
+  OpenSet,
   Page,
   Plan,
   PlanSummary,
@@ -169,6 +172,7 @@ const jobs = {
 const runs = kind<Run, RunSummary>("runs");
 const maps = kind<WorkMap, MapSummary>("maps");
 const programs = kind<Program, ProgramSummary>("programs");
+const openSets = collection<OpenSet, MeasurementSetSummary, SetChange>("measurement-sets");
 const robots = collection<Robot, RobotSummary, RobotChange>("robots");
 
 /** Every address of the API that the page uses. */
@@ -193,6 +197,15 @@ export const api = {
   acknowledge: (robot: string, body: { run_id: string; joint: string; note: string }) =>
     call<unknown>("POST", robots.below(robot, "trend"), { body }),
   sets: collection<MeasurementSet, MeasurementSetSummary, SetChange>("measurement-sets"),
+  openSets: {
+    ...openSets,
+    observe: (set: string, body: Observation) => call<LiveState>("POST", openSets.below(set, "observations"), { body }),
+    state: (set: string, signal?: AbortSignal) => call<LiveState>("GET", openSets.below(set, "next"), options(signal)),
+    close: (set: string) => call<LiveState>("POST", openSets.below(set, "close")),
+    followed: (set: string) => `${openSets.below(set, "next")}?follow=true`,
+    /** The address of a drawing: the page's own address as a QR code, for a tablet. */
+    code: (set: string, page: string) => openSets.below(set, `code.svg${query({ page })}`),
+  },
 
   jobs,
   runs,

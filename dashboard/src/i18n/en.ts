@@ -21,6 +21,7 @@ import type { Facts, Fault } from "../lib/campaign";
 import type { FilePreview, ImportFault, MeaningGroup } from "../lib/columns";
 import type { Verdict } from "../lib/verdict";
 import { geometry } from "./geometry";
+import { measure } from "./measure";
 
 /** Reasons why a file is refused before it is sent. */
 export type FileFault = Fault | "mixed" | "several" | "too_large";
@@ -46,6 +47,7 @@ export const en = {
   language: "en",
   dates: "en-GB",
   geometry,
+  measure,
   app: {
     name: "Jointstiff",
     skip: "Skip to content",

@@ -1,13 +1,14 @@
 /** One plan: its promise beside other plans', its certificate, and its check-list. */
 import { api } from "../api/client";
 import type { MeasurementSet, PlanRequest, PlanResult, Robot } from "../api/types";
-import { Download, Button, Name, NameLink } from "../components/basics";
+import { Download, Button, LinkButton, Name, NameLink } from "../components/basics";
 import { save } from "../components/download";
 import { JobPage } from "../components/job_page";
 import { JobTables } from "../components/job_tables";
 import { toFillIn } from "../lib/checklist";
 import { fileName } from "../lib/csv";
 import { percent } from "../lib/format";
+import { link } from "../state/router";
 import { storedRobot, storedSet } from "../state/stored";
 import { text } from "../i18n";
 import { Checklist } from "./plan_checklist";
@@ -65,10 +66,10 @@ function Files({
   const toMeasure = () => JSON.stringify(toFillIn(request, result.readings, robot.id, base), null, 1);
   return (
     <>
-      <Button
-        look="primary"
-        onClick={() => save(toMeasure(), "application/json", fileName(`${subject} planned`, "json"))}
-      >
+      <LinkButton look="primary" href={link(["measure"], { plan })}>
+        {text.measure.title}
+      </LinkButton>
+      <Button onClick={() => save(toMeasure(), "application/json", fileName(`${subject} planned`, "json"))}>
         {words.fillIn}
       </Button>
       <Download href={api.jobs.file(plan, "readings.csv")}>{words.csv}</Download>

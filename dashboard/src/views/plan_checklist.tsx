@@ -83,15 +83,15 @@ export function Checklist({ plan, result, robot }: { plan: Plan; result: PlanRes
   );
 }
 
-const shownJoint = (value: number, kind: JointKind | undefined, decimals: number): string =>
+export const shownJoint = (value: number, kind: JointKind | undefined, decimals: number): string =>
   `${fixed(position(value, kind), decimals)}${positionUnit(kind)}`;
 
 const angles = ({ joints }: Planned, robot: Robot): string =>
   joints.map((value, i) => shownJoint(value, robot.joints[i]?.kind, 0)).join("  ");
 
-function loadOf({ force, anchor }: Planned): string {
-  const size = norm(force as Vector) || 1;
-  const how = anchor === null ? alongText(force as Vector) : words.anchor(anchor + 1);
+export function loadOf({ force, anchor }: { force: readonly number[]; anchor: number | null }): string {
+  const size = norm(force as unknown as Vector) || 1;
+  const how = anchor === null ? alongText(force as unknown as Vector) : words.anchor(anchor + 1);
   return `${fixed(size, 0)} ${text.units.newton} ${how}`;
 }
 
@@ -186,7 +186,7 @@ function Readings({ result, robot, done }: { result: PlanResult; robot: Robot; d
 }
 
 /** The measurement set in a file; text that says what is wrong with it otherwise. */
-async function readingsOf(file: File): Promise<Record<string, unknown> | string> {
+export async function readingsOf(file: File): Promise<Record<string, unknown> | string> {
   if (file.size > MAX_BYTES) return text.files.faults.too_large.join(" ");
   if (!/\.json$/i.test(file.name)) {
     const { measurement_set: set, missing } = await api.importFiles([file]);

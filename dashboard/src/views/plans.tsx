@@ -16,7 +16,7 @@ import { JobList } from "./job_list";
 
 const words = text.plan;
 
-const START: Asked = {
+export const START: Asked = {
   targets: "",
   loadPoint: "",
   station: "",
@@ -152,7 +152,7 @@ const PATHS = {
   floor: "surroundings",
 };
 
-function Equipment({ asked, change }: { asked: Asked; change: (part: Partial<Asked>) => void }) {
+export function Equipment({ asked, change }: { asked: Asked; change: (part: Partial<Asked>) => void }) {
   const field = (
     name: keyof typeof PATHS,
     placeholder: string,

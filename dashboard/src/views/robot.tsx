@@ -45,6 +45,7 @@ function RobotPage({ robot, changed }: { robot: Robot; changed: () => void }) {
           <LinkButton look="primary" href={link([], { robot: robot.id })}>
             {text.robots.use}
           </LinkButton>
+          <LinkButton href={link(["measure"], { robot: robot.id })}>{text.measure.title}</LinkButton>
           <LinkButton href={link(["plans"], { robot: robot.id })}>{text.plan.begin}</LinkButton>
           <LinkButton href={link(["compare", "trend", robot.id])}>{text.robots.trend}</LinkButton>
           <StoredActions of={robot} api={api.robots} list="#/robots" changed={changed} />

@@ -2,15 +2,16 @@
 import { useState } from "preact/hooks";
 import { api } from "../api/client";
 import { AlarmNote } from "../components/alarm";
-import { Busy, Empty, ProblemNote, Title } from "../components/basics";
+import { Busy, Empty, LinkButton, ProblemNote, Title } from "../components/basics";
 import { handOver } from "../state/handed";
 import { useLoad, valueOf } from "../state/load";
 import { useNames } from "../state/names";
 import { keepFiles, keptFiles, type Opened, open } from "../state/opened";
-import { go } from "../state/router";
+import { go, link } from "../state/router";
 import { text } from "../i18n";
 import { CampaignFlow } from "./campaign_flow";
 import { ImportFlow } from "./import_flow";
+import { OpenCampaigns, TrySimulated } from "./measure";
 import { RunList } from "./runs";
 
 export function StartView({ query }: { query: URLSearchParams }) {
@@ -31,7 +32,14 @@ export function StartView({ query }: { query: URLSearchParams }) {
   const names = valueOf(useNames());
   return (
     <>
-      <Title plain={text.app.measure}>{text.start.title}</Title>
+      <div class="head">
+        <Title plain={text.app.measure}>{text.start.title}</Title>
+        <div class="actions">
+          <LinkButton href={link(["measure"])}>{text.measure.title}</LinkButton>
+          <TrySimulated />
+        </div>
+      </div>
+      <OpenCampaigns />
       {names?.robots.map(({ id, alarms }) => (
         <AlarmNote key={id} robot={id} name={names.robot(id)} alarms={alarms} />
       ))}

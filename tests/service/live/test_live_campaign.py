@@ -17,6 +17,7 @@ from jointstiff.simulator import (
     Experiment,
     default_arm,
     robot_document,
+    simulate_campaign,
     simulate_positions,
 )
 
@@ -251,3 +252,34 @@ def test_followers_are_told_of_each_change(service):
         lines = [line for line in stream.iter_lines() if line.startswith("data")]
     assert len(lines) == 1
     assert '"state":"closed"' in lines[0]
+
+
+def test_a_plan_that_goes_on_lends_the_load_of_its_campaign(service):
+    robot = service.post("/v1/robots", json=robot_document(ARM)).json()["id"]
+    campaign = simulate_campaign(ARM, configurations=12, load="dead_weight", force=900.0, seed=2)
+    body = {**campaign["measurement_set"], "robot_id": robot}
+    stored = service.post("/v1/measurement-sets", json=body).json()["id"]
+    asked = {"measurement_set_id": stored, "readings": 6, "joints": ["joint_2", "joint_3"]}
+    plan = service.post("/v1/plans?wait=10", json=asked).json()["id"]
+    body = {
+        "robot_id": robot,
+        "name": "live",
+        "units": {"length": "m", "angle": "rad", "force": "N"},
+        "encoders": "motor",
+        "load_point": list(LOAD_POINT),
+        "open": {"goal": OPEN["goal"], "plan_id": plan},
+    }
+    answer = service.post("/v1/measurement-sets", json=body)
+    assert answer.status_code == 201, answer.text
+    assert answer.json()["live"]["next"]["force"] == pytest.approx([0.0, 0.0, -900.0])
+
+
+def test_a_tablet_gets_the_address_of_the_page_as_a_code(service):
+    address = declared(service)
+    answer = service.get(f"{address}/code.svg", params={"page": "http://cell3:8000/"})
+    assert (answer.status_code, answer.headers["content-type"]) == (200, "image/svg+xml")
+    other = service.get(f"{address}/code.svg", params={"page": "https://cell3/"})
+    assert "<svg" in answer.text != other.text
+    assert service.get(f"{address}/code.svg", params={"page": "javascript:alert(1)"}).status_code == 422
+    nothing = service.get("/v1/measurement-sets/none/code.svg", params={"page": "http://cell3/"})
+    assert nothing.status_code == 404

@@ -1,0 +1,139 @@
+/** An open set while it is measured: its state as it changes, and readings that wait for the service in this browser. */
+import { useCallback, useEffect, useRef, useState } from "preact/hooks";
+import { api, problemOf } from "../api/client";
+import type { LiveState, Observation, Problem } from "../api/types";
+
+/** A reading on its way; with what the service has against it. */
+export interface Waiting {
+  observation: Observation;
+  problem: Problem | null;
+}
+
+export interface Measuring {
+  state: LiveState;
+  /** Whether the service cannot be reached. */
+  away: boolean;
+  waiting: Waiting[];
+  put: (state: LiveState) => void;
+  send: (...observations: Observation[]) => void;
+  /** Send a waiting reading under another label, or discard it. */
+  resend: (label: string, as: string | null) => void;
+}
+
+const AGAIN_MS = 3_000;
+
+export function useMeasuring(id: string, first: LiveState): Measuring {
+  const [state, setState] = useState(first);
+  const [away, setAway] = useState(false);
+  const [waiting, setWaiting] = useState<Waiting[]>(() => kept<Waiting[]>(keyOf(id), []));
+  const queue = useRef(waiting);
+  const going = useRef(false);
+  const change = useCallback(
+    (next: Waiting[]) => {
+      queue.current = next;
+      keep(keyOf(id), next.length > 0 ? next : null);
+      setWaiting(next);
+    },
+    [id],
+  );
+  const put = useCallback(
+    (next: LiveState) => setState((before) => (next.revision >= before.revision ? next : before)),
+    [],
+  );
+  const flush = useCallback(async () => {
+    if (going.current) return;
+    going.current = true;
+    for (let next = unsent(queue.current); next; next = unsent(queue.current)) {
+      const sent = next;
+      try {
+        put(await api.openSets.observe(id, sent.observation));
+        setAway(false);
+        change(queue.current.filter((each) => each !== sent));
+      } catch (error) {
+        const problem = problemOf(error);
+        if (problem.status === 0 || problem.status >= 500 || problem.status === 429) {
+          setAway(true);
+          break;
+        }
+        change(queue.current.map((each) => (each === sent ? { ...sent, problem } : each)));
+      }
+    }
+    going.current = false;
+  }, [id]);
+  const send = useCallback(
+    (...observations: Observation[]) => {
+      change([...queue.current, ...observations.map((observation) => ({ observation, problem: null }))]);
+      void flush();
+    },
+    [id],
+  );
+  const resend = useCallback(
+    (label: string, as: string | null) => {
+      change(
+        queue.current.flatMap((each) =>
+          each.observation.label !== label
+            ? [each]
+            : as === null
+              ? []
+              : [{ observation: { ...each.observation, label: as }, problem: null }],
+        ),
+      );
+      void flush();
+    },
+    [id],
+  );
+  useEffect(() => {
+    if (state.state === "closed") return undefined;
+    const back = () => {
+      setAway(false);
+      void flush();
+    };
+    let source = followed(id, put, back, () => setAway(true));
+    const timer = setInterval(() => {
+      if (source.readyState === EventSource.CLOSED) source = followed(id, put, back, () => setAway(true));
+      void flush();
+    }, AGAIN_MS);
+    addEventListener("online", back);
+    return () => {
+      source.close();
+      clearInterval(timer);
+      removeEventListener("online", back);
+    };
+  }, [id, state.state === "closed"]);
+  return { state, away, waiting, put, send, resend };
+}
+
+const unsent = (queue: Waiting[]): Waiting | undefined => queue.find(({ problem }) => problem === null);
+
+function followed(id: string, put: (state: LiveState) => void, back: () => void, gone: () => void): EventSource {
+  const source = new EventSource(api.openSets.followed(id));
+  source.addEventListener("open", back);
+  source.addEventListener("error", gone);
+  source.addEventListener("state", (event: MessageEvent<string>) => {
+    const state = JSON.parse(event.data) as LiveState;
+    if (state.state === "closed") source.close(); // else the browser would come back and hear it again
+    put(state);
+  });
+  return source;
+}
+
+const keyOf = (id: string): string => `jointstiff.measure.${id}`;
+export const draftKey = (id: string): string => `jointstiff.measure.${id}.draft`;
+
+/** What this browser keeps; storage may be switched off. */
+export function kept<Value>(key: string, otherwise: Value): Value {
+  try {
+    return (JSON.parse(localStorage.getItem(key) ?? "null") as Value | null) ?? otherwise;
+  } catch {
+    return otherwise;
+  }
+}
+
+export function keep(key: string, value: unknown): void {
+  try {
+    if (value === null) localStorage.removeItem(key);
+    else localStorage.setItem(key, JSON.stringify(value));
+  } catch {
+    // then it holds for this visit
+  }
+}

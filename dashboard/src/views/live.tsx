@@ -1,0 +1,688 @@
+/** A campaign while it is measured: one posture a screen, what the readings say so far, and doubts while the weight hangs. */
+import { useContext, useEffect, useMemo, useState } from "preact/hooks";
+import { api } from "../api/client";
+import type { JointKind, LiveState, OpenSet, Robot } from "../api/types";
+import { Badge } from "../components/badge";
+import {
+  ActionButton,
+  Busy,
+  Button,
+  LinkButton,
+  Name,
+  NameLink,
+  ProblemNote,
+  Prose,
+  Show,
+  Title,
+  Warnings,
+  forbidden,
+} from "../components/basics";
+import { DropZone } from "../components/drop";
+import { Select, TextField, VectorField } from "../components/fields";
+import { fixed, percent, significant } from "../lib/format";
+import {
+  type Rows,
+  type Stand,
+  type Typed,
+  freeLabel,
+  inUnits,
+  observationOf,
+  pasted,
+  standOf,
+  standTyped,
+  unread,
+} from "../lib/live";
+import { readSoFar } from "../lib/checklist";
+import { sentence } from "../lib/said";
+import { SIMULATED, exchanged, seedOf, simulatedRows } from "../lib/simulated";
+import { position, labelOf, inUnit } from "../lib/units";
+import { type Vector, norm, times } from "../lib/vector";
+import { ARM_ALONE } from "../scene/show";
+import { ArmView, roomOf } from "../scene/view";
+import { useAction } from "../state/action";
+import { useLoad, valueOf } from "../state/load";
+import { type Measuring, draftKey, keep, kept, useMeasuring } from "../state/measuring";
+import { namesChanged } from "../state/names";
+import { useKinematics } from "../state/posture";
+import { go, link } from "../state/router";
+import { Viewer } from "../state/session";
+import { useSettings } from "../state/settings";
+import { storedRobot } from "../state/stored";
+import { toast } from "../state/toasts";
+import { text } from "../i18n";
+import { loadOf, readingsOf, shownJoint } from "./plan_checklist";
+
+const words = text.measure;
+
+export function LiveView({ id }: { id: string }) {
+  const loaded = useLoad(
+    async (signal) => {
+      const set = await api.openSets.one(id, signal);
+      return { set, robot: await storedRobot(set.robot_id), state: await api.openSets.state(id, signal) };
+    },
+    [id],
+  );
+  return (
+    <Show of={loaded} title={words.kind}>
+      {({ set, robot, state }) => <Campaign set={set} robot={robot} first={state} />}
+    </Show>
+  );
+}
+
+/** A posture that is read instead of the suggested one; `again`: the reading that it repeats. */
+type Own = Stand & { again?: string };
+
+function Campaign({ set, robot, first }: { set: OpenSet; robot: Robot; first: LiveState }) {
+  const measuring = useMeasuring(set.id, first);
+  const { state, away, waiting, send, put } = measuring;
+  /** A posture that somebody chose instead of the suggested one. */
+  const [own, setOwn] = useState<Own | null>(null);
+  const kinds = robot.joints.map(({ kind }) => kind);
+  const taken = new Set(
+    [...state.readings, ...waiting.map(({ observation }) => observation)].map(({ label }) => label),
+  );
+  const suggested = state.next && !taken.has(state.next.label) ? state.next : null;
+  const stand = own ?? (suggested as Stand | null);
+  const label = freeLabel(suggested?.label ?? `m${String(taken.size + 1).padStart(2, "0")}`, taken);
+  const change = useAction(async (body: Parameters<typeof api.openSets.change>[1]) => {
+    await api.openSets.change(set.id, body);
+    put(await api.openSets.state(set.id));
+  });
+  const again = async (doubted: string) => {
+    const { observations } = await api.openSets.one(set.id);
+    const read = observations.find((one) => one.label === doubted);
+    change.run({ withdrawn: { [doubted]: words.againReason } });
+    if (read) setOwn({ ...standOf(read, set.units, kinds), again: doubted });
+  };
+  const close = useAction(async () => {
+    if (state.state === "measuring" && !confirm(words.sureToClose)) return;
+    const closed = await api.openSets.close(set.id);
+    namesChanged();
+    put(closed);
+    if (closed.run_id) go(link(["runs", closed.run_id]));
+  });
+  const simulated = set.instrument === SIMULATED;
+  const doubts = state.readings.filter((one) => one.state === "doubtful");
+  const reached = state.state === "reached";
+  const closing = (big: boolean) => (
+    <ActionButton
+      look={big ? "primary big" : "quiet"}
+      action={close}
+      going={words.closing}
+      disabled={waiting.length > 0 || state.readings.length === 0}
+    >
+      {words.close}
+    </ActionButton>
+  );
+  return (
+    <>
+      <div class="head">
+        <Title kind={words.kind} plain={set.name}>
+          <Name>{set.name}</Name>
+        </Title>
+        <p class="meta">
+          <NameLink to={["robots", robot.id]}>{robot.name}</NameLink>
+          <span>{state.goal}</span>
+        </p>
+        <div class="actions">{state.state !== "closed" && !(reached && !own) && closing(false)}</div>
+      </div>
+      {simulated && <p class="note">{words.simulated}</p>}
+      <Waits measuring={measuring} taken={taken} />
+      {change.problem && <ProblemNote problem={change.problem} />}
+      {doubts.map((one) => (
+        <Doubt
+          reading={one}
+          again={() => void again(one.label)}
+          keepIt={() => change.run({ kept: [one.label] })}
+          busy={change.busy}
+        />
+      ))}
+      {state.state === "closed" ? (
+        <Closed state={state} id={set.id} />
+      ) : (
+        <div class="flow">
+          <div>
+            {doubts.length > 0 && !own ? null : stand ? (
+              <Posture
+                key={`${label} ${JSON.stringify(stand.joints)}`}
+                {...{ set, robot, kinds, label, stand, state, simulated }}
+                isOwn={own && (own.again ? words.repeats(own.again) : words.own)}
+                back={() => setOwn(null)}
+                send={(observation) => {
+                  send(observation);
+                  setOwn(null);
+                }}
+                skip={suggested && !own ? () => change.run({ skipped: suggested.label }) : null}
+              />
+            ) : (
+              <section class="card">
+                {waiting.length > 0 && !away && <Busy label={words.sending(waiting.length)} />}
+                {waiting.length > 0 && away && <p>{words.waitsForNext}</p>}
+                {waiting.length === 0 && (
+                  <>
+                    <p class={reached ? "note good" : "note"}>{sentence(state.message)}</p>
+                    <div class="go">{closing(true)}</div>
+                  </>
+                )}
+              </section>
+            )}
+            <Others
+              set={set}
+              kinds={kinds}
+              names={robot.joints.map(({ name }) => name)}
+              stand={stand}
+              use={setOwn}
+              send={send}
+              taken={taken}
+            />
+          </div>
+          <div class="sticky">
+            <SoFar state={state} goal={set.open.goal.kind === "joints" ? set.open.goal.relative : null} />
+            <Record
+              state={state}
+              withdraw={(withdrawn, reason) => change.run({ withdrawn: { [withdrawn]: reason } })}
+            />
+            <Code id={set.id} />
+          </div>
+        </div>
+      )}
+    </>
+  );
+}
+
+/** Readings that are not with the service yet, and why. */
+function Waits({ measuring: { away, waiting, resend }, taken }: { measuring: Measuring; taken: Set<string> }) {
+  const refused = waiting.filter(({ problem }) => problem !== null);
+  return (
+    <>
+      {away && (
+        <p class="note warn" role="status">
+          {words.away(waiting.length - refused.length)}
+        </p>
+      )}
+      {refused.map(({ observation: { label }, problem }) => {
+        const other = freeLabel(label, taken);
+        const conflict = problem?.type.endsWith("label-taken") ?? false;
+        return (
+          <div class="note bad" role="alert">
+            <h3>{conflict ? words.taken(label) : words.refused(label)}</h3>
+            {!conflict && problem && <Prose text={[problem.detail, problem.remedy].filter(Boolean).join(" ")} />}
+            <div class="row">
+              {conflict && <Button onClick={() => resend(label, other)}>{words.sendAs(other)}</Button>}
+              <Button onClick={() => resend(label, null)}>{words.discard}</Button>
+            </div>
+          </div>
+        );
+      })}
+    </>
+  );
+}
+
+type Reading = LiveState["readings"][number];
+
+function Doubt({
+  reading: { label, innovation },
+  again,
+  keepIt,
+  busy,
+}: {
+  reading: Reading;
+  again: () => void;
+  keepIt: () => void;
+  busy: boolean;
+}) {
+  const viewer = forbidden(useContext(Viewer));
+  return (
+    <section class="note bad" role="alert" aria-label={words.doubtful(label)}>
+      <h2>{words.doubtful(label)}</h2>
+      <p>
+        <Prose text={innovation?.message ?? ""} />
+      </p>
+      {innovation && innovation.causes.length > 0 && (
+        <ul>
+          {innovation.causes.map((cause) => (
+            <li>
+              <Prose text={cause} />
+            </li>
+          ))}
+        </ul>
+      )}
+      <div class="row">
+        <Button look="primary" disabled={busy} onClick={again} {...viewer}>
+          {words.again}
+        </Button>
+        <Button disabled={busy} onClick={keepIt} {...viewer}>
+          {words.keep}
+        </Button>
+      </div>
+    </section>
+  );
+}
+
+/** The room of the drawing beside that of the arm: its labels are to be read. */
+const WITH_LABELS = 1.2;
+
+interface PostureProps {
+  set: OpenSet;
+  robot: Robot;
+  kinds: JointKind[];
+  label: string;
+  stand: Stand;
+  state: LiveState;
+  simulated: boolean;
+  /** What to call a posture that was not suggested. */
+  isOwn: string | null;
+  back: () => void;
+  send: (observation: ReturnType<typeof observationOf>) => void;
+  skip: (() => void) | null;
+}
+
+/** One posture: the arm, its angles, the load, and the boxes for its readings. */
+function Posture({ set, robot, kinds, label, stand, state, simulated, isOwn, back, send, skip }: PostureProps) {
+  const viewer = forbidden(useContext(Viewer));
+  const unloadedOnly = set.open.load?.kind === "own_weight";
+  const targets = (Object.keys(set.open.targets).length > 0 ? set.open.targets : set.flange_targets) as Record<
+    string,
+    Vector
+  >;
+  const [rows, setRows] = useState<Rows>(() => drafted(set.id, stand, Object.keys(targets)));
+  const change = (next: Rows) => {
+    setRows(next);
+    keep(draftKey(set.id), { joints: stand.joints, rows: next });
+  };
+  const { kinematics, problem } = useKinematics({ robot_id: robot.id }, [stand.joints]);
+  const posture = kinematics?.postures[0];
+  const room = useMemo(
+    () => (posture ? roomOf([posture]).flatMap((place) => [place, times(place, WITH_LABELS)]) : []),
+    [posture],
+  );
+  const show = useMemo(
+    () =>
+      posture && {
+        posture,
+        ...ARM_ALONE,
+        load: norm(stand.force) > 0 ? { from: posture.flange_origin as Vector, along: stand.force } : null,
+        names: robot.joints.map(({ name }) => name),
+      },
+    [posture],
+  );
+  const lacking = unread(rows, unloadedOnly);
+  const simulate = (mistake: boolean) => {
+    if (!posture) return;
+    const loadPoint = (set.load_point ?? [0, 0, 0]) as Vector;
+    const read = simulatedRows(posture, stand.force, seedOf(set.notes), label, { targets, loadPoint });
+    change(mistake ? exchanged(read) : read);
+  };
+  const tell = () => {
+    send(observationOf(label, stand, rows, set.units, kinds, unloadedOnly));
+    keep(draftKey(set.id), null);
+  };
+  const next = !isOwn && state.next;
+  return (
+    <section class="card live-posture" aria-labelledby="posture">
+      <h2 id="posture">
+        {words.next(label)} {isOwn && <small class="soft">{isOwn}</small>}
+      </h2>
+      {show ? (
+        <ArmView show={show} room={room} label={words.drawn(label)} />
+      ) : (
+        !problem && <Busy label={text.scene.loading} />
+      )}
+      {problem && <p class="soft">{problem.title}</p>}
+      <p class="angles big">
+        {stand.joints.map((angle, i) => (
+          <span>
+            <small class="soft">{robot.joints[i]?.name}</small> <b>{shownJoint(angle, kinds[i], 1)}</b>
+          </span>
+        ))}
+      </p>
+      <p class="load">
+        <b>{loadOf(stand)}</b>{" "}
+        {set.open.load?.kind === "dead_weight" && (
+          <span class="soft">({words.weight(fixed(norm(stand.force) / 9.80665, 1))})</span>
+        )}
+      </p>
+      {next && <p class="soft">{next.held_out ? words.heldOut : words.why(next.reason)}</p>}
+      <ReadingsTable {...{ rows, change, unloadedOnly }} />
+      {simulated && (
+        <div class="row">
+          <Button disabled={!posture} onClick={() => simulate(false)}>
+            {words.simulate}
+          </Button>
+          <Button look="quiet" disabled={!posture} onClick={() => simulate(true)}>
+            {words.simulateWrong}
+          </Button>
+        </div>
+      )}
+      <div class="go">
+        <Button look="primary big" disabled={lacking !== null} onClick={tell} {...viewer}>
+          {words.send}
+        </Button>
+        {skip && (
+          <Button look="quiet" onClick={skip} {...viewer}>
+            {words.skip}
+          </Button>
+        )}
+        {isOwn && (
+          <Button look="quiet" onClick={back}>
+            {words.suggested}
+          </Button>
+        )}
+      </div>
+    </section>
+  );
+}
+
+/** What was typed for this posture before the page was left. */
+function drafted(id: string, stand: Stand, targets: string[]): Rows {
+  const draft = kept<{ joints: number[]; rows: Rows } | null>(draftKey(id), null);
+  const blank = Object.fromEntries(targets.map((name) => [name, { unloaded: "", loaded: "" }]));
+  return draft && JSON.stringify(draft.joints) === JSON.stringify(stand.joints) ? { ...blank, ...draft.rows } : blank;
+}
+
+function ReadingsTable({
+  rows,
+  change,
+  unloadedOnly,
+}: {
+  rows: Rows;
+  change: (rows: Rows) => void;
+  unloadedOnly: boolean;
+}) {
+  const columns = (unloadedOnly ? ["unloaded"] : ["unloaded", "loaded"]) as (keyof Typed)[];
+  const paste = (target: string, column: keyof Typed) => (event: ClipboardEvent) => {
+    const filled = pasted(rows, target, column, event.clipboardData?.getData("text") ?? "");
+    if (!filled) return;
+    event.preventDefault();
+    change(filled);
+  };
+  return (
+    <fieldset class="live-readings">
+      <legend>
+        <b>{words.readings}</b> <small class="soft">{words.readingsHint}</small>
+      </legend>
+      <div class={unloadedOnly ? "grid one" : "grid"}>
+        <span class="soft" aria-hidden="true" />
+        {columns.map((column) => (
+          <small class="soft" aria-hidden="true">
+            {words.columns[column]}
+          </small>
+        ))}
+        {Object.entries(rows).map(([target, typed]) => (
+          <>
+            <b>
+              <Name>{target}</Name>
+            </b>
+            {columns.map((column) => (
+              <input
+                type="text"
+                inputMode="text"
+                autocomplete="off"
+                placeholder="x y z"
+                aria-label={words.at(target, words.columns[column])}
+                value={typed[column]}
+                onPaste={paste(target, column)}
+                onInput={(event) => change({ ...rows, [target]: { ...typed, [column]: event.currentTarget.value } })}
+              />
+            ))}
+          </>
+        ))}
+      </div>
+    </fieldset>
+  );
+}
+
+/** A posture of one's own, and readings from a file. */
+function Others({
+  set,
+  kinds,
+  names,
+  stand,
+  use,
+  send,
+  taken,
+}: {
+  set: OpenSet;
+  kinds: JointKind[];
+  names: string[];
+  stand: Stand | null;
+  use: (stand: Stand) => void;
+  send: Measuring["send"];
+  taken: Set<string>;
+}) {
+  const [joints, setJoints] = useState("");
+  const [force, setForce] = useState("");
+  const [fault, setFault] = useState<string | null>(null);
+  useEffect(() => {
+    if (!stand) return;
+    setJoints(stand.joints.map((value, i) => Number(position(value, kinds[i]).toFixed(4))).join(" "));
+    setForce(stand.force.map((part) => Number(part.toFixed(2))).join(" "));
+  }, [JSON.stringify(stand)]);
+  const typed = standTyped(joints, force, kinds);
+  const planId = set.open.plan_id;
+  const plan = valueOf(useLoad(async (signal) => (planId ? await api.plans.one(planId, signal) : null), [planId]));
+  const planned = plan?.result?.readings ?? [];
+  const take = useAction(async (file: File) => {
+    setFault(null);
+    const read = await readingsOf(file);
+    const done = typeof read === "string" ? null : readSoFar(read);
+    if (!done) return setFault(typeof read === "string" ? read : text.plan.nothingRead);
+    const { observations, units } = done.document as unknown as Pick<OpenSet, "observations" | "units">;
+    const fresh = observations.filter(({ label }) => !taken.has(label));
+    send(...fresh.map((one) => inUnits(one, units, set.units, kinds)));
+    toast(words.dropped(fresh.length));
+  });
+  return (
+    <section class="card">
+      <details>
+        <summary>{words.change}</summary>
+        {planned.length > 0 && (
+          <Select
+            label={words.ofThePlan}
+            value=""
+            change={(label) => {
+              const found = planned.find((one) => one.label === label);
+              if (found) use(found as unknown as Stand);
+            }}
+            options={[
+              { value: "", label: words.pick },
+              ...planned.map(({ label, joints: angles }) => ({
+                value: label,
+                label: `${label}: ${angles.map((value, i) => shownJoint(value, kinds[i], 0)).join("  ")}`,
+              })),
+            ]}
+          />
+        )}
+        <TextField
+          label={`${words.joints} [${text.units.deg}]: ${names.join(", ")}`}
+          value={joints}
+          change={setJoints}
+        />
+        <VectorField label={words.forceOf} unit={text.units.newton} value={force} change={setForce} />
+        <Button disabled={!typed} onClick={() => typed && use(typed)}>
+          {words.use}
+        </Button>
+      </details>
+      <details>
+        <summary>{words.drop}</summary>
+        <p class="soft">{words.dropHint}</p>
+        <DropZone
+          compact
+          title={words.drop}
+          hint={words.dropHint}
+          button={text.files.choose}
+          accept=".json,.csv,.tsv,.txt,application/json,text/csv"
+          take={take.run}
+        />
+        {take.busy && <Busy label={text.files.checking} />}
+        {fault && <p class="note warn">{fault}</p>}
+        {take.problem && <ProblemNote problem={take.problem} />}
+      </details>
+    </section>
+  );
+}
+
+/** How near the goal is, and the joints so far. */
+function SoFar({ state, goal }: { state: LiveState; goal: number | null }) {
+  const read = state.readings.filter((one) => one.state !== "withdrawn").length;
+  const progress = words.progress(read, state.still_needed);
+  const doubtful = state.readings.some((one) => one.state === "doubtful");
+  return (
+    <section class="card" aria-labelledby="so-far">
+      <h2 id="so-far">
+        {words.soFar} <small class="soft">{progress}</small>
+      </h2>
+      <progress value={read} max={Math.max(read + (state.still_needed ?? 0), 1)} aria-label={progress} />
+      {!doubtful && (
+        <p class={state.state === "reached" ? "note good" : state.state === "cannot" ? "note warn" : ""} role="status">
+          <Prose text={sentence(state.message)} />
+        </p>
+      )}
+      {!doubtful && (
+        <p>
+          <b>
+            {state.share === null ? words.noShare : state.share <= 1 ? words.met : words.ofGoal(percent(state.share))}
+          </b>{" "}
+          {state.assessment && <Badge verdict={state.assessment.verdict} />}
+        </p>
+      )}
+      {state.joints.length > 0 && <Joints state={state} goal={goal} read={read} />}
+      {!doubtful && state.warnings.length > 0 && <Warnings warnings={state.warnings} />}
+    </section>
+  );
+}
+
+/** Half-width of an interval, relative to the compliance, that fills a bar. */
+const WIDEST = 0.6;
+/** As many readings determine what the load twists. */
+const FEW = 5;
+
+/** Each joint with its interval as a bar, which shrinks; lines where the goal is. */
+function Joints({ state, goal, read }: { state: LiveState; goal: number | null; read: number }) {
+  const { unit } = useSettings();
+  const kinds = state.joints.map(({ kind }) => kind);
+  const width = (relative: number | null) =>
+    relative === null ? 100 : Math.max(1, 100 * Math.min(1, relative / WIDEST));
+  return (
+    <>
+      <h3>
+        {words.stiffness} <small class="soft">{labelOf(unit, kinds)}</small>
+      </h3>
+      <ul class="live-joints">
+        {state.joints.map(({ name, kind, stiffness, relative }) => (
+          <li>
+            <b>
+              <Name>{name}</Name>
+            </b>
+            <svg viewBox="0 0 100 18" preserveAspectRatio="none" aria-hidden="true">
+              <rect
+                class={relative === null ? "unknown" : goal !== null && relative > goal ? "wide" : undefined}
+                x={50 - width(relative) / 2}
+                width={width(relative)}
+                y={4}
+                height={10}
+              />
+              {goal !== null &&
+                [-1, 1].map((side) => (
+                  <line x1={50 + (side * width(goal)) / 2} x2={50 + (side * width(goal)) / 2} y1={0} y2={18} />
+                ))}
+            </svg>
+            <span class="value">
+              {stiffness === null || relative === null ? (
+                <span class="soft">{read < FEW ? words.unknown : words.undetermined}</span>
+              ) : (
+                <>
+                  {significant(inUnit(stiffness, unit, kind), 3)} <small class="soft">± {percent(relative)}</small>
+                </>
+              )}
+            </span>
+          </li>
+        ))}
+      </ul>
+    </>
+  );
+}
+
+function Record({ state, withdraw }: { state: LiveState; withdraw: (label: string, reason: string) => void }) {
+  const viewer = forbidden(useContext(Viewer));
+  if (state.readings.length === 0) return null;
+  const about = ({ innovation, held_out: held, reason }: Reading): string =>
+    [
+      reason,
+      held ? words.inBall(held.inside) : null,
+      innovation?.distance == null
+        ? null
+        : words.apart(`${fixed(innovation.distance * 1e6, 0)} ${text.units.micrometre}`),
+    ]
+      .filter(Boolean)
+      .join(", ");
+  return (
+    <section class="card">
+      <details>
+        <summary>
+          {words.record} ({state.readings.length})
+        </summary>
+        <ul class="live-record">
+          {state.readings.map((one) => (
+            <li>
+              <span>
+                <b>
+                  <Name>{one.label}</Name>
+                </b>{" "}
+                <span class={one.state === "doubtful" ? "bad" : "soft"}>{words.states[one.state]}</span>{" "}
+                <small class="soft">{about(one)}</small>
+              </span>
+              {one.state !== "withdrawn" && (
+                <Button
+                  look="quiet"
+                  onClick={() => {
+                    const reason = prompt(words.why_withdrawn(one.label));
+                    if (reason?.trim()) withdraw(one.label, reason.trim());
+                  }}
+                  {...viewer}
+                >
+                  {words.withdraw}
+                </Button>
+              )}
+            </li>
+          ))}
+        </ul>
+      </details>
+    </section>
+  );
+}
+
+/** The address of this page as a QR code. */
+function Code({ id }: { id: string }) {
+  const page = location.href.replace(/#.*$/, "");
+  const address = `${page}${link(["measure", id])}`;
+  const [shown, show] = useState(false);
+  return (
+    <section class="card">
+      <details onToggle={(event) => show(event.currentTarget.open)}>
+        <summary>{words.qr}</summary>
+        {shown && (
+          <img class="code" src={api.openSets.code(id, page)} alt={words.qrLabel(address)} width={220} height={220} />
+        )}
+        <p class="soft">
+          <code>{address}</code>
+        </p>
+        {/^(127\.|localhost$|\[::1\])/.test(location.hostname) && <p class="note warn">{words.qrLocal}</p>}
+      </details>
+    </section>
+  );
+}
+
+const Closed = ({ state, id }: { state: LiveState; id: string }) => (
+  <section class="card">
+    <p class="note good">{words.closed}</p>
+    <div class="row">
+      {state.run_id && (
+        <LinkButton look="primary" href={link(["runs", state.run_id])}>
+          {words.closedRun}
+        </LinkButton>
+      )}
+      <LinkButton href={link(["sets", id])}>{words.closedSet}</LinkButton>
+    </div>
+  </section>
+);

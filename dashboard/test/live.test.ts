@@ -1,0 +1,83 @@
+import { describe, expect, it } from "vitest";
+import { freeLabel, inUnits, observationOf, pasted, standTyped, unread } from "../src/lib/live";
+import { exchanged, givenWay, seedOf, simulatedRows, stiffnessesOf } from "../src/lib/simulated";
+import type { Observation, Posture, Units } from "../src/api/types";
+
+const MM = { length: "mm", angle: "deg", force: "N" } as Units;
+const SI = { length: "m", angle: "rad", force: "N" } as Units;
+const BLANK = { P1: { unloaded: "", loaded: "" }, P2: { unloaded: "", loaded: "" } };
+
+describe("a reading as it is typed", () => {
+  it("fills one box, a column or both columns from what is pasted", () => {
+    expect(pasted(BLANK, "P1", "loaded", "1 2 3")).toBeNull();
+    expect(pasted(BLANK, "P1", "loaded", "1 2 3\n4 5 6")).toEqual({
+      P1: { unloaded: "", loaded: "1 2 3" },
+      P2: { unloaded: "", loaded: "4 5 6" },
+    });
+    expect(pasted(BLANK, "P1", "loaded", "P2;1;2;3;4;5;6")?.["P2"]).toEqual({ unloaded: "1 2 3", loaded: "4 5 6" });
+    expect(pasted(BLANK, "P2", "unloaded", "1\t2\t3\n4\t5\t6")?.["P2"]?.unloaded).toBe("1 2 3");
+  });
+
+  it("says which target lacks numbers, and leaves out those that are blank", () => {
+    expect(unread(BLANK, false)).toBe("P1");
+    const half = { ...BLANK, P2: { unloaded: "1 2 3", loaded: "" } };
+    expect(unread(half, false)).toBe("P2");
+    expect(unread(half, true)).toBeNull();
+    const made = observationOf("m01", { joints: [Math.PI / 2], force: [0, 0, -9], anchor: null }, half, MM, [], true);
+    expect(made).toEqual({
+      label: "m01",
+      joints: [90],
+      force: [0, 0, -9],
+      readings: [{ target: "P2", unloaded: [1, 2, 3] }],
+    });
+  });
+
+  it("takes postures and labels", () => {
+    expect(standTyped("180 -90", "0, 0, -9", ["revolute", "revolute"])?.joints).toEqual([Math.PI, -Math.PI / 2]);
+    expect(standTyped("180", "0 0 -9", ["revolute", "revolute"])).toBeNull();
+    expect(freeLabel("m01", new Set(["m01", "m02"]))).toBe("m03");
+    expect(freeLabel("m05", new Set(["m01"]))).toBe("m05");
+  });
+
+  it("brings a file's units to those of the set", () => {
+    const read = {
+      label: "c01",
+      joints: [90],
+      force: [0, 0, -9],
+      readings: [{ target: "P1", unloaded: [1000, 0, 0], loaded: [1000, 0, -1] }],
+    } as unknown as Observation;
+    const { joints, readings } = inUnits(read, MM, SI, ["revolute"]);
+    expect(joints[0]).toBeCloseTo(Math.PI / 2, 12);
+    expect(readings[0]).toMatchObject({ unloaded: [1, 0, 0], loaded: [1, 0, -0.001] });
+  });
+});
+
+describe("the simulated arm", () => {
+  const posture = {
+    joint_origins: [[0, 0, 1]],
+    joint_axes: [[0, 1, 0]],
+    joint_kinds: ["revolute"],
+    flange_origin: [2, 0, 1],
+    flange_axes: [
+      [1, 0, 0],
+      [0, 1, 0],
+      [0, 0, 1],
+    ],
+  } as unknown as Posture;
+
+  it("balances a weight on a lever exactly: k θ = F L cos θ", () => {
+    const [angle = 0] = givenWay(posture, [1e5], [0, 0, 0], [0, 0, -1000]);
+    expect(1e5 * angle).toBeCloseTo(2000 * Math.cos(angle), 6);
+    expect(angle).toBeGreaterThan(0.0199);
+  });
+
+  it("reads the same on every device, and exchanges targets when asked", () => {
+    const of = { targets: { P1: [0, 0, 0], P2: [0, 0.1, 0] } as never, loadPoint: [0, 0, 0] as never };
+    const rows = simulatedRows(posture, [0, 0, -1000], 7, "m01", of);
+    expect(simulatedRows(posture, [0, 0, -1000], 7, "m01", of)).toEqual(rows);
+    expect(simulatedRows(posture, [0, 0, -1000], 8, "m01", of)).not.toEqual(rows);
+    expect(exchanged(rows)["P1"]).toEqual(rows["P2"]);
+    expect(seedOf("noise 20 µm; seed 4711.")).toBe(4711);
+    expect(stiffnessesOf(1)).toHaveLength(6);
+  });
+});

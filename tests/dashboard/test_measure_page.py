@@ -1,0 +1,162 @@
+"""A live campaign on the page: to its run, with a doubtful reading, away from the service, by two tablets."""
+
+from __future__ import annotations
+
+import re
+
+import httpx2
+from playwright.sync_api import Page, expect
+
+from jointstiff.simulator import LOAD_POINT, TARGETS
+
+
+def simulated(visited) -> str:
+    """Open a simulated campaign from the start page; return its id."""
+    visited.go("#/")
+    visited.page.get_by_role("button", name="Try a simulated campaign").click()
+    expect(visited.page.get_by_role("heading", name="Next: m01")).to_be_visible()
+    return str(visited.page.url.rsplit("/", 1)[1])
+
+
+def read(page: Page, label: str, kind: str = "Simulate this reading") -> None:
+    """Fill in the readings of the next posture, and send them."""
+    expect(page.get_by_role("heading", name=f"Next: {label}")).to_be_visible()
+    page.get_by_role("button", name=kind).click()
+    page.get_by_role("button", name="Send reading").click()
+
+
+def labels(api: httpx2.Client, campaign: str) -> list[str]:
+    """Labels of the readings that the service has."""
+    return [each["label"] for each in api.get(f"/v1/measurement-sets/{campaign}/next").json()["readings"]]
+
+
+def test_a_newcomer_measures_a_simulated_arm_to_its_goal(visit, api):
+    """One tap to begin, two a reading; a mistake is named and read again; the stiffnesses are as stated."""
+    page = (visited := visit("tablet upright")).page
+    campaign = simulated(visited)
+    expect(page.get_by_text("Simulated: no arm is measured.")).to_be_visible()
+    page.locator("canvas[data-ready=true]").wait_for()
+    expect(page.get_by_text("1471 N straight down")).to_be_visible()
+    for number in range(1, 5):
+        read(page, f"m{number:02d}")
+    read(page, "m05", "Simulate a mistake")
+    doubt = page.get_by_role("alert", name="m05 is doubtful")
+    expect(doubt.get_by_role("listitem").filter(has_text="P1 and P2 are exchanged")).to_be_visible()
+    expect(page.get_by_role("heading", name="Next:")).to_have_count(0)  # the weight still hangs
+    page.get_by_role("button", name="Read again").click()
+    expect(page.get_by_role("heading", name="Next: m06")).to_contain_text("m05 read again")
+    expect(doubt).to_have_count(0)
+    reached = page.locator(".card .note.good").first
+    for number in range(6, 20):
+        read(page, f"m{number:02d}")
+        expect(
+            page.get_by_role("heading", name=f"Next: m{number + 1:02d}").or_(reached).first
+        ).to_be_visible()
+        if reached.is_visible():
+            break
+    expect(page.get_by_text("Reached after").first).to_be_visible()
+    page.get_by_role("button", name="Close and identify").click()
+    page.get_by_role("table", name="Joint stiffness").wait_for()
+    run = api.get(f"/v1/runs/{page.url.rsplit('/', 1)[1]}").json()
+    assert run["request"]["measurement_set_id"] == campaign
+    stored = api.get(f"/v1/measurement-sets/{campaign}").json()
+    assert stored["instrument"] == "simulated by the page"
+    assert "Withdrawn m05: read again." in stored["notes"]
+    truth = [float(k) for k in re.search(r"joint 1 to 6: (.*?) ×", stored["notes"])[1].split(", ")]
+    for joint, stiffness in zip(
+        run["result"]["joints"][1:], truth[1:], strict=True
+    ):  # a weight spares joint 1
+        assert abs(joint["stiffness"] / (1e6 * stiffness) - 1.0) <= 0.15
+
+
+def test_readings_wait_while_the_service_is_away(visit, api):
+    page = (visited := visit("phone")).page
+    campaign = simulated(visited)
+    read(page, "m01")
+    expect(page.get_by_role("heading", name="Next: m02")).to_be_visible()
+    page.get_by_role("button", name="Simulate this reading").click()
+    page.context.set_offline(True)
+    page.get_by_role("button", name="Send reading").click()
+    expect(page.get_by_text("The service is away. 1 reading waits in this browser")).to_be_visible()
+    page.get_by_text("Another posture or load").click()
+    joints = page.get_by_label("Joints as the controller shows them")
+    angles = [float(angle) for angle in joints.input_value().split()]
+    joints.fill(" ".join(str(angle) for angle in [angles[0] + 20.0, *angles[1:]]))
+    page.get_by_role("button", name="Use this posture").click()
+    expect(page.get_by_role("heading", name="Next: m03")).to_contain_text("Posture of your own")
+    for target in ("P1", "P2", "P3"):  # no kinematics without the service: typed by hand
+        page.get_by_label(f"{target}, Unloaded").fill("1000 0 1000")
+    assert labels(api, campaign) == ["m01"]
+    page.context.set_offline(False)
+    expect(page.get_by_text("The service is away.")).to_have_count(0)
+    expect(page.get_by_text("2 read", exact=False).first).to_be_visible()
+    assert labels(api, campaign) == ["m01", "m02"]
+    assert page.evaluate("Object.keys(localStorage).filter((key) => /measure.*[^t]$/.test(key))") == []
+
+
+def test_two_tablets_do_not_collide(visit, api):
+    """One reads while the other is away: the label is taken, is said, and another one offered."""
+    first, second = visit("tablet"), visit("tablet upright")
+    campaign = simulated(first)
+    second.go(f"#/measure/{campaign}")
+    expect(second.page.get_by_role("heading", name="Next: m01")).to_be_visible()
+    second.page.get_by_role("button", name="Simulate a mistake").click()
+    second.page.context.set_offline(True)
+    second.page.get_by_role("button", name="Send reading").click()
+    expect(second.page.get_by_text("1 reading waits")).to_be_visible()
+    read(first.page, "m01")
+    expect(first.page.get_by_role("heading", name="Next: m02")).to_be_visible()
+    second.page.context.set_offline(False)
+    expect(second.page.get_by_text("m01 was already sent by another device")).to_be_visible()
+    second.page.get_by_role("button", name="Discard mine").click()
+    expect(second.page.get_by_role("heading", name="Next: m02")).to_be_visible()
+    read(second.page, "m02")
+    expect(first.page.get_by_role("heading", name="Next: m03")).to_be_visible()  # told by the service
+    assert labels(api, campaign) == ["m01", "m02"]
+
+
+def test_a_plan_is_measured_live_and_its_file_joins(visit, api, stored):
+    """The plan's equipment is taken, a block of numbers is pasted, and a posture is skipped."""
+    plan = api.get(f"/v1/plans/{stored.plan}").json()
+    page = (visited := visit("tablet")).page
+    visited.go(f"#/plans/{stored.plan}")
+    page.get_by_role("link", name="Measure live").click()
+    page.get_by_role("radio", name="Every joint").check()
+    page.get_by_label("Every joint that the load twists").fill("5")
+    page.get_by_role("button", name="Begin").click()
+    heading = page.get_by_role("heading", name="Next: m01")
+    expect(heading).to_be_visible()
+    campaign = page.url.rsplit("/", 1)[1]
+    opened = api.get(f"/v1/measurement-sets/{campaign}").json()
+    assert opened["open"]["plan_id"] == stored.plan
+    assert opened["flange_targets"] == plan["result"]["targets"]
+    before = page.locator(".angles.big").inner_text()
+    page.get_by_role("button", name="Skip this posture").click()
+    expect(page.locator(".angles.big")).not_to_have_text(before, use_inner_text=True)
+    expect(heading).to_be_visible()
+    block = "\n".join(f"{name} 1000 {i} 0 1000 {i} -1" for i, name in enumerate(plan["result"]["targets"]))
+    box = page.get_by_label(f"{next(iter(plan['result']['targets']))}, Unloaded")
+    box.evaluate(
+        """(box, text) => {
+          const data = new DataTransfer();
+          data.setData("text", text);
+          const options = {clipboardData: data, bubbles: true, cancelable: true};
+          box.dispatchEvent(new ClipboardEvent("paste", options));
+        }""",
+        block,
+    )
+    assert page.locator(".live-readings input").nth(1).input_value() == "1000 0 -1"
+    expect(page.get_by_role("button", name="Send reading")).to_be_enabled()
+    page.get_by_text("On a tablet").click()
+    expect(page.get_by_role("img", name=re.compile("QR code"))).to_be_visible()
+
+
+def test_equipment_is_that_of_the_last_campaign(visit, stored):
+    page = (visited := visit("desktop")).page
+    visited.go(f"#/measure?robot={stored.robot}")
+    expect(page.get_by_label("Force [N]")).to_have_value("1500")
+    expect(page.get_by_label("Load point: x, y, z")).to_have_value(
+        " ".join(f"{1e3 * x:g}" for x in LOAD_POINT)
+    )
+    expect(page.get_by_label("Targets:")).to_have_value(re.compile(next(iter(TARGETS))))
+    expect(page.get_by_role("button", name="Begin")).to_be_disabled()
