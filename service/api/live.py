@@ -70,7 +70,7 @@ async def get_next(
     return EventSourceResponse(_events(request, parts.live, set_id, state))
 
 
-@router.get("/code.svg", dependencies=[VIEWER], response_class=Response)
+@router.get("/code.svg", dependencies=[VIEWER], include_in_schema=False)  # a part of the page
 def get_code(
     parts: answers.PartsOf,
     set_id: Id,
