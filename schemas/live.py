@@ -20,6 +20,7 @@ from jointstiff.schemas.fields import (
     Vector3,
 )
 from jointstiff.schemas.finding import Assessment, Finding
+from jointstiff.schemas.goal import Goal
 from jointstiff.schemas.joints import StatedKind
 from jointstiff.schemas.measurement import (
     MAX_OBSERVATIONS,
@@ -30,51 +31,6 @@ from jointstiff.schemas.measurement import (
     SetChange,
 )
 from jointstiff.schemas.plan import MAX_CANDIDATES, PlanOptions
-
-_Share = Annotated[float, Field(strict=True, ge=0.001, le=1.0)]
-_Length = Annotated[float, Field(strict=True, ge=1e-9, le=1.0)]
-
-
-class JointsGoal(Message):
-    """Every joint that a load can twist is known to a share of its stiffness."""
-
-    kind: Literal["joints"]
-    relative: Dimensionless[_Share] = Field(
-        description="Greatest half-width of a 95 % interval over the compliance: 0.15 for ± 15 %."
-    )
-
-
-class DeflectionGoal(Message):
-    """The deflection in a box is known to some micrometres."""
-
-    kind: Literal["deflection"]
-    uncertainty: Metres[_Length] = Field(
-        description="Greatest expanded uncertainty (95 %) of a coordinate of the deflection, root mean "
-        "square over places of the work area and forces along the axes of R0."
-    )
-    force: Newtons[Vector3 | None] = Field(
-        default=None,
-        description="Force there, axes of R0; default: that of the load, down if it is a weight, else along "
-        "each axis.",
-    )
-
-
-class DecisionGoal(Message):
-    """A decision: does the deflection in a box stay below a limit?"""
-
-    kind: Literal["decision"]
-    limit: Metres[_Length] = Field(
-        description="Greatest length of the deflection at any place of the work area, by a force along an "
-        "axis of R0. It is decided where the limit is outside the 95 % interval of the greatest one."
-    )
-    force: Newtons[Vector3 | None] = Field(
-        default=None,
-        description="Force there, axes of R0; default: that of the load, down if it is a weight, else along "
-        "each axis.",
-    )
-
-
-Goal = Annotated[JointsGoal | DeflectionGoal | DecisionGoal, Field(discriminator="kind")]
 
 
 class LiveOptions(PlanOptions):

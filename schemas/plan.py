@@ -30,6 +30,7 @@ from jointstiff.schemas.fields import (
     target_of,
 )
 from jointstiff.schemas.finding import AcceptingOptions, Assessment
+from jointstiff.schemas.goal import Goal, goal_in_words
 from jointstiff.schemas.job import Job, JobSummary, Result
 from jointstiff.schemas.joints import StatedKind
 from jointstiff.schemas.measurement import MAX_TARGETS, Uncertainty
@@ -131,6 +132,20 @@ class PlanOptions(AcceptingOptions):
 
     readings: Annotated[int, Field(strict=True, ge=1, le=MAX_READINGS)] = Field(
         default=20, description="Number of readings, including those for validation."
+    )
+    goal: Annotated[
+        Goal | None,
+        Terminal(
+            "--goal",
+            "GOAL",
+            goal_in_words,
+            text='Goal in place of a number of readings: "15 %" of every joint, or "6 um" of the deflection '
+            "in the work area (95 %).",
+        ),
+    ] = Field(
+        default=None,
+        description="Goal in place of `readings`: the least list whose design meets it by the noise of the "
+        "readings (95 %). Of joints, it is relative to `stiffness`.",
     )
     criterion: PlanCriterion | None = Field(
         default=None,
@@ -289,6 +304,9 @@ class PlanResult(Result):
         "same length from these candidates, over all directions of force if these are free."
     )
     efficiencies: Dimensionless[dict[str, float]] = Field(description="Efficiency by other criteria.")
+    goal_share: Dimensionless[float | None] = Field(
+        default=None, description="Expanded uncertainty over that of the goal; null without one."
+    )
     weights_gap: Dimensionless[float] = Field(description="1 − certified efficiency of the optimal weights.")
     random_efficiency: Dimensionless[float] = Field(
         description="Efficiency of random plans, relative to this one."

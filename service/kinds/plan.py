@@ -26,6 +26,8 @@ if TYPE_CHECKING:
     from jointstiff.service.resources.inputs import Inputs
 
 _DOWN: Final = -0.9999  # along z of R0: a weight
+_TIGHT: Final = 0.3
+"""Certified efficiency below which the bound, not the list, is poor as a rule: many parameters."""
 _CRITERIA = {
     "relative_a": "relative uncertainty of the joints",
     "work_area": "predictions in the work area",
@@ -38,12 +40,18 @@ _CRITERIA = {
 def report(job: Plan, result: PlanResult, view: View) -> Report:
     """Return the promise first, then the list."""
     struck = ", ".join(f"{name.replace('_', ' ')} {count}" for name, count in result.struck_out.items())
+    tight = "certified:" if result.efficiency >= _TIGHT else "certified, but the bound is not tight:"
     lines = [
-        f"certified: at least {100 * result.efficiency:.1f} % of the best list's information "
+        f"{tight} at least {100 * result.efficiency:.1f} % of the best list's information "
         f"({_CRITERIA[result.criterion]})",
         f"{result.feasible} of {result.considered} readings were feasible"
         + (f"; struck out: {struck}" if struck else ""),
     ]
+    if result.goal_share is not None:
+        lines.append(
+            f"{len(result.readings)} readings are the fewest whose list meets the goal: "
+            f"{result.goal_share:.2f} of its uncertainty, by the noise of the readings"
+        )
     if result.elastic_links:
         lines.append("the plan allows for elastic links, because joints alone do not explain the deflection")
     if result.deflection_uncertainty is not None and result.worst_deflection_uncertainty is not None:

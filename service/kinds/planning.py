@@ -11,6 +11,7 @@ import numpy as np
 
 from jointstiff.schemas import plan as plans
 from jointstiff.schemas.finding import Assessment, Finding
+from jointstiff.schemas.goal import DecisionGoal
 from jointstiff.schemas.measurement import LEAST_DIRECTION
 from jointstiff.schemas.options import RunOptions
 from jointstiff.schemas.plan import OwnWeight, PlanResult
@@ -126,6 +127,13 @@ def _plan(planned: Planned, request: plans.PlanRequest) -> PlanResult:
     so_far = None if prepared is None else prepared.measurements
     if so_far is not None and so_far.unloaded_only is not None:
         so_far = replace(so_far, present=so_far.present | so_far.unloaded_only)
+    if isinstance(request.goal, DecisionGoal) or getattr(request.goal, "force", None) is not None:
+        raise RequestError(
+            "a plan knows no deflections to decide about, and no other force than its load",
+            where="goal",
+            remedy="give a goal for the joints, or an uncertainty of the deflection under the load; or "
+            "measure live",
+        )
     asked = to_design_request(
         request, robot, nominal=nominal, sigma=sigma, unexplained=unexplained, so_far=so_far
     )
@@ -246,6 +254,7 @@ def to_design_request(
             np.nan_to_num(nominal),
         ),
         seed=request.seed,
+        goal=None if isinstance(request.goal, DecisionGoal) else request.goal,
     )
 
 

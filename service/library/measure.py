@@ -13,8 +13,8 @@ from urllib.parse import quote
 import numpy as np
 
 from jointstiff.schemas.fields import Message
+from jointstiff.schemas.goal import Goal
 from jointstiff.schemas.live import (
-    Goal,
     LiveOptions,
     LiveReading,
     LiveSetChange,

@@ -22,6 +22,7 @@ from jointstiff.schemas.geometry import (
     JointSweep,
     TrackedPosition,
 )
+from jointstiff.schemas.goal import DecisionGoal, DeflectionGoal, JointsGoal
 from jointstiff.schemas.imports import ImportAnswer, ImportUnits
 from jointstiff.schemas.measurement import Noise, Units
 from jointstiff.schemas.options import CrossValidation, Resampling, RunOptions, StiffnessPrior, Weight
@@ -110,6 +111,7 @@ class GeometryFields(TypedDict, total=False):
 class PlanFields(TypedDict, total=False):
     accept_verdict: Literal["do_not_use"] | None
     readings: int
+    goal: str | JointsGoal | Mapping[str, Any] | DeflectionGoal | DecisionGoal | None
     criterion: Literal["relative_a", "work_area", "d", "e", "worst_place"] | None
     work_area: Matrix | None
     load: DeadWeight | Mapping[str, Any] | AnyDirection | Cable | OwnWeight | None

@@ -97,8 +97,7 @@ def verb_of(kind: AnyKind, door: Callable[[], Door]) -> Verb[Any]:
         waiting = list(sources)
         if options is None and waiting and isinstance(waiting[-1], kind.options):
             options = waiting.pop()
-        if isinstance(fields.get("units"), str):
-            fields["units"] = units_of(fields["units"])
+        fields = _in_words(fields)
         with Follow(on_progress, cancel) as follow:
             call = _Call(kind, door(), waiting, options, fields, follow)
             parts: dict[str, Any] = {}
@@ -118,6 +117,18 @@ def verb_of(kind: AnyKind, door: Callable[[], Door]) -> Verb[Any]:
     verb.__doc__ = _explained(kind)
     verb.__signature__ = _signature(kind)  # type: ignore[attr-defined]
     return verb
+
+
+def _in_words(fields: dict[str, Any]) -> dict[str, Any]:
+    """Return options whose units and goal are messages, where they were words."""
+    if isinstance(fields.get("units"), str):
+        fields = fields | {"units": units_of(fields["units"])}
+    if isinstance(fields.get("goal"), str):
+        from jointstiff.service.live.declaration import goal_of
+
+        with as_campaign_error(""):
+            fields = fields | {"goal": goal_of(fields["goal"])}
+    return fields
 
 
 def pair(

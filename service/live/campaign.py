@@ -12,7 +12,8 @@ from scipy import special
 
 from jointstiff.schemas import live
 from jointstiff.schemas.finding import Finding
-from jointstiff.schemas.live import DecisionGoal, DeflectionGoal, HeldOut, Innovation, JointsGoal
+from jointstiff.schemas.goal import DecisionGoal, DeflectionGoal, JointsGoal
+from jointstiff.schemas.live import HeldOut, Innovation
 from jointstiff.schemas.measurement import (
     MAX_NOTES_LENGTH,
     MeasurementSetDocument,

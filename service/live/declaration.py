@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Final
@@ -10,7 +9,8 @@ from typing import Any, Final
 import numpy as np
 
 from jointstiff.schemas.fields import Message, Vector3
-from jointstiff.schemas.live import DecisionGoal, DeflectionGoal, Goal, JointsGoal, LiveOptions
+from jointstiff.schemas.goal import Goal, JointsGoal, goal_in_words
+from jointstiff.schemas.live import LiveOptions
 from jointstiff.schemas.live import MeasurementSetPost as OpenPost
 from jointstiff.schemas.measurement import MeasurementSetDocument, MeasurementSetHeader, Noise, Units
 from jointstiff.schemas.options import Weight
@@ -24,11 +24,6 @@ from jointstiff.solver.robot.configuration import Configurations
 from jointstiff.solver.robot.model import Robot
 from jointstiff.solver.terms.block import targets_in_flange
 
-_GOAL: Final = re.compile(
-    r"(?P<below>below|<)?\s*±?\s*(?P<number>[0-9]*\.?[0-9]+(?:e-?[0-9]+)?)\s*(?P<unit>%|um|µm|μm|mm|m)",
-    re.IGNORECASE,
-)
-_METRES: Final = {"um": 1e-6, "µm": 1e-6, "μm": 1e-6, "mm": 1e-3, "m": 1.0}
 _DOWN: Final = -0.999
 """Part along z of R0 of a force's direction from which on it counts as a weight."""
 SI: Final = Units(length="m", angle="rad", force="N")
@@ -47,24 +42,18 @@ def goal_of(goal: str | Goal | Mapping[str, Any], force: Vector3 | None = None) 
     """
     if isinstance(goal, Message):
         return goal
-    if isinstance(goal, Mapping):
-        return LiveOptions.model_validate({"goal": dict(goal)}).goal
-    match = _GOAL.fullmatch(goal.strip())
-    relative = match is not None and match["unit"] == "%"
-    if match is None or float(match["number"]) <= 0.0 or (relative and match["below"]):
-        raise RequestError(
-            f"'{goal}' is no goal",
-            where="goal",
-            remedy='write "15 %" for every joint, "6 um" for the deflection in the work area, or '
-            '"below 0.5 mm" for a decision about it',
-        )
-    number = float(match["number"])
-    if relative:
-        return JointsGoal(kind="joints", relative=0.01 * number)
-    size = number * _METRES[match["unit"].lower()]
-    if match["below"]:
-        return DecisionGoal(kind="decision", limit=size, force=force)
-    return DeflectionGoal(kind="deflection", uncertainty=size, force=force)
+    document = dict(goal) if isinstance(goal, Mapping) else _in_words(goal)
+    if force is not None and document.get("kind") != "joints":
+        document.setdefault("force", force)
+    return LiveOptions.model_validate({"goal": document}).goal
+
+
+def _in_words(text: str) -> dict[str, Any]:
+    try:
+        return goal_in_words(text)
+    except ValueError as error:
+        reason, _, remedy = str(error).partition(": ")
+        raise RequestError(reason, where="goal", remedy=remedy) from None
 
 
 @dataclass(frozen=True)

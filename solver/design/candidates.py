@@ -17,6 +17,7 @@ from typing import Final, Literal
 
 import numpy as np
 
+from jointstiff.schemas.goal import DeflectionGoal, JointsGoal
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.design.optimum import Candidates
 from jointstiff.solver.errors import RequestError
@@ -306,7 +307,7 @@ class PlanRequest:
     """Hold what a plan is made for and by which rules."""
 
     equipment: Equipment  #: instrument, targets and loads
-    readings: int  #: how many, those for validation included
+    readings: int  #: how many, those for validation included; without a goal
     nominal: FloatArray  #: (n,) compliance [rad/(N·m)]; nan where it is not known
     #: (n,) standard uncertainty of the compliance known beforehand [rad/(N·m)]; inf for none
     prior: FloatArray
@@ -328,6 +329,7 @@ class PlanRequest:
     #: of what is known of it beforehand; None where loads bend the arm
     by_weight: Callable[[FloatArray], FloatArray] | None = None
     seed: int = 0  #: of drawn postures, validation and random plans
+    goal: JointsGoal | DeflectionGoal | None = None  #: in place of a number of readings
 
 
 def whitened_rows(robot: Robot, request: PlanRequest, measurements: Measurements) -> FloatArray:

@@ -6,11 +6,13 @@ candidates → optimal weights → list of distinct postures → validation → 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 
+from jointstiff.schemas.goal import DeflectionGoal, JointsGoal
+from jointstiff.schemas.plan import MAX_READINGS
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.design.candidates import CriterionName, PlanRequest, Pool
 from jointstiff.solver.design.optimum import (
@@ -55,6 +57,8 @@ _LONG: Final = 60
 """Readings of a list for which that gains nothing."""
 _MANY: Final = 30
 """Parameters above which restarts cost more than a plan gains: elastic links as a nuisance."""
+_COVERAGE: Final = 1.959963984540054
+"""Half-width of an interval of 95 % over the standard uncertainty, which the stated noise gives."""
 _IMPROVES: Final = 1.0 + 1e-10
 
 
@@ -86,6 +90,7 @@ class CampaignPlan:
     deflection: tuple[float, float] | None
     random: OtherPlan  #: mean of random plans
     one_at_a_time: OtherPlan  #: each reading the best next one
+    goal_share: float | None = None  #: expanded uncertainty over that of the goal; None without one
 
 
 def plan_campaign(robot: Robot, request: PlanRequest) -> CampaignPlan:
@@ -96,7 +101,13 @@ def plan_campaign(robot: Robot, request: PlanRequest) -> CampaignPlan:
             postures.
     """
     pool = Pool.of(robot, request)
-    s, p = len(pool.parameters.joints), len(pool.base)
+    s = len(pool.parameters.joints)
+    distinct = Distinct(pool.readings.joints, request.angle)
+    criteria, worst = _criteria(pool, request)
+    if request.goal is not None:
+        request = replace(
+            request, readings=least_readings(pool, request, criteria[request.criterion], distinct)
+        )
     held_out = round(request.validation * request.readings)
     fitted = request.readings - held_out
     rows = (3 if request.directions is None else 1) * len(request.equipment.targets) * fitted
@@ -106,23 +117,7 @@ def plan_campaign(robot: Robot, request: PlanRequest) -> CampaignPlan:
             where="readings",
             remedy="ask for more readings, or a smaller share for validation",
         )
-    criteria: dict[CriterionName, Criterion] = {
-        "relative_a": AOptimality(np.diag(np.r_[np.ones(s), np.zeros(p - s)]) / s),
-        "d": DOptimality(s),
-        "e": EOptimality(np.ones(s)),
-    }
-    worst: GOptimality | None = None
-    if pool.places is not None:
-        worst = GOptimality(pool.places[:: -(-len(pool.places) // _WORST_PLACES)])
-        criteria |= {"work_area": AOptimality(pool.places.mean(axis=0)), "worst_place": worst}
-    if request.criterion not in criteria:
-        raise RequestError(
-            f"criterion {request.criterion} needs a work area",
-            where="work_area",
-            remedy="give the corners of the work area, or use criterion relative_a, d or e",
-        )
     problem = DesignProblem(pool.candidates, criteria[request.criterion], fitted, pool.base)
-    distinct = Distinct(pool.readings.joints, request.angle)
     design = optimise(problem, _LINKS_GAP if request.links else None)
     exact = exact_design(problem, design, distinct, seed=request.seed)
     M = exact.matrix
@@ -158,7 +153,88 @@ def plan_campaign(robot: Robot, request: PlanRequest) -> CampaignPlan:
         deflection=deflection,
         random=random_plans(problem, M, s, request.seed),
         one_at_a_time=one_at_a_time(problem, distinct, M, s),
+        goal_share=None if request.goal is None else goal_share(pool, request.goal, M),
     )
+
+
+def _criteria(pool: Pool, request: PlanRequest) -> tuple[dict[CriterionName, Criterion], GOptimality | None]:
+    """Return the criteria that apply, and that of the worst place; None without a work area.
+
+    Raises:
+        RequestError: the one that was asked for needs a work area.
+    """
+    s, p = len(pool.parameters.joints), len(pool.base)
+    criteria: dict[CriterionName, Criterion] = {
+        "relative_a": AOptimality(np.diag(np.r_[np.ones(s), np.zeros(p - s)]) / s),
+        "d": DOptimality(s),
+        "e": EOptimality(np.ones(s)),
+    }
+    worst: GOptimality | None = None
+    if pool.places is not None:
+        worst = GOptimality(pool.places[:: -(-len(pool.places) // _WORST_PLACES)])
+        criteria |= {"work_area": AOptimality(pool.places.mean(axis=0)), "worst_place": worst}
+    if request.criterion not in criteria:
+        raise RequestError(
+            f"criterion {request.criterion} needs a work area",
+            where="work_area",
+            remedy="give the corners of the work area, or use criterion relative_a, d or e",
+        )
+    return criteria, worst
+
+
+def goal_share(pool: Pool, goal: JointsGoal | DeflectionGoal, M: FloatArray) -> float:
+    """Return the expanded uncertainty after a list of information M (p, p) over that of the goal.
+
+    Raises:
+        RequestError: the goal is about deflections, and there is no work area.
+    """
+    if isinstance(goal, JointsGoal):
+        return _COVERAGE * float(uncertainty_of(M, len(pool.parameters.joints)).max()) / goal.relative
+    if pool.places is None:
+        raise RequestError(
+            "the goal is about deflections, and the work area is missing",
+            where="work_area",
+            remedy='give the corners of the work area, or a goal for the joints, such as "15 %"',
+        )
+    information = AOptimality(pool.places.mean(axis=0)).information(M)
+    return _COVERAGE * float(information**-0.5 if information > 0.0 else np.inf) / goal.uncertainty
+
+
+def least_readings(pool: Pool, request: PlanRequest, criterion: Criterion, distinct: Distinct) -> int:
+    """Return the least number of readings, those held out among them, whose list meets the goal.
+
+    Uncertainties fall with the root of the number of readings, nearly: that brackets it, and halving ends it.
+
+    Raises:
+        RequestError: as many readings as a plan may have do not meet it.
+    """
+    goal, s = request.goal, len(pool.parameters.joints)
+    a_reading = (3 if request.directions is None else 1) * len(request.equipment.targets)
+    least = 1 if request.so_far is not None else -(-s // a_reading)
+    most = MAX_READINGS - round(request.validation * MAX_READINGS)
+
+    def share(fitted: int) -> float:
+        problem = DesignProblem(pool.candidates, criterion, fitted, pool.base)
+        design = optimise(problem, _LINKS_GAP if request.links else None)
+        M = exact_design(problem, design, distinct, seed=request.seed).matrix
+        return 0.0 if goal is None else goal_share(pool, goal, M)
+
+    low, high = least - 1, least
+    while (reached := share(high)) > 1.0:
+        if high >= most:
+            raise RequestError(
+                f"{MAX_READINGS} readings leave {reached:.3g} times the uncertainty of the goal",
+                where="goal",
+                remedy="choose a wider goal, a greater load, more targets, or less noise",
+            )
+        low, high = high, min(most, max(high + 1, int(min(high * reached**2, most))))
+    while high - low > 1:
+        middle = (low + high) // 2
+        low, high = (low, middle) if share(middle) <= 1.0 else (middle, high)
+    count = high
+    while count - round(request.validation * count) < high:
+        count += 1
+    return count
 
 
 def _validation(pool: Pool, distinct: Distinct, chosen: IndexArray, count: int, seed: int) -> Atoms:

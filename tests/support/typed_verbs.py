@@ -103,6 +103,8 @@ class Types:
         }
         if "units" in fields:
             fields["units"] = f"str | {fields['units']}"
+        if "goal" in fields:
+            fields["goal"] = f"str | {fields['goal']}"
         if "loads" in fields:
             fields["loads"] = "File | None"
         lines = [f"    {key}: {text}" for key, text in (fields | EXTRAS.get(name, {})).items()]

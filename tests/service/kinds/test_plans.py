@@ -200,3 +200,36 @@ class TestCommand:
         refused = CliRunner().invoke(app, ["plan", str(file)])
         assert refused.exit_code == 2
         assert "remedy" in refused.output
+
+
+@pytest.mark.parametrize(
+    ("goal", "changes"),
+    [
+        ({"kind": "joints", "relative": 0.02}, {}),
+        ({"kind": "deflection", "uncertainty": 3e-5}, {"work_area": ((0.8, -0.6, 0.4), (1.9, 0.6, 1.6))}),
+    ],
+)
+def test_a_goal_gives_the_least_list_that_meets_it(parts, robot, goal, changes):
+    """One reading less leaves more uncertainty than the goal, by the uncertainties that plans promise."""
+    options = BEGIN | changes | {"robot_id": robot, "candidates": 400, "validation": 0.0}
+    options["stiffness"] = {f"joint_{j}": k for j, k in enumerate(default_arm().stiffnesses.tolist(), 1)}
+    options.pop("readings", None)
+
+    def uncertainty(result):
+        if goal["kind"] == "deflection":
+            return 1.96 * result.deflection_uncertainty / goal["uncertainty"]
+        return 1.96 * max(joint.relative for joint in result.joints) / goal["relative"]
+
+    plan = plan_of(parts, **options, goal=goal)
+    assert plan.state == "succeeded", plan.error
+    assert uncertainty(plan.result) <= 1.001
+    assert plan.result.goal_share == pytest.approx(uncertainty(plan.result), rel=1e-4)
+    fewer = plan_of(parts, **options, readings=len(plan.result.readings) - 1)
+    assert fewer.result is None or uncertainty(fewer.result) > 1.0
+
+
+def test_a_goal_that_no_plan_meets_is_refused(parts, robot):
+    options = BEGIN | {"robot_id": robot, "candidates": 400, "goal": {"kind": "joints", "relative": 0.001}}
+    options.pop("readings", None)
+    with pytest.raises(RequestError, match="times the uncertainty of the goal"):
+        plan_of(parts, **options)

@@ -11,7 +11,7 @@ import pytest
 from typer.testing import CliRunner
 
 import jointstiff
-from jointstiff.schemas.live import DecisionGoal, DeflectionGoal, JointsGoal
+from jointstiff.schemas.goal import DecisionGoal, DeflectionGoal, JointsGoal
 from jointstiff.schemas.robot import RobotDocument
 from jointstiff.service.app import create_app
 from jointstiff.service.cli.app import app
