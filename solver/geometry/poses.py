@@ -65,7 +65,6 @@ _RANK_TOLERANCE = 1e-10
 """Singular value of the column-scaled Jacobian, relative to the largest, that counts as zero."""
 _UNDETERMINED = 1e-6
 """Share of an unknown in an unobservable direction above which it is not determined."""
-_IDENTITY = np.eye(3)
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,11 +97,8 @@ class RigidTransform:
         """
         gap = float(np.abs(rotation @ rotation.T - np.eye(3)).max())
         if not gap <= ROTATION_TOLERANCE or np.linalg.det(rotation) < 0.0:
-            what = (
-                "it is a reflection (determinant -1)"
-                if gap <= ROTATION_TOLERANCE
-                else f"its largest deviation is {gap:.2g}"
-            )
+            what = f"its largest deviation is {gap:.2g}"
+            what = "it is a reflection (determinant -1)" if gap <= ROTATION_TOLERANCE else what
             raise MeasurementError(
                 f"the rotation matrix is not orthonormal: {what}",
                 where="frame.rotation",
@@ -241,7 +237,7 @@ def _rotation(direction: FloatArray, angle: FloatArray | float) -> FloatArray:
     x, y, z = direction.tolist()
     K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     sine, versine = np.sin(angle), 2.0 * np.sin(0.5 * np.asarray(angle)) ** 2
-    return np.asarray(_IDENTITY + (sine[..., None, None] * K + versine[..., None, None] * (K @ K)))
+    return np.asarray(np.eye(3) + (sine[..., None, None] * K + versine[..., None, None] * (K @ K)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -293,8 +289,9 @@ class LinearFit:
 
     @property
     def rank(self) -> int:
-        """Number of combinations of unknowns that are determined."""
-        return int(self.left.shape[1])
+        """Number of combinations of unknowns that are determined, with those of single groups of readings."""
+        own = 0 if self.own is None else int(self.own.directions.any(axis=1).sum())
+        return int(self.left.shape[1]) + own
 
     @property
     def rss(self) -> float:
@@ -342,11 +339,6 @@ class OwnUnknowns:
         grouped = jacobian.reshape(*by_own.shape, -1)
         along = np.einsum("gi,gi->g", directions, residual.reshape(by_own.shape))
         return cls(directions, norms, along, np.einsum("gi,gip->gp", directions, grouped))
-
-    @property
-    def count(self) -> int:
-        """Number of unknowns that the readings determine."""
-        return int(self.directions.any(axis=1).sum())
 
     def without(self, rows: FloatArray) -> FloatArray:
         """Project rows (m,) or (m, p) on what the own unknowns do not explain."""
@@ -500,9 +492,8 @@ class Poses(TrackedReadings):
 
     def __getitem__(self, rows: BoolArray) -> Poses:
         """Return some of the configurations (N,)."""
-        covariance = self.covariance if self.covariance.ndim == 2 else self.covariance[rows]
-        angles, points, present = self.angles[rows], self.points[rows], self.present[rows]
-        return replace(self, angles=angles, points=points, present=present, covariance=covariance)
+        by_row = ("angles", "points", "present", *(["covariance"] if self.covariance.ndim > 2 else []))
+        return replace(self, **{name: getattr(self, name)[rows] for name in by_row})
 
     @property
     def whitened(self) -> PoseReadings:
@@ -805,9 +796,8 @@ def calibrate(
             remedy="record more poses, or more targets in each pose",
         )
     dof = coordinates - linear.rank
-    exceeds = poses.sigma is not None and bool(
-        special.chdtrc(dof, linear.rss / poses.sigma**2) < _BEYOND_NOISE
-    )
+    chance = 1.0 if poses.sigma is None else special.chdtrc(dof, linear.rss / poses.sigma**2)
+    exceeds = bool(chance < _BEYOND_NOISE)
     sigma = float(np.sqrt(linear.rss / dof)) if poses.sigma is None or exceeds else poses.sigma
     influence = linear.pseudo_inverse
     if exceeds:

@@ -539,8 +539,7 @@ def refine_axes(identified: SweptAxes, *, angles: AngleUse = "free") -> SweptAxe
     first = PoseState(identified.axes, identified.targets, np.zeros(count))
     state, linear = fit_poses(readings, first, where="sweeps")
     kept = CHART_SIZE * identified.n + identified.targets.size
-    freed = 0 if linear.own is None else linear.own.count
-    dof = 3 * int(sweeps.present.sum()) - linear.rank - freed
+    dof = 3 * int(sweeps.present.sum()) - linear.rank
     if dof < 1 or not linear.determines(slice(0, kept)):
         raise MeasurementError(
             "the sweeps do not determine all axes and targets",
