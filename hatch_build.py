@@ -23,6 +23,12 @@ PACKAGE_FILES = {
 }
 """Files of the package itself; its folders are `tool.hatch.build.targets.wheel.sources`."""
 
+EXAMPLE_FILES = {
+    f"examples/{name}": f"jointstiff/simulator/files/{name}"
+    for name in ("pocket.src", "postures.csv", "readings.csv", "sweeps.json")
+}
+"""Files that `jointstiff examples` writes; an editable install reads them where they are."""
+
 NOT_SOURCES = {"node_modules", "dist", "schema.d.ts"}
 """Not bundled: libraries, output, and types, which `scripts/api-types` makes for tsc alone."""
 
@@ -38,7 +44,7 @@ class PageBuildHook(BuildHookInterface):  # type: ignore[type-arg]
         if version == "editable":
             _link(root, self.build_config.sources | PACKAGE_FILES)
         else:
-            build_data["force_include"].update(PACKAGE_FILES)
+            build_data["force_include"].update(PACKAGE_FILES | EXAMPLE_FILES)
         bundle, stamp = root / "service" / "static", _stamp(root / "dashboard")
         written = bundle / ".stamp"
         if not written.is_file() or written.read_text(encoding="utf-8") != stamp:

@@ -9,7 +9,7 @@ import typer
 import typer.core
 from typer.main import get_command
 
-from jointstiff.service.cli.demo import demo, simulate
+from jointstiff.service.cli.demo import demo, examples, simulate
 from jointstiff.service.cli.keys import keys
 from jointstiff.service.cli.models import export, report
 from jointstiff.service.cli.options import refusal_of
@@ -74,6 +74,7 @@ app = typer.Typer(
 
 
 app.command()(simulate)
+app.command()(examples)
 for _command, _summary in _MADE.items():
     app.command(_command, help=_summary)(lambda: None)  # shown in the list in place of what is made later
 for _written in (robots, export, report, serve, worker, post, demo, backup, restore, doctor):

@@ -13,6 +13,25 @@ from jointstiff.service.cli.options import Overwrite, refuse_existing, write_jso
 from jointstiff.service.settings import Settings
 
 
+def examples(
+    folder: Annotated[
+        Path, typer.Argument(file_okay=False, metavar="[DIR]", help="Folder to write the files to.")
+    ] = Path("examples"),
+    *,
+    overwrite: Overwrite = False,
+) -> None:
+    """Write the example files of the guides: tables, points, sweeps, robots, campaigns, a program."""
+    from jointstiff.simulator.files import example_files
+
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, text in example_files():
+        path = folder / name
+        kept = path.exists() and not overwrite
+        if not kept:
+            path.write_text(text, encoding="utf-8")
+        typer.echo(f"{'kept' if kept else 'wrote'} {path}")
+
+
 def simulate(
     file: Annotated[
         Path, typer.Argument(dir_okay=False, metavar="FILE", help="File to write the campaign to.")

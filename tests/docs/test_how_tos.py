@@ -1,4 +1,5 @@
-"""The commands and the code of the guides, run as a reader would run them, in the order of the page.
+"""The commands and the code of the guides, run as a reader would run them, in the order of the page,
+from an empty folder at 80 columns.
 
 Plain `jointstiff` commands run in this process, which has imported everything; the shell runs the rest.
 """
@@ -18,10 +19,11 @@ from typing import Any
 import httpx2
 import pytest
 from support.browsing import post
-from support.guide_files import ROOT, blocks_of, write_files
+from support.guide_files import ROOT, blocks_of
 from typer.testing import CliRunner
 
 from jointstiff.service.cli.app import app
+from jointstiff.simulator.files import example_files
 
 GUIDES = (
     "README.md",
@@ -42,14 +44,6 @@ GUIDES = (
     "docs/python.md",
     "docs/webhooks.md",
 )
-BEFORE = {
-    "README.md": "rm secondary.json",
-    "docs/elastic-links.md": "jointstiff simulate campaign.json",
-    "docs/geometry.md": "rm robot.json",
-    "docs/live.md": "jointstiff simulate campaign.json --load dead_weight",
-}
-"""Commands that bring the folder to where a guide begins."""
-
 PLACEHOLDERS = {"set": '"measurement_set_id": "…"', "run": '"run_ids": ["…", "…"]'}
 """What a guide writes for the ids of stored sets and runs."""
 
@@ -69,7 +63,6 @@ def service(services):
 
 @pytest.fixture
 def folder(tmp_path):
-    write_files(tmp_path)
     (tmp_path / ".venv").symlink_to(sys.prefix)
     (tmp_path / ".curlrc").write_text("fail-with-body\nnoproxy = *\n")
     return tmp_path
@@ -81,7 +74,7 @@ def run(language: str, text: str, folder: Path, url: str) -> None:
         "CURL_HOME": str(folder),
         "JOINTSTIFF_SERVER": url,
         "NO_PROXY": "*",
-        "COLUMNS": "120",
+        "COLUMNS": "80",
     }
     for command in parts_of(text) if language == "sh" else [[sys.executable, "-c", text]]:
         if command[0] == "jointstiff":
@@ -125,9 +118,10 @@ def runnable(text: str, url: str, runs: list[dict[str, Any]]) -> str:
     return text.replace(PLACEHOLDERS["run"], f'"run_ids": {json.dumps([run["id"] for run in runs])}')
 
 
-def post_campaigns(folder: Path, url: str) -> list[dict[str, Any]]:
+def post_campaigns(url: str) -> list[dict[str, Any]]:
+    texts = dict(example_files())
     with httpx2.Client(base_url=url, timeout=60.0) as client:
-        documents = [json.loads((folder / f"{name}.json").read_text()) for name in ("motor", "secondary")]
+        documents = [json.loads(texts[f"{name}.json"]) for name in ("motor", "secondary")]
         return [post(client, "/v1/campaigns", document) for document in documents]
 
 
@@ -137,9 +131,7 @@ def test_commands_and_code_of_a_guide_work(guide, folder, service):
     blocks = blocks_of(guide)
     assert blocks, "a guide without commands needs no test"
     needs_ids = any(each in text for _, text in blocks for each in PLACEHOLDERS.values())
-    runs = post_campaigns(folder, service.url) if needs_ids else []
-    if guide in BEFORE:
-        run("sh", BEFORE[guide], folder, service.url)
+    runs = post_campaigns(service.url) if needs_ids else []
     for language, text in blocks:
         run(language, runnable(text, service.url, runs), folder, service.url)
 
@@ -152,6 +144,8 @@ def test_lines_that_are_not_run_are_still_there():
 
 def test_the_notebook_of_the_guide_runs(folder, monkeypatch):
     monkeypatch.chdir(folder)
+    for target in (".", "examples"):
+        assert CliRunner().invoke(app, ["examples", target]).exit_code == 0
     notebook = json.loads((ROOT / "examples" / "jointstiff.ipynb").read_text(encoding="utf-8"))
     assert (
         CliRunner().invoke(app, ["simulate", "campaign.json", "--load", "pull", "--overwrite"]).exit_code == 0
