@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import json
+import math
 import re
 
 import httpx2
+import pytest
 from playwright.sync_api import Page, expect
 
 from jointstiff.simulator import LOAD_POINT
@@ -159,3 +162,40 @@ def test_equipment_is_that_of_the_last_campaign(visit, stored):
         " ".join(f"{1e3 * x:g}" for x in LOAD_POINT)
     )
     expect(page.get_by_role("button", name="Begin")).to_be_disabled()
+
+
+def test_a_file_filled_in_part_joins_the_readings_that_are_there(visit, api):
+    """Of a JSON file in mm and degrees those that are complete are sent, and those that are here are not."""
+    page = (visited := visit("tablet")).page
+    campaign = simulated(visited)
+    read(page, "m01")
+    expect(page.get_by_role("heading", name="Next: m02")).to_be_visible()
+    (first,) = api.get(f"/v1/measurement-sets/{campaign}").json()["observations"]
+
+    def in_mm(label: str, complete: bool) -> dict[str, object]:
+        readings = [
+            {"target": one["target"]}
+            | {
+                state: [1e3 * part for part in one[state]] if complete else None
+                for state in ("unloaded", "loaded")
+            }
+            for one in first["readings"]
+        ]
+        angles = [math.degrees(angle) for angle in first["joints"]]
+        return {"label": label, "joints": angles, "force": first["force"], "readings": readings}
+
+    document = {
+        "name": "filled in part",
+        "units": {"length": "mm", "angle": "deg", "force": "N"},
+        "encoders": "motor",
+        "observations": [in_mm("m01", True), in_mm("c02", True), in_mm("c03", False)],
+    }
+    page.get_by_text("Readings from a file").first.click()
+    file = {"name": "c.json", "mimeType": "application/json", "buffer": json.dumps(document).encode()}
+    page.locator("input[type=file]").set_input_files(file)
+    expect(page.get_by_text("1 reading taken from the file")).to_be_visible()
+    expect(page.get_by_text("2 read,")).to_be_visible()
+    stored = api.get(f"/v1/measurement-sets/{campaign}").json()["observations"]
+    assert [one["label"] for one in stored] == ["m01", "c02"]
+    assert stored[1]["joints"] == pytest.approx(first["joints"], abs=1e-12)
+    assert stored[1]["readings"][0]["loaded"] == pytest.approx(first["readings"][0]["loaded"], abs=1e-12)
