@@ -10,32 +10,29 @@ import { type Standing, Viewer, isViewer, needsKey, signOut, useSession } from "
 import { type Settings, SettingsContext, type Theme, useStoredSettings } from "./state/settings";
 import { dismiss, toast, useToasts } from "./state/toasts";
 import { text } from "./i18n";
-import { CompareView } from "./views/compare";
-import { MapView } from "./views/map";
-import { ComparisonView } from "./views/comparison";
-import { ProgramView } from "./views/program";
-import { RobotsView } from "./views/robots";
-import { RobotView } from "./views/robot";
-import { RunView } from "./views/run";
-import { RunsView } from "./views/runs";
-import { SetView } from "./views/set";
-import { SideBySideView } from "./views/side_by_side";
 import { SignInView } from "./views/sign_in";
 
-const StartView = lazy(text.app.measure, () => import("./views/start").then((module) => module.StartView));
-const GeometriesView = lazy(text.geometry.title, () =>
-  import("./views/geometries").then((module) => module.GeometriesView),
-);
-const GeometryView = lazy(text.geometry.title, () => import("./views/geometry").then((module) => module.GeometryView));
-const PlansView = lazy(text.plan.begin, () => import("./views/plans").then((module) => module.PlansView));
-const PlanView = lazy(text.plan.kind, () => import("./views/plan").then((module) => module.PlanView));
-const MeasureView = lazy(text.measure.title, () => import("./views/measure").then((module) => module.MeasureView));
-const LiveView = lazy(text.measure.kind, () => import("./views/live").then((module) => module.LiveView));
-const FleetView = lazy(text.fleet.title, () => import("./views/fleet").then((module) => module.FleetView));
-const TrendView = lazy(text.fleet.title, () => import("./views/trend").then((module) => module.TrendView));
-const RobotNewView = lazy(text.robots.add, () => import("./views/robot_new").then((module) => module.RobotNewView));
-
-const WebhooksView = lazy(text.webhooks.title, () => import("./views/webhooks").then((module) => module.WebhooksView));
+const StartView = lazy(text.app.measure, async () => (await import("./views/start")).StartView);
+const RunsView = lazy(text.runs.title, async () => (await import("./views/runs")).RunsView);
+const RunView = lazy(text.run.kind, async () => (await import("./views/run")).RunView);
+const CompareView = lazy(text.compare.title, async () => (await import("./views/compare")).CompareView);
+const SideBySideView = lazy(text.compare.title, async () => (await import("./views/side_by_side")).SideBySideView);
+const ComparisonView = lazy(text.compare.title, async () => (await import("./views/comparison")).ComparisonView);
+const TrendView = lazy(text.fleet.title, async () => (await import("./views/trend")).TrendView);
+const FleetView = lazy(text.fleet.title, async () => (await import("./views/fleet")).FleetView);
+const MapView = lazy(text.map.kind, async () => (await import("./views/map")).MapView);
+const ProgramView = lazy(text.program.kind, async () => (await import("./views/program")).ProgramView);
+const RobotsView = lazy(text.robots.title, async () => (await import("./views/robots")).RobotsView);
+const RobotView = lazy(text.start.robot, async () => (await import("./views/robot")).RobotView);
+const RobotNewView = lazy(text.robots.add, async () => (await import("./views/robot_new")).RobotNewView);
+const SetView = lazy(text.sets.kind, async () => (await import("./views/set")).SetView);
+const GeometriesView = lazy(text.geometry.title, async () => (await import("./views/geometries")).GeometriesView);
+const GeometryView = lazy(text.geometry.title, async () => (await import("./views/geometry")).GeometryView);
+const PlansView = lazy(text.plan.begin, async () => (await import("./views/plans")).PlansView);
+const PlanView = lazy(text.plan.kind, async () => (await import("./views/plan")).PlanView);
+const MeasureView = lazy(text.measure.title, async () => (await import("./views/measure")).MeasureView);
+const LiveView = lazy(text.measure.kind, async () => (await import("./views/live")).LiveView);
+const WebhooksView = lazy(text.webhooks.title, async () => (await import("./views/webhooks")).WebhooksView);
 
 const SECTIONS = [
   { id: "", label: text.app.measure, icon: "M12 4v16M4 12h16" },

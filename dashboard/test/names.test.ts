@@ -1,22 +1,33 @@
 import { describe, expect, it } from "vitest";
+import type { RobotSummary } from "../src/api/types";
 import { toldApart } from "../src/state/names";
 
-const robot = (id: string, name: string, created_at: string) => ({ id, name, created_at });
-const set = (robot_id: string, serial_number: string | null = null) => ({ robot_id, serial_number });
+const robot = (id: string, name: string, created_at: string) => ({
+  id,
+  name,
+  created_at,
+  joints: Array.from({ length: 6 }) as RobotSummary["joints"],
+});
+const set = (robot_id: string, serial_number: string | null = null) => ({
+  robot_id,
+  serial_number,
+  measured_at: null,
+  created_at: "2026-11-22T10:00:00Z",
+});
 
 describe("robots of one name", () => {
-  it("are told apart by serial number, date and number of sets; others keep their name", () => {
+  it("are told apart by serial number, joints and last campaign; others keep their name", () => {
     const names = toldApart(
       [
         robot("a", "KR 210", "2026-11-20T10:00:00Z"),
         robot("b", "KR 210", "2026-11-21T10:00:00Z"),
         robot("c", "other", "2026-11-21T10:00:00Z"),
       ],
-      [set("a", "F-211034"), set("a", "F-211034"), set("b")],
+      [set("a", "F-211034"), set("a", "F-211034")],
     );
     expect([...names.values()]).toEqual([
-      "KR 210 · F-211034 · 2026-11-20 · 2 sets",
-      "KR 210 · 2026-11-21 · 1 set",
+      "KR 210 · F-211034 · 6 joints · measured 2026-11-22",
+      "KR 210 · 6 joints · added 2026-11-21",
       "other",
     ]);
   });

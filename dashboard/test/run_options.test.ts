@@ -136,9 +136,10 @@ describe("noise", () => {
       ...NOISE_AS_READ,
       kind: "instrument" as const,
       station: "-2000 500 1000",
-      range: ["10", "0"] as [string, string],
+      range: "10",
+      rangePer: "0",
     };
-    expect(noiseOf({ ...sheet, transverse: ["15", "6"] }, null, units)).toEqual({
+    expect(noiseOf({ ...sheet, transverse: "15", transversePer: "6" }, null, units)).toEqual({
       instrument: {
         station: [-2000, 500, 1000],
         range: { constant: 0.01, per_distance: 0 },

@@ -1,6 +1,6 @@
 import { describe, expect, it } from "vitest";
 import type { Finding } from "../src/api/types";
-import { inShownUnits, placeName, sentence, unsaid } from "../src/lib/said";
+import { placeName, sentence, unsaid } from "../src/lib/said";
 
 const warning = (code: string, message: string) => ({ code, message, remedy: "", where: null }) as Finding;
 const reason = (code: string, message: string) => ({ code, message }) as Finding;
@@ -28,17 +28,4 @@ it("begins sentences with a capital, names and labels with what they are", () =>
   expect(placeName("observations[4] 'c05'")).toBe("c05");
   expect(placeName("first.observations[4] 'c05'")).toBe("c05 (first)");
   expect(placeName("joint_2")).toBe("joint_2");
-});
-
-describe("units of the service's sentences", () => {
-  it("become those of the page", () => {
-    expect(inShownUnits("the load point is 1.2 m from the flange")).toBe("the load point is 1200 mm from the flange");
-    expect(inShownUnits("the limits 0.5 and -1e-1 m leave no range")).toBe("the limits 500 and -100 mm leave no range");
-    expect(inShownUnits("the largest angle is 6.28319 rad, more")).toBe("the largest angle is 360°, more");
-    expect(inShownUnits("give it in metres, at 900 N")).toBe("give it in mm, at 900 N");
-  });
-  it("leaves other units and words alone", () => {
-    for (const words of ["1.5 m/s", "3 mrad", "12 mm", "2 measured", "0.3 rad/(N·m)"])
-      expect(inShownUnits(words)).toBe(words);
-  });
 });

@@ -7,7 +7,7 @@ import re
 
 import pytest
 from playwright.sync_api import expect
-from support.browsing import campaign, post
+from support.browsing import ROOT, campaign, post
 
 from jointstiff.simulator import default_arm
 from jointstiff.simulator.urdf import urdf_text
@@ -62,7 +62,7 @@ def test_from_a_robot_to_a_trend(visit, api, size):
     page.get_by_role("link", name="Stiffness").click()
     page.locator("summary", has_text="Evidence").click()
     expect(page.locator(".evidence").get_by_text("5 of 6")).to_be_visible()
-    page.get_by_label("Uses of this result").get_by_role("link", name="Predict").click()
+    page.get_by_role("link", name="Predict").click()
     page.get_by_label("Posture", exact=True).select_option(label="c03")
     page.get_by_label("Force on the robot").fill("0, 0, -500")
     page.get_by_role("button", name="Predict").click()
@@ -197,6 +197,7 @@ def test_a_run_is_repeated_with_the_same_numbers(visit, api, stored):
     visited = visit("phone")
     visited.go(f"#/runs/{stored.run}")
     page = visited.page
+    page.locator("summary", has_text="More").click()
     page.get_by_role("button", name="Repeat").click()
     page.wait_for_url(lambda url: "#/runs/" in url and stored.run not in url)
     again = page.url.rsplit("/", 1)[1]
@@ -364,9 +365,40 @@ def test_deleted_comparisons_are_found_and_restored(visit, api, stored, kind):
     visited = visit("phone")
     visited.go(f"#/compare/{kind}")
     page = visited.page
+    page.locator("summary", has_text="Filter and order").click()
     page.get_by_label("State").select_option("deleted")
     restore = page.get_by_role("button", name="Restore")
     expect(restore).to_have_count(1)
     restore.click()
     expect(page.get_by_text("Nothing deleted")).to_be_visible()
     assert api.get(f"{path}/{made}").json()["state"] == "succeeded"
+
+
+def test_an_example_is_tried_where_there_is_nothing_yet(visit):
+    visited = visit("phone")
+    page = visited.page
+    page.route("**/v1/runs?limit=5", lambda route: route.fulfill(json={"items": [], "next": None}))
+    visited.go("#/")
+    page.get_by_role("button", name="Try an example").tap()
+    page.get_by_role("button", name="Identify").tap()
+    expect(page.get_by_role("heading", level=1)).to_have_text("example campaign")
+    expect(page.locator(".verdict-card")).to_contain_text("stiffness of 5 of 6 joints")
+    expect(page.locator(".head .primary")).to_have_text("Correct a program")
+
+
+def test_what_was_begun_survives_a_reload(visit, stored):
+    """Dropped files with what was said of them, and a form that is half filled in."""
+    visited = visit("tablet")
+    page = visited.page
+    visited.go("#/")
+    page.locator("input[type=file]").set_input_files(ROOT / "examples" / "readings.csv")
+    secondary = page.get_by_role("radio", name="secondary encoders")
+    secondary.check(force=True)
+    expect(page.get_by_text("12 rows")).to_be_visible()
+    page.reload()
+    expect(secondary).to_be_checked()
+    expect(page.get_by_text("12 rows")).to_be_visible()
+    visited.go(f"#/runs/{stored.run}/map")
+    page.get_by_label("Process force on the robot").fill("0, 0, -777")
+    page.reload()
+    expect(page.get_by_label("Process force on the robot")).to_have_value("0, 0, -777")

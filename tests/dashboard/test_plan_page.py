@@ -103,6 +103,7 @@ def test_a_campaign_goes_on(visit, stored):
     visited = visit("phone")
     page = visited.page
     visited.go(f"#/sets/{stored.set}")
+    page.locator("summary", has_text="More").click()
     page.get_by_role("link", name="Plan next readings").click()
     page.get_by_label("Number of readings").fill("4")
     page.get_by_label("joint_1").uncheck()

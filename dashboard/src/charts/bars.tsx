@@ -1,12 +1,14 @@
-/** Bars: one or more series by configuration, and shares of joints. */
+/** Charts by configuration: bars, stacked bars, residuals; a path a series, so that hundreds of them are few elements. */
 import type { ComponentChildren } from "preact";
+import { alike } from "../components/table";
 import { clip, percent, significant } from "../lib/format";
 import { extent, linear } from "../lib/scale";
+import { text } from "../i18n";
 import { LeftAxis, Names } from "./axis";
-import { Chart } from "./figure";
+import { Chart, Figure } from "./figure";
 import { tip } from "./tip";
 
-interface Series {
+export interface Series {
   mark: string;
   label: string;
   values: (number | null)[];
@@ -57,46 +59,81 @@ export function ByName({
   );
 }
 
-/** Bars for the first series, narrower ones inside for the second, dots for the others. */
-export function Bars({
+/** Bars for the first series, narrower ones inside for the second, dots for the others; or all of them stacked. */
+export function BarFigure({
+  title,
+  note,
+  names,
   series,
-  format = (v) => significant(v, 3),
-  ...frame
+  unit,
+  stacked = false,
+  ...opening
 }: {
+  title: string;
+  note: string;
   names: string[];
   series: Series[];
-  width: number;
-  height?: number;
-  label: string;
   unit: string;
-  format?: (value: number) => string;
+  stacked?: boolean;
 } & Opening) {
+  if (names.length === 0) return null;
+  const value = (one: Series, i: number) => one.values[i] ?? null;
+  const heights = stacked ? stacks(names, series) : series.flatMap(({ values }) => values.filter((v) => v !== null));
   const lines = (i: number) =>
     series.flatMap((one) => {
-      const value = one.values[i];
-      return value === null || value === undefined ? [] : [`${one.label}: ${format(value)} ${frame.unit}`];
+      const height = value(one, i);
+      return height === null ? [] : [`${one.label}: ${significant(height, 3)} ${unit}`];
     });
-  const range = extent(series.flatMap((s) => s.values.filter((v) => v !== null))) ?? [0, 1];
+  const columns = [
+    text.deflection.configuration,
+    ...alike(
+      series.map((one) => one.label),
+      unit,
+    ),
+  ];
   return (
-    <ByName {...frame} range={range} lines={lines}>
-      {(place, step, y) =>
-        series.map((one, s) => (
-          <g class={`bars ${one.mark}`}>
-            {one.values.map(
-              (value, i) =>
-                value !== null &&
-                (s < 2 ? (
-                  <Bar x={place(i)} width={step * (s === 0 ? 0.78 : 0.42)} from={y(0)} to={y(value)} />
-                ) : (
-                  <circle cx={place(i)} cy={y(value)} r={Math.min(5, step * 0.3)} />
-                )),
-            )}
-          </g>
-        ))
-      }
-    </ByName>
+    <Figure
+      title={title}
+      note={note}
+      legend={series}
+      table={{ columns, rows: names.map((name, i) => [name, ...series.map((one) => value(one, i))]) }}
+    >
+      {(width) => (
+        <ByName {...{ names, width, unit, lines }} label={title} range={extent(heights) ?? [0, 1]} {...opening}>
+          {(place, step, y) =>
+            series.map((one, s) => {
+              const wide = Math.max(1, step * (stacked || s === 0 ? 0.78 : 0.42));
+              const shapes = names.map((_, i) => {
+                const height = value(one, i);
+                if (height === null) return "";
+                if (s > 1 && !stacked) return circle(place(i), y(height), Math.min(5, step * 0.3));
+                const from = stacked ? below(series.slice(0, s), i, height) : 0;
+                return bar(place(i), wide, y(from), y(from + height));
+              });
+              return <path class={`bars ${one.mark}`} d={shapes.join("")} />;
+            })
+          }
+        </ByName>
+      )}
+    </Figure>
   );
 }
+
+const sum = (values: number[]): number => values.reduce((a, b) => a + b, 0);
+
+/** What the series before have in a column on the side of zero of a height. */
+const below = (series: Series[], i: number, height: number): number =>
+  sum(series.map(({ values }) => values[i] ?? 0).filter((value) => value < 0 === height < 0));
+
+/** Both ends of each stack. */
+const stacks = (names: string[], series: Series[]): number[] =>
+  names.flatMap((_, i) => [below(series, i, -1), below(series, i, 1)]);
+
+const bar = (x: number, wide: number, from: number, to: number): string =>
+  `M${x - wide / 2} ${Math.min(from, to)}h${wide}v${Math.max(1, Math.abs(to - from))}h${-wide}z`;
+
+export const circle = (x: number, y: number, r: number): string =>
+  `M${x - r} ${y}a${r} ${r} 0 1 0 ${2 * r} 0a${r} ${r} 0 1 0 ${-2 * r} 0z`;
 
 /** What a column says when it is pointed at, over its whole height: small bars are hard to hit. */
 function Columns({
@@ -130,13 +167,8 @@ function Columns({
   );
 }
 
-function Bar({ x, width, from, to }: { x: number; width: number; from: number; to: number }) {
-  const wide = Math.max(1, width);
-  return <rect x={x - wide / 2} width={wide} y={Math.min(from, to)} height={Math.max(1, Math.abs(to - from))} />;
-}
-
 /** As many digits as the steps of the axis need. */
-export function axisFormat(ticks: number[]): (value: number) => string {
+function axisFormat(ticks: number[]): (value: number) => string {
   const step = Math.abs((ticks[1] ?? 1) - (ticks[0] ?? 0)) || 1;
   const decimals = Math.max(0, -Math.floor(Math.log10(step) + 1e-9));
   return (value) => value.toFixed(Math.min(decimals, 6)).replace("-", "\u2212");
@@ -176,46 +208,5 @@ export function Shares({
         </g>
       ))}
     </Chart>
-  );
-}
-
-/** Stacked bars: what each joint adds, by configuration. */
-export function Stacks({
-  parts,
-  ...frame
-}: {
-  names: string[];
-  /** For each configuration, what each joint adds. */
-  parts: { name: string; values: number[] }[];
-  width: number;
-  label: string;
-  unit: string;
-} & Opening) {
-  const ends = frame.names.flatMap((_, i) => {
-    const values = parts.map((part) => part.values[i] ?? 0);
-    const total = (of: number[]) => of.reduce((a, b) => a + b, 0);
-    return [total(values.filter((v) => v < 0)), total(values.filter((v) => v > 0))];
-  });
-  const lines = (i: number) =>
-    parts.map((part) => `${part.name}: ${significant(part.values[i] ?? 0, 3)} ${frame.unit}`);
-  return (
-    <ByName {...frame} range={extent(ends) ?? [0, 1]} lines={lines}>
-      {(place, step, y) =>
-        frame.names.map((_, i) => {
-          let [down, up] = [0, 0];
-          return parts.map((part, j) => {
-            const value = part.values[i] ?? 0;
-            const from = value < 0 ? down : up;
-            if (value < 0) down += value;
-            else up += value;
-            return (
-              <g class={`bars joint-${j % 6}`}>
-                <Bar x={place(i)} width={step * 0.78} from={y(from)} to={y(from + value)} />
-              </g>
-            );
-          });
-        })
-      }
-    </ByName>
   );
 }

@@ -1,6 +1,6 @@
 /** The frame of every chart: title, note, legend, and folded away the table behind it with its downloads. */
 import { type ComponentChildren, render } from "preact";
-import { useRef } from "preact/hooks";
+import { useRef, useState } from "preact/hooks";
 import { DataTable, heading, type Table } from "../components/table";
 import { save, standalone } from "../components/download";
 import { csv, fileName } from "../lib/csv";
@@ -35,6 +35,7 @@ export function Figure({
 }) {
   const [box, width] = useWidth<HTMLDivElement>();
   const figure = useRef<HTMLElement>(null);
+  const [open, setOpen] = useState(false); // a table of hundreds of rows is made when it is looked at
   const saveSvg = () => {
     const drawn = drawing && drawnAside(figure.current, drawing(SAVED_WIDTH));
     const svg = (drawn ?? figure.current)?.querySelector<SVGSVGElement>("svg.chart");
@@ -47,17 +48,17 @@ export function Figure({
       <figcaption>
         <div>
           <h3>{title}</h3>
-          {note !== undefined && <p>{note}</p>}
         </div>
         {tools && <div class="tools">{tools}</div>}
       </figcaption>
-      {legend.length > 0 && <Legend items={legend} />}
       <div class="drawing" ref={box}>
         {width > 0 && children(width)}
       </div>
-      <details>
+      {legend.length > 0 && <Legend items={legend} />}
+      {note !== undefined && <p class="soft">{note}</p>}
+      <details onToggle={(event) => setOpen(event.currentTarget.open)}>
         <summary>{text.figure.table}</summary>
-        <DataTable table={table} caption={title} />
+        {open && <DataTable table={table} caption={title} />}
         <div class="actions">
           <Button onClick={saveCsv} aria-label={text.figure.download("CSV", title)}>
             {text.figure.csv}

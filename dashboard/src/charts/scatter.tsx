@@ -1,6 +1,6 @@
 /** Residuals by configuration, with the band in which most should lie. */
 import { extent } from "../lib/scale";
-import { ByName, type Opening } from "./bars";
+import { ByName, circle, type Opening } from "./bars";
 
 interface Dot {
   column: number;
@@ -37,12 +37,15 @@ export function Scatter({
               height={y(-band) - y(band)}
             />
           )}
-          {dots.map((dot) => (
-            <circle
-              class={`dot ${dot.mark}`}
-              cx={place(dot.column) + shift(dot.mark) * Math.min(5, step / 4)}
-              cy={y(dot.value)}
-              r={Math.min(3.6, Math.max(1.5, step / 5))}
+          {[...new Set(dots.map(({ mark }) => mark))].map((mark) => (
+            <path
+              class={`dot ${mark}`}
+              d={dots
+                .filter((dot) => dot.mark === mark)
+                .map(({ column, value }) =>
+                  circle(place(column) + shift(mark) * Math.min(5, step / 4), y(value), radius(step)),
+                )
+                .join("")}
             />
           ))}
         </>
@@ -51,4 +54,5 @@ export function Scatter({
   );
 }
 
+const radius = (step: number): number => Math.min(3.6, Math.max(1.5, step / 5));
 const shift = (mark: string): number => (mark === "x" ? -1 : mark === "z" ? 1 : 0);

@@ -8,7 +8,7 @@ import { hasNavigated, link } from "../state/router";
 import { Viewer } from "../state/session";
 import { entriesOf } from "../lib/json";
 import { roughTime } from "../lib/progress";
-import { inShownUnits, placeName, sentence } from "../lib/said";
+import { placeName, sentence } from "../lib/said";
 import { text } from "../i18n";
 
 /** A name that someone else chose: text, isolated from what is around it. */
@@ -25,7 +25,7 @@ export const NameLink = ({ to, children }: { to: string[]; children: string }) =
 
 /** Text of the service or of ours; what stands between backticks is code. */
 export function Prose({ text: prose }: { text: string }) {
-  return <>{prose.split(/`([^`]+)`/).map((part, i) => (i % 2 ? <code>{part}</code> : inShownUnits(part)))}</>;
+  return <>{prose.split(/`([^`]+)`/).map((part, i) => (i % 2 ? <code>{part}</code> : part))}</>;
 }
 
 /** The heading of a view; it takes the focus when one comes to the view, and names the browser's tab. */
@@ -47,6 +47,56 @@ export function Title({ kind, children, plain }: { kind?: string; children: Comp
     </div>
   );
 }
+
+/** What is folded away on a phone, and in view elsewhere. */
+export function Folded({ label, children }: { label: string; children: ComponentChildren }) {
+  const [narrow, set] = useState(() => matchMedia(PHONE).matches);
+  useEffect(() => {
+    const media = matchMedia(PHONE);
+    const hear = () => set(media.matches);
+    media.addEventListener("change", hear);
+    return () => media.removeEventListener("change", hear);
+  }, []);
+  if (!narrow) return <>{children}</>;
+  return (
+    <details class="folded">
+      <summary>{label}</summary>
+      <div>{children}</div>
+    </details>
+  );
+}
+
+const PHONE = "(max-width: 640px)";
+
+/** The head of a view: its title, what it is about, the first thing to do, and what else there is. */
+export const Head = ({
+  kind,
+  plain,
+  title = plain,
+  about,
+  first,
+  children,
+}: {
+  kind?: string;
+  plain: string;
+  title?: ComponentChildren;
+  about?: ComponentChildren;
+  first?: ComponentChildren;
+  children?: ComponentChildren;
+}) => (
+  <div class="head">
+    <Title plain={plain} {...(kind === undefined ? {} : { kind })}>
+      {title}
+    </Title>
+    {about && <p class="meta">{about}</p>}
+    {(first || children) && (
+      <div class="actions">
+        {first}
+        {children && <Folded label={text.app.further}>{children}</Folded>}
+      </div>
+    )}
+  </div>
+);
 
 /** Its rank, and what is told apart by the style sheet. */
 interface Looks {
@@ -351,8 +401,13 @@ export function Tabs({
   tabs: { href: string; label: string; id: string }[];
   current: string;
 }) {
+  const row = useRef<HTMLElement>(null);
+  useEffect(() => {
+    const at = row.current?.querySelector<HTMLElement>("[aria-current]");
+    row.current?.scrollTo({ left: (at?.offsetLeft ?? 0) - row.current.clientWidth / 2 }); // the current one is in view
+  }, [current]);
   return (
-    <nav class="tabs" aria-label={label}>
+    <nav class="tabs" aria-label={label} ref={row}>
       {tabs.map((tab) => (
         <a href={tab.href} aria-current={tab.id === current ? "page" : undefined}>
           {tab.label}
@@ -369,9 +424,11 @@ export const timeText = (time: string): string =>
   new Date(time).toLocaleString(text.dates, { dateStyle: "medium", timeStyle: "short" });
 
 export function When({ time }: { time: string }) {
+  const day = dayText(time);
   return (
     <time dateTime={time} title={time}>
-      {timeText(time)}
+      {day}
+      <span class="hour">{timeText(time).slice(day.length)}</span>
     </time>
   );
 }

@@ -94,14 +94,14 @@ interface Typed extends Hints {
 
 /** Of the box, where it is not plain. */
 interface Box {
-  type?: "text" | "password" | "search" | "number" | "date" | "datetime-local";
-  inputMode?: "decimal" | "numeric";
+  type?: "text" | "password" | "search" | "number" | "date" | "datetime-local" | undefined;
+  inputMode?: "decimal" | "numeric" | undefined;
   placeholder?: string | undefined;
   maxLength?: number | undefined;
-  required?: boolean;
-  min?: number;
-  max?: number;
-  "aria-invalid"?: boolean;
+  required?: boolean | undefined;
+  min?: number | undefined;
+  max?: number | undefined;
+  "aria-invalid"?: boolean | undefined;
 }
 
 /** Text, in several `lines` if wanted; what else there is goes to the box. */

@@ -10,12 +10,12 @@ import { useLoad } from "../state/load";
 import { toast } from "../state/toasts";
 import { text } from "../i18n";
 import { Badge } from "./badge";
-import { Download, ActionButton, Button, Name, ProblemNote, Show, State, Title, When } from "./basics";
+import { Download, ActionButton, Button, Head, Name, ProblemNote, Show, State, When } from "./basics";
 import { save } from "./download";
 import { Cancelled, Going } from "./going";
 
-/** Kinds with a report: that of a run is signed, the others are for information. */
-const REPORTED: readonly Collection[] = ["runs", "comparisons", "plans", "maps", "programs"];
+/** Kinds with a report for information; that of a run has a tab of its own, where it is signed. */
+const REPORTED: readonly Collection[] = ["comparisons", "plans", "maps", "programs"];
 
 /** Made from a run, whose verdict they carry. */
 const CARRIED: readonly Collection[] = ["plans", "maps", "programs"];
@@ -31,7 +31,7 @@ export interface Job {
 }
 
 /** What the head of a page says of its job. */
-interface Head {
+interface About {
   /** Plain: in the browser's tab, and after the job was deleted. */
   name: string;
   /** The title, where it is more than the name. */
@@ -40,7 +40,9 @@ interface Head {
   about?: ComponentChildren;
   /** Address of the list that it stands in. */
   list: string;
-  /** What can be done with this kind of job. */
+  /** What is to be done next. */
+  first?: ComponentChildren;
+  /** What else can be done with this kind of job. */
   actions?: ComponentChildren;
 }
 
@@ -58,7 +60,7 @@ export function JobPage<Of extends Job, Context>({
   kind: string;
   /** The job, and what it is about. */
   load: (signal: AbortSignal) => Promise<{ job: Of } & Context>;
-  head: (loaded: { job: Of } & Context) => Head;
+  head: (loaded: { job: Of } & Context) => About;
   /** What came of it. */
   children: (result: NonNullable<Of["result"]>, loaded: { job: Of } & Context, reload: () => void) => ComponentChildren;
 }) {
@@ -67,22 +69,25 @@ export function JobPage<Of extends Job, Context>({
     <Show of={loaded} title={kind}>
       {(found) => {
         const { job } = found;
-        const { name, title, about, list, actions } = head(found);
+        const { name, title, about, list, first, actions } = head(found);
         return (
           <>
-            <div class="head">
-              <Title kind={kind} plain={name}>
-                {title ?? <Name>{name}</Name>}
-              </Title>
-              <p class="meta">
-                <Standing job={job} />
-                {about}
-                <When time={job.provenance.created_at} />
-              </p>
-              <Actions collection={collection} job={job} name={name} list={list}>
-                {actions}
-              </Actions>
-            </div>
+            <Head
+              kind={kind}
+              plain={name}
+              title={title ?? <Name>{name}</Name>}
+              first={first}
+              about={
+                <>
+                  <Standing job={job} />
+                  {about}
+                  <When time={job.provenance.created_at} />
+                </>
+              }
+            >
+              {actions}
+              <Actions collection={collection} job={job} name={name} list={list} />
+            </Head>
             {goesOn(job.state) && <Going job={job} ended={loaded.reload} />}
             {job.state === "cancelled" && <Cancelled progress={job.progress} />}
             {job.error && <ProblemNote problem={job.error} />}
@@ -102,10 +107,11 @@ function Standing({ job }: { job: Job }) {
   return job.result || goesOn(job.state) ? null : <State state={job.state} />;
 }
 
-/** The verdict that a result carries from its run, with the reasons; other results show their own themselves. */
+/** The verdict on what was made of a run, with its reasons; other results show their own themselves. */
 function Carried({ collection, job }: { collection: Collection; job: Job }) {
   const { assessment } = (job.result ?? {}) as { assessment?: Assessment | null };
-  if (!CARRIED.includes(collection) || !assessment || assessment.verdict === "use") return null;
+  if (!CARRIED.includes(collection) || !assessment || (assessment.verdict === "use" && !assessment.headline))
+    return null;
   const { accept_verdict: accepted } = job.request as { accept_verdict?: Usability | null };
   return (
     <>
@@ -116,19 +122,7 @@ function Carried({ collection, job }: { collection: Collection; job: Job }) {
 }
 
 /** What can be done with any job: its link, its file, its report, its end. */
-function Actions({
-  collection,
-  job,
-  name,
-  list,
-  children,
-}: {
-  collection: Collection;
-  job: Job;
-  name: string;
-  list: string;
-  children: ComponentChildren;
-}) {
+function Actions({ collection, job, name, list }: { collection: Collection; job: Job; name: string; list: string }) {
   const share = () => {
     if (!navigator.clipboard) return void prompt(text.run.share, location.href); // plain http has no clipboard
     void navigator.clipboard.writeText(location.href).then(() => toast(text.run.shared));
@@ -142,8 +136,7 @@ function Actions({
   const kind = collection.replace(/ies$/, "y").replace(/s$/, "");
   const download = () => save(JSON.stringify(job, null, 2), "application/json", fileName(`${kind}-${job.id}`, "json"));
   return (
-    <div class="actions">
-      {children}
+    <>
       {REPORTED.includes(collection) && job.result && (
         <Download href={api.jobs.file(job.id, "report.pdf")}>{text.run.report}</Download>
       )}
@@ -156,6 +149,6 @@ function Actions({
           {text.run.delete}
         </ActionButton>
       )}
-    </div>
+    </>
   );
 }

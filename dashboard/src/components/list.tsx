@@ -1,6 +1,6 @@
 /** A list of whatever is stored: filtered by words, robot and verdict, sorted, its rows walked by arrow keys. */
 import { text } from "../i18n";
-import { Tabs, When } from "./basics";
+import { Folded, Tabs, When } from "./basics";
 import type { ComponentChildren } from "preact";
 import { useState } from "preact/hooks";
 import type { Usability } from "../api/types";
@@ -99,35 +99,37 @@ export function FilterBar({
         value={filter.q}
         change={(q) => change({ q })}
       />
-      {robots.length > 1 && (
+      <Folded label={words.filter}>
+        {robots.length > 1 && (
+          <Select
+            label={text.lists.robot}
+            value={filter.robot}
+            change={(robot) => change({ robot })}
+            options={[
+              { value: "", label: text.app.all },
+              ...robots.map(({ id }) => ({ value: id, label: names?.robot(id) ?? id })),
+            ]}
+          />
+        )}
+        {judged && (
+          <Select
+            label={text.run.verdict}
+            value={filter.verdict}
+            change={(verdict) => change({ verdict: verdict as Usability | "" })}
+            options={[
+              { value: "", label: text.assessment.any },
+              ...Object.entries(text.usability).map(([value, label]) => ({ value, label })),
+            ]}
+          />
+        )}
+        {children}
         <Select
-          label={text.lists.robot}
-          value={filter.robot}
-          change={(robot) => change({ robot })}
-          options={[
-            { value: "", label: text.app.all },
-            ...robots.map(({ id }) => ({ value: id, label: names?.robot(id) ?? id })),
-          ]}
+          label={words.sort}
+          value={filter.sort}
+          change={(sort) => change({ sort: sort as Filter["sort"] })}
+          options={Object.entries(words.sorts).map(([value, label]) => ({ value, label }))}
         />
-      )}
-      {judged && (
-        <Select
-          label={text.run.verdict}
-          value={filter.verdict}
-          change={(verdict) => change({ verdict: verdict as Usability | "" })}
-          options={[
-            { value: "", label: text.assessment.any },
-            ...Object.entries(text.usability).map(([value, label]) => ({ value, label })),
-          ]}
-        />
-      )}
-      {children}
-      <Select
-        label={words.sort}
-        value={filter.sort}
-        change={(sort) => change({ sort: sort as Filter["sort"] })}
-        options={Object.entries(words.sorts).map(([value, label]) => ({ value, label }))}
-      />
+      </Folded>
     </div>
   );
 }

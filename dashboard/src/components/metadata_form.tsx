@@ -2,7 +2,7 @@
 import { METADATA, type Metadata } from "../api/types";
 import type { Typed } from "../lib/metadata";
 import { text } from "../i18n";
-import { TextField } from "./fields";
+import { type FieldOf, FormFields } from "./form";
 
 const LONGEST: Record<Exclude<keyof Metadata, "measured_at">, number> = {
   serial_number: 200,
@@ -13,24 +13,17 @@ const LONGEST: Record<Exclude<keyof Metadata, "measured_at">, number> = {
   notes: 2000,
 };
 
-export function MetadataForm({ typed, change }: { typed: Typed; change: (typed: Typed) => void }) {
-  const words = text.metadata;
-  return (
-    <>
-      {METADATA.map((name) => {
-        return (
-          <TextField
-            label={words.fields[name]}
-            help={name === "measured_at" ? words.zone : undefined}
-            type={name === "measured_at" ? "datetime-local" : "text"}
-            placeholder={words.placeholders[name] ?? ""}
-            value={typed[name]}
-            change={(value) => change({ ...typed, [name]: value })}
-            {...(name === "measured_at" ? {} : { maxLength: LONGEST[name] })}
-            {...(name === "notes" ? { lines: 4 } : {})}
-          />
-        );
-      })}
-    </>
-  );
-}
+const words = text.metadata;
+const FIELDS = METADATA.map(
+  (name): FieldOf<Typed> => ({
+    name,
+    label: words.fields[name],
+    placeholder: words.placeholders[name] ?? "",
+    ...(name === "measured_at" ? { help: words.zone, type: "datetime-local" } : { maxLength: LONGEST[name] }),
+    ...(name === "notes" ? { lines: 4 } : {}),
+  }),
+);
+
+export const MetadataForm = ({ typed, change }: { typed: Typed; change: (typed: Typed) => void }) => (
+  <FormFields fields={FIELDS} values={typed} change={(part) => change({ ...typed, ...part })} />
+);

@@ -70,6 +70,9 @@ export const en = {
     retry: "Try again",
     all: "All",
     more: "Load more",
+    further: "More",
+    done: "What you began is done.",
+    show: "Show it",
   },
   signIn: {
     title: "Sign in",
@@ -268,7 +271,8 @@ export const en = {
     placeHelp: "In the flange frame; needed for deflections.",
     name: "Name of the set",
     otherRobot: "Another robot",
-    newestRobot: (joints: number) => `The newest robot with ${joints} joints is selected: check that it is yours.`,
+    bodies: (count: number, mass: string) =>
+      `${plural(count, "body", "bodies")}, ${mass} kg together: the robot is stored again with these masses.`,
     noRobot: (joints: number) =>
       `No robot with ${plural(joints, "joint", "joints")} is stored. Add it; the files stay here.`,
     fits: (name: string) => `The headers match “${name}”, which was identified here before.`,
@@ -322,7 +326,8 @@ export const en = {
     readFindings: "Read the findings; tap again to identify anyway",
     robotFirst: "Choose the robot",
     recent: "Latest runs",
-    recentNone: "No runs yet. The first one appears here.",
+    recentNone: "The first one appears here. No readings at hand? An example shows the way, with a robot of its own.",
+    example: "Try an example",
     armHere: "A preview of the arm appears here.",
   },
   methods: {
@@ -482,7 +487,7 @@ export const en = {
       program: "Program",
       report: "Report",
     },
-    uses: "Uses of this result",
+    first: { mend: "Correct it", measure: "Measure next", use: "Correct a program" },
     tabs: "Parts of the result",
     progress: "Progress",
     progressOf: (done: number, total: number, unit: string) => `${done} of ${total} ${unit}`,
@@ -540,7 +545,7 @@ export const en = {
   runFiles: {
     title: "Files",
     pdf: "Report as PDF",
-    html: "Report",
+    html: "Report as HTML",
     draft: "The report is not authorised: each page is marked as a draft.",
     authorisedBy: "Report authorised by",
     authorise: "Authorise the report",
@@ -599,6 +604,7 @@ export const en = {
     } satisfies Record<Usability, string>,
     supported: (identified: number, count: number) =>
       `The readings support the stiffness of ${identified === count ? "all" : `${identified} of`} ${count} joints.`,
+    identified: (identified: number, count: number) => `${identified} of ${count} joints identified.`,
     more: (count: number) => plural(count, "further finding", "further findings"),
     doing: "Identifying…",
     sure: (reasons: string[]) =>
@@ -693,7 +699,7 @@ export const en = {
     sigma: "Standard uncertainty of a coordinate [µm]",
     floor: "Least height above the floor [mm] (optional)",
     joints: "Joints to be determined",
-    jointsHint: "A weight does not twist a vertical axis 1, so that joint is omitted.",
+    jointsHint: "With all of them, a joint that no load twists is left out, such as a vertical axis 1 under a weight.",
     leftOut: (joints: string[]) => `Not determined, because no load twists them: ${joints.join(", ")}.`,
     fromCampaign: "Empty fields are taken from the campaign.",
     more: "Targets, tracker and load, if they change",
@@ -1055,6 +1061,8 @@ export const en = {
     setsNone: "No measurement sets yet",
     setsNoneHint: "Drop a measurement file on the Identify page.",
     joints: (count: number) => plural(count, "joint", "joints"),
+    measuredOn: (day: string) => `measured ${day}`,
+    addedOn: (day: string) => `added ${day}`,
     setCount: (count: number) => plural(count, "set", "sets"),
     name: "Name",
     namePlaceholder: "KR 240 cell 3",
@@ -1130,11 +1138,7 @@ export const en = {
     table: "Table",
     mapTable: "Model angles by controller angles",
     twins: "Robots of the same kinematics, side by side",
-    twinsHint: (unit: string) =>
-      `The latest run of each robot and serial number: stiffness in ${unit} ± standard uncertainty.`,
     beside: "Compare these runs",
-    serial: "serial number",
-    latest: "latest run",
   },
   changes: {
     rename: "Rename",
@@ -1232,6 +1236,7 @@ export const en = {
     search: "Search",
     searchHint: "Name, serial number, method, …",
     sort: "Order",
+    filter: "Filter and order",
     sorts: { newest: "Newest first", oldest: "Oldest first", name: "By name" },
     states: {
       all: "All",

@@ -13,8 +13,10 @@ export interface StatedNoise {
   /** Position of the tracker in R0, mm. */
   station: string;
   /** µm, and µm per metre. */
-  range: [string, string];
-  transverse: [string, string];
+  range: string;
+  rangePer: string;
+  transverse: string;
+  transversePer: string;
   /** µrad. */
   encoder: string;
   /** %. */
@@ -30,8 +32,10 @@ export const NOISE_AS_READ: StatedNoise = {
   kind: "",
   sigma: "",
   station: "",
-  range: ["", ""],
-  transverse: ["", ""],
+  range: "",
+  rangePer: "",
+  transverse: "",
+  transversePer: "",
   encoder: "",
   forceScale: "",
   forceDirection: "",
@@ -45,7 +49,9 @@ const MICRO = 1e-6;
 export const statesNoise = ({
   kind,
   range: _,
+  rangePer: _r,
   transverse: _t,
+  transversePer: _p,
   sigma: _s,
   station: _at,
   ...common
@@ -54,7 +60,7 @@ export const statesNoise = ({
 /** The noise to post with a set in `units` that had the noise `before`; what is no number goes as it was typed. */
 export function noiseOf(stated: StatedNoise, before: Noise | null, units: Units): unknown {
   const { length, angle } = factors(units);
-  const uncertainty = ([constant, per]: [string, string]) => ({
+  const uncertainty = (constant: string, per: string) => ({
     constant: posted(constant, MICRO / length) ?? 0,
     per_distance: posted(per, MICRO) ?? 0,
   });
@@ -66,8 +72,8 @@ export function noiseOf(stated: StatedNoise, before: Noise | null, units: Units)
     instrument: {
       instrument: {
         station: station ? station.map((typed) => Number(((typed * 1e-3) / length).toPrecision(15))) : [],
-        range: uncertainty(stated.range),
-        transverse: uncertainty(stated.transverse),
+        range: uncertainty(stated.range, stated.rangePer),
+        transverse: uncertainty(stated.transverse, stated.transversePer),
       },
     },
   }[stated.kind];

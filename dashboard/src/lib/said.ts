@@ -1,6 +1,5 @@
 /** What has been said of a result, so that nothing is said twice. */
 import type { Finding } from "../api/types";
-import { degrees } from "./units";
 
 const UNEXPLAINED = ["deflections_unexplained", "residual_outlier"];
 
@@ -18,22 +17,6 @@ export function unsaid(warnings: Finding[], reasons: Finding[]): Finding[] {
   for (const { code } of reasons) for (const same of SAID_BETTER[code] ?? []) said.add(same);
   return warnings.filter(({ code }) => !said.has(code));
 }
-
-const NUMBER = "[-\u2212±]?\\d+(?:\\.\\d+)?(?:e[-+]?\\d+)?";
-const MEASURED = new RegExp(`(${NUMBER}(?:(?:, | and | to | … )${NUMBER})*) (m|rad)(?![\\w/·.²]|$)`, "g");
-
-/** A sentence of the service with lengths in mm and angles in degrees, as the page shows them. */
-export const inShownUnits = (words: string): string =>
-  words
-    .replace(MEASURED, (_, numbers: string, unit: string) => {
-      const shown = numbers.replace(new RegExp(NUMBER, "g"), (number) => {
-        const value = Number(number.replace("\u2212", "-").replace("±", ""));
-        return `${number.startsWith("±") ? "±" : ""}${Number((unit === "m" ? 1e3 * value : degrees(value)).toPrecision(6))}`;
-      });
-      return unit === "m" ? `${shown} mm` : `${shown}°`;
-    })
-    .replace(/\bin metres\b/g, "in mm")
-    .replace(/\bin radians\b/g, "in degrees");
 
 /** The label of an observation, of a place in what was posted; of two sides with its side. */
 export function placeName(where: string): string {

@@ -114,6 +114,7 @@ export class Stage {
     this.#dark.removeEventListener("change", this.#paint);
     for (const part of [this.#arm, this.#measured, this.#predicted, this.#load, this.#cloud, ...this.#triad])
       part.dispose();
+    this.#orbit.dispose();
     this.#labels.dispose();
     this.#bar.dispose();
     this.#grid?.dispose();

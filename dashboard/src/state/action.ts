@@ -3,6 +3,8 @@ import { useCallback, useRef, useState } from "preact/hooks";
 import { problemOf } from "../api/client";
 import type { Problem, Usability } from "../api/types";
 import { text } from "../i18n";
+import { go } from "./router";
+import { toast } from "./toasts";
 
 /** Type of the problem of a result that is not to be used. */
 const NOT_TO_BE_USED = "urn:jointstiff:problem:not-to-be-used";
@@ -28,7 +30,10 @@ export interface Action<Arguments extends unknown[]> {
 
 const tooks = new Map<string, number>();
 
-/** A second start while the first goes on does nothing: gloves tap twice. */
+/**
+ * A second start while the first goes on does nothing: gloves tap twice. An action may answer with the address of what
+ * it made: one is brought there, or told of it if one has left the view meanwhile.
+ */
 export function useAction<Arguments extends unknown[]>(
   act: (...args: Arguments) => Promise<unknown>,
   timed = "",
@@ -43,8 +48,14 @@ export function useAction<Arguments extends unknown[]>(
       setBusy(true);
       setProblem(null);
       const begun = performance.now();
+      const here = location.hash;
       act(...args)
-        .then(() => timed && tooks.set(timed, (performance.now() - begun) / 1e3))
+        .then((made) => {
+          if (timed) tooks.set(timed, (performance.now() - begun) / 1e3);
+          if (typeof made !== "string") return;
+          if (location.hash === here) go(made);
+          else toast(text.app.done, { label: text.app.show, run: () => go(made) });
+        })
         .catch((error: unknown) => setProblem(problemOf(error)))
         .finally(() => {
           going.current = false;

@@ -23,7 +23,7 @@ export function useDeletion({ remove, restore, list, deleted }: Deletable): Acti
     );
   return useAction(async () => {
     await remove();
-    go(list);
+    if (location.hash === here) go(list);
     toast(deleted, { label: text.runs.undo, run: bringBack });
   });
 }

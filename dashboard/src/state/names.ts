@@ -10,7 +10,7 @@ export interface Names {
   sets: MeasurementSetSummary[];
   /** What lists leave out; its names still stand on runs. */
   archived: { robots: RobotSummary[]; sets: MeasurementSetSummary[] };
-  /** Of robots of one name with serial number, date and number of sets. */
+  /** Of robots of one name with serial number, number of joints and last campaign. */
   robot: (id: string) => string;
   set: (id: string) => string;
   /** Alarms of the arm that a set is of, that nobody has acknowledged. */
@@ -75,14 +75,19 @@ export function setsToldApart(
 
 /** The name of each robot; where several have it, with what tells them apart. */
 export function toldApart(
-  robots: Pick<RobotSummary, "id" | "name" | "created_at">[],
-  sets: Pick<MeasurementSetSummary, "robot_id" | "serial_number">[],
+  robots: Pick<RobotSummary, "id" | "name" | "created_at" | "joints">[],
+  sets: Pick<MeasurementSetSummary, "robot_id" | "serial_number" | "measured_at" | "created_at">[],
 ): Map<string, string> {
   return new Map(
-    robots.map(({ id, name, created_at }) => {
+    robots.map(({ id, name, created_at, joints }) => {
       const own = sets.filter((set) => set.robot_id === id);
       const serials = own.flatMap(({ serial_number }) => serial_number ?? []);
-      const hints = [...new Set(serials), created_at.slice(0, 10), text.robots.setCount(own.length)];
+      const last = own
+        .map((set) => set.measured_at ?? set.created_at)
+        .sort()
+        .at(-1);
+      const when = last ? text.robots.measuredOn(last.slice(0, 10)) : text.robots.addedOn(created_at.slice(0, 10));
+      const hints = [...new Set(serials), text.robots.joints(joints.length), when];
       const alone = robots.filter((other) => other.name === name).length === 1;
       return [id, alone ? name : [name, ...hints].join(" · ")];
     }),

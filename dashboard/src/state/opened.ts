@@ -6,6 +6,7 @@ import { type Typed, typedOf } from "../lib/metadata";
 import { type Stated, statedIn } from "../lib/stated";
 import { type Template, templateIn } from "../lib/template";
 import type { FileFault } from "../i18n";
+import { keep, kept } from "./kept";
 
 const MAX_BYTES = 8 * 1024 * 1024;
 
@@ -33,17 +34,29 @@ export const freshDraft = (options: ImportOptions): Draft => ({
   typed: typedOf({}),
 });
 
-/** Tables that were not identified yet, so that one may add a robot meanwhile. */
-let kept: Opened | null = null;
-const drafts = new WeakMap<File[], Draft>();
+/** Tables that were not identified yet, with what was said of them: one may add a robot meanwhile, or come back. */
+let begun: { opened: Opened; draft: Draft | null } | null = null;
+const NAME = "tables";
 
-export const keptDraft = (files: File[]): Draft | null => drafts.get(files) ?? null;
-export const keepDraft = (files: File[], draft: Draft): void => void drafts.set(files, draft);
+export const keptDraft = (files: File[]): Draft | null =>
+  begun?.opened.kind === "tables" && begun.opened.files === files ? begun.draft : null;
 
-export const keptFiles = (): Opened | null => kept;
+export function keepDraft(draft: Draft): void {
+  if (begun) begun.draft = draft;
+  void keep(NAME, begun);
+}
+
+export const keptFiles = (): Opened | null => begun?.opened ?? null;
+
+/** What was begun before the page was loaded anew. */
+export async function keptBefore(): Promise<Opened | null> {
+  begun ??= await kept<NonNullable<typeof begun>>(NAME);
+  return keptFiles();
+}
 
 export function keepFiles(opened: Opened | null): void {
-  kept = opened?.kind === "tables" ? opened : null;
+  begun = opened?.kind === "tables" ? { opened, draft: null } : null;
+  void keep(NAME, begun);
 }
 
 /** Look at files. A template goes with the tables it comes with, or with those `before` or after it. */

@@ -3,6 +3,7 @@ import { createContext } from "preact";
 import { useEffect, useState } from "preact/hooks";
 import { api, onRefused } from "../api/client";
 import type { Session } from "../api/types";
+import { keep } from "./kept";
 
 /** `unknown` until the service says; `away` if it does not: views say why. */
 export type Standing = Session | "unknown" | "away";
@@ -30,5 +31,6 @@ export function useSession(): [Standing, (session: Session) => void] {
 /** End the session of this device, and forget all that was shown. */
 export async function signOut(): Promise<void> {
   await api.signOut();
+  await keep("tables", null);
   location.reload();
 }

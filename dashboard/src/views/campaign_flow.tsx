@@ -13,7 +13,7 @@ import { useAction } from "../state/action";
 import { useLoad, valueOf } from "../state/load";
 import { namesChanged, useNames } from "../state/names";
 import type { Opened } from "../state/opened";
-import { go, link } from "../state/router";
+import { link } from "../state/router";
 import { storedSet } from "../state/stored";
 import { text } from "../i18n";
 import { FileDrop, GoBar, Refused } from "./file_drop";
@@ -65,7 +65,7 @@ export function CampaignFlow({
     }
     const read = statesNoise(form.noise) ? await withNoise(known, form.noise) : known;
     const run = await api.runs.add(form.request(read.id), freshKey("run"));
-    go(link(["runs", run.id]));
+    return link(["runs", run.id]);
   });
   const ofRobot = known?.robots.find(({ id }) => id === (set?.robot_id ?? chosenRobot));
   const refused = opened?.kind === "fault" ? text.start.anotherFile : text.start.notReady;

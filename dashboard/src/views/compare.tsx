@@ -8,7 +8,7 @@ import { useAction } from "../state/action";
 import { compareMethods, compareSides, type SideOf } from "../state/comparing";
 import { useLoad, valueOf } from "../state/load";
 import { type Names, useNames } from "../state/names";
-import { go, link, parse } from "../state/router";
+import { link, parse } from "../state/router";
 import { text } from "../i18n";
 import { JobList } from "./job_list";
 
@@ -62,7 +62,7 @@ function StartMethods({ names }: { names: Names }) {
     const size = Math.max(1, Math.round((names.sets.find((s) => s.id === set)?.observation_count ?? 20) / 2));
     const resampling = resample ? { size, repetitions: 200, seed: 1 } : null;
     const comparison = await compareMethods(set, resampling);
-    go(link(["compare", "methods", comparison.id]));
+    return link(["compare", "methods", comparison.id]);
   });
   return (
     <section class="card form">
@@ -120,7 +120,7 @@ function StartPair({ names }: { names: Names }) {
   const start = useAction(async () => {
     const sides = await Promise.all([side(first), side(second)]);
     const pair = await compareSides(sides, ordered, methods);
-    go(link(["compare", "methods", pair.id]));
+    return link(["compare", "methods", pair.id]);
   }, "pair");
   const possible = !first.endsWith(":") && !second.endsWith(":") && first !== second;
   return (

@@ -2,21 +2,20 @@
 import { useState } from "preact/hooks";
 import { api } from "../api/client";
 import type { ComparedRun, Comparison } from "../api/types";
-import { Bars } from "../charts/bars";
+import { BarFigure } from "../charts/bars";
 import { Figure } from "../charts/figure";
-import { Intervals, StiffnessIntervals, markOf } from "../charts/intervals";
+import { Intervals } from "../charts/intervals";
 import { Choice, Download, LinkButton, Name, NameLink, Prose } from "../components/basics";
 import { Further } from "../components/findings";
 import { JobPage } from "../components/job_page";
 import { JobTables } from "../components/job_tables";
-import { alike, type Table } from "../components/table";
+import { alike } from "../components/table";
 import { pValue, percent, significant } from "../lib/format";
 import { unsaid } from "../lib/said";
-import { type StiffnessUnit, intervalIn, maybeInUnit, labelOf } from "../lib/units";
 import { link } from "../state/router";
-import { useSettings } from "../state/settings";
 import { storedSet } from "../state/stored";
 import { text } from "../i18n";
+import { StiffnessFigure } from "./joint_table";
 import { VerdictCard } from "./verdict_card";
 
 const words = text.compare;
@@ -179,48 +178,12 @@ const verdict = (p: number | null, reason: string | null): string =>
 
 /** The runs by which two sides are compared. */
 function Both({ result, sides, level }: { result: Result; sides: Sides; level: string }) {
-  const { unit } = useSettings();
-  const u = { unit: labelOf(unit, kindsOf(result.entries), "column") };
-  const runs = result.sides.map(({ run_id }) => result.entries.find((fit) => fit.run_id === run_id)?.joints ?? []);
-  const marks = ["method-1", "method-0"] as const;
-  return (
-    <Figure
-      title={two.stiffness}
-      note={text.run.stiffnessNote(level)}
-      legend={sides.map((label, i) => ({ label, mark: marks[i] ?? "" }))}
-      table={{
-        columns: [
-          text.run.joint,
-          ...sides.flatMap((side) => [
-            { title: side, ...u },
-            { title: `${side} ${text.run.low}`, ...u },
-            { title: `${side} ${text.run.high}`, ...u },
-          ]),
-        ],
-        rows: result.joints.map(({ name }, j) => [
-          name,
-          ...runs.flatMap((joints) => [
-            maybeInUnit(joints[j]?.stiffness ?? null, unit, joints[j]?.kind),
-            ...intervalIn(joints[j]?.stiffness_interval ?? null, unit, joints[j]?.kind),
-          ]),
-        ]),
-      }}
-    >
-      {(width) => (
-        <StiffnessIntervals
-          rows={result.joints.map(({ name }, j) => ({
-            name,
-            marks: runs.flatMap((joints, i) => {
-              const joint = joints[j];
-              return joint ? [markOf(joint, marks[i] ?? "", unit)] : [];
-            }),
-          }))}
-          {...{ width, unit }}
-          label={two.stiffness}
-        />
-      )}
-    </Figure>
-  );
+  const series = result.sides.map(({ run_id: run }, i) => ({
+    label: sides[i] ?? "",
+    mark: i ? "method-0" : "method-1",
+    joints: result.entries.find((fit) => fit.run_id === run)?.joints ?? [],
+  }));
+  return <StiffnessFigure title={two.stiffness} level={level} series={series} />;
 }
 
 /** A name that tells an entry from the others. */
@@ -239,24 +202,17 @@ function byMethod(entries: ComparedRun[], positive: boolean): ComparedRun[] {
 }
 
 function Methods({ entries, level, side }: { entries: ComparedRun[]; level: string; side: string | null }) {
-  const { unit } = useSettings();
   const [constraint, setConstraint] = useState<"positive" | "unconstrained">("positive");
   if (entries.length === 0) return null;
-  const chosen = byMethod(entries, constraint === "positive");
-  const names = [...new Set(entries.flatMap((entry) => entry.joints.map((joint) => joint.name)))];
-  const title = side === null ? words.chartTitle : `${words.chartTitle}: ${side}`;
-  const rows = names.map((name) => ({
-    name,
-    marks: chosen.flatMap((fit, i) =>
-      fit.joints.filter((joint) => joint.name === name).map((joint) => markOf(joint, `method-${i}`, unit)),
-    ),
-  }));
   return (
-    <Figure
-      title={title}
-      note={text.run.stiffnessNote(level)}
-      table={stiffnesses(entries, unit)}
-      legend={chosen.map((fit, i) => ({ label: entryName(fit), mark: `method-${i}` }))}
+    <StiffnessFigure
+      title={side === null ? words.chartTitle : `${words.chartTitle}: ${side}`}
+      level={level}
+      series={byMethod(entries, constraint === "positive").map((fit, i) => ({
+        label: entryName(fit),
+        mark: `method-${i}`,
+        joints: fit.joints,
+      }))}
       tools={
         <Choice
           label={text.run.method}
@@ -265,70 +221,12 @@ function Methods({ entries, level, side }: { entries: ComparedRun[]; level: stri
           options={{ positive: text.options.constrained, unconstrained: text.options.unconstrained }}
         />
       }
-    >
-      {(width) => <StiffnessIntervals {...{ rows, width, unit, label: title }} />}
-    </Figure>
+    />
   );
-}
-
-const kindsOf = (entries: ComparedRun[]) => entries.flatMap(({ joints }) => joints.map(({ kind }) => kind));
-
-function stiffnesses(entries: ComparedRun[], unit: StiffnessUnit): Table {
-  return {
-    columns: [
-      text.run.method,
-      text.options.constrained,
-      text.run.joint,
-      ...alike([text.run.value, text.run.low, text.run.high], labelOf(unit, kindsOf(entries), "column")),
-      words.compensation,
-      { title: words.rms, unit: text.units.mm },
-    ],
-    rows: entries.flatMap((fit) =>
-      fit.joints.map((joint) => [
-        entryName(fit),
-        fit.positive ? text.options.constrained : text.options.unconstrained,
-        joint.name,
-        maybeInUnit(joint.stiffness, unit, joint.kind),
-        ...intervalIn(joint.stiffness_interval, unit, joint.kind),
-        fit.compensation,
-        fit.rms_residual === null ? null : fit.rms_residual * 1e3,
-      ]),
-    ),
-  };
-}
-
-interface Series {
-  mark: string;
-  label: string;
-  values: (number | null)[];
 }
 
 const inMillimetres = (lengths: (number | null)[]): (number | null)[] =>
   lengths.map((length) => (length === null ? null : length * 1e3));
-
-/** Bars by configuration, with the table behind them. */
-function Lengths({ title, note, names, series }: { title: string; note: string; names: string[]; series: Series[] }) {
-  if (names.length === 0) return null;
-  return (
-    <Figure
-      title={title}
-      note={note}
-      legend={series}
-      table={{
-        columns: [
-          text.deflection.configuration,
-          ...alike(
-            series.map((one) => one.label),
-            text.units.mm,
-          ),
-        ],
-        rows: names.map((name, i) => [name, ...series.map((one) => one.values[i] ?? null)]),
-      }}
-    >
-      {(width) => <Bars {...{ names, series, width }} label={title} unit={text.units.mm} />}
-    </Figure>
-  );
-}
 
 /** The paper's figure 7: the deflection of each configuration on both sides. */
 function Deflections({ result, sides }: { result: Result; sides: Sides }) {
@@ -343,7 +241,7 @@ function Deflections({ result, sides }: { result: Result; sides: Sides }) {
     { mark: "measured", label: sides[0] ?? "", values: of(first) },
     { mark: "method-0", label: sides[1] ?? "", values: of(second) },
   ];
-  return <Lengths title={words.deflection} note={words.deflectionNote} {...{ names, series }} />;
+  return <BarFigure unit={text.units.mm} title={words.deflection} note={words.deflectionNote} {...{ names, series }} />;
 }
 
 /** The paper's figure 8: what is left of a side's deflection after compensation by each method. */
@@ -357,7 +255,9 @@ function Left({ result, at, side }: { result: Result; at: number; side: string |
     ...chosen.map((fit, i) => ({ mark: `method-${i}`, label: entryName(fit), values: inMillimetres(fit.left) })),
   ];
   const title = side === null ? words.left : words.leftOf(side);
-  return <Lengths title={title} note={words.leftNote} names={own.configurations} series={series} />;
+  return (
+    <BarFigure unit={text.units.mm} title={title} note={words.leftNote} names={own.configurations} series={series} />
+  );
 }
 
 function ByConfiguration({ avoided }: { avoided: Avoided }) {
@@ -374,28 +274,6 @@ function ByConfiguration({ avoided }: { avoided: Avoided }) {
       values: avoided.configurations.map((one) => (one.predicted === null ? null : one.predicted * 100)),
     },
   ];
-  if (names.length === 0) return null;
-  return (
-    <Figure
-      title={two.byConfiguration}
-      note={two.byConfigurationNote}
-      legend={series}
-      table={{
-        columns: [
-          text.deflection.configuration,
-          ...alike([two.measured, text.run.uncertainty, two.predicted], text.units.share),
-        ],
-        rows: avoided.configurations.map((one, i) => [
-          one.observation,
-          series[0]?.values[i],
-          one.measured?.standard_uncertainty == null ? null : one.measured.standard_uncertainty * 100,
-          series[1]?.values[i],
-        ]),
-      }}
-    >
-      {(width) => (
-        <Bars names={names} series={series} width={width} label={two.byConfiguration} unit={text.units.share} />
-      )}
-    </Figure>
-  );
+  const { byConfiguration: title, byConfigurationNote: note } = two;
+  return <BarFigure unit={text.units.share} {...{ title, note, names, series }} />;
 }

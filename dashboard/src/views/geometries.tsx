@@ -15,7 +15,7 @@ import { useAction } from "../state/action";
 import { takeHanded } from "../state/handed";
 import { valueOf } from "../state/load";
 import { useNames } from "../state/names";
-import { go, link } from "../state/router";
+import { link } from "../state/router";
 import { text } from "../i18n";
 import { Refused } from "./file_drop";
 import { JobList } from "./job_list";
@@ -101,7 +101,7 @@ function Start({ readings }: { readings: Readings }) {
   const start = useAction(async () => {
     const request = { ...readings.request, ...source };
     const made = await api.geometries.add(request, contentKey("geometry", request));
-    go(link(["geometries", made.id]));
+    return link(["geometries", made.id]);
   }, "geometry");
   return (
     <section class="card" aria-labelledby="nominal">

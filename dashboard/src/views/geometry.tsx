@@ -12,7 +12,7 @@ import { JobPage } from "../components/job_page";
 import { sentence } from "../lib/said";
 import { useAction } from "../state/action";
 import { namesChanged } from "../state/names";
-import { go, link } from "../state/router";
+import { link } from "../state/router";
 import { VerdictCard } from "./verdict_card";
 
 const words = text.geometry;
@@ -96,7 +96,7 @@ function SaveAsRobot({ geometry, result }: { geometry: Geometry; result: Geometr
     const document: RobotRequest = { name, model: { format: "geometry", geometry_id: geometry.id } };
     const robot = await api.robots.add(document, `robot-${geometry.id}-${name}`.slice(0, 200));
     namesChanged();
-    go(link(["robots", robot.id]));
+    return link(["robots", robot.id]);
   });
   return (
     <>

@@ -11,6 +11,7 @@ import { Findings, Preview } from "../components/findings";
 import { MetadataForm } from "../components/metadata_form";
 import { factsOf } from "../lib/campaign";
 import { UNKNOWN, dimensionOf } from "../lib/columns";
+import { significant } from "../lib/format";
 import { frameOf } from "../lib/frame";
 import { contentKey, freshKey } from "../lib/hash";
 import { notedIn } from "../lib/metadata";
@@ -21,7 +22,7 @@ import { useAction } from "../state/action";
 import { valueOf } from "../state/load";
 import { namesChanged, useNames } from "../state/names";
 import { type Opened, freshDraft, keepDraft, keepFiles, keptDraft } from "../state/opened";
-import { go, link } from "../state/router";
+import { link } from "../state/router";
 import { keepTemplate } from "../state/templates";
 import { FileDrop, GoBar } from "./file_drop";
 import { FrameForm, ImportForm } from "./import_form";
@@ -48,13 +49,13 @@ export function ImportFlow({
   const [chosen, setChosen] = useState<string | null>(asked || null);
   const [joints, setJoints] = useState<number | null>(null);
   const form = useRunForm();
-  keepDraft(files, { options, stated, frame, typed });
+  useEffect(() => keepDraft({ options, stated, frame, typed }), [options, stated, frame, typed]);
 
   const robots = (known?.robots ?? [])
     .filter((one) => joints === null || one.joints.length === joints)
     .map((one) => ({ ...one, name: known?.robot(one.id) ?? one.name }));
-  /** The newest that fits, until another one is chosen. */
-  const robot = chosen ?? (joints !== null || robots.length === 1 ? (robots[0]?.id ?? "") : "");
+  /** The only one that fits, until another one is chosen. */
+  const robot = chosen ?? (robots.length === 1 ? (robots[0]?.id ?? "") : "");
   const request = { ...withStated(options, stated), ...(robot && frame.of === "" ? { robot_id: robot } : {}) };
   const { answer, problem, busy } = useImport(files, request);
   useEffect(() => setJoints(answer?.preview.joint_count ?? null), [answer]);
@@ -66,13 +67,14 @@ export function ImportFlow({
   const identify = useAction(async () => {
     if (!answer || !set) return;
     const noise = statesNoise(form.noise) ? noiseOf(form.noise, set.noise as never, set.units as Units) : set.noise;
-    const document = { ...set, ...notedIn(typed), noise, frame: framed, robot_id: robot };
+    const robotId = answer.bodies.length > 0 ? await withBodies(robot, answer.bodies) : robot;
+    const document = { ...set, ...notedIn(typed), noise, frame: framed, robot_id: robotId };
     const added = await api.sets.add(document, contentKey("set", document));
     namesChanged();
     if (answer.template) keepTemplate({ name: files[0]?.name ?? "", options: answer.template as ImportOptions });
     const run = await api.runs.add({ ...form.request(added.id), leave_out: answer.leave_out }, freshKey("run"));
     keepFiles(null);
-    go(link(["runs", run.id]));
+    return link(["runs", run.id]);
   });
   const use = ({ options: kept }: Template) => {
     setOptions(kept);
@@ -102,9 +104,6 @@ export function ImportFlow({
         </h2>
         {answer && <ImportForm answer={answer} stated={stated} change={setStated} />}
         <RobotChoice robots={robots} label={(id) => known?.robot(id) ?? id} value={robot} change={setChosen} />
-        {chosen === null && robot !== "" && robots.length > 1 && joints !== null && (
-          <p class="soft">{words.newestRobot(joints)}</p>
-        )}
         <details open={frame.of !== ""}>
           <summary>{text.frame.title}</summary>
           <FrameForm frame={frame} change={setFrame} robot={robot} length={length} />
@@ -124,6 +123,17 @@ export function ImportFlow({
           {words.understood}
         </h2>
         {facts && <Preview facts={facts} />}
+        {answer && answer.bodies.length > 0 && (
+          <p>
+            {words.bodies(
+              answer.bodies.length,
+              significant(
+                answer.bodies.reduce((sum, { mass }) => sum + mass, 0),
+                4,
+              ),
+            )}
+          </p>
+        )}
         {answer?.findings && <Findings warnings={answer.findings} />}
         {source ? (
           <Arm source={source} start={facts?.firstJoints ?? null} sliders={false} />
@@ -149,6 +159,13 @@ export function ImportFlow({
       />
     </Fields>
   );
+}
+
+/** The robot with the masses of a table, stored as a robot of its own. */
+async function withBodies(id: string, bodies: ImportAnswer["bodies"]): Promise<string> {
+  const { name, model, joint_map } = await api.robots.one(id);
+  const document = { name, model, joint_map, bodies };
+  return (await api.robots.add(document, contentKey("robot", document))).id;
 }
 
 /** The unit of length of the files' columns; inches come as mm. */

@@ -253,7 +253,7 @@ function Figures({
   return (
     <span class="figures">
       {figure(compensation === null ? null : percent(compensation), text.lists.explained)}
-      {figure(found === null ? null : `${found}/${count}`, text.lists.joints)}
+      {figure(found === null ? null : text.evidence.rankOf(found, count ?? found), text.lists.joints)}
       {figure(warnings ? String(warnings) : null, text.lists.warnings(warnings ?? 0))}
     </span>
   );

@@ -113,7 +113,6 @@ function Rows({
   const shares = !bare && contributions.some(({ mean }) => mean !== 0);
   const most = Math.max(0, ...contributions.map(({ share }) => Math.abs(share)));
   const format = axisStiffness(unit);
-  const shared = sharedReasons(joints);
   return (
     <div class={shares ? "joints shares" : bare ? "joints bare" : "joints"} role="table" aria-label={words.stiffness}>
       <div class={bare ? "joint-head hidden" : "joint-head"} role="row">
@@ -136,7 +135,6 @@ function Rows({
         <Fragment key={joint.name}>
           <Row
             joint={joint}
-            reason={shared.has(joint.reason ?? "") ? null : joint.reason}
             unit={unit}
             part={shares ? (parts.get(joint.name) ?? null) : undefined}
             most={most}
@@ -145,8 +143,8 @@ function Rows({
           {after(joint)}
         </Fragment>
       ))}
-      {[...shared].map(([reason, names]) => (
-        <div class="shared-reason soft" role="row">
+      {reasonsOf(joints).map(([reason, names]) => (
+        <div class="reason soft" role="row">
           <span role="cell">
             <Name>{names.join(", ")}</Name>: <Prose text={reason} />
           </span>
@@ -156,24 +154,21 @@ function Rows({
   );
 }
 
-/** Reasons that several joints have, said once, with their names. */
-function sharedReasons(joints: JointResult[]): Map<string, string[]> {
+/** Why joints are uncertain: each reason once, with the names of the joints that it is true of. */
+function reasonsOf(joints: JointResult[]): [string, string[]][] {
   const names = new Map<string, string[]>();
   for (const { name, reason } of joints) if (reason) names.set(reason, [...(names.get(reason) ?? []), name]);
-  return new Map([...names].filter(([, same]) => same.length > 1));
+  return [...names];
 }
 
 function Row({
   joint,
-  reason,
   unit,
   bar,
   part,
   most,
 }: {
   joint: JointResult;
-  /** Null where it is said with that of other joints. */
-  reason: string | null;
   unit: StiffnessUnit;
   bar: preact.ComponentChildren;
   /** Undefined where no joint contributes. */
@@ -196,6 +191,9 @@ function Row({
       <span role="cell" class="number value">
         <b>{verdict === "unobservable" ? "–" : limited ? shown.limit : (shown.value ?? "∞")}</b>
         {!limited && shown.uncertainty !== null && <span class="soft"> ±&nbsp;{shown.uncertainty}</span>}
+        {verdict !== "unobservable" && joint.kind !== "prismatic" && (
+          <small class="unit soft"> {unitOf(unit).label}</small>
+        )}
       </span>
       <span role="cell" class="number interval-text">
         {interval === null || limited ? "–" : `${interval.low} … ${interval.high ?? "∞"}`}
@@ -207,11 +205,6 @@ function Row({
       {part !== undefined && (
         <span role="cell" class="part">
           {part && part.mean !== 0 ? <Share part={part} most={most} /> : <span class="soft">–</span>}
-        </span>
-      )}
-      {reason !== null && (
-        <span role="cell" class="reason soft">
-          <Prose text={reason} />
         </span>
       )}
     </div>
@@ -234,7 +227,39 @@ function Share({ part: { share, mean }, most }: { part: Contribution; most: numb
   );
 }
 
-export function stiffnessTable(
+/** Stiffnesses of several fits beside each other. */
+export function StiffnessFigure({
+  title,
+  level,
+  series,
+  tools,
+}: {
+  title: string;
+  /** Of the intervals. */
+  level: string;
+  series: { label: string; mark: string; joints: JointResult[] }[];
+  tools?: preact.ComponentChildren;
+}) {
+  const { unit } = useSettings();
+  const names = [...new Set(series.flatMap(({ joints }) => joints.map(({ name }) => name)))];
+  const rows = names.map((name) => ({
+    name,
+    marks: series.flatMap(({ joints, mark }) =>
+      joints.filter((joint) => joint.name === name).map((joint) => markOf(joint, mark, unit)),
+    ),
+  }));
+  const table = stiffnessTable(
+    series.map(({ label, joints }) => [label, joints]),
+    unit,
+  );
+  return (
+    <Figure title={title} note={words.stiffnessNote(level)} legend={series} table={table} tools={tools}>
+      {(width) => <StiffnessIntervals {...{ rows, width, unit, label: title }} />}
+    </Figure>
+  );
+}
+
+function stiffnessTable(
   sets: [string, JointResult[]][],
   unit: StiffnessUnit,
   parts: Map<string, Contribution> = new Map(),
@@ -250,7 +275,12 @@ export function stiffnessTable(
       { title: words.standardUncertainty, ...u },
       { title: words.low, ...u },
       { title: words.high, ...u },
-      ...(parts.size > 0 ? [words.contributionShare, { title: words.contributionMean, unit: text.units.mm }] : []),
+      ...(parts.size > 0
+        ? [
+            { title: words.contributionShare, show: percent },
+            { title: words.contributionMean, unit: text.units.mm },
+          ]
+        : []),
     ],
     rows: sets.flatMap(([name, joints]) =>
       joints.map((joint) => {

@@ -29,7 +29,7 @@ import { asking, useAction } from "../state/action";
 import { cached, useCached } from "../state/cache";
 import { useKinematics } from "../state/posture";
 import { useLoad, valueOf } from "../state/load";
-import { go, link } from "../state/router";
+import { link } from "../state/router";
 import { useWidth } from "../state/size";
 import { storedSet } from "../state/stored";
 import { text } from "../i18n";
@@ -318,10 +318,10 @@ function Beside({ own, other }: { own: Loaded; other: Loaded | null }) {
   }, [runs]);
   const names = valueOf(sets);
   const make = useAction(async (run: string) => {
-    if (run === "") return go(link(["maps", own.map.id]));
+    if (run === "") return link(["maps", own.map.id]);
     const stated = { ...own.map.request, run_id: run, accept_verdict: null };
     const made = await asking((accepted) => api.maps.add({ ...stated, ...accepted }, freshKey("map")));
-    go(link(["maps", own.map.id], { beside: made.id }));
+    return link(["maps", own.map.id], { beside: made.id });
   });
   const options = (runs?.items ?? [])
     .filter((run) => run.id !== own.run.id)

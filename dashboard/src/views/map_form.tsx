@@ -1,13 +1,15 @@
 /** What a map is asked: a box around what was measured, a process force, the tool, and which posture to take. */
 import { useMemo, useState } from "preact/hooks";
 import { api } from "../api/client";
-import { ActionButton, Busy, Button, Choice, Toggle } from "../components/basics";
+import { ActionButton, Busy, Button, Toggle } from "../components/basics";
 import { DropZone } from "../components/drop";
-import { Fields, Select, TextField, VectorField } from "../components/fields";
+import { Fields } from "../components/fields";
+import { FormFields } from "../components/form";
 import { freshKey } from "../lib/hash";
 import { numbersIn } from "../lib/program";
 import { asking, useAction } from "../state/action";
-import { go, link } from "../state/router";
+import { useDraft } from "../state/kept";
+import { link } from "../state/router";
 import { text } from "../i18n";
 import { type RunContext, usePostures } from "./run_context";
 import type { Posture } from "../api/types";
@@ -26,62 +28,70 @@ export function MapForm({ context }: { context: RunContext }) {
 
 function Form({ context: { run, set }, postures }: { context: RunContext; postures: Posture[] }) {
   const start = useMemo(() => proposal(set, postures), [set, postures]);
-  const [least, setLeast] = useState(start.least);
-  const [greatest, setGreatest] = useState(start.greatest);
-  const [grid, setGrid] = useState("15, 15, 5");
-  const [force, setForce] = useState(start.force);
-  const [tool, setTool] = useState(start.tool);
-  const [axis, setAxis] = useState("0, 0, 1");
-  const [direction, setDirection] = useState(start.direction);
-  const [turns, setTurns] = useState("8");
-  const [posture, setPosture] = useState<"stiffest" | "nearest">("stiffest");
-  const [near, setNear] = useState("0");
+  const [asked, change] = useDraft(`map/${run.id}`, {
+    ...start,
+    grid: "15, 15, 5",
+    axis: "0, 0, 1",
+    turns: "8",
+    posture: "stiffest",
+    near: "0",
+  });
   const make = useAction(async () => {
     const { angle } = factors(set.units);
-    const joints = set.observations[Number(near)]?.joints.map((value) => value * angle);
+    const joints = set.observations[Number(asked.near)]?.joints.map((value) => value * angle);
     const stated = {
       run_id: run.id,
-      area: [metres(least), metres(greatest)],
-      grid: vectorIn(grid),
-      place: metres(tool),
-      tool_axis: vectorIn(axis),
-      directions: [vectorIn(direction)],
-      turns: Number(turns),
-      force: vectorIn(force),
-      ...(posture === "nearest" && joints ? { near: joints } : {}),
+      area: [metres(asked.least), metres(asked.greatest)],
+      grid: vectorIn(asked.grid),
+      place: metres(asked.tool),
+      tool_axis: vectorIn(asked.axis),
+      directions: [vectorIn(asked.direction)],
+      turns: Number(asked.turns),
+      force: vectorIn(asked.force),
+      ...(asked.posture === "nearest" && joints ? { near: joints } : {}),
     };
     const made = await asking((accepted) => api.maps.add({ ...stated, ...accepted }, freshKey("map")));
-    go(link(["maps", made.id]));
+    return link(["maps", made.id]);
   });
-  const { mm, newton } = text.units;
+  const { mm, newton: unit } = text.units;
+  const form = { values: asked, change };
   return (
     <Fields action={make} look="card form">
       <h2>{words.form}</h2>
       <p>{words.formNote}</p>
       <div class="map-fields">
-        <VectorField path="area[0]" label={words.least} unit={mm} value={least} change={setLeast} />
-        <VectorField path="area[1]" label={words.greatest} unit={mm} value={greatest} change={setGreatest} />
-        <VectorField path="grid" label={words.grid} value={grid} change={setGrid} />
-        <VectorField path="force" label={words.force} unit={newton} value={force} change={setForce} />
-        <VectorField path="place" label={words.tool} unit={mm} value={tool} change={setTool} />
-        <VectorField path="tool_axis" label={words.toolAxis} value={axis} change={setAxis} />
-        <VectorField path="directions" label={words.direction} value={direction} change={setDirection} />
-        <TextField path="turns" label={words.turns} type="number" min={1} max={360} value={turns} change={setTurns} />
-      </div>
-      <Choice
-        label={words.posture}
-        value={posture}
-        change={setPosture}
-        options={{ stiffest: words.stiffest, nearest: words.nearest }}
-      />
-      {posture === "nearest" && (
-        <Select
-          label={words.nearestTo}
-          value={near}
-          change={setNear}
-          options={set.observations.map((one, i) => ({ value: String(i), label: one.label }))}
+        <FormFields
+          {...form}
+          fields={[
+            { name: "least", kind: "vector", label: words.least, unit: mm, path: "area[0]" },
+            { name: "greatest", kind: "vector", label: words.greatest, unit: mm, path: "area[1]" },
+            { name: "grid", kind: "vector", label: words.grid, path: "grid" },
+            { name: "force", kind: "vector", label: words.force, unit, path: "force" },
+            { name: "tool", kind: "vector", label: words.tool, unit: mm, path: "place" },
+            { name: "axis", kind: "vector", label: words.toolAxis, path: "tool_axis" },
+            { name: "direction", kind: "vector", label: words.direction, path: "directions" },
+            { name: "turns", label: words.turns, path: "turns", type: "number", min: 1, max: 360 },
+          ]}
         />
-      )}
+      </div>
+      <FormFields
+        {...form}
+        fields={[
+          {
+            name: "posture",
+            kind: "choice",
+            label: words.posture,
+            options: { stiffest: words.stiffest, nearest: words.nearest },
+          },
+          {
+            name: "near",
+            kind: "select",
+            label: words.nearestTo,
+            options: set.observations.map(({ label }, i) => ({ value: String(i), label })),
+            asked: asked.posture === "nearest",
+          },
+        ]}
+      />
       <ActionButton look="primary" action={make}>
         {words.make}
       </ActionButton>
@@ -118,32 +128,56 @@ const programWords = text.program;
 const NOT_UNDERSTOOD = "urn:jointstiff:problem:invalid-file";
 const ACCURACY = ["", "off", "same_as_measured", "compensates_load"] as const;
 
+const PROGRAM_FIELDS = [
+  {
+    name: "accuracy",
+    kind: "select",
+    label: programWords.accuracy,
+    options: ACCURACY.map((value) => ({ value, label: programWords.accuracies[value || "none"] })),
+  },
+  { name: "force", kind: "numbers", label: programWords.force, unit: text.units.newton, path: "load" },
+  { name: "axes", kind: "select", label: programWords.axes, options: programWords.axesOf },
+  { name: "tool", kind: "numbers", label: programWords.tool, path: "tools", help: programWords.frameHint },
+  { name: "base", kind: "numbers", label: programWords.base, path: "bases", help: programWords.frameHint },
+  {
+    name: "start",
+    kind: "numbers",
+    label: programWords.start,
+    unit: `${text.units.deg}, ${text.units.mm}`,
+    path: "start",
+    help: programWords.startHint,
+  },
+] as const;
+
 /** What a program is corrected for: its files, tool, base, process force, and the controller's accuracy option. */
 export function ProgramForm({ context: { run } }: { context: RunContext }) {
   const [files, setFiles] = useState<File[]>([]);
-  const [accuracy, setAccuracy] = useState("");
-  const [force, setForce] = useState("0 0 -500");
-  const [axes, setAxes] = useState("robot");
-  const [tool, setTool] = useState("");
-  const [base, setBase] = useState("");
-  const [start, setStart] = useState("");
+  const [asked, change] = useDraft(`program/${run.id}`, {
+    accuracy: "",
+    force: "0 0 -500",
+    axes: "robot",
+    tool: "",
+    base: "",
+    start: "",
+  });
   const [leave, setLeave] = useState(false);
   const make = useAction(async () => {
     const frame = (value: string) => (value.trim() ? [{ values: numbersIn(value) ?? [] }] : []);
     const stated = {
       run_id: run.id,
       units: { length: "mm", angle: "deg", force: "N" },
-      accuracy_option: accuracy,
-      load: { force: numbersIn(force) ?? [] },
-      axes,
-      tools: frame(tool),
-      bases: frame(base),
-      ...(start.trim() ? { start: numbersIn(start) ?? [] } : {}),
+      accuracy_option: asked.accuracy,
+      load: { force: numbersIn(asked.force) ?? [] },
+      axes: asked.axes,
+      tools: frame(asked.tool),
+      bases: frame(asked.base),
+      ...(asked.start.trim() ? { start: numbersIn(asked.start) ?? [] } : {}),
       ...(leave ? { leave_others: true } : {}),
     };
     const made = await asking((accepted) => api.addProgram(files, { ...stated, ...accepted }, freshKey("program")));
-    go(link(["programs", made.id]));
+    return link(["programs", made.id]);
   });
+  const form = { values: asked, change };
   const take = (file: File) => {
     setFiles((before) => [...before.filter((one) => one.name !== file.name), file]);
     setLeave(false); // confirmed for the lines of another program
@@ -171,40 +205,16 @@ export function ProgramForm({ context: { run } }: { context: RunContext }) {
           ))}
         </ul>
       )}
-      <Select
-        label={programWords.accuracy}
-        value={accuracy}
-        change={setAccuracy}
-        options={ACCURACY.map((value) => ({ value, label: programWords.accuracies[value || "none"] }))}
-      />
+      <FormFields {...form} fields={PROGRAM_FIELDS.slice(0, 1)} />
       <div class="map-fields">
-        <Numbers label={`${programWords.force} [${text.units.newton}]`} path="load" value={force} change={setForce} />
-        <Select
-          label={programWords.axes}
-          value={axes}
-          change={setAxes}
-          options={(["robot", "tool", "base"] as const).map((value) => ({ value, label: programWords.axesOf[value] }))}
-        />
-        <Numbers label={programWords.tool} path="tools" value={tool} change={setTool} help={programWords.frameHint} />
-        <Numbers label={programWords.base} path="bases" value={base} change={setBase} help={programWords.frameHint} />
-        <Numbers
-          label={`${programWords.start} [${text.units.deg}, ${text.units.mm}]`}
-          path="start"
-          value={start}
-          change={setStart}
-          help={programWords.startHint}
-        />
+        <FormFields {...form} fields={PROGRAM_FIELDS.slice(1)} />
       </div>
       {(leave || make.problem?.type === NOT_UNDERSTOOD) && (
         <Toggle label={programWords.leave} checked={leave} change={setLeave} />
       )}
-      <ActionButton look="primary" action={make} disabled={files.length === 0 || accuracy === ""}>
+      <ActionButton look="primary" action={make} disabled={files.length === 0 || asked.accuracy === ""}>
         {programWords.make}
       </ActionButton>
     </Fields>
   );
 }
-
-const Numbers = ({ value, ...rest }: Parameters<typeof TextField>[0]) => (
-  <TextField {...rest} value={value} aria-invalid={numbersIn(value) === null} />
-);

@@ -33,8 +33,16 @@ export function PlanView({ id }: { id: string }) {
         title: <Name>{subject}</Name>,
         list: "#/plans",
         about: <NameLink to={base ? ["sets", base.id] : ["robots", robot.id]}>{subject}</NameLink>,
+        first: job.result && (
+          <LinkButton look="primary" href={link(["measure"], { plan: id })}>
+            {text.measure.title}
+          </LinkButton>
+        ),
         actions: job.result && (
-          <Files {...{ plan: id, request: job.request, result: job.result, base, robot, subject }} />
+          <>
+            <FillIn {...{ request: job.request, result: job.result, base, robot, subject }} />
+            <Download href={api.jobs.file(id, "readings.csv")}>{words.csv}</Download>
+          </>
         ),
       })}
     >
@@ -48,33 +56,25 @@ export function PlanView({ id }: { id: string }) {
   );
 }
 
-function Files({
-  plan,
+/** The campaign to fill in, as a file. */
+function FillIn({
   request,
   result,
   base,
   robot,
   subject,
 }: {
-  plan: string;
   request: PlanRequest;
   result: PlanResult;
   base: MeasurementSet | null;
   robot: Robot;
   subject: string;
 }) {
-  const toMeasure = () => JSON.stringify(toFillIn(request, result.readings, robot.id, base), null, 1);
-  return (
-    <>
-      <LinkButton look="primary" href={link(["measure"], { plan })}>
-        {text.measure.title}
-      </LinkButton>
-      <Button onClick={() => save(toMeasure(), "application/json", fileName(`${subject} planned`, "json"))}>
-        {words.fillIn}
-      </Button>
-      <Download href={api.jobs.file(plan, "readings.csv")}>{words.csv}</Download>
-    </>
-  );
+  const write = () => {
+    const campaign = JSON.stringify(toFillIn(request, result.readings, robot.id, base), null, 1);
+    save(campaign, "application/json", fileName(`${subject} planned`, "json"));
+  };
+  return <Button onClick={write}>{words.fillIn}</Button>;
 }
 
 function Promised({ plan, result }: { plan: string; result: PlanResult }) {

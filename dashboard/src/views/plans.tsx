@@ -2,13 +2,15 @@
 import { useEffect, useState } from "preact/hooks";
 import { api } from "../api/client";
 import { ActionButton, Show, Title, Toggle } from "../components/basics";
-import { Fields, TextField, Select } from "../components/fields";
+import { Fields, Select } from "../components/fields";
+import { type FieldOf, FormFields } from "../components/form";
 import { type Asked, equipmentOf, optionsOf } from "../lib/checklist";
 import { freshKey } from "../lib/hash";
 import { asking, useAction } from "../state/action";
 import { useLoad, valueOf } from "../state/load";
 import { type Names, useNames } from "../state/names";
-import { go, link } from "../state/router";
+import { useDraft } from "../state/kept";
+import { link } from "../state/router";
 import { storedRobot, storedSet } from "../state/stored";
 import { text } from "../i18n";
 import { NoRobots } from "./robots";
@@ -60,9 +62,8 @@ export function PlansView({ query }: { query: URLSearchParams }) {
 
 function Form({ names, given }: { names: Names; given: string }) {
   const [subject, setSubject] = useState(given);
-  const [asked, setAsked] = useState<Asked>(given.startsWith("set:") ? { ...START, sigma: "" } : START);
+  const [asked, change] = useDraft<Asked>(`plan/${given}`, given.startsWith("set:") ? { ...START, sigma: "" } : START);
   const [kind, id = ""] = subject.split(":", 2);
-  const change = (part: Partial<Asked>) => setAsked((before) => ({ ...before, ...part }));
   const options = optionsOf(asked);
   const ready = kind === "set" || Boolean(asked.force.trim() && asked.targets.trim());
   const start = useAction(async () => {
@@ -70,7 +71,7 @@ function Form({ names, given }: { names: Names; given: string }) {
     const plan = await asking((accepted) =>
       api.plans.add({ ...whose, ...(options as object), ...accepted }, freshKey("plan")),
     );
-    go(link(["plans", plan.id]));
+    return link(["plans", plan.id]);
   }, "plan");
   const pick = (value: string) => {
     setSubject(value);
@@ -81,10 +82,7 @@ function Form({ names, given }: { names: Names; given: string }) {
   useEffect(() => {
     if (!campaign) return;
     const known = Object.entries(equipmentOf(campaign)) as [keyof Asked, string][];
-    setAsked((before) => ({
-      ...before,
-      ...Object.fromEntries(known.filter(([name]) => before[name] === START[name])),
-    }));
+    change(Object.fromEntries(known.filter(([name]) => asked[name] === START[name])));
   }, [campaign]);
   const equipment = <Equipment asked={asked} change={change} />;
   return (
@@ -103,13 +101,7 @@ function Form({ names, given }: { names: Names; given: string }) {
           ...names.sets.map((set) => ({ value: `set:${set.id}`, label: `${names.set(set.id)} (${words.setGroup})` })),
         ]}
       />
-      <TextField
-        label={words.readings}
-        path="readings"
-        value={asked.readings}
-        change={(readings) => change({ readings })}
-        inputMode="decimal"
-      />
+      <FormFields fields={READINGS} values={asked} change={change} />
       {kind === "set" ? (
         <>
           <p class="soft">{words.fromCampaign}</p>
@@ -141,50 +133,29 @@ function Form({ names, given }: { names: Names; given: string }) {
   );
 }
 
-/** Places of what is typed in the request. */
-const PATHS = {
-  force: "load",
-  anchors: "load",
-  targets: "targets",
-  loadPoint: "load_point",
-  sigma: "sigma",
-  station: "tracker",
-  floor: "surroundings",
-};
+const TARGETS = "P1 147 55 50\nP2 -137 87 85\nP3 -7 -140 120";
 
-export function Equipment({ asked, change }: { asked: Asked; change: (part: Partial<Asked>) => void }) {
-  const field = (
-    name: keyof typeof PATHS,
-    placeholder: string,
-    box: { lines?: number; inputMode?: "decimal" } = {},
-  ) => (
-    <TextField
-      label={words[name]}
-      path={PATHS[name]}
-      value={asked[name]}
-      change={(typed) => change({ [name]: typed })}
-      placeholder={placeholder}
-      {...box}
-    />
-  );
-  return (
-    <div class="map-fields">
-      <Select
-        label={words.load}
-        value={asked.kind}
-        change={(kind) => change({ kind: kind as Asked["kind"] })}
-        options={words.kinds}
-      />
-      {field("force", "900", { inputMode: "decimal" })}
-      {asked.kind === "cable" && field("anchors", "3000 0 0", { lines: 4 })}
-      {field("targets", "P1 147 55 50\nP2 -137 87 85\nP3 -7 -140 120", { lines: 4 })}
-      {field("loadPoint", "-60 20 180")}
-      {field("sigma", "", { inputMode: "decimal" })}
-      {field("station", "4000 0 1500")}
-      {field("floor", "", { inputMode: "decimal" })}
-    </div>
-  );
-}
+/** What is measured with; the places of the fields in the request. */
+const equipmentFields = (kind: Asked["kind"]): FieldOf<Asked>[] => [
+  { name: "kind", kind: "select", label: words.load, options: words.kinds },
+  { name: "force", label: words.force, path: "load", placeholder: "900", inputMode: "decimal" },
+  { name: "anchors", label: words.anchors, path: "load", placeholder: "3000 0 0", lines: 4, asked: kind === "cable" },
+  { name: "targets", label: words.targets, path: "targets", placeholder: TARGETS, lines: 4 },
+  { name: "loadPoint", label: words.loadPoint, path: "load_point", placeholder: "-60 20 180" },
+  { name: "sigma", label: words.sigma, path: "sigma", inputMode: "decimal" },
+  { name: "station", label: words.station, path: "tracker", placeholder: "4000 0 1500" },
+  { name: "floor", label: words.floor, path: "surroundings", inputMode: "decimal" },
+];
+
+const READINGS: FieldOf<Asked>[] = [
+  { name: "readings", label: words.readings, path: "readings", inputMode: "decimal" },
+];
+
+export const Equipment = ({ asked, change }: { asked: Asked; change: (part: Partial<Asked>) => void }) => (
+  <div class="map-fields">
+    <FormFields fields={equipmentFields(asked.kind)} values={asked} change={change} />
+  </div>
+);
 
 /** None chosen means all, as the service has it. */
 function Joints({ robot, chosen, change }: { robot: string; chosen: string[]; change: (joints: string[]) => void }) {

@@ -18,6 +18,7 @@ import { ArmView, roomOf } from "../scene/view";
 import { useAction } from "../state/action";
 import { text } from "../i18n";
 import { type RunContext, usePostures } from "./run_context";
+import { VerdictCard } from "./verdict_card";
 
 const words = text.predict;
 const TYPED = "";
@@ -154,7 +155,7 @@ function Bent({ found: { posture, point, force, answer }, result }: { found: Pre
   );
 }
 
-export function Answer({ answer: { cases, confidence, remarks } }: { answer: DeflectionResult }) {
+export function Answer({ answer: { assessment, cases, confidence, remarks } }: { answer: DeflectionResult }) {
   const [found] = cases;
   if (!found) return null;
   const level = percent(confidence);
@@ -167,6 +168,7 @@ export function Answer({ answer: { cases, confidence, remarks } }: { answer: Def
   const length = budget ? um(size, budget.expanded_uncertainty) : significant(size * 1e6, 3);
   return (
     <>
+      {(assessment.headline ?? assessment.verdict !== "use") && <VerdictCard assessment={assessment} context={null} />}
       {displacement && (
         <Facts
           facts={[

@@ -45,16 +45,12 @@ export function ProgramView({ id }: { id: string }) {
         name: job.request.files[0]?.name ?? words.kind,
         list: link(["runs", run.id]),
         about: <a href={link(["runs", run.id])}>{text.run.kind}</a>,
-        actions: job.result && (
-          <>
-            {job.result.files.map((file) => (
-              <Download look="primary" href={api.programFile(id, file.name)}>
-                {words.download(file.name)}
-              </Download>
-            ))}
-            <Download href={api.jobs.file(id, "points.csv")}>{words.table}</Download>
-          </>
-        ),
+        first: job.result?.files.map((file) => (
+          <Download look="primary" href={api.programFile(id, file.name)}>
+            {words.download(file.name)}
+          </Download>
+        )),
+        actions: job.result && <Download href={api.jobs.file(id, "points.csv")}>{words.table}</Download>,
       })}
     >
       {(result, loaded) => (

@@ -4,7 +4,7 @@ import { api } from "../api/client";
 import { AlarmNote } from "../components/alarm";
 import { Arm } from "../components/arm";
 import { StoredActions } from "../components/changes";
-import { Empty, Facts, LinkButton, Name, Show, Title } from "../components/basics";
+import { Empty, Facts, Head, LinkButton, Name, Show } from "../components/basics";
 import { chosen, FilterBar, Rows, useFilter } from "../components/list";
 import { alike, DataTable } from "../components/table";
 import { fixed } from "../lib/format";
@@ -36,21 +36,28 @@ function RobotPage({ robot, changed }: { robot: Robot; changed: () => void }) {
   const rows = [...sets.map((set) => setRow(set, names)), ...runRows(runs ?? [], names)];
   return (
     <>
-      <div class="head">
-        <Title kind={text.start.robot} plain={robot.name}>
-          <Name>{robot.name}</Name>
-        </Title>
-        {robot.archived && <p class="meta">{text.changes.archived}</p>}
-        <div class="actions">
+      <Head
+        kind={text.start.robot}
+        plain={robot.name}
+        title={<Name>{robot.name}</Name>}
+        about={
+          <>
+            <span>{text.robots.joints(robot.joints.length)}</span>
+            {names && <span>{text.robots.setCount(sets.length)}</span>}
+            {robot.archived && <span>{text.changes.archived}</span>}
+          </>
+        }
+        first={
           <LinkButton look="primary" href={link([], { robot: robot.id })}>
             {text.robots.use}
           </LinkButton>
-          <LinkButton href={link(["measure"], { robot: robot.id })}>{text.measure.title}</LinkButton>
-          <LinkButton href={link(["plans"], { robot: robot.id })}>{text.plan.begin}</LinkButton>
-          <LinkButton href={link(["compare", "trend", robot.id])}>{text.robots.trend}</LinkButton>
-          <StoredActions of={robot} api={api.robots} list="#/robots" changed={changed} />
-        </div>
-      </div>
+        }
+      >
+        <LinkButton href={link(["measure"], { robot: robot.id })}>{text.measure.title}</LinkButton>
+        <LinkButton href={link(["plans"], { robot: robot.id })}>{text.plan.begin}</LinkButton>
+        <LinkButton href={link(["compare", "trend", robot.id])}>{text.robots.trend}</LinkButton>
+        <StoredActions of={robot} api={api.robots} list="#/robots" changed={changed} />
+      </Head>
       <AlarmNote robot={robot.id} alarms={names?.robots.find(({ id }) => id === robot.id)?.alarms ?? robot.alarms} />
       <div class="flow">
         <section class="card">

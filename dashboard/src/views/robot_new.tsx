@@ -10,7 +10,7 @@ import { contentKey } from "../lib/hash";
 import { useAction } from "../state/action";
 import { namesChanged } from "../state/names";
 import { keptFiles } from "../state/opened";
-import { go, link } from "../state/router";
+import { link } from "../state/router";
 import { text } from "../i18n";
 import { ArmChooser, ArmFacts } from "./catalogue";
 import { DhEditor, type DhTable, documentOf, newDh, tableOf } from "./dh_editor";
@@ -44,7 +44,7 @@ export function RobotNewView() {
         : { ...document, name: name.trim() };
     const robot = await api.robots.add(named, contentKey("robot", named));
     namesChanged();
-    go(keptFiles() ? link([], { robot: robot.id }) : link(["robots", robot.id]));
+    return keptFiles() ? link([], { robot: robot.id }) : link(["robots", robot.id]);
   });
   return (
     <>

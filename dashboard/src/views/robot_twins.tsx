@@ -1,26 +1,14 @@
 /** Robots of the same kinematics side by side: the latest run of each robot and serial number. */
 import { api, every } from "../api/client";
-import type { MeasurementSetSummary, Robot, Run, RunSummary } from "../api/types";
-import { NameLink, LinkButton, Name, When } from "../components/basics";
-import { Scroll } from "../components/table";
-import { shownStiffness } from "../lib/stiffness";
-import { STIFFNESS_UNITS } from "../lib/units";
+import type { MeasurementSetSummary, Robot, RunSummary } from "../api/types";
+import { dayText, LinkButton } from "../components/basics";
 import { useLoad, valueOf } from "../state/load";
 import { link } from "../state/router";
-import { useSettings } from "../state/settings";
 import { text } from "../i18n";
-import { MOST_RUNS } from "./side_by_side";
+import { MOST_RUNS } from "./runs";
+import { type RunColumn, RunsTable } from "./runs_table";
 
 const MOST = 8;
-
-interface Twin {
-  robot: string;
-  name: string;
-  serial: string | null;
-  encoders: MeasurementSetSummary["encoders"] | null;
-  at: string;
-  run: Run;
-}
 
 type Measured = Pick<MeasurementSetSummary, "serial_number" | "measured_at">;
 
@@ -37,7 +25,7 @@ export function newestOf(runs: RunSummary[], sets: ReadonlyMap<string, Measured>
     });
 }
 
-async function twinsOf(robot: Robot, signal: AbortSignal): Promise<Twin[]> {
+async function twinsOf(robot: Robot, signal: AbortSignal): Promise<RunColumn[]> {
   const { items: robots } = await api.robots.list({ content_hash: robot.content_hash, limit: MOST }, signal);
   const each = <Item,>(list: (of: { robot_id: string }) => Promise<Item[]>) =>
     Promise.all(robots.map(({ id }) => list({ robot_id: id }))).then((lists) => lists.flat());
@@ -47,22 +35,20 @@ async function twinsOf(robot: Robot, signal: AbortSignal): Promise<Twin[]> {
   ]);
   const known = new Map(sets.map((set) => [set.id, set]));
   const names = new Map(robots.map(({ id, name }) => [id, name]));
-  const newest = newestOf(runs, known).slice(0, MOST);
   return Promise.all(
-    newest.map(async (summary) => ({
-      robot: summary.robot_id,
-      name: names.get(summary.robot_id) ?? summary.robot_id,
-      serial: known.get(summary.measurement_set_id)?.serial_number ?? null,
-      encoders: known.get(summary.measurement_set_id)?.encoders ?? null,
-      at: known.get(summary.measurement_set_id)?.measured_at ?? summary.created_at,
-      run: await api.runs.one(summary.id, signal),
-    })),
+    newestOf(runs, known)
+      .slice(0, MOST)
+      .map(async ({ id, robot_id: of, measurement_set_id: setId, created_at: created }) => {
+        const set = known.get(setId);
+        const encoders = set && text.files.encoders[set.encoders];
+        const note = [set?.serial_number, dayText(set?.measured_at ?? created), encoders].filter(Boolean).join(", ");
+        return { run: await api.runs.one(id, signal), name: names.get(of) ?? of, note };
+      }),
   );
 }
 
 /** Nothing, while there is only one robot of the kind. */
 export function Twins({ robot }: { robot: Robot }) {
-  const { unit } = useSettings();
   const twins = valueOf(useLoad((signal) => twinsOf(robot, signal), [robot.id, robot.content_hash])) ?? [];
   if (twins.length < 2) return null;
   const words = text.robots;
@@ -70,49 +56,7 @@ export function Twins({ robot }: { robot: Robot }) {
   return (
     <section class="card">
       <h2>{words.twins}</h2>
-      <p class="soft">{words.twinsHint(STIFFNESS_UNITS[unit].label)}</p>
-      <Scroll label={words.twins}>
-        <table>
-          <thead>
-            <tr>
-              <th scope="col">{text.start.robot}</th>
-              <th scope="col">{words.serial}</th>
-              <th scope="col">{words.latest}</th>
-              {robot.joints.map(({ name }) => (
-                <th scope="col" class="number">
-                  <Name>{name}</Name>
-                </th>
-              ))}
-            </tr>
-          </thead>
-          <tbody>
-            {twins.map(({ robot: id, name, serial, encoders, at, run }) => (
-              <tr>
-                <th scope="row" class="robot-name">
-                  <NameLink to={["robots", id]}>{name}</NameLink>
-                </th>
-                <td>{serial === null ? "–" : <Name>{serial}</Name>}</td>
-                <td>
-                  <a href={link(["runs", run.id])}>
-                    <When time={at} />
-                  </a>
-                  {encoders && <small class="soft"> {text.files.encoders[encoders]}</small>}
-                </td>
-                {robot.joints.map((joint) => {
-                  const found = run.result?.joints.find((each) => each.name === joint.name);
-                  const shown = found && shownStiffness(found, unit);
-                  return (
-                    <td class="number">
-                      {shown?.value ?? shown?.limit ?? "–"}
-                      {shown?.uncertainty && <span class="soft"> ±&nbsp;{shown.uncertainty}</span>}
-                    </td>
-                  );
-                })}
-              </tr>
-            ))}
-          </tbody>
-        </table>
-      </Scroll>
+      <RunsTable columns={twins} label={words.twins} />
       <LinkButton href={link(["compare", "runs"], { ids: ids.join() })}>{words.beside}</LinkButton>
     </section>
   );

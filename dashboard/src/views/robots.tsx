@@ -3,7 +3,7 @@ import { useState } from "preact/hooks";
 import type { MeasurementSetSummary } from "../api/types";
 import { api, every } from "../api/client";
 import { AlarmState } from "../components/alarm";
-import { Empty, LinkButton, Name, Show, Title, Toggle } from "../components/basics";
+import { Empty, Head, LinkButton, Name, Show, Toggle } from "../components/basics";
 import { TextField } from "../components/fields";
 import { FilterBar, RobotTabs, type Row, Rows, chosen, useFilter } from "../components/list";
 import { wasMeasured } from "../lib/metadata";
@@ -19,14 +19,14 @@ export function RobotsView({ list }: { list: "robots" | "sets" }) {
   const names = useNames();
   return (
     <>
-      <div class="head">
-        <Title plain={title}>{title}</Title>
-        <div class="actions">
-          <LinkButton look="primary" href="#/robots/new">
-            {words.add}
+      <Head
+        plain={title}
+        first={
+          <LinkButton look="primary" href={list === "robots" ? "#/robots/new" : "#/"}>
+            {list === "robots" ? words.add : text.app.measure}
           </LinkButton>
-        </div>
-      </div>
+        }
+      />
       <RobotTabs current={list} />
       <Show of={names}>{(known) => <Stored key={list} list={list} names={known} />}</Show>
     </>
@@ -62,6 +62,9 @@ function Stored({ list, names }: { list: "robots" | "sets"; names: Names }) {
           <Toggle label={text.changes.showArchived} checked={archived} change={setArchived} />
         )}
       </FilterBar>
+      <p class="soft" role="status">
+        {text.list.count(found.length, rows.length)}
+      </p>
       {found.length > 0 ? (
         <Rows rows={found} />
       ) : archived && from[list].length === 0 ? (

@@ -3,22 +3,27 @@ import type { ComponentProps } from "preact";
 import { api } from "../api/client";
 import type { Run } from "../api/types";
 import { AlarmNote } from "../components/alarm";
-import { NameLink, ActionButton, Tabs } from "../components/basics";
+import { NameLink, ActionButton, LinkButton, Tabs } from "../components/basics";
 import { JobPage } from "../components/job_page";
+import { lazy } from "../components/lazy";
 import { freshKey } from "../lib/hash";
 import { useAction } from "../state/action";
 import { valueOf } from "../state/load";
 import { ofArm, useNames } from "../state/names";
-import { go, link } from "../state/router";
+import { link } from "../state/router";
 import { text } from "../i18n";
 import { JobList } from "./job_list";
 import { type RunContext, contextOf, elasticityOf, isElastic } from "./run_context";
-import { DeflectionPart } from "./run_deflection";
-import { MapForm, ProgramForm } from "./map_form";
-import { PredictPart } from "./predict";
-import { RunFiles } from "./run_files";
-import { RobotPart } from "./run_robot";
 import { StiffnessPart } from "./run_stiffness";
+import { variantBy } from "./variants";
+
+const parts = text.run.views;
+const DeflectionPart = lazy(parts.deflection, async () => (await import("./run_deflection")).DeflectionPart);
+const RobotPart = lazy(parts.robot, async () => (await import("./run_robot")).RobotPart);
+const PredictPart = lazy(parts.predict, async () => (await import("./predict")).PredictPart);
+const MapForm = lazy(parts.map, async () => (await import("./map_form")).MapForm);
+const ProgramForm = lazy(parts.program, async () => (await import("./map_form")).ProgramForm);
+const RunFiles = lazy(parts.report, async () => (await import("./run_files")).RunFiles);
 
 export function RunView({ id, part, query }: { id: string; part: string; query: URLSearchParams }) {
   return (
@@ -34,6 +39,7 @@ export function RunView({ id, part, query }: { id: string; part: string; query: 
         name: set.name,
         list: "#/runs",
         about: <About run={run} robot={robot} />,
+        first: <First run={run} set={set} />,
         actions: <Repeat run={run} />,
       })}
     >
@@ -57,10 +63,35 @@ function About({ run, robot }: Pick<RunContext, "run" | "robot">) {
   );
 }
 
+/** What to do next, by the verdict: mend what is wrong, measure more, or use the result. */
+function First({ run, set }: Pick<RunContext, "run" | "set">) {
+  const words = text.run.first;
+  const { verdict, reasons } = run.result?.assessment ?? { reasons: [] };
+  const action = reasons.flatMap((reason) => reason.action ?? []).find(({ kind }) => kind !== "show_posture");
+  const mend = useAction(async () => {
+    return action && link(["runs", (await variantBy(run, action)).id]);
+  });
+  if (!verdict) return null;
+  if (action && verdict !== "use")
+    return (
+      <ActionButton look="primary" action={mend} going={text.assessment.doing}>
+        {words.mend}
+      </ActionButton>
+    );
+  return (
+    <LinkButton
+      look="primary"
+      href={verdict === "use" ? link(["runs", run.id, "program"]) : link(["plans"], { set: set.id })}
+    >
+      {verdict === "use" ? words.use : words.measure}
+    </LinkButton>
+  );
+}
+
 function Repeat({ run }: { run: Run }) {
   const repeat = useAction(async () => {
     const again = await api.runs.add(run.request, freshKey("run"));
-    go(link(["runs", again.id]));
+    return link(["runs", again.id]);
   });
   return <ActionButton action={repeat}>{text.run.repeat}</ActionButton>;
 }

@@ -2,7 +2,7 @@
 import { useMemo, useState } from "preact/hooks";
 import { api } from "../api/client";
 import type { Contribution, Method, Residual, Run, RunResult } from "../api/types";
-import { Bars, type Opening, Stacks } from "../charts/bars";
+import { BarFigure, type Opening } from "../charts/bars";
 import { Figure } from "../charts/figure";
 import { Scatter } from "../charts/scatter";
 import { Toggle } from "../components/basics";
@@ -85,21 +85,7 @@ function BeforeAfter({
     { mark: "predicted", label: own, values: rows.map((row) => row.after * 1e3) },
     ...more,
   ];
-  return (
-    <Figure
-      title={words.title}
-      note={words.note}
-      legend={series}
-      table={{
-        columns: [words.configuration, ...series.map((one) => ({ title: one.label, unit: text.units.mm }))],
-        rows: names.map((name, i) => [name, ...series.map((one) => one.values[i] ?? null)]),
-      }}
-    >
-      {(width) => (
-        <Bars names={names} series={series} width={width} label={words.title} unit={text.units.mm} {...opening} />
-      )}
-    </Figure>
-  );
+  return <BarFigure title={words.title} note={words.note} unit={text.units.mm} {...{ names, series }} {...opening} />;
 }
 
 /** Newest run of each other method on the same readings, and with the same constraint. */
@@ -152,34 +138,21 @@ function Parts({
   contributions: Contribution[];
   opening: Opening;
 }) {
-  const words = text.deflection;
   const labels = useMemo(() => [...new Set(result.residuals.map((r) => r.observation))], [result]);
-  const names = contributions.map((one) => one.joint);
-  const parts = contributions.map((one) => ({
-    name: one.joint,
-    values: one.by_observation.map((value) => value * 1e3),
-  }));
   return (
-    <Figure
-      title={words.byConfiguration}
-      note={words.byConfigurationNote}
-      legend={names.map((name, j) => ({ label: name, mark: `joint-${j % 6}` }))}
-      table={{
-        columns: [words.configuration, ...names.map((name) => ({ title: name, unit: text.units.mm }))],
-        rows: labels.map((label, i) => [label, ...parts.map((part) => part.values[i] ?? null)]),
-      }}
-    >
-      {(width) => (
-        <Stacks
-          names={labels}
-          parts={parts}
-          width={width}
-          label={words.byConfiguration}
-          unit={text.units.mm}
-          {...opening}
-        />
-      )}
-    </Figure>
+    <BarFigure
+      title={text.deflection.byConfiguration}
+      note={text.deflection.byConfigurationNote}
+      names={labels}
+      series={contributions.map(({ joint, by_observation: lengths }, j) => ({
+        label: joint,
+        mark: `joint-${j % 6}`,
+        values: lengths.map((length) => length * 1e3),
+      }))}
+      unit={text.units.mm}
+      stacked
+      {...opening}
+    />
   );
 }
 

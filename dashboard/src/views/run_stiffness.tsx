@@ -10,11 +10,10 @@ import { valueOf } from "../state/load";
 import { api } from "../api/client";
 import { RunsTable } from "./runs_table";
 import { useState } from "preact/hooks";
-import { ActionButton, LinkButton } from "../components/basics";
+import { ActionButton } from "../components/basics";
 import { unsaid } from "../lib/said";
 import { freshKey } from "../lib/hash";
 import { useAction } from "../state/action";
-import { link } from "../state/router";
 import { JointTable } from "./joint_table";
 import { Further } from "../components/findings";
 import { type RunContext, isElastic } from "./run_context";
@@ -45,11 +44,6 @@ export function StiffnessPart({ context, result }: { context: RunContext; result
           )
         }
       />
-      <nav class="actions" aria-label={text.run.uses}>
-        {(["predict", "map", "program", "report"] as const).map((part) => (
-          <LinkButton href={link(["runs", run.id, part])}>{text.run.views[part]}</LinkButton>
-        ))}
-      </nav>
       {result.links && <ElementShares links={result.links} />}
       {result.selection && (
         <p class="note">

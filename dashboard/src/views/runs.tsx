@@ -8,7 +8,9 @@ import { valueOf } from "../state/load";
 import { go, link } from "../state/router";
 import { text } from "../i18n";
 import { JobList, jobRow } from "./job_list";
-import { MOST_RUNS } from "./side_by_side";
+
+/** As many are compared as there are marks. */
+export const MOST_RUNS = 4;
 
 /** What a run is about, as a row says it. */
 function rowOf(run: RunSummary, names: Names | null): Pick<Row, "name"> & Partial<Row> {

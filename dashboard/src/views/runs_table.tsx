@@ -17,11 +17,11 @@ export interface RunColumn {
 }
 
 /** Names of all joints that any of the runs has. */
-export const jointsOf = (columns: RunColumn[]): string[] => [
+const jointsOf = (columns: RunColumn[]): string[] => [
   ...new Set(columns.flatMap(({ run }) => run.result?.joints.map((joint) => joint.name) ?? [])),
 ];
 
-export const jointOf = ({ run }: RunColumn, name: string) => run.result?.joints.find((joint) => joint.name === name);
+const jointOf = ({ run }: RunColumn, name: string) => run.result?.joints.find((joint) => joint.name === name);
 
 export function RunsTable({ columns, label }: { columns: RunColumn[]; label: string }) {
   const { unit } = useSettings();

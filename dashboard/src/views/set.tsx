@@ -8,10 +8,10 @@ import {
   Facts,
   forbidden,
   Form,
+  Head,
   LinkButton,
   Name,
   Show,
-  Title,
   Warnings,
   When,
 } from "../components/basics";
@@ -44,24 +44,28 @@ function SetPage({ set, changed }: { set: MeasurementSet; changed: () => void })
   const runs = valueOf(useRunsOf({ measurement_set_id: set.id }));
   return (
     <>
-      <div class="head">
-        <Title kind={text.sets.kind} plain={set.name}>
-          <Name>{set.name}</Name>
-        </Title>
-        <p class="meta">
-          <NameLink to={["robots", set.robot_id]}>{names?.robot(set.robot_id) ?? "…"}</NameLink>
-          <When time={set.measured_at ?? set.created_at} />
-          {set.archived && <span>{text.changes.archived}</span>}
-        </p>
-        <div class="actions">
+      <Head
+        kind={text.sets.kind}
+        plain={set.name}
+        title={<Name>{set.name}</Name>}
+        about={
+          <>
+            <NameLink to={["robots", set.robot_id]}>{names?.robot(set.robot_id) ?? "…"}</NameLink>
+            <span>{text.sets.observations(set.observations.length)}</span>
+            <When time={set.measured_at ?? set.created_at} />
+            {set.archived && <span>{text.changes.archived}</span>}
+          </>
+        }
+        first={
           <LinkButton look="primary" href={link([], { set: set.id })}>
             {text.sets.identify}
           </LinkButton>
-          <LinkButton href={link(["compare", "methods"], { set: set.id })}>{text.sets.compare}</LinkButton>
-          <LinkButton href={link(["plans"], { set: set.id })}>{text.plan.goOn}</LinkButton>
-          <StoredActions of={set} api={api.sets} list="#/sets" changed={changed} />
-        </div>
-      </div>
+        }
+      >
+        <LinkButton href={link(["compare", "methods"], { set: set.id })}>{text.sets.compare}</LinkButton>
+        <LinkButton href={link(["plans"], { set: set.id })}>{text.plan.goOn}</LinkButton>
+        <StoredActions of={set} api={api.sets} list="#/sets" changed={changed} />
+      </Head>
       <div class="flow">
         <section class="card">
           <h2>{text.files.understood}</h2>

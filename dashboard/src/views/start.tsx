@@ -1,12 +1,12 @@
 /** The start: files, or a stored set, to their result. */
-import { useState } from "preact/hooks";
+import { useEffect, useState } from "preact/hooks";
 import { api } from "../api/client";
 import { AlarmNote } from "../components/alarm";
-import { Busy, Empty, LinkButton, ProblemNote, Title } from "../components/basics";
+import { Busy, Button, Empty, LinkButton, ProblemNote, Title } from "../components/basics";
 import { handOver } from "../state/handed";
 import { useLoad, valueOf } from "../state/load";
 import { useNames } from "../state/names";
-import { keepFiles, keptFiles, type Opened, open } from "../state/opened";
+import { keepFiles, keptBefore, keptFiles, type Opened, open } from "../state/opened";
 import { go, link } from "../state/router";
 import { text } from "../i18n";
 import { CampaignFlow } from "./campaign_flow";
@@ -18,6 +18,9 @@ export function StartView({ query }: { query: URLSearchParams }) {
   const asked = query.get("set") ?? "";
   const [opened, setOpened] = useState<Opened | null>(() => (asked ? null : keptFiles()));
   const [count, setCount] = useState(0);
+  useEffect(() => {
+    if (!asked && !opened) void keptBefore().then((before) => before && setOpened((now) => now ?? before));
+  }, []);
   const take = async (...files: File[]) => {
     const read = await open(files, opened);
     if (read.kind === "sweeps") {
@@ -50,17 +53,28 @@ export function StartView({ query }: { query: URLSearchParams }) {
       )}
       <section aria-labelledby="recent">
         <h2 id="recent">{text.start.recent}</h2>
-        <Recent />
+        <Recent example={async () => take(await example())} />
       </section>
     </>
   );
 }
 
-function Recent() {
+/** A campaign to try the page with, of a robot that it brings along. */
+async function example(): Promise<File> {
+  const answer = await fetch(new URL("../example.json", import.meta.url));
+  return new File([await answer.blob()], "example.json");
+}
+
+function Recent({ example }: { example: () => Promise<void> }) {
   const recent = useLoad((signal) => api.runs.list({ limit: 5 }, signal), []);
   const names = valueOf(useNames());
   if (recent.state === "loading") return <Busy />;
   if (recent.state === "failed") return <ProblemNote problem={recent.problem} retry={recent.reload} />;
-  if (recent.value.items.length === 0) return <Empty title={text.runs.none} hint={text.start.recentNone} />;
+  if (recent.value.items.length === 0)
+    return (
+      <Empty title={text.runs.none} hint={text.start.recentNone}>
+        <Button onClick={() => void example()}>{text.start.example}</Button>
+      </Empty>
+    );
   return <RunList runs={recent.value.items} names={names} />;
 }

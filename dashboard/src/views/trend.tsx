@@ -5,7 +5,7 @@ import type { Method, Robot, Trend as Found, TrendJoint } from "../api/types";
 import { Figure, Legend } from "../charts/figure";
 import { Trend } from "../charts/trend";
 import { Badge } from "../components/badge";
-import { Choice, dayText, Empty, LinkButton, Name, Show, Title } from "../components/basics";
+import { dayText, Empty, Head, LinkButton, Name, Show } from "../components/basics";
 import { alike } from "../components/table";
 import { Select } from "../components/fields";
 import { Rows } from "../components/list";
@@ -34,29 +34,35 @@ export function TrendView({ robot: id, serial }: { robot: string; serial: string
     <Show of={robot} title={text.compare.trend}>
       {({ name }) => (
         <>
-          <Title kind={text.compare.trend} plain={words.title(name)}>
-            <Name>{name}</Name>
-          </Title>
-          <p class="meta">
-            <a href={link(["robots", id])}>{text.start.robot}</a>
-            <a href={link(["fleet"])}>{text.fleet.title}</a>
-          </p>
+          <Head
+            kind={text.compare.trend}
+            plain={words.title(name)}
+            title={<Name>{name}</Name>}
+            about={
+              <>
+                <a href={link(["robots", id])}>{text.start.robot}</a>
+                <a href={link(["fleet"])}>{text.fleet.title}</a>
+              </>
+            }
+          />
           <Show of={trend}>
             {(found) => (
               <>
-                <Choice
-                  label={text.run.method}
-                  value={method ?? found.selection?.method ?? "partial_pose"}
-                  change={setMethod}
-                  options={METHODS.map((value) => ({ value, label: text.methods[value] }))}
-                />
-                <Choice
-                  label={words.encoders}
-                  value={encoders ?? found.selection?.encoders ?? "motor"}
-                  change={setEncoders}
-                  options={ENCODERS.map((value) => ({ value, label: text.files.encoders[value] }))}
-                />
-                <Serials trend={found} />
+                <div class="filters">
+                  <Select
+                    label={text.run.method}
+                    value={method ?? found.selection?.method ?? "partial_pose"}
+                    change={(chosen) => setMethod(chosen as Method)}
+                    options={METHODS.map((value) => ({ value, label: text.methods[value] }))}
+                  />
+                  <Select
+                    label={words.encoders}
+                    value={encoders ?? found.selection?.encoders ?? "motor"}
+                    change={(chosen) => setEncoders(chosen as Encoders)}
+                    options={ENCODERS.map((value) => ({ value, label: text.files.encoders[value] }))}
+                  />
+                  <Serials trend={found} />
+                </div>
                 <Charts robot={id} trend={found} reload={trend.reload} />
               </>
             )}
@@ -165,7 +171,7 @@ function JointTrend({ joint, trend }: { joint: TrendJoint; trend: Found }) {
           const point = joint.points[i];
           return [
             name,
-            at,
+            at.slice(0, 16).replace("T", " "),
             point ? words.roles[point.role] : "",
             maybeInUnit(point?.stiffness, unit, joint.kind),
             ...intervalIn(point?.interval, unit, joint.kind),

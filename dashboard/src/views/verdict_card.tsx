@@ -4,7 +4,7 @@ import { Badge } from "../components/badge";
 import { ActionButton, LinkButton, Prose, Seen } from "../components/basics";
 import { sentence } from "../lib/said";
 import { useAction } from "../state/action";
-import { go, link } from "../state/router";
+import { link } from "../state/router";
 import { text } from "../i18n";
 import type { RunContext } from "./run_context";
 import { variantBy } from "./variants";
@@ -22,12 +22,16 @@ export function VerdictCard({
   sentences?: Record<Usability, string>;
 }) {
   const { verdict, reasons, notes, joints_identified: identified, joint_count: count } = assessment;
-  const counted = verdict === "use" && identified != null && count != null;
+  const counted = identified != null && count != null;
   return (
     <section class={`verdict-card ${verdict}`} aria-label={words.title}>
       <h2>
         <Badge verdict={verdict} large />
-        <span>{assessment.headline ?? (counted ? words.supported(identified, count) : sentences[verdict])}</span>
+        <span>
+          {assessment.headline ??
+            (counted && verdict === "use" ? words.supported(identified, count) : sentences[verdict])}
+          {counted && verdict !== "use" && <b> {words.identified(identified, count)}</b>}
+        </span>
       </h2>
       {reasons.length > 0 && (
         <ul>
@@ -88,7 +92,7 @@ function unique(actions: Action[]): Action[] {
 function ActionButtons({ action, context }: { action: Action; context: RunContext }) {
   const start = useAction(async () => {
     const run = await variantBy(context.run, action);
-    go(link(["runs", run.id]));
+    return link(["runs", run.id]);
   });
   const [shown] = action.observations;
   return (

@@ -48,6 +48,7 @@ function answerTo(options: Record<string, unknown>) {
       { file: "day.csv", line: 6, column: 3, reason: "'1.2.3' is no number", remedy: "correct it", option: null },
       { file: "plan.pdf", line: null, column: null, reason: "a PDF document", remedy: "export it", option: null },
     ],
+    bodies: [],
     missing_fields: options["encoders"] ? [] : ["encoders"],
     missing: [],
     findings: null,

@@ -1,0 +1,57 @@
+/** What was begun on this device, until it is done: it survives a reload, and a session that ends. */
+import { useEffect, useState } from "preact/hooks";
+
+const NAME = "kept";
+
+function places(): Promise<IDBObjectStore> {
+  return new Promise((done, fail) => {
+    const asked = indexedDB.open("jointstiff", 1);
+    asked.onupgradeneeded = () => asked.result.createObjectStore(NAME);
+    asked.onsuccess = () => done(asked.result.transaction(NAME, "readwrite").objectStore(NAME));
+    asked.onerror = () => fail(asked.error);
+  });
+}
+
+/** Keep a value, files among them, under a name; null forgets it. Where storage is switched off nothing is kept. */
+export async function keep(name: string, value: unknown): Promise<void> {
+  const place = await places().catch(() => null);
+  if (value === null) place?.delete(name);
+  else place?.put(value, name);
+}
+
+/** What is kept under a name, or null. */
+export async function kept<Value>(name: string): Promise<Value | null> {
+  const place = await places().catch(() => null);
+  if (!place) return null;
+  const asked = place.get(name) as IDBRequest<Value | undefined>;
+  return new Promise((done) => {
+    asked.onsuccess = () => done(asked.result ?? null);
+    asked.onerror = () => done(null);
+  });
+}
+
+/** A form that is filled in: what was typed comes back with the view, as long as the browser's tab is open. */
+export function useDraft<Values extends object>(
+  name: string,
+  start: Values,
+): [Values, (part: Partial<Values>) => void] {
+  const key = `jointstiff.draft.${name}`;
+  const [values, set] = useState<Values>(() => ({ ...start, ...read(key) }));
+  useEffect(() => {
+    try {
+      sessionStorage.setItem(key, JSON.stringify(values));
+    } catch {
+      // then it holds until the view is left
+    }
+  }, [key, values]);
+  return [values, (part) => set((before) => ({ ...before, ...part }))];
+}
+
+function read(key: string): object {
+  try {
+    const found: unknown = JSON.parse(sessionStorage.getItem(key) ?? "{}");
+    return typeof found === "object" && found !== null ? found : {};
+  } catch {
+    return {};
+  }
+}

@@ -1,0 +1,182 @@
+/* What eyes see of the view as it stands: each function returns faults in words. */
+(() => {
+  const NUMBER = /\d[.,]\d|\d\s*·\s*10/; // a fraction is a quantity; whole numbers may count things
+  const NOTATION = /3\.188\(17\): .*/; // says how uncertainties are written
+  const UNIT =
+    /%|°|‰|\b(?:mm|µm|μm|m|km|rad|mrad|µrad|deg|N|kN|kg|g|s|ms|min|h|Hz|MB|kB|m²|s²)\b|N·m|Nm|\/rad|\/m\b|\/N\b/;
+  const ALONE = /\b(?:scale|ratio|times|weight|p value|correlation|singular values|condition number|degrees of freedom)\b|×|χ²|O[₁-₅]|R$|versions|direction|points along|\bcondition\b/i; // pure numbers
+  const BARS = ".header, .sections, .gobar, .selection, .toasts, .tip, .skip";
+  const BLOCK = "td, th, dd, dt, li, p, label, figcaption, h1, h2, h3, legend, summary, option, button, output, [role=cell], [role=columnheader], .gain, .figures > span, svg";
+
+  let known = new Map();
+
+  /** Boxes around an element that cut off what goes beyond them, and how; null if it is not shown at all. */
+  function edges(element) {
+    if (!element || element === document.body) return [];
+    if (!known.has(element)) {
+      const style = getComputedStyle(element);
+      const further = style.position === "fixed" ? [] : edges(element.parentElement);
+      const gone = style.clipPath !== "none" || style.visibility === "hidden" || style.opacity === "0" || !further;
+      const cuts = style.overflowX !== "visible" && element.clientWidth > 0;
+      const scrolls = ["auto", "scroll"].includes(style.overflowX);
+      known.set(element, gone ? null : cuts ? [...further, { box: element.getBoundingClientRect(), scrolls }] : further);
+    }
+    return known.get(element);
+  }
+
+  const shown = (element) => element.checkVisibility() && edges(element) !== null;
+
+  /** The part of a box that no box around it cuts off; null if nothing is left. What scrolls cuts off nothing for `ever`. */
+  function seen({ left, top, right, bottom }, element, ever = false) {
+    for (const { box, scrolls } of edges(element) ?? []) {
+      if (scrolls && ever) continue;
+      [left, right] = [Math.max(left, box.left), Math.min(right, box.right)];
+      [top, bottom] = [Math.max(top, box.top), Math.min(bottom, box.bottom)];
+    }
+    return right - left > 1 && bottom - top > 1 ? { left, top, right, bottom } : null;
+  }
+
+  /** Pieces of text, line by line, with the height of their letters. */
+  function* texts(root = document.body, ever = false) {
+    const walker = document.createTreeWalker(root, NodeFilter.SHOW_TEXT);
+    while (walker.nextNode()) {
+      const node = walker.currentNode;
+      const element = node.parentElement;
+      if (!node.textContent.trim() || !element.checkVisibility || !shown(element)) continue;
+      if (element.closest("option, .scene-labels, noscript, script, style, title")) continue;
+      const range = document.createRange();
+      range.selectNodeContents(node);
+      const size = parseFloat(getComputedStyle(element).fontSize);
+      for (const line of range.getClientRects()) {
+        const middle = (line.top + line.bottom) / 2;
+        const turned = line.height > 1.7 * size;
+        const letters = turned
+          ? line
+          : { left: line.left, right: line.right, top: middle - 0.36 * size, bottom: middle + 0.36 * size };
+        const box = seen(letters, element, ever);
+        if (box) yield { node, element, box, bar: element.closest(BARS) };
+      }
+    }
+  }
+
+  const words = (element) => element.textContent.trim().replace(/\s+/g, " ").slice(0, 60);
+
+  function overlaps() {
+    const faults = new Set();
+    const boxes = [...texts()].map((one) => ({ ...one, said: words(one.node) }));
+    for (const control of document.querySelectorAll("input, select, textarea, button, a.button")) {
+      if (!shown(control) || control.matches("[type=range]")) continue;
+      const box = seen(control.getBoundingClientRect(), control.parentElement);
+      if (box) boxes.push({ node: control, element: control, box, bar: control.closest(BARS), said: control.outerHTML.slice(0, 90) });
+    }
+    boxes.sort((a, b) => a.box.left - b.box.left);
+    for (const [i, one] of boxes.entries()) {
+      for (let j = i + 1; j < boxes.length && boxes[j].box.left < one.box.right - 1.5; j++) {
+        const other = boxes[j];
+        if (one.node === other.node || one.bar !== other.bar) continue;
+        if (one.element.contains(other.element) && one.node === one.element) continue;
+        if (other.element.contains(one.element) && other.node === other.element) continue;
+        const high = Math.min(one.box.bottom, other.box.bottom) - Math.max(one.box.top, other.box.top);
+        if (high > 1.5) faults.add(`"${one.said}" and "${other.said}" overlap`);
+      }
+    }
+    return [...faults];
+  }
+
+  /** Heads of a cell that are seen: of its column, of its row, of its table. */
+  function heads(cell) {
+    const table = cell.closest("table, [role=table]");
+    if (!table) return [];
+    const row = cell.closest("tr, [role=row]");
+    const cells = [...row.children];
+    const head = table.querySelector("thead tr:last-of-type, .joint-head, [role=row]:has([role=columnheader])");
+    const found = [...row.querySelectorAll("th, [role=rowheader]"), ...table.querySelectorAll("caption")];
+    if (head && head !== row) found.push(head.children[cells.indexOf(cell)]);
+    const group = table.querySelector("thead tr:first-of-type");
+    if (group && group !== head) found.push(...group.children);
+    const card = table.closest("section, figure, .card");
+    return [...found, ...(card?.querySelectorAll(":scope > :is(h2, h3, p, figcaption)") ?? [])];
+  }
+
+  function near(element) {
+    const block = element.closest(BLOCK) ?? element;
+    const cell = element.closest("td, th, [role=cell]");
+    const found = [block, ...(cell ? [cell, ...heads(cell)] : [])];
+    if (block.matches("dd")) found.push(block.previousElementSibling);
+    if (block.matches("svg")) found.push(block.closest("figure, section, .card, [role=row]")?.querySelector("figcaption, h2, h3"));
+    if (block.closest("[role=table]") && block.matches("svg")) found.push(...heads(block.closest("[role=cell], [role=columnheader]") ?? block));
+    return found.filter(Boolean);
+  }
+
+  const said = (element) => [...texts(element, true)].map(({ node }) => node.textContent).join(" ");
+
+  function bareNumbers() {
+    const faults = new Set();
+    for (const { node, element, bar } of texts(document.querySelector("main"))) {
+      if (bar || !NUMBER.test(node.textContent.replace(NOTATION, "")) || element.closest("bdi, code, pre, time, a.file, h1")) continue;
+      const around = near(element).map(said).join(" ");
+      const own = element.closest(BLOCK);
+      if (UNIT.test(around) || ALONE.test(around)) continue;
+      faults.add(`no unit beside "${words(node)}" in "${words(own ?? element)}" (${around.slice(0, 80)})`);
+    }
+    for (const input of document.querySelectorAll("main input")) {
+      if (!shown(input) || !NUMBER.test(input.value) || !/number|text/.test(input.type)) continue;
+      const label = [...(input.labels ?? []), input.closest("td, .field, label, .row")].filter(Boolean).map(said);
+      const around = [...label, ...near(input).map(said), input.getAttribute("aria-label") ?? ""].join(" ");
+      if (!UNIT.test(around) && !ALONE.test(around)) faults.add(`no unit beside the field ${input.outerHTML.slice(0, 90)}`);
+    }
+    return [...faults];
+  }
+
+  function clippedHeads(paper) {
+    const faults = new Set();
+    for (const head of document.querySelectorAll("thead th, [role=columnheader]")) {
+      if (!shown(head) || !head.textContent.trim()) continue;
+      const box = head.getBoundingClientRect();
+      let cut = head.scrollWidth > head.clientWidth + 1 && head.clientWidth > 0 && getComputedStyle(head).display !== "inline";
+      for (let around = head.parentElement; around && !cut; around = around.parentElement) {
+        const flow = getComputedStyle(around).overflowX;
+        if (!paper && (flow === "auto" || flow === "scroll")) break;
+        const edge = around.getBoundingClientRect();
+        if (flow !== "visible") cut = box.left < edge.left - 1 || box.right > edge.right + 1;
+      }
+      if (paper) cut ||= box.right > innerWidth + 1;
+      if (cut) faults.add(`the head "${words(head)}" is cut off`);
+    }
+    return [...faults];
+  }
+
+  function highRows(most) {
+    const faults = new Set();
+    for (const row of document.querySelectorAll("main .item, main tbody tr, main .joint[role=row]")) {
+      if (!shown(row) || row.querySelector("input:not([type=checkbox]), select, textarea")) continue;
+      const { height } = row.getBoundingClientRect();
+      if (height > most + 0.5) faults.add(`a row of ${Math.round(height)} px: "${words(row)}"`);
+    }
+    return [...faults];
+  }
+
+  function firstNumber(most) {
+    let first = Infinity;
+    let total = 0;
+    for (const { node, element, box, bar } of texts(document.querySelector("main"))) {
+      if (bar || !/\d/.test(node.textContent) || element.closest("h1, bdi, code, time, button, label, .tabs, .actions")) continue;
+      total += 1;
+      first = Math.min(first, box.bottom + scrollY);
+    }
+    if (total === 0) return [];
+    return first <= most ? [] : [`the first number stands at ${Math.round(first)} px`];
+  }
+
+  /** All faults at a width, on a screen or on paper. */
+  window.seeing = (paper, mostRow, mostFirst) => {
+    known = new Map();
+    return [
+      ...overlaps(),
+      ...bareNumbers(),
+      ...clippedHeads(paper),
+      ...(mostRow ? highRows(mostRow) : []),
+      ...(mostFirst ? firstNumber(mostFirst) : []),
+    ];
+  };
+})();
