@@ -34,16 +34,14 @@ export function PlanView({ id }: { id: string }) {
         list: "#/plans",
         about: <NameLink to={base ? ["sets", base.id] : ["robots", robot.id]}>{subject}</NameLink>,
         first: job.result && (
-          <LinkButton look="primary" href={link(["measure"], { plan: id })}>
-            {text.measure.title}
-          </LinkButton>
-        ),
-        actions: job.result && (
           <>
+            <LinkButton look="primary" href={link(["measure"], { plan: id })}>
+              {text.measure.title}
+            </LinkButton>
             <FillIn {...{ request: job.request, result: job.result, base, robot, subject }} />
-            <Download href={api.jobs.file(id, "readings.csv")}>{words.csv}</Download>
           </>
         ),
+        actions: job.result && <Download href={api.jobs.file(id, "readings.csv")}>{words.csv}</Download>,
       })}
     >
       {(result, { job, robot }) => (
