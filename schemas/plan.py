@@ -257,6 +257,11 @@ class PlannedReading(Message):
         default=None, description="Direction in R0 along which to read; null if all coordinates are read."
     )
     validation: bool = Field(description="True if the reading is held out from the fit, to judge the model.")
+    block: int = Field(
+        default=1,
+        description="Block, counted from 1: four readings and some of those held out. Each is a good plan by "
+        "itself, so that whoever stops after one of them has one. With several anchors there is one block.",
+    )
 
 
 class PlannedJoint(Message):
@@ -289,7 +294,8 @@ class PlanResult(Result):
     )
 
     readings: list[PlannedReading] = Field(
-        description="Readings in the order of little travel and few load changes."
+        description="Readings in blocks of four, in each in the order of little travel; with several anchors "
+        "in the order of few load changes."
     )
     targets: Metres[dict[Name, Point]] = Field(description="Targets to measure, in the flange frame.")
     load_point: Metres[Point] = Field(description="Load point of the plan, in the flange frame.")

@@ -52,6 +52,9 @@ def report(job: Plan, result: PlanResult, view: View) -> Report:
             f"{len(result.readings)} readings are the fewest whose list meets the goal: "
             f"{result.goal_share:.2f} of its uncertainty, by the noise of the readings"
         )
+    blocks = max((each.block for each in result.readings), default=1)
+    if blocks > 1:
+        lines.append(f"{blocks} blocks, each a good plan by itself: whoever stops after one of them has one")
     if result.elastic_links:
         lines.append("the plan allows for elastic links, because joints alone do not explain the deflection")
     if result.deflection_uncertainty is not None and result.worst_deflection_uncertainty is not None:
@@ -92,7 +95,7 @@ def _readings(job: Plan, result: PlanResult, *, boxes: bool) -> Table:
     """Return a row for each posture; with boxes to tick on paper."""
     readings = result.readings
     gauged = any(each.direction is not None for each in readings)
-    lengths = _lengths(result)
+    lengths, blocks = _lengths(result), max((each.block for each in readings), default=1)
     angles = [
         Column(name, [1e3 * each.joints[j] for each in readings], number(".1f"), "mm")
         if j in lengths
@@ -103,6 +106,7 @@ def _readings(job: Plan, result: PlanResult, *, boxes: bool) -> Table:
     return Table(
         [
             Column("reading", [each.label for each in readings], text=True),
+            *([Column("block", [str(each.block) for each in readings], text=True)] if blocks > 1 else []),
             *angles,
             Column("force", [hypot(*each.force) for each in readings], number(".0f"), "N"),
             Column("direction", [_direction(job, each) for each in readings], text=True),

@@ -283,6 +283,7 @@ def to_plan_result(
             anchor=[None if anchor < 0 else anchor for anchor in plan.anchor.tolist()],
             direction=[None] * len(plan.joints) if plan.along is None else plan.along,
             validation=plan.validation,
+            block=plan.block + 1,
         ),
         targets=dict(zip(names, request.equipment.targets.tolist(), strict=True)),
         load_point=request.equipment.load_point,

@@ -57,6 +57,12 @@ _LONG: Final = 60
 """Readings of a list for which that gains nothing."""
 _MANY: Final = 30
 """Parameters above which restarts cost more than a plan gains: elastic links as a nuisance."""
+_BLOCK: Final = 4
+"""Fitted readings of a block, which are a good plan by themselves."""
+_SWAPS: Final = 600
+"""Exchanges between blocks that are tried."""
+_SHARE_BEFORE: Final = 1e-6
+"""Information beside that of the whole list that a block is compared with."""
 _COVERAGE: Final = 1.959963984540054
 """Half-width of an interval of 95 % over the standard uncertainty, which the stated noise gives."""
 _IMPROVES: Final = 1.0 + 1e-10
@@ -79,6 +85,7 @@ class CampaignPlan:
     anchor: IndexArray  #: (n,) anchor of the cable; -1 without one
     along: FloatArray | None  #: (n, 3) unit vectors in R0 along which to read; None if all coordinates are
     validation: BoolArray  #: (n,) which readings are held out from the fit
+    block: IndexArray  #: (n,) blocks in order, each a good plan by itself; all 0 if there is one
     efficiency: float  #: least share of the greatest φ of all lists that obey the same rules
     weights_gap: float  #: 1 − efficiency of the optimal weights that lead to the list
     efficiencies: Mapping[CriterionName, float]  #: the same by each criterion that applies
@@ -136,7 +143,12 @@ def plan_campaign(robot: Robot, request: PlanRequest) -> CampaignPlan:
         deflection = float(mean**-0.5), float(np.sqrt(worst.variances(M).max()))
     validation = _validation(pool, distinct, exact.atoms.index, held_out, request.seed)
     atoms = exact.atoms.joined(validation)
-    order = ordered(pool.readings.joints[atoms.index], pool.readings.anchor[atoms.index])
+    block = _blocks(exact.atoms.information / problem.squares, pool.base, criteria[request.criterion])
+    anchors = pool.readings.anchor[atoms.index]
+    if (anchors != anchors[0]).any():  # to change the anchor takes longer than to travel
+        block = np.zeros_like(block)
+    block = np.concatenate([block, np.arange(held_out) % (1 + block.max())])
+    order = ordered(pool.readings.joints[atoms.index], block if block.any() else anchors)
     readings = pool.readings[atoms.index[order]]
     return CampaignPlan(
         joints=readings.joints,
@@ -144,6 +156,7 @@ def plan_campaign(robot: Robot, request: PlanRequest) -> CampaignPlan:
         anchor=readings.anchor,
         along=readings.along,
         validation=order >= fitted,
+        block=block[order],
         efficiency=exact.efficiency,
         weights_gap=1.0 - design.bound.efficiency,
         efficiencies=efficiencies,
@@ -253,6 +266,44 @@ def _validation(pool: Pool, distinct: Distinct, chosen: IndexArray, count: int, 
             remedy="ask for fewer readings, a smaller angle, or more candidates",
         )
     return pool.candidates.under(np.array(validation, dtype=np.intp), _drawn_directions(random, count))
+
+
+def _blocks(information: FloatArray, base: FloatArray, criterion: Criterion) -> IndexArray:
+    """Return the block (n,) of each reading: four in each, so that each is a good plan by itself.
+
+    Readings are exchanged between blocks while the product of the blocks' φ grows, so that whoever stops
+    after some of them has a plan of these. The last block has the rest.
+
+    Args:
+        information: (n, p, p) of the readings.
+        base: (p, p) of earlier readings and priors.
+        criterion: of the plan.
+    """
+    count = len(information)
+    block = np.minimum(np.arange(count) // _BLOCK, max(count // _BLOCK - 1, 0))
+    total = base + information.sum(axis=0)
+    vague = _SHARE_BEFORE * np.diag(np.diagonal(total))  # few readings of a gauge determine nothing
+
+    def value(members: BoolArray) -> float:
+        return float(
+            np.log(max(criterion.information(base + vague + information[members].sum(axis=0)), 1e-300))
+        )
+
+    values = [value(block == b) for b in range(1 + int(block.max()))]
+    random = np.random.default_rng(0)
+    for _ in range(_SWAPS if len(values) > 1 else 0):
+        i, j = random.choice(count, 2, replace=False)
+        a, b = block[i], block[j]
+        if a == b:
+            continue
+        block[i], block[j] = b, a
+        exchanged = value(block == a), value(block == b)
+        if sum(exchanged) > values[a] + values[b]:
+            values[a], values[b] = exchanged
+        else:
+            block[i], block[j] = a, b
+    best = np.argsort(-np.array(values), kind="stable")
+    return np.asarray(np.argsort(best)[block], dtype=np.intp)
 
 
 def ordered(joints: FloatArray, group: IndexArray) -> IndexArray:

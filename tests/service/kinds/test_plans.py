@@ -233,3 +233,23 @@ def test_a_goal_that_no_plan_meets_is_refused(parts, robot):
     options.pop("readings", None)
     with pytest.raises(RequestError, match="times the uncertainty of the goal"):
         plan_of(parts, **options)
+
+
+def test_each_block_of_four_is_a_good_plan_by_itself(parts, robot):
+    """Of each block's postures alone the uncertainty is near that of the whole list, as the root has it."""
+    options = BEGIN | {"robot_id": robot, "candidates": 1000}
+    options["stiffness"] = {f"joint_{j}": k for j, k in enumerate(default_arm().stiffnesses.tolist(), 1)}
+    whole = plan_of(parts, **options | {"readings": 20, "validation": 0.2}).result
+    blocks = [each.block for each in whole.readings]
+    assert blocks == sorted(blocks)
+    assert max(blocks) == 4
+
+    def mean(result):
+        return np.sqrt(np.mean([joint.relative**2 for joint in result.joints]))
+
+    for block in range(1, 5):
+        own = [each for each in whole.readings if each.block == block]
+        assert [each.validation for each in own].count(False) == 4
+        postures = [each.joints for each in own if not each.validation]
+        alone = plan_of(parts, **options | {"readings": 4, "validation": 0.0, "postures": postures}).result
+        assert mean(alone) <= 1.5 * 2.0 * mean(whole)
