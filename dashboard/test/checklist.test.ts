@@ -38,7 +38,7 @@ describe("what is asked for", () => {
   });
 });
 
-const READING = { label: "p1", joints: [Math.PI / 2], force: [0, 0, -1000], anchor: null, validation: false };
+const READING = { label: "p1", joints: [Math.PI / 2], force: [0, 0, -1000], anchor: null, validation: false, block: 1 };
 const REQUEST = { targets: {}, sigma: 2e-5, load_point: null } as unknown as PlanRequest;
 
 describe("the campaign to fill in", () => {
