@@ -1,5 +1,5 @@
 import { describe, expect, it } from "vitest";
-import { freeLabel, inUnits, observationOf, pasted, standTyped, unread } from "../src/lib/live";
+import { filledRows, freeLabel, inUnits, observationOf, pasted, standTyped, unread } from "../src/lib/live";
 import { exchanged, givenWay, seedOf, simulatedRows, stiffnessesOf } from "../src/lib/simulated";
 import type { Observation, Posture, Units } from "../src/api/types";
 
@@ -37,6 +37,12 @@ describe("a reading as it is typed", () => {
     expect(standTyped("180", "0 0 -9", ["revolute", "revolute"])).toBeNull();
     expect(freeLabel("m01", new Set(["m01", "m02"]))).toBe("m03");
     expect(freeLabel("m05", new Set(["m01"]))).toBe("m05");
+  });
+
+  it("leaves out the rows of a plan's list that are still blank", () => {
+    const head = "label,J1 [deg],P1 unloaded x [mm],P1 loaded x [mm],verdict";
+    expect(filledRows([head, "p1,1,2,3,use", "p2,1,,,use", ""].join("\n"))).toBe([head, "p1,1,2,3,use"].join("\n"));
+    expect(filledRows("name,x\na,1")).toBe("name,x\na,1");
   });
 
   it("brings a file's units to those of the set", () => {

@@ -10,7 +10,7 @@ import httpx2
 import pytest
 from playwright.sync_api import Page, expect
 
-from jointstiff.simulator import LOAD_POINT
+from jointstiff.simulator import LOAD_POINT, TARGETS
 
 
 def simulated(visited) -> str:
@@ -199,3 +199,29 @@ def test_a_file_filled_in_part_joins_the_readings_that_are_there(visit, api):
     assert [one["label"] for one in stored] == ["m01", "c02"]
     assert stored[1]["joints"] == pytest.approx(first["joints"], abs=1e-12)
     assert stored[1]["readings"][0]["loaded"] == pytest.approx(first["readings"][0]["loaded"], abs=1e-12)
+
+
+def test_the_list_of_a_plan_filled_in_part_joins(visit, api, stored):
+    """The first row of a plan's CSV is filled in; the others are still blank."""
+    page = (visited := visit("tablet")).page
+    campaign = simulated(visited)
+    table = api.get(f"/v1/jobs/{stored.plan}/files/readings.csv").text.splitlines()
+    head = table[0].split(",")
+    first = [
+        cell or ("1000.0" if "loaded" in name else "")
+        for name, cell in zip(head, table[1].split(","), strict=True)
+    ]
+    for name in TARGETS:  # as far apart as on the flange, and moved by the load
+        for state, lift in (("unloaded", 0.0), ("loaded", -0.3)):
+            for axis, part in zip("xyz", TARGETS[name], strict=True):
+                shown = 1e3 * part + 1000.0 + (lift if axis == "z" else 0.0)
+                column = f"{name} {state} {axis} [mm]"
+                if column in head:
+                    first[head.index(column)] = f"{shown:.3f}"
+    page.get_by_text("Readings from a file").first.click()
+    content = "\n".join([table[0], ",".join(first), *table[2:]])
+    file = {"name": "plan.csv", "mimeType": "text/csv", "buffer": content.encode()}
+    page.locator("input[type=file]").set_input_files(file)
+    expect(page.get_by_text("1 reading taken from the file")).to_be_visible()
+    expect(page.get_by_text("1 read,").or_(page.get_by_text(f"{first[0]} was refused")).first).to_be_visible()
+    assert labels(api, campaign) in ([], [first[0]])

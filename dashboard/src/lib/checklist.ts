@@ -149,7 +149,10 @@ function isRead(observation: unknown): observation is Fields {
     Array.isArray(readings) &&
     readings.length > 0 &&
     readings.every((reading: Fields) =>
-      Object.entries(reading).every(([key, value]) => !POSITION.test(key) || value !== null),
+      Object.entries(reading).every(
+        ([key, value]) =>
+          !POSITION.test(key) || value !== null || (key === "deflection" && Array.isArray(reading["unloaded"])),
+      ),
     )
   );
 }

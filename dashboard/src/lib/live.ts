@@ -143,3 +143,12 @@ export function freeLabel(wanted: string, taken: Set<string>): string {
   for (let number = taken.size + 1; taken.has(label); number++) label = `m${String(number).padStart(2, "0")}`;
   return label;
 }
+
+/** A table without the rows whose readings are all still blank, as in a plan's list that is filled in part. */
+export function filledRows(table: string): string {
+  const [head = "", ...rows] = table.split(/\r?\n/);
+  const mark = [";", "\t", ","].find((each) => head.includes(each)) ?? ",";
+  const columns = head.split(mark).flatMap((name, i) => (/\b(unloaded|loaded)\b/i.test(name) ? [i] : []));
+  const blank = (row: string) => columns.every((i) => !row.split(mark)[i]?.trim());
+  return [head, ...rows.filter((row) => columns.length === 0 || row.includes('"') || !blank(row))].join("\n");
+}

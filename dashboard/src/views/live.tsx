@@ -24,6 +24,7 @@ import {
   type Rows,
   type Stand,
   type Typed,
+  filledRows,
   freeLabel,
   inUnits,
   observationOf,
@@ -464,7 +465,7 @@ function Others({
   const planned = plan?.result?.readings ?? [];
   const take = useAction(async (file: File) => {
     setFault(null);
-    const read = await readingsOf(file);
+    const read = await readingsOf(await filled(file), { encoders: set.encoders });
     const done = typeof read === "string" ? null : readSoFar(read);
     if (!done) return setFault(typeof read === "string" ? read : text.plan.nothingRead);
     const { observations, units } = done.document as unknown as Pick<OpenSet, "observations" | "units">;
@@ -521,6 +522,12 @@ function Others({
     </section>
   );
 }
+
+/** A file without the rows that are to be filled in yet. */
+const filled = async (file: File): Promise<File> =>
+  /\.(csv|tsv|txt)$/i.test(file.name)
+    ? new File([filledRows(await file.text())], file.name, { type: file.type })
+    : file;
 
 /** How near the goal is, and the joints so far. */
 function SoFar({ state, goal }: { state: LiveState; goal: number | null }) {

@@ -1,7 +1,7 @@
 /** A plan carried out on the tablet: postures ticked off and drawn, readings taken as they grow, how sure the joints are. */
 import { useMemo, useState } from "preact/hooks";
 import { api } from "../api/client";
-import type { JointKind, Plan, PlanResult, Posture, Robot, Run } from "../api/types";
+import type { ImportOptions, JointKind, Plan, PlanResult, Posture, Robot, Run } from "../api/types";
 import { Badge } from "../components/badge";
 import { Busy, Button, ProblemNote } from "../components/basics";
 import { DropZone } from "../components/drop";
@@ -185,11 +185,11 @@ function Readings({ result, robot, done }: { result: PlanResult; robot: Robot; d
   );
 }
 
-/** The measurement set in a file; text that says what is wrong with it otherwise. */
-export async function readingsOf(file: File): Promise<Record<string, unknown> | string> {
+/** The measurement set in a file, with what is stated of a table; text that says what is wrong with it otherwise. */
+export async function readingsOf(file: File, stated: ImportOptions = {}): Promise<Record<string, unknown> | string> {
   if (file.size > MAX_BYTES) return text.files.faults.too_large.join(" ");
   if (!/\.json$/i.test(file.name)) {
-    const { measurement_set: set, missing } = await api.importFiles([file]);
+    const { measurement_set: set, missing } = await api.importFiles([file], stated);
     return set === null ? words.missing(missing.join(", ")) : (set as unknown as Record<string, unknown>);
   }
   const understood = understand(await file.text());
