@@ -26,10 +26,14 @@ from jointstiff.solver.terms.errors import FORCE_SCALE, SHIFT, TERMS
 from jointstiff.solver.terms.springs import JOINTS
 from jointstiff.solver.text import length_text
 
-DOUBTFUL: Final = 1e-4
+DOUBTFUL: Final = 1e-5
 """Probability of so great a distance below which a reading is doubtful."""
-_BEYOND: Final = 4.0
+_BEYOND: Final = 9.0
 """Squared factor by which a doubtful reading that no slip explains is farther off than each of the others."""
+_FARTHER: Final = 1.2
+"""The same where noise explains the others."""
+_EXPLAINED: Final = 0.01
+"""Probability of residuals as great as these by stated noise, above which noise is all there is."""
 _FEWEST: Final = 4
 """Number of other readings from which on they are compared with each other, too."""
 _BALL: Final = 0.9
@@ -98,7 +102,7 @@ class Expectation:
             if left < 1:
                 break
             by_readings = squares / left
-            known = stated is not None and stated >= by_readings
+            known = stated is not None and special.chdtrc(left, squares / stated) > _EXPLAINED
             variance, freedom = (stated or 0.0, np.inf) if known else (max(by_readings, 1e-24), left)
         if stated is None and not np.isfinite(freedom):
             return None
@@ -188,9 +192,12 @@ def innovation(
         off, causes, doubtful = expected.off(reading), list[str](), p_value < DOUBTFUL
         if doubtful or wrong_place:
             slips, causes = _causes(expected, reading, others)
-            # What bends beside the joints is no slip, and puts other readings off as well.
-            far = len(others) >= _FEWEST and square > _BEYOND * max(_own_distances(expected, others))
-            doubtful = slips or far
+            # What bends beside the joints is no mistake of one reading, and puts others off as well.
+            known = len(others) >= _FEWEST
+            others_off = max(_own_distances(expected, others)) if known else 0.0 if slips else np.inf
+            doubtful = (
+                square > (1.0 if slips else _FARTHER if expected.misfit == 0.0 else _BEYOND) * others_off
+            )
     except SolverError:  # other findings say so
         return _unjudged(label)
     if not doubtful and not wrong_place:
