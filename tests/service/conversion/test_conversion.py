@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import json
 
+import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from support.campaigns import estimate, prepare
 from support.examples import examples
 
 from jointstiff.schemas.measurement import Observation
 from jointstiff.service.conversion.readings import ReadingArrays
+from jointstiff.simulator import default_arm, simulate_campaign
 
 coordinate = st.floats(-1e12, 1e12, allow_nan=False)
 vector = st.lists(coordinate, min_size=3, max_size=3)
@@ -58,3 +62,24 @@ def test_what_is_stored_comes_back_bit_for_bit(sent):
         by_target = {reading["target"]: reading for reading in dumped.pop("readings")}
         assert by_target == {reading["target"]: reading for reading in given_["readings"]}
         assert dumped == {k: v for k, v in given_.items() if k != "readings"}
+
+
+@pytest.mark.parametrize("length", ["m", "mm"])
+@pytest.mark.parametrize("angle", ["rad", "deg"])
+@pytest.mark.parametrize("force", ["N", "kN", "kgf"])
+@pytest.mark.parametrize("readings", ["positions", "deflections"])
+def test_units_do_not_matter(length, angle, force, readings):
+    options = {
+        "load": "pull",
+        "configurations": 8,
+        "seed": 1,
+        "moment": 50.0,
+        "readings": readings,
+        "sigma": 1e-6,
+    }
+    expected = estimate(*prepare(simulate_campaign(default_arm(), **options)))
+    units = {"length": length, "angle": angle, "force": force, "moment": "N.mm"}
+    found = estimate(*prepare(simulate_campaign(default_arm(), **options, units=units)))
+    # Readings are rounded in their own unit when the campaign is written, to a hundredth of sigma.
+    np.testing.assert_allclose(found.compliance, expected.compliance, rtol=1e-3)
+    assert found.sigma == pytest.approx(expected.sigma)

@@ -118,6 +118,22 @@ class TestNoise:
         with pytest.raises(MeasurementError, match="does not apply"):
             self.mixed(None, {"sigma": 2e-6})
 
+    def test_of_each_kind_is_weighed_by_its_own(self):
+        for noise in (
+            {"sigma": 2e-5},
+            {
+                "instrument": {
+                    "station": [3.0, 0.0, 0.0],
+                    "range": {"constant": 2e-5, "per_distance": 0.0},
+                    "transverse": {"constant": 2e-5, "per_distance": 0.0},
+                }
+            },
+        ):
+            readings = self.mixed(noise, {"sigma": 2e-6})
+            variance = readings.sigma**2 * np.trace(readings.covariance, axis1=-2, axis2=-1) / 6.0
+            np.testing.assert_allclose(variance[:, 0], 4e-10, rtol=1e-12)
+            np.testing.assert_allclose(variance[:, 1], 4e-12, rtol=1e-12)
+
 
 def test_a_clean_campaign_of_gauges_is_used_and_holds_the_truth():
     """Twenty campaigns of 20 postures with three gauges: no false alarm, intervals about the truth."""

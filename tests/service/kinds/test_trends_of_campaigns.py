@@ -6,11 +6,22 @@ import json
 from datetime import UTC, datetime, timedelta
 
 import numpy as np
+import pytest
 
 from jointstiff.schemas.run import JointResult
 from jointstiff.schemas.trend import TrendSelection
-from jointstiff.service.kinds.trend import Campaign, ReadRun, acknowledgements_of, note_of
+from jointstiff.service.kinds.trend import Campaign, ReadRun, acknowledgements_of, note_of, trend_of
 from jointstiff.service.store.tables import MeasurementSetEntry
+
+
+def limit_among(measured):
+    (joint,) = trend_of(["joint_1"], measured)["joints"]
+    return np.log(joint.points[-1].upper_limit / joint.charts[0].stiffness)
+
+
+def limit_of(instruments, **source):
+    return limit_among(list(campaigns(instruments, **source)))
+
 
 START = datetime(2026, 1, 1, tzinfo=UTC)
 SELECTION = TrendSelection(
@@ -60,3 +71,13 @@ def test_an_acknowledgement_is_of_one_methods_trend():
     assert acknowledgements_of(notes, SELECTION)["s", "joint_1"].note == "seen"
     for change in ({"method": "complete_pose"}, {"positive": False}, {"encoders": "secondary"}):
         assert acknowledgements_of(notes, SELECTION.model_copy(update=change)) == {}
+
+
+def test_an_assumed_load_point_is_that_of_one_hook():
+    """Nothing was stated, so no campaign says that it is elsewhere than in the others."""
+    assumed = limit_of(["cell 7"] * 4 + ["cell 8"], source="assumed_load_point")
+    assert assumed == pytest.approx(limit_of(["cell 7"] * 5))
+    *others, last = campaigns(["cell 7"] * 5, source="assumed_load_point")
+    *_, stated = campaigns(["cell 7"] * 5, source="load_point")
+    assert last.joints["joint_1"].compliance == stated.joints["joint_1"].compliance
+    assert limit_among([*others, stated]) > 2.0 * assumed  # it has a hook of its own

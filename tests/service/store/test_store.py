@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any, TypeVar
 
 import pytest
-from support.records import RUN, TIME, job_record, keeper
+from support.records import RESOURCES, RUN, TIME, job_record, keeper
 
 from jointstiff.service.problems.errors import (
     CursorError,
@@ -99,6 +100,16 @@ class TestRecords:
             store.robots.add(robot(name="another"))
         assert store.robots.get("r1") == robot()
 
+    def test_ids_that_nothing_has(self, store: Store, subtests: pytest.Subtests) -> None:
+        kept = [store.robots, store.sets, *map(store.jobs, RESOURCES.values())]
+        for (name, text), collection in itertools.product(HOSTILE.items(), kept):
+            with subtests.test(name, kind=collection.resource.name):
+                with pytest.raises(NotFoundError) as caught:
+                    collection.get(text)
+                assert (caught.value.kind, caught.value.id) == (collection.resource, text)
+                assert caught.value.remedy
+                assert len(caught.value.reason.encode()) < 600
+
 
 class TestPages:
     def test_filter_values_that_nothing_has(self, store: Store, subtests: pytest.Subtests) -> None:
@@ -121,6 +132,20 @@ class TestPages:
         for limit, filters in mistakes:
             with pytest.raises(ValueError, match="no page"):
                 store.robots.page(limit=limit, filters=filters)
+
+    def test_jobs_of_other_kinds_are_neither_listed_nor_found(self, store: Store) -> None:
+        store.robots.add(robot())
+        store.sets.add(measurement_set())
+        for name, resource in RESOURCES.items():
+            store.jobs(resource).add(job_record(resource, f"of {name}"))
+        for name, resource in RESOURCES.items():
+            (entry,) = store.jobs(resource).page(limit=9, filters={"robot_id": "r1"}).records
+            assert (entry.id, entry.kind) == (f"of {name}", name)
+            for other in RESOURCES.values():
+                if other is not resource:
+                    with pytest.raises(NotFoundError):
+                        store.jobs(other).get(entry.id)
+                    assert store.jobs(other).status(entry.id) is None
 
 
 class TestIdempotency:

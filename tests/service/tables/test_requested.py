@@ -2,9 +2,26 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
+
 import pytest
 
+from jointstiff.schemas.geometry import GeometryRequest
+from jointstiff.service.tables.report import requested
 from jointstiff.service.tables.table import figure, number, rounded
+
+
+def sweeps(unit, count=4):
+    return {
+        "units": {"length": unit, "angle": "deg"},
+        "noise": {"sigma": 0.01},
+        "sweeps": [{"joint": "joint_1", "observations": [POSE] * count}],
+        "base": {"by": "axes", "height": 300.0},
+    }
+
+
+POSE = {"joints": [10.0, -20.0], "targets": {"P10": (1500.25, 0.0, -0.0)}}
 
 
 @pytest.mark.parametrize(
@@ -29,3 +46,10 @@ def test_a_number_has_two_digits_of_its_uncertainty():
     assert rounded(-0.0004, 0.02) == "0.000"
     assert rounded(12345.6, 321.0) == "12350"
     assert rounded(None) == "—"
+
+
+def test_long_readings_are_counted_and_hashed():
+    request = GeometryRequest.model_validate(sweeps("mm", 100))
+    observations = json.dumps([POSE] * 100, separators=(",", ":"))
+    digest = hashlib.sha256(observations.encode()).hexdigest()
+    assert dict(requested(request))["Sweeps"] == f"joint joint_1, observations 100 entries, SHA-256 {digest}"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -24,12 +25,15 @@ from jointstiff.solver.convex.conic import (
     SemidefiniteProgram,
     certify_cone,
     certify_robust,
+    effective_freedom,
+    penalised_range,
     raised,
     solve_cone,
     solve_robust,
     solve_weighed,
     to_matrix,
     to_vector,
+    weighed_ends,
 )
 from jointstiff.solver.errors import SolverError
 
@@ -233,3 +237,61 @@ def test_a_point_that_is_not_the_optimum_is_not_certified(monkeypatch):
     )
     with pytest.raises(SolverError, match="its gap is"):
         solve_weighed(A, b, CONES)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_effective_freedom_is_the_divergence_of_the_fit(seed):
+    """Against differences of refits: what changes of the readings come through."""
+    program = random_program(seed, cone=Cone(3, (4, 3)), weight=0.03)
+    step = 1e-3
+
+    def fitted(z):
+        return program.fit.R @ solve_cone(replace(program, fit=LeastSquares(program.fit.R, z)), gap=1e-7).x
+
+    divergence = 0.0
+    for k, unit in enumerate(np.eye(len(program.fit.z))):
+        ends = [fitted(program.fit.z + sign * step * unit)[k] for sign in (1, -1)]
+        divergence += (ends[0] - ends[1]) / (2 * step)
+    freedom = effective_freedom(program, solve_cone(program, gap=1e-7).x)
+    assert freedom.sum() == pytest.approx(divergence, abs=1e-2)
+    assert 0.0 < freedom.sum() < program.cone.dimension
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_ends_hold_all_points_near_the_optimum_and_no_more(seed):
+    A, b, rng = problem(seed)
+    optimum = solve_weighed(A, b, CONES)
+    found = weighed_ends(A, b, optimum, 0.5, CONES)
+    program, radius = programs.weighed_end(SIZE, BLOCKS), np.sqrt(optimum.loss + 0.5)
+    near, cap = optimum.x / radius, CONES.cap / radius
+    ball = {"A": A, "b": b / radius - A @ near, "near": near, "cap": cap}
+    for (j, side), end in np.ndenumerate(found):  # a point of the set is there, all but
+        a = (1.0 - 2.0 * side) * np.eye(SIZE)[CONES.first[j]]
+        c = radius * (near + program.solve({"a": a, **ball}, programs.TOLERANCE))[CONES.first[j]]
+        assert abs(max(c, 0.0) - end) <= 1e-6 * np.ptp(found[j])
+    for start in inside(rng, 200):  # towards each point, as far as the level set allows
+        step = start - optimum.x
+        near, slope = A @ optimum.x - b, A @ step
+        reach = np.roots([slope @ slope, 2 * near @ slope, -0.5]).real.max()
+        x = optimum.x + min(1.0, reach) * step
+        c = x[CONES.first]
+        assert (c >= found[:, 0] - 1e-9).all()
+        assert (c <= found[:, 1] + 1e-9).all()
+
+
+def test_the_range_far_from_all_bounds_is_that_of_an_ellipsoid():
+    """Closed form: the objective is quadratic, its least where the gradient of the penalty is balanced."""
+    rng = np.random.default_rng(3)
+    cone = Cone(3, (2,), penalised=1)
+    truth = np.array([3.0, 4.0, 5.0, 6.0, 0.1, 7.0])
+    R = rng.standard_normal((30, 6))
+    size = np.linalg.norm(R @ truth)
+    fit = LeastSquares(R, R @ truth / size)
+    program = SemidefiniteProgram(fit, cone, 1e-4)
+    x = np.linalg.lstsq(R, fit.z, rcond=None)[0] - 0.5 * np.linalg.solve(R.T @ R, program.penalty)
+    rise, functions = 1e-6, rng.standard_normal((4, 6))
+    half = np.sqrt(rise * np.einsum("ki,ij,kj->k", functions, np.linalg.inv(R.T @ R), functions))
+    found = penalised_range(program, x, rise, functions)
+    expected = (functions @ x)[:, None] + half[:, None] * [-1.0, 1.0]
+    np.testing.assert_allclose(found, expected, atol=1e-3 * half.max())
+    assert np.isnan(penalised_range(program, x, rise, np.zeros((1, 6)))).all()

@@ -18,7 +18,7 @@ from reference.exact_nnls import exact_nnls
 from reference.exact_problems import random_problem, tied_problem
 from reference.optima import by_cvxpy, by_enumeration
 from scipy.optimize import isotonic_regression, lsq_linear
-from support.campaigns import estimate, prepare
+from support.campaigns import METHODS, estimate, prepare
 from support.examples import examples
 
 from jointstiff.simulator import default_arm, simulate_campaign
@@ -35,6 +35,7 @@ from jointstiff.solver.convex.solution import (
     solve_step,
 )
 from jointstiff.solver.errors import RequestError, SolverError
+from jointstiff.solver.terms.block import regressor_blocks
 
 
 def exactly(A, b):
@@ -352,3 +353,31 @@ def test_a_wrong_support_is_never_certified_in_a_batch(monkeypatch):
 def test_data_that_are_not_finite_are_refused(bad):
     with pytest.raises(SolverError, match="overflow"):
         solve_batch(np.full((1, 2, 2), bad), np.ones((1, 2)), Bounds.positive(2))
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_an_order_that_the_readings_contradict(method):
+    """The two joints come out equal, at what one common compliance fits best, and it is said why."""
+    robot, measurements = prepare(simulate_campaign(default_arm(), load="pull", seed=3))
+    within = ["joint_6", "joint_5"]  # in truth joint 6 is the softer one
+    free = estimate(robot, measurements, method=method)
+    held = estimate(robot, measurements, method=method, stiffness_order=[within])
+    assert free.compliance[5] > free.compliance[4]
+    assert held.compliance[5] == held.compliance[4]
+    assert free.compliance[4] < held.compliance[4] < free.compliance[5]
+    for j, other in ((4, "joint_6"), (5, "joint_5")):
+        joint = held.joints[j]
+        assert joint.status == "at_bound"
+        assert f"makes its stiffness equal to that of {other}" in joint.reason
+        assert joint.compliance_interval[0] <= joint.compliance <= joint.compliance_interval[1]
+    across = estimate(robot, measurements, method=method, stiffness_order=[["joint_6", "joint_2"]])
+    assert across.compliance[5] == across.compliance[1]
+    agreed = estimate(robot, measurements, method=method, stiffness_order=[["joint_5", "joint_6"]])
+    np.testing.assert_array_equal(agreed.compliance, free.compliance)
+    if method == "partial_pose":
+        assert across.joints[1].reason.endswith("joint_6")
+        assert across.joints[5].reason.endswith("joint_2")
+        (block,) = regressor_blocks(robot, measurements)
+        merged = np.column_stack([block.A[..., :4].reshape(-1, 4), block.A[..., 4:].sum(axis=-1).ravel()])
+        expected = np.linalg.lstsq(merged, measurements.deflection.ravel(), rcond=None)[0]
+        np.testing.assert_allclose(held.compliance[:5], expected, rtol=1e-8)

@@ -123,3 +123,14 @@ class TestJoints:
         assert least > joint.stiffness_interval[0]
         number = 1e6 * float(joint.reason.split("stiffer than ")[1].split(" · 10⁶ N·m/rad at 95 %")[0])
         assert 0.99 * least < number <= least
+
+    def test_confidence_and_students_t(self, rigid_joint):
+        robot, measurements = read_with_noise(rigid_joint, 1)
+        free = estimate(robot, replace(measurements, sigma=None), positive=False, confidence=0.99)
+        # Student's t of 165 degrees of freedom: 0.995 for two sides, 0.99 for one.
+        joint = free.joints[0]
+        assert free.degrees_of_freedom == pytest.approx(165)
+        half = (joint.compliance_interval[1] - joint.compliance_interval[0]) / 2 / joint.standard_uncertainty
+        assert half == pytest.approx(2.6060, abs=1e-4)
+        above = (joint.one_sided.compliance_at_most - joint.compliance) / joint.standard_uncertainty
+        assert above == pytest.approx(2.3492, abs=1e-4)

@@ -10,6 +10,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from scipy import stats
 from support.campaigns import (
+    ARM,
     estimate,
     first_target,
     simulated,
@@ -19,6 +20,7 @@ from support.campaigns import (
 from support.examples import examples
 
 from jointstiff.schemas.run import JointResult
+from jointstiff.simulator.campaign import torques
 from jointstiff.solver.errors import RequestError, UnsupportedMethodError
 from jointstiff.solver.evidence.assessment import judge
 from jointstiff.solver.fitting.fit import sigma_test
@@ -176,6 +178,21 @@ class TestCombinations:
         np.testing.assert_allclose(weakest.change, [1, -0.1], rtol=1e-3)
         assert weakest.attenuation == pytest.approx(2e3, rel=1e-3)
 
+    @pytest.mark.parametrize(
+        ("factor", "words"),
+        [
+            (1.0, "c(a) + c(c)"),
+            (0.8, "c(a) + 0.8 c(c)"),
+            (-2.5, "c(a) - 2.5 c(c)"),
+            (3e6, "c(a) + 3e+06 c(c)"),
+        ],
+    )
+    def test_two_joints_in_their_proportion(self, factor, words):
+        u, v = np.random.default_rng(0).standard_normal((2, 9))
+        (group,) = self.analysed(u, v, factor * u).combinations
+        assert group.joints == (0, 2)
+        assert f"only a combination of a, c is observable, {words}: add" in group.reason(NAMES)
+
 
 def visibility_of(excitation):
     n = len(excitation)
@@ -189,3 +206,18 @@ def test_a_stated_sigma_is_tested_on_both_sides():
         found = sigma_test(float(stats.chi2.isf(tail, 100)), 100.0)
         assert (found.verdict, found.p_value) == (verdict, pytest.approx(2.0 * min(tail, 1.0 - tail)))
     assert sigma_test(0.0, 0.0) is None
+
+
+def test_noise_that_hides_a_joint_is_told_with_the_torques():
+    """A base that leans by 1e-5 rad gives joint 1 a torque, but no information."""
+    robot, upright = simulated(load="dead_weight", seed=4)
+    lean = np.array([[1, 0, 1e-5], [0, 1, 0], [-1e-5, 0, 1]])
+    m = replace(upright, force=upright.force @ lean.T)
+    found, expected = estimate(robot, m), estimate(robot, upright)
+    most = np.abs(torques(ARM, m.joints, m.force, m.moment, m.load_point)).max(axis=0)
+    strongest = int(most.argmax())
+    told = f"at most {most[0]:.2g} N.m, and joint_{strongest + 1} with up to {most[strongest]:.2g} N.m:"
+    assert found.joints[0].status == "not_observable"
+    assert "joint_1 is hidden by noise" in found.joints[0].reason
+    assert told in found.joints[0].reason
+    np.testing.assert_allclose(found.compliance[1:], expected.compliance[1:], rtol=1e-2)
