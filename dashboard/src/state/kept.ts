@@ -34,7 +34,7 @@ export async function kept<Value>(name: string): Promise<Value | null> {
 export function useDraft<Values extends object>(
   name: string,
   start: Values,
-): [Values, (part: Partial<Values>) => void] {
+): [Values, (part: Partial<Values> | ((before: Values) => Partial<Values>)) => void] {
   const key = `jointstiff.draft.${name}`;
   const [values, set] = useState<Values>(() => ({ ...start, ...read(key) }));
   useEffect(() => {
@@ -44,7 +44,7 @@ export function useDraft<Values extends object>(
       // then it holds until the view is left
     }
   }, [key, values]);
-  return [values, (part) => set((before) => ({ ...before, ...part }))];
+  return [values, (part) => set((before) => ({ ...before, ...(typeof part === "function" ? part(before) : part) }))];
 }
 
 function read(key: string): object {

@@ -82,7 +82,7 @@ function Form({ names, given }: { names: Names; given: string }) {
   useEffect(() => {
     if (!campaign) return;
     const known = Object.entries(equipmentOf(campaign)) as [keyof Asked, string][];
-    change(Object.fromEntries(known.filter(([name]) => asked[name] === START[name])));
+    change((before) => Object.fromEntries(known.filter(([name]) => before[name] === START[name])));
   }, [campaign]);
   const equipment = <Equipment asked={asked} change={change} />;
   return (
