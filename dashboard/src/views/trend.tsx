@@ -48,7 +48,7 @@ export function TrendView({ robot: id, serial }: { robot: string; serial: string
           <Show of={trend}>
             {(found) => (
               <>
-                <div class="filters">
+                <div class="filters compact">
                   <Select
                     label={text.run.method}
                     value={method ?? found.selection?.method ?? "partial_pose"}
