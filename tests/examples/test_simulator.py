@@ -550,9 +550,11 @@ def test_the_simulator_imports_nothing_that_it_tests():
         "collections",
         "dataclasses",
         "functools",
+        "json",
         "jointstiff",
         "math",
         "numpy",
+        "pathlib",
         "types",
         "typing",
     }

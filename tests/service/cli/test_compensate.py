@@ -99,4 +99,4 @@ def test_moves_are_explained_and_left_where_asked(folder):
     done = compensate("--options", "options.json", "--leave-others")
     assert done.exit_code == 0, done.output
     assert "6 of 7 moves corrected, 1 left" in (folder / "out.src").read_text()
-    assert "use with care" in done.output.lower()
+    assert "Use this program with care: 1 reason of its own" in done.output

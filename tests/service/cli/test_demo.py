@@ -56,7 +56,7 @@ def test_it_shows_the_whole_path_and_adds_nothing_twice(demonstrated):
 def test_it_prints_the_lines_of_the_readme(demonstrated):
     _, printed = demonstrated
     blocks = (Path(__file__).parents[3] / "README.md").read_text(encoding="utf-8").split("\n```\n")
-    lines = next(block for block in blocks if block.startswith("Use: ")).splitlines()
+    lines = next(block for block in blocks if block.startswith("Use ")).splitlines()
     words = " ".join(printed.replace("┃", "│").split())  # a terminal breaks long lines
     assert [line for line in lines if " ".join(line.split()) not in words] == []
 
