@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import count
 from typing import Final, Literal
 
 import numpy as np
@@ -337,7 +338,11 @@ class LiveCampaign:
         else:
             reason = "it tells most of the deflection in the work area"
         return live.NextReading(
-            label=f"m{1 + len(self.of_label):02d}",
+            label=next(
+                label
+                for label in map("m{:02d}".format, count(1 + len(self.of_label)))
+                if label not in self.of_label
+            ),
             joints=following.joints.tolist(),
             force=tuple(following.force.tolist()),
             anchor=following.anchor,

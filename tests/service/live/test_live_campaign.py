@@ -283,3 +283,10 @@ def test_a_tablet_gets_the_address_of_the_page_as_a_code(service):
     assert service.get(f"{address}/code.svg", params={"page": "javascript:alert(1)"}).status_code == 422
     nothing = service.get("/v1/measurement-sets/none/code.svg", params={"page": "http://cell3/"})
     assert nothing.status_code == 404
+
+
+def test_the_next_label_is_one_that_nobody_has_sent(service):
+    address = declared(service)
+    following = service.get(f"{address}/next").json()["next"]
+    state = service.post(f"{address}/observations", json=read(following) | {"label": "m02"}).json()
+    assert state["next"]["label"] == "m03"
