@@ -237,6 +237,8 @@ class _Loop:
 class LiveMeasurement:
     """A campaign while it is measured, here or over a service.
 
+    ::
+
         with js.measure("campaign.json", goal="15 %", source="simulated:1") as campaign:
             campaign.run_source()
         print(campaign.run)

@@ -29,10 +29,15 @@ def cell_zero(block, compliance):
 
 
 @pytest.fixture
-def cell_zero_term(monkeypatch):
+def cell_zero_term():
+    """The term among the others; their order, which rounding follows, is restored."""
     term = Term("cell_zero", "N", cell_zero, lambda _: (UNCERTAINTY,), suspected=True, hedged=UNCERTAINTY)
-    monkeypatch.delitem(TERMS, "load_zero")  # the same by its own name
-    monkeypatch.setitem(TERMS, term.name, term)
+    before = dict(TERMS)
+    del TERMS["load_zero"]  # the same by its own name
+    TERMS[term.name] = term
+    yield
+    TERMS.clear()
+    TERMS.update(before)
 
 
 @pytest.fixture(scope="module")
