@@ -20,7 +20,7 @@ import httpcore2
 import httpx2
 import psycopg
 import pytest
-from support import lanes
+from support import lanes, wheel
 from support.processes import Service
 
 gc.set_threshold(50_000)  # of new objects: Python's own 700 take a tenth of the tests' time
@@ -160,6 +160,24 @@ def services(
     finally:
         for service in running.values():
             service.stop()
+
+
+@pytest.fixture(scope="session")
+def built_wheel(tmp_path_factory: pytest.TempPathFactory, worker_id: str) -> Path:
+    """The wheel of this repository, and beside it `environment` with it; workers of xdist share both."""
+    place = tmp_path_factory.getbasetemp()
+    folder = (place if worker_id == "master" else place.parent) / "wheel"
+    with _alone(folder.with_suffix(".lock")):
+        if not (folder / "environment").is_dir():
+            wheel.build(folder)
+            wheel.install(next(folder.glob("*.whl")), folder / "environment")
+    return next(folder.glob("*.whl"))
+
+
+@pytest.fixture(scope="session")
+def installed(built_wheel: Path) -> Path:
+    """The folder `bin` of an environment that has the package from its wheel."""
+    return built_wheel.with_name("environment") / "bin"
 
 
 class InProcess(NamedTuple):

@@ -42,7 +42,9 @@ _NOT_BUILT = "The dashboard is not built: install the package again (scripts/set
 _NO_DOCS = """<!doctype html>
 <html lang="en"><meta name="viewport" content="width=device-width"><title>Documentation · Jointstiff</title>
 <h1>The documentation is not built</h1>
-<p>In a checkout <code>scripts/docs</code> builds it; until then read its folder <code>docs/</code>.
+<p>The packages of releases hold it, this one does not. Read it on
+<a href="https://github.com/jointstiff/jointstiff/tree/main/docs">GitHub</a>; in a checkout
+<code>scripts/docs</code> builds it.
 The API is described at <a href="../openapi.json">openapi.json</a>. <a href="../">Back to the page</a></p>
 </html>
 """

@@ -1,49 +1,30 @@
-"""The commands and the code of the guides, run as a reader would run them, in the order of the page,
-from an empty folder at 80 columns.
+"""The commands and the code of all guides, run as a reader would run them, in the order of the page,
+from an empty folder at 80 columns, by the package of the wheel.
 
-Plain `jointstiff` commands run in this process, which has imported everything; the shell runs the rest.
+`guide_runner` has imported everything and runs `jointstiff` commands and Python; the shell runs the rest.
 """
 
 from __future__ import annotations
 
-import contextlib
 import json
 import os
 import re
 import shlex
 import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
 import httpx2
 import pytest
+from support import guide_runner
 from support.browsing import post
-from support.guide_files import ROOT, blocks_of
-from typer.testing import CliRunner
+from support.guide_files import ROOT, blocks_of, guides
+from support.processes import Service
 
-from jointstiff.service.cli.app import app
 from jointstiff.simulator.files import example_files
 
-GUIDES = (
-    "README.md",
-    "docs/first-campaign.md",
-    "docs/robots.md",
-    "docs/two-encoders.md",
-    "docs/without-a-load.md",
-    "docs/import.md",
-    "docs/predict.md",
-    "docs/exports.md",
-    "docs/report.md",
-    "docs/maps.md",
-    "docs/elastic-links.md",
-    "docs/geometry.md",
-    "docs/plan.md",
-    "docs/live.md",
-    "docs/compensate.md",
-    "docs/python.md",
-    "docs/webhooks.md",
-)
+GUIDES = guides()
+COLUMNS = 80
 PLACEHOLDERS = {"set": '"measurement_set_id": "…"', "run": '"run_ids": ["…", "…"]'}
 """What a guide writes for the ids of stored sets and runs."""
 
@@ -52,66 +33,104 @@ NOT_RUN = {
     "scripts/test ": "would run this test again",
     "jointstiff webhooks ": "needs an admin's key; test_webhooks.py runs them",
     "jointstiff serve": "does not end; the service of this test is one",
+    "jointstiff worker": "does not end, and needs a server of databases; test_job_queue.py runs it",
+    "jointstiff keys revoke": "needs the id of a key; test_keys_commands.py runs it",
+    "jointstiff keys link": "needs the id of a key; test_keys_commands.py runs it",
 }
 """Beginnings of lines that are left out, with the reason."""
 
 
+class Reader:
+    """Someone with the wheel's environment, an empty folder and a terminal of 80 columns."""
+
+    def __init__(self, installed: Path, place: Path) -> None:
+        self.database, self._log = f"sqlite:///{place / 'jointstiff.db'}", place / "log"
+        self._installed = installed
+        self._service = Service(self.database, python=str(installed / "python"))
+        self.url = self._service.url
+        command = [str(installed / "python"), "-P", guide_runner.__file__]
+        self._runner = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+
+    def run(self, language: str, text: str, folder: Path) -> None:
+        """Run a block."""
+        environment = {
+            "PATH": f"{self._installed}:{os.environ['PATH']}",
+            "CURL_HOME": str(folder),
+            "JOINTSTIFF_SERVER": self.url,
+            "NO_PROXY": "*",
+            "COLUMNS": str(COLUMNS),
+        }
+        tasks = [{"code": text}] if language == "python" else parts_of(text)
+        for task in tasks:
+            self._log.write_text("")
+            if "shell" in task:
+                command = ["bash", "-euo", "pipefail", "-c", task["shell"]]
+                with self._log.open("w") as log:
+                    status = subprocess.run(
+                        command,
+                        cwd=folder,
+                        env=os.environ | environment,
+                        stdout=log,
+                        stderr=log,
+                        check=False,
+                        timeout=240,
+                    ).returncode
+            else:
+                task |= {"folder": str(folder), "environment": environment, "log": str(self._log)}
+                self._runner.stdin.write(json.dumps(task) + "\n")
+                self._runner.stdin.flush()
+                status = int(self._runner.stdout.readline())
+            shown = self._log.read_text()
+            assert status == 0, f"{text}\n{shown}"
+            cut = [line for line in shown.splitlines() if "│" in line and len(line) > COLUMNS]
+            assert not cut, f"tables that are wider than the terminal: {cut}"
+
+    def close(self) -> None:
+        """End runner and service."""
+        self._runner.stdin.close()
+        self._runner.wait(20)
+        self._runner.stdout.close()
+        self._service.stop()
+
+
 @pytest.fixture(scope="module")
-def service(services):
-    return services("sqlite")
+def reader(installed, tmp_path_factory):
+    someone = Reader(installed, tmp_path_factory.mktemp("reader"))
+    try:
+        yield someone
+    finally:
+        someone.close()
 
 
 @pytest.fixture
-def folder(tmp_path):
-    (tmp_path / ".venv").symlink_to(sys.prefix)
+def folder(tmp_path, installed):
+    (tmp_path / ".venv").symlink_to(installed.parent)
     (tmp_path / ".curlrc").write_text("fail-with-body\nnoproxy = *\n")
     return tmp_path
 
 
-def run(language: str, text: str, folder: Path, url: str) -> None:
-    environment = {
-        "PATH": f"{Path(sys.prefix, 'bin')}:{os.environ['PATH']}",
-        "CURL_HOME": str(folder),
-        "JOINTSTIFF_SERVER": url,
-        "NO_PROXY": "*",
-        "COLUMNS": "80",
-    }
-    for command in parts_of(text) if language == "sh" else [[sys.executable, "-c", text]]:
-        if command[0] == "jointstiff":
-            with contextlib.chdir(folder):
-                shown = CliRunner().invoke(app, command[1:], env=environment)
-            assert shown.exit_code == 0, f"{command}\n{shown.output}"
-            continue
-        done = subprocess.run(
-            command,
-            cwd=folder,
-            env=os.environ | environment,
-            capture_output=True,
-            text=True,
-            check=False,
-            timeout=240,
-        )
-        assert done.returncode == 0, f"{text}\n{done.stdout}\n{done.stderr}"
-
-
-def parts_of(text: str) -> list[list[str]]:
+def parts_of(text: str) -> list[dict[str, Any]]:
     """Split a block of shell into arguments of `jointstiff` and programs of the shell, in their order."""
-    parts: list[list[str]] = []
+    parts: list[dict[str, Any]] = []
     for line in re.split(r"\n(?=jointstiff )", text):
         first, _, rest = re.sub(r"\\\n", " ", line).partition("\n")
         plain = shlex.split(first, comments=True) if first.startswith("jointstiff ") else []
         if not plain or set("|<>$;&*?`(~").intersection("".join(plain)):
             rest, plain = line, []
-        parts += [each for each in (plain, ["bash", "-euo", "pipefail", "-c", rest]) if each and each[-1]]
+        if plain:
+            parts.append({"command": plain[1:]})
+        if rest.strip():
+            parts.append({"shell": rest})
     return parts
 
 
-def runnable(text: str, url: str, runs: list[dict[str, Any]]) -> str:
-    """Return a block with this service's address and ids, without the lines that are not run."""
+def runnable(text: str, reader: Reader, runs: list[dict[str, Any]]) -> str:
+    """Return a block with this service's address, database and ids, without the lines that are not run."""
     lines = [line for line in text.splitlines() if not line.startswith(tuple(NOT_RUN))]
     text = "\n".join(lines)
     for address in ("http://127.0.0.1:8000", "http://localhost:8000", "localhost:8000"):
-        text = text.replace(address, url)
+        text = text.replace(address, reader.url)
+    text = text.replace("sqlite:///jointstiff.db", reader.database)
     for run in runs:
         set_id = run["request"]["measurement_set_id"]
         text = text.replace(PLACEHOLDERS["set"], f'"measurement_set_id": "{set_id}"', 1)
@@ -127,13 +146,12 @@ def post_campaigns(url: str) -> list[dict[str, Any]]:
 
 @pytest.mark.timeout(1200)  # each command is a process of its own
 @pytest.mark.parametrize("guide", GUIDES)
-def test_commands_and_code_of_a_guide_work(guide, folder, service):
+def test_commands_and_code_of_a_guide_work(guide, folder, reader):
     blocks = blocks_of(guide)
-    assert blocks, "a guide without commands needs no test"
     needs_ids = any(each in text for _, text in blocks for each in PLACEHOLDERS.values())
-    runs = post_campaigns(service.url) if needs_ids else []
+    runs = post_campaigns(reader.url) if needs_ids else []
     for language, text in blocks:
-        run(language, runnable(text, service.url, runs), folder, service.url)
+        reader.run(language, runnable(text, reader, runs), folder)
 
 
 def test_lines_that_are_not_run_are_still_there():
@@ -142,16 +160,11 @@ def test_lines_that_are_not_run_are_still_there():
     assert (ROOT / "scripts" / "run").is_file()
 
 
-def test_the_notebook_of_the_guide_runs(folder, monkeypatch):
-    monkeypatch.chdir(folder)
-    for target in (".", "examples"):
-        assert CliRunner().invoke(app, ["examples", target]).exit_code == 0
+def test_the_notebook_of_the_guide_runs(folder, reader):
     notebook = json.loads((ROOT / "examples" / "jointstiff.ipynb").read_text(encoding="utf-8"))
-    assert (
-        CliRunner().invoke(app, ["simulate", "campaign.json", "--load", "pull", "--overwrite"]).exit_code == 0
-    )
-    names = {}
-    for cell in notebook["cells"]:
-        if cell["cell_type"] == "code":
-            exec(compile("".join(cell["source"]), "notebook", "exec"), names)  # noqa: S102
-    assert names["run"].state == names["area"].state == names["program"].state == "succeeded"
+    cells = ["".join(cell["source"]) for cell in notebook["cells"] if cell["cell_type"] == "code"]
+    states = "assert {run.state, area.state, program.state} == {'succeeded'}"
+    made = ["jointstiff examples .", "jointstiff examples", "jointstiff simulate campaign.json --load pull"]
+    made[2] += " --overwrite"
+    reader.run("sh", "\n".join(made), folder)
+    reader.run("python", "\n".join([*cells, states]), folder)

@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import os
-import shutil
-import subprocess
 import zipfile
-from pathlib import Path
 
 import pytest
+from support.wheel import ROOT, run, uv
 
-ROOT = Path(__file__).parents[2]
 NEIGHBOURS = ("service", "solver", "schemas")
 """Packages on PyPI that are not ours."""
 
@@ -40,39 +37,20 @@ print(json.dumps([run.state, len(run.result.joints)]))
 pytestmark = pytest.mark.process
 
 
-def uv() -> str:
-    found = shutil.which("uv", path=os.pathsep.join([os.environ["PATH"], str(ROOT / ".tools" / "bin")]))
-    return found or pytest.skip("uv is not there; scripts/setup fetches it")
-
-
-def run(*command: str, **options) -> subprocess.CompletedProcess[str]:
-    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=240, **options)
-    assert done.returncode == 0, done.stderr[-2000:]
-    return done
-
-
-@pytest.fixture(scope="module")
-def wheel(tmp_path_factory) -> Path:
-    folder = tmp_path_factory.mktemp("wheel")
-    run(uv(), "build", "--quiet", "--wheel", "--out-dir", str(folder), str(ROOT))
-    (built,) = folder.glob("*.whl")
-    return built
-
-
-def test_the_wheel_holds_one_package(wheel):
-    with zipfile.ZipFile(wheel) as archive:
+def test_the_wheel_holds_one_package(built_wheel):
+    with zipfile.ZipFile(built_wheel) as archive:
         names = archive.namelist()
     tops = {name.split("/")[0] for name in names if ".dist-info/" not in name}
     assert tops == {"jointstiff"}
     assert {"jointstiff/__init__.py", "jointstiff/service/static/index.html"} <= set(names)
 
 
-def test_a_campaign_over_http_beside_packages_of_our_folders_names(wheel, tmp_path):
+def test_a_campaign_over_http_beside_packages_of_our_folders_names(built_wheel, tmp_path):
     python = tmp_path / "environment" / "bin" / "python"
     run(uv(), "venv", "--quiet", str(python.parents[1]))
     install = (uv(), "pip", "install", "--quiet", "--python", str(python))
     run(*install, "--requirement", str(ROOT / "requirements.lock"))
-    run(*install, "--no-deps", str(wheel), *NEIGHBOURS)
+    run(*install, "--no-deps", str(built_wheel), *NEIGHBOURS)
     environment = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
     done = run(str(python), "-c", CAMPAIGN, cwd=tmp_path, env=environment)
     assert done.stdout.splitlines()[-1] == '["succeeded", 6]'

@@ -17,6 +17,7 @@ LANES = {
     "postgresql_url": ("postgresql", "process"),
     "new_postgresql_database": ("postgresql", "process"),
     "services": ("process",),
+    "built_wheel": ("process",),
     "node_modules": ("process",),
     "site": ("process",),
     "browser": ("browser", "process"),

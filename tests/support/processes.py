@@ -17,10 +17,12 @@ from pathlib import Path
 class Service:
     """A service process of our own, on a real socket and a real database."""
 
-    def __init__(self, database_url: str, *options: str, prefix: Sequence[str] = ()) -> None:
+    def __init__(
+        self, database_url: str, *options: str, prefix: Sequence[str] = (), python: str = sys.executable
+    ) -> None:
         command = [
             *prefix,
-            sys.executable,
+            python,
             "-m",
             "jointstiff",
             "serve",

@@ -1,0 +1,43 @@
+"""The wheel of this repository, and an environment that has the package from it and nowhere else."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+
+
+def uv() -> str:
+    """Return the program, or skip the test."""
+    found = shutil.which("uv", path=os.pathsep.join([os.environ["PATH"], str(ROOT / ".tools" / "bin")]))
+    return found or pytest.skip("uv is not there; scripts/setup fetches it")
+
+
+def run(*command: str, **options) -> subprocess.CompletedProcess[str]:
+    """Run a command that must succeed."""
+    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=240, **options)
+    assert done.returncode == 0, done.stderr[-2000:]
+    return done
+
+
+def build(folder: Path) -> None:
+    """Build the wheel into a folder."""
+    run(uv(), "build", "--quiet", "--wheel", "--out-dir", str(folder), str(ROOT))
+
+
+def install(wheel: Path, environment: Path) -> None:
+    """Make an environment with the wheel; it has the dependencies of this Python, but not its package."""
+    run(uv(), "venv", "--quiet", "--python", sys.executable, str(environment))
+    python = environment / "bin" / "python"
+    run(uv(), "pip", "install", "--quiet", "--python", str(python), "--no-deps", str(wheel))
+    (own,) = environment.glob("lib/python*/site-packages")
+    inside = [path for path in sys.path if "site-packages" in Path(path).parts and Path(path).is_dir()]
+    (own / "dependencies.pth").write_text("".join(f"{path}\n" for path in inside))
+    place = run(str(python), "-P", "-c", "import jointstiff; print(jointstiff.__file__)").stdout
+    assert Path(place).is_relative_to(own), f"not the wheel's package: {place}"
