@@ -1,6 +1,6 @@
-"""Small changes of the numerical core, one at a time: does the daily lane of the room notice each?
+"""Small changes of the solver and the service, one at a time: does the daily lane of the room notice each?
 
-A change is drawn from the expressions of `solver/`: an operator becomes its opposite, a comparison turns
+A change is drawn from the expressions of a house: an operator becomes its opposite, a comparison turns
 round, a sign goes, a least becomes a greatest. It is made in a copy of the sources; the project's files stay
 as they are. Messages are left alone. A change that lives is listed with its place: either a test is missing
 there, or the change changes nothing.
@@ -27,8 +27,8 @@ from benchmarks.report import Figure, Part, Section
 
 __all__ = ["Mutant", "mutants_of", "run"]
 
-MUTANTS = 40
-SEED = 30
+MUTANTS = {"solver": 60, "service": 30}
+SEED = 31
 TIME_LIMIT = 900.0
 """Seconds for the tests of a room; a change that lets them run on is noticed."""
 ROOT = Path(__file__).parents[2]
@@ -54,7 +54,7 @@ OTHER |= {"argmax": "argmin", "any": "all", "all": "any", "sin": "cos", "cos": "
 class Mutant:
     """A change of one expression."""
 
-    path: Path  # below `solver/`
+    path: Path  # with the house first
     line: int
     source: str  # of the whole module
     before: str
@@ -63,8 +63,8 @@ class Mutant:
     @property
     def tests(self) -> list[str]:
         """Return the tests of its room."""
-        room = ROOT / "tests" / "solver" / self.path.parts[0]
-        return [str(room)] if room.is_dir() else [str(ROOT / "tests" / "solver")]
+        room = ROOT / "tests" / Path(*self.path.parts[:2])
+        return [str(room if room.is_dir() else room.parent)]
 
 
 class _Changes(ast.NodeVisitor):
@@ -108,12 +108,12 @@ class _Changes(ast.NodeVisitor):
         super().generic_visit(node)
 
 
-def mutants_of(path: Path, solver: Path) -> Iterator[Mutant]:
+def mutants_of(path: Path, root: Path) -> Iterator[Mutant]:
     """Yield all changes of a module that are inside its functions.
 
     Args:
         path: of the module.
-        solver: the folder that it lies in.
+        root: the folder of the houses.
     """
     text = path.read_text(encoding="utf-8")
     lines = text.encode().splitlines(keepends=True)
@@ -130,21 +130,30 @@ def mutants_of(path: Path, solver: Path) -> Iterator[Mutant]:
             end = int(starts[node.end_lineno - 1]) + node.end_col_offset
             after = f"({ast.unparse(other)})"
             source = text.encode()[:start] + after.encode() + text.encode()[end:]
-            yield Mutant(path.relative_to(solver), node.lineno, source.decode(), ast.unparse(node), after)
+            yield Mutant(path.relative_to(root), node.lineno, source.decode(), ast.unparse(node), after)
 
 
 def run(*, quick: bool, part: Part) -> list[Section]:
     """Draw changes, make each in a copy, and run the tests of its room."""
-    solver = ROOT / "solver"
-    every = [m for path in sorted(solver.rglob("*.py")) for m in mutants_of(path, solver)]
-    drawn = np.random.default_rng(SEED).choice(len(every), MUTANTS, replace=False)
-    chosen = [every[int(drawn[number])] for number in part.of(MUTANTS)][: 1 if quick else None]
     workers = max(1, (os.cpu_count() or 1) - 1)
     with TemporaryDirectory() as folder, ThreadPoolExecutor(workers) as pool:
         copies = SimpleQueue[Path]()
         for number in range(workers):
             copies.put(_copy(Path(folder) / str(number)))
-        outcomes = list(pool.map(lambda mutant: _noticed(mutant, copies), chosen))
+        return [_of_house(house, pool, copies, quick=quick, part=part) for house in MUTANTS]
+
+
+def _of_house(
+    house: str, pool: ThreadPoolExecutor, copies: SimpleQueue[Path], *, quick: bool, part: Part
+) -> Section:
+    every = [m for path in sorted((ROOT / house).rglob("*.py")) for m in mutants_of(path, ROOT)]
+    drawn = np.random.default_rng(SEED).choice(len(every), MUTANTS[house], replace=False)
+    chosen = [every[int(drawn[number])] for number in part.of(MUTANTS[house])][: 1 if quick else None]
+    green = {room: pool.submit(_fails, list(room), copies) for room in {tuple(m.tests) for m in chosen}}
+    for room, outcome in green.items():
+        if outcome.result():
+            raise RuntimeError(f"tests fail without a change, too: {', '.join(room)}")
+    outcomes = list(pool.map(lambda mutant: _noticed(mutant, copies), chosen))
     rows = [
         (
             f"{m.path}:{m.line}",
@@ -156,52 +165,64 @@ def run(*, quick: bool, part: Part) -> list[Section]:
         for m, (seen, seconds) in zip(chosen, outcomes, strict=True)
     ]
     share = 100.0 * float(np.mean([noticed for noticed, _ in outcomes]))
-    return [
-        Section(
-            f"{len(chosen)} small changes of the numerical core, one at a time",
-            ("place", "before", "after", "daily lane of its room", "time"),
-            tuple(sorted(rows, key=lambda row: row[3])),
-            figures=(
-                Figure("changes that the daily lane of the room notices", share, "at least", 95.0, "%"),
+    return Section(
+        f"{len(chosen)} small changes of the {house}, one at a time",
+        ("place", "before", "after", "daily lane of its room", "time"),
+        tuple(sorted(rows, key=lambda row: row[3])),
+        figures=(
+            Figure(
+                f"changes of the {house} that its room's daily lane notices", share, "at least", 95.0, "%"
             ),
-            notes=(f"drawn from {len(every)} places with seed {SEED}",),
-        )
-    ]
+        ),
+        notes=(f"drawn from {len(every)} places with seed {SEED}",),
+    )
 
 
 def _copy(folder: Path) -> Path:
-    """Lay out the package with a solver of its own, and return the solver's folder."""
+    """Lay out the package with houses of its own, and return its folder."""
     package = folder / "jointstiff"
     package.mkdir(parents=True)
     for link in (ROOT / ".dev" / "jointstiff").iterdir():
-        if link.name not in {"solver", "__pycache__"}:
+        if link.name in MUTANTS:
+            ignored = shutil.ignore_patterns("__pycache__", "static*")
+            shutil.copytree(ROOT / link.name, package / link.name, ignore=ignored)
+            for built in (ROOT / link.name).glob("static*"):
+                (package / link.name / built.name).symlink_to(built)
+        elif link.name != "__pycache__":
             (package / link.name).symlink_to(link.resolve())
-    shutil.copytree(ROOT / "solver", package / "solver", ignore=shutil.ignore_patterns("__pycache__"))
-    return package / "solver"
+    return package
 
 
 def _noticed(mutant: Mutant, copies: SimpleQueue[Path]) -> tuple[bool, float]:
     """Return whether a test fails with the change, and the seconds until then."""
-    solver, start = copies.get(), time.perf_counter()
-    path = solver / mutant.path
-    original = path.read_bytes()
+    start = time.perf_counter()
+    return _fails(mutant.tests, copies, mutant), time.perf_counter() - start
+
+
+def _fails(tests: list[str], copies: SimpleQueue[Path], mutant: Mutant | None = None) -> bool:
+    """Return whether a test fails, or does not end."""
+    package = copies.get()
+    environment = os.environ | {"PYTHONPATH": str(package.parent), "PYTHONDONTWRITEBYTECODE": "1"}
+    command = [sys.executable, "-m", "pytest", "-q", "-x", "-n", "0", "-p", "no:cacheprovider"]
+    path = package / mutant.path if mutant else None
+    original = path.read_bytes() if path else b""
     try:
-        path.write_text(mutant.source, encoding="utf-8")
-        command = [sys.executable, "-m", "pytest", "-q", "-x", "-n", "0", "-p", "no:cacheprovider"]
-        environment = os.environ | {"PYTHONPATH": str(solver.parents[1]), "PYTHONDONTWRITEBYTECODE": "1"}
+        if path and mutant:
+            path.write_text(mutant.source, encoding="utf-8")
         done = subprocess.run(
-            [*command, "-m", "not process and not slow", *mutant.tests],
+            [*command, "-m", "not process and not slow", *tests],
             cwd=ROOT,
             env=environment,
             capture_output=True,
             timeout=TIME_LIMIT,
             check=False,
         )
-        if done.returncode not in (0, 1, 2):  # 2: not even collected
-            raise RuntimeError(f"the tests were not run: {done.stdout.decode()[-500:]}")
-        return done.returncode != 0, time.perf_counter() - start
     except subprocess.TimeoutExpired:
-        return True, time.perf_counter() - start
+        return True
     finally:
-        path.write_bytes(original)
-        copies.put(solver)
+        if path:
+            path.write_bytes(original)
+        copies.put(package)
+    if done.returncode not in (0, 1, 2):  # 2: not even collected
+        raise RuntimeError(f"the tests were not run: {done.stdout.decode()[-500:]}")
+    return done.returncode != 0
