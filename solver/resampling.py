@@ -17,10 +17,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from jointstiff.schemas.joints import JointKind
+from jointstiff.schemas.options import Resampling
 from jointstiff.schemas.run import ResampledCompensation, ResampledJoint, ResamplingResult
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray, Support
 from jointstiff.solver.convex.solution import Bounds, IdentificationProblem, solve_batch, solve_step
-from jointstiff.solver.errors import RequestError, UnsupportedMethodError
+from jointstiff.solver.errors import UnsupportedMethodError
 from jointstiff.solver.evidence.estimate import Estimate
 from jointstiff.solver.fitting.method import Method, Settings
 from jointstiff.solver.fitting.observability import NULL_COLUMN, Excitation, Spectrum, analyse
@@ -33,9 +34,6 @@ from jointstiff.solver.triangle import triangle_of
 
 TILE_RESIDUALS = 2**17
 """Maximum number of residuals per block, 1 MB: they stay in the cache."""
-MAX_REPETITIONS = 100_000
-MAX_SEED = 2**63 - 1
-
 TILE = 1024
 """Number of repetitions per block."""
 _TILE_WEIGHTS = 2**22
@@ -59,7 +57,6 @@ class StageBlocks:
     rows: FloatArray
     gram: FloatArray  #: (N, p + q + 1, p + q + 1) Gram matrix of each configuration's rows
     unit: FloatArray  #: (p + q,) unit of the scaled parameters x, ``c = unit · x`` [rad/(N·m)]
-    size: float = 1.0  #: norm of the weighted readings d, by which they are divided
 
     def total(self, weights: FloatArray) -> FloatArray:
         """``Σ_i w_ki gram_i`` (K, p + q + 1, p + q + 1) for the weights (K, N)."""
@@ -84,7 +81,6 @@ class GramBlocks:
     #: compensation is judged on these whatever a method fits
     regressor: FloatArray
     deflection: FloatArray  #: (3, M) deflection of the same readings, axes of R0 [m]
-    characteristic_length: float | None  #: [m], that of the full set, if the weighting uses one
 
     def __len__(self) -> int:
         return len(self.stages[0].rows)
@@ -146,7 +142,6 @@ def gram_blocks(
         visible=visible,
         regressor=np.ascontiguousarray(np.concatenate(regressors).transpose(2, 1, 0)[visible]),
         deflection=np.ascontiguousarray(np.concatenate(deflections).T),
-        characteristic_length=estimate.characteristic_length,
     )
 
 
@@ -180,63 +175,36 @@ def _stage(rows: FloatArray, joints: IndexArray, known: IndexArray) -> StageBloc
     norms = np.where(norms > 0, norms, 1.0)
     scaled = chosen / norms
     gram = np.swapaxes(scaled, 1, 2) @ scaled
-    return StageBlocks(joints, known, scaled, gram, norms[-1] / norms[:-1], float(norms[-1]))
+    return StageBlocks(joints, known, scaled, gram, norms[-1] / norms[:-1])
 
 
-@dataclass(frozen=True)
-class ResamplingPlan:
-    """Size, number and seed of the draws.
+def draws_of(plan: Resampling, configurations: int, start: int, stop: int) -> IndexArray:
+    """Draw the configurations of some of the repetitions.
 
     With u the table ``np.random.default_rng(seed).random((repetitions, N))``, repetition r draws the
     configurations at the m least numbers of row r; with replacement it draws ⌊N u⌋ of the first m.
 
-    Raises:
-        RequestError: a number out of range, naming it.
+    Args:
+        plan: number m of configurations in a draw, at most N, and seed.
+        configurations: N, from which to draw.
+        start: first repetition.
+        stop: one past the last.
+
+    Returns:
+        (stop − start, m) indices of configurations.
     """
-
-    size: int  #: m, configurations in a draw
-    repetitions: int  #: R, how many draws
-    seed: int  #: seed of the draws
-    replacement: bool = False  #: whether a configuration may come more than once in a draw (bootstrap)
-
-    def __post_init__(self) -> None:
-        _refuse_outside("size", self.size, 1, None)
-        _refuse_outside("repetitions", self.repetitions, 1, MAX_REPETITIONS)
-        _refuse_outside("seed", self.seed, 0, MAX_SEED)
-
-    def draw(self, configurations: int, start: int, stop: int) -> IndexArray:
-        """The configurations of some of the repetitions.
-
-        Args:
-            configurations: N, from which to draw.
-            start: first repetition.
-            stop: one past the last.
-
-        Returns:
-            (stop − start, m) indices of configurations.
-
-        Raises:
-            RequestError: if m exceeds N, or there are no such repetitions.
-        """
-        _refuse_outside("size", self.size, 1, configurations)
-        if not 0 <= start <= stop <= self.repetitions:
-            raise RequestError(
-                f"the repetitions {start} to {stop} are outside the plan of {self.repetitions}",
-                where="resampling.repetitions",
-                remedy="ask for a range within the plan",
-            )
-        # One number of the generator makes one of the table, so a row is reached without those above.
-        generator = np.random.Generator(np.random.PCG64(self.seed).advance(start * configurations))
-        drawn = np.empty((stop - start, self.size), dtype=np.intp)
-        rows = max(1, _CACHED_NUMBERS // configurations)
-        for first in range(0, len(drawn), rows):
-            part = drawn[first : first + rows]
-            table = generator.random((len(part), configurations))
-            if self.replacement:
-                part[:] = table[:, : self.size] * configurations
-            else:
-                part[:] = np.argpartition(table, self.size - 1, axis=1)[:, : self.size]
-        return drawn
+    # One number of the generator makes one of the table, so a row is reached without those above.
+    generator = np.random.Generator(np.random.PCG64(plan.seed).advance(start * configurations))
+    drawn = np.empty((stop - start, plan.size), dtype=np.intp)
+    rows = max(1, _CACHED_NUMBERS // configurations)
+    for first in range(0, len(drawn), rows):
+        part = drawn[first : first + rows]
+        table = generator.random((len(part), configurations))
+        if plan.replacement:
+            part[:] = table[:, : plan.size] * configurations
+        else:
+            part[:] = np.argpartition(table, plan.size - 1, axis=1)[:, : plan.size]
+    return drawn
 
 
 @dataclass(frozen=True, eq=False)
@@ -269,7 +237,7 @@ class Resamples:
 
 
 def resample(
-    blocks: GramBlocks, plan: ResamplingPlan, bounds: Bounds, start: int = 0, stop: int | None = None
+    blocks: GramBlocks, plan: Resampling, bounds: Bounds, start: int = 0, stop: int | None = None
 ) -> Resamples:
     """Fit the repetitions from start to stop.
 
@@ -284,13 +252,12 @@ def resample(
         Their estimates, each certified, in order.
 
     Raises:
-        RequestError: if the plan does not suit the measurement set.
         SolverError: if optimality of an estimate could not be certified.
     """
     stop = plan.repetitions if stop is None else stop
     step = max(1, min(TILE, _TILE_WEIGHTS // len(blocks)))
     starts = range(start, stop, step) or [start]
-    draws = (plan.draw(len(blocks), first, min(first + step, stop)) for first in starts)
+    draws = (draws_of(plan, len(blocks), first, min(first + step, stop)) for first in starts)
     parts = []
     for drawn in draws:
         shape = len(drawn), len(blocks)
@@ -376,14 +343,6 @@ def _solve_rows(
     return x, active
 
 
-def _refuse_outside(name: str, value: int, least: int, most: int | None) -> None:
-    if value < least or (most is not None and value > most):
-        limits = f"at least {least}" if most is None else f"from {least} to {most:,}"
-        raise RequestError(
-            f"{name} is {value:,}", where=f"resampling.{name}", remedy=f"give a number {limits}"
-        )
-
-
 def summarise(
     resamples: Resamples,
     joints: Sequence[str],
@@ -399,23 +358,8 @@ def summarise(
         joints: names of the n joints.
         kinds: of the joints; all revolute if None.
         hidden: (n,) joints that the whole set does not show: they get no numbers.
-        confidence: share of the repetitions within the percentile intervals.
-
-    Raises:
-        RequestError: if there is no repetition, or the confidence is not between 0 and 1.
+        confidence: share of the repetitions within the percentile intervals, between 0 and 1.
     """
-    if not len(resamples.compliance):
-        raise RequestError(
-            "there is no repetition to summarise",
-            where="resampling.repetitions",
-            remedy="request at least one",
-        )
-    if not 0 < confidence < 1:
-        raise RequestError(
-            f"the confidence level is {confidence:g}",
-            where="confidence",
-            remedy="give a number between 0 and 1",
-        )
     draws = np.where(False if hidden is None else hidden, np.nan, resamples.compliance)
     undetermined = np.isnan(draws)
     determined = np.maximum((~undetermined).sum(axis=0), 1)

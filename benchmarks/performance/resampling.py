@@ -12,11 +12,11 @@ from benchmarks.campaigns import Campaign, blocks_of_set, small_campaign
 from benchmarks.performance.peers import cvxpy_clarabel
 from benchmarks.report import Figure, Section, times_table
 from benchmarks.timing import Times, interleaved
-from jointstiff.schemas.options import Method
+from jointstiff.schemas.options import Method, Resampling
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.convex.solution import Bounds
 from jointstiff.solver.fitting.method import Settings
-from jointstiff.solver.resampling import GramBlocks, Resamples, ResamplingPlan, resample
+from jointstiff.solver.resampling import GramBlocks, Resamples, draws_of, resample
 
 __all__ = ["run"]
 
@@ -50,11 +50,11 @@ class _Rows:
 def run(*, quick: bool) -> list[Section]:
     """Compare resample with its peers for each method."""
     campaign = small_campaign(sigma=NOISE, configurations=CONFIGURATIONS)
-    plan = ResamplingPlan(DRAWN, 50 if quick else REPETITIONS, seed=0)
+    plan = Resampling(size=DRAWN, repetitions=50 if quick else REPETITIONS)
     return [_section(method, campaign, plan, 2 if quick else 11) for method in METHODS]
 
 
-def _section(method: Method, campaign: Campaign, plan: ResamplingPlan, rounds: int) -> Section:
+def _section(method: Method, campaign: Campaign, plan: Resampling, rounds: int) -> Section:
     settings = Settings(method, "covariance", Bounds.positive(campaign.robot.n))
     blocks = blocks_of_set(campaign.robot, campaign.measurements, settings)
     times = _times(campaign, settings, plan, _subsets(blocks, plan), rounds)
@@ -83,7 +83,7 @@ def _section(method: Method, campaign: Campaign, plan: ResamplingPlan, rounds: i
 
 
 def _times(
-    campaign: Campaign, settings: Settings, plan: ResamplingPlan, subsets: list[list[_Rows]], rounds: int
+    campaign: Campaign, settings: Settings, plan: Resampling, subsets: list[list[_Rows]], rounds: int
 ) -> Times:
     """All in turns; seconds of cvxpy are those of its sample, scaled to all repetitions."""
     times = interleaved(
@@ -99,7 +99,7 @@ def _times(
     return Times(times.seconds | scaled, times.results)
 
 
-def _resampled(campaign: Campaign, settings: Settings, plan: ResamplingPlan) -> Resamples:
+def _resampled(campaign: Campaign, settings: Settings, plan: Resampling) -> Resamples:
     blocks = blocks_of_set(campaign.robot, campaign.measurements, settings)
     return resample(blocks, plan, settings.bounds)
 
@@ -118,10 +118,10 @@ def _one_by_one(
     return found
 
 
-def _subsets(blocks: GramBlocks, plan: ResamplingPlan) -> list[list[_Rows]]:
+def _subsets(blocks: GramBlocks, plan: Resampling) -> list[list[_Rows]]:
     """Ready-made rows of every subset, stage by stage: the solver's own, equilibrated, as peers like them."""
     found = []
-    for drawn in plan.draw(len(blocks), 0, plan.repetitions):
+    for drawn in draws_of(plan, len(blocks), 0, plan.repetitions):
         stages: list[_Rows] = []
         for stage in blocks.stages:
             rows, p = stage.rows[drawn].reshape(-1, stage.rows.shape[2]), len(stage.joints)

@@ -12,7 +12,6 @@ from typing import Final, TypeAlias
 import numpy as np
 from pydantic import ValidationError
 
-from jointstiff.schemas import run as runs
 from jointstiff.schemas.model import IdentifiedModel, LinksResult, ModelSelection
 from jointstiff.schemas.options import ElasticModel as ModelName
 from jointstiff.schemas.options import Loss, RunOptions
@@ -67,14 +66,13 @@ from jointstiff.solver.links.model import (
     ElasticModel,
     compared_losses,
 )
-from jointstiff.solver.messages import message, messages_of
+from jointstiff.solver.messages import message
 from jointstiff.solver.predict.answers import stored_model
 from jointstiff.solver.predict.model_error import ModelError, leave_folds_out, leave_postures_out
 from jointstiff.solver.predict.models import ElasticPredictor, JointModel
 from jointstiff.solver.resampling import (
     GramBlocks,
     Resamples,
-    ResamplingPlan,
     gram_blocks,
     refuse_nonlinear,
     resample,
@@ -198,8 +196,8 @@ class ByJoints(Work):
         self.robot_id, self.input_hash = prepared.robot_id, input_hash
         self._prepared, self._options, self._excluded = prepared, options, excluded
         self._settings = to_settings(options, prepared.robot)
-        self._drawn: ResamplingPlan | None = None
-        resampling, count = options.resampling, len(prepared.measurements)
+        self._drawn = resampling = options.resampling
+        count = len(prepared.measurements)
         if resampling is not None:
             refuse_unsupported(prepared.robot, prepared.measurements, self._settings)
             refuse_nonlinear(self._settings)
@@ -209,9 +207,6 @@ class ByJoints(Work):
                     where="resampling.size",
                     remedy=f"set `size` to at most {count}",
                 )
-            self._drawn = ResamplingPlan(
-                resampling.size, resampling.repetitions, resampling.seed, resampling.replacement
-            )
 
     @cached_property
     def identified(self) -> tuple[Settings, Estimate]:
@@ -307,7 +302,7 @@ class ByJoints(Work):
             resampling=self._statistics(parts, estimate) if parts else None,
             model=stored_model(model, error),
             choice=choice or to_choice_of_joints(options, screening, self._excluded),
-            causes=messages_of(runs.CauseTest, screening.tests),
+            causes=screening.tests,
         )
 
 
@@ -632,7 +627,7 @@ class ByLinks(Work):
             ),
             model=self._model(elastic),
             choice=choice,
-            causes=messages_of(runs.CauseTest, screening.tests),
+            causes=screening.tests,
         )
 
     def _model(self, elastic: ElasticEstimate) -> IdentifiedModel:

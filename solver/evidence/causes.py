@@ -35,6 +35,7 @@ from scipy import special
 
 from jointstiff.schemas.joints import JointKind
 from jointstiff.schemas.model import HeldOutGain
+from jointstiff.schemas.run import CauseTest
 from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.errors import RequestError, SolverError
 from jointstiff.solver.evidence.estimate import Estimate
@@ -88,15 +89,6 @@ class Suspect:
     first: str | None = None  #: label of the first observation that it concerns; None for all
     tried: int = 1  #: number of observations from which on it may have come about
     least_p: float = 0.0  #: p-value without the observation that it explains most: one may be a wrong reading
-
-
-@dataclass(frozen=True)
-class CauseTest:
-    """F test of a cause beside the joints."""
-
-    name: str  #: name of the cause
-    first: str | None  #: label of the first observation that it concerns; None for all
-    p_value: float  #: the larger of those with the weights stated and with equal weights
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,7 +164,7 @@ def screen_estimate(robot: Robot, measurements: Measurements, estimate: Estimate
     links = triangles.links_p_value()
     tests = {s: min(1.0, s.tried * max(s.least_p, triangles.p_value(s.term.name))) for s in suspects}
     ordered = sorted(suspects, key=tests.__getitem__)
-    told = tuple(CauseTest(s.name, s.first, tests[s]) for s in ordered)
+    told = tuple(CauseTest(name=s.name, first=s.first, p_value=tests[s]) for s in ordered)
     causes: list[Cause] = []
     for suspect in ordered:
         if tests[suspect] < MISTAKE_LEVEL / len(suspects):

@@ -22,6 +22,7 @@ from support.campaigns import (
 from support.encoders import with_encoders
 from support.gauges import by_gauges, triads
 
+from jointstiff.schemas.options import Resampling
 from jointstiff.simulator import simulate_campaign
 from jointstiff.simulator.campaign import torques
 from jointstiff.solver.convex.solution import Bounds
@@ -33,7 +34,7 @@ from jointstiff.solver.readings.measurements import (
     Instrument,
     refuse_no_covariance,
 )
-from jointstiff.solver.resampling import ResamplingPlan, resample
+from jointstiff.solver.resampling import draws_of, resample
 
 ENCODER_SIGMA = 5e-6
 
@@ -93,9 +94,9 @@ def test_covariance_is_that_of_a_linear_function_of_all_readings(method):
 def test_resampling_takes_the_encoders_along(method):
     robot, measurements = prepared(configurations=12, joints=(1, 2, 4))
     settings = settings_of(robot, method=method)
-    plan = ResamplingPlan(size=8, repetitions=5, seed=2)
+    plan = Resampling(size=8, repetitions=5, seed=2)
     drawn = resample(blocks_of_set(robot, measurements, settings), plan, Bounds.positive(6), 0, 5)
-    for rows, compliance in zip(plan.draw(12, 0, 5), drawn.compliance, strict=True):
+    for rows, compliance in zip(draws_of(plan, 12, 0, 5), drawn.compliance, strict=True):
         alone = estimate(robot, measurements[rows], method=method)
         np.testing.assert_allclose(compliance, alone.compliance, rtol=1e-7)
 
