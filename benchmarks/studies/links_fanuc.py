@@ -12,22 +12,21 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.report import Figure, Part, Section
+from jointstiff.schemas.options import CrossValidation, Loss
 from jointstiff.schemas.options import ElasticModel as ModelName
-from jointstiff.schemas.options import Loss
 from jointstiff.schemas.run import Campaign
 from jointstiff.service.conversion.prepared import prepare_robot
 from jointstiff.service.conversion.readings import ReadingArrays, to_measurements
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.links.choice import (
-    FoldFit,
+    WEIGHTS,
     Folds,
-    Plan,
     chosen_weight,
-    fit_fold,
+    fit_folds,
     refined,
     select_model,
 )
-from jointstiff.solver.links.fit import ElasticEstimate, estimate_elastic, first_certified
+from jointstiff.solver.links.fit import ElasticEstimate, first_certified
 from jointstiff.solver.links.model import (
     LOSSES,
     MODELS,
@@ -71,10 +70,9 @@ def _fanuc(robot: Robot, measurements: Measurements, *, quick: bool, part: Part)
     for seed in part.of(2 if quick else SPLITS):
         drawn = np.random.default_rng(seed).permutation(len(measurements))
         parts = measurements[np.sort(drawn[:FITTED])], measurements[np.sort(drawn[FITTED:])]
-        plan = Plan(seed=seed)
-        folds = Folds(robot, parts[0], COLUMNS, VISIBLE, plan)
+        folds = Folds(robot, parts[0], COLUMNS, VISIBLE, CrossValidation(seed=seed))
         for name, (model, losses) in candidates.items():
-            compliances, elastic = _best_loss(robot, parts[0], folds, model, losses, plan)
+            compliances, elastic = _best_loss(folds, model, losses)
             found[name].append(_compensation(robot, parts[1], compliances))
             if name == _CHOSEN and elastic is not None:
                 shares.append(_share_of_ball(robot, parts[0], elastic, parts[1]))
@@ -126,35 +124,27 @@ def _share_of_ball(
 
 def _cross_validated(robot: Robot, measurements: Measurements) -> float:
     """Compensation [%] of the whole set by cross-validation, joints and links, loss and penalty chosen."""
-    plan = Plan()
-    folds = Folds(robot, measurements, COLUMNS, VISIBLE, plan)
+    folds = Folds(robot, measurements, COLUMNS, VISIBLE, CrossValidation())
     models = [ElasticModel("joints_and_links", COLUMNS, loss) for loss in LOSSES]
-    fits = {model.key: _fold_fits(folds, model, plan.weights) for model in models}
-    selection = select_model(robot, measurements, folds, fits, plan)
+    selection = select_model(folds, {model.key: fit_folds(folds, model, WEIGHTS) for model in models})
     return 100 * selection.of("joints_and_links").compensation
 
 
 def _best_loss(
-    robot: Robot,
-    measurements: Measurements,
-    folds: Folds,
-    name: ModelName,
-    losses: Sequence[Loss],
-    plan: Plan,
+    folds: Folds, name: ModelName, losses: Sequence[Loss]
 ) -> tuple[FloatArray, ElasticEstimate | None]:
     """Compliances (P,) of a whole set under the loss and the weight that its folds choose, and the fit."""
     chosen = []
     for loss in losses:
         model = ElasticModel(name, COLUMNS, loss)
-        fits = _fold_fits(folds, model, plan.weights)
-        errors = np.array([fit.error for fit in fits])
-        chosen.append((float(errors[:, chosen_weight(errors, plan.rule)].mean()), fits, model))
-    _, fits, model = min(chosen, key=lambda each: each[0])
+        path = fit_folds(folds, model, WEIGHTS)
+        chosen.append((float(path.errors[:, chosen_weight(path.errors, "best")].mean()), path, model))
+    _, path, model = min(chosen, key=lambda each: each[0])
     if name == "joints":
-        return _chosen(robot, measurements, folds, model, plan), None
-    finer, fits = refined(folds, model, fits, plan)
-    place = chosen_weight(np.array([fit.error for fit in fits]), plan.rule)
-    elastic = first_certified(robot, measurements, folds, model, finer.weights[place:])
+        problem = folds.problem(model)
+        return problem.formulation.compliances(problem.joints_only()), None
+    path = refined(folds, model, path)
+    elastic = first_certified(folds, model, path.weights[chosen_weight(path.errors, "best") :])
     return elastic.entries, elastic
 
 
@@ -176,23 +166,6 @@ def held_out_compensation(
     robot: Robot, fitted: Measurements, held_out: Measurements, name: ModelName, *, seed: int
 ) -> float:
     """Compensation of readings that took part neither in the fit nor in the choice of the weight."""
-    plan = Plan(seed=seed)
-    folds = Folds(robot, fitted, COLUMNS, VISIBLE, plan)
-    compliances, _ = _best_loss(robot, fitted, folds, name, ("squared",), plan)
+    folds = Folds(robot, fitted, COLUMNS, VISIBLE, CrossValidation(seed=seed))
+    compliances, _ = _best_loss(folds, name, ("squared",))
     return _compensation(robot, held_out, compliances)
-
-
-def _chosen(
-    robot: Robot, measurements: Measurements, folds: Folds, model: ElasticModel, plan: Plan
-) -> FloatArray:
-    """Compliances (P,) of a whole set at the weight that its folds choose."""
-    if model.name == "joints":
-        problem = folds.problem(model)
-        return problem.formulation.compliances(problem.joints_only())
-    fits = _fold_fits(folds, model, plan.weights)
-    weight = plan.weights[chosen_weight(np.array([fit.error for fit in fits]), plan.rule)]
-    return estimate_elastic(robot, measurements, folds, model, weight).entries
-
-
-def _fold_fits(folds: Folds, model: ElasticModel, weights: Sequence[float]) -> list[FoldFit]:
-    return [fit_fold(folds, model, number, weights) for number in range(len(folds))]

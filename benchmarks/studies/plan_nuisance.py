@@ -9,12 +9,13 @@ import numpy as np
 
 from benchmarks.campaigns import default_robot
 from benchmarks.report import Figure, Section
+from jointstiff.schemas.options import CrossValidation
 from jointstiff.simulator import LOAD_POINT, TARGETS, default_arm
 from jointstiff.simulator.elastic_links import ElasticArm, beam_arm, elastic_deflections
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.design.candidates import Equipment, Loads, PlanRequest, drawn_postures
 from jointstiff.solver.design.plan import plan_campaign
-from jointstiff.solver.links.choice import Folds, Plan, chosen_weight, fit_fold, refined
+from jointstiff.solver.links.choice import WEIGHTS, Folds, chosen_weight, fit_folds, refined
 from jointstiff.solver.links.fit import first_certified
 from jointstiff.solver.links.model import ElasticColumns, ElasticModel, elastic_blocks
 from jointstiff.solver.readings.measurements import Measurements
@@ -25,7 +26,6 @@ _SIGMA, _FORCE = 2e-5, 1500.0
 _PLACES = np.array(list(TARGETS.values()))
 _COLUMNS = ElasticColumns(6, tuple(range(6)))
 _MODEL = ElasticModel("joints_and_links", _COLUMNS)
-_PENALTIES = Plan()
 _WORK_AREA = np.array([[0.5, -2.0, 0.2], [3.0, 2.0, 2.2]])
 _WAYS = ("links as nuisance", "joints alone", "random", "random in the work area")
 
@@ -133,11 +133,10 @@ class _Beams:
     def _error(self, joints: FloatArray, force: FloatArray) -> float:
         """Return the error of predictions by joints and links fitted to readings of a list [m]."""
         robot, measured = default_robot(self.elastic.arm), self._read(joints, force, _SIGMA)
-        folds = Folds(robot, measured, _COLUMNS, np.ones(6, dtype=np.bool_), _PENALTIES)
-        fits = [fit_fold(folds, _MODEL, fold, _PENALTIES.weights) for fold in range(len(folds))]
-        plan, fits = refined(folds, _MODEL, fits, _PENALTIES)
-        first = chosen_weight(np.array([fit.error for fit in fits]), plan.rule)
-        found = first_certified(robot, measured, folds, _MODEL, plan.weights[first:])
+        folds = Folds(robot, measured, _COLUMNS, np.ones(6, dtype=np.bool_), CrossValidation())
+        path = refined(folds, _MODEL, fit_folds(folds, _MODEL, WEIGHTS))
+        first = chosen_weight(path.errors, "best")
+        found = first_certified(folds, _MODEL, path.weights[first:])
         held_out = self._read(*self._random(200, 74), 0.0)
         rows = [rows for _, rows in elastic_blocks(robot, held_out, _COLUMNS)]
         predicted = [part[..., :-1] @ found.entries for part in rows]

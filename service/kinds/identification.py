@@ -41,10 +41,9 @@ from jointstiff.solver.fitting.fit import DEFAULT_THRESHOLD
 from jointstiff.solver.fitting.method import Prior, Settings
 from jointstiff.solver.links.choice import (
     WEIGHTS,
-    FoldFit,
     Folds,
     HeldOut,
-    Plan,
+    PenaltyPath,
     Selection,
     compared_models,
     fit_fold,
@@ -52,6 +51,7 @@ from jointstiff.solver.links.choice import (
     judge_penalty,
     refined,
     select_model,
+    shared_out,
 )
 from jointstiff.solver.links.fit import (
     ElasticEstimate,
@@ -372,8 +372,7 @@ def run_hash(prepared: PreparedSet, request: RunRequest) -> str:
     return hash_of(prepared.content, options, bodies)
 
 
-ModelKey: TypeAlias = tuple[ModelName, Loss]
-Plans: TypeAlias = dict[ModelKey, Plan]
+Paths: TypeAlias = dict[tuple[ModelName, Loss], PenaltyPath]
 
 _WEIGHTS_A_STEP: Final = 3
 """For all models and losses in one fold they take 0.5 s for 30 targets, and 5 s for 300."""
@@ -409,22 +408,18 @@ class ByLinks(Work):
                 remedy="omit `resampling`; the cross-validation shows the dispersion",
             )
         self._columns = to_elastic_columns(options, prepared.robot)
-        validation, given = options.cross_validation, options.link_penalty
-        self._plan = Plan(
-            folds=validation.folds,
-            draws=validation.draws if given is None else 1,
-            seed=validation.seed,
-            weights=WEIGHTS if given is None else (given,),
-            rule=validation.rule,
-        )
+        given = options.link_penalty
+        once = {} if given is None else {"draws": 1}
+        self._validation = options.cross_validation.model_copy(update=once)
+        self._weights = WEIGHTS if given is None else (given,)
         self._losses = compared_losses(prepared.measurements, to_losses(options))
-        self._fold_count = len(self._plan.assigned(prepared.measurements.joints))
+        self._fold_count = len(shared_out(self._validation, prepared.measurements.joints))
 
     def steps(self) -> tuple[Span, ...]:
         """Return the weights of one fold after the other; none where the penalty is given."""
         if self._options.link_penalty is not None:
             return ()
-        count = len(self._plan.weights)
+        count = len(self._weights)
         return tuple(
             (fold * count + start, fold * count + min(start + _WEIGHTS_A_STEP, count))
             for fold in range(self._fold_count)
@@ -437,13 +432,11 @@ class ByLinks(Work):
         Raises:
             JointstiffError: as the identification of the whole set does.
         """
-        fold, start = divmod(span[0], len(self._plan.weights))
-        weights = self._plan.weights[start : start + span[1] - span[0]]
+        fold, start = divmod(span[0], len(self._weights))
+        weights = self._weights[start : start + span[1] - span[0]]
         fits = [fit_fold(self._folds, model, fold, weights) for model in self._models]
-        return {
-            "fold_compliances": np.array([fit.compliances for fit in fits]),
-            "error": np.array([fit.error for fit in fits]),
-        }
+        compliances, errors = map(np.array, zip(*fits, strict=True))
+        return {"fold_compliances": compliances, "error": errors}
 
     def conclude(self, parts: Sequence[Arrays]) -> RunResult:
         """Choose the penalty, fit the whole set, and report.
@@ -451,37 +444,35 @@ class ByLinks(Work):
         Raises:
             JointstiffError: as the identification of the whole set does, or an optimum is not certified.
         """
-        robot, measurements = self._prepared.robot, self._prepared.measurements
-        spans = self.steps()
-        if not spans:
-            count = len(self._plan.weights)
-            spans = tuple((fold * count, (fold + 1) * count) for fold in range(self._fold_count))
-            parts = [self.compute(span) for span in spans]
-        fits = {
-            model.key: self._by_fold(
-                spans, [FoldFit(part["fold_compliances"][number], part["error"][number]) for part in parts]
+        if not self.steps():
+            count = len(self._weights)
+            parts = [self.compute((k * count, (k + 1) * count)) for k in range(self._fold_count)]
+        shape = len(self._models), self._fold_count, len(self._weights)
+        compliances, errors = (
+            np.concatenate([part[name] for part in parts], axis=1) for name in ("fold_compliances", "error")
+        )
+        paths = {
+            model.key: PenaltyPath(self._weights, *of_model)
+            for model, *of_model in zip(
+                self._models, compliances.reshape(*shape, -1), errors.reshape(shape), strict=True
             )
-            for number, model in enumerate(self._models)
         }
         options = self._options
         elasticity = None if options.elasticity == "automatic" else options.elasticity
         screened = elasticity is None  # `identification` compares models only where the screening speaks
-        selection = select_model(
-            robot, measurements, self._folds, fits, self._plan, elasticity, screened=screened
-        )
-        plans = dict.fromkeys(fits, self._plan)
+        selection = select_model(self._folds, paths, elasticity, screened=screened)
         if screened and options.link_penalty is None:
             # Beside each other at an end of the weights, the richer model is judged by too large a penalty.
             for name in dict.fromkeys(each.model for each in selection.models):
                 ended = selection.of(name)
-                if ended.penalty == self._plan.weights[0]:
-                    selection = self._refined(ended, selection, plans, fits)
+                if ended.penalty == self._weights[0]:
+                    selection = self._refined(ended, selection, paths)
             selection = Selection.among(selection.models, screened=screened)
         chosen = selection.of(elasticity or selection.simplest)
         if chosen.model == "joints":
             chosen = selection.of("joints", ("squared", "huber"))
         if chosen.model != "joints" and options.link_penalty is None:
-            selection = self._refined(chosen, selection, plans, fits)
+            selection = self._refined(chosen, selection, paths)
             chosen = selection.of(chosen.model, (chosen.loss,))
 
         plain = self._joints_alone("squared")
@@ -498,8 +489,8 @@ class ByLinks(Work):
         if chosen.model == "joints":
             result = self._joints_alone(chosen.loss).result(screening, choice=choose())
         else:
-            elastic = self._fit(chosen, plans)
-            widest = self._widest(selection, elastic, plans) if elasticity is None else elastic
+            elastic = self._fit(chosen, paths)
+            widest = self._widest(selection, elastic, paths) if elasticity is None else elastic
             intervals = None if options.link_penalty is not None else widest.model.name
             choice = choose(intervals=intervals)
             result = self._result(chosen, elastic, widest, screening, choice)
@@ -535,55 +526,34 @@ class ByLinks(Work):
     def _folds(self) -> Folds:
         prepared = self._prepared
         visible = ~self._joints.observability.null
-        return Folds(prepared.robot, prepared.measurements, self._columns, visible, self._plan)
-
-    def _by_fold(self, spans: Sequence[Span], fits: Sequence[FoldFit]) -> list[FoldFit]:
-        """The steps of one model, put together fold by fold."""
-        count = len(self._plan.weights)
-        of_fold: list[list[FoldFit]] = [[] for _ in range(self._fold_count)]
-        for (start, _), fit in zip(spans, fits, strict=True):
-            of_fold[start // count].append(fit)
-        return [
-            FoldFit(
-                np.concatenate([fit.compliances for fit in steps]),
-                np.concatenate([fit.error for fit in steps]),
-            )
-            for steps in of_fold
-        ]
+        return Folds(prepared.robot, prepared.measurements, self._columns, visible, self._validation)
 
     def _model_of(self, chosen: HeldOut) -> ElasticModel:
         return next(model for model in self._models if model.key == (chosen.model, chosen.loss))
 
-    def _refined(
-        self, chosen: HeldOut, selection: Selection, plans: Plans, fits: dict[ModelKey, list[FoldFit]]
-    ) -> Selection:
-        """Try further penalties of a model, and replace its plan, its fits and its place in the selection."""
-        model, measurements = self._model_of(chosen), self._prepared.measurements
-        plans[model.key], fits[model.key] = refined(self._folds, model, fits[model.key], plans[model.key])
-        of_model = {model.key: fits[model.key]}
-        found = select_model(
-            self._prepared.robot, measurements, self._folds, of_model, plans[model.key], chosen.model
-        )
-        return selection.with_refined(found.models[0])
+    def _refined(self, chosen: HeldOut, selection: Selection, paths: Paths) -> Selection:
+        """Try further penalties of a model, and replace its path, and its place in the selection."""
+        model = self._model_of(chosen)
+        paths[model.key] = refined(self._folds, model, paths[model.key])
+        of_model = select_model(self._folds, {model.key: paths[model.key]}, chosen.model)
+        return selection.with_refined(of_model.models[0])
 
-    def _fit(self, chosen: HeldOut, plans: Plans) -> ElasticEstimate:
+    def _fit(self, chosen: HeldOut, paths: Paths) -> ElasticEstimate:
         """Fit a model to the whole set with the penalty that cross-validation chose.
 
         Raises:
             UnsupportedMethodError: neither that nor a larger penalty has a certified optimum.
         """
-        prepared, grid = self._prepared, plans[chosen.model, chosen.loss].weights
+        grid = paths[chosen.model, chosen.loss].weights
         place = grid.index(chosen.penalty or grid[0])
-        return first_certified(
-            prepared.robot, prepared.measurements, self._folds, self._model_of(chosen), grid[place:]
-        )
+        return first_certified(self._folds, self._model_of(chosen), grid[place:])
 
-    def _widest(self, selection: Selection, elastic: ElasticEstimate, plans: Plans) -> ElasticEstimate:
+    def _widest(self, selection: Selection, elastic: ElasticEstimate, paths: Paths) -> ElasticEstimate:
         """Return the fit whose intervals hold after the choice; the chosen one where it is not certified."""
         if selection.largest == elastic.model.name:
             return elastic
         try:
-            return self._fit(selection.of(selection.largest), plans)
+            return self._fit(selection.of(selection.largest), paths)
         except UnsupportedMethodError:
             return elastic
 

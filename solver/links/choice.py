@@ -15,8 +15,8 @@ import numpy as np
 
 from jointstiff.schemas.finding import Finding
 from jointstiff.schemas.model import HeldOutGain
+from jointstiff.schemas.options import CrossValidation, Loss
 from jointstiff.schemas.options import ElasticModel as ModelName
-from jointstiff.schemas.options import Loss
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import SolverError, UnsupportedMethodError
 from jointstiff.solver.evidence.causes import CLEAR_GAIN, LINKS_LEVEL, Screening
@@ -36,8 +36,6 @@ from jointstiff.solver.links.model import (
 )
 from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.robot.model import Robot
-
-Rule = Literal["best", "one_standard_error"]
 
 
 def compared_models(screening: Screening, asked: ModelName | None) -> tuple[ModelName, ...]:
@@ -69,63 +67,56 @@ _GAP: Final = 1e-4
 of predicted readings."""
 
 
-@dataclass(frozen=True)
-class Plan:
-    """Settings of the cross-validation."""
+def shared_out(validation: CrossValidation, joints: FloatArray) -> tuple[IndexArray, ...]:
+    """Return the observations (N, n) of each fold, draw by draw; observations of one posture stay together.
 
-    folds: int = 5  #: how many a draw, at least 2; fewer where there are fewer configurations
-    draws: int = 4  #: how often the configurations are shared out anew
-    seed: int = 0  #: seed of the draw that shares out the configurations
-    weights: tuple[float, ...] = WEIGHTS  #: λ to choose from, ascending
-    #: `best` takes the weight of least error, `one_standard_error` the largest whose error is within one
-    #: standard error of that
-    rule: Rule = "best"
-
-    def assigned(self, joints: FloatArray) -> tuple[IndexArray, ...]:
-        """The observations (N, n) of each fold, draw by draw; observations of one posture stay together.
-
-        Raises:
-            UnsupportedMethodError: there is one posture only.
-        """
-        _, posture = np.unique(joints, axis=0, return_inverse=True)
-        count = int(posture.max()) + 1
-        if count < 2:
-            raise UnsupportedMethodError(
-                "the set has one posture, and cross-validation needs at least two",
-                where="observations",
-                remedy="add postures, or use elasticity joints",
-            )
-        # In the order of their first appearance, so that the angles' values do not decide.
-        first = np.full(count, len(joints))
-        np.minimum.at(first, posture, np.arange(len(joints)))
-        order = np.argsort(np.argsort(first))
-        generator, folds = np.random.default_rng(self.seed), min(self.folds, count)
-        assigned = []
-        for _ in range(self.draws):
-            fold = np.empty(count, dtype=np.intp)
-            fold[generator.permutation(count)] = np.arange(count) % folds
-            of_each = fold[order[posture.reshape(-1)]]
-            assigned += [np.flatnonzero(of_each == number) for number in range(folds)]
-        return tuple(assigned)
+    Raises:
+        UnsupportedMethodError: there is one posture only.
+    """
+    _, posture = np.unique(joints, axis=0, return_inverse=True)
+    count = int(posture.max()) + 1
+    if count < 2:
+        raise UnsupportedMethodError(
+            "the set has one posture, and cross-validation needs at least two",
+            where="observations",
+            remedy="add postures, or use elasticity joints",
+        )
+    # In the order of their first appearance, so that the angles' values do not decide.
+    first = np.full(count, len(joints))
+    np.minimum.at(first, posture, np.arange(len(joints)))
+    order = np.argsort(np.argsort(first))
+    generator, folds = np.random.default_rng(validation.seed), min(validation.folds, count)
+    shares = []
+    for _ in range(validation.draws):
+        fold = np.empty(count, dtype=np.intp)
+        fold[generator.permutation(count)] = np.arange(count) % folds
+        of_each = fold[order[posture.reshape(-1)]]
+        shares += [np.flatnonzero(of_each == number) for number in range(folds)]
+    return tuple(shares)
 
 
 @dataclass(frozen=True, eq=False)
-class FoldFit:
-    """A model fitted to all but one fold, for each of W weights."""
+class PenaltyPath:
+    """A model fitted without each of K folds, for W ascending weights of the penalty."""
 
-    compliances: FloatArray  #: (W, P); NaN where no answer was certified
-    #: (W,) mean norm of the held-out targets' whitened residuals [m]; the root mean square of their
+    weights: tuple[float, ...]  #: λ
+    compliances: FloatArray  #: (K, W, P); NaN where no answer was certified
+    #: (K, W) mean norm of the held-out targets' whitened residuals [m]; the root mean square of their
     #: coordinates in a set of more than `MOST_TARGETS` targets
-    error: FloatArray
+    errors: FloatArray
 
 
 class Folds:
     """A measurement set shared out to folds, each compressed once, when it is first asked for.
 
     Attributes:
+        robot: n joints.
+        measurements: N observations.
         columns: of the richest model.
         visible: (n,) joints that the whole set sees.
+        validation: how they are shared out, and the rule by which a weight is chosen.
         held_out: the observations of each fold.
+        per_draw: how many folds share out the configurations once.
     """
 
     def __init__(
@@ -134,18 +125,17 @@ class Folds:
         measurements: Measurements,
         columns: ElasticColumns,
         visible: BoolArray,
-        plan: Plan,
+        validation: CrossValidation,
     ) -> None:
         """Draw the folds.
 
         Raises:
             UnsupportedMethodError: there is one posture only.
         """
-        self._robot, self._measurements = robot, measurements
-        self.columns, self.visible = columns, visible
-        self.held_out = plan.assigned(measurements.joints)
-        self.per_draw = len(self.held_out) // plan.draws
-        """How many folds share out the configurations once."""
+        self.robot, self.measurements = robot, measurements
+        self.columns, self.visible, self.validation = columns, visible, validation
+        self.held_out = shared_out(validation, measurements.joints)
+        self.per_draw = len(self.held_out) // validation.draws
         self._training: dict[int | None, ElasticRows] = {}
         self._formulations: dict[tuple[int | None, ModelName], Formulation] = {}
 
@@ -156,7 +146,7 @@ class Folds:
     def rows(self) -> tuple[ElasticRows, ...]:
         """Return the compressed rows of each fold."""
         return tuple(
-            elastic_rows(self._robot, self._measurements[indices], self.columns) for indices in self.held_out
+            elastic_rows(self.robot, self.measurements[indices], self.columns) for indices in self.held_out
         )
 
     def training(self, fold: int | None) -> ElasticRows:
@@ -176,18 +166,20 @@ class Folds:
         key = fold, model.name
         if key not in self._formulations:
             self._formulations[key] = formulate(self.training(fold), model, self.visible)
-        return LossProblem(model, self._formulations[key], self._measurements.sigma)
+        return LossProblem(model, self._formulations[key], self.measurements.sigma)
 
     def error(self, fold: int, compliances: FloatArray) -> FloatArray:
-        """(W,) prediction errors [m] of compliances (W, P) in a fold; see `FoldFit`."""
+        """(W,) prediction errors [m] of compliances (W, P) in a fold; see `PenaltyPath`."""
         rows = self.rows[fold]
-        if int(self._measurements.present.sum()) <= MOST_TARGETS:
+        if int(self.measurements.present.sum()) <= MOST_TARGETS:
             return np.array([rows.lengths(each).mean() for each in compliances])
         residual = compliances @ rows.triangle[:, :-1].T - rows.triangle[:, -1]
         return np.asarray(np.sqrt(np.square(residual).sum(axis=1) / max(1, rows.readings)))
 
 
-def fit_fold(folds: Folds, model: ElasticModel, fold: int, weights: Sequence[float]) -> FoldFit:
+def fit_fold(
+    folds: Folds, model: ElasticModel, fold: int, weights: Sequence[float]
+) -> tuple[FloatArray, FloatArray]:
     """Fit a model to all but one fold, for some weights of the penalty.
 
     A weight for which no answer can be certified has no number, and is not chosen.
@@ -196,7 +188,10 @@ def fit_fold(folds: Folds, model: ElasticModel, fold: int, weights: Sequence[flo
         folds: the set.
         model: what bends.
         fold: which fold is held out.
-        weights: λ; of joints alone, without a penalty, all give the same.
+        weights: W of λ; of joints alone, without a penalty, all give the same.
+
+    Returns:
+        (W, P) compliances and (W,) errors, as in `PenaltyPath`.
     """
     problem = folds.problem(model, fold)
     cone = problem.formulation.cone
@@ -206,29 +201,28 @@ def fit_fold(folds: Folds, model: ElasticModel, fold: int, weights: Sequence[flo
         alone = problem.joints_only() if model.loss == "squared" else _parameters(problem, 1.0)
         parameters = np.tile(alone, (len(weights), 1))
     compliances = problem.formulation.compliances(parameters)
-    return FoldFit(compliances, folds.error(fold, compliances))
+    return compliances, folds.error(fold, compliances)
 
 
-def refined(
-    folds: Folds, model: ElasticModel, fits: Sequence[FoldFit], plan: Plan
-) -> tuple[Plan, list[FoldFit]]:
-    """Fit a model for further weights around the best: four a decade, and beyond an end of the weights.
+def fit_folds(folds: Folds, model: ElasticModel, weights: Sequence[float]) -> PenaltyPath:
+    """Fit a model without each of the folds, for ascending weights of the penalty."""
+    fits = [fit_fold(folds, model, fold, weights) for fold in range(len(folds))]
+    compliances, errors = map(np.array, zip(*fits, strict=True))
+    return PenaltyPath(tuple(weights), compliances, errors)
 
-    Returns:
-        The plan with all weights, and the fits for them.
-    """
-    known = np.array(plan.weights)
-    compliances = np.array([fit.compliances for fit in fits])
-    errors = np.array([fit.error for fit in fits])
-    while further := _further(known, errors):
-        added = [fit_fold(folds, model, fold, further) for fold in range(len(folds))]
-        known = np.concatenate([known, further])
-        order = np.argsort(known)
-        known = known[order]
-        compliances = np.concatenate([compliances, [fit.compliances for fit in added]], axis=1)[:, order]
-        errors = np.concatenate([errors, [fit.error for fit in added]], axis=1)[:, order]
-    finer = replace(plan, weights=tuple(known.tolist()))
-    return finer, [FoldFit(*both) for both in zip(compliances, errors, strict=True)]
+
+def refined(folds: Folds, model: ElasticModel, path: PenaltyPath) -> PenaltyPath:
+    """Fit a model for further weights around the best: four a decade, and beyond an end of the weights."""
+    while further := _further(np.array(path.weights), path.errors):
+        added = fit_folds(folds, model, further)
+        weights = np.array(path.weights + added.weights)
+        order = np.argsort(weights)
+        path = PenaltyPath(
+            tuple(weights[order].tolist()),
+            np.concatenate([path.compliances, added.compliances], axis=1)[:, order],
+            np.concatenate([path.errors, added.errors], axis=1)[:, order],
+        )
+    return path
 
 
 def _further(weights: FloatArray, errors: FloatArray) -> list[float]:
@@ -254,12 +248,13 @@ def answered(errors: FloatArray) -> BoolArray:
     return np.asarray(np.isfinite(errors).all(axis=0))
 
 
-def chosen_weight(errors: FloatArray, rule: Rule, draws: int = 1) -> int:
+def chosen_weight(errors: FloatArray, rule: Literal["best", "one_standard_error"], draws: int = 1) -> int:
     """Return the place of the weight that cross-validation chooses.
 
     Args:
         errors: (K, W) of K folds for W ascending weights; NaN where there is no answer.
-        rule: see `Plan`.
+        rule: `best` takes the weight of least error, `one_standard_error` the largest whose error is within
+            one standard error of that.
         draws: how many share out the same postures, which are not more postures.
 
     Raises:
@@ -285,7 +280,7 @@ class HeldOut:
 
     model: ModelName  #: which
     loss: Loss  #: which
-    error: float  #: mean over the folds of the held-out error that chose the penalty; see `FoldFit` [m]
+    error: float  #: mean over the folds of the held-out error that chose the penalty; see `PenaltyPath` [m]
     penalty: float | None  #: weight λ that was chosen; None of joints alone
     by_fold: FloatArray  #: (K,) compensation of each fold, ``1 − mean‖δp − δp̂‖ / mean‖δp‖``
     #: (P,) mean norm of the residuals of each posture while it was left out, mean over the draws [m]
@@ -345,11 +340,8 @@ def _best_loss(models: Sequence[HeldOut], name: ModelName, losses: Sequence[Loss
 
 
 def select_model(
-    robot: Robot,
-    measurements: Measurements,
     folds: Folds,
-    fits: Mapping[tuple[ModelName, Loss], Sequence[FoldFit]],
-    plan: Plan,
+    paths: Mapping[tuple[ModelName, Loss], PenaltyPath],
     asked: ModelName | None = None,
     *,
     screened: bool = False,
@@ -357,26 +349,21 @@ def select_model(
     """Choose the weight of each model and loss, and compare them at these weights.
 
     Args:
-        robot: n joints.
-        measurements: that the folds share out.
-        folds: of them.
-        fits: of each model and loss, one a fold.
-        plan: weights and rule.
+        folds: of the measurements.
+        paths: of each model and loss.
         asked: the model that must have an answer; one without certified answers is left out otherwise.
         screened: whether a test has shown that something besides the joints bends.
 
     Raises:
         UnsupportedMethodError: that model has no weight with certified answers.
     """
-    keys = [(name, loss) for name in MODELS for loss in LOSSES if (name, loss) in fits]
-    errors = {key: np.array([fit.error for fit in fits[key]]) for key in keys}
-    answers = {key: bool(answered(errors[key]).any()) for key in keys}
+    robot, measurements, validation = folds.robot, folds.measurements, folds.validation
+    keys = [(name, loss) for name in MODELS for loss in LOSSES if (name, loss) in paths]
+    answers = {key: bool(answered(paths[key].errors).any()) for key in keys}
     none = not any(answers[key] for key in keys if key[0] == asked)
     keys = [key for key in keys if answers[key] or (none and key[0] == asked)]
-    places = [chosen_weight(errors[key], plan.rule, plan.draws) for key in keys]
-    chosen = np.array(
-        [[fit.compliances[place] for fit in fits[key]] for key, place in zip(keys, places, strict=True)]
-    )
+    places = {key: chosen_weight(paths[key].errors, validation.rule, validation.draws) for key in keys}
+    chosen = np.array([paths[key].compliances[:, place] for key, place in places.items()])
     _, posture = np.unique(measurements.joints, axis=0, return_inverse=True)
     predicted = [
         _compensation(robot, measurements[indices], folds, chosen[:, number])
@@ -390,13 +377,13 @@ def select_model(
         HeldOut(
             model=key[0],
             loss=key[1],
-            error=float(errors[key][:, place].mean()),
-            penalty=None if key[0] == "joints" else plan.weights[place],
+            error=float(paths[key].errors[:, place].mean()),
+            penalty=None if key[0] == "joints" else paths[key].weights[place],
             by_fold=compensation[number],
             by_posture=by_posture[number],
             per_draw=folds.per_draw,
         )
-        for number, (key, place) in enumerate(zip(keys, places, strict=True))
+        for number, (key, place) in enumerate(places.items())
     )
     return Selection.among(models, screened=screened)
 

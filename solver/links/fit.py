@@ -145,22 +145,18 @@ def refuse_unsupported_elastic(measurements: Measurements, settings: Settings) -
             )
 
 
-def estimate_elastic(
-    robot: Robot, measurements: Measurements, folds: Folds, model: ElasticModel, weight: float
-) -> ElasticEstimate:
+def estimate_elastic(folds: Folds, model: ElasticModel, weight: float) -> ElasticEstimate:
     """Fit a model to a whole set.
 
     Args:
-        robot: n joints.
-        measurements: N observations.
-        folds: of the measurements, for their compressed rows.
+        folds: the set, with its compressed rows.
         model: what bends besides the joints; not joints alone, which need no penalty.
         weight: λ > 0 of the penalty.
 
     Raises:
         UnsupportedMethodError: the penalty has no scale, or is too small for the optimum to be certified.
     """
-    problem = folds.problem(model)
+    robot, measurements, problem = folds.robot, folds.measurements, folds.problem(model)
     formulation = problem.formulation
     scale = _scale(formulation, measurements.sigma)
     unit = scale / problem.size
@@ -216,9 +212,7 @@ def _companion(problem: LossProblem, compliances: FloatArray, weight: float) -> 
     return Companion(problem.formulation, weight, sigma * max(1.0, excess), None)
 
 
-def first_certified(
-    robot: Robot, measurements: Measurements, folds: Folds, model: ElasticModel, weights: Sequence[float]
-) -> ElasticEstimate:
+def first_certified(folds: Folds, model: ElasticModel, weights: Sequence[float]) -> ElasticEstimate:
     """Fit a model with the first of some ascending weights whose optimum is certified.
 
     Raises:
@@ -226,10 +220,10 @@ def first_certified(
     """
     for weight in weights[:-1]:
         try:
-            return estimate_elastic(robot, measurements, folds, model, weight)
+            return estimate_elastic(folds, model, weight)
         except UnsupportedMethodError:
             continue
-    return estimate_elastic(robot, measurements, folds, model, weights[-1])
+    return estimate_elastic(folds, model, weights[-1])
 
 
 def _residuals(

@@ -16,11 +16,12 @@ from typing import Final
 
 import numpy as np
 
+from jointstiff.schemas.options import CrossValidation
 from jointstiff.solver.arrays import FloatArray, IndexArray
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.evidence.estimate import Estimate, LeftOut
 from jointstiff.solver.fitting.method import Settings
-from jointstiff.solver.links.choice import Folds, Plan, fit_fold
+from jointstiff.solver.links.choice import Folds, fit_fold
 from jointstiff.solver.links.fit import ElasticEstimate
 from jointstiff.solver.links.model import elastic_blocks
 from jointstiff.solver.predict.forward import LoadCases, greatest_deviation
@@ -188,18 +189,18 @@ def leave_folds_out(robot: Robot, measurements: Measurements, elastic: ElasticEs
         UnsupportedMethodError: there is one posture only.
     """
     model, sigma = ElasticPredictor.of(robot, elastic), elastic.companion.sigma
-    plan = Plan(folds=_PARTS, draws=1, weights=(elastic.penalty,))
-    folds = Folds(robot, measurements, elastic.model.columns, model.seen, plan)
+    parts = CrossValidation(folds=_PARTS, draws=1)
+    folds = Folds(robot, measurements, elastic.model.columns, model.seen, parts)
     covariance = np.broadcast_to(measurements.covariance, (*measurements.present.shape, 3, 3))
     of_reading = np.nonzero(measurements.present)[0]
     residual, lacking = np.empty((len(of_reading), 3)), np.empty(len(of_reading))
     half = np.zeros((len(of_reading), 3, 1 if model.root is None else len(model.root)))
     for number, part in enumerate(folds.held_out):
-        fit = fit_fold(folds, elastic.model, number, plan.weights)
+        compliances, _ = fit_fold(folds, elastic.model, number, (elastic.penalty,))
         blocks = elastic_blocks(robot, measurements[part], folds.columns)
         rows = np.concatenate([columns[block.measurements.present] for block, columns in blocks])
         own = np.flatnonzero(np.isin(of_reading, part))
-        residual[own] = rows[..., -1] - rows[..., :-1] @ fit.compliances[0]
+        residual[own] = rows[..., -1] - rows[..., :-1] @ compliances[0]
         lacking[own] = len(part) / len(measurements)
         if model.root is not None and sigma is not None:
             root = rows[..., model.kept] @ model.root

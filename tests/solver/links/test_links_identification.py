@@ -9,6 +9,7 @@ import pytest
 from support.campaigns import prepare
 from support.shared_data import shared
 
+from jointstiff.schemas.options import CrossValidation
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.elastic_links import beam_arm, elastic_campaign
 from jointstiff.solver.convex.conic import to_vector
@@ -20,15 +21,16 @@ from jointstiff.solver.links.choice import (
     WEIGHTS,
     Folds,
     HeldOut,
-    Plan,
     Selection,
     chosen_weight,
     fit_fold,
+    fit_folds,
     judge_losses,
     judge_penalty,
     largest_of,
     refined,
     select_model,
+    shared_out,
 )
 from jointstiff.solver.links.fit import (
     effective_compliances,
@@ -71,14 +73,11 @@ def rows_of(robot, measurements):
 
 
 def estimate(robot, measurements, name="joints_and_links", weight=1e-2, *, columns=COLUMNS, **options):
-    """Estimate with options of the model (loss, threshold), of the folds (plan), and of what is visible."""
-    folds = Folds(robot, measurements, columns, options.pop("visible", VISIBLE), options.pop("plan", Plan()))
+    """Estimate with options of the model (loss, threshold), of the folds (shares), and of what is visible."""
+    shares = options.pop("shares", CrossValidation())
+    folds = Folds(robot, measurements, columns, options.pop("visible", VISIBLE), shares)
     loss, threshold = options.pop("loss", "squared"), options.pop("threshold", 2.8)
-    return estimate_elastic(robot, measurements, folds, ElasticModel(name, columns, loss, threshold), weight)
-
-
-def fold_fits(folds, model, plan):
-    return [fit_fold(folds, model, k, plan.weights) for k in range(len(folds))]
+    return estimate_elastic(folds, ElasticModel(name, columns, loss, threshold), weight)
 
 
 @pytest.fixture(scope="module")
@@ -129,15 +128,14 @@ def test_links_that_are_known_leave_noise_and_joints_alone_leave_much_more():
     """90 fitted, 40 held out; the benchmark has 200 and 200."""
     robot, measurements = pulled(beam_arm(default_arm()), 130, seed=0)
     fitted, held_out = measurements[:90], measurements[90:]
-    plan = Plan(folds=3, weights=(1e-6, 1e-5))
-    folds = Folds(robot, fitted, COLUMNS, VISIBLE, plan)
+    folds = Folds(robot, fitted, COLUMNS, VISIBLE, CrossValidation(folds=3))
     model = ElasticModel("joints_and_links", COLUMNS)
-    errors = np.array([fit.error for fit in fold_fits(folds, model, plan)])
-    weight = plan.weights[chosen_weight(errors, "best")]
-    found = estimate_elastic(robot, fitted, folds, model, weight)
+    path = fit_folds(folds, model, (1e-6, 1e-5))
+    weight = path.weights[chosen_weight(path.errors, "best")]
+    found = estimate_elastic(folds, model, weight)
     rows = rows_of(robot, held_out)
     left = np.sqrt(np.square(held_out.deflection - rows @ found.entries).mean() / 2.0) / 2e-5
-    joints = fit_fold(folds, ElasticModel("joints", COLUMNS), 0, (1.0,)).compliances[0]
+    joints = fit_fold(folds, ElasticModel("joints", COLUMNS), 0, (1.0,))[0][0]
     alone = np.sqrt(np.square(held_out.deflection - rows @ joints).mean() / 2.0) / 2e-5
     assert left < 1.1
     assert alone > 5.0
@@ -152,31 +150,29 @@ def test_the_penalty_is_refined_to_a_quarter_of_a_decade_and_beyond_an_end():
         ("diagonal_links", 60, (LIMITS[0], 0.1 * WEIGHTS[0])),
     ):
         robot, measurements = pulled(beam_arm(default_arm()), count, seed=1)
-        plan, model = Plan(folds=3, draws=1), ElasticModel(name, COLUMNS)
-        folds = Folds(robot, measurements, COLUMNS, VISIBLE, plan)
-        fits = fold_fits(folds, model, plan)
-        finer, fits = refined(folds, model, fits, plan)
-        errors = np.array([fit.error for fit in fits])
+        model = ElasticModel(name, COLUMNS)
+        folds = Folds(robot, measurements, COLUMNS, VISIBLE, CrossValidation(folds=3, draws=1))
+        finer = refined(folds, model, fit_folds(folds, model, WEIGHTS))
+        errors = finer.errors
         mean, best = errors.mean(axis=0), chosen_weight(errors, "best")
         assert expected[0] <= finer.weights[best] <= expected[1]
-        assert mean[best] <= errors[:, np.isin(finer.weights, plan.weights)].mean(axis=0).min()
+        assert mean[best] <= errors[:, np.isin(finer.weights, WEIGHTS)].mean(axis=0).min()
         ratios = np.diff(np.log10(finer.weights))[max(0, best - 1) : best + 1]
         np.testing.assert_allclose(ratios, 0.25)
 
 
-def selected(robot, measurements, plan, names=MODELS):
-    folds = Folds(robot, measurements, COLUMNS, VISIBLE, plan)
+def selected(robot, measurements, weights, names=MODELS, **shares):
+    folds = Folds(robot, measurements, COLUMNS, VISIBLE, CrossValidation(draws=1, **shares))
     models = [ElasticModel(name, COLUMNS) for name in names]
-    fits = {model.key: fold_fits(folds, model, plan) for model in models}
-    return select_model(robot, measurements, folds, fits, plan)
+    return select_model(folds, {model.key: fit_folds(folds, model, weights) for model in models})
 
 
 def test_selection_names_joints_where_links_are_rigid_and_links_where_they_bend(elastic):
-    plan = Plan(draws=1, weights=(1e-4, 1e-2))
+    weights = (1e-4, 1e-2)
     for seed in range(2):
-        rigid = selected(*rigid_pulled(15, seed), replace(plan, seed=seed))
+        rigid = selected(*rigid_pulled(15, seed), weights, seed=seed)
         assert rigid.simplest == "joints"
-    bending = selected(*elastic, plan)
+    bending = selected(*elastic, weights)
     assert bending.simplest != "joints"
     assert bending.of("joints_and_links").compensation > bending.of("joints").compensation
     assert bending.of("joints").penalty is None
@@ -190,9 +186,9 @@ def test_effective_compliance_about_each_axis_is_found_where_the_joint_alone_is_
     truth = arm.arm.compliances + np.einsum("ji,jik,jk->j", axes, arm.links[:, 3:, 3:], axes)
     rows = effective_rows(robot, COLUMNS)
     np.testing.assert_allclose(rows @ truth_of(arm), truth, rtol=1e-9)
-    plan = Plan(draws=1, weights=tuple(np.logspace(-7.0, -2.0, 6)))
-    found = selected(robot, measurements, plan, ["joints_and_links"]).of("joints_and_links")
-    estimated = estimate(robot, measurements, weight=found.penalty, plan=plan)
+    weights = tuple(np.logspace(-7.0, -2.0, 6).tolist())
+    found = selected(robot, measurements, weights, ["joints_and_links"]).of("joints_and_links")
+    estimated = estimate(robot, measurements, weight=found.penalty)
     assert np.all(np.abs(rows @ estimated.entries / truth - 1.0) < 0.25)
     intervals = effective_compliances(robot, estimated, 0.95)
     np.testing.assert_array_equal(intervals.compliance, rows @ estimated.entries)
@@ -229,16 +225,16 @@ def test_losses_are_compared_in_sets_of_few_targets(elastic):
 
 def test_folds_share_out_postures_and_keep_equal_ones_together():
     joints = np.repeat(np.arange(9.0)[:, None], 2, axis=1)[[0, 1, 2, 3, 4, 5, 6, 7, 8, 0, 3, 3]]
-    folds = Plan(folds=3, draws=1, seed=1).assigned(joints)
+    folds = shared_out(CrossValidation(folds=3, draws=1, seed=1), joints)
     assert sorted(np.concatenate(folds).tolist()) == list(range(12))
     of = {int(i): number for number, fold in enumerate(folds) for i in fold}
     assert of[0] == of[9]
     assert of[3] == of[10] == of[11]
-    assert len(Plan(folds=5, draws=2).assigned(joints[:3])) == 2 * 3
-    different = Plan(folds=3, draws=1, seed=2).assigned(joints)
+    assert len(shared_out(CrossValidation(folds=5, draws=2), joints[:3])) == 2 * 3
+    different = shared_out(CrossValidation(folds=3, draws=1, seed=2), joints)
     assert any(a.tolist() != b.tolist() for a, b in zip(folds, different, strict=True))
     with pytest.raises(UnsupportedMethodError, match="one posture"):
-        Plan().assigned(joints[[0, 9]])
+        shared_out(CrossValidation(), joints[[0, 9]])
 
 
 def test_the_rules_choose_the_best_weight_or_the_largest_that_is_as_good():
@@ -279,12 +275,12 @@ def test_a_clean_set_is_answered_whatever_the_penalty(weight, loss):
 
 def test_a_penalty_that_cannot_be_certified_gives_way_to_the_next(elastic):
     robot, measurements = elastic
-    folds = Folds(robot, measurements, COLUMNS, VISIBLE, Plan())
+    folds = Folds(robot, measurements, COLUMNS, VISIBLE, CrossValidation())
     model = ElasticModel("joints_and_links", COLUMNS)
     with pytest.raises(UnsupportedMethodError, match="certified") as refused:
-        estimate_elastic(robot, measurements, folds, model, 1e-30)
+        estimate_elastic(folds, model, 1e-30)
     assert (refused.value.where, "or more" in refused.value.remedy) == ("link_penalty", True)
-    found = first_certified(robot, measurements, folds, model, (1e-30, 1e-4, 1e-2))
+    found = first_certified(folds, model, (1e-30, 1e-4, 1e-2))
     assert found.penalty == 1e-4
     raised = judge_penalty(1e-5, found.penalty)
     assert [finding.code for finding in raised] == ["link_penalty_raised"]
@@ -300,16 +296,15 @@ def test_a_penalty_at_an_end_is_a_finding(chosen, remedy):
 
 def test_a_model_without_an_answer_is_left_out_unless_it_is_asked_for(elastic):
     robot, measurements = elastic
-    plan = Plan(folds=2, draws=1, weights=(1e-2,))
-    folds = Folds(robot, measurements, COLUMNS, VISIBLE, plan)
-    fits = {(name, "squared"): fold_fits(folds, ElasticModel(name, COLUMNS), plan) for name in MODELS}
+    folds = Folds(robot, measurements, COLUMNS, VISIBLE, CrossValidation(folds=2, draws=1))
+    paths = {(name, "squared"): fit_folds(folds, ElasticModel(name, COLUMNS), (1e-2,)) for name in MODELS}
     coupled = ("coupled_joints", "squared")
-    fits[coupled] = [replace(fit, error=fit.error * np.nan) for fit in fits[coupled]]
-    found = select_model(robot, measurements, folds, fits, plan, "joints_and_links")
+    paths[coupled] = replace(paths[coupled], errors=paths[coupled].errors * np.nan)
+    found = select_model(folds, paths, "joints_and_links")
     answered = [name for name in MODELS if name != "coupled_joints"]
     assert [held_out.model for held_out in found.models] == answered
     with pytest.raises(UnsupportedMethodError):
-        select_model(robot, measurements, folds, fits, plan, "coupled_joints")
+        select_model(folds, paths, "coupled_joints")
 
 
 @pytest.mark.parametrize(
@@ -343,7 +338,7 @@ def test_predictions_hold_on_beams_at_any_place(elastic):
     """Exact beams that share no code with us, read in other postures than those fitted."""
     robot, measurements = elastic
     fitted, held_out = measurements[:25], measurements[25:]
-    found = estimate(robot, fitted, weight=1e-4, plan=Plan(folds=3, weights=(1e-4,)))
+    found = estimate(robot, fitted, weight=1e-4, shares=CrossValidation(folds=3))
     predictor = ElasticPredictor.of(robot, found)
     error = leave_folds_out(robot, fitted, found)
     assert error.postures == 25
@@ -372,7 +367,7 @@ def test_predictions_hold_on_beams_at_any_place(elastic):
 def test_balls_hardly_grow_within_the_loads_and_in_proportion_beyond(elastic):
     """No noise is stated: it remains, with what the readings leave open. A stored model says the same."""
     robot, fitted = elastic[0], replace(elastic[1][:25], sigma=None)
-    found = estimate(robot, fitted, weight=1e-4, plan=Plan(folds=3, weights=(1e-4,)))
+    found = estimate(robot, fitted, weight=1e-4, shares=CrossValidation(folds=3))
     predictor, error = ElasticPredictor.of(robot, found), leave_folds_out(robot, fitted, found)
     assert error.noise == pytest.approx(np.sqrt(2.0) * 2e-5, rel=0.3)
     cases = LoadCases(fitted.joints, fitted.force, fitted.moment, fitted.load_point, fitted.load_point)

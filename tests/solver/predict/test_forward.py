@@ -10,11 +10,12 @@ from support.calibrated_arms import arm
 from support.campaigns import estimate, prepare
 from support.springs import SIGMA, SpringCampaign, robot_of
 
+from jointstiff.schemas.options import CrossValidation
 from jointstiff.simulator import TARGETS, default_arm, equilibrium, torques
 from jointstiff.simulator.elastic_links import beam_arm, elastic_campaign, elastic_deflections
 from jointstiff.solver.convex.solution import Bounds, Constraints
 from jointstiff.solver.errors import RequestError
-from jointstiff.solver.links.choice import Folds, Plan
+from jointstiff.solver.links.choice import Folds
 from jointstiff.solver.links.fit import estimate_elastic
 from jointstiff.solver.links.model import ElasticColumns, ElasticModel
 from jointstiff.solver.predict.answers import STATUSES, MapTask, map_places, tool_rotations
@@ -289,9 +290,9 @@ def links():
     document = elastic_campaign(beam_arm(ARM), configurations=30, sigma=2e-5, seed=3)
     robot, measurements = prepare(document)
     columns = ElasticColumns(6, tuple(range(6)))
-    folds = Folds(robot, measurements, columns, np.ones(6, dtype=bool), Plan(folds=3, weights=(1e-4,)))
+    folds = Folds(robot, measurements, columns, np.ones(6, dtype=bool), CrossValidation(folds=3))
     model = ElasticModel("joints_and_links", columns)
-    return ElasticPredictor.of(robot, estimate_elastic(robot, measurements, folds, model, 1e-4))
+    return ElasticPredictor.of(robot, estimate_elastic(folds, model, 1e-4))
 
 
 def exact_beams(joints, cases):

@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 from support.campaigns import estimate, prepare
 
+from jointstiff.schemas.options import CrossValidation
 from jointstiff.simulator import default_arm
 from jointstiff.simulator.base import pedestal_campaign
 from jointstiff.solver.convex.conic import to_vector
 from jointstiff.solver.evidence.causes import LINKS_LEVEL, screen_estimate
-from jointstiff.solver.links.choice import Folds, Plan, compared_models
+from jointstiff.solver.links.choice import Folds, compared_models
 from jointstiff.solver.links.fit import effective_compliances, effective_rows, estimate_elastic
 from jointstiff.solver.links.model import MODELS, WITH_BASE, ElasticColumns, ElasticModel, elastic_blocks
 from jointstiff.solver.predict.forward import LoadCases
@@ -58,8 +59,8 @@ def campaign():
 
 @pytest.fixture(scope="module")
 def found(campaign):
-    folds = Folds(*campaign, COLUMNS, np.ones(6, dtype=bool), Plan(folds=3, draws=1))
-    return estimate_elastic(*campaign, folds, ElasticModel("joints_and_base", COLUMNS), 1e-3)
+    folds = Folds(*campaign, COLUMNS, np.ones(6, dtype=bool), CrossValidation(folds=3, draws=1))
+    return estimate_elastic(folds, ElasticModel("joints_and_base", COLUMNS), 1e-3)
 
 
 def test_base_and_joints_are_found_together(campaign, found):
