@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 import numpy.typing as npt
+import pinocchio as pin
 
 from jointstiff.schemas.fields import Vector3
 from jointstiff.schemas.finding import Finding, NamedCause
@@ -44,12 +45,11 @@ from jointstiff.solver.robot.urdf import read_inertials, read_urdf, write_urdf
 if TYPE_CHECKING:
     from jointstiff.schemas.geometry import GeometryRequest
     from jointstiff.solver.geometry.frames import BaseTargets
-    from jointstiff.solver.geometry.poses import RigidTransform
 
 Header = TypeVar("Header", bound=MeasurementSetHeader)
 
 
-def stated_transform(frame: Frame, length: float) -> RigidTransform:
+def stated_transform(frame: Frame, length: float) -> pin.SE3:
     """Return an explicit transform from tracker to R0, its rotation made exact.
 
     Args:
@@ -59,14 +59,14 @@ def stated_transform(frame: Frame, length: float) -> RigidTransform:
     Raises:
         MeasurementError: the matrix is not a rotation.
     """
-    from jointstiff.solver.geometry.poses import RigidTransform
+    from jointstiff.solver.geometry import poses
 
-    return RigidTransform.stated(
+    return poses.stated_transform(
         np.array(frame.rotation, dtype=np.float64), length * np.array(frame.translation, dtype=np.float64)
     )
 
 
-def to_resolved(transform: RigidTransform, flange_targets: dict[str, Vector3] | None = None) -> ResolvedFrame:
+def to_resolved(transform: pin.SE3, flange_targets: dict[str, Vector3] | None = None) -> ResolvedFrame:
     """Return what a frame means, to be stored with its set."""
     return message(ResolvedFrame, transform, flange_targets=flange_targets or {})
 

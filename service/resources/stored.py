@@ -10,6 +10,7 @@ from typing import Any, Final, Generic, TypeVar
 from uuid import uuid4
 
 import numpy as np
+import pinocchio as pin
 
 from jointstiff.schemas import measurement as messages
 from jointstiff.schemas import robot as robots
@@ -49,7 +50,6 @@ from jointstiff.service.store.tables import (
 from jointstiff.solver.errors import MeasurementError, RequestError
 from jointstiff.solver.geometry.frames import BaseDrift
 from jointstiff.solver.geometry.identification import drift_findings
-from jointstiff.solver.geometry.poses import RigidTransform
 from jointstiff.solver.robot.model import Robot
 
 AnyJob = TypeVar("AnyJob", bound=Job)
@@ -400,11 +400,11 @@ def resolve_frame(store: Store, request: MeasurementSetRequest) -> tuple[Resolve
         return to_resolved(stated_transform(frame, length)), []
     geometry, result = succeeded_geometry(store, frame.geometry_id, "frame.geometry_id")
     stated = result.base_frame.transform_tracker_to_base
-    transform = RigidTransform(np.array(stated.rotation), np.array(stated.translation))
+    transform = pin.SE3(np.array(stated.rotation), np.array(stated.translation))
     warnings: list[Finding] = []
     if frame.base_targets is not None:
         drift, warnings = _drift(geometry.request, result, request, frame.base_targets)
-        transform = transform.after(drift.transform_after_to_before)
+        transform = transform * drift.transform_after_to_before
     return to_resolved(transform, _flange_targets(store, frame, request.robot_id, geometry, result)), warnings
 
 

@@ -32,12 +32,14 @@ inverse of its own covariance: a way that is ill-conditioned counts little, and 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from functools import cached_property
 from itertools import combinations
 from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
+import pinocchio as pin
 from scipy import special
 from scipy.spatial.transform import Rotation
 
@@ -45,7 +47,15 @@ from jointstiff.schemas.fields import Square3
 from jointstiff.schemas.geometry import AxisPlace, IdentifiedAxis, WristDistance
 from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.errors import MeasurementError
-from jointstiff.solver.geometry.poses import Axis, IdentifiedAxes, RigidTransform, chain_axes, minimise
+from jointstiff.solver.geometry.poses import (
+    Axis,
+    IdentifiedAxes,
+    by_small_motion,
+    chain_axes,
+    minimise,
+    right_handed,
+    transformed,
+)
 from jointstiff.solver.geometry.sweeps import STILL, SweptAxes
 from jointstiff.solver.robot.configuration import WRIST_JOINTS, Wrist
 from jointstiff.solver.robot.model import KinematicChain
@@ -71,7 +81,7 @@ def common_feet(first: Axis, second: Axis) -> tuple[FloatArray, FloatArray]:
     return first.at((along - back * cosine) / sine2), second.at((along * cosine - back) / sine2)
 
 
-def perpendicular_frame(axes: Sequence[Axis], frame: Literal["base", "flange"]) -> RigidTransform:
+def perpendicular_frame(axes: Sequence[Axis], frame: Literal["base", "flange"]) -> pin.SE3:
     """Return the transform from the perpendicular frame of two axes to the frame of the axes.
 
     Args:
@@ -98,23 +108,31 @@ def perpendicular_frame(axes: Sequence[Axis], frame: Literal["base", "flange"]) 
             where="sweeps",
             remedy="give the transform explicitly; parallel axes do not define a frame",
         )
-    x, z = x / sine, main.direction
-    return RigidTransform(np.column_stack([x, np.cross(z, x), z]), common_feet(main, other)[0])
+    return right_handed(x / sine, main.direction, common_feet(main, other)[0])
 
 
 @dataclass(frozen=True, eq=False)
 class BaseFrame:
     """R0 and the tracker's frame."""
 
+    identified: IdentifiedAxes  #: at least two axes
     #: from the perpendicular frame of axes 1 and 2, at model angle zero, to R0: the convention
-    base_from_perpendicular: RigidTransform
-    transform_tracker_to_base: RigidTransform  #: with its covariance
-    #: (6, 4 n + 3 T) derivative of its (δ, φ) by the identified axes, for what depends on both
-    jacobian: FloatArray
+    base_from_perpendicular: pin.SE3
 
-    def place(self, axes: Sequence[Axis]) -> RigidTransform:
+    def place(self, axes: Sequence[Axis]) -> pin.SE3:
         """The transform from tracker to base by other axes at angle zero, by the same convention."""
-        return self.base_from_perpendicular.after(perpendicular_frame(axes, "base").inverse())
+        return self.base_from_perpendicular * perpendicular_frame(axes, "base").inverse()
+
+    @cached_property
+    def transform_tracker_to_base(self) -> pin.SE3:
+        """The transform by the identified axes."""
+        return self.place(self.identified.axes)
+
+    @cached_property
+    def jacobian(self) -> FloatArray:
+        """(6, 4 n + 3 T) derivative of its small motion (δ, φ) in R0 by the identified axes."""
+        back = self.transform_tracker_to_base.inverse()
+        return self.identified.jacobian_of(lambda axes, _: pin.log6(self.place(axes) * back).vector)
 
 
 def find_base_frame(
@@ -143,22 +161,18 @@ def find_base_frame(
         distance = offset(identified.axes, identified.targets)[0]
         uncertainty = np.sqrt(identified.covariance_of(offset)[0, 0])
         sign = -1.0 if distance < -_MEETING * uncertainty else 1.0
-        convention = RigidTransform(np.diag([sign, sign, 1.0]), np.array([0.0, 0.0, height]))
-    draft = BaseFrame(convention, RigidTransform.identity(), np.zeros((6, 0)))
-    transform = draft.place(identified.axes)
-    J = identified.jacobian_of(lambda axes, _: transform.chart(draft.place(axes)))
-    covariance = J @ identified.covariance @ J.T
-    return BaseFrame(convention, replace(transform, covariance=covariance), J)
+        convention = pin.SE3(np.diag([sign, sign, 1.0]), np.array([0.0, 0.0, height]))
+    return BaseFrame(identified, convention)
 
 
-def place_axes(identified: IdentifiedAxes, base: BaseFrame, names: Sequence[str]) -> list[IdentifiedAxis]:
+def place_axes(base: BaseFrame, names: Sequence[str]) -> list[IdentifiedAxis]:
     """Place the axes in both frames.
 
     Args:
-        identified: n axes.
-        base: where R0 is.
+        base: where R0 is by n axes.
         names: (n,) of the joints.
     """
+    identified = base.identified
 
     def placed(axes: Sequence[Axis], in_base: bool) -> list[Axis]:
         return [axis.moved(base.place(axes)) for axis in axes] if in_base else list(axes)
@@ -208,7 +222,7 @@ def place_axes(identified: IdentifiedAxes, base: BaseFrame, names: Sequence[str]
 class BaseDrift:
     """Motion of the base between two readings of its targets, as the tracker sees it."""
 
-    transform_after_to_before: RigidTransform  #: brings later readings back; apply it to remove the drift
+    transform_after_to_before: pin.SE3  #: brings later readings back; apply it to remove the drift
     displacement: FloatArray  #: (3,) of the point asked for, later less earlier, tracker's frame [m]
     displacement_covariance: FloatArray  #: (3, 3) [m²]
     rotation: FloatArray  #: (3,) rotation vector, tracker's frame [rad]
@@ -255,15 +269,15 @@ class BaseTargets:
         turn, _ = Rotation.align_vectors(after - after.mean(axis=0), before - middle)
         R = turn.as_matrix()
         motion, linear = minimise(
-            RigidTransform(R, after.mean(axis=0) - R @ middle),
-            lambda motion: np.asarray((W @ (after - motion.apply(before))[..., None]).ravel()),
-            lambda motion: np.asarray((W @ RigidTransform.sensitivity(motion.apply(before))).reshape(-1, 6)),
-            lambda motion, step: motion.displaced(step),
+            pin.SE3(R, after.mean(axis=0) - R @ middle),
+            lambda motion: np.asarray((W @ (after - transformed(motion, before))[..., None]).ravel()),
+            lambda motion: np.asarray((W @ by_small_motion(transformed(motion, before))).reshape(-1, 6)),
+            lambda motion, step: pin.exp6(step) * motion,
             where="base_targets",
         )
-        left, residuals = linear.residual, after - motion.apply(before)
+        left, residuals = linear.residual, after - transformed(motion, before)
         unmoved = (W @ (after - before)[..., None]).ravel()
-        S = RigidTransform.sensitivity(at)
+        S = by_small_motion(at)
         # Test each target alone: what leaving it out takes off the sum of squares, χ² with three numbers.
         # With three targets a rigid motion leaves three numbers, which do not tell which one moved.
         moved = []
@@ -274,8 +288,8 @@ class BaseTargets:
             if special.chdtrc(3, gain) * len(before) < SIGNIFICANCE:
                 moved.append((gain, self.names[target]))
         return BaseDrift(
-            transform_after_to_before=replace(motion, covariance=linear.covariance).inverse(),
-            displacement=motion.apply(at) - at,
+            transform_after_to_before=motion.inverse(),
+            displacement=transformed(motion, at) - at,
             displacement_covariance=S @ linear.covariance @ S.T,
             rotation=Rotation.from_matrix(motion.rotation).as_rotvec(),
             probability=float(special.chdtrc(6, unmoved @ unmoved - linear.rss)),
@@ -323,9 +337,9 @@ class WristCentre:
     ) -> tuple[FloatArray, FloatArray]:
         """A centre (3,) in R0 [m] and its covariance (3, 3), relation of centre and base frame included."""
         T = base.transform_tracker_to_base
-        centre = T.apply(estimate.centre)
+        centre = transformed(T, estimate.centre)
         # The influence on R0 may have further columns, of angles at rest
-        influence = RigidTransform.sensitivity(centre) @ base.jacobian @ identified.influence
+        influence = by_small_motion(centre) @ base.jacobian @ identified.influence
         influence[:, : estimate.influence.shape[1]] += T.rotation @ estimate.influence
         return centre, identified.sigma**2 * influence @ influence.T
 

@@ -459,7 +459,7 @@ class IdentifiedGeometry:
     def base_covariance(self) -> FloatArray | None:
         """(6, 6) of the transform from tracker to base [m, rad]; None if it is not determined."""
         known = np.isfinite(self.identified.standard_uncertainties(self.base.jacobian)).all()
-        return self.base.transform_tracker_to_base.covariance if known else None
+        return self.base.jacobian @ self.identified.covariance @ self.base.jacobian.T if known else None
 
     @property
     def target_covariances(self) -> FloatArray:
@@ -664,7 +664,7 @@ def _identified_geometry(
         sigma_source=sigma_source,
         conventions=conventions,
         base=base,
-        axes=place_axes(identified, base, model.chain.joint_names),
+        axes=place_axes(base, model.chain.joint_names),
         model=model,
         links=links,
         wrist=wrist,

@@ -20,13 +20,14 @@ from dataclasses import dataclass, field
 from itertools import pairwise
 
 import numpy as np
+import pinocchio as pin
 
 from jointstiff.schemas.geometry import IdentifiedDh, LinkComparison, NearlyParallel, Rigid
 from jointstiff.schemas.robot import DhRow
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import MeasurementError, RobotError
 from jointstiff.solver.geometry.frames import LEAST_SINE, BaseFrame, common_feet, perpendicular_frame
-from jointstiff.solver.geometry.poses import Axis, IdentifiedAxes, RigidTransform, chain_axes
+from jointstiff.solver.geometry.poses import Axis, IdentifiedAxes, chain_axes, right_handed, transformed
 from jointstiff.solver.messages import message, rows
 from jointstiff.solver.robot.model import ChainJoint, Convention, KinematicChain
 
@@ -50,7 +51,7 @@ class FlangeConvention:
     #: the third
     targets: tuple[int, int, int] | None = None
     #: how it stands in the perpendicular frame
-    frame_from_flange: RigidTransform = field(default_factory=RigidTransform.identity)
+    frame_from_flange: pin.SE3 = field(default_factory=pin.SE3.Identity)
 
     @classmethod
     def of_chain(cls, chain: KinematicChain) -> FlangeConvention:
@@ -60,16 +61,16 @@ class FlangeConvention:
             MeasurementError: there are fewer than two axes, or they are nearly parallel.
         """
         axes, flange = chain_axes(chain)
-        return cls(None, perpendicular_frame(axes, "flange").inverse().after(flange))
+        return cls(None, perpendicular_frame(axes, "flange").inverse() * flange)
 
-    def place(self, axes: Sequence[Axis], targets: FloatArray) -> RigidTransform:
+    def place(self, axes: Sequence[Axis], targets: FloatArray) -> pin.SE3:
         """Return the transform from the flange frame at angle zero to the frame of axes and targets.
 
         Raises:
             MeasurementError: the axes are nearly parallel, or the targets lie on a line.
         """
         if self.targets is None:
-            return perpendicular_frame(axes, "flange").after(self.frame_from_flange)
+            return perpendicular_frame(axes, "flange") * self.frame_from_flange
         points = targets[list(self.targets)]
         x, side = points[1] - points[0], points[2] - points[0]
         normal = np.cross(x, side)
@@ -79,8 +80,7 @@ class FlangeConvention:
                 where="targets",
                 remedy="choose three targets that form a triangle",
             )
-        x, z = x / np.linalg.norm(x), normal / np.linalg.norm(normal)
-        return RigidTransform(np.column_stack([x, np.cross(z, x), z]), points[0])
+        return right_handed(x / np.linalg.norm(x), normal / np.linalg.norm(normal), points[0])
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,15 +117,15 @@ def identify_model(
     """
 
     def in_flange(moved: Sequence[Axis], points: FloatArray) -> FloatArray:
-        return flange.place(moved, points).inverse().apply(points).ravel()
+        return transformed(flange.place(moved, points).inverse(), points).ravel()
 
     T = base.transform_tracker_to_base
     axes = [axis.moved(T) for axis in identified.axes]
     if nominal is not None:  # the same lines, stated where the nominal model has its joints
         expected, _ = _nominal_axes(nominal, len(axes))
         pairs = zip(axes, expected, strict=True)
-        axes = [Axis(axis.nearest(other.point), axis.frame) for axis, other in pairs]
-    placed = T.after(flange.place(identified.axes, identified.targets))
+        axes = [axis.placed_near(other.point) for axis, other in pairs]
+    placed = T * flange.place(identified.axes, identified.targets)
     J = identified.jacobian_of(in_flange)
     covariance = J @ identified.covariance @ J.T
     lost = np.isinf(identified.standard_uncertainties(J)).reshape(-1, 3).any(axis=1).repeat(3)
@@ -154,7 +154,7 @@ def identify_model(
     )
 
 
-def _nominal_axes(nominal: KinematicChain, n: int) -> tuple[tuple[Axis, ...], RigidTransform]:
+def _nominal_axes(nominal: KinematicChain, n: int) -> tuple[tuple[Axis, ...], pin.SE3]:
     """Return `chain_axes` of a nominal model of n joints; refuse another one."""
     axes, flange = chain_axes(nominal)
     if len(axes) != n:
@@ -175,8 +175,8 @@ class LinkGeometry:
     beta: FloatArray  #: (n - 1,) the other angle of neighbours meant to be parallel [rad]; 0 for others
     d: FloatArray  #: (n,) offsets along the axes, the first from frame 0, the last to the flange's origin [m]
     theta: FloatArray  #: (n,) angles about the axes at model angle zero, likewise [rad]
-    base: RigidTransform  #: from frame 0, whose z is axis 1, to the frame in which the axes are given
-    tool: RigidTransform  #: from the flange frame to frame n, whose z is axis n
+    base: pin.SE3  #: from frame 0, whose z is axis 1, to the frame in which the axes are given
+    tool: pin.SE3  #: from the flange frame to frame n, whose z is axis n
     #: (n - 1,) senses of the perpendiculars x beside z_i × z_{i+1}, or between parallel axes beside the
     #: direction from one to the other
     signs: tuple[float, ...]
@@ -189,7 +189,7 @@ class LinkGeometry:
 
 def link_geometry(
     axes: Sequence[Axis],
-    flange: RigidTransform,
+    flange: pin.SE3,
     parallel: Sequence[bool],
     signs: Sequence[float] | None = None,
 ) -> LinkGeometry:
@@ -223,7 +223,7 @@ def link_geometry(
     # x_n and the origin of frame n on the last axis: as near to the flange frame as they can be
     x.append(_across(flange.rotation[:, 0], z[-1], flange.rotation[:, 1]))
     starts.append(axes[-1].nearest(flange.translation))
-    frame_n = RigidTransform(np.column_stack([x[-1], np.cross(z[-1], x[-1]), z[-1]]), starts[-1])
+    frame_n = right_handed(x[-1], z[-1], starts[-1])
     tilts = [float(z[i + 1] @ x[i + 1]) for i in range(len(axes) - 1)]
     return LinkGeometry(
         a=np.array([(ends[i + 1] - starts[i]) @ x[i + 1] for i in range(len(axes) - 1)]),
@@ -231,8 +231,8 @@ def link_geometry(
         beta=np.arcsin(np.clip(tilts, -1.0, 1.0)),
         d=np.array([(starts[i] - ends[i]) @ z[i] for i in range(len(axes))]),
         theta=np.array([_angle(x[i], x[i + 1], z[i]) for i in range(len(axes))]),
-        base=RigidTransform(np.column_stack([x[0], np.cross(z[0], x[0]), z[0]]), ends[0]),
-        tool=frame_n.inverse().after(RigidTransform(flange.rotation, flange.translation)),
+        base=right_handed(x[0], z[0], ends[0]),
+        tool=frame_n.inverse() * flange,
         signs=tuple(used),
     )
 
@@ -273,7 +273,7 @@ def link_table(
 
     def measured(moved: Sequence[Axis], points: FloatArray) -> FloatArray:
         T = base.place(moved)
-        placed = T.after(flange.place(moved, points))
+        placed = T * flange.place(moved, points)
         return link_geometry([axis.moved(T) for axis in moved], placed, parallel, expected.signs).numbers
 
     def change(moved: Sequence[Axis], points: FloatArray) -> FloatArray:

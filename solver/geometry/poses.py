@@ -11,12 +11,12 @@ afterwards. Angles are the controller's, but for corrections that a caller may f
 undetermined is then the poses' fault (a joint that never moved, too few poses), not the parametrisation's;
 such combinations keep their nominal values and are named.
 
-Rigid transforms and directed lines, the charts in which they are uncertain, and fits that step in these.
-
 A joint's axis is a directed line: it has four degrees of freedom. `Axis` carries a frame (u, v, a) at one
 of its points, a along the axis; displacements along u and v and rotations about u and v are the *chart*
 in which fits step and covariances are stated. Sliding along the axis and turning about it change
-nothing, so the chart is minimal and has no singularity.
+nothing, so the chart is minimal and has no singularity. Rigid transforms are Pinocchio's: coordinates x in
+one frame become y = R x + t in the other; one is uncertain by a small motion (δ, φ) in the frame of y,
+``y = (I + [φ]×)(R x + t) + δ``.
 
 `minimise` is a damped Gauss-Newton for small non-linear least squares on such curved spaces. The state may
 be anything with a `stepped` function; the Jacobian is taken in the chart at the state itself. At the minimum
@@ -34,6 +34,7 @@ from typing import TypeVar
 
 import numpy as np
 import numpy.typing as npt
+import pinocchio as pin
 from scipy import special
 from scipy.linalg import qr
 from scipy.spatial.transform import Rotation
@@ -67,99 +68,50 @@ _UNDETERMINED = 1e-6
 """Share of an unknown in an unobservable direction above which it is not determined."""
 
 
-@dataclass(frozen=True, eq=False)
-class RigidTransform:
-    """``y = R x + t``: coordinates x in one frame become y in the other. Arrays are read-only.
+def stated_transform(rotation: FloatArray, translation: FloatArray) -> pin.SE3:
+    """Return a transform whose rotation (3, 3) is stated to some digits, made exact.
 
-    It is uncertain by a small motion in the frame of y: ``y = (I + [φ]×)(R x + t) + δ``.
+    Raises:
+        MeasurementError: the matrix is not a rotation.
     """
+    gap = float(np.abs(rotation @ rotation.T - np.eye(3)).max())
+    if not gap <= ROTATION_TOLERANCE or np.linalg.det(rotation) < 0.0:
+        what = f"its largest deviation is {gap:.2g}"
+        what = "it is a reflection (determinant -1)" if gap <= ROTATION_TOLERANCE else what
+        raise MeasurementError(
+            f"the rotation matrix is not orthonormal: {what}",
+            where="frame.rotation",
+            remedy="give the rotation matrix from the tracker's frame to R0 row by row, with seven digits",
+        )
+    U, _, Vt = np.linalg.svd(rotation)
+    return pin.SE3(U @ Vt, translation)
 
-    rotation: FloatArray  #: (3, 3) R
-    translation: FloatArray  #: (3,) t [m]
-    #: (6, 6) covariance of (δ, φ) [m, rad]; zero for a transform that is exact by definition
-    covariance: FloatArray = field(default_factory=lambda: np.zeros((6, 6)))
 
-    def __post_init__(self) -> None:
-        for array in (self.rotation, self.translation, self.covariance):
-            array.setflags(write=False)
+def transformed(transform: pin.SE3, points: FloatArray) -> FloatArray:
+    """Return points (..., 3) in the other frame [m]."""
+    return np.asarray(points @ transform.rotation.T + transform.translation)
 
-    @classmethod
-    def identity(cls) -> RigidTransform:
-        """The exact transform that changes nothing."""
-        return cls(np.eye(3), np.zeros(3))
 
-    @classmethod
-    def stated(cls, rotation: FloatArray, translation: FloatArray) -> RigidTransform:
-        """Return a transform whose rotation (3, 3) is stated to some digits, made exact.
+def right_handed(x: FloatArray, z: FloatArray, origin: FloatArray) -> pin.SE3:
+    """Return the transform from a frame with these unit vectors x and z, and an origin [m] (3,) each."""
+    return pin.SE3(np.column_stack([x, np.cross(z, x), z]), origin)
 
-        Raises:
-            MeasurementError: the matrix is not a rotation.
-        """
-        gap = float(np.abs(rotation @ rotation.T - np.eye(3)).max())
-        if not gap <= ROTATION_TOLERANCE or np.linalg.det(rotation) < 0.0:
-            what = f"its largest deviation is {gap:.2g}"
-            what = "it is a reflection (determinant -1)" if gap <= ROTATION_TOLERANCE else what
-            raise MeasurementError(
-                f"the rotation matrix is not orthonormal: {what}",
-                where="frame.rotation",
-                remedy="give the rotation matrix from the tracker's frame to R0 row by row, with "
-                "seven digits",
-            )
-        U, _, Vt = np.linalg.svd(rotation)
-        return cls(U @ Vt, translation)
 
-    def apply(self, points: FloatArray) -> FloatArray:
-        """Transform points (..., 3) [m]."""
-        return np.asarray(points @ self.rotation.T + self.translation)
-
-    @staticmethod
-    def sensitivity(moved: FloatArray) -> FloatArray:
-        """Displacement (..., 3, 6) of transformed points y (..., 3) by (δ, φ)."""
-        eye = np.broadcast_to(np.eye(3), (*moved.shape, 3))
-        return np.concatenate([eye, -skew(moved)], axis=-1)
-
-    def inverse(self) -> RigidTransform:
-        """Return the transform from y to x; its uncertainty is a motion in the frame of x."""
-        back = self.rotation.T
-        S = np.zeros((6, 6))
-        S[:3, :3] = S[3:, 3:] = -back
-        S[:3, 3:] = back @ skew(self.translation)
-        return RigidTransform(back, -back @ self.translation, S @ self.covariance @ S.T)
-
-    def after(self, first: RigidTransform) -> RigidTransform:
-        """This transform after another one, the two uncertain independently of each other."""
-        S = np.zeros((6, 6))
-        S[:3, :3] = S[3:, 3:] = self.rotation
-        S[:3, 3:] = skew(self.translation) @ self.rotation
-        covariance = self.covariance + S @ first.covariance @ S.T
-        return RigidTransform(self.rotation @ first.rotation, self.apply(first.translation), covariance)
-
-    def chart(self, other: RigidTransform) -> FloatArray:
-        """The motion (δ, φ) (6,) that makes this transform the other one."""
-        turn = other.rotation @ self.rotation.T
-        shift = other.translation - turn @ self.translation
-        return np.concatenate([shift, Rotation.from_matrix(turn).as_rotvec()])
-
-    def displaced(self, motion: FloatArray) -> RigidTransform:
-        """The transform after a motion (δ, φ) (6,); inverse of `chart`. The covariance is kept."""
-        turn = Rotation.from_rotvec(motion[3:]).as_matrix()
-        return RigidTransform(turn @ self.rotation, turn @ self.translation + motion[:3], self.covariance)
+def by_small_motion(points: FloatArray) -> FloatArray:
+    """Return the displacement (..., 3, 6) of points (..., 3) by a motion: translation, then rotation."""
+    eye = np.broadcast_to(np.eye(3), (*points.shape, 3))
+    return np.concatenate([eye, -skew(points)], axis=-1)
 
 
 @dataclass(frozen=True, eq=False)
 class Axis:
-    """A directed line. Arrays are read-only.
+    """A directed line.
 
     The chart of an axis has the coordinates (x, y, α, β): displacement of the point along u and v [m],
     then rotation about u and v [rad].
     """
 
-    point: FloatArray  #: (3,) a point on it [m]
-    frame: FloatArray  #: (3, 3) rotation with columns u, v and the direction a
-
-    def __post_init__(self) -> None:
-        self.point.setflags(write=False)
-        self.frame.setflags(write=False)
+    place: pin.SE3  #: of a frame at a point of the axis [m]: u, v, and the direction a of positive rotation
 
     @classmethod
     def through(cls, point: npt.ArrayLike, direction: npt.ArrayLike) -> Axis:
@@ -168,7 +120,17 @@ class Axis:
         a /= np.linalg.norm(a)
         u = np.cross(np.eye(3)[np.argmin(np.abs(a))], a)
         u /= np.linalg.norm(u)
-        return cls(np.array(point, dtype=np.float64), np.column_stack([u, np.cross(a, u), a]))
+        return cls(pin.SE3(np.column_stack([u, np.cross(a, u), a]), np.array(point, dtype=np.float64)))
+
+    @cached_property
+    def point(self) -> FloatArray:
+        """A point (3,) on the axis [m]."""
+        return np.array(self.place.translation)
+
+    @cached_property
+    def frame(self) -> FloatArray:
+        """Rotation (3, 3) with columns u, v and the direction."""
+        return np.array(self.place.rotation)
 
     @property
     def direction(self) -> FloatArray:
@@ -183,11 +145,15 @@ class Axis:
         """The foot (3,) of the perpendicular from a point (3,) [m]."""
         return self.at(float((point - self.point) @ self.direction))
 
+    def placed_near(self, point: FloatArray) -> Axis:
+        """The same line, its own point the foot of the perpendicular from a point (3,) [m]."""
+        return Axis(pin.SE3(self.frame, self.nearest(point)))
+
     def displaced(self, chart: FloatArray) -> Axis:
         """The axis at these coordinates (4,) of this axis's chart."""
-        angle = float(np.hypot(chart[2], chart[3]))
-        about = np.array([chart[2], chart[3], 0.0]) / angle if angle > 0.0 else np.array([1.0, 0.0, 0.0])
-        return Axis(self.point + self.frame[:, :2] @ chart[:2], self.frame @ _rotation(about, angle))
+        x, y, alpha, beta = chart.tolist()
+        turn = pin.exp3(np.array([alpha, beta, 0.0]))
+        return Axis(self.place * pin.SE3(turn, np.array([x, y, 0.0])))
 
     def chart(self, other: Axis) -> FloatArray:
         """Coordinates (4,) of another axis, not perpendicular to this; inverse of `displaced`."""
@@ -198,18 +164,17 @@ class Axis:
         stretch = np.arctan2(sine, w[2]) / sine if sine > 0.0 else 1.0
         return np.array([x, y, -w[1] * stretch, w[0] * stretch])
 
-    def moved(self, motion: RigidTransform) -> Axis:
+    def moved(self, motion: pin.SE3) -> Axis:
         """The axis after a rigid motion, or in another frame; charts go with it unchanged."""
-        return Axis(motion.rotation @ self.point + motion.translation, motion.rotation @ self.frame)
+        return Axis(motion * self.place)
 
-    def motion(self, angle: float) -> RigidTransform:
+    def motion(self, angle: float) -> pin.SE3:
         """Return the rigid motion that turns about the axis by an angle [rad], by the right hand."""
-        R = _rotation(self.direction, angle)
-        return RigidTransform(R, self.point - R @ self.point)
+        return self.place * pin.SE3(pin.utils.rotate("z", angle), np.zeros(3)) * self.place.inverse()
 
     def turns(self, angles: FloatArray) -> FloatArray:
         """Rotations (K, 3, 3) about the direction by angles (K,) [rad]."""
-        return _rotation(self.direction, angles)
+        return np.asarray(Rotation.from_rotvec(np.outer(angles, self.direction)).as_matrix())
 
     def turned(self, turns: FloatArray, points: FloatArray) -> FloatArray:
         """Points (K, T, 3) or (T, 3) turned about the axis by rotations (K, 3, 3): (K, T, 3) [m]."""
@@ -227,17 +192,6 @@ class Axis:
         after = np.cross(first.T[:, None, None], (arms @ np.swapaxes(turns, -1, -2))[None])
         before = second @ np.swapaxes(turns, -1, -2)
         return np.concatenate([by_place, np.moveaxis(after - before, 0, -1)], axis=-1)
-
-
-def _rotation(direction: FloatArray, angle: FloatArray | float) -> FloatArray:
-    """Rotation (..., 3, 3) about a unit vector by angles (...) [rad], by Rodrigues.
-
-    SciPy's Rotation takes ten times as long for a single one, and derivatives need thousands.
-    """
-    x, y, z = direction.tolist()
-    K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    sine, versine = np.sin(angle), 2.0 * np.sin(0.5 * np.asarray(angle)) ** 2
-    return np.asarray(np.eye(3) + (sine[..., None, None] * K + versine[..., None, None] * (K @ K)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -719,7 +673,7 @@ def derivative(axes: Sequence[Axis], targets: FloatArray, geometry: Geometry) ->
     return np.stack([(at(step) - at(-step)) / (2.0 * _STEP) for step in steps], axis=1)
 
 
-def chain_axes(chain: KinematicChain) -> tuple[tuple[Axis, ...], RigidTransform]:
+def chain_axes(chain: KinematicChain) -> tuple[tuple[Axis, ...], pin.SE3]:
     """Axes of a chain in R0 at angle zero, their points at the joints' origins, and flange to R0 there.
 
     Raises:
@@ -740,7 +694,7 @@ def chain_axes(chain: KinematicChain) -> tuple[tuple[Axis, ...], RigidTransform]
         R = R @ joint.rotation
         if joint.is_moving:
             axes.append(Axis.through(t, R @ joint.axis))
-    return tuple(axes), RigidTransform(R, t)
+    return tuple(axes), pin.SE3(R, t)
 
 
 @dataclass(frozen=True, eq=False)
@@ -757,7 +711,7 @@ def calibrate(
     nominal: KinematicChain,
     poses: Poses,
     *,
-    start: RigidTransform | None = None,
+    start: pin.SE3 | None = None,
     hold_out: bool = True,
     enough: float = 0.0,
 ) -> CalibratedAxes:
@@ -784,7 +738,7 @@ def calibrate(
         )
     readings = poses.whitened
     T, at_zero = _start(axes, poses, readings, start)
-    first = PoseState(tuple(axis.moved(T) for axis in axes), T.apply(at_zero), np.zeros(len(poses)))
+    first = PoseState(tuple(axis.moved(T) for axis in axes), transformed(T, at_zero), np.zeros(len(poses)))
     state, linear = fit_poses(readings, first, where="poses", enough=enough)
     rms = float(np.sqrt(np.mean(np.square(linear.residual))))
     held_out_rms = _held_out_rms(nominal, poses, start, rms) if hold_out else None
@@ -832,9 +786,7 @@ def calibrate(
     )
 
 
-def _held_out_rms(
-    nominal: KinematicChain, poses: Poses, start: RigidTransform | None, rms: float
-) -> float | None:
+def _held_out_rms(nominal: KinematicChain, poses: Poses, start: pin.SE3 | None, rms: float) -> float | None:
     """Return the root mean square error [m] of a coordinate predicted from the other poses, in five parts.
 
     Readings of one posture stay together. Four parts may hardly tell two unknowns apart, so that their fit
@@ -859,8 +811,8 @@ def _held_out_rms(
 
 
 def _start(
-    axes: tuple[Axis, ...], poses: Poses, readings: PoseReadings, start: RigidTransform | None
-) -> tuple[RigidTransform, FloatArray]:
+    axes: tuple[Axis, ...], poses: Poses, readings: PoseReadings, start: pin.SE3 | None
+) -> tuple[pin.SE3, FloatArray]:
     """Base to tracker, and targets at angle zero in R0, by linear least squares.
 
     ``Q p + s = R_k x_t + t_k`` is linear in Q = Rᵀ (nine numbers), s = −Rᵀ t and x_t. Q is then made a
@@ -876,7 +828,7 @@ def _start(
     points, size = poses.points[k, t], 3 * len(k)
     by_target = np.einsum("mij,mt->mitj", rotation, np.eye(len(poses.targets))[t]).reshape(size, -1)
     if start is not None:
-        local = start.inverse().apply(points) - shift
+        local = transformed(start.inverse(), points) - shift
         return start, np.linalg.lstsq(by_target, local.ravel(), rcond=None)[0].reshape(-1, 3)
     by_shift = np.tile(np.eye(3), (len(k), 1))
     by_rotation = np.einsum("ij,mk->mijk", np.eye(3), points).reshape(size, 9)
@@ -885,7 +837,7 @@ def _start(
     Q = U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt
     right = (points @ Q.T - shift).ravel()
     solution = np.linalg.lstsq(np.hstack([-by_shift, by_target]), right, rcond=None)[0]
-    return RigidTransform(Q.T, -Q.T @ solution[:3]), solution[3:].reshape(-1, 3)
+    return pin.SE3(Q.T, -Q.T @ solution[:3]), solution[3:].reshape(-1, 3)
 
 
 def _only_together(linear: LinearFit, n: int, targets: Sequence[str]) -> list[list[str]]:

@@ -54,6 +54,7 @@ from jointstiff.solver.geometry.poses import (
     derivative,
     fit_poses,
     refuse_other_units,
+    transformed,
 )
 from jointstiff.solver.robot.model import JointMap
 
@@ -373,7 +374,7 @@ def _start(sweep: Sweep, readings: PoseReadings, outer: AxisFit | None) -> PoseS
             remedy="read at least one target in three or more positions, at a distance from the axis",
         )
     found = Axis.through(np.average(centres, axis=0, weights=np.array(radii) + 1e-12), normal)
-    axes: tuple[Axis, ...] = (Axis(found.nearest(sweep.points[sweep.present].mean(axis=0)), found.frame),)
+    axes: tuple[Axis, ...] = (found.placed_near(sweep.points[sweep.present].mean(axis=0)),)
     if outer is not None:
         inner, (slope, back) = axes[0], readings.slopes[0]
         if abs(slope + back) < 0.5 * abs(slope):
@@ -505,7 +506,7 @@ def _to_zero(
             axis = axis.moved(motion)
         axes.append(axis)
     for motion in back:  # of the last sweep
-        points = motion.apply(points)
+        points = transformed(motion, points)
     return tuple(axes), points
 
 

@@ -32,6 +32,7 @@ from functools import cached_property
 from typing import Final
 
 import numpy as np
+import pinocchio as pin
 from scipy import special
 
 from jointstiff.schemas.finding import Finding
@@ -48,7 +49,6 @@ from jointstiff.solver.geometry.poses import (
     PoseReadings,
     Poses,
     PoseState,
-    RigidTransform,
     calibrate,
     chain_axes,
 )
@@ -666,7 +666,7 @@ def identify_weight(
             remedy="state `noise.sigma` of both",
         )
     whitened, unit = poses.whitened, poses.sigma or 1.0
-    rigid = calibrate(robot.chain, poses, start=RigidTransform.identity(), hold_out=False)
+    rigid = calibrate(robot.chain, poses, start=pin.SE3.Identity(), hold_out=False)
     fit = fit_weight(
         robot,
         readings,

@@ -10,12 +10,13 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 from support.shared_data import shared
 
 from jointstiff.simulator import default_arm
 from jointstiff.simulator.sweeps import HOME, SWEEP_TARGETS, SWEEPS, TrackedArm, imperfect_arm, rotation_by
 from jointstiff.simulator.urdf import urdf_text
-from jointstiff.solver.geometry.poses import Axis, IdentifiedAxes, RigidTransform
+from jointstiff.solver.geometry.poses import Axis, IdentifiedAxes
 from jointstiff.solver.geometry.sweeps import Sweep, SweepSet, SweptAxes, identify_axes
 from jointstiff.solver.robot.model import JointMap, KinematicChain
 from jointstiff.solver.robot.urdf import read_urdf
@@ -75,8 +76,8 @@ class Cell(TrackedArm):
         return Axis.through(*self.axis(joint, controller))
 
     @property
-    def tracker_to_base(self) -> RigidTransform:
-        return RigidTransform(self.rotation.T, -self.rotation.T @ self.translation)
+    def tracker_to_base(self) -> pin.SE3:
+        return pin.SE3(self.rotation.T, -self.rotation.T @ self.translation)
 
 
 def swept(

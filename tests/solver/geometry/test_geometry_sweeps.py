@@ -6,6 +6,7 @@ from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from scipy import stats
 from support.figures import length_in
@@ -40,7 +41,7 @@ from jointstiff.solver.geometry.identification import (
     sweep_findings,
     wrist_findings,
 )
-from jointstiff.solver.geometry.poses import Axis, RigidTransform
+from jointstiff.solver.geometry.poses import Axis
 from jointstiff.solver.geometry.sweeps import (
     SweepSet,
     fit_axis,
@@ -167,7 +168,7 @@ def test_exact_sweeps_of_an_imperfect_arm_give_its_axes(matrix, way):
     assert np.abs(found.targets - at_zero).max() < 1e-8
     base = find_base_frame(found, nominal())
     true = perpendicular_truth(cell)
-    assert np.abs(base.transform_tracker_to_base.chart(true)).max() < 1e-8
+    assert np.abs(pin.log6(base.transform_tracker_to_base.actInv(true)).vector).max() < 1e-8
 
 
 def perpendicular_truth(cell):
@@ -179,7 +180,7 @@ def perpendicular_truth(cell):
     reach = -(o @ y) / (a @ y)  # along axis 2 to the foot of the common perpendicular
     height = (o + reach * a)[2]
     R = np.stack([x, y, [0.0, 0.0, 1.0]])
-    return RigidTransform(R, np.array([0.0, 0.0, 0.78 - height])).after(cell.tracker_to_base)
+    return pin.SE3(R, np.array([0.0, 0.0, 0.78 - height])) * cell.tracker_to_base
 
 
 def _single_axis():
