@@ -8,10 +8,9 @@
     weighed          minimise ‖A x − b‖²                             stiffness without a load (§14)
     weighed_end      minimise aᵀx subject to ‖A x − b‖ ≤ 1           end of an interval without a load (§14)
     worst_direction  maximise t subject to M(w) − t diag(V⁻², 0) ⪰ 0             E-optimal design (§10)
-    worst_place      minimise t subject to tr(B_rᵀ M(w)⁻¹ B_r) ≤ t for all r     G-optimal design (§10)
 
 The first two are subject to lower ≤ x ≤ upper and B x ≥ d, the next three to x_j ≥ 0 and Mat(x_b) ⪰ 0,
-with x = near + y in the first of them, the next two to the cones of `conic.Cones`, and the last two to
+with x = near + y in the first of them, the next two to the cones of `conic.Cones`, and the last one to
 M(w) = M0 + Σ w_i K_i, Σ w = 1 and 0 ≤ w ≤ limit. Variables are equilibrated. A program is compiled once for a
 shape, its data being parameters. `huber`, `sum_of_norms`, `penalised_end` and designs are stated with their
 data, as that compiles faster. Ends of joints' intervals are found in batches, by `evidence.intervals`.
@@ -347,64 +346,24 @@ def worst_direction(base: FloatArray, K: FloatArray, metric: FloatArray) -> tupl
     Raises:
         SolverError: Clarabel does not solve it.
     """
-    s = len(metric)
+    s, p = len(metric), len(base)
     E = np.zeros(base.shape)
     E[:s, :s] = np.diag(metric**-2.0)
     with COMPILING:
         w, t = cp.Variable(len(K)), cp.Variable()
-        inequality = _information(base, K, w) - t * E >> 0
-        weights = _solve_design(cp.Maximize(t), [inequality], w)
-        return weights, np.asarray(inequality.dual_value)[:s, :s] / np.outer(metric, metric)
-
-
-def worst_place(base: FloatArray, K: FloatArray, places: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Solve ``minimise t subject to tr(B_rᵀ M(w)⁻¹ B_r) ≤ t for all r``: the best design for the worst place.
-
-    Args:
-        base: M0 (p, p).
-        K: (k, p, p).
-        places: W_r = B_r B_rᵀ (R, p, p), positive semidefinite.
-
-    Returns:
-        Weights (k,) and π (R,), the dual variables.
-
-    Raises:
-        SolverError: Clarabel does not solve it.
-    """
-    roots = []
-    for W in places / float(np.trace(places.mean(axis=0))):
-        values, vectors = np.linalg.eigh(W)
-        kept = values > values[-1] * 1e-12
-        roots.append(vectors[:, kept] * np.sqrt(values[kept]))
-    with COMPILING:
-        w, t = cp.Variable(len(K)), cp.Variable()
-        M = _information(base, K, w)
-        below = [cp.matrix_frac(B, M) <= t for B in roots]
-        weights = _solve_design(cp.Minimize(t), below, w)
-        return weights, np.array([float(each.dual_value) for each in below])
-
-
-def _information(base: FloatArray, K: FloatArray, w: cp.Variable) -> cp.Expression:
-    """Return ``M(w) = M0 + Σ w_i K_i``."""
-    p = len(base)
-    M = cp.reshape(K.reshape(len(K), -1).T @ w + base.ravel(), (p, p), order="C")
-    return 0.5 * (M + M.T)
-
-
-def _solve_design(
-    objective: cp.Minimize | cp.Maximize, constraints: list[cp.Constraint], w: cp.Variable
-) -> FloatArray:
-    """Solve a program of a design by Clarabel and return its weights (k,), zero where they are rounding."""
-    problem = cp.Problem(objective, [*constraints, cp.sum(w) == 1, w >= 0])
-    for tolerance in _DESIGN_TOLERANCES:
-        settings = dict.fromkeys(("tol_gap_abs", "tol_gap_rel", "tol_feas"), tolerance)
-        with suppress(cp.SolverError), warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # the status says the same
-            problem.solve(solver=cp.CLARABEL, max_threads=1, **settings)
-        if problem.status == cp.OPTIMAL:
-            break
-    else:
-        raise SolverError(f"Clarabel ended a design's program as {problem.status}")
+        M = cp.reshape(K.reshape(len(K), -1).T @ w + base.ravel(), (p, p), order="C")
+        inequality = 0.5 * (M + M.T) - t * E >> 0
+        problem = cp.Problem(cp.Maximize(t), [inequality, cp.sum(w) == 1, w >= 0])
+        for tolerance in _DESIGN_TOLERANCES:
+            settings = dict.fromkeys(("tol_gap_abs", "tol_gap_rel", "tol_feas"), tolerance)
+            with suppress(cp.SolverError), warnings.catch_warnings():
+                warnings.simplefilter("ignore")  # the status says the same
+                problem.solve(solver=cp.CLARABEL, max_threads=1, **settings)
+            if problem.status == cp.OPTIMAL:
+                break
+        else:
+            raise SolverError(f"Clarabel ended a design's program as {problem.status}")
     weights = np.clip(np.asarray(w.value, dtype=np.float64), 0.0, 1.0)
-    weights[weights < 1e-7] = 0.0
-    return np.asarray(weights / weights.sum())
+    weights[weights < 1e-7] = 0.0  # rounding
+    dual = np.asarray(inequality.dual_value)[:s, :s] / np.outer(metric, metric)
+    return np.asarray(weights / weights.sum()), dual

@@ -32,7 +32,6 @@ L selects the s parameters of interest, which are the first; the others are a nu
 
 from __future__ import annotations
 
-from copy import copy
 from dataclasses import dataclass
 from typing import Final, TypeAlias
 
@@ -233,7 +232,7 @@ def _log_det_slope(M: FloatArray, K: FloatArray) -> tuple[float, FloatArray, Flo
 GAP: Final = 1e-9
 """At which the search ends where the criterion is smooth and loads are given."""
 LOOSE_GAP: Final = 1e-5
-"""The same for E and G, which an interior point solves, and for forces whose direction is free."""
+"""The same for E and G, whose optima have a kink, and for forces whose direction is free."""
 
 _BLOCK: Final = 1024
 """Candidates packed at a time: what a cache holds."""
@@ -243,10 +242,6 @@ _START: Final = 12
 """Readings chosen greedily to begin with."""
 _SAMPLE: Final = 2_000
 """Candidates among which these are sought."""
-_AT_ONCE: Final = 50_000
-"""Candidates above twice which the search begins among some of them."""
-_COARSE_GAP: Final = 1e-6
-"""Gap at which that search ends."""
 _ADDED: Final = 20
 """Candidates that join in a round."""
 _ROUNDS: Final = 200
@@ -256,8 +251,6 @@ _STALLED: Final = 4
 """Rounds without progress after which rounding is taken to keep the gap open."""
 _STALLED_GAP: Final = 1e-3
 """Gap that is then accepted; the bound says what it is."""
-_CONES: Final = 12
-"""Parameters up to which the program of the worst place, a cone for each place, is solved as one."""
 _NO_WEIGHT: Final = 1e-13
 _SINGULAR: Final = 1e-11
 """Ratio of eigenvalues below which information is taken to determine fewer parameters."""
@@ -543,7 +536,8 @@ def optimise(problem: DesignProblem, tolerance: float | None = None) -> Design:
     if tolerance is None:
         smooth = isinstance(problem.criterion, SmoothCriterion) and not problem.candidates.free
         tolerance = GAP if smooth else LOOSE_GAP
-    held, weights = _start(problem, tolerance)
+    held = _start(problem)
+    weights = np.full(len(held), 1.0 / len(held))
     efficiency, stalled = 0.0, 0
     best: tuple[Atoms, FloatArray, Bound] | None = None
     for _ in range(_ROUNDS):
@@ -569,17 +563,9 @@ def optimise(problem: DesignProblem, tolerance: float | None = None) -> Design:
     raise SolverError(f"the design did not converge: its gap is {1.0 - efficiency:.1e}")
 
 
-def _start(problem: DesignProblem, tolerance: float) -> tuple[Atoms, FloatArray]:
-    """Return candidates with weights to begin with; of very many, the best weights of some."""
+def _start(problem: DesignProblem) -> Atoms:
+    """Choose candidates to begin with, one after the other by their price, among evenly spread ones."""
     every = np.arange(len(problem.candidates))
-    step = len(every) // _AT_ONCE
-    if step > 1:
-        coarse = copy(problem)
-        coarse.candidates = problem.candidates[::step]
-        if _determined(coarse.base + coarse.candidates.total()):
-            design = optimise(coarse, max(tolerance, _COARSE_GAP))
-            return design.atoms.among(every[::step]), design.weights
-    # Choose readings one after the other by their price, among evenly spread candidates
     count = max(_START, len(problem.base))
     step = max(1, len(every) // _SAMPLE)
     sample = problem.candidates[::step]
@@ -595,16 +581,12 @@ def _start(problem: DesignProblem, tolerance: float) -> tuple[Atoms, FloatArray]
     # Add candidates until all parameters are determined, as those that were sampled may lack a rare one
     for _ in range(len(problem.base)):
         M = problem.matrix(held, np.full(len(held), 1.0 / len(held)))
-        if _determined(M):
+        values = np.linalg.eigvalsh(M)
+        if values[0] > _SINGULAR * values[-1]:
             break
         unseen = np.linalg.eigh(M)[1][:, 0]
         held = held.joined(problem.candidates.best(np.outer(unseen, unseen)))
-    return held, np.full(len(held), 1.0 / len(held))
-
-
-def _determined(M: FloatArray) -> bool:
-    values = np.linalg.eigvalsh(M)
-    return bool(values[0] > _SINGULAR * values[-1])
+    return held
 
 
 def _solve_held(
@@ -614,13 +596,11 @@ def _solve_held(
     criterion, K = problem.criterion, problem.readings * held.information
     if isinstance(criterion, SmoothCriterion):
         return optimal_weights(criterion, problem.base, K, weights), None
+    if isinstance(criterion, GOptimality):
+        return worst_place_weights(criterion, problem.base, K, weights)
     from jointstiff.solver.convex import programs  # takes a second to import
 
-    if isinstance(criterion, EOptimality):
-        return programs.worst_direction(problem.base, K, criterion.metric)
-    if len(problem.base) > _CONES:
-        return worst_place_weights(criterion, problem.base, K, weights)
-    return programs.worst_place(problem.base, K, criterion.places)
+    return programs.worst_direction(problem.base, K, criterion.metric)
 
 
 def optimal_weights(
@@ -730,7 +710,7 @@ def worst_place_weights(
         method="SLSQP",
         bounds=[(_LEAST_SHARE, 1.0)] * count,
         constraints=LinearConstraint(np.ones((1, count)), 1.0, 1.0),
-        options={"ftol": 1e-7, "maxiter": 60},
+        options={"ftol": 1e-10, "maxiter": 100},
     )
     negative(solution.x)
     return best, solution.x

@@ -25,7 +25,7 @@ from jointstiff.simulator.imperfections import with_link_errors
 from jointstiff.simulator.own_weight import Bodies, sag
 from jointstiff.solver.convex.solution import Bounds, Constraints
 from jointstiff.solver.errors import MeasurementError, NotObservableError, RequestError
-from jointstiff.solver.geometry.poses import PoseState, chain_axes
+from jointstiff.solver.geometry.poses import PoseState, chain_axes, transformed
 from jointstiff.solver.predict.forward import CorrectionLimits, LoadCases, compensate
 from jointstiff.solver.predict.models import JointModel, OwnWeight
 from jointstiff.solver.robot.configuration import Configurations
@@ -169,7 +169,7 @@ def rows_of(readings, theta=None):
     """Return the rows about the nominal geometry, at a sag of zero if None."""
     axes, flange = chain_axes(ROBOT.chain)
     theta = np.zeros(readings.poses.angles.shape) if theta is None else theta
-    state = PoseState(axes, flange.apply(POINTS), np.zeros(len(theta)))
+    state = PoseState(axes, transformed(flange, POINTS), np.zeros(len(theta)))
     return rows_at(ROBOT, readings, readings.poses.whitened, state, theta, theta[0])
 
 
