@@ -325,7 +325,7 @@ def _identify(request: GeometryRequest, readings: SweepSet | Poses, robot: Robot
         conventions = to_conventions(request, readings.targets)
         base_targets = to_base_targets(request, readings.sigma)
         if not isinstance(readings, Poses):
-            geometry = identify_from_sweeps(
+            return identify_from_sweeps(
                 readings,
                 conventions,
                 nominal=nominal,
@@ -334,13 +334,11 @@ def _identify(request: GeometryRequest, readings: SweepSet | Poses, robot: Robot
                 angles=request.angles,
                 base_targets=base_targets,
             )
-        elif nominal is not None:
-            geometry = identify_from_poses(
+        if nominal is not None:
+            return identify_from_poses(
                 readings, conventions, nominal=nominal, name=request.name, base_targets=base_targets
             )
-        else:
-            raise ValueError("poses need a nominal model to calibrate, but the request has none")
-        return geometry.result(request.name, readings.joint_map)
+        raise ValueError("poses need a nominal model to calibrate, but the request has none")
 
 
 _EXAMPLES: Final[dict[str, Any]] = {

@@ -43,8 +43,9 @@ import pinocchio as pin
 from scipy import special
 from scipy.spatial.transform import Rotation
 
+from jointstiff.schemas import geometry as results
 from jointstiff.schemas.fields import Square3
-from jointstiff.schemas.geometry import AxisPlace, IdentifiedAxis, WristDistance
+from jointstiff.schemas.geometry import AxisPlace, IdentifiedAxis, WristDistance, WristEstimate, WristResult
 from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.errors import MeasurementError
 from jointstiff.solver.geometry.poses import (
@@ -57,6 +58,7 @@ from jointstiff.solver.geometry.poses import (
     transformed,
 )
 from jointstiff.solver.geometry.sweeps import STILL, SweptAxes
+from jointstiff.solver.messages import message, rows
 from jointstiff.solver.robot.configuration import WRIST_JOINTS, Wrist
 from jointstiff.solver.robot.model import KinematicChain
 from jointstiff.solver.triangle import whitener
@@ -185,37 +187,28 @@ def place_axes(base: BaseFrame, names: Sequence[str]) -> list[IdentifiedAxis]:
             pairs = zip(placed(axes, in_base), reference, strict=True)
             return np.ravel([[axis.nearest(other.point), axis.direction] for axis, other in pairs])
 
-        J = identified.jacobian_of(passing)
-        lost = np.isinf(identified.standard_uncertainties(J)).reshape(-1, 3).any(axis=1)
-        blocks = J.reshape(2 * identified.n, 3, -1)
-        covariances = blocks @ identified.covariance @ blocks.transpose(0, 2, 1)
-        stated = covariances.tolist()
-        for i in np.flatnonzero(lost):
-            stated[i] = None
-        return [
-            AxisPlace(
-                point=axis.point.tolist(),
-                direction=axis.direction.tolist(),
-                point_covariance=stated[2 * i],
-                direction_covariance=stated[2 * i + 1],
-            )
-            for i, axis in enumerate(reference)
-        ]
+        covariances = identified.covariances(identified.jacobian_of(passing)).reshape(-1, 2, 3, 3)
+        return rows(
+            AxisPlace,
+            point=[axis.point for axis in reference],
+            direction=[axis.direction for axis in reference],
+            point_covariance=covariances[:, 0],
+            direction_covariance=covariances[:, 1],
+        )
 
     def greatest(covariance: Square3 | None) -> float | None:
         """Greatest standard uncertainty in any direction."""
         return None if covariance is None else np.sqrt(max(np.linalg.eigvalsh(covariance)[-1], 0.0))
 
-    return [
-        IdentifiedAxis(
-            name=name,
-            tracker=tracker,
-            base=in_base,
-            position_uncertainty=greatest(tracker.point_covariance),
-            direction_uncertainty=greatest(tracker.direction_covariance),
-        )
-        for name, tracker, in_base in zip(names, places(in_base=False), places(in_base=True), strict=True)
-    ]
+    tracker = places(in_base=False)
+    return rows(
+        IdentifiedAxis,
+        name=names,
+        tracker=tracker,
+        base=places(in_base=True),
+        position_uncertainty=[greatest(place.point_covariance) for place in tracker],
+        direction_uncertainty=[greatest(place.direction_covariance) for place in tracker],
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -331,6 +324,21 @@ class WristCentre:
     def decoupled_method(self) -> bool:
         """Return whether the axes meet within `Wrist.TOLERANCE`, which the decoupled method needs."""
         return self.miss_distance <= Wrist.TOLERANCE
+
+    def result(self, base: BaseFrame, identified: IdentifiedAxes) -> WristResult:
+        """Return all estimates, in the tracker's frame and in R0."""
+
+        def centre(estimate: CentreEstimate) -> dict[str, object]:
+            in_base, covariance = self.in_base(estimate, base, identified)
+            tracker = {"tracker": estimate.centre, "tracker_covariance": estimate.covariance}
+            return {**tracker, "base": in_base, "base_covariance": covariance}
+
+        return message(
+            WristResult,
+            self,
+            estimates=[message(WristEstimate, way, **centre(way)) for way in self.estimates],
+            combined=message(results.WristCentre, self.combined, **centre(self.combined)),
+        )
 
     def in_base(
         self, estimate: CentreEstimate, base: BaseFrame, identified: IdentifiedAxes

@@ -24,16 +24,14 @@ from scipy import special
 
 from jointstiff.schemas import geometry as results
 from jointstiff.schemas.finding import Assessment, Finding, FindingCode, Verdict, combined
-from jointstiff.schemas.geometry import IdentifiedAxis, IdentifiedDh, LinkComparison, SweepEvidence
+from jointstiff.schemas.geometry import IdentifiedDh, LinkComparison, SweepEvidence
 from jointstiff.schemas.robot import JointMap as StoredJointMap
 from jointstiff.schemas.robot import RobotDocument, UrdfModel
 from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.errors import InputError, MeasurementError
 from jointstiff.solver.geometry.frames import (
     BaseDrift,
-    BaseFrame,
     BaseTargets,
-    CentreEstimate,
     WristCentre,
     find_base_frame,
     find_wrist_centre,
@@ -41,9 +39,9 @@ from jointstiff.solver.geometry.frames import (
 )
 from jointstiff.solver.geometry.model import (
     FlangeConvention,
-    IdentifiedModel,
     dh_table,
     identify_model,
+    joint_names,
     link_table,
 )
 from jointstiff.solver.geometry.poses import CalibratedAxes, IdentifiedAxes, Poses, calibrate
@@ -431,100 +429,6 @@ class Conventions:
     flange_targets: tuple[int, int, int] = (0, 1, 2)  #: for `targets`, indices of the three
 
 
-@dataclass(frozen=True, eq=False)
-class IdentifiedGeometry:
-    """A robot as it was found."""
-
-    identified: IdentifiedAxes  #: axes and targets
-    sigma_source: Literal["stated", "residuals"]  #: origin of sigma
-    conventions: Conventions  #: conventions by which the frames are placed
-    base: BaseFrame  #: placement of R0
-    axes: list[IdentifiedAxis]  #: axes in the tracker's frame and in R0
-    model: IdentifiedModel  #: the robot
-    links: list[LinkComparison]  #: beside those of the nominal model; empty without one
-    wrist: WristCentre | str  #: wrist centre, or the reason why there is none
-    tables: tuple[IdentifiedDh, ...]  #: the model as a standard and as a modified DH table
-    drift: BaseDrift | None  #: drift of the base; None if its targets were not read twice
-    findings: tuple[Finding, ...]  #: findings for the user
-    sweeps: Sequence[SweepEvidence] = ()  #: evidence of each sweep by itself; none for poses
-    #: which axes are the result's: where the sweeps disagree those one by one, whatever was asked for; None
-    #: for poses
-    fit: SweepFit | None = None
-    #: p-value of the controller's angles: that noise alone makes them fit as badly as they do; None for poses
-    controller_probability: float | None = None
-    #: p-value of one robot for all sweeps; None if that was not tested
-    agreement_probability: float | None = None
-
-    @property
-    def base_covariance(self) -> FloatArray | None:
-        """(6, 6) of the transform from tracker to base [m, rad]; None if it is not determined."""
-        known = np.isfinite(self.identified.standard_uncertainties(self.base.jacobian)).all()
-        return self.base.jacobian @ self.identified.covariance @ self.base.jacobian.T if known else None
-
-    @property
-    def target_covariances(self) -> FloatArray:
-        """(T, 3, 3) of the targets in the flange frame [m²]; NaN where not determined."""
-        count = len(self.identified.names)
-        blocks = self.model.targets_covariance.reshape(count, 3, count, 3)
-        return np.stack([blocks[t, :, t] for t in range(count)])
-
-    def result(self, name: str, joint_map: JointMap) -> results.GeometryResult:
-        """Return what was found, with a robot of that name and joint map."""
-        identified, wrist = self.identified, self.wrist
-        reasons = [finding for finding in self.findings if finding.weight != "use"]
-        return message(
-            results.GeometryResult,
-            self,
-            joint_kinds={},
-            assessment=combined([Assessment(verdict=each.weight, reasons=[each]) for each in reasons]),
-            poses=identified.evidence if isinstance(identified, CalibratedAxes) else None,
-            goodness=message(
-                results.GeometryGoodness,
-                self,
-                sigma=identified.sigma,
-                variance_factor=identified.variance_factor,
-                degrees_of_freedom=identified.dof,
-            ),
-            base_frame=message(
-                results.BaseFrameResult,
-                self.base,
-                by=self.conventions.base,
-                covariance=self.base_covariance,
-            ),
-            wrist=self._wrist_result(wrist) if isinstance(wrist, WristCentre) else None,
-            no_wrist=None if isinstance(wrist, WristCentre) else wrist,
-            targets=rows(
-                results.FlangeTarget,
-                name=identified.names,
-                position=self.model.targets_in_flange,
-                covariance=self.target_covariances,
-            ),
-            flange=self.conventions.flange,
-            robot=self._robot(name, joint_map),
-            dh=self.tables,
-        )
-
-    def _wrist_result(self, wrist: WristCentre) -> results.WristResult:
-        def centre(estimate: CentreEstimate) -> dict[str, object]:
-            in_base, covariance = wrist.in_base(estimate, self.base, self.identified)
-            tracker = {"tracker": estimate.centre, "tracker_covariance": estimate.covariance}
-            return {**tracker, "base": in_base, "base_covariance": covariance}
-
-        return message(
-            results.WristResult,
-            wrist,
-            estimates=[message(results.WristEstimate, way, **centre(way)) for way in wrist.estimates],
-            combined=message(results.WristCentre, wrist.combined, **centre(wrist.combined)),
-        )
-
-    def _robot(self, name: str, joint_map: JointMap) -> RobotDocument:
-        chain = self.model.chain
-        model = UrdfModel(format="urdf", urdf=write_urdf(chain), base=chain.base, flange=chain.flange)
-        plain = np.array_equal(joint_map.matrix, np.eye(joint_map.n)) and not joint_map.offset.any()
-        stored = None if plain else message(StoredJointMap, joint_map)
-        return RobotDocument(name=name, model=model, joint_map=stored)
-
-
 def identify_from_sweeps(
     sweeps: SweepSet,
     conventions: Conventions,
@@ -534,7 +438,7 @@ def identify_from_sweeps(
     fit: SweepFit = "together",
     angles: AngleUse = "free",
     base_targets: BaseTargets | None = None,
-) -> IdentifiedGeometry:
+) -> results.GeometryResult:
     """Identify a robot from its sweeps.
 
     Args:
@@ -567,20 +471,11 @@ def identify_from_sweeps(
         # The wrist centre is where the arm had it, whatever the arm's angles
         of_wrist = np.array(joints, dtype=int) >= sweeps.joint_map.n - WRIST_JOINTS
         wrist_axes = _widened(chosen, columns[:, of_wrist])
-    geometry = _identified_geometry(
-        identified,
-        conventions,
-        nominal,
-        name,
-        wrist_axes=wrist_axes,
-        sigma_source="residuals" if sweeps.sigma is None else "stated",
-        findings=(*geometry_findings(alone, together), *agreement_findings(agreement)),
-        base_targets=base_targets,
-    )
+    names = joint_names(nominal, sweeps.joint_map.n)
     evidence = [
         SweepEvidence(
             joint=one.sweep.name,
-            turned=[geometry.axes[index].name for index in sweeps.turning(one.sweep)],
+            turned=[names[index] for index in sweeps.turning(one.sweep)],
             positions=len(one.sweep),
             arc=one.arc,
             targets=one.targets(sweeps.targets),
@@ -590,13 +485,20 @@ def identify_from_sweeps(
         )
         for one in alone.fits
     ]
-    return replace(
-        geometry,
-        sweeps=evidence,
-        fit="one_by_one" if chosen is alone else "together",
-        controller_probability=controller,
-        agreement_probability=agreement,
+    result = _result(
+        identified,
+        conventions,
+        nominal,
+        name,
+        sweeps,
+        wrist_axes=wrist_axes,
+        findings=(*geometry_findings(alone, together), *agreement_findings(agreement)),
+        base_targets=base_targets,
     )
+    tested = {"controller_probability": controller, "agreement_probability": agreement}
+    goodness = result.goodness.model_copy(update=tested)
+    used = "one_by_one" if chosen is alone else "together"
+    return result.model_copy(update={"sweeps": evidence, "fit": used, "goodness": goodness})
 
 
 def identify_from_poses(
@@ -606,7 +508,7 @@ def identify_from_poses(
     nominal: KinematicChain,
     name: str = "identified",
     base_targets: BaseTargets | None = None,
-) -> IdentifiedGeometry:
+) -> results.GeometryResult:
     """Identify a robot from unloaded poses, starting from a nominal model; see `identify_from_sweeps`.
 
     Raises:
@@ -615,67 +517,102 @@ def identify_from_poses(
     """
     identified = calibrate(nominal, poses)
     _refuse_exact(identified)
-    stated = poses.sigma is not None and identified.exceeded_sigma is None
-    return _identified_geometry(
+    return _result(
         identified,
         conventions,
         nominal,
         name,
+        poses,
         wrist_axes=identified,
-        sigma_source="stated" if stated else "residuals",
         findings=calibration_findings(identified),
         base_targets=base_targets,
     )
 
 
-def _identified_geometry(
+def _result(
     identified: IdentifiedAxes,
     conventions: Conventions,
     nominal: KinematicChain | None,
     name: str,
+    readings: SweepSet | Poses,
     *,
     wrist_axes: IdentifiedAxes,
-    sigma_source: Literal["stated", "residuals"],
     findings: Iterable[Finding],
     base_targets: BaseTargets | None,
-) -> IdentifiedGeometry:
+) -> results.GeometryResult:
+    """Return all that follows from the axes, without the evidence of sweeps."""
     flange = FlangeConvention(conventions.flange_targets if conventions.flange == "targets" else None)
     if conventions.flange == "nominal" and nominal is not None:
         flange = FlangeConvention.of_chain(nominal)
     placing = nominal if conventions.base == "nominal" else None
     base = find_base_frame(identified, placing, height=conventions.height)
     model = identify_model(identified, base, flange, nominal=nominal, name=name)
-    # The wrist centre, or the reason why there is none
-    wrist: WristCentre | str = "the poses do not determine all axes"
-    if not wrist_axes.unseen.size:
-        try:
-            wrist = find_wrist_centre(wrist_axes)
-        except InputError as error:
-            wrist = error.reason
-        except np.linalg.LinAlgError:
-            wrist = "its uncertainty is too large"
-    drift = None
-    if base_targets is not None:
-        drift = base_targets.drift(identified.sigma, identified.targets.mean(axis=0))
-    tables = (dh_table(model.chain, "standard"), dh_table(model.chain, "modified"))
+    tables = [dh_table(model.chain, "standard"), dh_table(model.chain, "modified")]
     links = [] if nominal is None else link_table(identified, base, flange, nominal)
-    return IdentifiedGeometry(
-        identified=identified,
-        sigma_source=sigma_source,
-        conventions=conventions,
-        base=base,
+    listed = list(findings)
+    wrist, no_wrist, drift = None, None, None
+    if wrist_axes.unseen.size:
+        no_wrist = "the poses do not determine all axes"
+    else:
+        try:
+            centre = find_wrist_centre(wrist_axes)
+            listed += wrist_findings(centre)
+            wrist = centre.result(base, identified)
+        except InputError as error:
+            no_wrist = error.reason
+        except np.linalg.LinAlgError:
+            no_wrist = "its uncertainty is too large"
+    if base_targets is not None:
+        moved = base_targets.drift(identified.sigma, identified.targets.mean(axis=0))
+        listed += drift_findings(moved)
+        drift = message(results.Drift, moved)
+    listed += model_findings(model.chain.joint_names, tables[0], links)
+    reasons = [finding for finding in listed if finding.weight != "use"]
+    calibrated = identified if isinstance(identified, CalibratedAxes) else None
+    by_residuals = readings.sigma is None or (calibrated and calibrated.exceeded_sigma is not None)
+    return results.GeometryResult(
+        joint_kinds={},
+        assessment=combined([Assessment(verdict=each.weight, reasons=[each]) for each in reasons]),
         axes=place_axes(base, model.chain.joint_names),
-        model=model,
-        links=links,
-        wrist=wrist,
-        tables=tables,
-        drift=drift,
-        findings=(
-            *findings,
-            *(wrist_findings(wrist) if isinstance(wrist, WristCentre) else ()),
-            *(drift_findings(drift) if drift else ()),
-            *model_findings(model.chain.joint_names, tables[0], links),
+        sweeps=[],
+        fit=None,
+        poses=None if calibrated is None else calibrated.evidence,
+        goodness=results.GeometryGoodness(
+            sigma=identified.sigma,
+            sigma_source="residuals" if by_residuals else "stated",
+            variance_factor=identified.variance_factor,
+            degrees_of_freedom=identified.dof,
+            controller_probability=None,
+            agreement_probability=None,
         ),
+        base_frame=message(
+            results.BaseFrameResult,
+            base,
+            by=conventions.base,
+            covariance=identified.covariances(base.jacobian, 6)[0],
+        ),
+        wrist=wrist,
+        no_wrist=no_wrist,
+        targets=rows(
+            results.FlangeTarget,
+            name=identified.names,
+            position=model.targets_in_flange,
+            covariance=model.targets_covariance,
+        ),
+        flange=conventions.flange,
+        links=links,
+        robot=_robot(name, model.chain, readings.joint_map),
+        dh=tables,
+        drift=drift,
+        findings=listed,
+    )
+
+
+def _robot(name: str, chain: KinematicChain, joint_map: JointMap) -> RobotDocument:
+    model = UrdfModel(format="urdf", urdf=write_urdf(chain), base=chain.base, flange=chain.flange)
+    plain = np.array_equal(joint_map.matrix, np.eye(joint_map.n)) and not joint_map.offset.any()
+    return RobotDocument(
+        name=name, model=model, joint_map=None if plain else message(StoredJointMap, joint_map)
     )
 
 

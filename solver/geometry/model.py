@@ -91,7 +91,7 @@ class IdentifiedModel:
     #: parallel to R0, with their origins on the axes
     chain: KinematicChain
     targets_in_flange: FloatArray  #: (T, 3) [m]
-    targets_covariance: FloatArray  #: (3 T, 3 T) [m²]; NaN for targets that the readings do not determine
+    targets_covariance: FloatArray  #: (T, 3, 3) [m²]; NaN for targets that the readings do not determine
 
 
 def identify_model(
@@ -126,17 +126,13 @@ def identify_model(
         pairs = zip(axes, expected, strict=True)
         axes = [axis.placed_near(other.point) for axis, other in pairs]
     placed = T * flange.place(identified.axes, identified.targets)
-    J = identified.jacobian_of(in_flange)
-    covariance = J @ identified.covariance @ J.T
-    lost = np.isinf(identified.standard_uncertainties(J)).reshape(-1, 3).any(axis=1).repeat(3)
-    covariance[lost] = covariance[:, lost] = np.nan
     # The chain of these axes, with the names and limits of the nominal model if there is one
-    names = [f"joint_{i + 1}" for i in range(len(axes))]
+    names = joint_names(nominal, len(axes))
     links = [f"link_{i + 1}" for i in range(len(axes))]
     limits: list[tuple[float, float] | None] = [None] * len(axes)
     base_link, end = "base", "flange"
     if nominal is not None:
-        names, links = list(nominal.joint_names), [joint.child for joint in nominal.moving]
+        links = [joint.child for joint in nominal.moving]
         limits, base_link, end = [joint.limits for joint in nominal.moving], nominal.base, nominal.flange
         links[-1] = f"{end}_mount" if links[-1] == end else links[-1]
     joints, origin = [], np.zeros(3)
@@ -150,8 +146,13 @@ def identify_model(
     return IdentifiedModel(
         chain=KinematicChain(name, base_link, end, tuple(joints)),
         targets_in_flange=in_flange(identified.axes, identified.targets).reshape(-1, 3),
-        targets_covariance=covariance,
+        targets_covariance=identified.covariances(identified.jacobian_of(in_flange)),
     )
+
+
+def joint_names(nominal: KinematicChain | None, n: int) -> tuple[str, ...]:
+    """Return the names of n joints, by their numbers where no nominal model names them."""
+    return tuple(f"joint_{i + 1}" for i in range(n)) if nominal is None else nominal.joint_names
 
 
 def _nominal_axes(nominal: KinematicChain, n: int) -> tuple[tuple[Axis, ...], pin.SE3]:

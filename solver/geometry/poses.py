@@ -660,6 +660,18 @@ class IdentifiedAxes:
         reach = np.linalg.norm(jacobian, axis=1) * np.linalg.norm(self.unseen, axis=0).max()
         return np.where(hidden > _HIDDEN * reach, np.inf, spread)
 
+    def covariances(self, jacobian: FloatArray, size: int = 3) -> FloatArray:
+        """Return those of vectors of some numbers each, by their derivative (k · size, 4 n + 3 T).
+
+        Returns:
+            (k, size, size); NaN for vectors of which a number is undetermined.
+        """
+        blocks = jacobian.reshape(-1, size, jacobian.shape[-1])
+        covariances: FloatArray = blocks @ self.covariance @ blocks.transpose(0, 2, 1)
+        lost = np.isinf(self.standard_uncertainties(jacobian)).reshape(-1, size).any(axis=1)
+        covariances[lost] = np.nan
+        return covariances
+
 
 def derivative(axes: Sequence[Axis], targets: FloatArray, geometry: Geometry) -> FloatArray:
     """Derivative (k, 4 n + 3 T) of a quantity by charts and targets (T, 3), by central differences."""
