@@ -36,8 +36,9 @@ MOST_JOINTS: Final = 3
 MOST_POSTURES: Final = 48
 """Maximum number of postures of the set, and of new ones; fewer where many joints make each candidate
 costly."""
-LEAST_GAIN: Final = 0.01
-"""Least relative reduction of the standard uncertainty for which a reading is advised."""
+LEAST_GAIN: Final = 0.05
+"""Least relative reduction of the standard uncertainty, what all readings share included, for which a reading
+is advised: two digits of it show the gain."""
 LITTLE_MORE: Final = 1.1
 """The easier of two pieces of advice is chosen if it does as well within this factor: weights can only pull
 downwards, so a new posture; otherwise one of the set, which is known to be free of collisions."""
@@ -149,11 +150,23 @@ def advise(robot: Robot, measurements: Measurements, estimate: Estimate) -> tupl
         strict=True,
     ):
         easier_first = (unmeasured, measured) if weights else (measured, unmeasured)
-        useful = [a for a in easier_first if a and (a[1].uncertainty_ratio or 0.0) <= 1.0 - LEAST_GAIN]
+        useful = [a for a in easier_first if a and _left(robot, estimate, a[1]) <= 1.0 - LEAST_GAIN]
         if len(useful) == 2 and useful[0][0] <= LITTLE_MORE * useful[1][0]:
             useful = useful[:1]
         advice += [piece for _, piece in sorted(useful, key=itemgetter(0))]
     return tuple(advice)
+
+
+def _left(robot: Robot, estimate: Estimate, advice: Advice) -> float:
+    """Return the ratio of the standard uncertainties after to before, what all readings share included."""
+    ratio, joint = advice.uncertainty_ratio, robot.joint_names.index(advice.joint)
+    if ratio is None:
+        return 0.0
+    variance = 0.0 if estimate.covariance is None else float(estimate.covariance[joint, joint])
+    if estimate.common is None or variance == 0.0:
+        return ratio
+    shared = float(np.square(estimate.common.responses[joint]).sum()) / variance
+    return float(np.sqrt(shared + (1.0 - shared) * ratio**2))
 
 
 def new_postures(robot: Robot, measurements: Measurements, count: int) -> FloatArray:

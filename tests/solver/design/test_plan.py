@@ -32,7 +32,7 @@ from jointstiff.solver.design.optimum import uncertainty_of
 from jointstiff.solver.design.plan import plan_campaign
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.estimate import identify
-from jointstiff.solver.readings.measurements import Instrument
+from jointstiff.solver.readings.measurements import CommonUncertainty, Instrument
 from jointstiff.solver.robot.configuration import Configurations
 from jointstiff.solver.robot.model import Robot
 
@@ -252,6 +252,24 @@ class TestNone:
     def test_where_all_joints_are_well_determined(self):
         *_, pieces = advised(shared("simulated/pull_40"))
         assert pieces == ()
+
+    def test_where_an_error_of_all_readings_is_the_most(self):
+        """Of a joint that the load point decides, no reading tells more."""
+        document = simulate_campaign(ARM, load="pull", configurations=8, seed=3, sigma=6e-5)
+        robot, measurements = prepare(document)
+        sure, unsure = (
+            replace(measurements, common_uncertainty=CommonUncertainty(load_point=place))
+            for place in (0.0, 0.01)
+        )
+        found = estimate(robot, unsure)
+        assert "joint_6" in {piece.joint for piece in advise(robot, sure, estimate(robot, sure))}
+        pieces = advise(robot, unsure, found)
+        assert {piece.joint for piece in pieces} == {"joint_4"}
+        for piece in pieces:
+            after = estimate(robot, follow(robot, unsure, piece))
+            j = robot.joint_names.index(piece.joint)
+            before, left = (each.covariance[j, j] for each in (found, after))
+            assert left < 0.97**2 * before
 
     def test_where_no_force_was_applied(self):
         document = simulate_campaign(ARM, force=0.0, moment=300.0, configurations=2, sigma=1e-3)
