@@ -18,7 +18,7 @@ from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import RequestError, RobotError
 from jointstiff.solver.messages import message, rows
 from jointstiff.solver.robot.configuration import Configurations, find_wrist, joint_frames
-from jointstiff.solver.robot.model import Body, DhRow, JointMap, KinematicChain, Robot, dh_chain
+from jointstiff.solver.robot.model import Body, JointMap, KinematicChain, Robot, dh_chain
 
 if TYPE_CHECKING:  # geometry is no part of an identification
     from jointstiff.schemas.geometry import GeometryUnits
@@ -30,7 +30,7 @@ def dh_kinematics(model: robots.DhModel, name: str) -> KinematicChain:
     Raises:
         RobotError: a row that makes no robot.
     """
-    return dh_chain([DhRow(**row.model_dump()) for row in model.rows], model.convention, name)
+    return dh_chain(model.rows, model.convention, name)
 
 
 def robot_of_chain(

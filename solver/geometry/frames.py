@@ -571,31 +571,27 @@ def trilaterate(
         MeasurementError: the targets lie on a line, or no point has these distances.
     """
     r, P = np.asarray(distances, dtype=np.float64), targets
-    e_x = P[1] - P[0]
-    d = float(np.linalg.norm(e_x))
-    e_x = e_x / max(d, 1e-300)
-    i = float(e_x @ (P[2] - P[0]))
-    e_y = P[2] - P[0] - i * e_x
-    j = float(np.linalg.norm(e_y))
-    if j <= _COLLINEAR * d or d == 0.0:
+    sides = P[1:] - P[0]
+    normal, lengths = np.cross(*sides), np.linalg.norm(sides, axis=1)
+    area = float(np.linalg.norm(normal))
+    if not area > _COLLINEAR * lengths[0] ** 2:
         raise MeasurementError(
             "the three targets lie on a line, so the distances do not determine a point",
             where="targets",
             remedy="place the targets so that they form a triangle",
         )
-    e_y = e_y / j
-    x = (r[0] ** 2 - r[1] ** 2 + d**2) / (2 * d)
-    y = (r[0] ** 2 - r[2] ** 2 + i**2 + j**2) / (2 * j) - i / j * x
-    z2 = float(r[0] ** 2 - x**2 - y**2)
-    if not z2 > 0.0:
+    # In the plane of the targets the spheres meet where ``2 sides · x = sides² + r_0² − r_t²``
+    foot = np.linalg.lstsq(sides, 0.5 * (lengths**2 + r[0] ** 2 - r[1:] ** 2), rcond=None)[0]
+    height2 = float(r[0] ** 2 - foot @ foot)
+    if not height2 > 0.0:
         raise MeasurementError(
             "no point has these distances from the three targets, or it lies in the plane of the targets",
             where="targets",
             remedy="check the distances; a centre in the plane of the targets cannot be found by "
             "trilateration",
         )
-    sides = [P[0] + x * e_x + y * e_y + sign * np.sqrt(z2) * np.cross(e_x, e_y) for sign in (1.0, -1.0)]
-    centre = min(sides, key=lambda side: float(np.linalg.norm(side - np.asarray(near))))
+    points = P[0] + foot + np.outer([1.0, -1.0], np.sqrt(height2) / area * normal)
+    centre = min(points, key=lambda point: float(np.linalg.norm(point - np.asarray(near))))
     # Differentiate ``‖centre − P_t‖² = r_t²``: ``(centre − P_t)·(δcentre − δP_t) = r_t δr_t``
     arms = centre - P
     inverse = np.linalg.inv(arms)

@@ -19,15 +19,13 @@ import numpy as np
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.fitting.fit import student_quantile
-from jointstiff.solver.robot.configuration import Configurations, rotation_vector
+from jointstiff.solver.robot.configuration import Configurations, rotation_vectors
 from jointstiff.solver.robot.model import Robot
 
 LARGEST_TURN: Final = 0.25
 """Greatest deflection of a joint, or rotation of the flange, under a load of a process [rad]."""
 _SINGULAR: Final = 1e-12
 """Eigenvalue beside the greatest, in equilibrated compliances, that is rounding."""
-_BLOCK: Final = 4096
-"""Postures of a path worked on at a time: a few MB."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -386,10 +384,6 @@ def compensate(
     """
     robot, limits = model.robot, CorrectionLimits() if limits is None else limits
     ramp = np.ones(len(wanted)) if ramp is None else ramp
-    if len(wanted) > _BLOCK:
-        blocks = [slice(start, start + _BLOCK) for start in range(0, len(wanted), _BLOCK)]
-        parts = [vars(compensate(model, wanted[block], limits, ramp[block], hold)) for block in blocks]
-        return Compensation(**{name: np.concatenate([part[name] for part in parts]) for name in parts[0]})
     goal = model.unloaded(wanted)
     still = goal.to_base(wanted.place[:, None])[:, 0], goal.flange_rotation
     bare = model.deflect(wanted, goal)
@@ -434,8 +428,7 @@ def compensate(
 
 def _offset(place: FloatArray, axes: FloatArray, there: FloatArray, axes_there: FloatArray) -> FloatArray:
     """Return displacements [m] and rotation vectors [rad] (m, 6) from poses here to others there, in R0."""
-    turned = rotation_vector(axes_there @ axes.transpose(0, 2, 1))
-    return np.concatenate([there - place, turned], axis=1)
+    return np.concatenate([there - place, rotation_vectors(axes_there, axes)], axis=1)
 
 
 def residuals(

@@ -33,7 +33,7 @@ from jointstiff.solver.predict.forward import (
     ForwardModel,
     LoadCases,
 )
-from jointstiff.solver.robot.configuration import Configurations, joint_frames, rotation_vector, skew
+from jointstiff.solver.robot.configuration import Configurations, joint_frames, rotation_vectors, skew
 from jointstiff.solver.robot.model import Robot
 from jointstiff.solver.terms.block import Balance, balance, wrench_stiffness
 from jointstiff.solver.terms.springs import products, spring_frames
@@ -233,7 +233,7 @@ class JointModel(ForwardModel):
         jacobian = loaded.pose_jacobian_at(reached)
         step = (jacobian @ equilibrium.step[..., None])[..., 0]
         axes = loaded.flange_rotation + skew(step[:, 3:]) @ loaded.flange_rotation
-        turned = rotation_vector(axes @ unloaded.flange_rotation.transpose(0, 2, 1))
+        turned = rotation_vectors(axes, unloaded.flange_rotation)
         return JointDeflection(
             model=self,
             motion=np.concatenate([(reached - still)[:, 0] + step[:, :3], turned], axis=1),
@@ -529,7 +529,7 @@ class ElasticPredictor(ForwardModel):
         target, q = goal.to_base(wanted.place[:, None])[:, 0], goal.q
         for _ in range(_NEWTON_STEPS):
             bent = self._deflect(wanted, Configurations(self.robot, q), share)
-            turned = rotation_vector(goal.flange_rotation @ bent.axes.transpose(0, 2, 1))
+            turned = rotation_vectors(goal.flange_rotation, bent.axes)
             off = np.concatenate([target - bent.place, turned], axis=1)
             if (np.abs(off) <= _REACHED).all():
                 return q

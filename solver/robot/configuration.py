@@ -9,6 +9,7 @@ from itertools import pairwise
 from typing import ClassVar, Final
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import MeasurementError
@@ -249,10 +250,6 @@ def skew(v: FloatArray) -> FloatArray:
     return out
 
 
-def rotation_vector(rotation: FloatArray) -> FloatArray:
-    """Return rotation vectors (..., 3) [rad] of rotations (..., 3, 3) by less than a quarter turn."""
-    skew = 0.5 * (rotation - np.swapaxes(rotation, -1, -2))
-    sine_axis = skew[..., [2, 0, 1], [1, 2, 0]]
-    sine = np.linalg.norm(sine_axis, axis=-1, keepdims=True)
-    angle: FloatArray = np.arcsin(np.minimum(sine, 1.0))
-    return sine_axis * np.where(sine > 0.0, angle / np.where(sine > 0.0, sine, 1.0), 1.0)
+def rotation_vectors(to: FloatArray, from_: FloatArray) -> FloatArray:
+    """Return rotation vectors (N, 3) [rad] that turn axes (N, 3, 3) into others, in the frame of both."""
+    return np.asarray(Rotation.from_matrix(to @ from_.transpose(0, 2, 1)).as_rotvec())

@@ -20,7 +20,7 @@ from scipy.spatial.transform import Rotation
 
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import RequestError, RobotError
-from jointstiff.solver.robot.configuration import Configurations, joint_frames, rotation_vector
+from jointstiff.solver.robot.configuration import Configurations, joint_frames, rotation_vectors
 from jointstiff.solver.robot.model import Robot, standing_still
 
 BRANCHES: Final = 8
@@ -31,12 +31,10 @@ _REACHED: Final = 1e-10
 """Distance [m] and angle [rad] from the pose that is rounding."""
 _LAST_STEP: Final = 1e-6
 """Step of Newton's method [rad] whose square, times an arm's reach, is rounding."""
-_SMALL_TURN: Final = 1.0
-"""Angle [rad] up to which the skew part of a rotation is enough to tell its vector."""
 _SNAP: Final = 1e-2
 """Parts of an axis, and of a step between axes [m], that identification rather than design put there."""
 _BLOCK: Final = 4096
-"""Poses whose solutions are held as objects at a time."""
+"""Postures that are polished at a time: what a cache holds."""
 _DAMPING: Final = 1e-12
 _ONE: Final = 1e-3
 """Difference of two solutions [rad] that are taken for one."""
@@ -159,11 +157,7 @@ class InverseKinematics:
         Returns:
             (m, 8, 6) angles of the model in [−π, π] [rad], filled up with NaN, and (m,) whether they are all.
         """
-        angles = np.full((len(poses), BRANCHES, _JOINTS), np.nan)
-        complete = np.ones(len(poses), dtype=np.bool_)
-        for start in range(0, len(poses), _BLOCK):
-            block = slice(start, start + _BLOCK)
-            angles[block], complete[block] = self._closed_form(poses[block])
+        angles, complete = self._closed_form(poses)
         if not self._exact:
             case, branch = np.nonzero(np.isfinite(angles[:, :, 0]))
             polished, reached = self.polished(poses[case], angles[case, branch])
@@ -257,9 +251,7 @@ class InverseKinematics:
             here = Configurations(self.arm, q[left]) if step_number else here
             apart = np.empty((len(left), 6))  # displacement and rotation vector to the poses
             apart[:, :3] = poses[left, :3, 3] - here.flange_translation
-            turn = poses[left, :3, :3] @ here.flange_rotation.transpose(0, 2, 1)
-            small = np.trace(turn, axis1=1, axis2=2).min(initial=3.0) > 1.0 + 2.0 * np.cos(_SMALL_TURN)
-            apart[:, 3:] = rotation_vector(turn) if small else Rotation.from_matrix(turn).as_rotvec()
+            apart[:, 3:] = rotation_vectors(poses[left, :3, :3], here.flange_rotation)
             jacobian = here.pose_jacobian_at(here.flange_translation[:, None])
             normal = jacobian @ jacobian.transpose(0, 2, 1) + _DAMPING * np.eye(6)
             step = (jacobian.transpose(0, 2, 1) @ np.linalg.solve(normal, apart[..., None]))[..., 0]
@@ -283,7 +275,7 @@ def _between(begin: FloatArray, end: FloatArray, share: FloatArray) -> FloatArra
     poses = end.copy()
     part = share[:, None]
     poses[:, :3, 3] = (1.0 - part) * begin[:, :3, 3] + part * end[:, :3, 3]
-    turn = Rotation.from_matrix(end[:, :3, :3] @ begin[:, :3, :3].transpose(0, 2, 1)).as_rotvec()
+    turn = rotation_vectors(end[:, :3, :3], begin[:, :3, :3])
     poses[:, :3, :3] = Rotation.from_rotvec(part * turn).as_matrix() @ begin[:, :3, :3]
     return np.asarray(np.where(share[:, None, None] < 1.0, poses, end))
 

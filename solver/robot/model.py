@@ -22,6 +22,7 @@ import pinocchio as pin
 from scipy.spatial.transform import Rotation
 
 from jointstiff.schemas.joints import JOINT_UNITS, JointKind
+from jointstiff.schemas.robot import DhRow
 from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.errors import RobotError
 
@@ -186,19 +187,6 @@ def check_name(name: str, where: str) -> None:
         )
 
 
-@dataclass(frozen=True)
-class DhRow:
-    """One row of a table."""
-
-    a: float  #: link length [m]
-    alpha: float  #: link twist [rad]
-    d: float  #: link offset, constant added to a prismatic joint's length [m]
-    theta: float  #: constant added to the joint's angle [rad]
-    lower: float | None = None  #: least position, without the constant [rad or m]; None without a limit
-    upper: float | None = None  #: greatest position, without the constant [rad or m]; None without a limit
-    kind: JointKind = "revolute"  #: a revolute joint adds to theta, a prismatic one to d
-
-
 def dh_chain(rows: Sequence[DhRow], convention: Convention, name: str) -> KinematicChain:
     """Build the chain of a table.
 
@@ -214,7 +202,7 @@ def dh_chain(rows: Sequence[DhRow], convention: Convention, name: str) -> Kinema
     frame i-1 in the standard convention, turned or shifted by the joint.
 
     Args:
-        rows: 1 to `MAX_MOVING_JOINTS` rows, base first.
+        rows: 1 to `MAX_MOVING_JOINTS` rows, base first, in m and rad.
         convention: of the table.
         name: name of the robot.
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pinocchio as pin
@@ -68,7 +67,7 @@ def flange_by_textbook(rows, convention, q):
     pose = np.eye(4)
     for row, value in zip(rows, q, strict=True):
         if row.kind == "prismatic":
-            pose = pose @ TEXTBOOK[convention](replace(row, d=row.d + value), 0.0)
+            pose = pose @ TEXTBOOK[convention](row.model_copy(update={"d": row.d + value}), 0.0)
         else:
             pose = pose @ TEXTBOOK[convention](row, value)
     return pose

@@ -3,9 +3,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
-from jointstiff.solver.robot.model import DhRow, Robot, dh_chain
+from jointstiff.schemas.robot import DhRow
+from jointstiff.solver.robot.model import Robot, dh_chain
 
 HALF = np.pi / 2
 ARMS = {
@@ -24,5 +27,10 @@ def arm(name: str, crookedness: float = 0.0) -> Robot:
     """An arm whose numbers are off by so much [m, rad], as calibration finds them."""
     convention, rows = ARMS[name]
     draw = np.random.default_rng(3)
-    crooked = [DhRow(*(value + crookedness * draw.standard_normal() for value in row)) for row in rows]
-    return Robot(dh_chain(crooked, convention, name))
+    crooked = [[value + crookedness * draw.standard_normal() for value in row] for row in rows]
+    return Robot(dh_chain(chain_rows(crooked), convention, name))
+
+
+def chain_rows(rows: Sequence[Sequence[float]]) -> list[DhRow]:
+    """Rows of a table by their numbers a [m], alpha [rad], d [m] and theta [rad]."""
+    return [DhRow(a=float(a), alpha=alpha, d=float(d), theta=theta) for a, alpha, d, theta in rows]

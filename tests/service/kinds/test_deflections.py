@@ -14,12 +14,13 @@ from typer.testing import CliRunner
 import jointstiff
 from jointstiff.schemas.deflection import DeflectionRequest, DeflectionResult
 from jointstiff.schemas.measurement import Units
+from jointstiff.schemas.robot import DhRow
 from jointstiff.schemas.run import Campaign
 from jointstiff.service.cli.app import app
 from jointstiff.service.kinds.deflection import load_cases, read_load_cases
 from jointstiff.simulator import default_arm, equilibrium, simulate_campaign
 from jointstiff.solver.errors import RequestError
-from jointstiff.solver.robot.model import DhRow, Robot, dh_chain
+from jointstiff.solver.robot.model import Robot, dh_chain
 
 ARM = default_arm()
 KINDS = dict.fromkeys((f"joint_{j}" for j in range(1, 7)), "revolute")

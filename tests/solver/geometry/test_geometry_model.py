@@ -23,6 +23,7 @@ from support.geometry_truth import (
 )
 from support.shared_data import MISSING, SHARED
 
+from jointstiff.schemas.robot import DhRow
 from jointstiff.simulator import default_arm
 from jointstiff.simulator.sweeps import WornArm
 from jointstiff.simulator.urdf import urdf_text
@@ -33,7 +34,7 @@ from jointstiff.solver.geometry.model import FlangeConvention, dh_table, identif
 from jointstiff.solver.geometry.poses import Motion, Poses, PoseState, calibrate, transformed
 from jointstiff.solver.geometry.sweeps import identify_axes
 from jointstiff.solver.robot.configuration import Configurations
-from jointstiff.solver.robot.model import DhRow, JointMap, KinematicChain, Robot, dh_chain
+from jointstiff.solver.robot.model import JointMap, KinematicChain, Robot, dh_chain
 from jointstiff.solver.robot.urdf import read_urdf
 
 ANGLES = np.random.default_rng(6).uniform(-np.pi, np.pi, (40, 6))
@@ -211,7 +212,7 @@ def test_a_real_arm_has_an_error_of_poses_left_out():
         (0.0, -np.pi / 2, 0.09465),
         (0.0, 0.0, 0.0823),
     )
-    arm = dh_chain([DhRow(a, alpha, d, 0.0) for a, alpha, d in links], "standard", "UR5")
+    arm = dh_chain([DhRow(a=a, alpha=alpha, d=d, theta=0.0) for a, alpha, d in links], "standard", "UR5")
     found = calibrate(arm, read)
     assert found.evidence.held_out_rms == pytest.approx(65.0e-6, rel=0.01)
     assert found.evidence.held_out_rms > found.evidence.rms_residual

@@ -11,6 +11,7 @@ from support.campaigns import estimate, prepare
 from support.springs import SIGMA, SpringCampaign, robot_of
 
 from jointstiff.schemas.options import CrossValidation
+from jointstiff.schemas.robot import DhRow
 from jointstiff.simulator import TARGETS, default_arm, equilibrium, torques
 from jointstiff.simulator.elastic_links import beam_arm, elastic_campaign, elastic_deflections
 from jointstiff.solver.convex.solution import Bounds, Constraints
@@ -23,7 +24,7 @@ from jointstiff.solver.predict.forward import CorrectionLimits, LoadCases, compe
 from jointstiff.solver.predict.models import ElasticPredictor, JointModel, OwnWeight
 from jointstiff.solver.robot.configuration import joint_frames
 from jointstiff.solver.robot.inverse import InverseKinematics, flange_poses
-from jointstiff.solver.robot.model import DhRow, Robot, dh_chain
+from jointstiff.solver.robot.model import Robot, dh_chain
 
 ARM = default_arm()
 ROBOT = robot_of(ARM)

@@ -7,11 +7,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from support.calibrated_arms import ARMS, arm
+from support.calibrated_arms import ARMS, arm, chain_rows
 
 from jointstiff.solver.errors import RobotError
 from jointstiff.solver.robot.inverse import InverseKinematics, Unreached, choose_postures, flange_poses
-from jointstiff.solver.robot.model import DhRow, Robot, dh_chain
+from jointstiff.solver.robot.model import Robot, dh_chain
 
 
 @pytest.mark.parametrize("name", ARMS)
@@ -36,7 +36,7 @@ def chosen(robot, poses, start):
 
 
 def test_arms_without_six_joints_are_refused():
-    robot = Robot(dh_chain([DhRow(*row) for row in ARMS["ur5"][1][:5]], "standard", "five"))
+    robot = Robot(dh_chain(chain_rows(ARMS["ur5"][1][:5]), "standard", "five"))
     with pytest.raises(RobotError, match="5 joints"):
         InverseKinematics(robot)
 

@@ -12,6 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from reference.kinematics import flange_by_textbook, product_of_exponentials
 
+from jointstiff.schemas.robot import DhRow
 from jointstiff.solver.errors import RobotError
 from jointstiff.solver.robot.configuration import Configurations, joint_frames
 from jointstiff.solver.robot.inverse import flange_poses
@@ -19,7 +20,6 @@ from jointstiff.solver.robot.model import (
     MAX_NAME_LENGTH,
     UNLIMITED,
     ChainJoint,
-    DhRow,
     JointMap,
     KinematicChain,
     Robot,
@@ -254,7 +254,8 @@ def test_flange_is_the_last_frame_of_the_table(convention, rows, seed):
 
 
 def row(**changes):
-    return DhRow(**({"a": 0.1, "alpha": 0.0, "d": 0.2, "theta": 0.0} | changes))
+    """A row that may hold numbers that no message would."""
+    return DhRow.model_construct(**({"a": 0.1, "alpha": 0.0, "d": 0.2, "theta": 0.0} | changes))
 
 
 @pytest.mark.parametrize(
