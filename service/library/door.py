@@ -34,7 +34,6 @@ if TYPE_CHECKING:
     from jointstiff.service.library.results import Prediction, TabledRun
     from jointstiff.service.library.robots import robot
     from jointstiff.service.library.typed import Verbs
-    from jointstiff.service.library.verbs import pair
 
     _here = Verbs()
     identify = _here.identify
@@ -67,7 +66,6 @@ _HOMES = {
     "Units": "schemas.measurement",
     "import_files": "service.library.verbs",
     "measure": "service.library.measure",
-    "pair": "service.library.verbs",
     "predict": "service.library.verbs",
     "robot": "service.library.robots",
 }
@@ -99,7 +97,6 @@ __all__ = [
     "import_files",
     "map",
     "measure",
-    "pair",
     "plan",
     "predict",
     "robot",

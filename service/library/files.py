@@ -174,15 +174,19 @@ def read_robot(text: str) -> RobotDocument:
         raise CampaignError(problem.model_copy(update={"detail": detail})) from error
 
 
-def read_planned(text: str) -> RobotDocument | Campaign:
-    """Return the campaign of a file, or a robot as `read_robot` does.
+def read_planned(source: Any) -> Any:  # noqa: ANN401 - robot, campaign or run
+    """Return what a campaign is planned for: a message as it is; of a document or a file robot or campaign.
 
     Raises:
         CampaignError: the file is too large, or neither; there is no such file, and no such arm.
     """
-    path = Path(text)
+    if isinstance(source, Mapping):
+        return parse_document(source, Campaign if "measurement_set" in source else RobotDocument)
+    if not isinstance(source, str | PathLike):
+        return source
+    path = Path(source)
     if not path.is_file():
-        return read_robot(text)
+        return read_robot(str(source))
     try:
         is_campaign = "measurement_set" in json.loads(path.read_bytes())
     except (ValueError, TypeError):

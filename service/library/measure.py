@@ -601,15 +601,11 @@ def _planned(source: Any) -> tuple[RobotDocument, Campaign | None]:  # noqa: ANN
     """Return the robot, and the campaign if it is one."""
     from jointstiff.schemas import run as messages
     from jointstiff.service.library import robots
-    from jointstiff.service.library.files import campaign_of
     from jointstiff.service.library.results import TabledRun
 
     if isinstance(source, TabledRun):
         source = source.campaign
-    elif isinstance(source, str):
-        source = read_planned(source)
-    elif isinstance(source, Mapping) and "measurement_set" in source:
-        source = campaign_of(source)
+    source = read_planned(source)
     if isinstance(source, messages.Campaign):
         return source.robot, Campaign.of(source)
     return robots.robot(source), None

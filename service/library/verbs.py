@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any, Final, Protocol, TypeVar, Unpack, cast
 from jointstiff.schemas import run as messages
 from jointstiff.schemas.fields import Message
 from jointstiff.schemas.job import Job
-from jointstiff.schemas.options import RunOptions
 from jointstiff.schemas.robot import RobotDocument
 from jointstiff.schemas.run import CampaignRun, Run, RunRequest
 from jointstiff.service.conversion.arrays import units_of
@@ -44,7 +43,6 @@ from jointstiff.service.tables.table import Sheet
 from jointstiff.solver.errors import RequestError
 
 if TYPE_CHECKING:
-    from jointstiff.schemas.comparison import Comparison
     from jointstiff.schemas.imports import ImportAnswer
     from jointstiff.service.exporting.model import ExportedModel
     from jointstiff.service.library.campaigns import Numbers
@@ -129,19 +127,6 @@ def _in_words(fields: dict[str, Any]) -> dict[str, Any]:
         with as_campaign_error(""):
             fields = fields | {"goal": goal_of(fields["goal"])}
     return fields
-
-
-def pair(
-    first: Any,  # noqa: ANN401 - a campaign, or a run
-    second: Any,  # noqa: ANN401 - a campaign, or a run
-    /,
-    options: RunOptions | Mapping[str, Any] | None = None,
-    **fields: Any,  # noqa: ANN401 - fields of CampaignComparison
-) -> Comparison:
-    """Compare two campaigns by one run of each, as `compare` does, without the table of methods."""
-    run = options.model_dump(mode="json", exclude_unset=True) if isinstance(options, RunOptions) else options
-    comparison: Comparison = function_of("compare")(first, second, **{"methods": [], "run": run, **fields})
-    return comparison
 
 
 @cache
@@ -253,7 +238,7 @@ def _take_campaigns(call: _Call) -> dict[str, Any]:
 
 def _take_robot_or_campaign(call: _Call) -> dict[str, Any]:
     source = call.waiting[0]
-    call.waiting[0] = source = read_planned(source) if isinstance(source, str) else source
+    call.waiting[0] = source = read_planned(source)
     if isinstance(source, RobotDocument):
         return {"robot_id": call.door.described(call.waiting.pop(0))}
     set_id, run = call.door.measured(call.waiting.pop(0))

@@ -130,21 +130,57 @@ def test_the_verbs_of_other_sources(door, tmp_path):
     np.testing.assert_allclose(points, [here] * 3, rtol=0, atol=1e-12)
     options = {"readings": 4, "candidates": 100, "load": {"kind": "any_direction", "force": 1000.0}}
     options |= {"targets": {"P": [0.0, 0.0, 0.1]}}
-    arms = ["KUKA KR 210 R2700 extra", js.robot("KUKA KR 210 R2700 extra")]
-    first, second = (door.plan(arm, **options).result for arm in arms)
-    assert first == second == js.plan(arms[0], **options).result
+    path = tmp_path / "robot.json"
+    path.write_text(js.robot("KUKA KR 210 R2700 extra").model_dump_json())
+    name = "KUKA KR 210 R2700 extra"
+    arms = [name, js.robot(name), path, json.loads(path.read_text())]
+    expected = js.plan(name, **options).result
+    assert all(door.plan(arm, **options).result == expected for arm in arms)
     of_table = door.predict(DOCUMENT, EXAMPLES / "postures.csv", load_point=(0, 0, 0.12))
     case = {"label": "drill", "joints": [10, -20, 30, 0, 45, 0], "force": (0, 0, -800)}
     of_cases = door.predict(DOCUMENT, [case], load_point=(0, 0, 0.12), units="m, deg, N")
     np.testing.assert_allclose(of_table.displacement, of_cases.displacement, rtol=1e-12)
-    answer = door.import_files(EXAMPLES / "readings.csv", encoders="motor", load_point=(0, 0, 120))
-    assert len(answer.measurement_set.observations) == 12
 
 
-def test_every_verb_of_the_kinds_is_there(door):
-    tested = {*VERBS, "geometry"}
-    assert tested >= {room.command for room in ROOMS.values()}
-    assert all(callable(getattr(door, verb)) for verb in [*tested, "predict", "import_files"])
+@pytest.mark.parametrize("form", ALIKE)
+def test_a_live_campaign_is_measured_alike(door, sources, form):
+    """The same readings in the same order, the same state after each, and the same run of the closed set."""
+    with (
+        door.measure(sources[form], "15 %", "simulated:1") as there,
+        js.measure(DOCUMENT, goal="15 %", source="simulated:1") as here,
+    ):
+        state = there.run_source(most=3)
+        assert state.readings == here.run_source(most=3).readings
+        assert state.next == here.state.next
+        assert there.close().joints == here.close().joints
+    assert door.identify(there.run).joints == here.run.joints
+
+
+def test_files_are_imported_alike(door):
+    stated = {"encoders": "motor", "load_point": (0, 0, 120)}
+    for options in (stated, stated | {"robot": "KUKA KR 210 R2700 extra"}):
+        answer = door.import_files(EXAMPLES / "readings.csv", **options)
+        assert answer == js.import_files(EXAMPLES / "readings.csv", **options)
+        assert len(answer.measurement_set.observations) == 12
+
+
+def test_what_a_reason_advises_is_applied_alike(door):
+    """Unloaded and loaded are exchanged in the file; the run's action puts them right."""
+    wrong = json.loads(json.dumps(DOCUMENT))
+    for observation in wrong["measurement_set"]["observations"]:
+        for reading in observation["readings"]:
+            reading["unloaded"], reading["loaded"] = reading["loaded"], reading["unloaded"]
+    mended = door.identify(wrong).apply("exchange_readings")
+    for name, joint in js.identify(DOCUMENT).joints.items():
+        if joint.compliance is not None:
+            assert mended.joints[name].compliance == pytest.approx(joint.compliance, rel=1e-6)
+
+
+def test_every_verb_is_tested_and_every_door_has_it(door):
+    tested = {*VERBS, "geometry", "measure", "import_files"}
+    verbs = {name for name in js.__all__ if name.islower() and name != "robot"}
+    assert tested == {room.command for room in ROOMS.values()} | verbs
+    assert all(callable(getattr(door, verb)) for verb in tested)
 
 
 STEPPED = {"repetitions": 100_000, "size": 9}
