@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from datetime import date
-from typing import Annotated
+from typing import Annotated, Literal
 
 from pydantic import Field
 
@@ -24,6 +24,26 @@ class Party(Message):
 class Laboratory(Party):
     """Laboratory that issues reports: its settings, a TOML file."""
 
+    country: Annotated[str, Field(pattern="^[A-Z]{2}$")] | None = Field(
+        default=None,
+        description="Country of the measurement, ISO 3166-1, for certificates.",
+        examples=["FR"],
+    )
+    languages: Annotated[list[Annotated[str, Field(pattern="^[a-z]{2}$")]], Field(max_length=8)] = Field(
+        default_factory=list,
+        description="Languages of names, notes and conditions beside English, ISO 639-1, for certificates.",
+        examples=[["fr"]],
+    )
+    responsible: Name | None = Field(
+        default=None, description="Person who is responsible for certificates, by name."
+    )
+    kind_of_place: Literal["laboratory", "customer", "laboratoryBranch", "customerBranch", "other"] = Field(
+        default="laboratory", description="Kind of the place of the measurement, for certificates."
+    )
+    ended_on: date | None = Field(
+        default=None,
+        description="Day on which the measurement ended, for certificates; default: that of `measured_at`.",
+    )
     place: Name | None = Field(
         default=None, description="Place of the measurement; the laboratory's address if absent."
     )

@@ -27,6 +27,7 @@ from jointstiff.service.jobs.life import Jobs, Parts
 from jointstiff.service.kinds.kind import AnyKind, File
 from jointstiff.service.kinds.program_work import unpacked
 from jointstiff.service.kinds.registry import KINDS
+from jointstiff.service.reports.certificate import certificate
 from jointstiff.service.reports.document import Document, draft, state_of
 from jointstiff.service.reports.job import job_document, job_parts, job_sheet
 from jointstiff.service.reports.laboratory import LaboratorySettings
@@ -114,7 +115,7 @@ def _files(kind: AnyKind) -> Mapping[str, _Make]:
     """Return what makes each file of a kind's jobs, by name."""
     made: dict[str, _Make] = {"tables.json": _tables}
     if kind.name == Run.kind:
-        made |= {"report.pdf": _run_report, "report.html": _run_report}
+        made |= {"report.pdf": _run_report, "report.html": _run_report, "report.xml": _certificate}
         made |= {f"model.{suffix}": _model for suffix in FORMATS}
         made |= {"authorisations.json": _authorisations, _ISSUE: _issued}
     elif kind.reported:
@@ -165,6 +166,19 @@ def _run_report(wanted: _Wanted) -> Content:
     as_pdf = wanted.name == "report.pdf"
     content = own[-1].pdf if as_pdf else own[-1].page
     return _report(content, f"{run_id}-{own[-1].number}", "pdf" if as_pdf else "html")
+
+
+def _certificate(wanted: _Wanted) -> Content:
+    """Return the certificate of a run, of what its authorised report states if there is one."""
+    run_id, store = wanted.job_id, wanted.parts.store
+    own = [] if wanted.query.draft else store.authorisations.of(run_id=run_id)
+    newer = store.authorisations.of(supersedes=run_id)
+    subject, state = run_subject(wanted.parts, run_id, wanted.laboratory), draft()
+    if own:
+        subject = subject.as_stated(json.loads(own[-1].stated))
+        state = state_of(authorisations_of(own), authorisations_of(newer)[-1] if newer else None)
+    name = f"certificate-{run_id}-{state.number}.xml"
+    return Content(certificate(subject, state), "application/xml", _saved(name))
 
 
 def _model(wanted: _Wanted) -> Content:
@@ -286,6 +300,8 @@ _FILES_TEXT: Final = """Get a file of a job that has succeeded. Its names are:
 * `report.pdf` and `report.html`: request, tables of the result, versions and hash of the input; for
   information, not signed. The report of a run follows ISO/IEC 17025: PDF/A-3b with the run and a table
   attached, a draft until it is authorised, then unchangeable; each page of a superseded one states that
+* `report.xml` of a run: the report as a digital calibration certificate, DCC 3.3.0; refused (422) unless the
+  set states `measured_at`, and the laboratory's settings `country` and `responsible`
 * `model.…` of a run: tables with intervals (csv, xlsx), URDF, SDFormat, or MJCF of MuJoCo. MJCF and SDFormat
   have a spring for each joint with a stiffness; URDF has none and gives the numbers in comments. A joint that
   is rigid, not observable or not identified has no spring; the file states the reason. A run with the verdict

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from jointstiff.service.library.results import TabledRun
 
 _FORMATS: Final = (".csv", ".xlsx", ".urdf", ".sdf", ".mjcf", ".xml")
-_REPORTS: Final = (".pdf", ".html")
+_REPORTS: Final = (".pdf", ".html", ".xml")
 
 
 def export(
@@ -47,7 +47,10 @@ def report(
         ),
     ],
     *,
-    output: Annotated[Path, cli.output_option("File to write the report to: .pdf or .html.")],
+    output: Annotated[
+        Path,
+        cli.output_option("File to write the report to: .pdf, .html, or .xml (certificate of a run, DCC)."),
+    ],
     run: cli.RunFile = None,
     laboratory: LaboratoryFile = None,
     overwrite: cli.Overwrite = False,
@@ -57,7 +60,7 @@ def report(
     from jointstiff.service.library.verbs import read_job
 
     if output.suffix.lower() not in _REPORTS:
-        raise typer.BadParameter(f"ends in {' or '.join(_REPORTS)}", param_hint="--output")
+        raise typer.BadParameter(f"ends in one of {', '.join(_REPORTS)}", param_hint="--output")
     cli.refuse_existing(output, overwrite=overwrite)
     try:
         job: Any = identified(file, run)

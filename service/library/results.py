@@ -263,17 +263,18 @@ class Shown(Presented):
         return written(self._sheet_of(file), suffix)
 
     def report(self, path: str | Path, laboratory: str | Path | None = None) -> None:
-        """Write the report, a draft, as PDF or HTML.
+        """Write the report, a draft.
 
         Args:
-            path: file to write, ending in `.pdf` or `.html`.
+            path: file to write, ending in `.pdf` or `.html`; of a run also `.xml`, a digital calibration
+                certificate (DCC 3.3.0).
             laboratory: TOML file of the laboratory that issues it; a service has its own.
 
         Raises:
             CampaignError: the report cannot be made, or Typst is not installed.
             RefusedError: the service refuses it.
         """
-        name = f"report.{_suffix(path, _REPORTS)}"
+        name = f"report.{_suffix(path, _REPORTS | {'xml'})}"
         settings = None if laboratory is None else Path(laboratory)
         Path(path).write_bytes(self._known_origin().file(self._job, name, None, settings))
 

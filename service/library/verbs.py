@@ -426,6 +426,7 @@ class Here:
             return Prediction.model_validate(dict(predict_by_run(robot, known.run, request)))
 
     def _report(self, kind: AnyKind, job: Job, suffix: str, laboratory: Path | None) -> bytes:
+        from jointstiff.service.reports.certificate import certificate
         from jointstiff.service.reports.document import draft
         from jointstiff.service.reports.job import job_document
         from jointstiff.service.reports.laboratory import LaboratorySettings, read_laboratory
@@ -435,7 +436,12 @@ class Here:
         settings = LaboratorySettings() if laboratory is None else read_laboratory(laboratory)
         if isinstance(job, TabledRun):
             subject = RunSubject(_exported(job), job.campaign.measurement_set, settings)
+            if suffix == "xml":
+                with as_campaign_error("report"):
+                    return certificate(subject, draft())
             document = run_document(subject, draft())
+        elif suffix == "xml":
+            raise ValueError(f"a {kind.name} has no certificate: runs have")
         else:
             document = job_document(kind, job, job.model_dump_json(), settings)
         with as_campaign_error("report"):

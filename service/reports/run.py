@@ -14,12 +14,14 @@ from typing import Any, Final
 
 import numpy as np
 
+from jointstiff.schemas.deflection import CaseResult, DeflectionOptions, LoadCase
 from jointstiff.schemas.measurement import MeasurementSetDocument, Noise, SetMetadata
 from jointstiff.schemas.report import Laboratory
 from jointstiff.schemas.run import Budget, RunResult
 from jointstiff.service.conversion.robots import joint_factors
 from jointstiff.service.conversion.units import FORCE, LENGTH
 from jointstiff.service.exporting.model import ExportedModel, joints_csv, why_no_stiffness
+from jointstiff.service.kinds.deflection import predict_by_run
 from jointstiff.service.reports.document import (
     IDENTIFICATION,
     NOT_ISO_9283,
@@ -42,6 +44,7 @@ from jointstiff.service.reports.pictures import arm, before_and_after, intervals
 from jointstiff.service.tables.report import METHOD_NAMES, VERDICTS, requested, support
 from jointstiff.service.tables.stiffness import UNITS
 from jointstiff.service.tables.table import NO_NUMBER, figure, rounded, text_table
+from jointstiff.solver.errors import RequestError
 
 STATEMENTS: Final = (
     "The results relate only to the item that is identified here, in the state and under the conditions of "
@@ -57,6 +60,7 @@ STATEMENTS: Final = (
 )
 
 UNCERTAINTY: Final = "Uncertainty budget"
+PREDICTED: Final = "Predicted static compliance of the flange"
 METHOD: Final = "Method and deviations from it"
 ADJUSTMENT: Final = "Before and after adjustment"
 TRACEABILITY: Final = "Conditions and traceability"
@@ -92,6 +96,9 @@ ITEMS: Final = (
 MAX_ATTACHED_BYTES: Final = 2_500_000
 """JSON of a run that is attached whole; it takes a quarter of that in the PDF."""
 TITLE: Final = "Report on joint stiffness"
+PREDICTED_FORCE: Final = 100.0
+"""Force of which the compliance of the flange is predicted [N]; small, so that it counts as linear."""
+_AXES: Final = ("X", "Y", "Z")
 _BY_OBSERVATION: Final = ("residuals", "contributions", "encoder_residuals")
 _UNIT: Final = UNITS["MNm/rad"]
 _USUAL: Final = 0.95
@@ -171,8 +178,9 @@ def run_document(subject: RunSubject, state: State) -> Document:
         sections=[
             _identification(subject, state),
             results(subject.model, subject.readings),
+            *_predicted(subject),
             uncertainty(subject.model),
-            _method(subject.model, settings.laboratory),
+            method(subject.model, settings.laboratory),
             Section(REQUESTED, facts=requested(run.request)),
             _adjustment(subject.model),
             _traceability(subject.readings, settings.laboratory),
@@ -227,16 +235,14 @@ def results(model: ExportedModel, readings: MeasurementSetDocument) -> Section:
     head[1:5] = [f"{name} {unit}" for name in head[1:5]]
     head[3] += factor
     rows = []
-    for joint in result.joints:
+    for joint, u in zip(result.joints, expanded(model), strict=True):
         value, spread, interval = _UNIT.cells(joint)
-        expanded = NO_NUMBER
-        if budget is not None and joint.name in budget.joints and joint.stiffness is not None:
-            whole = budget.expanded_with_model_error[budget.joints.index(joint.name)] / budget.coverage_factor
-            combined = _UNIT.factor * whole * joint.stiffness**2
-            spread, expanded = (rounded(size, size) for size in (combined, _factor(budget) * combined))
+        wide = NO_NUMBER
+        if u is not None:
+            spread, wide = (rounded(_UNIT.factor * size, _UNIT.factor * size) for size in (u[0] / u[1], u[0]))
         identified = joint.status == "identified"
         verdict = VERDICTS[joint.verdict] if identified else joint.status.replace("_", " ")
-        rows.append([joint.name, value, spread, expanded, interval, verdict])
+        rows.append([joint.name, value, spread, wide, interval, verdict])
     sigma = NO_NUMBER
     if result.sigma is not None:
         sigma = f"{rounded(1e6 * result.sigma)} µm ({result.goodness.sigma_source})"
@@ -260,6 +266,75 @@ def results(model: ExportedModel, readings: MeasurementSetDocument) -> Section:
             ("Standard uncertainty of a coordinate of a reading", sigma),
         ],
         pictures=[picture for picture in pictures if picture is not None],
+    )
+
+
+def expanded(model: ExportedModel) -> Iterator[tuple[float, float, float] | None]:
+    """Yield of each joint expanded uncertainty of the stiffness [N·m/rad], coverage factor, probability."""
+    budget = model.result.budget
+    for joint in model.result.joints:
+        if budget is None or joint.name not in budget.joints or joint.stiffness is None:
+            yield None
+            continue
+        whole = budget.expanded_with_model_error[budget.joints.index(joint.name)] / budget.coverage_factor
+        yield _factor(budget) * whole * joint.stiffness**2, _factor(budget), budget.probability
+
+
+def predicted_compliance(subject: RunSubject) -> list[CaseResult]:
+    """Predict the deflection of the flange's centre by 100 N along each axis of R0, in the first posture.
+
+    Returns:
+        A case for each axis; none if the run has no model that predicts.
+    """
+    units, first = subject.readings.units, subject.readings.observations[0]
+    size = PREDICTED_FORCE / FORCE[units.force]
+    forces = [tuple(size * (axis == other) for other in _AXES) for axis in _AXES]
+    cases = [
+        LoadCase(label=axis, joints=first.joints, force=force)
+        for axis, force in zip(_AXES, forces, strict=True)
+    ]
+    try:
+        request = DeflectionOptions(units=units, load_point=(0.0, 0.0, 0.0), cases=cases)
+        return predict_by_run(subject.model.robot, subject.model.run, request).cases
+    except RequestError:
+        return []
+
+
+def _predicted(subject: RunSubject) -> Iterator[Section]:
+    """Yield the table of clause 10 of ISO 9283, as the identified stiffness predicts it."""
+    cases, per_newton = predicted_compliance(subject), 1e3 / PREDICTED_FORCE
+    rows = []
+    for case in cases:
+        moved = case.displacement or (None, None, None)
+        u = None if case.budget is None else per_newton * case.budget.expanded_with_model_error
+        rows.append(
+            [
+                case.label,
+                *(NO_NUMBER if each is None else rounded(per_newton * each, u, ".3g") for each in moved),
+                NO_NUMBER if u is None else rounded(u, u),
+            ]
+        )
+    if rows:
+        head = [
+            "force along",
+            *(f"predicted displacement along {axis} [mm/N]" for axis in _AXES),
+            "U of its length [mm/N]",
+        ]
+        remarks = dict.fromkeys(remark for case in cases for remark in case.remarks)
+        yield Section(
+            PREDICTED,
+            paragraphs=[predicted_where(subject)],
+            tables=[text_table(head, rows)],
+            notes=list(remarks),
+        )
+
+
+def predicted_where(subject: RunSubject) -> str:
+    """Return what the predicted compliance is of."""
+    return (
+        "Predicted from the identified stiffness, not measured: displacement of the flange's centre by a "
+        f"force there, in the posture of observation {subject.readings.observations[0].label}, axes of R0. "
+        "ISO 9283:1998, clause 10, has such a table of measured displacements."
     )
 
 
@@ -346,7 +421,7 @@ def _correlation(budget: Budget) -> str:
     )
 
 
-def _method(model: ExportedModel, laboratory: Laboratory | None) -> Section:
+def method(model: ExportedModel, laboratory: Laboratory | None) -> Section:
     """Return the method, and what was done otherwise than by default."""
     request, version = model.run.request, model.run.provenance.versions.get("jointstiff", "")
     constraint = "compliances not negative" if request.positive else "without constraints"

@@ -1,0 +1,217 @@
+"""The report of a run as a digital calibration certificate: XML after the DCC schema 3.3.0 of PTB.
+
+Quantities are those of the D-SI schema, in SI units. The schemas (LGPL) are not part of this package; a test
+validates by them where the variable `DCC_XSD` names the file.
+"""
+
+from __future__ import annotations
+
+from datetime import date
+from typing import Final
+from xml.etree import ElementTree
+
+from jointstiff.schemas.report import Laboratory, Party
+from jointstiff.schemas.run import JointResult
+from jointstiff.service.exporting.model import why_no_stiffness
+from jointstiff.service.reports.document import NOT_STATED, State, versions_of
+from jointstiff.service.reports.run import (
+    PREDICTED,
+    PREDICTED_FORCE,
+    STATEMENTS,
+    TITLE,
+    RunSubject,
+    expanded,
+    method,
+    predicted_compliance,
+    predicted_where,
+)
+from jointstiff.service.tables.report import VERDICTS
+from jointstiff.solver.errors import RequestError
+
+Element = ElementTree.Element
+VERSION: Final = "3.3.0"
+NAMESPACES: Final = {"dcc": "https://ptb.de/dcc", "si": "https://ptb.de/si"}
+_SCHEMA: Final = "{http://www.w3.org/2001/XMLSchema-instance}schemaLocation"
+_LANGUAGE: Final = "en"
+"""Language of all texts that this program writes."""
+_UNITS: Final = {
+    "revolute": r"\newton\metre\radian\tothe{-1}",
+    "prismatic": r"\newton\metre\tothe{-1}",
+    "compliance": r"\metre\newton\tothe{-1}",
+}
+
+
+def certificate(subject: RunSubject, state: State) -> bytes:
+    """Return the certificate of a run.
+
+    Raises:
+        RequestError: a field is missing that every certificate has.
+    """
+    laboratory, number = _complete(subject), f"{subject.model.run.id}-{state.number}"
+    for prefix, address in NAMESPACES.items():
+        ElementTree.register_namespace(prefix, address)
+    root = Element(_name("dcc:digitalCalibrationCertificate"), schemaVersion=VERSION)
+    root.set(_SCHEMA, f"{NAMESPACES['dcc']} {NAMESPACES['dcc']}/v{VERSION}/dcc.xsd")
+    administrative = _add(root, "dcc:administrativeData")
+    software = _add(administrative, "dcc:dccSoftware", "dcc:software")
+    _text(software, "dcc:name", "Jointstiff")
+    _add(software, "dcc:release").text = subject.model.run.provenance.versions.get("jointstiff", NOT_STATED)
+    _core_data(_add(administrative, "dcc:coreData"), subject, state, laboratory, number)
+    _item(_add(administrative, "dcc:items", "dcc:item"), subject)
+    _contact(_add(administrative, "dcc:calibrationLaboratory", "dcc:contact"), laboratory)
+    person = _add(administrative, "dcc:respPersons", "dcc:respPerson")
+    _text(_add(person, "dcc:person"), "dcc:name", str(laboratory.responsible))
+    _add(person, "dcc:mainSigner").text = "true"
+    _contact(_add(administrative, "dcc:customer"), laboratory.customer or Party(name=NOT_STATED))
+    statements = _add(administrative, "dcc:statements")
+    verdict = f"Verdict on the result: {VERDICTS[subject.model.result.assessment.verdict]}."
+    traceability = f"Metrological traceability: {laboratory.traceability or NOT_STATED}"
+    for line in (f"{state.kind.capitalize()}: {state.line}", verdict, traceability, *STATEMENTS):
+        _text(_add(statements, "dcc:statement"), "dcc:declaration", line)
+    _results(_add(root, "dcc:measurementResults", "dcc:measurementResult"), subject, laboratory)
+    ElementTree.indent(root)
+    content: bytes = ElementTree.tostring(root, encoding="utf-8", xml_declaration=True)
+    return content
+
+
+def _complete(subject: RunSubject) -> Laboratory:
+    """Return the laboratory; refuse a certificate that would lack what each must state."""
+    laboratory = subject.settings.laboratory
+    if laboratory is None or laboratory.country is None or laboratory.responsible is None:
+        reason = "a certificate states the country of the measurement and the responsible person"
+        remedy = "give `country` and `responsible` in the settings of the laboratory"
+        raise RequestError(reason, where="laboratory", remedy=remedy)
+    return laboratory
+
+
+def _days(subject: RunSubject, laboratory: Laboratory) -> tuple[date, date]:
+    """Return the first and the last day of the measurement."""
+    if subject.readings.measured_at is None:
+        reason, where = "a certificate states when it was measured", "measurement_set.measured_at"
+        raise RequestError(
+            reason, where=where, remedy="give `measured_at`, such as 2026-11-20T14:30:00+01:00"
+        )
+    begin = subject.readings.measured_at.date()
+    end = laboratory.ended_on or begin
+    if end < begin:
+        reason = f"the measurement ended on {end}, before it began on {begin}"
+        raise RequestError(reason, where="laboratory.ended_on", remedy="correct one of the two")
+    return begin, end
+
+
+def _core_data(core: Element, subject: RunSubject, state: State, laboratory: Laboratory, number: str) -> None:
+    begin, end = _days(subject, laboratory)
+    languages = [_LANGUAGE, *(each for each in laboratory.languages if each != _LANGUAGE)]
+    _add(core, "dcc:countryCodeISO3166_1").text = laboratory.country
+    for name, codes in (("used", languages), ("mandatory", [_LANGUAGE])):
+        for code in codes:
+            _add(core, f"dcc:{name}LangCodeISO639_1").text = code
+    _add(core, "dcc:uniqueIdentifier").text = number
+    if subject.received_on is not None:
+        _add(core, "dcc:receiptDate").text = subject.received_on.isoformat()
+    _add(core, "dcc:beginPerformanceDate").text = begin.isoformat()
+    _add(core, "dcc:endPerformanceDate").text = end.isoformat()
+    _add(core, "dcc:performanceLocation").text = laboratory.kind_of_place
+    if state.issued_at is not None:
+        _add(core, "dcc:issueDate").text = state.issued_at.date().isoformat()
+
+
+def _item(item: Element, subject: RunSubject) -> None:
+    """Describe the robot; without a serial number the measurement set's name identifies it."""
+    readings, robot = subject.readings, subject.model.robot
+    _text(item, "dcc:name", f"Industrial robot {subject.model.name}, {robot.n} joints")
+    identification = _add(item, "dcc:identifications", "dcc:identification")
+    serial = readings.serial_number
+    _add(identification, "dcc:issuer").text = "manufacturer" if serial else "calibrationLaboratory"
+    _add(identification, "dcc:value").text = serial or readings.name
+    _text(identification, "dcc:name", "Serial number" if serial else "Measurement set")
+
+
+def _contact(contact: Element, party: Party) -> None:
+    """Describe a laboratory or a customer; an address is lines of text."""
+    _text(contact, "dcc:name", party.name)
+    lines = [*party.address, *([party.contact] if party.contact else [])]
+    _text(_add(contact, "dcc:location"), "dcc:further", ", ".join(lines) or NOT_STATED)
+
+
+def _results(measured: Element, subject: RunSubject, laboratory: Laboratory) -> None:
+    """Write method, conditions, the stiffness of each joint, and the predicted compliance of the flange."""
+    model, readings = subject.model, subject.readings
+    _text(measured, "dcc:name", TITLE)
+    used = _add(measured, "dcc:usedMethods", "dcc:usedMethod")
+    _text(used, "dcc:name", "Identification of joint stiffness from readings of targets")
+    section = method(model, laboratory)
+    stated = [f"{label}: {text}" for label, text in section.facts if text != NOT_STATED]
+    _text(used, "dcc:description", "; ".join([*stated, *section.notes]))
+    software = _add(measured, "dcc:usedSoftware", "dcc:software")
+    _text(software, "dcc:name", "Jointstiff")
+    _add(software, "dcc:release").text = versions_of(model.run)
+    if readings.instrument:
+        equipment = _add(measured, "dcc:measuringEquipments", "dcc:measuringEquipment")
+        _text(equipment, "dcc:name", readings.instrument)
+    if conditions := readings.conditions or laboratory.conditions:
+        influence = _add(measured, "dcc:influenceConditions", "dcc:influenceCondition")
+        _text(influence, "dcc:name", "Conditions of the measurement")
+        _text(_add(influence, "dcc:data"), "dcc:text", conditions)
+    results = _add(measured, "dcc:results")
+    for joint, u in zip(model.result.joints, expanded(model), strict=True):
+        _joint(_add(results, "dcc:result"), joint, u, model.run.request.confidence)
+    cases = [case for case in predicted_compliance(subject) if case.displacement is not None]
+    if cases:
+        result = _add(results, "dcc:result")
+        _text(result, "dcc:name", PREDICTED)
+        _text(result, "dcc:description", predicted_where(subject))
+        data = _add(result, "dcc:data")
+        for case in cases:
+            for axis, moved in zip("XYZ", case.displacement or (), strict=True):
+                name = f"Predicted displacement along {axis} per force along {case.label}"
+                _quantity(data, name, moved / PREDICTED_FORCE, "compliance")
+
+
+def _joint(result: Element, joint: JointResult, u: tuple[float, float, float] | None, level: float) -> None:
+    """Write the stiffness of a joint with its expanded uncertainty and interval, or why it has none."""
+    _text(result, "dcc:name", f"Stiffness of {joint.name}")
+    data = _add(result, "dcc:data")
+    if joint.stiffness is None:
+        _text(_add(data, "dcc:quantity"), "dcc:noQuantity", f"No number: {why_no_stiffness(joint)}.")
+        return
+    _quantity(data, "Stiffness", joint.stiffness, joint.kind, u)
+    for end, value in zip(("Lower", "Upper"), joint.stiffness_interval or (), strict=False):
+        if value is not None:
+            _quantity(data, f"{end} end of the {100 * level:g} % interval", value, joint.kind)
+
+
+def _quantity(
+    data: Element, name: str, value: float, unit: str, u: tuple[float, float, float] | None = None
+) -> None:
+    """Write a number in SI units; `u` is its expanded uncertainty, coverage factor and probability."""
+    quantity = _add(data, "dcc:quantity")
+    _text(quantity, "dcc:name", name)
+    real = _add(quantity, "si:real")
+    _add(real, "si:value").text = repr(value)
+    _add(real, "si:unit").text = _UNITS[unit]
+    if u is not None:
+        spread = _add(real, "si:measurementUncertaintyUnivariate", "si:expandedMU")
+        for child, number in zip(
+            ("valueExpandedMU", "coverageFactor", "coverageProbability"), u, strict=True
+        ):
+            _add(spread, f"si:{child}").text = repr(number)
+
+
+def _name(tag: str) -> str:
+    prefix, _, name = tag.partition(":")
+    return f"{{{NAMESPACES[prefix]}}}{name}"
+
+
+def _add(parent: Element, *tags: str) -> Element:
+    """Append an element, the later ones within the earlier; return the innermost."""
+    for tag in tags:
+        parent = ElementTree.SubElement(parent, _name(tag))
+    return parent
+
+
+def _text(parent: Element, tag: str, text: str) -> None:
+    """Append an element with text in the language of this program; XML has no control characters."""
+    content = _add(parent, tag, "dcc:content")
+    content.set("lang", _LANGUAGE)
+    content.text = "".join(c if c.isprintable() else " " for c in text)

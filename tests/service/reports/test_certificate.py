@@ -1,0 +1,203 @@
+"""Certificates: the structure of DCC 3.3.0, without its schema, and by it where it is at hand."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import replace
+from datetime import UTC, date, datetime
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+from reference.kinematics import flange_by_pinocchio
+from support.api import file_at
+
+import jointstiff as js
+from jointstiff.schemas.report import Laboratory, Party
+from jointstiff.service.conversion.prepared import prepare_robot
+from jointstiff.service.exporting.model import ExportedModel
+from jointstiff.service.reports.certificate import NAMESPACES, certificate
+from jointstiff.service.reports.document import State, draft
+from jointstiff.service.reports.laboratory import LaboratorySettings
+from jointstiff.service.reports.rendering import report_page
+from jointstiff.service.reports.run import RunSubject, run_document
+from jointstiff.simulator import default_arm, simulate_campaign
+from jointstiff.solver.errors import RequestError
+
+LABORATORY = Laboratory(
+    name="Metrology Lab",
+    address=["1 Main Street", "44000 Nantes"],
+    country="FR",
+    languages=["fr"],
+    responsible="A. Martin",
+    kind_of_place="customer",
+    ended_on=date(2026, 11, 21),
+)
+MEASURED = {"measured_at": "2026-11-20T14:30:00+01:00", "instrument": "Tracker 750123"}
+CORE = [
+    "countryCodeISO3166_1",
+    *["usedLangCodeISO639_1"] * 2,
+    "mandatoryLangCodeISO639_1",
+    "uniqueIdentifier",
+    "beginPerformanceDate",
+    "endPerformanceDate",
+    "performanceLocation",
+]
+"""Elements of `coreData` in the order of the schema."""
+PARTS = ["dccSoftware", "coreData", "items", "calibrationLaboratory", "respPersons", "customer", "statements"]
+
+
+@pytest.fixture(scope="module")
+def subject():
+    document = simulate_campaign(default_arm(), load="dead_weight", configurations=12, seed=2)
+    document["measurement_set"] |= MEASURED
+    run = js.identify(document)
+    model = ExportedModel.of(run, prepare_robot(run.campaign.robot).robot, "cell <3>")
+    return RunSubject(model, run.campaign.measurement_set, LaboratorySettings(LABORATORY))
+
+
+def read(content):
+    return ElementTree.fromstring(content)  # noqa: S314 - our own
+
+
+def names(element):
+    return [child.tag.partition("}")[2] for child in element]
+
+
+def texts(element, path):
+    return [each.text for each in element.findall(path, NAMESPACES)]
+
+
+@pytest.fixture(scope="module")
+def root(subject):
+    return read(certificate(subject, draft()))
+
+
+def test_the_administrative_data_are_complete_and_in_order(root, subject):
+    assert root.attrib["schemaVersion"] == "3.3.0"
+    assert names(root) == ["administrativeData", "measurementResults"]
+    assert names(root[0]) == PARTS
+    core = root.find(".//dcc:coreData", NAMESPACES)
+    assert names(core) == CORE
+    number = f"{subject.model.run.id}-0"
+    expected = ["FR", "en", "fr", "en", number, "2026-11-20", "2026-11-21", "customer"]
+    assert [child.text for child in core] == expected
+    assert texts(root, ".//dcc:respPerson/dcc:person/dcc:name/dcc:content") == ["A. Martin"]
+    assert texts(root, ".//dcc:item/dcc:name/dcc:content")[0].startswith("Industrial robot cell <3>")
+    assert texts(root, ".//dcc:statement/dcc:declaration/dcc:content")[0].startswith("Draft: ")
+
+
+def test_customer_and_serial_number_are_optional(root, subject):
+    assert texts(root, ".//dcc:customer/dcc:name/dcc:content") == ["not stated"]
+    identification = root.find(".//dcc:item//dcc:identification", NAMESPACES)
+    assert next(child.text for child in identification) == "calibrationLaboratory"
+    laboratory = LABORATORY.model_copy(
+        update={"customer": Party(name="Arms Inc.", address=["2 Side Street"])}
+    )
+    readings = subject.readings.model_copy(update={"serial_number": "SN-4711"})
+    stated = replace(subject, readings=readings, settings=LaboratorySettings(laboratory))
+    full = read(certificate(stated, State("authorised", "By A", 2, datetime(2026, 11, 25, tzinfo=UTC))))
+    assert texts(full, ".//dcc:customer/dcc:name/dcc:content") == ["Arms Inc."]
+    assert texts(full, ".//dcc:item//dcc:identification/dcc:value") == ["SN-4711"]
+    assert texts(full, ".//dcc:coreData/dcc:issueDate") == ["2026-11-25"]
+    assert texts(full, ".//dcc:uniqueIdentifier")[0].endswith("-2")
+
+
+def test_the_results_are_those_of_the_run(root, subject):
+    results = root.findall(".//dcc:result", NAMESPACES)
+    run, budget = subject.model.run, subject.model.result.budget
+    for result, joint in zip(results, run.result.joints, strict=False):
+        assert texts(result, "dcc:name/dcc:content") == [f"Stiffness of {joint.name}"]
+        if joint.stiffness is None:
+            assert texts(result, ".//dcc:noQuantity/dcc:content")[0].startswith("No number: ")
+            continue
+        values = [float(text) for text in texts(result, ".//si:value")]
+        assert values == [joint.stiffness, *(end for end in joint.stiffness_interval if end is not None)]
+        assert set(texts(result, ".//si:unit")) == {r"\newton\metre\radian\tothe{-1}"}
+        place = budget.joints.index(joint.name)
+        of_compliance = budget.expanded_with_model_error[place] / budget.coverage_factor
+        (u,), (k,) = texts(result, ".//si:valueExpandedMU"), texts(result, ".//si:coverageFactor")
+        assert float(u) / float(k) == pytest.approx(of_compliance * joint.stiffness**2, rel=1e-12)
+        assert texts(result, ".//si:coverageProbability") == ["0.95"]
+
+
+def test_the_compliance_of_the_flange_is_called_predicted_and_is_that_of_the_springs(root, subject):
+    """Compare with J C Jᵀ by finite differences of the kinematics, for the axes that a weight shows."""
+    result = root.findall(".//dcc:result", NAMESPACES)[-1]
+    assert texts(result, "dcc:name/dcc:content")[0].startswith("Predicted static compliance")
+    assert "not measured" in texts(result, "dcc:description/dcc:content")[0]
+    assert all(text.startswith("Predicted") for text in texts(result, ".//dcc:quantity/dcc:name/dcc:content"))
+    robot = subject.model.run.campaign.robot.model
+    assert subject.readings.units.angle == "rad"
+    joints = subject.model.robot.joint_names
+    q, step = np.array(subject.readings.observations[0].joints), 1e-6
+    postures = [q + d * e for e in np.eye(6) for d in (step, -step)]
+    flange = [
+        flange_by_pinocchio(robot.urdf, dict(zip(joints, each, strict=True)), robot.base, robot.flange)[:3, 3]
+        for each in postures
+    ]
+    jacobian = (np.array(flange[::2]) - np.array(flange[1::2])).T / (2 * step)
+    compliance = np.array([joint.compliance or 0.0 for joint in subject.model.run.result.joints])
+    expected = jacobian * compliance @ jacobian.T
+    values = np.array([float(text) for text in texts(result, ".//si:value")]).reshape(-1, 3)
+    forces = [text.split()[-1] for text in texts(result, ".//dcc:quantity/dcc:name/dcc:content")[::3]]
+    np.testing.assert_allclose(
+        values, expected[["XYZ".index(axis) for axis in forces]], rtol=2e-3, atol=1e-10
+    )
+
+
+def test_the_report_has_the_same_table(subject):
+    page = report_page(run_document(subject, draft())).decode()
+    assert "Predicted static compliance of the flange" in page
+    assert "predicted displacement along Z [mm/N]" in page
+
+
+@pytest.mark.parametrize(
+    ("laboratory", "measured_at", "where"),
+    [
+        (None, True, "laboratory"),
+        (LABORATORY.model_copy(update={"country": None}), True, "laboratory"),
+        (LABORATORY.model_copy(update={"responsible": None}), True, "laboratory"),
+        (LABORATORY.model_copy(update={"ended_on": date(2026, 11, 19)}), True, "laboratory.ended_on"),
+        (LABORATORY, False, "measurement_set.measured_at"),
+    ],
+)
+def test_what_every_certificate_states_is_not_guessed(subject, laboratory, measured_at, where):
+    readings = subject.readings
+    if not measured_at:
+        readings = readings.model_copy(update={"measured_at": None})
+    with pytest.raises(RequestError) as refused:
+        certificate(replace(subject, readings=readings, settings=LaboratorySettings(laboratory)), draft())
+    assert refused.value.where == where
+    assert refused.value.remedy
+
+
+def test_hostile_names_are_text(subject):
+    hostile = "]]><a>\x00\x1b[31m\ud800 &amp;"
+    readings = subject.readings.model_copy(update={"instrument": hostile})
+    root = read(certificate(replace(subject, readings=readings), draft()))
+    assert texts(root, ".//dcc:measuringEquipment/dcc:name/dcc:content") == ["]]><a>  [31m  &amp;"]
+
+
+@pytest.mark.skipif("DCC_XSD" not in os.environ, reason="DCC_XSD names no schema (dcc.xsd of version 3.3.0)")
+def test_the_schema_accepts_it(subject):
+    xmlschema = pytest.importorskip("xmlschema")
+    schema = xmlschema.XMLSchema(os.environ["DCC_XSD"])
+    assert [str(error) for error in schema.iter_errors(certificate(subject, draft()).decode())] == []
+
+
+def test_a_service_and_this_process_answer_with_a_certificate(local, subject, tmp_path):
+    campaign = subject.model.run.campaign
+    path = tmp_path / "lab.toml"
+    path.write_text('name = "Lab"\ncountry = "FR"\nresponsible = "A. Martin"\n')
+    run = js.identify(campaign)
+    run.report(tmp_path / "certificate.xml", path)
+    here = read((tmp_path / "certificate.xml").read_bytes())
+    assert texts(here, ".//dcc:respPerson/dcc:person/dcc:name/dcc:content") == ["A. Martin"]
+    with pytest.raises(js.CampaignError, match="country"):
+        run.report(tmp_path / "certificate.xml")
+    document = campaign.model_dump(mode="json", exclude_unset=True)
+    stored = local.request("POST", "/v1/campaigns", json=document).json()
+    answer = local.get(file_at(stored, "report.xml"))
+    assert answer.status_code == 422
+    assert "country" in answer.json()["remedy"]
