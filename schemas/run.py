@@ -233,8 +233,8 @@ class Advice(Message):
     )
     uncertainty_ratio: float | None = Field(
         description="Ratio of the standard uncertainties of the compliance, after one such reading of all "
-        "targets to before, with partial pose, without constraints and priors; null if the "
-        "readings so far do not determine the compliance. Dimensionless."
+        "targets to before, with partial pose, without constraints and priors; what all readings share "
+        "stays. Null if the readings so far do not determine the compliance. Dimensionless."
     )
     standard_uncertainty: Compliance[float | None] = Field(
         default=None,

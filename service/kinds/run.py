@@ -201,11 +201,8 @@ def _gain(run: Run, advice: Advice, joint: JointResult) -> str:
             if after is None
             else f": u(c) becomes {1e6 * after:.2g} {JOINT_UNITS[joint.kind].micro_compliance}"
         )
-    # Only the readings' part shrinks; what all observations share stays.
-    readings = u if joint.budget is None else joint.budget.readings
-    after = sqrt(max(u**2 - (1.0 - ratio**2) * readings**2, 0.0))
-    before, after = (100 * size / abs(joint.compliance) for size in (u, after))
-    return f": u {before:.2g} % → {after:.2g} %"
+    before = 100 * u / abs(joint.compliance)
+    return f": u {before:.2g} % → {ratio * before:.2g} %"
 
 
 _SIGMA = {

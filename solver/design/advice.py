@@ -150,23 +150,11 @@ def advise(robot: Robot, measurements: Measurements, estimate: Estimate) -> tupl
         strict=True,
     ):
         easier_first = (unmeasured, measured) if weights else (measured, unmeasured)
-        useful = [a for a in easier_first if a and _left(robot, estimate, a[1]) <= 1.0 - LEAST_GAIN]
+        useful = [a for a in easier_first if a and (a[1].uncertainty_ratio or 0.0) <= 1.0 - LEAST_GAIN]
         if len(useful) == 2 and useful[0][0] <= LITTLE_MORE * useful[1][0]:
             useful = useful[:1]
         advice += [piece for _, piece in sorted(useful, key=itemgetter(0))]
     return tuple(advice)
-
-
-def _left(robot: Robot, estimate: Estimate, advice: Advice) -> float:
-    """Return the ratio of the standard uncertainties after to before, what all readings share included."""
-    ratio, joint = advice.uncertainty_ratio, robot.joint_names.index(advice.joint)
-    if ratio is None:
-        return 0.0
-    variance = 0.0 if estimate.covariance is None else float(estimate.covariance[joint, joint])
-    if estimate.common is None or variance == 0.0:
-        return ratio
-    shared = float(np.square(estimate.common.responses[joint]).sum()) / variance
-    return float(np.sqrt(shared + (1.0 - shared) * ratio**2))
 
 
 def new_postures(robot: Robot, measurements: Measurements, count: int) -> FloatArray:
@@ -210,6 +198,11 @@ class _Search:
         self._regressor = np.where(estimate.observability.null, 0.0, estimate.regressor)
         self._spectrum = Spectrum(self._regressor)
         self._sigma = estimate.sigma
+        self._shared = np.zeros(
+            robot.n
+        )  # variances by errors that all readings share: no reading lessens them
+        if estimate.common is not None:
+            self._shared = np.square(estimate.common.responses).sum(axis=1)
         self._own, self._strength = own, float(np.linalg.norm(own))
         self._one_direction = one_direction
         # Whether the estimate's uncertainties are those of the partial pose weighted by covariance: the same
@@ -219,9 +212,7 @@ class _Search:
             visible = ~estimate.observability.null
             inverse = Spectrum(self._regressor[:, visible]).inverse
             least = estimate.sigma * np.linalg.norm(inverse, axis=1)
-            by_readings = np.diagonal(estimate.covariance)
-            if estimate.common is not None:
-                by_readings = by_readings - np.square(estimate.common.responses).sum(axis=1)
+            by_readings = np.diagonal(estimate.covariance) - self._shared
             deviation = np.sqrt(np.maximum(by_readings[visible], 0.0))
             self._same_method = np.allclose(deviation, least, rtol=0.01, atol=0.0)
 
@@ -276,8 +267,11 @@ class _Search:
         if not (self._one_direction and np.allclose(force, self._own, rtol=1e-9)):
             direction = ", ".join(f"{part / size + 0.0:.2f}" for part in force.tolist())
             load = f"apply {size:.4g} N along ({direction})"
-        uncertainty = None if self._sigma is None else self._sigma * after
-        ratio = None if before is None else after / before
+        uncertainty, ratio = None, None if before is None else after / before
+        if self._sigma is not None:
+            shared = float(np.sqrt(self._shared[joint]))
+            uncertainty = float(np.hypot(self._sigma * after, shared))
+            ratio = None if before is None else uncertainty / float(np.hypot(self._sigma * before, shared))
         changes = [] if uncertainty is None else [f"{uncertainty:.2g} {units.compliance}"]
         if ratio is not None:
             changes.append(f"{ratio:.2g} times its present value")

@@ -270,6 +270,7 @@ class TestNone:
             j = robot.joint_names.index(piece.joint)
             before, left = (each.covariance[j, j] for each in (found, after))
             assert left < 0.97**2 * before
+            assert np.sqrt(left) == pytest.approx(piece.standard_uncertainty, rel=0.05)
 
     def test_where_no_force_was_applied(self):
         document = simulate_campaign(ARM, force=0.0, moment=300.0, configurations=2, sigma=1e-3)
