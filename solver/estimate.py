@@ -153,25 +153,34 @@ def _fit(
 ) -> _Pass:
     """Fit once, bent by the compliances of an earlier pass; None neglects K_c."""
     compliance = None if before is None else before.fit.compliance
-    robust = targets = None
-    if settings.loss == "huber":
-        targets, robust = _weights(robot, measurements, settings, before)
-        measurements = robust.weigh(measurements)
     excitation, triangles = Excitation(robot.joint_names, robot.joint_kinds), MethodTriangles(method)
+    targets = TargetRows(robot.n) if settings.loss == "huber" else None
     largest = np.zeros((robot.n, robot.n))
     for block in regressor_blocks(robot, measurements, compliance):
-        triangles.add(block)
+        (triangles if targets is None else targets).add(block)
         if before is None:
             excitation.add(block)
             np.maximum(largest, np.abs(complementary_stiffness(block)).max(axis=0), out=largest)
+    observability = _require_observable(excitation) if before is None else before.observability
+    robust, sigma = None, measurements.sigma
+    if targets is not None:  # a scale that is not known is settled by the first pass
+        robust = fit_huber(
+            targets,
+            observability.null,
+            settings.constraints,
+            prior=settings.prior,
+            sigma=sigma if before is None or before.robust is None else before.robust.sigma,
+            threshold=settings.huber_threshold,
+        )
+        sigma, measurements = robust.sigma, robust.weigh(measurements)
+        for block in regressor_blocks(robot, measurements, compliance):
+            triangles.add(block)
     common = measurements.common_uncertainty
     if common is not None and common.fitted is not None:  # each unknown beside the joints takes a reading
         triangles.judged.rows -= common.fitted.told
-    observability = _require_observable(excitation) if before is None else before.observability
     fit = fit_method(triangles, observability.null, settings.constraints)
     if settings.prior is not None:
         # A prior's weight is sigma/s₀; a sigma that is not given is estimated from the readings alone.
-        sigma = measurements.sigma if robust is None else robust.sigma
         sigma = scale_of(fit, triangles.judged, sigma).sigma
         if not sigma:
             raise UnsupportedMethodError(
@@ -183,29 +192,6 @@ def _fit(
         prior = settings.prior.in_units_of(sigma)
         fit = replace(fit_method(triangles, observability.null, settings.constraints, prior), alone=fit)
     return _Pass(measurements, compliance, observability, triangles, fit, largest, robust, targets)
-
-
-def _weights(
-    robot: Robot, measurements: Measurements, settings: Settings, before: _Pass | None
-) -> tuple[TargetRows, RobustFit]:
-    """Solve the Huber problem of this pass; a scale that is not known is settled by the first one."""
-    compliance = None if before is None else before.fit.compliance
-    sigma = measurements.sigma
-    if before is not None and before.robust is not None:
-        sigma = before.robust.sigma
-    excitation, targets = Excitation(robot.joint_names, robot.joint_kinds), TargetRows(robot.n)
-    for block in regressor_blocks(robot, measurements, compliance):
-        excitation.add(block)
-        targets.add(block)
-    null = (_require_observable(excitation) if before is None else before.observability).null
-    return targets, fit_huber(
-        targets,
-        null,
-        settings.constraints,
-        prior=settings.prior,
-        sigma=sigma,
-        threshold=settings.huber_threshold,
-    )
 
 
 def _require_observable(excitation: Excitation) -> Observability:
@@ -303,6 +289,10 @@ def _judged(robot: Robot, measurements: Measurements, settings: Settings, last: 
     ratios = np.full(robot.n, np.nan)
     if fit.alone is not None and settings.prior is not None and scale.sigma is not None:
         ratios = _prior_to_data(fit.alone, settings.prior, scale.sigma)
+    chi_square, certificates = scale.chi_square, fit.certificates
+    if robust is not None and last.targets is not None:
+        chi_square = last.targets.chi_square(fit.compliance, sigma=robust.sigma, threshold=robust.threshold)
+        certificates = (robust.certificate, *certificates)
     evidence = Evidence(
         robot.joint_names,
         fit,
@@ -312,28 +302,21 @@ def _judged(robot: Robot, measurements: Measurements, settings: Settings, last: 
         settings.confidence,
         ratios,
     )
-    estimate = Estimate(
+    return Estimate(
         joints=evidence.verdicts(),
         compliance=fit.compliance,
         balanced=last.balanced,
         covariance=covariance,
         sigma=scale.sigma,
         sigma_given=scale.given,
-        chi_square=scale.chi_square,
+        chi_square=chi_square,
         degrees_of_freedom=scale.degrees_of_freedom,
         identifiability=fit.identifiability,
-        certificates=fit.certificates,
+        certificates=certificates,
         triangles=last.triangles,
         observability=last.observability,
         likelihood=fit.likelihood,
         common=common,
-    )
-    if robust is None or last.targets is None:
-        return estimate
-    return replace(
-        estimate,
-        chi_square=last.targets.chi_square(fit.compliance, sigma=robust.sigma, threshold=robust.threshold),
-        certificates=(robust.certificate, *estimate.certificates),
         robust=robust,
     )
 

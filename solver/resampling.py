@@ -337,7 +337,7 @@ def _solve_rows(
     R, z = triangle[:, columns], triangle[:, -1] - triangle[:, p:-1] @ offset
     spectrum = Spectrum(R)
     solution = solve_step(IdentificationProblem(spectrum.determined, z, box.select(columns)))
-    combined = np.isin(columns, list(analyse(spectrum, columns, p).combined))
+    combined = np.isin(columns, list(analyse(spectrum, columns).combined))
     x[columns] = np.where(combined, np.nan, solution.compliance)
     active[columns] = np.where(combined, 0, solution.active)
     return x, active

@@ -74,10 +74,13 @@ def whitened(covariance: FloatArray, rows: FloatArray) -> FloatArray:
 
 
 def triangle_of(rows: FloatArray) -> FloatArray:
-    """Return the triangular factor of rows (m, k) by a tree of small QRs, which start no threads."""
-    width = rows.shape[1]
+    """Return the triangular factor of rows (m, k) by a tree of small QRs, which start no threads.
+
+    Of a stack of rows (s, m, k), each as small as a leaf, it is (s, k, k).
+    """
+    width = rows.shape[-1]
     leaf = max(_LEAF, 4 * width)
-    while len(rows) > 4 * leaf:
+    while rows.ndim == 2 and len(rows) > 4 * leaf:
         whole = len(rows) // leaf * leaf
         leaves = np.asarray(np.linalg.qr(rows[:whole].reshape(-1, leaf, width), mode="r"))
         rows = np.concatenate([leaves.reshape(-1, width), rows[whole:]])

@@ -332,8 +332,7 @@ def fit_ordered(
     blocks = [part[np.ix_(own, own)] for part, own in zip(noise, seen, strict=True) if len(own)]
     R = block_diag(*map(rows_of, blocks))
     fits = [
-        StageFit.of(R, R @ centre[known], known, each.select(known), None, 2 * n).solution
-        for each in (together, apart)
+        StageFit.of(R, R @ centre[known], known, each.select(known)).solution for each in (together, apart)
     ]
     c[known] = fits[0].compliance
     squares = [float(np.square(R @ (fit.compliance - centre[known])).sum()) for fit in fits]

@@ -54,7 +54,7 @@ from jointstiff.solver.terms.block import (
 )
 from jointstiff.solver.terms.errors import SHIFT, TERMS, load_scale, since, turn_about
 from jointstiff.solver.terms.springs import DIAGONAL_BASE, DIAGONAL_LINKS, FULL_BASE, JOINTS
-from jointstiff.solver.triangle import INDEPENDENT, Triangle, basis, nonnegative, unit_columns
+from jointstiff.solver.triangle import INDEPENDENT, Triangle, basis, nonnegative, triangle_of, unit_columns
 
 MISTAKE_LEVEL: Final = 1e-5
 """Probability that noise alone makes any cause of a set, or a base, speak."""
@@ -542,9 +542,6 @@ _MOST_TARGETS: Final = 8
 _READINGS: Final = 24_576
 """Maximum number of readings computed: with many joints fewer observations are compared."""
 _LEAST_FREEDOM: Final = 3
-_NULL: Final = 1e-9
-"""Norm of a column, relative to the largest, below which no load twists its joint."""
-_RIDGE: Final = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
@@ -680,16 +677,8 @@ def _rows(robot: Robot, given: Measurements, alternatives: Sequence[Alternative]
 
 
 def _least_sums(rows: FloatArray) -> FloatArray:
-    """Compute the residual sums (K,) of fits without bounds to rows (K, R, n + 1) [A d]."""
-    grams = rows.transpose(0, 2, 1) @ rows
-    gram, moment, squares = grams[:, :-1, :-1], grams[:, :-1, -1], grams[:, -1, -1]
-    norms = np.sqrt(np.diagonal(gram, axis1=1, axis2=2))
-    seen = norms > _NULL * norms.max(axis=1, keepdims=True, initial=0.0)
-    unit = np.where(seen, 1.0 / np.where(seen, norms, 1.0), 0.0)
-    scaled = gram * unit[:, :, None] * unit[:, None, :] + (_RIDGE + ~seen)[..., None] * np.eye(gram.shape[1])
-    b = moment * unit
-    sums: FloatArray = squares - (b * np.linalg.solve(scaled, b[..., None])[..., 0]).sum(axis=1)
-    return sums
+    """Return no more than the residual sums (K,) of fits without bounds to rows (K, R, n + 1) [A d]."""
+    return np.square(triangle_of(rows)[:, -1, -1])
 
 
 def _explained(rows: FloatArray) -> tuple[float, float]:

@@ -74,11 +74,6 @@ class Likelihood:
         """(k, p) R."""
         return rows_of(self.covariance) if self.given_rows is None else self.given_rows
 
-    def inflated(self, factor: float) -> Likelihood:
-        """The same centre, its variance greater by a factor."""
-        rows = None if self.given_rows is None else self.given_rows / np.sqrt(factor)
-        return Likelihood(self.joints, self.centre, factor * self.covariance, rows)
-
     def with_common(self, responses: FloatArray) -> Likelihood:
         """The same centre with covariance ``C + S Sᵀ``, which takes ``RᵀR`` to ``Rᵀ(I + (R S)(R S)ᵀ)⁻¹R``.
 
@@ -125,7 +120,10 @@ class Fit:
         """The same estimate, its variance greater by a factor."""
         if factor == 1.0:
             return self
-        return replace(self, covariance=factor * self.covariance, likelihood=self.likelihood.inflated(factor))
+        of = self.likelihood
+        rows = None if of.given_rows is None else of.given_rows / np.sqrt(factor)
+        wider = Likelihood(of.joints, of.centre, factor * of.covariance, rows)
+        return replace(self, covariance=factor * self.covariance, likelihood=wider)
 
     def with_common(self, responses: FloatArray) -> Fit:
         """The same estimate with the variance of errors that all observations share.
@@ -160,17 +158,16 @@ class StageFit:
         z: FloatArray,
         joints: IndexArray,
         constraints: Constraints,
-        prior: Prior | None,
-        n: int,
+        prior: Prior | None = None,
     ) -> StageFit:
-        """Solve ``‖R c − z‖²`` for p of n joints, on which the constraints are."""
+        """Solve ``‖R c − z‖²`` for p joints, on which the constraints are."""
         readings = spectrum = Spectrum(R)
-        analysis = analyse(readings, joints, n)
+        analysis = analyse(readings, joints)
         undetermined, parameters, known = analysis.combinations, float(readings.rank), np.zeros(0)
         if prior is not None:
             rows, known = prior.rows(joints)
             spectrum = Spectrum(np.vstack([R, rows]))
-            undetermined = analyse(spectrum, joints, n).combinations
+            undetermined = analyse(spectrum, joints).combinations
             parameters = float(np.sum(spectrum.inverse[:, : len(R)].T * R))
         solution = solve(
             IdentificationProblem(
@@ -224,7 +221,7 @@ def fit_method(
             continue
         R, z, by_known = triangle.matrix[:, joints], triangle.rhs, triangle.matrix[:, known]
         remaining = constraints.given(known, compliance[known], joints)
-        fitted = StageFit.of(R, z - by_known @ compliance[known], joints, remaining, prior, n)
+        fitted = StageFit.of(R, z - by_known @ compliance[known], joints, remaining, prior)
         if fitted.undetermined and stage is not method.stages[-1]:
             combined = sorted(j for group in fitted.undetermined for j in group.joints)
             raise UnsupportedMethodError(

@@ -229,7 +229,6 @@ class Excitation:
 class Identifiability:
     """Observability analysis of the equilibrated, weighted regressor over the observable joints."""
 
-    parameters: int  #: number of joints
     rank: int  #: number of directions determined
     condition_number: float  #: ratio of the extreme singular values; inf if rank deficient
     singular_values: FloatArray  #: largest first, dimensionless
@@ -282,13 +281,12 @@ class Spectrum:
         self.inverse: FloatArray = (Vt[:rank].T / singular[:rank]) @ U[:, :rank].T / scale[:, None]
 
 
-def analyse(spectrum: Spectrum, columns: IndexArray, parameters: int) -> Identifiability:
+def analyse(spectrum: Spectrum, columns: IndexArray) -> Identifiability:
     """Return the observability of the joints from a spectrum.
 
     Args:
         spectrum: of the regressor of p joints.
         columns: (p,) the joint of each column.
-        parameters: number of joints, null ones included.
 
     Returns:
         The analysis, with joints numbered as in `columns`.
@@ -304,7 +302,6 @@ def analyse(spectrum: Spectrum, columns: IndexArray, parameters: int) -> Identif
         change = change * (np.sign(change[0]) / np.abs(change).max())
         weakest = WeakDirection(tuple(int(columns[i]) for i in parts), change, condition)
     return Identifiability(
-        parameters=parameters,
         rank=spectrum.rank,
         condition_number=condition,
         singular_values=singular,
@@ -333,28 +330,13 @@ def noise_reason(joint: int, names: tuple[str, ...], observability: Observabilit
     )
 
 
-def indices_by(singular_values: FloatArray) -> ObservabilityIndices:
-    """Return the indices of positive singular values (p,) of the regressor, largest first.
-
-    Each of its columns is divided by the norm that it would have had if, in every observation, the force had
-    pulled across the joint's lever and the moment had turned about its axis. As ``Σ s² ≤ p``, no index
-    exceeds 1.
-    """
-    s = singular_values
-    return ObservabilityIndices(
-        o1=float(np.exp(np.log(s).mean())),
-        o2=float(s[-1] / s[0]),
-        o3=float(s[-1]),
-        o4=float(s[-1] ** 2 / s[0]),
-        o5=float(1.0 / np.sum(1.0 / s)),
-    )
-
-
 def observability_indices(regressor: FloatArray, observability: Observability) -> ObservabilityIndices | None:
     """Return the indices over the joints that the readings see.
 
-    Borm & Menq divide by the root of the number of readings; here the norms that divide the columns grow
-    with it, so that readings taken twice change nothing.
+    Each column is divided by the norm that it would have had if, in every observation, the force had pulled
+    across the joint's lever and the moment had turned about its axis. As ``Σ s² ≤ p``, no index exceeds 1.
+    Borm & Menq divide by the root of the number of readings; these norms grow with it, so that readings
+    taken twice change nothing.
 
     Args:
         regressor: (m, n) of all readings, weighted by their covariance, in any unit.
@@ -368,5 +350,11 @@ def observability_indices(regressor: FloatArray, observability: Observability) -
     if spectrum.rank < np.count_nonzero(visible):
         return None
     columns = regressor[:, visible] / spectrum.scale * observability.excitation[visible]
-    singular_values: FloatArray = np.linalg.svd(columns, compute_uv=False).astype(np.float64, copy=False)
-    return indices_by(singular_values)
+    s = np.linalg.svd(columns, compute_uv=False).astype(np.float64, copy=False)
+    return ObservabilityIndices(
+        o1=float(np.exp(np.log(s).mean())),
+        o2=float(s[-1] / s[0]),
+        o3=float(s[-1]),
+        o4=float(s[-1] ** 2 / s[0]),
+        o5=float(1.0 / np.sum(1.0 / s)),
+    )

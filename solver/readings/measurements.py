@@ -209,16 +209,6 @@ class EncoderReadings:
         """Select observations, in the given order."""
         return EncoderReadings(self.deflection[rows], self.present[rows], self.sigma)
 
-    def lever(self, sigma: float) -> float:
-        """Length on which a deflection of one encoder weighs like one of a target [m].
-
-        A target on that lever moves by ``lever · δθ``, and tells as much of the joint as the encoder.
-
-        Args:
-            sigma: standard uncertainty of one coordinate of one position reading [m].
-        """
-        return sigma / self.sigma
-
 
 NOISE_SIGMAS: Final = 3.0
 """Number of standard deviations below which a deflection carries little information."""
@@ -393,10 +383,11 @@ class Measurements:
 
     @property
     def encoder_lever(self) -> float:
-        """Length on which an encoder's deflection weighs like a target's [m]; 0 without encoders."""
-        if self.encoders is None or self.sigma is None:
-            return 0.0
-        return self.encoders.lever(self.sigma)
+        """Length on which an encoder's deflection weighs like a target's [m]; 0 without encoders.
+
+        A target on that lever moves by ``lever · δθ``, and tells as much of the joint as the encoder.
+        """
+        return 0.0 if self.encoders is None or self.sigma is None else self.sigma / self.encoders.sigma
 
     @property
     def coordinates(self) -> IndexArray:

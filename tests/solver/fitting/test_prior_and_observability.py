@@ -137,7 +137,7 @@ class TestCombinations:
     @staticmethod
     def analysed(*columns):
         R = np.column_stack(columns)
-        return analyse(Spectrum(R), np.arange(R.shape[1]), R.shape[1])
+        return analyse(Spectrum(R), np.arange(R.shape[1]))
 
     def test_sums_of_three(self):
         u, v = np.random.default_rng(0).standard_normal((2, 9))
