@@ -276,7 +276,7 @@ def _judged(robot: Robot, measurements: Measurements, settings: Settings, last: 
     if measurements.common_uncertainty is not None and scale.sigma is not None:
         scale = replace(scale, sigma=max(scale.sigma, _LEAST_SIGMA))
         common = _common_errors(robot, settings, last, scale.sigma or 1.0)
-        fit = fit.with_common(common.responses / (scale.sigma or 1.0))
+        fit = fit if common is None else fit.with_common(common.responses / (scale.sigma or 1.0))
     covariance = None if scale.sigma is None else np.float64(scale.sigma) ** 2 * fit.covariance
     numbers = [fit.compliance, np.array([scale.chi_square, scale.degrees_of_freedom])]
     numbers += [] if covariance is None else [covariance]
@@ -321,15 +321,15 @@ def _judged(robot: Robot, measurements: Measurements, settings: Settings, last: 
     )
 
 
-def _common_errors(robot: Robot, settings: Settings, last: _Pass, sigma: float) -> CommonErrors:
-    """Return what a standard uncertainty of each error that all observations share moves in the estimate."""
+def _common_errors(robot: Robot, settings: Settings, last: _Pass, sigma: float) -> CommonErrors | None:
+    """Return what a standard uncertainty of each shared error moves in the estimate; None without errors."""
     common = last.measurements.common_uncertainty
     fitted = () if common is None or common.fitted is None else common.fitted.terms
     told = {term.name for term in fitted}  # the readings take the place of a statement
     sizes = {} if common is None else {name: term.prior(common) for name, term in TERMS.items()}
     terms = [TERMS[name] for name, size in sizes.items() if any(size) and name not in told]
     if common is None or not (terms or fitted):
-        return CommonErrors({}, np.zeros((robot.n, 0)))
+        return None
     responses = last.triangles.responses(
         regressor_blocks(robot, last.measurements, last.balanced),
         [*terms, *fitted],
@@ -345,7 +345,7 @@ def _common_errors(robot: Robot, settings: Settings, last: _Pass, sigma: float) 
     if common.fitted is not None:
         moved = np.hstack([responses[term.name] for term in fitted])
         by_source["fitted_causes"] = moved @ common.fitted.root
-    return CommonErrors(by_source, np.hstack(list(by_source.values())))
+    return CommonErrors(by_source)
 
 
 def _prior_to_data(alone: Fit, prior: Prior, sigma: float) -> FloatArray:

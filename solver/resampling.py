@@ -38,9 +38,6 @@ TILE = 1024
 """Number of repetitions per block."""
 _TILE_WEIGHTS = 2**22
 """Maximum number of weights per block, 32 MB, however many configurations there are."""
-_CACHED_NUMBERS = 2**16
-"""Random numbers per block, 512 kB: they stay in a processor's own cache, so that workers do not wait for
-each other's memory."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -195,16 +192,10 @@ def draws_of(plan: Resampling, configurations: int, start: int, stop: int) -> In
     """
     # One number of the generator makes one of the table, so a row is reached without those above.
     generator = np.random.Generator(np.random.PCG64(plan.seed).advance(start * configurations))
-    drawn = np.empty((stop - start, plan.size), dtype=np.intp)
-    rows = max(1, _CACHED_NUMBERS // configurations)
-    for first in range(0, len(drawn), rows):
-        part = drawn[first : first + rows]
-        table = generator.random((len(part), configurations))
-        if plan.replacement:
-            part[:] = table[:, : plan.size] * configurations
-        else:
-            part[:] = np.argpartition(table, plan.size - 1, axis=1)[:, : plan.size]
-    return drawn
+    table = generator.random((stop - start, configurations))
+    if plan.replacement:
+        return (table[:, : plan.size] * configurations).astype(np.intp)
+    return np.argpartition(table, plan.size - 1, axis=1)[:, : plan.size]
 
 
 @dataclass(frozen=True, eq=False)

@@ -24,11 +24,8 @@ def unknowns_text(unit: str, values: Sequence[float]) -> str:
     if unit == "m":
         small = max(map(abs, values), default=0.0) < 1e-3
         return f"({_joined(1e6, values)}) µm" if small else f"({_joined(1e3, values)}) mm"
-    if unit == "rad":
-        return f"({_joined(60.0 * degrees(1.0), values)}) arcmin"
-    if unit == "1":
-        return f"({_joined(1e2, values)}) %"
-    return f"({_joined(1.0, values)}) {unit}"
+    factor, shown = {"rad": (60.0 * degrees(1.0), "arcmin"), "1": (1e2, "%")}.get(unit, (1.0, unit))
+    return f"({_joined(factor, values)}) {shown}"
 
 
 def _joined(factor: float, values: Sequence[float]) -> str:

@@ -32,8 +32,6 @@ _RESOLUTION: Final = 1e-7
 ISOTROPIC_DIFFERENCE: FloatArray = 2.0 * np.eye(3)
 """Covariance of a deflection in units of sigma²: it is a difference of two readings (method.md §3)."""
 ISOTROPIC_DIFFERENCE.setflags(write=False)
-_ISOTROPIC: FloatArray = np.linalg.inv(np.linalg.cholesky(ISOTROPIC_DIFFERENCE))
-_ISOTROPIC.setflags(write=False)
 
 
 def whitener(covariance: FloatArray) -> FloatArray:
@@ -48,8 +46,6 @@ def whitener(covariance: FloatArray) -> FloatArray:
     Raises:
         MeasurementError: if a covariance is not finite, symmetric and positive definite.
     """
-    if covariance is ISOTROPIC_DIFFERENCE:  # of most sets, and asked for many times
-        return _ISOTROPIC
     refused = MeasurementError(
         "a covariance is not finite, symmetric and positive definite",
         where="noise",
@@ -169,31 +165,31 @@ class Triangle:
         ratio = explained / leading.shape[1] / (left / freedom)
         return float(special.fdtrc(leading.shape[1], freedom, ratio))
 
-    def fit_beside_joints(self, names: Sequence[str]) -> BesideJoints:
-        """Fit the joints and more terms by least squares, without bounds.
+    def fit_beside(self, names: Sequence[str], known: str = "joints") -> Beside:
+        """Fit terms beside one that is known to be there by least squares, without bounds.
 
-        Combinations of the terms' unknowns that the joints explain as well are zero.
+        Combinations of the terms' unknowns that the known one explains as well are zero.
         """
-        joints, d = self.R[:, self.span["joints"]], self.R[:, -1]
+        columns, d = self.R[:, self.span[known]], self.R[:, -1]
         unit, length = unit_columns(self.R[:, np.concatenate([self.span[name] for name in names])])
-        of_joints, scale = unit_columns(joints)
-        known = basis(of_joints)
-        U, s, Vt = np.linalg.svd(unit - known @ (known.T @ unit), full_matrices=False)
+        known_unit, scale = unit_columns(columns)
+        there = basis(known_unit)
+        U, s, Vt = np.linalg.svd(unit - there @ (there.T @ unit), full_matrices=False)
         distinct = s > TOLD_APART
         root = Vt[distinct].T / s[distinct]
         step = root @ (U[:, distinct].T @ d)
-        fitted = np.linalg.lstsq(of_joints, d - unit @ step, rcond=INDEPENDENT)[0]
+        fitted = np.linalg.lstsq(known_unit, d - unit @ step, rcond=INDEPENDENT)[0]
         hidden = Vt[~distinct].T / length[:, None]
-        return BesideJoints(fitted / scale, step / length, root / length[:, None], hidden)
+        return Beside(fitted / scale, step / length, root / length[:, None], hidden)
 
 
-class BesideJoints(NamedTuple):
-    """Least squares of p joints and K unknowns of other terms, in units of sigma."""
+class Beside(NamedTuple):
+    """Least squares of p unknowns of a term and K of others beside it, in units of sigma."""
 
-    joints: FloatArray  #: (p,)
+    known: FloatArray  #: (p,) of the joints, if no other term was named
     unknowns: FloatArray  #: (K,)
     root: FloatArray  #: (K, r); its product with the transpose is the covariance of the unknowns
-    hidden: FloatArray  #: (K, K - r) combinations of them that the joints explain as well
+    hidden: FloatArray  #: (K, K - r) combinations of them that the known term explains as well
 
 
 def unit_columns(columns: FloatArray) -> tuple[FloatArray, FloatArray]:

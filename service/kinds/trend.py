@@ -272,7 +272,7 @@ def _point(bare: messages.TrendPoint, part: _Segment, place: int, size: int) -> 
     if chart is None:
         return bare
     t = place - chart.size
-    mean, limit = float(chart.baseline.mean), float(chart.limits[t])
+    mean, limit = float(chart.baseline.mean), float(chart.monitored.limits[t])
     return bare.model_copy(
         update={
             "role": "monitored",

@@ -26,6 +26,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import groupby
 from math import asin, atan2, exp, expm1, hypot, inf, isfinite, log, pi, sqrt, tan
 from typing import Final, NamedTuple
@@ -690,7 +691,7 @@ class Monitored:
         """(..., N) whether the deviation is beyond its limit."""
         return np.asarray(self._chance(np.abs(self.deviation)) < self.level)
 
-    @property
+    @cached_property
     def limits(self) -> FloatArray:
         """Deviations (..., N) that chance exceeds with the probability `level`, by bisection."""
         low: FloatArray = np.zeros_like(self.deviation)
@@ -767,7 +768,6 @@ class Chart:
     baseline: Baseline  #: baseline of the first campaigns
     size: int  #: how many they are
     monitored: Monitored  #: campaigns after the baseline
-    limits: FloatArray  #: limits of their deviation (N,)
 
     @property
     def baseline_uncertainty(self) -> float:
@@ -799,7 +799,7 @@ class Chart:
                         is_open=last + 1 == signs.size,
                         change=Change(float(deviation[last]), float(uncertainty[last])),
                         latest=self.change(self.size + last),
-                        limit=float(self.limits[last]),
+                        limit=float(monitored.limits[last]),
                     )
                 )
         return alarms
@@ -836,5 +836,5 @@ def charts_of(series: Sequence[Series], size: int) -> list[Chart | None]:
             charts.append(None)
             continue
         monitored = monitor(baseline, excess, one.values[size:], one.uncertainties[size:], level)
-        charts.append(Chart(one, baseline, size, monitored, monitored.limits))
+        charts.append(Chart(one, baseline, size, monitored))
     return charts

@@ -248,9 +248,9 @@ def _fit(robot: Robot, part: Measurements, terms: Sequence[Term], compliance: Fl
         excitation.add(block)
         seen = ~excitation.observability().null
         triangles = _Triangles(block, compliance, seen, terms, ())
-        found = triangles.stated.fit_beside_joints([term.name for term in terms])
+        found = triangles.stated.fit_beside([term.name for term in terms])
         compliance = np.zeros(robot.n)
-        compliance[seen] = np.maximum(found.joints, 0.0)
+        compliance[seen] = np.maximum(found.known, 0.0)
         ends = np.cumsum([len(triangles.stated.span[term.name]) for term in terms])[:-1]
         before, unknowns = unknowns, unknowns + found.unknowns
         if not size.any():

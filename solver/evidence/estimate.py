@@ -336,10 +336,14 @@ class JointCompliance:
 class CommonErrors:
     """Effect of errors that all observations share on the estimate, to first order (method.md §8)."""
 
-    #: change (n, k) of the estimate by one standard uncertainty of each error of a source [rad/(N·m)]
+    #: change (n, k) of the estimate by one standard uncertainty of each error of a source [rad/(N·m)]; at
+    #: least one source
     by_source: Mapping[str, FloatArray]
-    #: (n, K) all of them; their share of the covariance is the product with the transpose
-    responses: FloatArray
+
+    @property
+    def responses(self) -> FloatArray:
+        """(n, K) all of them; their share of the covariance is the product with the transpose."""
+        return np.hstack(list(self.by_source.values()))
 
     def of(self, source: str) -> FloatArray:
         """Return the responses (n, k) of the errors of one source."""

@@ -160,8 +160,7 @@ class Excitation:
     def __init__(self, joint_names: tuple[str, ...], joint_kinds: tuple[JointKind, ...]) -> None:
         n = len(joint_names)
         self._names, self._kinds = joint_names, joint_kinds
-        self._torque, self._lever, self._column, self._potential = np.zeros((4, n))
-        self._motion, self._greatest_torque = np.zeros((2, n))
+        self._torque, self._lever, self._column, self._potential, self._greatest_torque = np.zeros((5, n))
         self._deflection = 0.0
 
     def add(self, block: RegressorBlock) -> None:
@@ -192,7 +191,6 @@ class Excitation:
         self._torque += (block.torque**2).sum(axis=0)
         np.maximum(self._greatest_torque, np.abs(block.torque).max(axis=0), out=self._greatest_torque)
         self._lever += reach.sum(axis=0)
-        self._motion += motion.sum(axis=0)
         self._column += (block.torque**2 * motion).sum(axis=0)
         self._potential += (reach * motion).sum(axis=0)
         self._deflection += float((part.deflection**2).sum())

@@ -33,7 +33,6 @@ from jointstiff.solver.integrity.values import (
     RAD_AS_DEG,
     SAME_ANGLE,
     View,
-    median,
     seen_from_flange,
     vector_quantile,
     vector_scale,
@@ -42,6 +41,7 @@ from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.robot.configuration import Configurations
 from jointstiff.solver.terms.block import RegressorBlock, regressor_blocks, whole_block
 from jointstiff.solver.text import length_text
+from jointstiff.solver.triangle import Triangle
 
 LARGEST_MODEL_ERROR: Final = 0.02
 """Largest plausible deviation from the model's position [m]: more is a wrong frame, map, unit or angle."""
@@ -73,7 +73,6 @@ deflections, differences within minutes."""
 
 LEAST_ROWS_OF_DRIFT: Final = 8
 LEAST_FREEDOM: Final = 3
-_RANK: Final = 1e-10
 _EXACT: Final = 1e-18
 """Variance [m²] of exact readings: rounding is no drift."""
 
@@ -170,7 +169,7 @@ def inspect_places(view: View) -> tuple[list[Finding], BoolArray]:
         mended = _consensus(there)
         judged.append((h, mended, _apart(there, mended)))
     best, mended, apart = max(
-        judged, key=lambda each: (np.sum(each[2] <= LARGEST_MODEL_ERROR), -median(each[2]))
+        judged, key=lambda each: (np.sum(each[2] <= LARGEST_MODEL_ERROR), -np.median(each[2]))
     )
     near = apart <= LARGEST_MODEL_ERROR
     count, posted_share = int(near.sum()), float(agree.mean())
@@ -271,7 +270,7 @@ def _single_rows(view: View, rows: IndexArray, seen: FloatArray, place: FloatArr
     """
     with np.errstate(invalid="ignore"):
         nearest = np.fmin.reduce(np.linalg.norm(seen - place, axis=2), axis=1)
-    typical = median(nearest)
+    typical = np.median(nearest)
     for b in np.flatnonzero(nearest > max(OUTLIER * typical, SMALLEST_OUTLIER)):
         yield view.finding(
             "target_off_model",
@@ -357,9 +356,9 @@ def inspect_rigidity(view: View, good: BoolArray) -> Iterator[Finding]:
         touched = (first == step.target) | (second == step.target)
         for side in (slice(None, step.row), slice(step.row, None)):
             change[:, side, touched] = _less_median(lengths[:, side, touched], both[side, touched])
-    scatter = median(np.abs(change[:, both])) / MEDIAN_SIZE
+    scatter = np.median(np.abs(change[:, both])) / MEDIAN_SIZE
     sigma = np.where(both, np.hypot(view.reading_sigma[:, first], view.reading_sigma[:, second]), 0.0)
-    typical = median(sigma[both])
+    typical = np.median(sigma[both])
     if typical > 0.0 and both.sum() >= _ENOUGH and scatter >= OVERSTATED * typical:
         yield view.finding(
             "sigma_suspect",
@@ -496,17 +495,20 @@ def inspect_drift(view: View, good: BoolArray) -> Iterator[Finding]:
     rotation = at.flange_rotation[rows]
     off = np.einsum("nij,nj->ni", rotation, place - np.median(place, axis=0))
     base = np.broadcast_to(np.eye(3), rotation.shape)
-    nuisance = np.concatenate([at.jacobian_at(points)[rows, 0], rotation, base], axis=2)
-    freedom = 3 * len(rows) - nuisance.shape[2] - 3
-    if freedom < LEAST_FREEDOM:
-        return
     time = (rows - rows.mean()) / np.ptp(rows)
     motion = time[:, None, None] * np.eye(3)
-    without, _ = _least_squares(nuisance, off)
-    left, motions = _least_squares(np.concatenate([nuisance, motion], axis=2), off)
+    triangle = Triangle(model=view.robot.n + 6, motion=3)
+    triangle.add(
+        np.concatenate([at.jacobian_at(points)[rows, 0], rotation, base, motion, off[..., None]], axis=2)
+    )
+    freedom = triangle.rows - view.robot.n - 9
+    if freedom < LEAST_FREEDOM:
+        return
+    without, left = (triangle.residual_squares(names) for names in (["model"], ["model", "motion"]))
     ratio = (without - left) / 3.0 / max(left / freedom, _EXACT) / MODEL_ALLOWANCE**2
     chance = float(special.fdtrc(3.0, freedom, max(0.0, ratio)))
-    drift, size = motions[-3:], float(np.linalg.norm(motions[-3:]))
+    drift = triangle.fit_beside(["motion"], "model").unknowns
+    size = float(np.linalg.norm(drift))
     if chance < FALSE_ALARM and size > SMALLEST_MOTION:
         yield view.finding(
             "drift_in_time",
@@ -516,15 +518,6 @@ def inspect_drift(view: View, good: BoolArray) -> Iterator[Finding]:
             "check the tracker's stand, warm-up and temperature; a deflection is affected only by "
             "drift between its two readings",
         )
-
-
-def _least_squares(A: FloatArray, b: FloatArray) -> tuple[float, FloatArray]:
-    """Residual sum of squares and solution of ``A_n x = b_n``, (N, 3, p) and (N, 3)."""
-    flat, right = A.reshape(-1, A.shape[2]), b.reshape(-1)
-    unit = np.maximum(np.linalg.norm(flat, axis=0), 1e-300)
-    flat = flat / unit
-    x = np.linalg.pinv(flat.T @ flat, rcond=_RANK, hermitian=True) @ (flat.T @ right)
-    return float(((right - flat @ x) ** 2).sum()), x / unit
 
 
 UNEXPLAINED: Final = 0.5
@@ -585,13 +578,13 @@ class Springs:
         A = block.A[chosen + shift].reshape(len(chosen), -1, block.A.shape[-1])
         compliance = _least_distances(A, deflection[chosen].reshape(len(chosen), -1))
         predicted = block.A @ compliance
-        moved = median(norms(deflection))
+        moved = np.median(norms(deflection))
         return cls(
             predicted=predicted,
             residual=deflection - predicted,
             work=float((block.torque**2).sum(axis=0) @ compliance),
             parameters=int(np.count_nonzero(compliance)),
-            unexplained=median(norms(deflection - predicted)) / moved if moved else 0.0,
+            unexplained=float(np.median(norms(deflection - predicted)) / moved) if moved else 0.0,
         )
 
 
@@ -609,7 +602,7 @@ def _least_distances(A: FloatArray, d: FloatArray) -> FloatArray:
         G = np.einsum("k,kij->ij", weight, gram) / weight.sum()
         x = np.linalg.solve(G + held, weight @ moment / weight.sum())
         distance = np.linalg.norm(d - scaled @ x, axis=1)
-        weight = 1.0 / np.maximum(distance, max(1e-3 * median(distance), 1e-12))
+        weight = 1.0 / np.maximum(distance, max(1e-3 * np.median(distance), 1e-12))
     compliance[visible] = x / norms[visible]
     return compliance
 
@@ -632,7 +625,7 @@ def inspect_response(view: View, good: BoolArray) -> Iterator[Finding]:
         return
     part = m if len(rows) == len(m) else m[rows]
     noise = BEYOND_NOISE * np.sqrt(2.0) * (m.sigma or 0.0)
-    if median(np.linalg.norm(part.deflection, axis=2)[part.present]) <= noise:
+    if np.median(np.linalg.norm(part.deflection, axis=2)[part.present]) <= noise:
         return
     block = whole_block(view.robot, part)
     springs = Springs.fit(block)
@@ -670,7 +663,7 @@ def _mistake_of_the_set(
             return shifted
     part = block.measurements
     if springs.unexplained > UNEXPLAINED:
-        typical = median(np.linalg.norm(part.deflection, axis=2)[part.present])
+        typical = np.median(np.linalg.norm(part.deflection, axis=2)[part.present])
         return view.finding(
             "deflections_unexplained",
             f"joint compliances do not explain the deflections: of {length_text(typical)} (median), "

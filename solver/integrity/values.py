@@ -18,7 +18,7 @@ from scipy import special
 from jointstiff.schemas.finding import Action, Finding, FindingCode, Verdict
 from jointstiff.schemas.joints import JOINT_UNITS
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
-from jointstiff.solver.readings.measurements import NOISE_SIGMAS, Measurements
+from jointstiff.solver.readings.measurements import NOISE_SIGMAS, Measurements, first_equal
 from jointstiff.solver.robot.configuration import Configurations
 from jointstiff.solver.robot.model import Robot
 from jointstiff.solver.terms.block import unloaded_configurations
@@ -147,17 +147,10 @@ def vector_quantile(comparisons: int, freedom: float, coordinates: int = 3) -> f
     return float(np.sqrt(coordinates * F))
 
 
-def median(sizes: FloatArray) -> float:
-    """Return the median of finite numbers, at least one; `np.median` takes five times as long."""
-    middle = (sizes.size - 1) // 2, sizes.size // 2
-    ordered = np.partition(sizes.ravel(), middle)
-    return float(0.5 * (ordered[middle[0]] + ordered[middle[1]]))
-
-
 def vector_scale(norms: FloatArray, coordinates: int = 3) -> float:
     """Standard deviation of a coordinate, by the median of the norms (K,) of vectors; 0 for none."""
     unit = float(np.sqrt(2.0 * special.gammaincinv(0.5 * coordinates, 0.5)))
-    return median(norms) / unit if norms.size else 0.0
+    return float(np.median(norms)) / unit if norms.size else 0.0
 
 
 def inspect_values(view: View) -> Iterator[Finding]:
@@ -316,13 +309,6 @@ def duplicates(view: View) -> Iterator[Finding]:
             "do_not_use",
             row=i,
         )
-
-
-def first_equal(keys: FloatArray) -> IndexArray:
-    """Return the first row (N,) that equals each row of keys (N, k)."""
-    first: dict[bytes, int] = {}
-    # Adding zero leaves no negative zeros.
-    return np.array([first.setdefault(row.tobytes(), i) for i, row in enumerate(keys + 0.0)])
 
 
 def inspect_repeats(view: View) -> Iterator[Finding]:

@@ -34,7 +34,7 @@ from jointstiff.solver.links.model import (
     elastic_rows,
     formulate,
 )
-from jointstiff.solver.readings.measurements import Measurements
+from jointstiff.solver.readings.measurements import Measurements, first_equal
 from jointstiff.solver.robot.model import Robot
 
 
@@ -73,25 +73,21 @@ def shared_out(validation: CrossValidation, joints: FloatArray) -> tuple[IndexAr
     Raises:
         UnsupportedMethodError: there is one posture only.
     """
-    _, posture = np.unique(joints, axis=0, return_inverse=True)
-    count = int(posture.max()) + 1
+    # In the order of their first appearance, so that the angles' values do not decide.
+    postures, posture = np.unique(first_equal(joints), return_inverse=True)
+    count = len(postures)
     if count < 2:
         raise UnsupportedMethodError(
             "the set has one posture, and cross-validation needs at least two",
             where="observations",
             remedy="add postures, or use elasticity joints",
         )
-    # In the order of their first appearance, so that the angles' values do not decide.
-    first = np.full(count, len(joints))
-    np.minimum.at(first, posture, np.arange(len(joints)))
-    order = np.argsort(np.argsort(first))
     generator, folds = np.random.default_rng(validation.seed), min(validation.folds, count)
     shares = []
     for _ in range(validation.draws):
         fold = np.empty(count, dtype=np.intp)
         fold[generator.permutation(count)] = np.arange(count) % folds
-        of_each = fold[order[posture.reshape(-1)]]
-        shares += [np.flatnonzero(of_each == number) for number in range(folds)]
+        shares += [np.flatnonzero(fold[posture] == number) for number in range(folds)]
     return tuple(shares)
 
 
@@ -364,14 +360,14 @@ def select_model(
     keys = [key for key in keys if answers[key] or (none and key[0] == asked)]
     places = {key: chosen_weight(paths[key].errors, validation.rule, validation.draws) for key in keys}
     chosen = np.array([paths[key].compliances[:, place] for key, place in places.items()])
-    _, posture = np.unique(measurements.joints, axis=0, return_inverse=True)
     predicted = [
         _compensation(robot, measurements[indices], folds, chosen[:, number])
         for number, indices in enumerate(folds.held_out)
     ]
     compensation = np.array([each for each, _ in predicted]).T
     norms = np.concatenate([each for _, each in predicted], axis=1)
-    of_posture = posture.reshape(-1)[np.concatenate(folds.held_out)]
+    posture = np.unique(first_equal(measurements.joints), return_inverse=True)[1]
+    of_posture = posture[np.concatenate(folds.held_out)]
     by_posture = np.array([np.bincount(of_posture, row) for row in norms]) / np.bincount(of_posture)
     models = tuple(
         HeldOut(

@@ -120,8 +120,14 @@ class DifferenceNoise:
 def position_covariances(
     instrument: Instrument, robot: Robot, plain: Measurements
 ) -> tuple[FloatArray, FloatArray]:
-    """(N, T, 3, 3) covariances [m²] of the unloaded and the loaded positions that an instrument read."""
-    places = places_in_base(robot, plain.joints, plain.position, plain.in_flange)
+    """(N, T, 3, 3) covariances [m²] of the unloaded and the loaded positions that an instrument read.
+
+    Targets that are given in the flange frame stand where the model says.
+    """
+    places = plain.position
+    if plain.in_flange.any():
+        configurations = Configurations(robot, robot.joint_map.model_angles(plain.joints))
+        places = np.where(plain.in_flange[..., None], configurations.to_base(places), places)
     before = at_read_places(places, plain.present)
     return instrument.covariance(before), instrument.covariance(before + plain.deflection)
 
@@ -131,21 +137,11 @@ def at_read_places(places: FloatArray, present: BoolArray) -> FloatArray:
     return np.where(present[..., None], places, places[present][0])
 
 
-def places_in_base(
-    robot: Robot, joints: FloatArray, position: FloatArray, in_flange: BoolArray
-) -> FloatArray:
-    """(N, T, 3) places of the targets in R0 [m], by the model where they are given in the flange frame.
-
-    Args:
-        robot: n joints.
-        joints: (N, n) controller angles [rad].
-        position: (N, T, 3) [m].
-        in_flange: (N, T) whether it is in the flange frame.
-    """
-    if not in_flange.any():
-        return position
-    configurations = Configurations(robot, robot.joint_map.model_angles(joints))
-    return np.where(in_flange[..., None], configurations.to_base(position), position)
+def first_equal(keys: FloatArray) -> IndexArray:
+    """Return the first row (N,) that equals each row of keys (N, k)."""
+    first: dict[bytes, int] = {}
+    # Adding zero leaves no negative zeros.
+    return np.array([first.setdefault(row.tobytes(), i) for i, row in enumerate(keys + 0.0)])
 
 
 def refuse_no_covariance(covariance: FloatArray, present: BoolArray, field: str) -> None:

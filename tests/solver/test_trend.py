@@ -126,7 +126,7 @@ def test_joints_with_too_few_campaigns_have_no_chart_and_count_for_none() -> Non
     none, both = charts_of([short, _series(whole)], 3)
     assert none is None
     assert both is not None
-    assert both.limits == pytest.approx(_chart(*whole).limits)
+    assert both.monitored.limits == pytest.approx(_chart(*whole).monitored.limits)
     wide = _chart(0.0, 0.1, -0.1)
     excess = pooled_excess(wide.baseline.scatter, 2)
     assert np.array_equal(wide.monitored.tau, wide.baseline.plausible_between(excess)[0])
