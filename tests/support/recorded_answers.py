@@ -54,7 +54,7 @@ class Case:
 
     def again(self) -> dict[str, Any]:
         """Return what the same work answers today, as far as it is recorded."""
-        verb = {"run": "identify"}.get(self.kind, self.kind)
+        verb = {"run": "identify", "pair": "compare"}.get(self.kind, self.kind)
         try:
             job = getattr(js, verb)(*map(campaign, self.campaigns), **self.options)
         except js.CampaignError as error:
