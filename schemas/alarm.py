@@ -14,7 +14,8 @@ class TrendChange(Message):
         description="Relative change: -0.1 for a joint that is 10 % softer."
     )
     standard_uncertainty: Dimensionless[float] = Field(
-        description="Standard uncertainty of the change: readings, baseline and scatter between campaigns."
+        description="Standard uncertainty of the change: readings, reference campaigns, and scatter between "
+        "campaigns."
     )
 
 
@@ -23,9 +24,11 @@ class OpenAlarm(Message):
 
     serial_number: str | None = Field(description="Serial number of the robot; null if the sets state none.")
     joint: Name
-    change: TrendChange = Field(description="Change of the latest campaign against the baseline.")
+    change: TrendChange = Field(description="Change of the latest campaign against the reference campaigns.")
     since: Timestamp = Field(description="Time of the first campaign of the alarm.")
-    run_id: Identifier = Field(description="Run of that campaign, by which the alarm is acknowledged.")
+    run_id: Identifier = Field(
+        description="Id to send when you acknowledge the alarm: the run of its first campaign."
+    )
     measurement_set_id: Identifier = Field(description="Measurement set of that campaign.")
     message: str = Field(description="Alarm in words: joint, direction, size, limit and first campaign.")
 

@@ -178,7 +178,7 @@ class JointRatio(Message):
     )
     ratio_excluded: Dimensionless[tuple[float, float] | None] = Field(
         default=None,
-        description="Excluded ratios, if the readings exclude only those between two values.",
+        description="Lower and upper end of the excluded ratios, if the readings exclude only a range.",
     )
     p_value: Dimensionless[float | None] = Field(
         default=None,

@@ -166,7 +166,7 @@ class ImportFault(Message):
 
 
 class ImportPreview(Message):
-    """Preview of all files together, before anything is stored; what they hold once nothing is unclear."""
+    """Preview of all files together, before anything is stored; complete once nothing is unclear."""
 
     files: list[FilePreview] = Field(description="Files in the order in which they were sent.")
     observation_count: int = Field(default=0, description="Number of different labels.")
@@ -183,7 +183,7 @@ class ImportPreview(Message):
     targets: list[str] = Field(
         default_factory=list, description="Names of the targets, in order of appearance."
     )
-    states: list[State] = Field(default_factory=list, description="States that were read.")
+    states: list[State] = Field(default_factory=list, description="States that the files contain.")
     reading_count: int = Field(
         default=0, description="Number of complete readings, of all targets and observations."
     )
@@ -221,8 +221,8 @@ class ImportRequest(ImportOptions):
     )
     accept_unusual: bool = Field(
         default=False,
-        description="Confirmation of values that are 100 times their column's spread from its median, and "
-        "of a load point more than 5 m from the flange; required for such values.",
+        description="True accepts values that look wrong: farther than 100 spreads from their column's "
+        "median, and a load point more than 5 m from the flange. Without it they are refused.",
     )
     force: Vector3 | None = Field(
         default=None,

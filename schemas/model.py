@@ -178,8 +178,9 @@ class ElementShare(Message):
         description="Joint, or joint that carries the link; null for coupling and base."
     )
     share: Dimensionless[float] = Field(
-        description="Share over the set: projection of its predicted deflections on the measured ones, "
-        "divided by these; all shares and the unexplained rest sum to 1."
+        description="Share of the measured deflections that this element explains: its predicted "
+        "deflections, projected on the measured ones, over all of the set. All "
+        "shares and the unexplained rest sum to 1."
     )
     by_observation: Dimensionless[list[float]] = Field(
         description="Shares in each observation, in the order of the set."

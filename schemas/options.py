@@ -229,7 +229,7 @@ class RunOptions(MethodOptions):
     causes: Causes = Field(
         default_factory=list,
         description="Causes to fit beside the joints, such as those that a reason advises: the readings stay "
-        "as they are, and the intervals hold the uncertainty of what was fitted.",
+        "as they are, and the intervals include the uncertainty of what was fitted.",
     )
     priors: Annotated[
         dict[Name, StiffnessPrior],

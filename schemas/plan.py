@@ -217,7 +217,10 @@ class PlanOptions(AcceptingOptions):
             list[Annotated[list[Quantity], Field(min_length=1, max_length=MAX_JOINTS)]],
             Field(max_length=10_000),
         ]
-    ] = Field(default_factory=list, description="Postures to choose from instead, controller's angles.")
+    ] = Field(
+        default_factory=list,
+        description="Postures to choose from, in place of drawn ones, as the controller shows them.",
+    )
     surroundings: Surroundings = Field(default_factory=Surroundings)
     distinct_angle: Radians[_Angle] = Field(
         default=0.17453292519943295,

@@ -552,8 +552,8 @@ class RunResult(Result):
     links: LinksResult | None = Field(
         default=None,
         description="Elastic links or coupling, if requested. The joints' numbers are then effective: of "
-        "the joint and its link's rotation about its axis together. Their intervals are ranges of what fits "
-        "the readings under 0.3 times the penalty, which predicts best; they are null if `link_penalty` is "
+        "the joint and its link's rotation about its axis together. Their intervals hold all values that "
+        "fit the readings with 0.3 times the penalty that predicts best; they are null if `link_penalty` is "
         "given.",
     )
     selection: ModelSelection | None = Field(

@@ -1,4 +1,4 @@
-"""Trend of a robot's joints over its campaigns: points, charts, alarms; baselines and acknowledgements."""
+"""Trend of a robot's joints: points, charts, alarms, reference campaigns and acknowledgements."""
 
 from __future__ import annotations
 
@@ -54,22 +54,22 @@ class TrendCampaign(Message):
     time_source: Literal["measured_at", "created_at"] = Field(
         description="Source of `at`: time of the measurement, or, if the set does not state it, of storing."
     )
-    baseline: int = Field(description="Index in `baselines` of the baseline of this campaign.")
+    baseline: int = Field(description="Index in `baselines` of the reference campaigns of this campaign.")
     assessment: Assessment = Field(description="Assessment of the run.")
 
 
 class TrendBaseline(Message):
-    """A baseline: the campaigns with which later ones are compared."""
+    """Reference campaigns: those with which later campaigns are compared."""
 
     run_id: Identifier | None = Field(description="Run of the first campaign; null if that was deleted.")
     starts_at: Timestamp
-    campaigns: int = Field(description="Number of campaigns of each joint in the baseline.")
+    campaigns: int = Field(description="Number of reference campaigns of each joint.")
     reason: str | None = Field(
-        default=None, description="Reason for a new baseline; null for the first campaigns."
+        default=None, description="Reason for new reference campaigns; null for the first campaigns."
     )
     set_by: Requester | None = Field(default=None, description="Key of the request; null without one.")
     set_at: Timestamp | None = Field(
-        default=None, description="Time of the baseline; null for the first campaigns."
+        default=None, description="Time of the request; null for the first campaigns."
     )
 
 
@@ -85,8 +85,8 @@ class TrendPoint(Message):
     )
     role: Literal["baseline", "monitored", "not_charted"] = Field(
         default="not_charted",
-        description="`baseline`: part of the baseline; `monitored`: compared with it; `not_charted`: see "
-        "`reason`.",
+        description="`baseline`: a reference campaign; `monitored`: compared with the reference campaigns; "
+        "`not_charted`: see `reason`.",
     )
     reason: str | None = Field(description="Reason why it is not charted.")
     smoothed: Stiffness[float | None] = Field(default=None, description="EWMA after this campaign.")
@@ -94,21 +94,21 @@ class TrendPoint(Message):
     upper_limit: Stiffness[float | None] = Field(default=None, description="Upper limit of the EWMA.")
     exceeded: bool = Field(default=False, description="True if the EWMA is beyond a limit.")
     change: TrendChange | None = Field(
-        default=None, description="Change of this campaign against the baseline."
+        default=None, description="Change of this campaign against the reference campaigns."
     )
 
 
 class TrendChart(Message):
-    """Chart of one joint against one baseline."""
+    """Chart of one joint against its reference campaigns."""
 
-    baseline: int = Field(description="Index of the chart's baseline in `baselines`.")
-    stiffness: Stiffness[float] = Field(description="Stiffness of the baseline.")
+    baseline: int = Field(description="Index of the chart's reference campaigns in `baselines`.")
+    stiffness: Stiffness[float] = Field(description="Mean stiffness of the reference campaigns.")
     relative_uncertainty: Dimensionless[float] = Field(
-        description="Standard uncertainty of the baseline's ln k, scatter between campaigns included."
+        description="Standard uncertainty of their mean ln k, scatter between campaigns included."
     )
     between: Dimensionless[float] = Field(
         description="Scatter between campaigns beyond the readings' noise (τ, DerSimonian and Laird), in ln "
-        "k; 0 if the baseline's campaigns agree."
+        "k; 0 if the reference campaigns agree."
     )
 
 
@@ -123,10 +123,14 @@ class Acknowledgement(Message):
 class TrendAlarm(Message):
     """Campaigns in a row whose EWMA is beyond a limit."""
 
-    run_id: Identifier = Field(description="Run of the first campaign, by which the alarm is acknowledged.")
+    run_id: Identifier = Field(
+        description="Id to send when you acknowledge the alarm: the run of its first campaign."
+    )
     since: Timestamp
     until: Timestamp | None = Field(description="Last campaign of the alarm; null while it lasts.")
-    change: TrendChange = Field(description="Change of the EWMA against the baseline at its last campaign.")
+    change: TrendChange = Field(
+        description="Change of the EWMA against the reference campaigns, at its last campaign."
+    )
     message: str = Field(description="Alarm in words: joint, direction, size, limit and first campaign.")
     acknowledgement: Acknowledgement | None = Field(description="Latest acknowledgement.")
 
@@ -146,12 +150,14 @@ class TrendJoint(Message):
     name: Name
     kind: StatedKind = "revolute"
     state: JointState = Field(
-        description="State at the latest campaign; `unjudged`: no campaign after a complete baseline yet."
+        description="State at the latest campaign; `unjudged`: no campaign after the reference campaigns yet."
     )
     points: list[TrendPoint] = Field(description="Points of the joint, one for each of `campaigns`.")
     charts: list[TrendChart] = Field(description="Charts of the joint, oldest first.")
     alarms: list[TrendAlarm] = Field(description="Oldest first.")
-    latest: TrendChange | None = Field(description="Change of its latest campaign against the baseline.")
+    latest: TrendChange | None = Field(
+        description="Change of its latest campaign against the reference campaigns."
+    )
     pair: TrendPair | None = Field(description="Test of two campaigns, if there is no chart.")
 
 
@@ -170,9 +176,11 @@ class FalseAlarms(Message):
         description="Upper limit of the false-alarm rate: probability of any false alarm of the robot, over "
         "all counted joints."
     )
-    campaigns: int = Field(description="Number of campaigns after a baseline to which it applies.")
+    campaigns: int = Field(
+        description="Number of campaigns after the reference campaigns to which it applies."
+    )
     joints: int = Field(
-        description="Number of counted joints: those with a chart against the latest baseline."
+        description="Number of counted joints: those with a chart against the latest reference campaigns."
     )
 
 
@@ -183,7 +191,9 @@ class Trend(Message):
     selection: TrendSelection | None = Field(description="Options that the runs share; null without any run.")
     serial_numbers: list[str] = Field(description="Serial numbers that the robot's sets state.")
     campaigns: list[TrendCampaign] = Field(description="Oldest first.")
-    baselines: list[TrendBaseline] = Field(description="Baselines, oldest first; the last one is in force.")
+    baselines: list[TrendBaseline] = Field(
+        description="Groups of reference campaigns, oldest first; the last one is in force."
+    )
     joints: list[TrendJoint]
     false_alarms: FalseAlarms
     left_out: list[LeftOut] = Field(description="Campaigns that are not charted, with the reason.")
@@ -191,12 +201,12 @@ class Trend(Message):
 
 
 class BaselineRequest(Message):
-    """A new baseline."""
+    """New reference campaigns."""
 
     run_id: Identifier = Field(description="Run of the first campaign.")
     reason: Name = Field(description="Reason.", examples=["gearbox of joint 3 replaced"])
     campaigns: Annotated[int, Field(strict=True, ge=LEAST_BASELINE, le=MOST_BASELINE)] = Field(
-        default=LEAST_BASELINE, description="Number of campaigns of the baseline."
+        default=LEAST_BASELINE, description="Number of reference campaigns."
     )
 
 
@@ -223,7 +233,7 @@ class TrendNoteRequest(
         ]
     ]
 ):
-    """A new baseline; or with `joint` and `note`, that an alarm was seen."""
+    """New reference campaigns; or with `joint` and `note`, that an alarm was seen."""
 
 
 class FleetRow(Message):
@@ -236,7 +246,9 @@ class FleetRow(Message):
     joint: str | None = Field(
         description="Joint with that state and the largest change relative to its uncertainty."
     )
-    change: TrendChange | None = Field(description="Latest change against the baseline, or in the pair.")
+    change: TrendChange | None = Field(
+        description="Latest change against the reference campaigns, or in the pair."
+    )
     alarm: str | None = Field(description="Message of its alarm.")
     measured_at: Timestamp | None = Field(description="Time of the latest campaign; null without any.")
     verdict: Verdict | None = Field(

@@ -209,12 +209,12 @@ def change_measurement_set(
 def get_trend(
     parts: answers.PartsOf, robot_id: Id, query: Annotated[trend.TrendQuery, Query()]
 ) -> trend.Trend:
-    """Get the trend of a robot: each joint's campaigns against its baseline, with alarms and their reasons.
+    """Get the trend of a robot: each joint against its reference campaigns, with alarms and their reasons.
 
     A campaign is a measurement set with its newest run of the same method, weighting, constraint, encoders
     and serial number; `left_out` names campaigns without such a run. The limits include the noise of the
-    readings, the scatter between campaigns and the uncertainty of the baseline. A baseline needs three
-    campaigns; with fewer there is only a test of two.
+    readings, the scatter between campaigns and the uncertainty of the reference campaigns, of which a joint
+    needs three; with fewer there is only a test of two.
     """
     return parts.trends.trend(robot_id, query)
 
@@ -228,11 +228,11 @@ def get_trend(
 def note_in_trend(
     parts: answers.PartsOf, robot_id: Id, body: trend.TrendNoteRequest, by: AskedBy
 ) -> trend.TrendBaseline | trend.Acknowledgement:
-    """Begin a new baseline, as after a repair; or acknowledge an alarm of a joint with a note.
+    """Begin new reference campaigns, as after a repair; or acknowledge an alarm of a joint with a note.
 
-    A baseline counts for all trends of the same serial number; campaigns before it keep their charts. Of two
-    from the same campaign on, the later one counts. An acknowledged alarm stays in the trend; its joint
-    counts as seen.
+    They count for all trends of the same serial number; campaigns before them keep their charts. Of two
+    requests from the same campaign on, the later one counts. An acknowledged alarm stays in the trend; its
+    joint counts as seen.
     """
     return parts.trends.note(robot_id, body, by)
 

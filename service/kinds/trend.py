@@ -321,11 +321,13 @@ def _note(chosen: Sequence[int], baselines: Sequence[messages.TrendBaseline]) ->
     size, have = baselines[-1].campaigns, sum(1 for one in chosen if one == len(baselines) - 1)
     if have < size:
         return (
-            f"the baseline has {have} of {size} campaigns: there is no chart yet, only a test of the latest "
-            "campaign against the first"
+            f"there are {have} of {size} reference campaigns: there is no chart yet, only a test of the "
+            "latest campaign against the first"
         )
     if have == size:
-        return "the baseline is complete; the next campaign is the first that is compared with it"
+        return (
+            "the reference campaigns are complete; the next campaign is the first that is compared with them"
+        )
     return None
 
 

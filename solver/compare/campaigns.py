@@ -754,7 +754,7 @@ class Alarm:
         """Return joint, change with its uncertainty, that of the EWMA with its limit, and the beginning."""
         allowed = 100.0 * abs(expm1(np.copysign(self.limit, self.change.difference)))
         return (
-            f"{joint} is {self.latest.in_words()} than its baseline (± standard uncertainty); "
+            f"{joint} is {self.latest.in_words()} than in its reference campaigns (± standard uncertainty); "
             f"the average of its campaigns (EWMA) is {self.change.in_words()}, "
             f"beyond the limit of {allowed:.1f} %, since {since}"
         )

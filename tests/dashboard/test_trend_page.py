@@ -44,7 +44,7 @@ def test_from_the_fleet_to_an_acknowledged_alarm(visit, api):
     expect(row.locator(".badge")).to_have_text("Use")
     row.tap()
     alarm = page.get_by_role("region", name="Alarm of joint_3")
-    expect(alarm).to_contain_text("softer than its baseline")
+    expect(alarm).to_contain_text("softer than in its reference campaigns")
     expect(alarm).to_contain_text("since 2026-04-10")
     alarm.get_by_label("Finding or decision").fill("gearbox ordered")
     alarm.get_by_role("button", name="Acknowledge").tap()

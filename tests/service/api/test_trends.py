@@ -129,7 +129,7 @@ def test_the_fleet_has_a_row_for_each_serial_number(local, robot, runs):
     assert fleet["is_whole"]
     assert set(rows) == {("worn", "A"), ("worn", "B"), ("new", None)}
     assert rows["worn", "B"]["state"] == "unjudged"
-    assert rows["worn", "B"]["missing"].startswith("the baseline has 1 of 3 campaigns")
+    assert rows["worn", "B"]["missing"].startswith("there are 1 of 3 reference campaigns")
     assert rows["new", None]["measured_at"] is rows["new", None]["verdict"] is None
     (newest,) = local.get("/v1/runs", params={"limit": 1}).json()["items"]
     assert rows["worn", "B"]["verdict"] == newest["verdict"] == "use"
