@@ -51,6 +51,7 @@ from jointstiff.solver.geometry.poses import (
     PoseState,
     calibrate,
     chain_axes,
+    transformed,
 )
 from jointstiff.solver.predict.models import STANDARD_GRAVITY, IdentifiedWeight, unit_levers
 from jointstiff.solver.readings.measurements import Measurements
@@ -298,7 +299,7 @@ def planned_rows(
         poses = Poses(joints, places, np.ones(shape[:2], dtype=np.bool_), names, robot.joint_map)
         nothing, carried = np.zeros((count, 3)), np.ones((count, len(burden.bodies)))
         readings = WeightReadings(poses, burden, carried, nothing, nothing, nothing)
-        state = PoseState(axes, flange.apply(targets), np.zeros(count))
+        state = PoseState(axes, transformed(flange, targets), np.zeros(count))
         found = rows_at(robot, readings, poses.whitened, state, np.zeros(angles.shape), compliance)
         masses = np.einsum("mjk,j->mk", found.products, compliance)
         stacked = np.hstack([found.joints, _GEOMETRY * found.geometry, masses])
