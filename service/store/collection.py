@@ -20,6 +20,9 @@ from jointstiff.service.store.tables import (
     Entry,
     IdempotencyKey,
     LiveEntry,
+    MeasurementSetEntry,
+    MeasurementSetRecord,
+    OpenSetRecord,
     Record,
     RecordPage,
     Row,
@@ -270,9 +273,11 @@ class Collection(Generic[Record, Entry]):
         """
         self._refuse_unindexable(identifier)
         hide = sa.update(self._table).where(*self._is(identifier), *self._ended, self._visible)
+        now = now or datetime.now(UTC)
         with self._database.writing() as connection:
-            if connection.execute(hide.values(deleted_at=now or datetime.now(UTC))).rowcount == 1:
+            if connection.execute(hide.values(deleted_at=now)).rowcount == 1:
                 self._refuse_referenced(connection, identifier)  # none comes from now on
+                self._follow(connection, identifier, now)
                 return
             hidden = sa.select(self._hidden).where(*self._is(identifier))
             record = connection.execute(hidden).scalar_one_or_none()
@@ -296,6 +301,7 @@ class Collection(Generic[Record, Entry]):
             if row is None:
                 raise errors.NotFoundError(self.resource, identifier)
             self._hold_parents(connection, row)
+            self._follow(connection, identifier, None)
 
     def refuse_deleted(self, identifier: str) -> None:
         """Do nothing, unless a resource is hidden.
@@ -333,6 +339,9 @@ class Collection(Generic[Record, Entry]):
             connection.execute(sa.delete(idempotency_keys).where(*named))
             self._forget(connection, gone)
         return gone
+
+    def _follow(self, connection: sa.Connection, identifier: str, deleted_at: datetime | None) -> None:
+        """Hide what else is kept of a record that is hidden, or bring it back."""
 
     def _forget(self, connection: sa.Connection, gone: Sequence[str]) -> None:
         """Remove what else is kept of records that are no more."""
@@ -388,6 +397,21 @@ class Collection(Generic[Record, Entry]):
 
     def _finds(self, query: sa.Select[Any], identifier: str) -> bool:
         return bool(self._database.rows(query, {"id": identifier}))
+
+
+class MeasurementSets(Collection[MeasurementSetRecord, MeasurementSetEntry]):
+    """The ordinary measurement sets. The record of one that was measured live goes and returns with it."""
+
+    def _follow(self, connection: sa.Connection, identifier: str, deleted_at: datetime | None) -> None:
+        own = sa.update(open_sets).where(open_sets.c.id == identifier)
+        connection.execute(own.values(deleted_at=deleted_at))
+
+
+class OpenSets(Collection[OpenSetRecord, OpenSetRecord]):
+    """The sets that are measured live, or were."""
+
+    def _forget(self, connection: sa.Connection, gone: Sequence[str]) -> None:
+        connection.execute(sa.delete(live_entries).where(live_entries.c.set_id.in_(gone)))
 
 
 def parse_cursor(cursor: str) -> int:

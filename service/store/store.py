@@ -20,6 +20,8 @@ from jointstiff.service.store.collection import (
     Collection,
     Journal,
     LiveEntries,
+    MeasurementSets,
+    OpenSets,
     is_indexable,
 )
 from jointstiff.service.store.database import Database, Dialect, Quota
@@ -62,11 +64,11 @@ class Store:
         self.quota = Quota(database, most_bytes)  # size that the database may have
         self.robots = Collection(database, ROBOT, robots, RobotRecord, RobotRecord, self.quota)  # the robots
         # the measurement sets
-        self.sets = Collection(
+        self.sets = MeasurementSets(
             database, MEASUREMENT_SET, measurement_sets, MeasurementSetRecord, MeasurementSetEntry, self.quota
         )
         # those that are measured live, and what was read of each
-        self.open_sets = Collection(
+        self.open_sets = OpenSets(
             database, MEASUREMENT_SET, open_sets, OpenSetRecord, OpenSetRecord, self.quota
         )
         self.live_entries = LiveEntries(database, live_entries, LiveEntry, self.quota)

@@ -165,6 +165,7 @@ class Recovery:
         for jobs in self._jobs.values():
             jobs.records.purge(before, _REMOVED)
         self._store.sets.purge(before, _REMOVED)  # before the robots, which they refer to
+        self._store.open_sets.purge(before, _REMOVED)
         self._store.robots.purge(before, _REMOVED)
 
 

@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from datetime import UTC, datetime
 from typing import Any
 
 import numpy as np
 import pytest
 from fastapi.testclient import TestClient
+from support.jobs import QueueEngine
 
 from jointstiff.service.app import create_app
+from jointstiff.service.problems.errors import NotFoundError
+from jointstiff.service.store.collection import KEEP_DELETED
 from jointstiff.service.store.store import Store
+from jointstiff.service.workers.worker import Recovery
 from jointstiff.simulator import (
     LOAD_POINT,
     TARGETS,
@@ -242,6 +247,43 @@ def test_open_sets_are_listed_deleted_and_restored_and_no_run_takes_one(service)
     assert service.get(f"{address}/next").status_code == 404
     assert service.patch(address, json={"deleted": False}).status_code == 200
     assert len(service.get(f"{address}/next").json()["readings"]) == 2
+
+
+def test_a_robot_goes_after_its_closed_set_and_comes_back_before_it(service):
+    """The record of a campaign is deleted, restored and purged with the set that it became."""
+    address = declared(service)
+    measured(service, address, 6)
+    run = service.post(f"{address}/close").json()["run_id"]
+    robot = f"/v1/robots/{service.get(address).json()['robot_id']}"
+    store = service.app.state.parts.store
+    for at in (f"/v1/jobs/{run}", address, robot):
+        assert service.patch(at, json={"deleted": True}).status_code == 200, at
+    assert service.patch(address, json={"deleted": False}).status_code == 404  # its robot is deleted
+    for at in (robot, address):
+        assert service.patch(at, json={"deleted": False}).status_code == 200, at
+    assert len(service.get(f"{address}/next").json()["readings"]) == 6
+    for at in (address, robot):
+        assert service.patch(at, json={"deleted": True}).status_code == 200, at
+    jobs = {"run": service.app.state.parts.jobs["run"]}
+    later = datetime.now(UTC) + 2 * KEEP_DELETED
+    Recovery(store, jobs, QueueEngine(), "alive", now=lambda: later).look()
+    assert service.patch(robot, json={"deleted": False}).status_code == 404
+    assert store.live_entries.of(set_id=address.rpartition("/")[2]) == []
+
+
+def test_a_deleted_open_set_is_purged_with_what_was_read(service):
+    address = declared(service)
+    measured(service, address, 2)
+    store = service.app.state.parts.store
+    robot = service.get(address).json()["robot_id"]
+    assert service.patch(address, json={"deleted": True}).status_code == 200
+    assert service.patch(f"/v1/robots/{robot}", json={"deleted": True}).status_code == 200
+    later = datetime.now(UTC) + 2 * KEEP_DELETED
+    Recovery(store, {}, QueueEngine(), "alive", now=lambda: later).look()
+    assert service.patch(address, json={"deleted": False}).status_code == 404
+    with pytest.raises(NotFoundError):
+        store.robots.get(robot, hidden=True)
+    assert store.live_entries.of(set_id=address.rpartition("/")[2]) == []
 
 
 def test_followers_are_told_of_each_change(service):
