@@ -113,7 +113,9 @@ class NextReading(Message):
     joints: Positions[list[Quantity]] = Field(description="Joints as displayed by the controller.")
     force: Newtons[Vector3] = Field(description="Force on the robot, axes of R0.")
     anchor: int | None = Field(default=None, description="Index of the cable's anchor.")
-    held_out: bool = Field(description="True for the last one, which checks what is known.")
+    held_out: bool = Field(
+        description="True for one that may be the last: it is compared with its prediction before it counts."
+    )
     reason: str = Field(description="Reason for this one.")
 
 

@@ -137,8 +137,7 @@ class _Here:
                     )
                 resolved = to_resolved(stated_transform(frame, LENGTH[post.units.length]))
         with as_campaign_error(""):
-            assert_open = cast("LiveOptions", post.open)
-            self._campaign = LiveCampaign(Declared(robot.robot, post, assert_open, resolved))
+            self._campaign = LiveCampaign(Declared(robot.robot, post, resolved))
             _ = self._campaign.declared.ahead  # refuses what cannot be measured
 
     def state(self) -> LiveState:
@@ -405,7 +404,7 @@ class LiveMeasurement:
         """Return positions by target in the units of the set."""
         if places is None:
             return {}
-        names = cast("LiveOptions", self._post.open).targets or self._post.flange_targets
+        names = cast("LiveOptions", self._post.open).targets
         named = places if isinstance(places, Mapping) else dict(zip(names, places, strict=True))
         return {
             str(name): (np.asarray(place, dtype=np.float64) / self._scales.length).tolist()
@@ -415,13 +414,7 @@ class LiveMeasurement:
     def _setting(self) -> Setting:
         post, options = self._post, cast("LiveOptions", self._post.open)
         length = self._scales.length
-        targets = dict(options.targets) or {
-            name: (length * x, length * y, length * z) for name, (x, y, z) in post.flange_targets.items()
-        }
-        point = options.load_point
-        if point is None:
-            x, y, z = post.load_point or (0.0, 0.0, 0.0)
-            point = (length * x, length * y, length * z)
+        targets, point = options.targets, options.load_point or (0.0, 0.0, 0.0)
         noise = post.noise.sigma if post.noise is not None else None
         sigma = length * noise if noise else options.sigma or _SIGMA
         if post.frame is None or post.frame.rotation is None:

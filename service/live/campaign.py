@@ -68,10 +68,16 @@ class Declared:
     """Declaration of a campaign, made before its first reading."""
 
     robot: Robot
-    header: live.MeasurementSetPost  # units, noise and frame; without observations
-    options: live.LiveOptions  # goal and equipment
+    header: live.MeasurementSetPost  # units, noise, frame, goal and equipment; without observations
     resolved: ResolvedFrame | None = None  # what its frame means
     noticed: Sequence[Finding] = ()  # about the frame
+
+    @cached_property
+    def options(self) -> live.LiveOptions:
+        """Goal and equipment, with the targets and the load point of the set."""
+        if self.header.open is None:
+            raise ValueError("the set is not open")
+        return self.header.open
 
     @cached_property
     def ahead(self) -> Ahead:
@@ -81,31 +87,28 @@ class Declared:
             RequestError: targets or loads are not said, or no reading is feasible.
         """
         options, header = self.options, self.header
-        length = LENGTH[header.units.length]
         if isinstance(options.goal, DeflectionGoal | DecisionGoal) and options.work_area is None:
             raise RequestError(
                 "the goal is about deflections, and the work area is missing",
                 where="open.work_area",
                 remedy="give the corners of the box in which they matter, in R0, or the goal `joints`",
             )
-        own: dict[str, object] = {"robot_id": header.robot_id}
-        if not options.targets:
-            own["targets"] = {
-                name: tuple(length * part for part in place) for name, place in header.flange_targets.items()
-            }
-        if options.load_point is None and header.load_point is not None:
-            own["load_point"] = tuple(length * part for part in header.load_point)
-        asked = PlanRequest.model_validate(options.model_dump(include=set(PlanOptions.model_fields)) | own)
-        nothing = np.full(self.robot.n, np.nan)
+        stated = options.model_dump(include=set(PlanOptions.model_fields))
         noise = header.noise.sigma if header.noise is not None else None
         request = to_design_request(
-            asked,
+            PlanRequest.model_validate({**stated, "robot_id": header.robot_id}),
             self.robot,
-            nominal=nothing,
-            sigma=None if noise is None else length * noise,
+            nominal=np.full(self.robot.n, np.nan),
+            sigma=None if noise is None else LENGTH[header.units.length] * noise,
             unexplained=None,
             so_far=None,
         )
+        if options.load_point is None and not isinstance(options.load, OwnWeight):
+            raise RequestError(
+                "where the load acts is missing",
+                where="open.load_point",
+                remedy="give it in the flange frame, in metres, or `load_point` of the set in its unit",
+            )
         force = None if isinstance(options.goal, JointsGoal) else options.goal.force
         return Ahead.of(self.robot, request, None if force is None else np.array(force))
 
@@ -181,11 +184,10 @@ class LiveCampaign:
         compliance = self._compliance
         if compliance is None:
             return Entry("observation", observation.label, observation)
-        m, robot = prepared.measurements, prepared.robot
-        found = innovation(robot, m, compliance)
-        last = None
+        robot, readings, last = self.declared.robot, prepared.measurements, None
+        found = innovation(robot, readings, compliance)
         if self.awaits_held_out and not found.doubtful:
-            last = held_out(robot, m, compliance, len(m) - 1)
+            last = held_out(robot, readings, compliance, len(before))
         return Entry("observation", observation.label, observation, found, last)
 
     @cached_property
@@ -275,8 +277,12 @@ class LiveCampaign:
 
     @property
     def awaits_held_out(self) -> bool:
-        """True if the next reading is the one that is held out."""
-        return self.met and (self.check is None or not self.check.inside)
+        """True if the next reading is held out: the goal is met, or is expected to be met with it."""
+        if len(self.observations) < self.fewest or self.doubtful:
+            return False
+        if self.met:
+            return self.check is None or not self.check.inside
+        return self.ahead is not None and self.ahead.missing == 1
 
     @cached_property
     def ahead(self) -> Next | None:
@@ -321,7 +327,7 @@ class LiveCampaign:
         if self.met:
             return 0 if self.check is not None and self.check.inside else 1
         missing = self.ahead.missing if self.ahead is not None and self.observations else None
-        return None if missing is None else max(missing, self.fewest - len(self.observations)) + 1
+        return None if missing is None else max(missing, self.fewest + 1 - len(self.observations))
 
     def next_reading(self) -> live.NextReading | None:
         """Return what to read next."""

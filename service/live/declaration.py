@@ -106,11 +106,33 @@ def declared(
         own = {} if noise is None else noise.model_dump(exclude={"sigma", "instrument"}, exclude_unset=True)
         header["noise"] = {**own, "sigma": sigma / unit}
     if not isinstance(stated.get("load"), OwnWeight):
-        length = LENGTH[header["units"].length]
-        header["load_point"] = tuple(part / length for part in stated.get("load_point", (0.0, 0.0, 0.0)))
+        stated.setdefault("load_point", (0.0, 0.0, 0.0))
+        header.pop("load_point", None)  # that of the options holds
     header["name"] = f"measured live: {robot.document.name}"[:200]
     options_of_set = LiveOptions.model_validate({**stated, "goal": goal})
-    return OpenPost.model_validate({**header, "robot_id": "robot", "open": options_of_set})
+    post = OpenPost.model_validate({**header, "robot_id": "robot", "open": options_of_set})
+    return completed(post, options_of_set)
+
+
+def completed(post: OpenPost, options: LiveOptions) -> OpenPost:
+    """Return an open set with targets and load point both in its own unit and in its options.
+
+    Args:
+        post: set, whose `flange_targets` and `load_point` hold where its options say nothing.
+        options: of the set; a load point that they alone state is that of the set.
+    """
+    length, missing = LENGTH[post.units.length], dict[str, Any]()
+    if not options.targets:
+        missing["targets"] = {
+            name: (length * x, length * y, length * z) for name, (x, y, z) in post.flange_targets.items()
+        }
+    point = post.load_point
+    if options.load_point is None and point is not None:
+        missing["load_point"] = (length * point[0], length * point[1], length * point[2])
+    elif options.load_point is not None and point is None:
+        x, y, z = options.load_point
+        point = (x / length, y / length, z / length)
+    return post.model_copy(update={"load_point": point, "open": options.model_copy(update=missing)})
 
 
 def _equipment(robot: Robot, measurements: Measurements, goal: Goal, weight: Weight | None) -> dict[str, Any]:

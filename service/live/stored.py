@@ -26,6 +26,7 @@ from jointstiff.schemas.measurement import (
 from jointstiff.schemas.plan import AnyDirection, DeadWeight, Plan, PlanOptions, PlanResult
 from jointstiff.schemas.run import RunRequest
 from jointstiff.service.live.campaign import Declared, Entry, LiveCampaign, weight_of
+from jointstiff.service.live.declaration import completed
 from jointstiff.service.problems.errors import NotFoundError, TakenError
 from jointstiff.service.resources.stored import Resources, resolve_frame, stored_job
 from jointstiff.service.store.tables import IdempotencyKey, LiveEntry, OpenSetRecord
@@ -61,10 +62,10 @@ class OpenSets:
         if key is not None and (before := self._store.open_sets.find(key)) is not None:
             return before.id
         options, robot_id = self._of_plan(options, request.robot_id)
-        header = request.model_copy(update={"open": options, "observations": [], "robot_id": robot_id})
+        header = completed(request.model_copy(update={"observations": [], "robot_id": robot_id}), options)
         resolved, noticed = resolve_frame(self._store, header)
         robot, _ = self._resources.robot(robot_id, "robot_id")
-        campaign = LiveCampaign(Declared(robot, header, options, resolved, noticed))
+        campaign = LiveCampaign(Declared(robot, header, resolved, noticed))
         _ = campaign.declared.ahead  # refuses what cannot be measured
         for observation in request.observations:
             campaign = campaign.with_entry(campaign.judged(observation))
@@ -253,11 +254,9 @@ class OpenSets:
     def _load(self, set_id: str) -> Declared:
         record = self._store.open_sets.get(set_id)
         header = live.MeasurementSetPost.model_validate_json(record.document)
-        if header.open is None:
-            raise NotFoundError(self._store.open_sets.resource, set_id)
         robot, _ = self._resources.robots.load(record.robot_id)
         resolved = None if record.resolved is None else ResolvedFrame.model_validate_json(record.resolved)
-        return Declared(robot, header, header.open, resolved, _FINDINGS.validate_json(record.warnings))
+        return Declared(robot, header, resolved, _FINDINGS.validate_json(record.warnings))
 
     def _of_plan(self, options: live.LiveOptions, robot_id: str) -> tuple[live.LiveOptions, str]:
         """Return options with what the plan says of loads, targets and surroundings, where they say none."""

@@ -26,12 +26,15 @@ from jointstiff.solver.terms.errors import FORCE_SCALE, SHIFT, TERMS
 from jointstiff.solver.terms.springs import JOINTS
 from jointstiff.solver.text import length_text
 
-DOUBTFUL: Final = 1e-5
-"""Probability of so great a distance below which a reading is doubtful."""
+DOUBTFUL: Final = (1e-5, 1e-4)
+"""Probability of so great a distance below which a reading is doubtful: in any way; as by another force."""
 _BEYOND: Final = 9.0
 """Squared factor by which a doubtful reading that no slip explains is farther off than each of the others."""
 _FARTHER: Final = 1.2
 """The same where noise explains the others."""
+_USUAL: Final = 0.03
+"""Share of a deflection, alike at all targets of a posture, that joints of most arms leave unexplained: a
+reading that it explains is not doubtful."""
 _EXPLAINED: Final = 0.01
 """Probability of residuals as great as these by stated noise, above which noise is all there is."""
 _FEWEST: Final = 4
@@ -113,12 +116,15 @@ class Expectation:
         misfit = (variance - noise) / float(np.square(d).sum() / read)
         return cls(robot, terms, compliance, unit * x, root, noise, misfit, freedom, places, spread)
 
-    def distance(self, reading: Measurements, *, free: Term | None = None) -> tuple[float, float, int]:
+    def distance(
+        self, reading: Measurements, *, free: Term | None = None, usual: float = 0.0
+    ) -> tuple[float, float, int]:
         """Return squared distance, probability of at least that, and number of coordinates of one reading.
 
         Args:
             reading: one observation.
             free: term that is fitted to this reading alone.
+            usual: share of its deflection by which all targets may be off alike.
 
         Raises:
             SolverError: its load finds no balance.
@@ -127,7 +133,12 @@ class Expectation:
         count = int(reading.coordinates.sum())
         own, moved = rows[:, :-1] @ self.root, rows[:, :-1] @ self.best
         variance = self.noise + self.misfit * float(np.square(moved).sum()) / count
-        factor = np.linalg.cholesky(variance * np.eye(len(own)) + own @ own.T)
+        covariance = variance * np.eye(len(own)) + own @ own.T
+        if usual**2 > self.misfit:
+            shift = _rows(self.robot, reading, (SHIFT,), self.compliance)[0][:, :-1]
+            size = (usual**2 - self.misfit) * np.square(moved).sum() / np.square(shift).sum()
+            covariance += size * shift @ shift.T
+        factor = np.linalg.cholesky(covariance)
         e = np.linalg.solve(factor, rows[:, -1] - moved)
         if free is not None:
             more, _ = _rows(self.robot, reading, (free,), self.compliance)
@@ -135,7 +146,7 @@ class Expectation:
             e = e - C @ np.linalg.lstsq(C, e, rcond=None)[0]
             count -= C.shape[1]
         square = float(e @ e)
-        return square, self._probability(square, count), count
+        return square, self.probability(square, count), count
 
     def off(self, reading: Measurements) -> float:
         """Return the greatest distance of a target of one reading from its prediction [m]."""
@@ -156,7 +167,8 @@ class Expectation:
             return float(special.chdtri(count, 1.0 - probability))
         return float(count * special.fdtri(count, self.freedom, probability))
 
-    def _probability(self, square: float, count: int) -> float:
+    def probability(self, square: float, count: int) -> float:
+        """Return the probability of a squared distance of so many coordinates, or a greater one."""
         if count < 1:
             return 0.0
         if np.isinf(self.freedom):
@@ -187,17 +199,20 @@ def innovation(
         expected = None if others is None else Expectation.of(robot, others, compliance)
         if others is None or expected is None:
             return _unjudged(label)
-        square, p_value, _ = expected.distance(reading)
+        _, p_value, _ = expected.distance(reading)
+        squares, p_values = _departures(expected, reading, _USUAL)
+        far = p_values < DOUBTFUL
         wrong_place = expected.misplaced(reading)[1] < _WRONG_PLACE
-        off, causes, doubtful = expected.off(reading), list[str](), p_value < DOUBTFUL
+        off, causes, doubtful = expected.off(reading), list[str](), bool(far.any())
         if doubtful or wrong_place:
             slips, causes = _causes(expected, reading, others)
             # What bends beside the joints is no mistake of one reading, and puts others off as well.
             known = len(others) >= _FEWEST
-            others_off = max(_own_distances(expected, others)) if known else 0.0 if slips else np.inf
-            doubtful = (
-                square > (1.0 if slips else _FARTHER if expected.misfit == 0.0 else _BEYOND) * others_off
-            )
+            factor = 1.0 if slips else _FARTHER if expected.misfit == 0.0 else _BEYOND
+            least = np.full(2, 0.0 if slips else np.inf)
+            if known:
+                least = factor * _own_distances(expected, others, _USUAL).max(axis=0)
+            doubtful = bool((far & (squares > least)).any())
     except SolverError:  # other findings say so
         return _unjudged(label)
     if not doubtful and not wrong_place:
@@ -237,13 +252,21 @@ def held_out(robot: Robot, measurements: Measurements, compliance: FloatArray, r
         square, _, count = expected.distance(reading)
         limit = expected.limit(_BALL, count)
         if len(others) >= _FEWEST:
-            own = np.sort(_own_distances(expected, others))
+            own = np.sort(_own_distances(expected, others, 0.0)[:, 0])
             limit = max(limit, float(own[min(len(own) - 1, int(np.ceil(_BALL * (len(own) + 1))) - 1)]))
         off = expected.off(reading)
     except SolverError:
         return None
     share = float(np.sqrt(square / limit))
     return HeldOut(label=measurements.labels[row], inside=share <= 1.0, share=share, distance=off)
+
+
+def _departures(expected: Expectation, reading: Measurements, usual: float) -> tuple[FloatArray, FloatArray]:
+    """Return squared distances (2,) beyond what is usual, in any way and as by another force; p-values."""
+    square, p_value, _ = expected.distance(reading, usual=usual)
+    fitted, _, _ = expected.distance(reading, usual=usual, free=FORCE_SCALE)
+    gain = square - fitted
+    return np.array([square, gain]), np.array([p_value, expected.probability(gain, 1)])
 
 
 def _unjudged(label: str) -> Innovation:
@@ -257,16 +280,16 @@ def _unjudged(label: str) -> Innovation:
     )
 
 
-def _own_distances(expected: Expectation, others: Measurements) -> list[float]:
-    """Return the squared distance of each reading from what the rest of them lets expect, in one unit."""
+def _own_distances(expected: Expectation, others: Measurements, usual: float) -> FloatArray:
+    """Return the departures (K, 2) of each reading from what the rest of them lets expect, in one unit."""
     squares = []
     for k in range(len(others)):
         part = others[np.delete(np.arange(len(others)), k)]
         rest = Expectation.of(expected.robot, part, expected.compliance)
         if rest is not None:
             rest = replace(rest, noise=expected.noise, misfit=expected.misfit)
-            squares.append(rest.distance(others[np.array([k])])[0])
-    return squares or [0.0]
+            squares.append(_departures(rest, others[np.array([k])], usual)[0])
+    return np.array(squares) if squares else np.zeros((1, 2))
 
 
 def _causes(expected: Expectation, reading: Measurements, others: Measurements) -> tuple[bool, list[str]]:

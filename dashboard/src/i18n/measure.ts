@@ -52,7 +52,7 @@ export const measure = {
   repeats: (label: string) => `${label} read again`,
   ofThePlan: "Posture of the plan",
   pick: "Choose one",
-  heldOut: "Held out: it checks what the others say, and is read last.",
+  heldOut: "Held out: it checks what the others say, and may be the last one.",
   why: (reason: string) => `Why this one: ${reason}.`,
   drawn: (label: string) => `3D view of the arm in posture ${label}`,
   weight: (kilograms: string) => `${kilograms} kg`,

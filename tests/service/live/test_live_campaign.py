@@ -129,6 +129,19 @@ def reading_of(stored: Answer) -> Answer:
     return {name: stored["observations"][0][name] for name in ("joints", "force")}
 
 
+def test_the_held_out_reading_is_announced_and_counts_towards_the_goal(service):
+    """It may be the one with which the goal is met; never among the first five."""
+    address = declared(service)
+    state = service.get(f"{address}/next").json()
+    while state["next"] is not None:
+        following, needed = state["next"], state["still_needed"]
+        assert following["held_out"] == (needed == 1)
+        state = service.post(f"{address}/observations", json=read(following)).json()
+        assert (state["readings"][-1]["held_out"] is not None) == following["held_out"]
+    assert state["state"] == "reached"
+    assert sum(each["held_out"] is not None for each in state["readings"][:5]) == 0
+
+
 def test_an_observation_is_acknowledged_once_and_survives(database_url):
     """What was answered 201 is there in another service on the same database, once."""
     with (
@@ -218,6 +231,7 @@ def test_a_deflection_in_a_work_area_is_a_goal_and_a_decision(service):
         ({"load": None}, "load"),
         ({"targets": {}}, "targets"),
         ({"plan_id": "none"}, "open.plan_id"),
+        ({}, "open.load_point"),
     ],
 )
 def test_what_cannot_be_measured_is_refused_before_the_first_reading(service, changes, where):
@@ -247,6 +261,23 @@ def test_open_sets_are_listed_deleted_and_restored_and_no_run_takes_one(service)
     assert service.get(f"{address}/next").status_code == 404
     assert service.patch(address, json={"deleted": False}).status_code == 200
     assert len(service.get(f"{address}/next").json()["readings"]) == 2
+
+
+def test_a_load_point_among_the_options_is_that_of_the_set_in_its_unit(service):
+    robot = service.post("/v1/robots", json=robot_document(ARM)).json()["id"]
+    body = {
+        "robot_id": robot,
+        "name": "live",
+        "units": {"length": "mm", "angle": "rad", "force": "N"},
+        "encoders": "motor",
+        "open": {**OPEN, "load_point": list(LOAD_POINT)},
+    }
+    address = service.post("/v1/measurement-sets", json=body).headers["Location"]
+    assert service.get(address).json()["load_point"] == pytest.approx([1e3 * part for part in LOAD_POINT])
+    sent = read(service.get(f"{address}/next").json()["next"])
+    for reading in sent["readings"]:
+        reading |= {state: [1e3 * part for part in reading[state]] for state in ("unloaded", "loaded")}
+    assert service.post(f"{address}/observations", json=sent).status_code == 201
 
 
 def test_a_robot_goes_after_its_closed_set_and_comes_back_before_it(service):
