@@ -31,7 +31,7 @@ DOUBTFUL: Final = (1e-5, 1e-4)
 _BEYOND: Final = 9.0
 """Squared factor by which a doubtful reading that no slip explains is farther off than each of the others."""
 _FARTHER: Final = 1.2
-"""The same where noise explains the others."""
+"""The same of what another force explains, where noise explains the others."""
 _USUAL: Final = 0.03
 """Share of a deflection, alike at all targets of a posture, that joints of most arms leave unexplained: a
 reading that it explains is not doubtful."""
@@ -208,8 +208,10 @@ def innovation(
             slips, causes = _causes(expected, reading, others)
             # What bends beside the joints is no mistake of one reading, and puts others off as well.
             known = len(others) >= _FEWEST
-            factor = 1.0 if slips else _FARTHER if expected.misfit == 0.0 else _BEYOND
-            least = np.full(2, 0.0 if slips else np.inf)
+            factor = np.ones(2)
+            if not slips:
+                factor = np.array([_BEYOND, _FARTHER if expected.misfit == 0.0 else _BEYOND])
+            least = np.array([0.0 if slips else np.inf, np.inf])
             if known:
                 least = factor * _own_distances(expected, others, _USUAL).max(axis=0)
             doubtful = bool((far & (squares > least)).any())
