@@ -36,7 +36,7 @@ from dataclasses import dataclass
 from typing import Final, TypeAlias
 
 import numpy as np
-from scipy.optimize import LinearConstraint, minimize
+from scipy.optimize import LinearConstraint, minimize, nnls
 
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import RequestError, SolverError
@@ -261,8 +261,10 @@ _CONVERGED: Final = 1e-24
 """Newton's decrement of −log φ that is rounding; the gap of a design is of the order of its root."""
 _QUADRATIC: Final = 1e-8
 """Decrement below which a full step is taken: values of −log φ no longer tell the points apart."""
-_RIDGE: Final = 1e-12
+_RIDGE: Final = 1e-11
 """Of the Hessian's mean diagonal: more weights than entries of M leave directions without curvature."""
+_HEAVY: Final = 1e3
+"""Row for the sum of the weights, over the greatest entry of the Hessian's root."""
 _DECREASE: Final = 1e-4
 _HALVINGS: Final = 34
 """Times that a step is halved before the line search gives in."""
@@ -606,7 +608,7 @@ def _solve_held(
 def optimal_weights(
     criterion: SmoothCriterion, base: FloatArray, K: FloatArray, weights: FloatArray
 ) -> FloatArray:
-    """Maximise φ(base + Σ w_i K_i) subject to Σ w = 1 and w ≥ 0, by Newton's method with an active set.
+    """Maximise φ(base + Σ w_i K_i) subject to Σ w = 1 and w ≥ 0, by Newton's method.
 
     Args:
         criterion: φ.
@@ -642,40 +644,17 @@ def optimal_weights(
 
 
 def _newton_step(at: Slope, w: FloatArray) -> FloatArray:
-    """Return the step to the minimum of the quadratic model on the simplex, by an active set."""
-    hessian = at.hessian + _RIDGE * np.trace(at.hessian) / len(w) * np.eye(len(w))
-    x, free = w.copy(), w > 0.0
-    _release(at.gradient, free)
-    for _ in range(4 * len(w)):
-        gradient = at.gradient + hessian @ (x - w)
-        # The step of the free weights to the model's minimum on Σ step = 0
-        index = np.flatnonzero(free)
-        system = np.ones((len(index) + 1, len(index) + 1))
-        system[:-1, :-1] = hessian[np.ix_(index, index)]
-        system[-1, -1] = 0.0
-        step = np.zeros(len(w))
-        step[index] = np.linalg.solve(system, np.append(-gradient[index], 0.0))[:-1]
-        room = np.where(step < 0.0, -x / np.where(step < 0.0, step, 1.0), np.inf)
-        first = int(np.argmin(room))
-        if room[first] < 1.0:
-            x = np.maximum(x + room[first] * step, 0.0)
-            x[first], free[first] = 0.0, False
-            continue
-        x = x + step
-        if not _release(at.gradient + hessian @ (x - w), free):
-            break
-    return x - w
+    """Return the step to the minimum of the quadratic model on the simplex.
 
-
-def _release(gradient: FloatArray, free: BoolArray) -> bool:
-    """Free the weight at zero that decreases the model most; return False at its minimum."""
-    level = float(gradient[free].mean())
-    gain = np.where(free, 0.0, level - gradient)
-    best = int(np.argmax(gain))
-    if gain[best] <= 1e-12 * (1.0 + abs(level)):
-        return False
-    free[best] = True
-    return True
+    As non-negative least squares with a heavy row for Σ x = 1 (Lawson & Hanson 1974, chapter 23): the
+    gradient is taken less what all its entries share, so that the row has no pull at the optimum.
+    """
+    ridge = _RIDGE * np.trace(at.hessian) / len(w) * np.eye(len(w))
+    root = np.linalg.cholesky(at.hessian + ridge).T
+    downhill = np.linalg.solve(root.T, at.gradient @ w - at.gradient)
+    heavy = _HEAVY * float(np.abs(root).max())
+    x = nnls(np.vstack([root, np.full(len(w), heavy)]), np.append(root @ w + downhill, heavy))[0]
+    return np.asarray(x / x.sum() - w)
 
 
 def worst_place_weights(

@@ -469,10 +469,7 @@ class _Search:
                     remedy="ask for fewer readings, a smaller angle, or more candidates",
                 )
             G = self._criterion.support(M + (self._problem.readings - len(atoms)) * self._expected)
-            if free[self._pool].any():
-                new = self._candidates.best(G, free[self._pool]).among(self._pool)
-            else:
-                new = self._problem.candidates.best(G, free)
+            new = self._problem.candidates.best(G, free)
             free &= ~self._distinct.near(new.index[0])
             atoms.append(new)
             M = M + new.information[0]
