@@ -20,7 +20,7 @@ from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.estimate import identify
 from jointstiff.solver.predict.answers import MapTask, map_places, map_postures, tool_rotations
 from jointstiff.solver.predict.models import JointModel
-from jointstiff.solver.robot.inverse import InverseKinematics
+from jointstiff.solver.robot.configuration import InverseKinematics
 from jointstiff.solver.robot.model import Robot
 
 __all__ = ["run"]

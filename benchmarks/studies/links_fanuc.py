@@ -36,8 +36,7 @@ from jointstiff.solver.links.model import (
     elastic_blocks,
 )
 from jointstiff.solver.predict.forward import LoadCases
-from jointstiff.solver.predict.model_error import leave_folds_out
-from jointstiff.solver.predict.models import ElasticPredictor
+from jointstiff.solver.predict.models import ElasticPredictor, leave_folds_out
 from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.robot.model import Robot
 

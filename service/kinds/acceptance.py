@@ -20,8 +20,7 @@ from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.predict.answers import forward_model
 from jointstiff.solver.predict.forward import ForwardModel
-from jointstiff.solver.predict.model_error import ModelError
-from jointstiff.solver.predict.models import IdentifiedWeight, JointModel, OwnWeight
+from jointstiff.solver.predict.models import IdentifiedWeight, JointModel, ModelError, OwnWeight
 from jointstiff.solver.robot.model import Robot
 
 

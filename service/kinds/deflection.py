@@ -33,7 +33,7 @@ from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.predict.answers import case_results
 from jointstiff.solver.predict.forward import LoadCases
-from jointstiff.solver.predict.model_error import ModelError
+from jointstiff.solver.predict.models import ModelError
 from jointstiff.solver.robot.model import Robot
 
 MAX_CASE_WORK: Final = 150_000

@@ -29,10 +29,7 @@ from jointstiff.service.kinds.own_weight import identified_by_weight
 from jointstiff.service.kinds.work import Arrays, QuickWork, Span, Work, spans
 from jointstiff.service.resources.inputs import Inputs
 from jointstiff.solver.convex.solution import Bounds, Order
-from jointstiff.solver.design.advice import advise
-from jointstiff.solver.design.results import (
-    run_result,
-)
+from jointstiff.solver.design.plan import advise
 from jointstiff.solver.errors import JointstiffError, RequestError, SolverError, UnsupportedMethodError
 from jointstiff.solver.estimate import identify, refuse_unsupported
 from jointstiff.solver.evidence.causes import LINKS_LEVEL, Screening, screen_estimate
@@ -67,9 +64,17 @@ from jointstiff.solver.links.model import (
     compared_losses,
 )
 from jointstiff.solver.messages import message
-from jointstiff.solver.predict.answers import stored_model
-from jointstiff.solver.predict.model_error import ModelError, leave_folds_out, leave_postures_out
-from jointstiff.solver.predict.models import ElasticPredictor, JointModel
+from jointstiff.solver.predict.answers import (
+    run_result,
+    stored_model,
+)
+from jointstiff.solver.predict.models import (
+    ElasticPredictor,
+    JointModel,
+    ModelError,
+    leave_folds_out,
+    leave_postures_out,
+)
 from jointstiff.solver.resampling import (
     GramBlocks,
     Resamples,

@@ -28,7 +28,7 @@ from jointstiff.solver.predict.answers import (
     map_places,
     tool_rotations,
 )
-from jointstiff.solver.robot.inverse import InverseKinematics
+from jointstiff.solver.robot.configuration import InverseKinematics
 from jointstiff.solver.robot.model import Robot
 
 POSES_A_STEP: Final = 10_000

@@ -18,14 +18,14 @@ from jointstiff.service.conversion.prepared import PreparedSet
 from jointstiff.service.conversion.robots import joint_index
 from jointstiff.solver.arrays import IndexArray
 from jointstiff.solver.convex.solution import Bounds, Constraints, greatest_violations
-from jointstiff.solver.design.results import (
-    to_assessment,
-)
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.evidence.assessment import assessed, refuted_noise
 from jointstiff.solver.fitting.fit import Likelihood, sigma_test
 from jointstiff.solver.messages import message, messages_of, rows
-from jointstiff.solver.predict.answers import stored_model
+from jointstiff.solver.predict.answers import (
+    stored_model,
+    to_assessment,
+)
 from jointstiff.solver.predict.models import JointModel
 from jointstiff.solver.robot.model import Robot
 

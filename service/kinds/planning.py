@@ -27,11 +27,11 @@ from jointstiff.service.resources.inputs import Inputs
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.design.candidates import Cell, Equipment, Loads, PlanRequest
 from jointstiff.solver.design.plan import CampaignPlan, plan_campaign
-from jointstiff.solver.design.results import to_assessment
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.evidence.causes import screen_estimate
 from jointstiff.solver.evidence.estimate import predict
 from jointstiff.solver.messages import message, rows
+from jointstiff.solver.predict.answers import to_assessment
 from jointstiff.solver.readings.measurements import Instrument, Measurements
 from jointstiff.solver.robot.model import Robot
 from jointstiff.solver.terms.block import targets_in_flange

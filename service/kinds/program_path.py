@@ -25,8 +25,12 @@ from jointstiff.service.tables.files import rows_of
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.predict.forward import LoadCases
-from jointstiff.solver.robot.configuration import Configurations
-from jointstiff.solver.robot.inverse import InverseKinematics, Unreached, choose_postures
+from jointstiff.solver.robot.configuration import (
+    Configurations,
+    InverseKinematics,
+    Unreached,
+    choose_postures,
+)
 from jointstiff.solver.robot.model import Robot
 
 _LEAST_SINE: Final = 1e-3

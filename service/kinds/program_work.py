@@ -51,8 +51,7 @@ from jointstiff.solver.predict.forward import (
     ramp_shares,
     residuals,
 )
-from jointstiff.solver.robot.configuration import Configurations
-from jointstiff.solver.robot.inverse import InverseKinematics, flange_poses
+from jointstiff.solver.robot.configuration import Configurations, InverseKinematics, flange_poses
 from jointstiff.solver.robot.model import Robot
 
 MAX_QUICK_POINTS: Final = 10_000

@@ -18,7 +18,7 @@ from jointstiff.service.cli.app import app
 from jointstiff.service.conversion.prepared import prepare_robot
 from jointstiff.service.importing.grid import MAX_FILE_BYTES
 from jointstiff.simulator import default_arm, simulate_campaign
-from jointstiff.solver.robot.inverse import flange_poses
+from jointstiff.solver.robot.configuration import flange_poses
 
 UNITS = ["--units", "length=mm,angle=deg,force=N"]
 

@@ -30,8 +30,7 @@ from jointstiff.service.tables.table import Table
 from jointstiff.simulator import equilibrium, simulate_campaign
 from jointstiff.simulator.programs import program_text
 from jointstiff.solver.errors import MeasurementError, RequestError, RobotError
-from jointstiff.solver.robot.configuration import Configurations
-from jointstiff.solver.robot.inverse import InverseKinematics
+from jointstiff.solver.robot.configuration import Configurations, InverseKinematics
 
 MILLIMETRES = {"length": "mm", "angle": "deg", "force": "N"}
 RAIL = 1.25

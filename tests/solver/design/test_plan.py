@@ -19,7 +19,6 @@ from jointstiff.service.kinds.identification import to_settings
 from jointstiff.simulator import LOAD_POINT, TARGETS, simulate_campaign
 from jointstiff.simulator.campaign import Experiment
 from jointstiff.simulator.equilibrium import deflections
-from jointstiff.solver.design.advice import advise
 from jointstiff.solver.design.candidates import (
     Cell,
     Equipment,
@@ -29,7 +28,7 @@ from jointstiff.solver.design.candidates import (
     feasible,
 )
 from jointstiff.solver.design.optimum import uncertainty_of
-from jointstiff.solver.design.plan import plan_campaign
+from jointstiff.solver.design.plan import advise, plan_campaign
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.estimate import identify
 from jointstiff.solver.readings.measurements import CommonUncertainty, Instrument

@@ -27,9 +27,9 @@ from support.examples import examples
 from support.springs import readings_of
 
 from jointstiff.simulator.equilibrium import torques
-from jointstiff.solver.design.results import to_robust_loss
 from jointstiff.solver.errors import SolverError, UnsupportedMethodError
 from jointstiff.solver.fitting import fit as robust
+from jointstiff.solver.predict.answers import to_robust_loss
 from jointstiff.solver.readings.measurements import EncoderReadings
 from jointstiff.solver.robot.model import ChainJoint, JointMap, KinematicChain, Robot
 

@@ -52,8 +52,7 @@ from jointstiff.solver.links.model import (
 )
 from jointstiff.solver.predict.answers import forward_model, stored_model
 from jointstiff.solver.predict.forward import LoadCases
-from jointstiff.solver.predict.model_error import leave_folds_out
-from jointstiff.solver.predict.models import ElasticPredictor
+from jointstiff.solver.predict.models import ElasticPredictor, leave_folds_out
 from jointstiff.solver.robot.configuration import Configurations
 
 COLUMNS = ElasticColumns(6, tuple(range(6)))

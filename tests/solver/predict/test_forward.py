@@ -22,8 +22,7 @@ from jointstiff.solver.links.model import ElasticColumns, ElasticModel
 from jointstiff.solver.predict.answers import STATUSES, MapTask, map_places, tool_rotations
 from jointstiff.solver.predict.forward import CorrectionLimits, LoadCases, compensate, ramp_shares
 from jointstiff.solver.predict.models import ElasticPredictor, JointModel, OwnWeight
-from jointstiff.solver.robot.configuration import joint_frames
-from jointstiff.solver.robot.inverse import InverseKinematics, flange_poses
+from jointstiff.solver.robot.configuration import InverseKinematics, flange_poses, joint_frames
 from jointstiff.solver.robot.model import Robot, dh_chain
 
 ARM = default_arm()

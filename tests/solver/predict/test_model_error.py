@@ -15,8 +15,13 @@ from jointstiff.solver.errors import RequestError
 from jointstiff.solver.estimate import identify
 from jointstiff.solver.fitting.method import Settings
 from jointstiff.solver.predict.forward import LoadCases
-from jointstiff.solver.predict.model_error import MOST_STEPS, ModelError, leave_postures_out, merged_steps
-from jointstiff.solver.predict.models import JointModel
+from jointstiff.solver.predict.models import (
+    MOST_STEPS,
+    JointModel,
+    ModelError,
+    leave_postures_out,
+    merged_steps,
+)
 
 ROBOT = robot_of(default_arm())
 DESIGN = SpringCampaign.of(default_arm())

@@ -10,7 +10,7 @@ import pytest
 from support.calibrated_arms import ARMS, arm, chain_rows
 
 from jointstiff.solver.errors import RobotError
-from jointstiff.solver.robot.inverse import InverseKinematics, Unreached, choose_postures, flange_poses
+from jointstiff.solver.robot.configuration import InverseKinematics, Unreached, choose_postures, flange_poses
 from jointstiff.solver.robot.model import Robot, dh_chain
 
 

@@ -14,8 +14,7 @@ from reference.kinematics import flange_by_textbook, product_of_exponentials
 
 from jointstiff.schemas.robot import DhRow
 from jointstiff.solver.errors import RobotError
-from jointstiff.solver.robot.configuration import Configurations, joint_frames
-from jointstiff.solver.robot.inverse import flange_poses
+from jointstiff.solver.robot.configuration import Configurations, flange_poses, joint_frames
 from jointstiff.solver.robot.model import (
     MAX_NAME_LENGTH,
     UNLIMITED,

@@ -18,8 +18,7 @@ from support.hostile_urdfs import HOSTILE
 from support.urdf_documents import BRANCHED
 
 from jointstiff.solver.errors import RobotError
-from jointstiff.solver.robot.configuration import Configurations
-from jointstiff.solver.robot.inverse import flange_poses
+from jointstiff.solver.robot.configuration import Configurations, flange_poses
 from jointstiff.solver.robot.model import Robot
 from jointstiff.solver.robot.urdf import read_urdf, write_urdf
 

@@ -11,9 +11,9 @@ from support.campaigns import estimate, prepare
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.equilibrium import deflections
 from jointstiff.solver.design.candidates import Equipment, Loads, PlanRequest, whitened_rows
-from jointstiff.solver.design.results import to_budget
 from jointstiff.solver.evidence.causes import fit_causes, screen_estimate
 from jointstiff.solver.evidence.estimate import UncertaintyBudget
+from jointstiff.solver.predict.answers import to_budget
 from jointstiff.solver.readings.measurements import CommonUncertainty
 from jointstiff.solver.robot.configuration import Configurations
 from jointstiff.solver.terms.block import Term, by_torque
