@@ -24,7 +24,6 @@ _MADE = {room.command: room.summary for room in ROOMS.values()} | {
 }
 """Commands that are made of messages when they are called, as messages take time, with their help."""
 _SETTINGS: Any = {
-    "add_completion": False,
     "rich_markup_mode": None,  # its libraries take longer to import than all else that help needs
     "pretty_exceptions_enable": False,
 }
@@ -47,7 +46,7 @@ class _Commands(typer.core.TyperGroup):
 
                 kinds = {room.command: name for name, room in ROOMS.items()}
                 make = partial(command_of, kinds[args[0]])
-            alone = typer.Typer(**_SETTINGS)
+            alone = typer.Typer(add_completion=False, **_SETTINGS)
             alone.command(args[0])(make())
             self.commands[args[0]] = get_command(alone)
         return super().resolve_command(ctx, args)
@@ -66,6 +65,7 @@ class _Commands(typer.core.TyperGroup):
 app = typer.Typer(
     cls=_Commands,
     name="jointstiff",
+    add_completion=True,
     help="Identify the joint stiffness of industrial robots from laser-tracker readings.\n\n"
     "Start with `jointstiff simulate campaign.json`, then `jointstiff identify campaign.json`.",
     no_args_is_help=True,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from math import nan
+from textwrap import fill
 from typing import TYPE_CHECKING, Any
 
 from jointstiff.service.tables.table import Area, Chart
@@ -14,6 +15,8 @@ if TYPE_CHECKING:
 
 _MOST_NAMES = 40
 """Places with their names below the axis; of more, numbers."""
+_TITLE_WIDTH = 90
+"""Characters in a line of the title."""
 
 
 def figure_of(title: str, charts: Sequence[Chart], areas: Sequence[Area] = ()) -> Figure:
@@ -33,7 +36,7 @@ def figure_of(title: str, charts: Sequence[Chart], areas: Sequence[Area] = ()) -
         raise ValueError("the result has no numbers to draw: print it")
     figure: Figure
     figure, grid = plt.subplots(count, 1, figsize=(8.0, 3.2 * count), layout="constrained", squeeze=False)
-    figure.suptitle(title)
+    figure.suptitle(fill(title, _TITLE_WIDTH), fontsize="medium")
     axes = list(grid[:, 0])
     for axis, area in zip(axes, areas, strict=False):
         _draw_area(figure, axis, area)
@@ -58,12 +61,12 @@ def _draw_chart(axis: Axes, chart: Chart) -> None:
     if chart.logarithmic:
         axis.set_yscale("log")
     if count <= _MOST_NAMES:
-        axis.set_xticks(list(places), chart.names, rotation=45 if count > 8 else 0)
+        axis.set_xticks(list(places), chart.names, rotation=90 if count > 8 else 0, fontsize="small")
     axis.set_xlabel(chart.axis)
     axis.set_ylabel(chart.unit)
     axis.set_title(chart.title, fontsize="medium")
     if len(series) > 1:
-        axis.legend()
+        axis.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), fontsize="small")  # beside the bars
 
 
 def _below_and_above(heights: Sequence[float], intervals: Sequence[Any], factor: float) -> list[list[float]]:
