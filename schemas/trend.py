@@ -6,13 +6,13 @@ from typing import Annotated, Literal
 
 from pydantic import Discriminator, Field, RootModel, Tag
 
-from jointstiff.schemas.alarm import TrendChange
 from jointstiff.schemas.fields import Dimensionless, Identifier, Message, Name, Stiffness, Timestamp
 from jointstiff.schemas.finding import Assessment, Verdict
 from jointstiff.schemas.job import Requester
 from jointstiff.schemas.joints import StatedKind
 from jointstiff.schemas.measurement import Notes
 from jointstiff.schemas.options import Method, Weighting
+from jointstiff.schemas.robot import TrendChange
 
 LEAST_BASELINE = 3
 MOST_BASELINE = 20

@@ -17,7 +17,7 @@ from jointstiff.service.api.health import Metrics, Watch
 from jointstiff.service.api.jobs import Followers
 from jointstiff.service.api.middleware import COMPRESSED_BYTES, PACKED, Guard, Methods, Observed
 from jointstiff.service.api.page import install_description, install_page
-from jointstiff.service.jobs.life import Enqueue, Parts
+from jointstiff.service.jobs import Enqueue, Parts
 from jointstiff.service.kinds.registry import KINDS
 from jointstiff.service.reports.laboratory import LaboratorySettings
 from jointstiff.service.security.access import Audit, Gate, operation_id, public_paths

@@ -29,7 +29,7 @@ from starlette.types import Message, Scope
 
 from jointstiff.service.api.middleware import KNOWN_ID
 from jointstiff.service.app import create_app
-from jointstiff.service.logs import FORMAT_VARIABLE, REQUEST_ID, LogFormat, set_log_format
+from jointstiff.service.process import FORMAT_VARIABLE, REQUEST_ID, LogFormat, set_log_format
 from jointstiff.service.security.access import ASKED, Asked, asked_of
 from jointstiff.service.security.admission import Posture
 from jointstiff.service.store.store import Store

@@ -24,15 +24,14 @@ from uvicorn.config import LOGGING_CONFIG
 from jointstiff.service.api.connections import ACCEPTED_AT_ONCE, QUEUED_CONNECTIONS, BoundedProtocol
 from jointstiff.service.app import create_app
 from jointstiff.service.limited import LimitedChild
-from jointstiff.service.logs import LogFormat, set_log_format
 from jointstiff.service.problems.errors import ServiceError, StoreError
+from jointstiff.service.process import LogFormat, give_memory_back, set_log_format
 from jointstiff.service.reports.laboratory import LaboratorySettings, read_laboratory
 from jointstiff.service.security.admission import Posture
 from jointstiff.service.security.keys import Keyring
 from jointstiff.service.settings import Settings
 from jointstiff.service.store.store import Store
 from jointstiff.service.tables.terminal import console
-from jointstiff.service.threads import give_memory_back
 from jointstiff.service.versions import JOINTSTIFF_VERSION
 from jointstiff.service.workers.engine import JobQueue
 from jointstiff.service.workers.supervisor import SILENCE_SECONDS, Supervisor

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from jointstiff.service.logs import FORMAT_VARIABLE, LogFormat
+from jointstiff.service.process import FORMAT_VARIABLE, LogFormat
 
 DatabaseUrl = Annotated[
     str,

@@ -18,7 +18,7 @@ from jointstiff.service.kinds.program_path import _from_table
 from jointstiff.service.problems.errors import FilesError
 from jointstiff.service.programs import fanuc, krl, rapid, ur
 from jointstiff.service.programs.language import Misread
-from jointstiff.service.programs.numerals import Numerals
+from jointstiff.service.programs.notation import Numerals
 
 _CHARACTERS: Final = 100_000
 _READERS: Final[dict[str, tuple[ModuleType, str]]] = {

@@ -30,7 +30,7 @@ _ENDED: Final = frozenset({"succeeded", "failed", "cancelled"})
 _DYING: Final = """
 import os, signal, sys
 if "jointstiff.service.workers" in sys.orig_argv:
-    import jointstiff.service.jobs.life as life
+    import jointstiff.service.jobs as life
     import jointstiff.service.store.jobs as log
     from jointstiff.service.problems.errors import WorkerLostError
     from jointstiff.solver.errors import SolverError

@@ -17,10 +17,10 @@ from starlette.exceptions import HTTPException
 from starlette.requests import ClientDisconnect
 
 from jointstiff.schemas.finding import Problem
-from jointstiff.service.jobs.life import Parts
-from jointstiff.service.logs import REQUEST_ID
+from jointstiff.service.jobs import Parts
 from jointstiff.service.problems.errors import StoreError
 from jointstiff.service.problems.table import http_problem, invalid_request, problem_of
+from jointstiff.service.process import REQUEST_ID
 from jointstiff.solver.errors import JointstiffError
 
 ANSWER_HEADERS: Final = MappingProxyType(

@@ -21,14 +21,13 @@ from jointstiff.schemas.query import FileQuery
 from jointstiff.schemas.report import Authorisation, AuthorisationList
 from jointstiff.schemas.robot import Robot
 from jointstiff.schemas.run import Run
-from jointstiff.service.exporting.formats import FORMATS, ModelFormat, export_model
-from jointstiff.service.exporting.model import ExportedModel
-from jointstiff.service.jobs.life import Jobs, Parts
+from jointstiff.service.jobs import Jobs, Parts
 from jointstiff.service.kinds.kind import AnyKind, File
 from jointstiff.service.kinds.program_work import unpacked
 from jointstiff.service.kinds.registry import KINDS
 from jointstiff.service.reports.certificate import certificate
 from jointstiff.service.reports.document import Document, draft, state_of
+from jointstiff.service.reports.exports import FORMATS, ExportedModel, ModelFormat, export_model
 from jointstiff.service.reports.job import job_document, job_parts, job_sheet
 from jointstiff.service.reports.laboratory import LaboratorySettings
 from jointstiff.service.reports.rendering import POLICY, report_page, report_pdf

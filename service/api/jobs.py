@@ -23,7 +23,7 @@ from jointstiff.schemas.query import FileQuery, WaitQuery
 from jointstiff.service.api import answers
 from jointstiff.service.api.bodies import EXAMPLES, BodyRoute, Key, large_bodies, shown
 from jointstiff.service.api.files import FILES, FILES_DESCRIPTION, content_of, is_stored
-from jointstiff.service.jobs.life import Jobs
+from jointstiff.service.jobs import Jobs
 from jointstiff.service.kinds.kind import AnyKind
 from jointstiff.service.kinds.registry import KINDS
 from jointstiff.service.problems.errors import NotFoundError, StoreUnavailableError

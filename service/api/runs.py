@@ -42,7 +42,7 @@ from jointstiff.service.api.bodies import (
 from jointstiff.service.api.files import authorisations_of, run_subject
 from jointstiff.service.api.jobs import JobId, JobRoute, PostOf
 from jointstiff.service.importing.reading import SourceFile
-from jointstiff.service.jobs.life import Jobs, Parts
+from jointstiff.service.jobs import Jobs, Parts
 from jointstiff.service.kinds.deflection import predict_by_run
 from jointstiff.service.kinds.mending import mended
 from jointstiff.service.kinds.program import PROGRAM

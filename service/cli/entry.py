@@ -8,7 +8,7 @@ import signal
 import sys
 from contextlib import suppress
 
-from jointstiff.service.threads import collect_rarely, use_one_thread
+from jointstiff.service.process import collect_rarely, use_one_thread
 
 
 def main() -> None:

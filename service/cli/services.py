@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from jointstiff.service.cli import options as cli
-from jointstiff.service.logs import LogFormat, set_log_format
+from jointstiff.service.process import LogFormat, set_log_format
 from jointstiff.service.settings import DatabaseUrl, LogLines, Settings
 
 if TYPE_CHECKING:

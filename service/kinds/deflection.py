@@ -23,8 +23,15 @@ from jointstiff.service.conversion.robots import (
     refuse_other_angles,
 )
 from jointstiff.service.conversion.units import ANGLE, FORCE, LENGTH, MOMENT
-from jointstiff.service.kinds.acceptance import RunModel, moment_factor
-from jointstiff.service.kinds.verdicts import judged, of_campaign, of_deflection, of_missing, of_points
+from jointstiff.service.kinds.verdicts import (
+    RunModel,
+    judged,
+    moment_factor,
+    of_campaign,
+    of_deflection,
+    of_missing,
+    of_points,
+)
 from jointstiff.service.tables.files import csv_text, rows_of
 from jointstiff.service.tables.report import judged as with_verdict
 from jointstiff.service.tables.report import verdict_lines

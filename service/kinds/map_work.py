@@ -13,8 +13,15 @@ from jointstiff.schemas.finding import Finding
 from jointstiff.schemas.run import Run
 from jointstiff.service.conversion.readings import hash_of
 from jointstiff.service.conversion.robots import joint_index, kinds_of, refuse_far_point, refuse_other_angles
-from jointstiff.service.kinds.acceptance import RunModel, accepted_run
-from jointstiff.service.kinds.verdicts import judged, of_campaign, of_deflection, of_missing, of_points
+from jointstiff.service.kinds.verdicts import (
+    RunModel,
+    accepted_run,
+    judged,
+    of_campaign,
+    of_deflection,
+    of_missing,
+    of_points,
+)
 from jointstiff.service.kinds.work import Arrays, Span, Work, joined, spans
 from jointstiff.service.resources.inputs import Inputs
 from jointstiff.service.tables.table import Sheet

@@ -18,10 +18,9 @@ from jointstiff.schemas.plan import OwnWeight, PlanResult
 from jointstiff.service.conversion.prepared import PreparedSet
 from jointstiff.service.conversion.readings import hash_of
 from jointstiff.service.conversion.robots import joint_index, kinds_of, refuse_far_point, refuse_other_angles
-from jointstiff.service.kinds.acceptance import refuse_unaccepted
 from jointstiff.service.kinds.identification import identified, to_settings
 from jointstiff.service.kinds.own_weight import identified_by_weight
-from jointstiff.service.kinds.verdicts import judged, own_reason
+from jointstiff.service.kinds.verdicts import judged, own_reason, refuse_unaccepted
 from jointstiff.service.kinds.work import QuickWork
 from jointstiff.service.resources.inputs import Inputs
 from jointstiff.solver.arrays import FloatArray

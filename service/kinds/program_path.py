@@ -12,8 +12,8 @@ import numpy as np
 from jointstiff.schemas.program import LoadSegment, ProcessLoad, ProgramFrame, ProgramOptions
 from jointstiff.service.conversion.robots import joint_factors, refuse_far_point, refuse_other_angles
 from jointstiff.service.conversion.units import FORCE, LENGTH
-from jointstiff.service.kinds.acceptance import moment_factor
 from jointstiff.service.kinds.deflection import vector_column
+from jointstiff.service.kinds.verdicts import moment_factor
 from jointstiff.service.kinds.work import as_request_errors
 from jointstiff.service.problems.errors import FilesError
 from jointstiff.service.programs.configuration import StatedConfigurations

@@ -30,9 +30,16 @@ from jointstiff.schemas.run import Run
 from jointstiff.service.conversion.readings import hash_of
 from jointstiff.service.conversion.robots import kinds_of
 from jointstiff.service.conversion.units import ANGLE, LENGTH
-from jointstiff.service.kinds.acceptance import RunModel, accepted_run
 from jointstiff.service.kinds.program_path import ProgramPath, Visits, program_path, start_of
-from jointstiff.service.kinds.verdicts import judged, of_campaign, of_deflection, of_points, own_reason
+from jointstiff.service.kinds.verdicts import (
+    RunModel,
+    accepted_run,
+    judged,
+    of_campaign,
+    of_deflection,
+    of_points,
+    own_reason,
+)
 from jointstiff.service.kinds.work import Arrays, Span, Work, as_request_errors, joined, spans
 from jointstiff.service.problems.errors import VerdictError
 from jointstiff.service.programs.errors import ProgramError

@@ -15,9 +15,9 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict
 
 from jointstiff.schemas import trend as messages
-from jointstiff.schemas.alarm import OpenAlarm, TrendChange
 from jointstiff.schemas.finding import Assessment
 from jointstiff.schemas.job import Requester
+from jointstiff.schemas.robot import OpenAlarm, TrendChange
 from jointstiff.schemas.run import JointResult, Run, RunRequest, UncertaintyBudget
 from jointstiff.service.problems.errors import NotFoundError, Resource
 from jointstiff.service.resources.stored import described

@@ -22,8 +22,7 @@ from jointstiff.service.kinds.kind import AnyJob, File, Kind
 from jointstiff.service.kinds.rooms import kind_of
 from jointstiff.service.library.campaigns import Campaign
 from jointstiff.service.reports.job import job_parts, job_sheet
-from jointstiff.service.tables.files import written, xlsx_bytes
-from jointstiff.service.tables.frames import frame_of
+from jointstiff.service.tables.files import frame_of, written, xlsx_bytes
 from jointstiff.service.tables.table import Line, Part, Sheet
 from jointstiff.service.tables.terminal import printed
 from jointstiff.solver.errors import RequestError
@@ -239,7 +238,7 @@ class Shown(Presented):
         return job_sheet(file, job, lambda: cast("Any", None))
 
     def _figure(self) -> Figure:
-        from jointstiff.service.reports.plots import figure_of
+        from jointstiff.service.reports.pictures import figure_of
 
         kind, job = kind_of(self._job.kind), self._job
         if job.result is None:
@@ -454,7 +453,7 @@ class Prediction(Presented, DeflectionResult):  # type: ignore[misc]  # `summary
 
     def _figure(self) -> Figure:
         from jointstiff.service.kinds.deflection import prediction_charts
-        from jointstiff.service.reports.plots import figure_of
+        from jointstiff.service.reports.pictures import figure_of
 
         return figure_of(f"Predicted deflection: {self._headline()}", prediction_charts(self))
 

@@ -44,9 +44,9 @@ from jointstiff.solver.errors import RequestError
 
 if TYPE_CHECKING:
     from jointstiff.schemas.imports import ImportAnswer
-    from jointstiff.service.exporting.model import ExportedModel
     from jointstiff.service.library.campaigns import Numbers
     from jointstiff.service.library.typed import ImportFields, PredictFields
+    from jointstiff.service.reports.exports import ExportedModel
 
 AJob = TypeVar("AJob", bound=Job, covariant=True)
 
@@ -386,7 +386,7 @@ class Here:
         if name.startswith("report."):
             return self._report(kind, job, suffix, laboratory)
         if name.startswith("model."):
-            from jointstiff.service.exporting.formats import export_model
+            from jointstiff.service.reports.exports import export_model
 
             with as_campaign_error("export"):
                 return export_model(_exported(job), cast("Any", suffix), (query or {}).get("accept_verdict"))
@@ -468,7 +468,7 @@ def options_of(run: Run) -> CampaignRun:
 
 
 def _exported(run: Job) -> ExportedModel:
-    from jointstiff.service.exporting.model import ExportedModel
+    from jointstiff.service.reports.exports import ExportedModel
 
     here = Here()
     known = here.inputs.run(here.identified(run), "run_id")

@@ -10,7 +10,7 @@ import numpy as np
 
 from jointstiff.service.programs.errors import CONSTANT, Fault, ProgramError, ReadMove, shown
 from jointstiff.service.programs.language import Move
-from jointstiff.service.programs.numerals import Numerals
+from jointstiff.service.programs.notation import Numerals
 from jointstiff.service.programs.program import (
     BLOCK,
     NUMBERS,

@@ -9,7 +9,7 @@ from typing import Final, Literal
 
 import numpy as np
 
-from jointstiff.service.programs.numerals import Edit
+from jointstiff.service.programs.notation import Edit
 from jointstiff.service.programs.program import NUMBERS, Program
 from jointstiff.solver.arrays import FloatArray, IndexArray
 

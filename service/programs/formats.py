@@ -15,8 +15,7 @@ from jointstiff.service.programs import fanuc, krl, rapid, table, ur
 from jointstiff.service.programs.errors import Fault, ProgramError, ReadMove, shown
 from jointstiff.service.programs.interpreter import Machine
 from jointstiff.service.programs.language import Language
-from jointstiff.service.programs.notation import Notation
-from jointstiff.service.programs.numerals import has_decimal_commas
+from jointstiff.service.programs.notation import Notation, has_decimal_commas
 from jointstiff.service.programs.program import NUMBERS, Program, Source
 
 MAX_PROGRAM_BYTES: Final = 32 * 1024 * 1024

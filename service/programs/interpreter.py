@@ -20,8 +20,7 @@ from jointstiff.service.programs import language as ir
 from jointstiff.service.programs.columns import MAX_VALUE, OF, Cause, Columns, Frames, Given
 from jointstiff.service.programs.errors import CONSTANT, Fault, ProgramError, shown
 from jointstiff.service.programs.language import Language, Misread, Name, Op, Value
-from jointstiff.service.programs.notation import Notation
-from jointstiff.service.programs.numerals import Numerals
+from jointstiff.service.programs.notation import Notation, Numerals
 from jointstiff.service.programs.program import FrameName, Literal, Program, Source
 from jointstiff.service.programs.ways import Block, Stray, Ways
 from jointstiff.solver.arrays import FloatArray, IndexArray

@@ -12,8 +12,15 @@ from typing import Final
 import numpy as np
 
 from jointstiff.service.programs.errors import Fault, ReadMove
-from jointstiff.service.programs.notation import Notation
-from jointstiff.service.programs.numerals import Edit, Places, has_decimal_commas, padded, spliced, written
+from jointstiff.service.programs.notation import (
+    Edit,
+    Notation,
+    Places,
+    has_decimal_commas,
+    padded,
+    spliced,
+    written,
+)
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 
 NUMBERS: Final = 7

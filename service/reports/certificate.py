@@ -12,8 +12,8 @@ from xml.etree import ElementTree
 
 from jointstiff.schemas.report import Laboratory, Party
 from jointstiff.schemas.run import JointResult
-from jointstiff.service.exporting.model import why_no_stiffness
 from jointstiff.service.reports.document import NOT_STATED, State, versions_of
+from jointstiff.service.reports.exports import why_no_stiffness
 from jointstiff.service.reports.run import (
     PREDICTED,
     PREDICTED_FORCE,

@@ -20,7 +20,6 @@ from jointstiff.schemas.report import Laboratory
 from jointstiff.schemas.run import Budget, RunResult
 from jointstiff.service.conversion.robots import joint_factors
 from jointstiff.service.conversion.units import FORCE, LENGTH
-from jointstiff.service.exporting.model import ExportedModel, joints_csv, why_no_stiffness
 from jointstiff.service.kinds.deflection import predict_by_run
 from jointstiff.service.reports.document import (
     IDENTIFICATION,
@@ -39,6 +38,7 @@ from jointstiff.service.reports.document import (
     percent,
     versions_of,
 )
+from jointstiff.service.reports.exports import ExportedModel, joints_csv, why_no_stiffness
 from jointstiff.service.reports.laboratory import LaboratorySettings
 from jointstiff.service.reports.pictures import arm, before_and_after, intervals
 from jointstiff.service.tables.report import METHOD_NAMES, VERDICTS, requested, support

@@ -5,11 +5,10 @@ from __future__ import annotations
 import os
 import sys
 
-from jointstiff.service.threads import collect_rarely
+from jointstiff.service.process import FORMAT_VARIABLE, LogFormat, collect_rarely, set_log_format
 
 if __name__ == "__main__":
     collect_rarely()
-    from jointstiff.service.logs import FORMAT_VARIABLE, LogFormat, set_log_format
     from jointstiff.service.workers.supervisor import DATABASE_VARIABLE
     from jointstiff.service.workers.worker import run_worker
 

@@ -33,7 +33,7 @@ from sqlalchemy import Connection, make_url
 from sqlalchemy.exc import InterfaceError, OperationalError, SQLAlchemyError
 from sqlalchemy.exc import TimeoutError as PoolTimeoutError
 
-from jointstiff.service.jobs.life import Jobs
+from jointstiff.service.jobs import Jobs
 from jointstiff.service.kinds.work import Span, pack
 from jointstiff.service.problems.errors import FilesError, ItemsError, StoreError, StoreUnavailableError
 from jointstiff.service.store.database import Database

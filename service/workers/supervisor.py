@@ -12,7 +12,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import Final
 
-from jointstiff.service.threads import ONE_THREAD
+from jointstiff.service.process import ONE_THREAD
 
 DATABASE_VARIABLE: Final = "JOINTSTIFF_DATABASE"
 """Where a worker finds the URL of the store."""

@@ -15,7 +15,7 @@ from collections.abc import Callable, Mapping
 from datetime import UTC, datetime, timedelta
 from typing import Final
 
-from jointstiff.service.jobs.life import Jobs, Parts
+from jointstiff.service.jobs import Jobs, Parts
 from jointstiff.service.problems.errors import WorkerLostError
 from jointstiff.service.store.collection import KEEP_DELETED
 from jointstiff.service.store.jobs import SILENT, Heartbeats

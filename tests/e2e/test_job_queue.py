@@ -13,7 +13,7 @@ from support.processes import until, working
 from jointstiff.schemas.measurement import MeasurementSetRequest
 from jointstiff.schemas.robot import RobotDocument
 from jointstiff.schemas.run import RunRequest
-from jointstiff.service.jobs.life import Parts
+from jointstiff.service.jobs import Parts
 from jointstiff.service.store.store import Store
 from jointstiff.service.workers.engine import JobQueue, engine_url, schema_of
 from jointstiff.simulator import default_arm, simulate_campaign

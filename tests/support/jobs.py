@@ -7,7 +7,7 @@ import json
 from jointstiff.schemas.measurement import MeasurementSetRequest
 from jointstiff.schemas.robot import RobotDocument
 from jointstiff.schemas.run import RunRequest
-from jointstiff.service.jobs.life import Parts
+from jointstiff.service.jobs import Parts
 from jointstiff.simulator import default_arm, simulate_campaign
 
 

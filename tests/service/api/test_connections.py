@@ -21,7 +21,7 @@ from support.processes import until
 from jointstiff.service.api.answers import ANSWER_HEADERS
 from jointstiff.service.api.bodies import EXAMPLES
 from jointstiff.service.api.connections import BoundedProtocol, connection_limit
-from jointstiff.service.logs import ACCESS_LOGGER
+from jointstiff.service.process import ACCESS_LOGGER
 from jointstiff.service.security.admission import MAX_ROBOT_BYTES, Posture
 from jointstiff.service.security.keys import mint
 from jointstiff.service.server import UNREAD_BYTES, listen

@@ -12,7 +12,7 @@ from support.records import RESOURCES, job_record
 
 from jointstiff.schemas.comparison import ComparisonRequest
 from jointstiff.schemas.finding import Problem
-from jointstiff.service.jobs.life import Parts
+from jointstiff.service.jobs import Parts
 from jointstiff.service.problems.errors import DeletedError, NotEndedError, NotFoundError
 from jointstiff.service.store.collection import KEEP_DELETED
 from jointstiff.service.store.store import Store

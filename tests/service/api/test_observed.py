@@ -12,7 +12,7 @@ from support.in_process import served
 from support.processes import Service
 
 from jointstiff.service.api.answers import ANSWER_HEADERS
-from jointstiff.service.logs import ACCESS_LOGGER, JsonFormatter, LogFormat, set_log_format
+from jointstiff.service.process import ACCESS_LOGGER, JsonFormatter, LogFormat, set_log_format
 from jointstiff.service.store.store import Store
 
 

@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 from jointstiff.schemas.finding import Problem
 from jointstiff.service.api.bodies import EXAMPLES
 from jointstiff.service.cli.app import app as command
-from jointstiff.service.logs import LogFormat
+from jointstiff.service.process import LogFormat
 from jointstiff.service.security.admission import Posture
 from jointstiff.service.security.keys import mint
 from jointstiff.service.server import _configuration

@@ -19,7 +19,7 @@ from jointstiff.schemas.measurement import MeasurementSetRequest
 from jointstiff.schemas.robot import RobotDocument, RobotRequest
 from jointstiff.schemas.run import RunRequest
 from jointstiff.service.cli.app import app
-from jointstiff.service.jobs.life import Parts
+from jointstiff.service.jobs import Parts
 from jointstiff.service.kinds.geometry import GEOMETRY
 from jointstiff.service.problems.errors import DeletedError
 from jointstiff.service.store.store import Store

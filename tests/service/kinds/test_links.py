@@ -15,7 +15,7 @@ from jointstiff.schemas.deflection import DeflectionOptions
 from jointstiff.schemas.options import RunOptions
 from jointstiff.schemas.run import Run, RunRequest
 from jointstiff.service.cli.app import app
-from jointstiff.service.jobs.life import Parts
+from jointstiff.service.jobs import Parts
 from jointstiff.service.kinds.deflection import predict_by_run
 from jointstiff.service.kinds.program_work import ProgramWork
 from jointstiff.service.kinds.run import RUN

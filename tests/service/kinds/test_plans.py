@@ -18,7 +18,7 @@ from jointstiff.schemas.plan import MAX_CANDIDATES, Plan, PlanRequest
 from jointstiff.schemas.robot import RobotDocument
 from jointstiff.service.cli.app import app
 from jointstiff.service.importing.reading import SourceFile
-from jointstiff.service.jobs.life import Parts
+from jointstiff.service.jobs import Parts
 from jointstiff.service.kinds.plan import PLAN, readings_sheet
 from jointstiff.service.reports.job import job_document
 from jointstiff.service.reports.laboratory import LaboratorySettings

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from support.jobs import request, runs_of, stored_set
 
-from jointstiff.service.jobs import life as module
+from jointstiff.service import jobs as module
 from jointstiff.service.kinds.work import pack
 from jointstiff.service.problems.errors import TooManyJobsError
 from jointstiff.service.store.store import Store

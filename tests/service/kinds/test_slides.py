@@ -93,7 +93,7 @@ def test_the_slide_is_in_newtons_per_metre_and_shown_in_newtons_per_micron(name,
 
 def test_the_table_of_joints_says_both_units():
     text = run("SCARA").joints_csv() if hasattr(run("SCARA"), "joints_csv") else None
-    from jointstiff.service.exporting.model import ExportedModel, joints_table
+    from jointstiff.service.reports.exports import ExportedModel, joints_table
 
     robot = prepare_robot(Campaign.model_validate(campaign("SCARA")).robot).robot
     sheet = joints_table(ExportedModel.of(run("SCARA"), robot, "SCARA"))

@@ -15,8 +15,8 @@ from typer.testing import CliRunner
 
 import jointstiff
 from jointstiff.service.cli.app import app
-from jointstiff.service.exporting.formats import FORMATS
 from jointstiff.service.kinds.registry import KINDS
+from jointstiff.service.reports.exports import FORMATS
 from jointstiff.service.reports.job import job_report
 from jointstiff.simulator import default_arm, simulate_campaign
 

@@ -14,7 +14,7 @@ from jointstiff.schemas.geometry import GeometryRequest
 from jointstiff.schemas.measurement import MeasurementSetRequest
 from jointstiff.schemas.options import RunOptions
 from jointstiff.schemas.run import Campaign, RunRequest
-from jointstiff.service.jobs.life import Parts
+from jointstiff.service.jobs import Parts
 from jointstiff.service.library.errors import CampaignError
 from jointstiff.service.library.verbs import run_of
 from jointstiff.service.store.store import Store

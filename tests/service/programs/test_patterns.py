@@ -16,7 +16,7 @@ from support.examples import examples
 
 from jointstiff.service.programs import fanuc, krl, rapid, ur
 from jointstiff.service.programs.formats import read_program
-from jointstiff.service.programs.numerals import Numerals
+from jointstiff.service.programs.notation import Numerals
 from jointstiff.service.security import admission
 
 ROOT = Path(__file__).parents[3]

@@ -15,9 +15,9 @@ from support.api import file_at
 import jointstiff as js
 from jointstiff.schemas.report import Laboratory, Party
 from jointstiff.service.conversion.prepared import prepare_robot
-from jointstiff.service.exporting.model import ExportedModel
 from jointstiff.service.reports.certificate import NAMESPACES, certificate
 from jointstiff.service.reports.document import State, draft
+from jointstiff.service.reports.exports import ExportedModel
 from jointstiff.service.reports.laboratory import LaboratorySettings
 from jointstiff.service.reports.rendering import report_page
 from jointstiff.service.reports.run import RunSubject, run_document

@@ -23,8 +23,8 @@ from jointstiff.schemas.run import Campaign, Run
 from jointstiff.service import reports as service_reports
 from jointstiff.service.cli.app import app
 from jointstiff.service.conversion.prepared import prepare_robot
-from jointstiff.service.exporting.model import ExportedModel, joints_csv
 from jointstiff.service.reports.document import draft, state_of
+from jointstiff.service.reports.exports import ExportedModel, joints_csv
 from jointstiff.service.reports.laboratory import LaboratorySettings
 from jointstiff.service.reports.rendering import report_page, report_pdf
 from jointstiff.service.reports.run import ITEMS, RunSubject, results, run_document, uncertainty

@@ -13,7 +13,7 @@ from sqlalchemy import MetaData, create_engine, select, update
 from support.jobs import request, stored_set
 from support.processes import until, working
 
-from jointstiff.service.jobs.life import Parts
+from jointstiff.service.jobs import Parts
 from jointstiff.service.problems.errors import VerdictError
 from jointstiff.service.problems.table import problem_of
 from jointstiff.service.programs.errors import Fault, ProgramError

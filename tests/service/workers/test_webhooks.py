@@ -23,7 +23,7 @@ from support.processes import Service, until
 from typer.testing import CliRunner
 
 from jointstiff.service.cli.app import app
-from jointstiff.service.jobs.life import Parts
+from jointstiff.service.jobs import Parts
 from jointstiff.service.library.client import problem_in
 from jointstiff.service.library.errors import RefusedError
 from jointstiff.service.problems.errors import WorkerLostError

@@ -16,8 +16,7 @@ import jointstiff
 from jointstiff.schemas.run import Campaign, JointResult
 from jointstiff.service.cli.app import app
 from jointstiff.service.conversion.prepared import prepare_robot
-from jointstiff.service.exporting.formats import FORMATS, export_model
-from jointstiff.service.exporting.model import ExportedModel
+from jointstiff.service.reports.exports import FORMATS, ExportedModel, export_model
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.solver.robot.configuration import Configurations
 from jointstiff.solver.robot.model import Robot

@@ -8,7 +8,7 @@ import sys
 
 import pytest
 
-from jointstiff.service.threads import ONE_THREAD
+from jointstiff.service.process import ONE_THREAD
 
 PROGRAM = """
 import os, sys

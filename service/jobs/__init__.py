@@ -1,1 +1,0 @@
-"""Kinds of jobs, and the life of a job."""
