@@ -491,14 +491,16 @@ class RobustFit:
 class _HuberProblem:
     """Lengths are in units of the threshold: ρ turns linear at 1."""
 
-    A: FloatArray  # (K, 3, p)
-    d: FloatArray  # (K, 3)
-    squared: FloatArray  # (q, p + 1)
+    rows: FloatArray  # (K, 3, p + 1) [A d] of the targets
+    squared: FloatArray  # (q, p + 1) of squared loss
     constraints: Constraints
+
+    def in_units_of(self, length: float) -> _HuberProblem:
+        return replace(self, rows=self.rows / length, squared=self.squared / length)
 
     def residual(self, c: FloatArray) -> tuple[FloatArray, FloatArray]:
         """(K, 3) residuals and (K,) their norms."""
-        residual = self.d - self.A @ c
+        residual = self.rows[..., -1] - self.rows[..., :-1] @ c
         return residual, np.linalg.norm(residual, axis=1)
 
     def objective(self, c: FloatArray) -> float:
@@ -506,9 +508,21 @@ class _HuberProblem:
         squared = self.squared[:, :-1] @ c - self.squared[:, -1]
         return float(np.where(norm <= 1.0, 0.5 * norm**2, norm - 0.5).sum() + 0.5 * (squared @ squared))
 
-    def posed(self, R: FloatArray, z: FloatArray) -> IdentificationProblem:
+    def posed(self, spectrum: Spectrum, z: FloatArray) -> IdentificationProblem:
         """Least squares under the constraints."""
-        return IdentificationProblem(R, z, self.constraints.bounds, self.constraints.inequalities)
+        return IdentificationProblem(
+            spectrum.determined, z, self.constraints.bounds, self.constraints.inequalities
+        )
+
+    def weighted(self, weight: FloatArray) -> IdentificationProblem:
+        """Return least squares with weights (K,) of the targets."""
+        rows = (np.sqrt(weight)[:, None, None] * self.rows).reshape(-1, self.rows.shape[2])
+        R = triangle_of(np.vstack([rows, self.squared]))
+        return self.posed(Spectrum(R[:, :-1]), R[:, -1])
+
+    def least_squares(self) -> IdentificationProblem:
+        """Return the same problem with the squared loss."""
+        return self.weighted(np.ones(len(self.rows)))
 
     def step(self, c: FloatArray, damping: float) -> tuple[FloatArray, Certificate]:
         """Minimum under the bounds of a quadratic model of the objective at c.
@@ -516,36 +530,24 @@ class _HuberProblem:
         A reading beyond the threshold adds the curvature ``w (I − (1 − damping) u uᵀ)``, u the direction of
         its residual: Newton's for damping 0; for 1 that of reweighting, which never goes up.
         """
+        A, S = self.rows[..., :-1], self.squared[:, :-1]
         residual, norm = self.residual(c)
         weight = _weight(norm)
         u = residual / np.maximum(norm, 1.0)[:, None]
         along = np.where(norm > 1.0, 1.0 - np.sqrt(damping), 0.0)
-        curved = self.A - along[:, None, None] * u[..., None] * (u[:, None] @ self.A)
+        curved = A - along[:, None, None] * u[..., None] * (u[:, None] @ A)
         weighted = (np.sqrt(weight)[:, None, None] * curved).reshape(-1, len(c))
-        R = triangle_of(np.vstack([weighted, self.squared[:, :-1]]))
-        gradient = -np.einsum("kij,ki->j", self.A, weight[:, None] * residual)
-        gradient += self.squared[:, :-1].T @ (self.squared[:, :-1] @ c - self.squared[:, -1])
+        R = triangle_of(np.vstack([weighted, S]))
+        gradient = S.T @ (S @ c - self.squared[:, -1])
+        gradient -= np.einsum("kij,ki->j", A, weight[:, None] * residual)
         spectrum = Spectrum(R)
-        target = R @ c - spectrum.inverse.T @ gradient
-        solution = solve_step(self.posed(spectrum.determined, target))
+        solution = solve_step(self.posed(spectrum, R @ c - spectrum.inverse.T @ gradient))
         return solution.compliance, solution.certificate
 
     def certificate(self, c: FloatArray, solved_by: Proposer) -> Certificate:
         """Certify weighted least squares with the weights of the residuals at c: the Huber problem."""
-        root = np.sqrt(_weight(self.residual(c)[1]))[:, None]
-        R = self.compressed(root)
-        scaled = Scaled.of(self.posed(R[:, :-1], R[:, -1]))
+        scaled = Scaled.of(self.weighted(_weight(self.residual(c)[1])))
         return certify(scaled, c / scaled.unit, solved_by)
-
-    def compressed(self, root: FloatArray) -> FloatArray:
-        """Return the triangle of all rows, those of the targets times root weights (K, 1)."""
-        targets = np.concatenate([root[..., None] * self.A, (root * self.d)[..., None]], axis=2)
-        return triangle_of(np.vstack([targets.reshape(-1, targets.shape[2]), self.squared]))
-
-    def least_squares(self) -> IdentificationProblem:
-        """Return the same problem with the squared loss."""
-        R = self.compressed(np.ones((len(self.d), 1)))
-        return self.posed(Spectrum(R[:, :-1]).determined, R[:, -1])
 
 
 def fit_huber(
@@ -579,19 +581,16 @@ def fit_huber(
         SolverError: optimality could not be certified.
     """
     joints = np.flatnonzero(~null)
-    rows = targets.rows
+    columns = [*joints, -1]
     problem = _HuberProblem(
-        A=rows[..., joints],
-        d=rows[..., -1],
-        squared=targets.squared.R[:, [*joints, -1]],
-        constraints=constraints.select(joints),
+        targets.rows[..., columns], targets.squared.R[:, columns], constraints.select(joints)
     )
     if sigma is None:
         sigma = _robust_scale(problem, threshold)
     if prior is not None:
         rows, known = prior.in_units_of(sigma).rows(joints)
         problem = replace(problem, squared=np.vstack([problem.squared, np.column_stack([rows, known])]))
-    problem = _in_units_of(problem, threshold * sigma)
+    problem = problem.in_units_of(threshold * sigma)
     compliance, certificate = _minimise(problem)
     norm = problem.residual(compliance)[1]
     present = targets.present
@@ -604,22 +603,17 @@ def _weight(norm: FloatArray) -> FloatArray:
     return 1.0 / np.maximum(norm, 1.0)
 
 
-def _in_units_of(problem: _HuberProblem, length: float) -> _HuberProblem:
-    A, d, squared = (part / length for part in (problem.A, problem.d, problem.squared))
-    return replace(problem, A=A, d=d, squared=squared)
-
-
 def _minimise(problem: _HuberProblem) -> tuple[FloatArray, Certificate]:
     """Return the optimum and its certificate: Clarabel's point, polished by Newton's steps.
 
     Of more than `MOST_STATED` targets the rounds start at least squares, with full damping, which is faster.
     """
     stated = None
-    if len(problem.d) <= MOST_STATED:
+    if len(problem.rows) <= MOST_STATED:
         from jointstiff.solver.convex import programs  # takes a second to import
 
-        S, t = problem.squared[:, :-1], problem.squared[:, -1]
-        stated = programs.huber(problem.A, problem.d, S, t, problem.least_squares())
+        (A, d), (S, t) = ((rows[..., :-1], rows[..., -1]) for rows in (problem.rows, problem.squared))
+        stated = programs.huber(A, d, S, t, problem.least_squares())
     compliance = solve_step(problem.least_squares()).compliance if stated is None else stated
     damping = 1.0 if stated is None else _LEAST_DAMPING
     objective = problem.objective(compliance)
@@ -646,7 +640,7 @@ def _minimise(problem: _HuberProblem) -> tuple[FloatArray, Certificate]:
 def _robust_scale(problem: _HuberProblem, threshold: float) -> float:
     """Scale of the residuals [m], brought to convergence round by round with the fit."""
     compliance = solve_step(problem.least_squares()).compliance
-    rows = problem.d.size
+    rows = problem.rows[..., -1].size
     freedom = rows - len(compliance)
     if freedom < 1:
         raise UnsupportedMethodError(
@@ -655,11 +649,11 @@ def _robust_scale(problem: _HuberProblem, threshold: float) -> float:
             remedy="state `noise`, or add observations",
         )
     unit = np.sqrt(rows / freedom) / MEDIAN_NORM
-    least = _LEAST_SCALE * float(np.sqrt(np.mean(problem.d**2)))
+    least = _LEAST_SCALE * float(np.sqrt(np.mean(problem.rows[..., -1] ** 2)))
     scale = np.inf
     for _ in range(_SCALE_ROUNDS):
         before, scale = scale, max(least, unit * float(np.median(problem.residual(compliance)[1])))
         if abs(scale - before) <= _SCALE_TOLERANCE * scale:
             break
-        compliance, _ = _in_units_of(problem, threshold * scale).step(compliance, 1.0)
+        compliance, _ = problem.in_units_of(threshold * scale).step(compliance, 1.0)
     return scale
