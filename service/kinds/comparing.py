@@ -335,8 +335,8 @@ def _free_estimate(run: Run, robot: Robot) -> FreeEstimate:
                 assumed[part.source.removeprefix("assumed_")] = spread
     return FreeEstimate(
         compliance=compliance,
+        covariance=covariance,
         readings=readings,
-        common=covariance if readings is None else covariance - readings,
         assumed=assumed,
         sigma=result.sigma,
         degrees_of_freedom=inf if model.degrees_of_freedom is None else model.degrees_of_freedom,

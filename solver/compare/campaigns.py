@@ -1,25 +1,20 @@
-"""Two identified campaigns with one kind of robot: motor and secondary encoders, or before and after.
+"""Estimates beside each other: of two campaigns, such as before and after, or charts of many over time.
 
-All comes from the campaigns' estimates. For each joint the ratio of its stiffnesses comes with Fieller's
-interval, and with the p-value that it has not changed; on request both are fitted in one problem in which no
-joint is softer in the second; and the share of the deflection that the second avoids is measured where the
-configurations match, and predicted for all.
+All comes from the campaigns' estimates. For each joint the ratio of two stiffnesses comes with Fieller's
+interval and the p-value that it has not changed; on request both are fitted in one problem in which no joint
+is softer in the second; and the share of the deflection that the second avoids is measured where the
+configurations match, and predicted for all. For Gaussian ĉ₁, ĉ₂ the variable ``ĉ₁ − ρ ĉ₂`` has mean zero at
+the true ratio ρ = c₁/c₂ = k₂/k₁, so that ``|ĉ₁ − ρ ĉ₂| ≤ t √(s₁² + ρ² s₂²)`` holds with exactly the
+probability of t (E. C. Fieller, *Some problems in interval estimation*, J. R. Stat. Soc. B 16, 1954).
 
-For Gaussian ĉ₁, ĉ₂ the variable ``ĉ₁ − ρ ĉ₂`` has mean zero at the true ratio ρ = c₁/c₂ = k₂/k₁, so that
-``|ĉ₁ − ρ ĉ₂| ≤ t √(s₁² + ρ² s₂²)`` holds with exactly the probability of t (E. C. Fieller, *Some problems in
-interval estimation*, J. R. Stat. Soc. B 16, 1954).
-
-Charts of the joints' stiffness over campaigns: baseline, EWMA, limits and alarms.
-
-Model: ``y_i = ln k_i = μ + b_i + e_i``, e_i ~ N(0, u_i²), b_i ~ N(0, τ²) between campaigns,
-u_i from the readings. τ is estimated by DerSimonian and Laird (Controlled Clinical Trials 7, 1986), and may
-be zero. Three campaigns hardly tell it, so that the limits average over it: a half-normal prior (Röver et
-al., Research Synthesis Methods 12, 2021) times its restricted likelihood.
-
-After the baseline ``z_t = (1 - λ_t) z_{t-1} + λ_t y_t``, z_0 the baseline's mean (Roberts, Technometrics 1,
-1959). λ_t is λ for a campaign as precise as those of the baseline, less for one that says less. ``z_t - z_0``
-is normal given τ, with the variance of its campaigns *and of the baseline* (Jones, Champ and Rigdon,
-Technometrics 43, 2001). All arrays may have leading axes: charts.
+Charts take ``y_i = ln k_i = μ + b_i + e_i``, e_i ~ N(0, u_i²) from the readings, b_i ~ N(0, τ²) between
+campaigns. τ is estimated by DerSimonian and Laird (Controlled Clinical Trials 7, 1986), and may be zero.
+Three campaigns hardly tell it, so that the limits average over it: a half-normal prior (Röver et al.,
+Research Synthesis Methods 12, 2021) times its restricted likelihood. After the baseline
+``z_t = (1 - λ_t) z_{t-1} + λ_t y_t``, z_0 the baseline's mean (Roberts, Technometrics 1, 1959). λ_t is λ for
+a campaign as precise as those of the baseline, less for one that says less. ``z_t - z_0`` is normal given τ,
+with the variance of its campaigns *and of the baseline* (Jones, Champ and Rigdon, Technometrics 43, 2001).
+Arrays of charts may have leading axes.
 """
 
 from __future__ import annotations
@@ -75,9 +70,9 @@ class FreeEstimate:
     """Estimate of n compliances without constraints, which is Gaussian [rad/(N·m)]."""
 
     compliance: FloatArray  #: (n,) NaN without an estimate
-    readings: FloatArray | None  #: (n, n) covariance by the noise of the readings; None if sigma is unknown
-    common: FloatArray  #: (n, n) covariance by errors that all observations share
-    assumed: Mapping[str, FloatArray]  #: (n, n) parts of `common` by terms that are assumed, not stated
+    covariance: FloatArray  #: (n, n) by all errors
+    readings: FloatArray | None  #: (n, n) part of it by the noise of the readings; None if sigma is unknown
+    assumed: Mapping[str, FloatArray]  #: (n, n) parts of it by terms that are assumed, not stated
     sigma: float | None  #: standard uncertainty of one coordinate of one reading [m]
     degrees_of_freedom: float  #: degrees of freedom of sigma; inf if it was given
     reasons: Sequence[str | None]  #: (n,) why there is no estimate
@@ -203,7 +198,7 @@ def _covariances(sides: Sequence[Side]) -> list[FloatArray | None]:
     covariances = []
     for free in (side.free for side in sides):
         shared = sum(free.assumed[term] for term in same if term in free.assumed)
-        covariances.append(None if free.readings is None else free.readings + free.common - shared)
+        covariances.append(None if free.readings is None else free.covariance - shared)
     return covariances
 
 

@@ -1,23 +1,19 @@
-"""Causes of what joints alone leave unexplained: they compete (method.md §7, §13).
+"""What joints alone leave unexplained: causes compete (method.md §7, §13), gross mistakes are undone (§7).
 
 A load point elsewhere, a forgotten force, a load cell's zero, some loads heavier than others, play in the
 gears, a tracker or base that moved: each is a term beside the joints, which are fitted with K_c to the
 targets' rows, without bounds. One triangle of all terms answers every F test. Each test is made twice, with
 the weights stated and with equal weights, and the larger p-value counts: a noise of the wrong shape would
 accuse clean springs. Causes that speak are followed by Gauss-Newton to what they explain most, and compared
-by the Bayesian information criterion (Schwarz 1978), with bending links among them. Those that differ by
-less than `AS_WELL` are a tie.
-
-Mistakes come before links: beside columns of links the tests of mistakes accuse clean campaigns of elastic
-arms, and without them a load point elsewhere looks like links.
-
-Alternatives: gross mistakes in angles, joint map or load that leave the numbers plausible (method.md §7).
+by the Bayesian information criterion (Schwarz 1978), with bending links among them; a difference of less than
+`AS_WELL` is a tie. Mistakes come before links: beside columns of links their tests accuse clean campaigns of
+elastic arms, and without them a load point elsewhere looks like links.
 
 A *gross mistake* leaves numbers plausible: columns exchanged, a wrong joint map, the load as target. Each
 such alternative is one more regressor of the same deflections: ``q = M (E q_c + e) + o`` with E exchanging,
-reversing or coupling the controller's angles, e offsetting them, or the load at a target's place. As it has
-as many parameters as the fit itself, their residual sums compare directly. Zeros of joints are offset by
-quarter turns, as makers' conventions are.
+reversing or coupling the controller's angles, e offsetting them by quarter turns, as makers' conventions are,
+or the load at a target's place. As it has as many parameters as the fit itself, their residual sums compare
+directly.
 """
 
 from __future__ import annotations

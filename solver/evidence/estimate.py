@@ -1,18 +1,14 @@
-"""The estimate: joint compliances with intervals, verdicts, evidence and budget (method.md §6, §8).
+"""The estimate: joint compliances with intervals, verdicts, budget (GUM, JCGM 100:2008) and predictions.
 
-Each joint has compliance and stiffness with intervals, or the reason why it has none. Where the joints alone
-do not fit, held-out postures speak, too: the model error widens the intervals.
-
-*Evaluation of measurement data: Guide to the expression of uncertainty in measurement* (GUM), JCGM 100:2008.
-
-Intervals of the compliances: profiles of the likelihood under constraints (method.md §6).
+Each joint has compliance and stiffness with intervals, or the reason why it has none (method.md §6, §8).
+Where the joints alone do not fit, held-out postures speak, too: the model error widens the intervals.
 
 The ends of an interval are the least and the greatest aᵀc, a = e_j for a joint, on the part of the ball
-``‖R (c − ĉ)‖² ≤ ρ²`` that the constraints leave, ``ρ² = min ‖R (c − ĉ)‖² + Δ``: a second-order cone
-program each. Its optimum is also that of a quadratic program: with h such that ``Rᵀ h = ±a``, the point
-that minimises ``‖R (c − ĉ) + s h‖²`` under the constraints satisfies all conditions of Karush, Kuhn and
-Tucker for the cone program but one, that it lies on the sphere, and its distance ‖R (c − ĉ)‖ grows with s.
-So
+``‖R (c − ĉ)‖² ≤ ρ²`` that the constraints leave, ``ρ² = min ‖R (c − ĉ)‖² + Δ``: a profile of the likelihood,
+and a second-order cone program each. Its optimum is also that of a quadratic program: with h such that
+``Rᵀ h = ±a``, the point that minimises ``‖R (c − ĉ) + s h‖²`` under the constraints satisfies all conditions
+of Karush, Kuhn and Tucker for the cone program but one, that it lies on the sphere, and its distance
+‖R (c − ĉ)‖ grows with s. So
 
 1. where the extremal point of the free ball satisfies the constraints, it is the end, in closed form;
 2. elsewhere s is found by Newton's method, in closed form on the face that the last point lies on and so
@@ -590,7 +586,7 @@ _NO_UPPER_END = "without single postures its stiffness has no upper limit: somet
 
 @dataclass(frozen=True, eq=False)
 class Spread:
-    """Uncertainty of all compliances by one source, or by several."""
+    """Uncertainty of all compliances, by one source or by several."""
 
     covariance: FloatArray  #: (n, n) [(rad/(N·m))²]
 
@@ -609,8 +605,8 @@ class Spread:
 
 
 @dataclass(frozen=True, eq=False)
-class BudgetComponent:
-    """One source of uncertainty."""
+class BudgetComponent(Spread):
+    """Uncertainty of all compliances by one source."""
 
     #: `readings`, the name of a term whose uncertainty is stated or assumed, `model_error` or
     #: `complementary_stiffness`
@@ -618,7 +614,6 @@ class BudgetComponent:
     #: "A" from these readings by statistics, "B" by other means, as stated with them
     evaluation: Literal["A", "B"]
     included: bool  #: whether it is part of the standard uncertainty of the joints
-    spread: Spread  #: uncertainty of the compliances by this source alone
     degrees_of_freedom: float | None = None  #: of an evaluation of type A; None for infinitely many
 
 
@@ -664,10 +659,10 @@ class UncertaintyBudget:
         if common is not None:
             readings = readings - common.responses @ common.responses.T
         own_freedom = None if given else estimate.degrees_of_freedom
-        components = [BudgetComponent("readings", "B" if given else "A", True, Spread(readings), own_freedom)]
+        components = [BudgetComponent(readings, "readings", "B" if given else "A", True, own_freedom)]
         if common is not None:
             components += [
-                BudgetComponent(source, "A" if source == "fitted_causes" else "B", True, Spread(own @ own.T))
+                BudgetComponent(own @ own.T, source, "A" if source == "fitted_causes" else "B", True)
                 for source, own in common.by_source.items()
                 if own.any()
             ]
@@ -676,8 +671,8 @@ class UncertaintyBudget:
             components += _model_error(left_out, readings, joints, included=lack_of_fit)
         size = estimate.complementary_stiffness
         if size is not None and not size.included and size.shift is not None:
-            shift = Spread(np.outer(size.shift, size.shift))
-            components.append(BudgetComponent("complementary_stiffness", "B", False, shift))
+            shift = np.outer(size.shift, size.shift)
+            components.append(BudgetComponent(shift, "complementary_stiffness", "B", False))
         factor = max(
             student_quantile(0.5 * (1.0 + probability), part.degrees_of_freedom)
             for part in components
@@ -687,7 +682,7 @@ class UncertaintyBudget:
 
     def total(self, *, whole: bool = False) -> Spread:
         """Return all included components together; of the `whole` budget, the others too."""
-        parts = [part.spread.covariance for part in self.components if part.included or whole]
+        parts = [part.covariance for part in self.components if part.included or whole]
         return Spread(np.sum(parts, axis=0))
 
     def widened(self, estimate: Estimate, bounds: Bounds) -> Estimate:
@@ -746,7 +741,7 @@ def _model_error(
     root = factor @ (vectors * np.sqrt(np.where(values > chance, values - 1.0, 0.0)))
     covariance = np.zeros_like(readings)
     covariance[np.ix_(joints, joints)] = root @ root.T
-    return [BudgetComponent("model_error", "A", included, Spread(covariance), count - 1.0)]
+    return [BudgetComponent(covariance, "model_error", "A", included, count - 1.0)]
 
 
 @dataclass(frozen=True, eq=False)

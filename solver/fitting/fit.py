@@ -8,13 +8,11 @@ Huber's loss on the targets' residuals, and the weights of the readings at its o
 over the targets i, each with its three coordinates (Huber, *Robust estimation of a location parameter*,
 1964; on norms, so that no frame is preferred). At the optimum reading i has the weight
 ``w_i = min(1, threshold/‖r_i‖)``, and weighted least squares with these weights has the same optimum. So
-the weights are handed on as covariances Σ_i/w_i: partial pose, and complete pose by covariance on three
-targets, then *are* the Huber estimate, and every other method and weighting is as robust as they make it.
-
-Clarabel solves the problem as `convex.programs` states it; rounds of weighted least squares, damped between
-Newton's step and reweighting, polish its point, and the outcome is certified from the data: with the weights
-that its own residuals give, it satisfies the optimality conditions of weighted least squares. All rows of all
-targets are kept meanwhile: 24 (n + 1) bytes a reading.
+they are handed on as covariances Σ_i/w_i: partial pose, and complete pose by covariance on three targets,
+then *are* the Huber estimate, and every other method and weighting is as robust as they make it. Clarabel
+solves the problem as `convex.programs` states it; rounds of weighted least squares, damped between Newton's
+step and reweighting, polish its point, and the outcome is certified from the data. All rows of all targets
+are kept meanwhile: 24 (n + 1) bytes a reading.
 """
 
 from __future__ import annotations

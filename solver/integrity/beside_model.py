@@ -1,14 +1,12 @@
-"""Positions of the targets: constant on the flange if angles and readings belong together.
+"""Readings beside the robot's model: places of the targets on the flange, and deflections under the loads.
 
-A robot stands where its model says within millimetres. A mistake in the angles, their order, a name or a
-unit moves a target by centimetres or metres as seen from the flange; and the mistake that was made is the
-one whose correction brings the targets back to one place. Targets on a flange keep their distances; one that
-does not was bumped, and stays where it was put.
+A robot stands where its model says within millimetres, so that targets seen from the flange stay where they
+are and keep their distances. A mistake in the angles, their order, a name or a unit moves them by
+centimetres; the mistake that was made is the one whose correction brings them back to one place. A target
+that is elsewhere from some row on was bumped.
 
-Test of the deflections against those that joint compliances give under the loads.
-
-No stiffness is assumed: any springs will do. They give way to the load, so that its work is positive; and
-what no springs explain is a mistake in angles, order or load, or something else that bends.
+Deflections are those of springs under the loads, whatever their stiffness: springs give way, so that the work
+of a load is positive. What none explain is a mistake in angles, order or load, or something else that bends.
 """
 
 from __future__ import annotations

@@ -751,8 +751,8 @@ def to_budget(
                 evaluation=part.evaluation,
                 included=part.included,
                 degrees_of_freedom=part.degrees_of_freedom,
-                contributions=part.spread.uncertainty[shown].tolist(),
-                correlation=part.spread.correlation[square].tolist(),
+                contributions=part.uncertainty[shown].tolist(),
+                correlation=part.correlation[square].tolist(),
             )
             for part in budget.components
         ],
@@ -776,7 +776,7 @@ def to_joint_budgets(budget: UncertaintyBudget | None, count: int) -> list[run.U
     included = [] if budget is None else [part for part in budget.components if part.included]
     if budget is None or len(included) < 2:
         return [None] * count
-    parts = {part.source: part.spread.uncertainty for part in included}
+    parts = {part.source: part.uncertainty for part in included}
     return [
         run.UncertaintyBudget(**{str(source): float(u[j]) for source, u in parts.items()})
         if j in budget.joints

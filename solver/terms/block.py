@@ -1,9 +1,8 @@
-"""Blocks of observations, and terms: what can move a target, as columns by which its unknowns move it.
+"""Blocks of observations with their exact balance, and terms: what can move a target, as columns.
 
-Every term makes its columns from the kinematics and loads of a block (method.md §2, §13), which is small
-enough that memory stays flat however many observations there are.
-
-The exact balance of springs, load and own weight (method.md §2, §9).
+A block holds kinematics, loads and regressors of some observations (method.md §2, §9, §13), so few that
+memory stays flat however many there are. From it every term makes the columns by which its unknowns move the
+targets.
 """
 
 from __future__ import annotations

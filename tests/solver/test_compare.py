@@ -68,8 +68,8 @@ class Campaign:
             self.settings.complementary_stiffness,
             FreeEstimate(
                 compliance=np.array(values),
+                covariance=free.covariance,
                 readings=None if free.covariance is None else free.covariance - common @ common.T,
-                common=common @ common.T,
                 assumed={"load_point": assumed @ assumed.T},
                 sigma=free.sigma,
                 degrees_of_freedom=inf if free.sigma_given else free.degrees_of_freedom,

@@ -115,10 +115,10 @@ def test_the_scale_goes_one_to_one_into_every_joint():
     budget = UncertaintyBudget.of(found, 0.95)
     readings, scale = (part for part in budget.components if part.included)
     assert (readings.source, scale.source, scale.evaluation) == ("readings", "force_scale", "B")
-    np.testing.assert_allclose(scale.spread.uncertainty, 0.01 * found.compliance, rtol=1e-9)
-    np.testing.assert_allclose(scale.spread.correlation, 1.0, rtol=1e-9)
+    np.testing.assert_allclose(scale.uncertainty, 0.01 * found.compliance, rtol=1e-9)
+    np.testing.assert_allclose(scale.correlation, 1.0, rtol=1e-9)
     for j, (joint, before) in enumerate(zip(found.joints, alone.joints, strict=True)):
-        assert readings.spread.uncertainty[j] == pytest.approx(before.standard_uncertainty, rel=1e-6)
+        assert readings.uncertainty[j] == pytest.approx(before.standard_uncertainty, rel=1e-6)
         u = np.hypot(before.standard_uncertainty, 0.01 * joint.compliance)
         assert joint.standard_uncertainty == pytest.approx(u, rel=1e-9)
         assert budget.total().uncertainty[j] == pytest.approx(u, rel=1e-9)
