@@ -6,7 +6,7 @@ M_i = [A_i d_i] of configuration i and its weight w_i (how often it was drawn), 
 that the fit takes from the readings. So all repetitions are fitted together, tile by tile; those that a Gram
 matrix cannot answer go back to the rows. Repetition r has the same numbers to the last bit whichever range of
 repetitions it is computed in, so that any number of workers may share them: sums over configurations and
-joints are written without BLAS, which groups them by the size of the matrix and the number of threads.
+joints are left to einsum: BLAS groups them by the size of the matrix and the number of threads.
 """
 
 from __future__ import annotations
@@ -57,14 +57,7 @@ class StageBlocks:
 
     def total(self, weights: FloatArray) -> FloatArray:
         """``Σ_i w_ki gram_i`` (K, p + q + 1, p + q + 1) for the weights (K, N)."""
-        upper = np.triu_indices(self.gram.shape[1])
-        sums: FloatArray = np.zeros((len(upper[0]), len(weights)))
-        for weight, gram in zip(np.ascontiguousarray(weights.T), self.gram[:, *upper], strict=True):
-            sums += gram[:, None] * weight
-        total: FloatArray = np.empty((len(weights), *self.gram.shape[1:]))
-        total[:, *upper] = sums.T
-        total[:, upper[1], upper[0]] = sums.T
-        return total
+        return np.asarray(np.einsum("kn,nij->kij", weights, self.gram))
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,9 +89,7 @@ class GramBlocks:
         step = max(1, TILE_RESIDUALS // self.deflection.size)
         for first in range(0, len(left), step):
             part = compliance[first : first + step, self.visible]
-            residual = np.repeat(self.deflection[None], len(part), axis=0)
-            for c, column in zip(part.T, self.regressor, strict=True):
-                residual -= c[:, None, None] * column
+            residual = self.deflection - np.einsum("kv,vim->kim", part, self.regressor)
             left[first : first + step] = np.sqrt(np.square(residual).sum(axis=1)).mean(axis=1)
         shares: FloatArray = 1.0 - left / moved
         return shares
