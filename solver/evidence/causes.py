@@ -1,4 +1,4 @@
-"""What joints alone leave unexplained: causes compete (method.md §7, §13), gross mistakes are undone (§7).
+"""Causes of what joints alone leave unexplained compete, and gross mistakes are undone (method.md §7, §13).
 
 A load point elsewhere, a forgotten force, a load cell's zero, some loads heavier than others, play in the
 gears, a tracker or base that moved: each is a term beside the joints, which are fitted with K_c to the
