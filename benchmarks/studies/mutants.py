@@ -62,9 +62,10 @@ class Mutant:
 
     @property
     def tests(self) -> list[str]:
-        """Return the tests of its room."""
-        room = ROOT / "tests" / Path(*self.path.parts[:2])
-        return [str(room if room.is_dir() else room.parent)]
+        """Return the tests of its room: of this house, else of the other, else all of this house."""
+        house, room = ROOT / "tests" / self.path.parts[0], Path(self.path.parts[1]).stem
+        places = [house / room, *sorted((ROOT / "tests").glob(f"*/{room}")), house]
+        return [str(next(place for place in places if place.is_dir()))]
 
 
 class _Changes(ast.NodeVisitor):
