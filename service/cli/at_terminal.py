@@ -27,7 +27,6 @@ class AtTerminal(Person):
             asks: whether somebody answers; else it goes on as nobody does.
             confirmed: whether the profile of a source need not be confirmed.
         """
-        super().__init__()
         self._campaign, self._asks, self._confirmed = campaign, asks, confirmed
         self._by_itself = bool(getattr(campaign.source, "by_itself", False))
 
@@ -64,20 +63,20 @@ class AtTerminal(Person):
         chosen: dict[str, Literal["read", "skip", "stop"]] = {"": "read", "s": "skip", "q": "stop"}
         return chosen[answer]
 
-    def doubts(self, reading: LiveReading) -> Literal["again", "keep"]:
+    def doubts(self, reading: LiveReading, *, again: bool) -> Literal["again", "keep"]:
         """Ask what becomes of a doubtful reading."""
         if not self._asks:
-            return super().doubts(reading)
+            return super().doubts(reading, again=again)
         return "again" if _asked("  r reads it again; k keeps it", {"r", "k"}, at_end="k") == "r" else "keep"
 
-    def missed(self, error: Exception) -> Literal["again", "skip", "stop"]:
+    def missed(self, error: Exception, *, again: bool) -> Literal["again", "skip", "stop"]:
         """Print the reason why there is no reading, and ask what to do."""
         cli.warn(f"no reading: {getattr(error, 'reason', error)}")
         remedy = getattr(error, "remedy", None)
         if remedy:
             cli.warn(f"  remedy: {remedy}")
         if not self._asks:
-            return super().missed(error)
+            return super().missed(error, again=again)
         answer = _asked("  r reads again; s skips this posture; q ends", {"r", "s", "q"}, at_end="q")
         chosen: dict[str, Literal["again", "skip", "stop"]] = {"r": "again", "s": "skip", "q": "stop"}
         return chosen[answer]

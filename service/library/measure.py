@@ -7,7 +7,7 @@ import json
 import threading
 from collections.abc import Coroutine, Mapping
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, Final, Literal, Protocol, Self, TypeVar, cast
+from typing import TYPE_CHECKING, Any, Final, Literal, Self, TypeVar, cast
 from urllib.parse import quote
 
 import numpy as np
@@ -43,7 +43,6 @@ from jointstiff.service.live.sources import (
     Stand,
     source_of,
 )
-from jointstiff.service.problems.errors import TakenError
 from jointstiff.service.problems.table import http_problem
 from jointstiff.solver.errors import RequestError
 
@@ -66,9 +65,6 @@ class Person:
     that failed once more.
     """
 
-    def __init__(self) -> None:
-        self._again: set[str] = set()
-
     def confirms(self, profile: str) -> bool:  # noqa: ARG002 - others read it
         """Return whether the readings of a source are understood so."""
         return True
@@ -80,45 +76,15 @@ class Person:
     def told(self, state: LiveState, reading: LiveReading) -> None:
         """Hear what a reading says."""
 
-    def doubts(self, reading: LiveReading) -> Literal["again", "keep"]:  # noqa: ARG002
-        """Return what becomes of a doubtful reading."""
-        if "doubt" in self._again:
-            self._again.discard("doubt")
-            return "keep"
-        self._again.add("doubt")
-        return "again"
+    def doubts(self, reading: LiveReading, *, again: bool) -> Literal["again", "keep"]:  # noqa: ARG002
+        """Return what becomes of a doubtful reading, read again already or not."""
+        return "keep" if again else "again"
 
-    def missed(self, error: Exception) -> Literal["again", "skip", "stop"]:
+    def missed(self, error: Exception, *, again: bool) -> Literal["again", "skip", "stop"]:
         """Return what to do where a source has no reading; nobody lets a second failure pass."""
-        if "missed" in self._again:
-            self._again.discard("missed")
+        if again:
             raise error
-        self._again.add("missed")
         return "again"
-
-    def got(self) -> None:
-        """Hear that a source has read."""
-        self._again.discard("missed")
-
-
-class _Place(Protocol):
-    """Keeper of an open set: this process, or a service."""
-
-    def state(self) -> LiveState:
-        """Return its state."""
-        ...
-
-    def observe(self, observation: Observation) -> LiveState:
-        """Take in an observation; return the state."""
-        ...
-
-    def change(self, change: LiveSetChange) -> LiveState:
-        """Change the record; return the state."""
-        ...
-
-    def close(self) -> tuple[TabledRun, LiveState]:
-        """Make the ordinary set; return its run and the last state."""
-        ...
 
 
 class _Here:
@@ -144,14 +110,8 @@ class _Here:
         return self._campaign.state()
 
     def observe(self, observation: Observation) -> LiveState:
-        campaign = self._campaign
         with as_campaign_error(""):
-            known = campaign.of_label.get(observation.label)
-            if known is not None and known.observation != observation:
-                raise RequestError(TakenError(observation.label).reason, remedy="use the next label")
-            if known is None:
-                campaign.refuse_more()
-                self._campaign = campaign.with_entry(campaign.judged(observation))
+            self._campaign = self._campaign.with_entry(self._campaign.judged(observation))
         return self.state()
 
     def change(self, change: LiveSetChange) -> LiveState:
@@ -247,7 +207,7 @@ class LiveMeasurement:
 
     def __init__(
         self,
-        place: _Place,
+        place: _Here | _There,
         robot: PreparedRobot,
         post: MeasurementSetPost,
         source: Source | None,
@@ -255,6 +215,7 @@ class LiveMeasurement:
     ) -> None:
         """Begin; `jointstiff.measure` and `Client.measure` do."""
         self._place, self._robot, self._post = place, robot.robot, post
+        self._options = cast("LiveOptions", post.open)
         self._scales = Scales.of(post.units, robot.robot)
         self.source, self._wait = source, wait
         self.joint_names, self.joint_kinds = robot.robot.joint_names, robot.robot.joint_kinds
@@ -366,8 +327,11 @@ class LiveMeasurement:
         with as_campaign_error(""):
             self._open_source()
             while self.state.state == "measuring" and self.next is not None and self.count < most:
-                if not self._read(self.next, person):
+                answer = self._read(self.next, person)
+                if answer == "stop":
                     break
+                if answer == "skip":
+                    self.skip()
         return self.state
 
     def close(self) -> TabledRun:
@@ -404,7 +368,7 @@ class LiveMeasurement:
         """Return positions by target in the units of the set."""
         if places is None:
             return {}
-        names = cast("LiveOptions", self._post.open).targets
+        names = self._options.targets
         named = places if isinstance(places, Mapping) else dict(zip(names, places, strict=True))
         return {
             str(name): (np.asarray(place, dtype=np.float64) / self._scales.length).tolist()
@@ -412,7 +376,7 @@ class LiveMeasurement:
         }
 
     def _setting(self) -> Setting:
-        post, options = self._post, cast("LiveOptions", self._post.open)
+        post, options = self._post, self._options
         length = self._scales.length
         targets, point = options.targets, options.load_point or (0.0, 0.0, 0.0)
         noise = post.noise.sigma if post.noise is not None else None
@@ -429,7 +393,7 @@ class LiveMeasurement:
             raise RequestError(
                 "the campaign has no source", where="source", remedy='give one, such as source="simulated:1"'
             )
-        if isinstance(cast("LiveOptions", self._post.open).load, OwnWeight) and self.source.by_itself:
+        if isinstance(self._options.load, OwnWeight) and self.source.by_itself:
             raise RequestError(
                 "a simulated source bends by loads only",
                 where="source",
@@ -445,55 +409,59 @@ class LiveMeasurement:
             self.let_go()
             raise
 
-    def _read(self, following: NextReading, person: Person) -> bool:
-        """Read a posture, again where it is doubtful; return whether to go on."""
+    def _read(self, following: NextReading, person: Person) -> Literal["read", "again", "skip", "stop"]:
+        """Read a posture, again where it is doubtful; return what became of it, or what to do instead."""
+        missed = doubted = False
         while True:
-            answer = self._attempt(following, person)
+            answer: Literal["read", "again", "skip", "stop"]
+            try:
+                answer = self._read_once(following, person)
+            except AwayError:
+                raise
+            except (SourceError, ProblemError) as error:
+                answer, missed = person.missed(error, again=missed), True
             if answer == "again":
                 continue
-            if answer == "skip":
-                self.skip()
             if answer != "read":
-                return answer == "skip"
+                return answer
             reading = self.state.readings[-1]
             person.told(self.state, reading)
             if reading.state != "doubtful":
-                return True
-            if person.doubts(reading) == "keep":
+                return answer
+            if person.doubts(reading, again=doubted) == "keep":
                 self.keep(reading.label)
-                return True
+                return answer
             self.withdraw(reading.label, _AGAIN)
+            missed, doubted = False, True
             label = f"m{1 + len(self.state.readings):02d}"
             following = following.model_copy(update={"label": label})
 
-    def _attempt(self, following: NextReading, person: Person) -> Literal["read", "again", "skip", "stop"]:
-        """Read a posture once; return what became of it."""
-        try:
-            points = self._points(following, person)
-            if isinstance(points, str):
-                return points
-            self._observe(following, *points)
-        except AwayError:
-            raise
-        except (SourceError, ProblemError) as error:
-            return person.missed(error)
-        person.got()
-        return "read"
-
-    def _points(
-        self, following: NextReading, person: Person
-    ) -> Literal["skip", "stop"] | tuple[dict[str, Point], dict[str, Point]]:
-        """Return positions without and with the load, or what to do instead."""
-        by_weight = isinstance(cast("LiveOptions", self._post.open).load, OwnWeight)
+    def _read_once(self, following: NextReading, person: Person) -> Literal["read", "skip", "stop"]:
+        """Read a posture without and with its load, and take the reading in; or return what to do instead."""
+        loop, checked = cast("_Loop", self._loop), cast("Checked", self._checked)
         parts: list[dict[str, Point]] = []
-        for loaded in (False,) if by_weight else (False, True):
+        for loaded in (False,) if isinstance(self._options.load, OwnWeight) else (False, True):
             answer = person.ready(following, loaded=loaded)
             if answer != "read":
                 return answer
             stand = Stand(following.label, tuple(following.joints), following.force, loaded)
             self._confirm(stand, person)
-            parts.append(cast("_Loop", self._loop).do(cast("Checked", self._checked).read(stand)))
-        return parts[0], parts[1] if len(parts) > 1 else {}
+            parts.append(loop.do(checked.read(stand)))
+        unloaded, loaded_ = parts[0], parts[-1]
+        sigma: dict[str, float] = {}
+        if self._post.noise is None or self._post.noise.sigma is None:
+            # of both positions the greater one
+            stated = {name: (unloaded[name][1], loaded_[name][1]) for name in unloaded}
+            sigma = {name: max(u, v) for name, (u, v) in stated.items() if u is not None and v is not None}
+        places = [{name: place for name, (place, _) in part.items()} for part in parts]
+        self.observe(
+            *places,
+            label=following.label,
+            joints=following.joints,
+            force=following.force,
+            sigma=sigma,
+        )
+        return "read"
 
     def _confirm(self, stand: Stand, person: Person) -> None:
         """Let a person confirm how the first reading is understood.
@@ -511,21 +479,6 @@ class LiveMeasurement:
                 remedy="state their form by `columns` or `pattern`, and their unit",
             )
         self._confirmed = True
-
-    def _observe(self, following: NextReading, unloaded: dict[str, Point], loaded: dict[str, Point]) -> None:
-        sigma: dict[str, float] = {}
-        if self._post.noise is None or self._post.noise.sigma is None:
-            # of both positions the greater one
-            stated = {name: (unloaded[name][1], loaded.get(name, unloaded[name])[1]) for name in unloaded}
-            sigma = {name: max(u, v) for name, (u, v) in stated.items() if u is not None and v is not None}
-        self.observe(
-            {name: place for name, (place, _) in unloaded.items()},
-            {name: place for name, (place, _) in loaded.items()} or None,
-            label=following.label,
-            joints=following.joints,
-            force=following.force,
-            sigma=sigma,
-        )
 
 
 def measure(
@@ -579,7 +532,7 @@ def measure(
         weight = None if campaign is None else campaign.run.weight
         post = declared(prepared, document, stated, _parsed(named, stated), weight)
         reader = source_of(source, source_options or {}) if isinstance(source, str) else source
-    place: _Place = _Here(prepared, post, run) if client is None else _There(client, measured, post)
+    place = _Here(prepared, post, run) if client is None else _There(client, measured, post)
     return LiveMeasurement(place, prepared, post, reader, timeout)
 
 

@@ -30,6 +30,7 @@ from jointstiff.service.conversion.units import LENGTH
 from jointstiff.service.kinds.identification import ByJoints, identified, to_settings
 from jointstiff.service.kinds.own_weight import identified_by_weight
 from jointstiff.service.kinds.planning import to_design_request
+from jointstiff.service.problems.errors import TakenError
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import JointstiffError, RequestError
 from jointstiff.solver.evidence.estimate import stiffness_interval
@@ -146,7 +147,9 @@ class LiveCampaign:
         object.__setattr__(self, "of_label", named)
 
     def with_entry(self, entry: Entry) -> LiveCampaign:
-        """Return the campaign with one more entry."""
+        """Return the campaign with one more entry; with one that it has, as it is."""
+        if any(entry is each for each in self.entries):
+            return self
         return LiveCampaign(self.declared, (*self.entries, entry))
 
     def _labels(self, change: Change) -> dict[str, Entry]:
@@ -168,11 +171,24 @@ class LiveCampaign:
         return bool(self._labels("closed"))
 
     def judged(self, observation: Observation) -> Entry:
-        """Return the entry of a new observation, compared with those that count.
+        """Return the entry of an observation; a new one is compared with those that count.
 
         Raises:
+            TakenError: there is another observation of its label.
+            RequestError: the set has as many as it takes.
             MeasurementError: it cannot be right.
         """
+        known = self.of_label.get(observation.label)
+        if known is not None and known.observation != observation:
+            raise TakenError(observation.label)
+        if known is not None:
+            return known
+        if len(self.of_label) >= MOST_READINGS:
+            raise RequestError(
+                f"an open set takes {MOST_READINGS} observations at most",
+                where="label",
+                remedy="close it, and open another one",
+            )
         before = self.observations
         prepared = self.declared.prepared([*before, observation])
         if (
@@ -383,19 +399,6 @@ class LiveCampaign:
             again = sum(entry.change == "skipped" for entry in self.entries)
             entries.append(Entry("skipped", f"{following.label}/{again}", joints=tuple(following.joints)))
         return entries
-
-    def refuse_more(self) -> None:
-        """Refuse a further observation of a full set.
-
-        Raises:
-            RequestError: it has as many as an open set takes.
-        """
-        if len(self.of_label) >= MOST_READINGS:
-            raise RequestError(
-                f"an open set takes {MOST_READINGS} observations at most",
-                where="label",
-                remedy="close it, and open another one",
-            )
 
     def closing(self) -> tuple[dict[str, object], Weight | None]:
         """Return the fields of the ordinary set that it becomes, and the weight of its run.

@@ -93,13 +93,8 @@ class OpenSets:
             TakenError: it has another observation of this label.
             MeasurementError: it cannot be right.
         """
-        campaign = self._campaign(set_id)
-        known = campaign.of_label.get(observation.label)
-        if known is None:
-            campaign.refuse_more()
-            entry = campaign.judged(observation)
-            known = self._add(set_id, entry, by)
-        if known.observation != observation:
+        entry = self._campaign(set_id).judged(observation)
+        if self._add(set_id, entry, by).observation != observation:  # another one came meanwhile
             raise TakenError(observation.label)
         return self.state(set_id)
 
