@@ -46,6 +46,12 @@ class LiveOptions(PlanOptions):
     plan_id: Identifier | None = Field(
         default=None, description="Plan whose robot, loads, targets and surroundings are taken."
     )
+    prior: Literal["fleet"] | None = Field(
+        default=None,
+        description="`fleet`: the newest runs of at least three other arms of the same kinematics make "
+        "`priors`, where none is stated. A prior of a joint counts once the own readings know it as well and "
+        "agree with it.",
+    )
 
 
 class LiveSetChange(SetChange):
@@ -134,6 +140,11 @@ class LiveJoint(Message):
     )
     relative_with_assumed: Dimensionless[float | None] = Field(
         default=None, description="The same with the load point and the force as they are assumed."
+    )
+    prior: Literal["waits", "counts", "deviates"] | None = Field(
+        default=None,
+        description="Standing of the joint's prior: it `waits` until the own readings know the joint as "
+        "well, `counts`, or does not, as they disagree with it (`deviates`). Null without one.",
     )
 
 

@@ -264,7 +264,8 @@ class Parts(Resources):
         super().__init__(store)
         self.jobs = {kind.name: Jobs(kind, self, enqueue) for kind in KINDS}  # by the name of their kind
         self.trends = Trends(store)  # of its robots
-        self.live = OpenSets(self, lambda *run: self.jobs["run"].create(*run).id)  # sets that are measured
+        # sets that are measured
+        self.live = OpenSets(self, self.trends, lambda *run: self.jobs["run"].create(*run).id)
 
     def jobs_of(self, job_id: str) -> Jobs:
         """Return the jobs of the kind that a job is of; it may be deleted.

@@ -26,6 +26,7 @@ _NOT_OFFERED: Final = {
     "directions",
     "goal",
     "plan_id",
+    "prior",
 }
 """Fields of a plan that a goal replaces, or that a live campaign does not read."""
 _TEXT: Final = {

@@ -641,6 +641,31 @@ class Trends:
                     alarms.setdefault((selection.serial_number, joint.name), shown)
         return list(alarms.values())
 
+    def sisters(
+        self, robot_id: str, serial_number: str | None, encoders: str
+    ) -> list[Mapping[str, JointResult]]:
+        """Return the newest results of each other arm of the same kinematics, joints by their names.
+
+        Args:
+            robot_id: of the arm.
+            serial_number: of the arm; robots stand for an arm of each serial number.
+            encoders: behind which joints' readings were taken; those of others do not compare.
+
+        Raises:
+            NotFoundError: there is no such robot.
+        """
+        own = self._store.robots.get(robot_id)
+        twins = self._store.robots.page(limit=_MOST_ROBOTS, filters={"content_hash": own.content_hash})
+        newest: dict[tuple[str, str | None], Campaign] = {}
+        for twin in twins.records:
+            for one, *_ in self._candidates(twin.id, self._sets(twin.id)).values():
+                arm = twin.id, one.measured.serial_number
+                alike = (one.selection.encoders == "secondary") == (encoders == "secondary")
+                if alike and (arm not in newest or one.at > newest[arm].at):
+                    newest[arm] = one
+        newest.pop((robot_id, serial_number), None)
+        return [one.joints for one in newest.values()]
+
     def fleet(self) -> messages.Fleet:
         """Return a row for each robot and serial number, those in alarm first."""
         page = self._store.robots.page(limit=_MOST_ROBOTS)

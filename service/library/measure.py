@@ -103,6 +103,12 @@ class _Here:
                     )
                 resolved = to_resolved(stated_transform(frame, LENGTH[post.units.length]))
         with as_campaign_error(""):
+            if post.open is not None and post.open.prior is not None:
+                raise RequestError(
+                    "a file knows no fleet",
+                    where="open.prior",
+                    remedy="measure over a service, or give `priors`",
+                )
             self._campaign = LiveCampaign(Declared(robot.robot, post, resolved))
             _ = self._campaign.declared.ahead  # refuses what cannot be measured
 
@@ -124,11 +130,12 @@ class _Here:
         from jointstiff.service.library.verbs import function_of
 
         with as_campaign_error(""):
-            fields, weight = self._campaign.closing()
+            fields = self._campaign.closing()
         if not self._campaign.closed:
             self._campaign = self._campaign.with_entry(Entry("closed", ""))
         kept = {name: fields[name] for name in MeasurementSetDocument.model_fields}
-        run = self._run if weight is None else self._run.model_copy(update={"weight": weight})
+        options = {name: value for name, value in self._campaign.run_options.items() if value}
+        run = self._run.model_copy(update=options)
         campaign = Campaign(
             robot=self._document, measurement_set=MeasurementSetDocument.model_validate(kept), run=run
         )

@@ -6,7 +6,7 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import count
-from typing import Final, Literal
+from typing import Any, Final, Literal
 
 import numpy as np
 from scipy import special
@@ -22,7 +22,7 @@ from jointstiff.schemas.measurement import (
     Observation,
     ResolvedFrame,
 )
-from jointstiff.schemas.options import RunOptions, Weight
+from jointstiff.schemas.options import RunOptions, StiffnessPrior, Weight
 from jointstiff.schemas.plan import OwnWeight, PlannedLoad, PlanOptions, PlanRequest
 from jointstiff.schemas.run import Budget, Goodness, RunResult
 from jointstiff.service.conversion.prepared import CheckedSet, PreparedSet, check_set
@@ -30,6 +30,7 @@ from jointstiff.service.conversion.units import LENGTH
 from jointstiff.service.kinds.identification import ByJoints, identified, to_settings
 from jointstiff.service.kinds.own_weight import identified_by_weight
 from jointstiff.service.kinds.planning import to_design_request
+from jointstiff.service.live.fleet import Standing, standings
 from jointstiff.service.problems.errors import TakenError
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import JointstiffError, RequestError
@@ -48,6 +49,10 @@ ENOUGH_TO_SAY: Final = 10
 """Number of readings from which on it is said that a goal will not be met."""
 MOST_READINGS: Final = 200
 """Observations of an open set."""
+_OF_PRIORS: Final[Mapping[Standing, str]] = {
+    "counts": "Prior knowledge counts",
+    "deviates": "Prior knowledge does not count, as the readings disagree with it",
+}
 Change = Literal["observation", "withdrawn", "kept", "skipped", "closed"]
 
 
@@ -94,7 +99,9 @@ class Declared:
                 where="open.work_area",
                 remedy="give the corners of the box in which they matter, in R0, or the goal `joints`",
             )
-        stated = options.model_dump(include=set(PlanOptions.model_fields))
+        stated = options.model_dump(include=set(PlanOptions.model_fields) - {"priors"})
+        expected = {name: prior.stiffness for name, prior in options.priors.items()}
+        stated["stiffness"] = expected | options.stiffness  # a prior has to be tested before it counts
         noise = header.noise.sigma if header.noise is not None else None
         request = to_design_request(
             PlanRequest.model_validate({**stated, "robot_id": header.robot_id}),
@@ -225,24 +232,48 @@ class LiveCampaign:
     @cached_property
     def result(self) -> RunResult | JointstiffError | None:
         """The ordinary result of the readings so far, or why there is none; None before the first reading."""
+        counting = self.run_options["priors"]
+        return self._result(counting) if counting else self._own_result
+
+    @cached_property
+    def _own_result(self) -> RunResult | JointstiffError | None:
+        return self._result({})
+
+    def _result(self, priors: Mapping[str, StiffnessPrior]) -> RunResult | JointstiffError | None:
         if self._prepared is None:
             return None
         load = self.declared.options.load
         try:
             if isinstance(load, OwnWeight):
                 return identified_by_weight(self._prepared, RunOptions(weight=load), load)
-            return ByJoints(self._prepared, RunOptions(), "").conclude([])
+            return ByJoints(self._prepared, RunOptions(priors=dict(priors)), "").conclude([])
         except JointstiffError as error:
             return error
 
     @cached_property
+    def standings(self) -> dict[str, Standing]:
+        """Standing of the prior of each joint that has one."""
+        priors = self.declared.options.priors
+        if not priors or isinstance(self.declared.options.load, OwnWeight):
+            return {}
+        own = self._known(self._own_result, assumed=True)
+        return standings(self.declared.robot.joint_names, own, priors)
+
+    @property
+    def run_options(self) -> dict[str, Any]:
+        """Options of the run: the weight of readings without a load, and the priors that count."""
+        options, standing = self.declared.options, self.standings
+        counting = {name: options.priors[name] for name in standing if standing[name] == "counts"}
+        return {"weight": weight_of(options.load), "priors": counting}
+
+    @cached_property
     def known(self) -> Known:
         """Compliances by the readings so far, with the stated errors."""
-        return self._known(assumed=False)
+        return self._known(self.result, assumed=False)
 
-    def _known(self, *, assumed: bool) -> Known:
-        """Return what is known, with or without errors of which nothing was stated."""
-        result, n = self.result, self.declared.robot.n
+    def _known(self, result: RunResult | JointstiffError | None, *, assumed: bool) -> Known:
+        """Return what is known by a result, with or without errors of which nothing was stated."""
+        n = self.declared.robot.n
         if not isinstance(result, RunResult):
             return Known.nothing(n)
         compliance = np.array([joint.compliance or np.nan for joint in result.joints], dtype=np.float64)
@@ -327,7 +358,9 @@ class LiveCampaign:
             share=share.greatest_share if share is not None and known else None,
             still_needed=0 if state in ("reached", "closed") else self.still_needed,
             readings=self._record(),
-            joints=_joints(self.declared.robot, self.known, self._known(assumed=True)),
+            joints=_joints(
+                self.declared.robot, self.known, self._known(result, assumed=True), self.standings
+            ),
             deflection_uncertainty=share.uncertainty if share is not None and known else None,
             greatest_deflection=share.greatest if share is not None and known else None,
             assessment=result.assessment if isinstance(result, RunResult) else None,
@@ -400,8 +433,8 @@ class LiveCampaign:
             entries.append(Entry("skipped", f"{following.label}/{again}", joints=tuple(following.joints)))
         return entries
 
-    def closing(self) -> tuple[dict[str, object], Weight | None]:
-        """Return the fields of the ordinary set that it becomes, and the weight of its run.
+    def closing(self) -> dict[str, object]:
+        """Return the fields of the ordinary set that it becomes.
 
         Raises:
             RequestError: no reading counts.
@@ -410,10 +443,10 @@ class LiveCampaign:
             raise RequestError(
                 "no reading counts yet", where="close", remedy="send observations, or delete the open set"
             )
-        header, load = self.declared.header, self.declared.options.load
+        header = self.declared.header
         notes = "\n".join(filter(None, [header.notes, self.summary()]))[:MAX_NOTES_LENGTH]
         fields = {name: getattr(header, name) for name in MeasurementSetRequest.model_fields}
-        return fields | {"observations": self.observations, "notes": notes}, weight_of(load)
+        return fields | {"observations": self.observations, "notes": notes}
 
     def _standing(self) -> tuple[Literal["measuring", "reached", "cannot", "closed"], str]:
         """Return the state, and where the campaign stands in words."""
@@ -472,6 +505,10 @@ class LiveCampaign:
                 f"Held-out reading {self.check.label}: {length_text(self.check.distance)} from its "
                 f"prediction, {self.check.share:.2f} of the radius of its 90 % ball."
             )
+        for standing, words in _OF_PRIORS.items():
+            named = [name for name, each in self.standings.items() if each == standing]
+            if named:
+                lines.append(f"{words}: {', '.join(named)}.")
         lines += [f"Withdrawn {each.label}: {each.reason}." for each in record if each.state == "withdrawn"]
         lines += [f"Kept although doubtful: {label}." for label in self._labels("kept")]
         return "\n".join(lines)
@@ -499,13 +536,14 @@ def goal_text(options: live.LiveOptions) -> str:
     return f"whether the deflection in the work area{force} stays below {length_text(goal.limit)}"
 
 
-def _joints(robot: Robot, known: Known, whole: Known) -> list[live.LiveJoint]:
+def _joints(robot: Robot, known: Known, whole: Known, priors: Mapping[str, Standing]) -> list[live.LiveJoint]:
     """Return what is known of each joint: without errors that are only assumed, and with them."""
     half, joints = whole.factor * np.sqrt(np.diagonal(whole.covariance)), []
     for j, (name, kind) in enumerate(zip(robot.joint_names, robot.joint_kinds, strict=True)):
         c, h = float(known.compliance[j]), float(half[j])
         if not np.isfinite(c):
-            joints.append(live.LiveJoint(name=name, kind=kind, stiffness=None, interval=None, relative=None))
+            nothing = live.LiveJoint(name=name, kind=kind, stiffness=None, interval=None, relative=None)
+            joints.append(nothing.model_copy(update={"prior": priors.get(name)}))
             continue
         joints.append(
             live.LiveJoint(
@@ -515,6 +553,7 @@ def _joints(robot: Robot, known: Known, whole: Known) -> list[live.LiveJoint]:
                 interval=stiffness_interval((max(c - h, 0.0), c + h)),
                 relative=float(known.relative[j]),
                 relative_with_assumed=h / c,
+                prior=priors.get(name),
             )
         )
     return joints

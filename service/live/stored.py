@@ -25,8 +25,10 @@ from jointstiff.schemas.measurement import (
 )
 from jointstiff.schemas.plan import AnyDirection, DeadWeight, Plan, PlanOptions, PlanResult
 from jointstiff.schemas.run import RunRequest
-from jointstiff.service.live.campaign import Declared, Entry, LiveCampaign, weight_of
+from jointstiff.service.kinds.trend import Trends
+from jointstiff.service.live.campaign import Declared, Entry, LiveCampaign
 from jointstiff.service.live.declaration import completed
+from jointstiff.service.live.fleet import priors_of
 from jointstiff.service.problems.errors import NotFoundError, TakenError
 from jointstiff.service.resources.stored import Resources, resolve_frame, stored_job
 from jointstiff.service.store.tables import IdempotencyKey, LiveEntry, OpenSetRecord
@@ -44,9 +46,10 @@ CreateRun = Callable[[RunRequest, IdempotencyKey, Requester | None], str]
 class OpenSets:
     """The open sets of a store."""
 
-    def __init__(self, resources: Resources, create_run: CreateRun) -> None:
+    def __init__(self, resources: Resources, trends: Trends, create_run: CreateRun) -> None:
         """Serve the open sets of a store; a closed one is identified by `create_run`."""
         self._resources, self._store, self._create_run = resources, resources.store, create_run
+        self._trends = trends
         self._declared = lru_cache(_CAMPAIGNS)(self._load)
         self._ready: dict[str, LiveCampaign] = {}
 
@@ -62,6 +65,10 @@ class OpenSets:
         if key is not None and (before := self._store.open_sets.find(key)) is not None:
             return before.id
         options, robot_id = self._of_plan(options, request.robot_id)
+        if options.prior == "fleet":
+            sisters = self._trends.sisters(robot_id, request.serial_number, request.encoders)
+            priors = priors_of(sisters) | options.priors
+            options = options.model_copy(update={"priors": priors})
         header = completed(request.model_copy(update={"observations": [], "robot_id": robot_id}), options)
         resolved, noticed = resolve_frame(self._store, header)
         robot, _ = self._resources.robot(robot_id, "robot_id")
@@ -117,7 +124,7 @@ class OpenSets:
             JointstiffError: as the run's request does; the set is kept then.
         """
         campaign = self._campaign(set_id)
-        fields, _ = campaign.closing()
+        fields = campaign.closing()
         if not campaign.closed:
             self._add(set_id, Entry("closed", ""), by)
             campaign = self._campaign(set_id)
@@ -126,7 +133,7 @@ class OpenSets:
             return self.state(set_id)
         request: Any = MeasurementSetRequest.model_construct(**fields)  # type: ignore[arg-type]
         self._resources.sets.create(request, None, set_id)
-        self._run(set_id, campaign.declared, by)
+        self._run(set_id, campaign, by)
         return self.state(set_id)
 
     def state(self, set_id: str) -> live.LiveState:
@@ -134,7 +141,7 @@ class OpenSets:
         campaign = self._campaign(set_id)
         if not campaign.closed:
             return campaign.state()
-        run_id = self._run(set_id, campaign.declared, None) if self._is_stored(set_id) else None
+        run_id = self._run(set_id, campaign, None) if self._is_stored(set_id) else None
         return campaign.state(set_id if run_id else None, run_id)
 
     def revision(self, set_id: str) -> int:
@@ -213,10 +220,9 @@ class OpenSets:
             return bool(self._store.sets.get(set_id))
         return False
 
-    def _run(self, set_id: str, declared: Declared, by: Requester | None) -> str:
-        weight = weight_of(declared.options.load)
+    def _run(self, set_id: str, campaign: LiveCampaign, by: Requester | None) -> str:
         key = IdempotencyKey(f"closed {set_id}", "closed")
-        return self._create_run(RunRequest(measurement_set_id=set_id, weight=weight), key, by)
+        return self._create_run(RunRequest(measurement_set_id=set_id, **campaign.run_options), key, by)
 
     def _campaign(self, set_id: str) -> LiveCampaign:
         """Return a campaign with all entries of its record; those that are known stay as they are."""
