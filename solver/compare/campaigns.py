@@ -716,22 +716,23 @@ def monitor(
         uncertainties: of theirs (..., N).
         level: probability of a false alarm at one campaign.
     """
-    deviation, readings, between = (np.empty_like(values) for _ in range(3))
     # λ_t = λ w_t / (λ w_t + (1 - λ) w), w the weight of a campaign of the baseline (..., N)
     between_square = baseline.between[..., None] ** 2
     weight = (baseline.reading[..., None] ** 2 + between_square) / (uncertainties**2 + between_square)
-    smoothing: FloatArray = SMOOTHING * weight / (SMOOTHING * weight + 1.0 - SMOOTHING)
-    z, reach, square, noise = (np.zeros_like(baseline.mean) for _ in range(4))
-    for t in range(values.shape[-1]):
-        a = smoothing[..., t]
-        z = (1.0 - a) * z + a * (values[..., t] - baseline.mean)
-        reach = (1.0 - a) * reach + a
-        square = (1.0 - a) ** 2 * square + a**2
-        noise = (1.0 - a) ** 2 * noise + a**2 * uncertainties[..., t] ** 2
-        deviation[..., t] = z
-        readings[..., t] = noise + reach**2 * baseline.variance_of_readings
-        between[..., t] = square + reach**2 * baseline.variance_of_between
-    return Monitored(deviation, readings, between, *baseline.plausible_between(excess), level)
+    smoothing = SMOOTHING * weight / (SMOOTHING * weight + 1.0 - SMOOTHING)
+    # Share of each campaign in the average after each campaign (..., N, N): λ_s (1 - λ_{s+1}) … (1 - λ_t)
+    later = np.tri(values.shape[-1], k=-1, dtype=np.bool_)
+    fading = np.cumprod(np.where(later, 1.0 - smoothing[..., None], 1.0), axis=-2)
+    share = np.tril(fading) * smoothing[..., None, :]
+    reach = share.sum(axis=-1)
+    noise = np.einsum("...ts,...s->...t", share**2, uncertainties**2)
+    return Monitored(
+        np.einsum("...ts,...s->...t", share, values - baseline.mean[..., None]),
+        noise + reach**2 * baseline.variance_of_readings[..., None],
+        (share**2).sum(axis=-1) + reach**2 * baseline.variance_of_between[..., None],
+        *baseline.plausible_between(excess),
+        level,
+    )
 
 
 @dataclass(frozen=True)

@@ -26,6 +26,7 @@ from math import isfinite
 from typing import Final, Literal
 
 import numpy as np
+from scipy import linalg
 
 from jointstiff.schemas.joints import JOINT_UNITS, JointKind
 from jointstiff.schemas.run import Certificate as StagesCertificate
@@ -731,14 +732,13 @@ def _model_error(
         return []
     around = fits - fits.mean(axis=0)
     spread = (left_out.postures - 1.0) / count * around.T @ around
+    noise = readings[np.ix_(joints, joints)]
     try:
-        factor = np.linalg.cholesky(readings[np.ix_(joints, joints)])
+        values, vectors = linalg.eigh(spread, noise)
     except np.linalg.LinAlgError:  # readings without any noise: there is nothing to compare with
         return []
-    half = np.linalg.solve(factor, spread)
-    values, vectors = np.linalg.eigh(np.linalg.solve(factor, half.T))
     chance = (1.0 + np.sqrt(p / count)) ** 2
-    root = factor @ (vectors * np.sqrt(np.where(values > chance, values - 1.0, 0.0)))
+    root = noise @ vectors * np.sqrt(np.where(values > chance, values - 1.0, 0.0))
     covariance = np.zeros_like(readings)
     covariance[np.ix_(joints, joints)] = root @ root.T
     return [BudgetComponent(covariance, "model_error", "A", included, count - 1.0)]
