@@ -175,9 +175,8 @@ def _fit(
         sigma, measurements = robust.sigma, robust.weigh(measurements)
         for block in regressor_blocks(robot, measurements, compliance):
             triangles.add(block)
-    common = measurements.common_uncertainty
-    if common is not None and common.fitted is not None:  # each unknown beside the joints takes a reading
-        triangles.judged.rows -= common.fitted.told
+    # Each unknown that was fitted beside the joints takes a reading.
+    triangles.judged.rows -= measurements.common_uncertainty.fitted.told
     fit = fit_method(triangles, observability.null, settings.constraints)
     if settings.prior is not None:
         # A prior's weight is sigma/s₀; a sigma that is not given is estimated from the readings alone.
@@ -273,7 +272,7 @@ def _judged(robot: Robot, measurements: Measurements, settings: Settings, last: 
     scale = replace(scale, given=scale.given and measurements.sigma is not None)
     fit = fit.inflated(1.0 if robust is None else robust.inflation)
     common = None
-    if measurements.common_uncertainty is not None and scale.sigma is not None:
+    if scale.sigma is not None:
         scale = replace(scale, sigma=max(scale.sigma, _LEAST_SIGMA))
         common = _common_errors(robot, settings, last, scale.sigma or 1.0)
         fit = fit if common is None else fit.with_common(common.responses / (scale.sigma or 1.0))
@@ -324,11 +323,11 @@ def _judged(robot: Robot, measurements: Measurements, settings: Settings, last: 
 def _common_errors(robot: Robot, settings: Settings, last: _Pass, sigma: float) -> CommonErrors | None:
     """Return what a standard uncertainty of each shared error moves in the estimate; None without errors."""
     common = last.measurements.common_uncertainty
-    fitted = () if common is None or common.fitted is None else common.fitted.terms
+    fitted = common.fitted.terms
     told = {term.name for term in fitted}  # the readings take the place of a statement
-    sizes = {} if common is None else {name: term.prior(common) for name, term in TERMS.items()}
+    sizes = {name: term.prior(common) for name, term in TERMS.items()}
     terms = [TERMS[name] for name, size in sizes.items() if any(size) and name not in told]
-    if common is None or not (terms or fitted):
+    if not (terms or fitted):
         return None
     responses = last.triangles.responses(
         regressor_blocks(robot, last.measurements, last.balanced),
@@ -342,7 +341,7 @@ def _common_errors(robot: Robot, settings: Settings, last: _Pass, sigma: float) 
         * responses[term.name]
         for term in terms
     }
-    if common.fitted is not None:
+    if fitted:
         moved = np.hstack([responses[term.name] for term in fitted])
         by_source["fitted_causes"] = moved @ common.fitted.root
     return CommonErrors(by_source)

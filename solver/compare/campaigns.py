@@ -44,7 +44,7 @@ from jointstiff.solver.errors import RequestError
 from jointstiff.solver.evidence.estimate import predict, profile_ends, stiffness_of
 from jointstiff.solver.fitting.fit import Likelihood, StageFit, rows_of, student_quantile
 from jointstiff.solver.messages import rows
-from jointstiff.solver.readings.measurements import CommonUncertainty, Measurements
+from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.robot.configuration import Configurations
 from jointstiff.solver.robot.model import Robot
 from jointstiff.solver.terms.block import regressor_blocks
@@ -191,7 +191,7 @@ def _covariances(sides: Sequence[Side]) -> list[FloatArray | None]:
     What both assume of one load point, or of the scale of one load cell, cancels.
     """
     places = np.vstack([side.measurements.load_point for side in sides])
-    common = [side.measurements.common_uncertainty or CommonUncertainty() for side in sides]
+    common = [side.measurements.common_uncertainty for side in sides]
     same = frozenset.intersection(*(each.assumed for each in common))
     if np.ptp(places, axis=0).max() >= SAME_PLACE:
         same -= {"load_point"}

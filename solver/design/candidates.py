@@ -345,8 +345,7 @@ def whitened_rows(robot: Robot, request: PlanRequest, measurements: Measurements
     """
     hedged = [term for term in TERMS.values() if term.hedged]
     terms = [JOINTS, *([links_behind(tuple(range(robot.n)))] if request.links else hedged)]
-    common = measurements.common_uncertainty
-    fitted = () if common is None or common.fitted is None else common.fitted.terms
+    fitted = measurements.common_uncertainty.fitted.terms
     parts = []
     for block in regressor_blocks(robot, measurements):
         columns, _, widths = term_rows(block, [*terms, *fitted], np.nan_to_num(request.nominal))

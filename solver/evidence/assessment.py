@@ -310,10 +310,7 @@ def causes_reason(causes: Sequence[Cause], estimate: Estimate) -> Finding:
 
 def fitted_reason(measurements: Measurements) -> Iterator[Finding]:
     """Report causes that were fitted beside the joints: what was stated is refuted."""
-    common = measurements.common_uncertainty
-    if common is None or common.fitted is None:
-        return
-    fitted, start = common.fitted, 0
+    fitted, start = measurements.common_uncertainty.fitted, 0
     uncertainty = np.linalg.norm(fitted.root, axis=1)
     for term, values in zip(fitted.terms, fitted.unknowns, strict=True):
         half = 2.0 * uncertainty[start : start + len(values)]

@@ -36,7 +36,7 @@ from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.errors import RequestError, SolverError
 from jointstiff.solver.evidence.estimate import Estimate
 from jointstiff.solver.fitting.observability import Excitation
-from jointstiff.solver.readings.measurements import CommonUncertainty, FittedErrors, Measurements
+from jointstiff.solver.readings.measurements import FittedErrors, Measurements
 from jointstiff.solver.robot.configuration import Configurations
 from jointstiff.solver.robot.model import Robot
 from jointstiff.solver.terms.block import (
@@ -154,7 +154,7 @@ def screen_estimate(robot: Robot, measurements: Measurements, estimate: Estimate
         block = next(regressor_blocks(robot, part, balanced))
     except SolverError:  # no balance: other reasons say so
         return Screening(1.0, (), ())
-    before, seen = _fitted(measurements), ~estimate.observability.null
+    before, seen = measurements.common_uncertainty.fitted.terms, ~estimate.observability.null
     suspects = _suspects(measurements, block, compliance, before)
     triangles = _Triangles(block, compliance, seen, before, [suspect.term for suspect in suspects])
     links = triangles.links_p_value()
@@ -212,10 +212,9 @@ def fit_causes(
             remedy=f"give one of: {', '.join(sorted({name for name, _ in known}))}",
         )
     fitted = _fit(robot, part, [known[each].term for each in named], compliance)
-    common = measurements.common_uncertainty or CommonUncertainty()
     return replace(
         _without(robot, measurements, fitted.errors, fitted.compliance),
-        common_uncertainty=replace(common, fitted=fitted.errors),
+        common_uncertainty=replace(measurements.common_uncertainty, fitted=fitted.errors),
     )
 
 
@@ -272,8 +271,7 @@ def _followed(
     Raises:
         SolverError: it leads to loads that no arm balances, or to a negative size of what has none.
     """
-    before = _fitted(part)
-    fitted = _fit(robot, part, [*before, suspect.term], triangles.compliance)
+    fitted = _fit(robot, part, [*part.common_uncertainty.fitted.terms, suspect.term], triangles.compliance)
     unknowns = fitted.errors.unknowns[-1]
     surest = unknowns / np.linalg.norm(fitted.errors.root, axis=1)[-len(unknowns) :]
     if suspect.term.nonnegative and surest[np.abs(surest).argmax()] < 0.0:
@@ -315,12 +313,6 @@ def _without(
         behind = np.where(encoders.present, encoders.deflection - np.concatenate(joints), 0.0)
         encoders = replace(encoders, deflection=behind)
     return replace(measurements, deflection=measurements.deflection - moved, encoders=encoders)
-
-
-def _fitted(measurements: Measurements) -> tuple[Term, ...]:
-    """Return the terms that were fitted beside the joints already."""
-    common = measurements.common_uncertainty
-    return () if common is None or common.fitted is None else common.fitted.terms
 
 
 def _suspects(

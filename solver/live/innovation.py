@@ -19,7 +19,7 @@ from scipy import special
 from jointstiff.schemas.live import HeldOut, Innovation
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import SolverError
-from jointstiff.solver.readings.measurements import CommonUncertainty, Measurements
+from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.robot.model import Robot
 from jointstiff.solver.terms.block import Term, regressor_blocks, unloaded_configurations, whitened_rows
 from jointstiff.solver.terms.errors import FORCE_SCALE, SHIFT, TERMS
@@ -81,7 +81,7 @@ class Expectation:
         Raises:
             SolverError: the load finds no balance.
         """
-        common = others.common_uncertainty or CommonUncertainty()
+        common = others.common_uncertainty
         errors = [(term, term.prior(common)) for term in TERMS.values()]
         errors = [(term, prior) for term, prior in errors if prior and max(prior) > 0.0]
         terms = (JOINTS, *(term for term, _ in errors))

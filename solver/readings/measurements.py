@@ -223,6 +223,9 @@ class FittedErrors:
     told: int  #: number of combinations of the unknowns that the readings tell apart from the joints
 
 
+NOTHING_FITTED: Final = FittedErrors((), (), np.zeros((0, 0)), 0)
+
+
 @dataclass(frozen=True)
 class CommonUncertainty:
     """Standard uncertainties, each fully correlated over the observations (method.md §8).
@@ -244,7 +247,7 @@ class CommonUncertainty:
     #: standard uncertainty of a joint axis's direction, about each direction across it [rad]
     axis_direction: float = 0.0
     assumed: frozenset[str] = frozenset()  #: terms whose uncertainty was not stated with the readings
-    fitted: FittedErrors | None = None  #: errors fitted beside the joints; None without
+    fitted: FittedErrors = NOTHING_FITTED  #: errors fitted beside the joints
 
     @property
     def stated(self) -> CommonUncertainty:
@@ -272,6 +275,10 @@ class CommonUncertainty:
                     where=f"noise.{where}",
                     remedy="give a number that is zero or positive",
                 )
+
+
+EXACT: Final = CommonUncertainty()
+"""Loads and places without uncertainty."""
 
 
 def shown_along(direction: FloatArray | None, motion: FloatArray) -> FloatArray:
@@ -326,8 +333,8 @@ class Measurements:
     #: (N, T) what a robust loss leaves of each reading, 1 of a good one; `covariance` is divided by it
     #: already, and rows that are not weighted by covariance are weighted by it. None for ones.
     weight: FloatArray | None = None
-    #: common uncertainty of loads and places, common to all observations; None for exact ones
-    common_uncertainty: CommonUncertainty | None = None
+    #: uncertainty of loads and places that all observations share
+    common_uncertainty: CommonUncertainty = EXACT
     #: (N, T) targets that were read without load and not under it: `position` alone counts, `present` is
     #: False. None if there are none.
     unloaded_only: BoolArray | None = None

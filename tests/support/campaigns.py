@@ -23,7 +23,7 @@ from jointstiff.solver.convex.solution import Bounds
 from jointstiff.solver.estimate import identify
 from jointstiff.solver.evidence.estimate import Estimate
 from jointstiff.solver.fitting.method import Settings
-from jointstiff.solver.readings.measurements import CommonUncertainty, Measurements
+from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.resampling import GramBlocks, gram_blocks, refuse_nonlinear
 from jointstiff.solver.robot.model import ChainJoint, KinematicChain, Robot
 from jointstiff.solver.robot.urdf import read_urdf
@@ -51,7 +51,7 @@ def prepare(document: dict[str, Any]) -> tuple[Robot, Measurements]:
     readings = ReadingArrays.from_observations(campaign.measurement_set.observations)
     measurements = to_measurements(campaign.measurement_set, readings, robot)
     stated = measurements.common_uncertainty.stated
-    return robot, replace(measurements, common_uncertainty=None if stated == CommonUncertainty() else stated)
+    return robot, replace(measurements, common_uncertainty=stated)
 
 
 def simulated(arm: SpringArm = ARM, **options: Any) -> tuple[Robot, Measurements]:
