@@ -150,13 +150,13 @@ def predict_command() -> Callable[..., None]:
         """Predict deflections in given postures under given loads."""
         from jointstiff.service.cli.models import identified
         from jointstiff.service.kinds.deflection import prediction_csv, prediction_parts
-        from jointstiff.service.library import verbs
+        from jointstiff.service.library import here
         from jointstiff.service.tables.terminal import console, printed
 
         if values["output"] is not None:
             cli.refuse_existing(values["output"], overwrite=values["overwrite"])
         stated = gathered(DeflectionOptions, values, _POINTS)
-        result = verbs.predict(identified(file, values["run"]), postures, **stated)
+        result = here.predict(identified(file, values["run"]), postures, **stated)
         for remark in result.remarks:
             typer.echo(remark, err=True)
         if values["output"] is not None:
@@ -179,7 +179,7 @@ def _done(kind: AnyKind, sources: list[Any], stated: dict[str, Any], values: _Va
     from jointstiff.schemas.run import Run
     from jointstiff.service.library.errors import CampaignError
     from jointstiff.service.library.files import campaign_of, read_document, read_object
-    from jointstiff.service.library.verbs import function_of, run_of
+    from jointstiff.service.library.here import function_of, run_of
     from jointstiff.service.tables.terminal import progress_bar
 
     if values["options"] is not None:

@@ -57,7 +57,7 @@ def report(
 ) -> None:
     """Write a draft report on a campaign or a result."""
     from jointstiff.service.library.errors import CampaignError
-    from jointstiff.service.library.verbs import read_job
+    from jointstiff.service.library.here import read_job
 
     if output.suffix.lower() not in _REPORTS:
         raise typer.BadParameter(f"ends in one of {', '.join(_REPORTS)}", param_hint="--output")
@@ -76,7 +76,7 @@ def identified(file: Path, run: Path | None) -> TabledRun:
     """Return the run of a campaign from its file; identified now without one."""
     from jointstiff.schemas.run import Run
     from jointstiff.service.library.files import campaign_of, read_document
-    from jointstiff.service.library.verbs import function_of, run_of
+    from jointstiff.service.library.here import function_of, run_of
 
     if run is not None:
         return run_of(read_document(run, Run), campaign_of(file))

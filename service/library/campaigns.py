@@ -126,7 +126,7 @@ class Campaign(messages.Campaign):
         Raises:
             CampaignError: they do not.
         """
-        from jointstiff.service.library.verbs import Here
+        from jointstiff.service.library.here import Here
 
         Here().measured(self)
 

@@ -38,9 +38,8 @@ from jointstiff.service.library.files import (
 )
 from jointstiff.service.library.follow import Cancel, Follow, OnProgress
 from jointstiff.service.library.results import Prediction, TabledRun, shown
-from jointstiff.service.library.verbs import Verb, import_files, options_of, verb_of
+from jointstiff.service.library.verbs import Verb, options_of, verb_of
 from jointstiff.service.problems.table import http_problem
-from jointstiff.service.reports.job import job_sheet
 from jointstiff.service.tables.table import Sheet
 from jointstiff.solver.errors import RequestError
 
@@ -177,6 +176,8 @@ class Client(Verbs):
         **options: Unpack[ImportFields],
     ) -> ImportAnswer:
         """Understand files of readings, in this process; arguments as of `jointstiff.import_files`."""
+        from jointstiff.service.library.here import import_files
+
         return import_files(*files, robot=robot, **options)
 
     def measure(
@@ -295,6 +296,8 @@ class Client(Verbs):
         kind = kind_of(job.kind)
         whole = next((each for each in kind.files if each.suffix == "json"), None)
         if whole is None:
+            from jointstiff.service.reports.job import job_sheet
+
             return job_sheet(file, job, lambda: cast("Any", None))
         columns = json.loads(self.file(job, whole.name))["columns"]
         headers = [f"{each['name']} [{each['unit']}]" if each["unit"] else each["name"] for each in columns]

@@ -64,9 +64,9 @@ _HOMES = {
     "RunOptions": "schemas.options",
     "TabledRun": "service.library.results",
     "Units": "schemas.measurement",
-    "import_files": "service.library.verbs",
+    "import_files": "service.library.here",
     "measure": "service.library.measure",
-    "predict": "service.library.verbs",
+    "predict": "service.library.here",
     "robot": "service.library.robots",
 }
 """Modules of the names that are no kinds of work."""
@@ -112,7 +112,7 @@ def __getattr__(name: str) -> object:
     from jointstiff.service.kinds.rooms import ROOMS
 
     if any(room.command == name for room in ROOMS.values()):
-        return import_module("jointstiff.service.library.verbs").function_of(name)
+        return import_module("jointstiff.service.library.here").function_of(name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 

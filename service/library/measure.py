@@ -127,7 +127,7 @@ class _Here:
         return self.state()
 
     def close(self) -> tuple[TabledRun, LiveState]:
-        from jointstiff.service.library.verbs import function_of
+        from jointstiff.service.library.here import function_of
 
         with as_campaign_error(""):
             fields = self._campaign.closing()

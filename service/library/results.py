@@ -21,7 +21,6 @@ from jointstiff.schemas.run import JointResult, Run, RunRequest, RunResult
 from jointstiff.service.kinds.kind import AnyJob, File, Kind
 from jointstiff.service.kinds.rooms import kind_of
 from jointstiff.service.library.campaigns import Campaign
-from jointstiff.service.reports.job import job_parts, job_sheet
 from jointstiff.service.tables.files import frame_of, written, xlsx_bytes
 from jointstiff.service.tables.table import Line, Part, Sheet
 from jointstiff.service.tables.terminal import printed
@@ -220,6 +219,8 @@ class Shown(Presented):
         return f"<{kind_of(job.kind).message.__name__} {job.id[:8]}, {job.state}: {self._headline()}>"
 
     def _parts(self) -> Sequence[Part]:
+        from jointstiff.service.reports.job import job_parts
+
         return job_parts(kind_of(self._job.kind), self._job)
 
     def _sheets(self) -> Mapping[str, Callable[[], Sheet]]:
@@ -235,6 +236,8 @@ class Shown(Presented):
             return self._known_origin().sheet(job, file)
         if file.made_of == "work":
             self._known_origin()
+        from jointstiff.service.reports.job import job_sheet
+
         return job_sheet(file, job, lambda: cast("Any", None))
 
     def _figure(self) -> Figure:

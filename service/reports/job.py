@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from rich.console import RenderableType
 
 from jointstiff.schemas.job import Job
 from jointstiff.schemas.joints import JointKind
 from jointstiff.service.kinds.kind import AnyKind, File
-from jointstiff.service.kinds.work import Work
 from jointstiff.service.reports.document import (
     IDENTIFICATION,
     NOT_ISO_9283,
@@ -27,7 +26,6 @@ from jointstiff.service.reports.document import (
     versions_of,
 )
 from jointstiff.service.reports.laboratory import LaboratorySettings
-from jointstiff.service.reports.pictures import bars
 from jointstiff.service.tables.report import (
     View,
     judged,
@@ -41,6 +39,9 @@ from jointstiff.service.tables.report import (
 from jointstiff.service.tables.stiffness import DEFAULT_UNIT, UNITS
 from jointstiff.service.tables.table import Chart, Line, Part, Sheet, Table, text_table
 from jointstiff.service.tables.terminal import printed
+
+if TYPE_CHECKING:
+    from jointstiff.service.kinds.work import Work
 
 _DEFAULT: Final = View()
 _DESPITE: Final = Line("  computed despite this verdict, because the request accepts it", "bad")
@@ -108,6 +109,8 @@ def job_document(
     kind: AnyKind, job: Job, document: str, settings: LaboratorySettings, about: Sequence[Fact] = ()
 ) -> Document:
     """Return the report of a job that has succeeded."""
+    from jointstiff.service.reports.pictures import bars
+
     title, provenance = kind.title, job.provenance
     parts = job_parts(kind, job, View(details=True))
     notes = [line.strip() for part in parts if isinstance(part, Line) for line in part.text.splitlines()]

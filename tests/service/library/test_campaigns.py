@@ -16,7 +16,7 @@ from jointstiff.schemas.options import RunOptions
 from jointstiff.schemas.run import Campaign, RunRequest
 from jointstiff.service.jobs import Parts
 from jointstiff.service.library.errors import CampaignError
-from jointstiff.service.library.verbs import run_of
+from jointstiff.service.library.here import run_of
 from jointstiff.service.store.store import Store
 from jointstiff.simulator import default_arm, simulate_campaign
 
@@ -31,7 +31,7 @@ def campaign(seed=1, **changes):
 @pytest.mark.process
 def test_nothing_of_the_service_is_imported():
     program = (
-        "import sys; from jointstiff.service.library import verbs; "
+        "import sys; from jointstiff.service.library import here; "
         f"print([name for name in {HEAVY} if name in sys.modules])"
     )
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)

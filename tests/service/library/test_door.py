@@ -76,3 +76,21 @@ def test_what_cannot_be_used_is_refused_with_its_place(document, campaign, optio
         jointstiff.identify(document if campaign == "nowhere" else campaign, **options)
     assert refused.value.problem.where == where
     assert refused.value.problem.remedy
+
+
+@pytest.mark.process
+def test_a_client_identifies_and_prints_without_the_numerics(document, service, tmp_path):
+    path = tmp_path / "campaign.json"
+    path.write_text(json.dumps(document), encoding="utf-8")
+    program = f"""
+import sys, jointstiff
+with jointstiff.Client({service.url!r}) as client:
+    run = client.identify({str(path)!r})
+    print(run, file=sys.stderr)
+    run.save({str(tmp_path / "joints.csv")!r})
+print([name for name in ("numpy", "scipy", "pinocchio", "cvxpy") if name in sys.modules])
+"""
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert done.stdout == "[]\n"
+    assert "joint_6" in done.stderr
+    assert (tmp_path / "joints.csv").read_text().count("\n") == 7

@@ -1,0 +1,332 @@
+"""Work in this process: what requests are made of is prepared from files, and computed here and now."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import cache, lru_cache
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Unpack, cast
+
+from jointstiff.schemas import run as messages
+from jointstiff.schemas.job import Job
+from jointstiff.schemas.robot import RobotDocument
+from jointstiff.schemas.run import CampaignRun, Run, RunRequest
+from jointstiff.service.conversion.prepared import PreparedRobot, prepare_robot
+from jointstiff.service.kinds.kind import AnyJob, AnyKind, File, Kind
+from jointstiff.service.kinds.rooms import ROOMS, kind_of
+from jointstiff.service.kinds.work import QuickWork, carry_out, new_job
+from jointstiff.service.library import results
+from jointstiff.service.library.cases import AnyPostures, load_cases
+from jointstiff.service.library.errors import CampaignError
+from jointstiff.service.library.files import (
+    AnyCampaign,
+    as_campaign_error,
+    campaign_of,
+    parse_document,
+    read_document,
+    read_robot,
+)
+from jointstiff.service.library.follow import Follow
+from jointstiff.service.library.results import Prediction, TabledRun, shown
+from jointstiff.service.library.verbs import Verb, options_of, verb_of
+from jointstiff.service.problems.table import http_problem, problem_of
+from jointstiff.service.reports.job import job_sheet
+from jointstiff.service.resources.inputs import FromFile
+from jointstiff.service.tables.files import written
+from jointstiff.service.tables.table import Sheet
+from jointstiff.solver.errors import RequestError
+
+if TYPE_CHECKING:
+    from jointstiff.schemas.imports import ImportAnswer
+    from jointstiff.service.reports.exports import ExportedModel
+    from jointstiff.service.library.campaigns import Numbers
+    from jointstiff.service.library.typed import ImportFields, PredictFields
+
+
+@cache
+def function_of(command: str) -> Verb[Any]:
+    """Return a verb in this process, such as `identify`."""
+    name = next(name for name, room in ROOMS.items() if room.command == command)
+    return verb_of(kind_of(name), Here)
+
+
+class Here:
+    """This process: what requests are made of is prepared from files, and computed here and now."""
+
+    def __init__(self, campaign: messages.Campaign | None = None) -> None:
+        """Begin without inputs; with the campaign of a run that was identified before."""
+        self.inputs, self.campaign = FromFile(), campaign
+
+    def measured(self, source: Any, place: str = "") -> tuple[str, CampaignRun]:  # noqa: ANN401 - campaign or run
+        """Prepare a campaign; return the id of its measurement set, and the options of its run.
+
+        Raises:
+            CampaignError: robot or readings cannot be used.
+        """
+        if isinstance(source, TabledRun):
+            return self.measured(source.campaign)[0], options_of(source)
+        self.campaign = campaign = campaign_of(source)
+        with as_campaign_error(f"{place}robot"):
+            robot = _prepared(campaign.robot.model_dump_json())
+        with as_campaign_error(f"{place}measurement_set"):
+            return self.inputs.add_set(campaign.measurement_set, robot), campaign.run
+
+    def identified(self, source: Any) -> str:  # noqa: ANN401 - a run, or a campaign
+        """Prepare a run, which is identified now from a campaign; return its id.
+
+        Raises:
+            CampaignError: it has failed, or is not of its campaign by this version.
+        """
+        from jointstiff.service.kinds.identification import run_hash
+
+        run: TabledRun = source if isinstance(source, TabledRun) else function_of("identify")(source)
+        if run.error is not None:
+            raise CampaignError(run.error)
+        set_id, _ = self.measured(run.campaign)
+        with as_campaign_error("prediction"):
+            labels = {each.label for each in run.campaign.measurement_set.observations}
+            left_out = run.request.leave_out
+            if not set(left_out) < labels or run.provenance.input_hash != run_hash(
+                self.inputs.measured(set_id, "run_id", left_out), run.request
+            ):
+                raise RequestError(
+                    f"the run '{run.id}' is of another robot or of other readings",
+                    where="run_id",
+                    remedy="give a run of this campaign by this version, or omit it to identify the campaign "
+                    "now",
+                )
+        return self.inputs.add_run(run, set_id)
+
+    def run(self, request: RunRequest, follow: Follow, dispensable: bool) -> Run:
+        """Identify a measurement set that was prepared; what cannot support the method is a failed run.
+
+        Raises:
+            CampaignError: the request cannot be used, or the run is not dispensable.
+        """
+        try:
+            run: Run = self.done(kind_of("run"), request.model_dump(mode="json"), {}, follow)
+        except CampaignError as refused:
+            if not dispensable or not refused.problem.type.endswith(":unsupported-method"):
+                raise
+            nothing = QuickWork(lambda: request, input_hash="", robot_id=None)
+            failed = {"state": "failed", "error": refused.problem}
+            run = new_job(Run, request, nothing).model_copy(update=failed)
+        self.inputs.add_run(run, request.measurement_set_id)
+        return run
+
+    def described(self, robot: RobotDocument) -> str:
+        """Prepare a robot; return its id."""
+        with as_campaign_error("robot"):
+            return self.inputs.add_robot(prepare_robot(robot))
+
+    def done(
+        self,
+        kind: Kind[AnyJob, Any, Any],
+        request: dict[str, Any],
+        files: Mapping[str, bytes],
+        follow: Follow,
+    ) -> AnyJob:
+        """Do the work of a request; return the job.
+
+        Raises:
+            CampaignError: the request cannot be used.
+        """
+        if kind.is_form:
+            from jointstiff.service.kinds.program_work import packed
+
+            if sum(map(len, files.values())) > kind.max_bytes:
+                raise CampaignError(http_problem(413, "the files exceed 16 MiB", "split the program"))
+            parts = [packed(name, content).model_dump(mode="json") for name, content in files.items()]
+            request = request | {"files": parts}
+        message = parse_document(request, kind.request)
+        with as_campaign_error("" if {"readings", "files"} & set(kind.sources) else kind.name):
+            work = kind.compute(self.inputs, message)
+            new = new_job(shown(kind), message, work)
+            job: AnyJob = carry_out(new, work, follow, lambda: follow.cancelled)
+        return results.of(job, self)
+
+    def file(
+        self, job: Job, name: str, query: Mapping[str, str] | None = None, laboratory: Path | None = None
+    ) -> bytes:
+        """Return a file of a job, as a service would.
+
+        Raises:
+            CampaignError: the file cannot be made, or the run is not to be used.
+        """
+        kind, suffix = kind_of(job.kind), name.rpartition(".")[2]
+        if name.startswith("report."):
+            return self._report(kind, job, suffix, laboratory)
+        if name.startswith("model."):
+            from jointstiff.service.reports.exports import export_model
+
+            with as_campaign_error("export"):
+                return export_model(_exported(job), cast("Any", suffix), (query or {}).get("accept_verdict"))
+        if name == "program":
+            from jointstiff.service.kinds.program_work import unpacked
+
+            wanted = (query or {}).get("file")
+            return next(unpacked(each) for each in cast("Any", job.result).files if each.name == wanted)
+        file = next(file for file in kind.files if file.name == name)
+        return written(self.sheet(job, file), suffix)
+
+    def sheet(self, job: Job, file: File) -> Sheet:
+        """Return the table of a file of a job; one that the result does not hold is computed again."""
+        kind = kind_of(job.kind)
+        return job_sheet(file, job, lambda: kind.compute(self.inputs, job.request))
+
+    def campaign_of(self, _run: Run) -> messages.Campaign | None:
+        """Return the campaign that was prepared; None if there is none."""
+        return self.campaign
+
+    def predict(
+        self,
+        run: Any,  # noqa: ANN401 - a run, or a campaign
+        postures: AnyPostures,
+        /,
+        forces: Numbers | None = None,
+        **options: Unpack[PredictFields],
+    ) -> Prediction:
+        """Predict deflections by a run; arguments as of the function below."""
+        from jointstiff.service.kinds.deflection import predict_by_run
+
+        known = self.inputs.run(self.identified(run), "run_id")
+        with as_campaign_error("prediction"):
+            robot = known.prepared.robot
+            kinds = dict(zip(robot.joint_names, robot.joint_kinds, strict=True))
+            request = load_cases(postures, kinds, forces, options)
+            return Prediction.model_validate(dict(predict_by_run(robot, known.run, request)))
+
+    def _report(self, kind: AnyKind, job: Job, suffix: str, laboratory: Path | None) -> bytes:
+        from jointstiff.service.reports.certificate import certificate
+        from jointstiff.service.reports.document import draft
+        from jointstiff.service.reports.job import job_document
+        from jointstiff.service.reports.laboratory import LaboratorySettings, read_laboratory
+        from jointstiff.service.reports.rendering import report_page, report_pdf
+        from jointstiff.service.reports.run import RunSubject, run_document
+
+        settings = LaboratorySettings() if laboratory is None else read_laboratory(laboratory)
+        if isinstance(job, TabledRun):
+            subject = RunSubject(_exported(job), job.campaign.measurement_set, settings)
+            if suffix == "xml":
+                with as_campaign_error("report"):
+                    return certificate(subject, draft())
+            document = run_document(subject, draft())
+        elif suffix == "xml":
+            raise ValueError(f"a {kind.name} has no certificate: runs have")
+        else:
+            document = job_document(kind, job, job.model_dump_json(), settings)
+        with as_campaign_error("report"):
+            return report_pdf(document) if suffix == "pdf" else report_page(document)
+
+    def apply(self, run: TabledRun, action: str) -> TabledRun:
+        """Apply an action that a reason of a run advises, and identify what it changes.
+
+        Raises:
+            CampaignError: no reason advises the action, or it cannot be applied to this campaign.
+        """
+        from jointstiff.service.kinds.mending import advised, mended
+
+        campaign: messages.Campaign = run.campaign.model_copy(update={"run": options_of(run)})
+        with as_campaign_error(""):
+            campaign = mended(campaign, advised(cast("Any", run.result).assessment, action))
+        return cast("TabledRun", function_of("identify")(campaign))
+
+
+def _exported(run: Job) -> ExportedModel:
+    from jointstiff.service.reports.exports import ExportedModel
+
+    here = Here()
+    known = here.inputs.run(here.identified(run), "run_id")
+    with as_campaign_error("run"):
+        return ExportedModel.of(known.run, known.prepared.robot, cast("TabledRun", run).campaign.robot.name)
+
+
+@lru_cache(maxsize=4)
+def _prepared(robot: str) -> PreparedRobot:
+    """Prepare a robot, once for the campaigns on it."""
+    return prepare_robot(RobotDocument.model_validate_json(robot))
+
+
+def read_job(path: Path) -> Job | None:
+    """Return the job with a result that a file holds, as `--json` prints it; None if it holds none."""
+    from jointstiff.service.kinds.registry import KINDS
+
+    for kind in KINDS:
+        try:
+            job: Job = read_document(path, kind.message)
+        except CampaignError:
+            continue
+        if kind.reported and job.result is not None:
+            return results.of(job, Here())
+    return None
+
+
+def run_of(run: Run, campaign: messages.Campaign) -> TabledRun:
+    """Return a run that knows its campaign, such as one that `identify --json` printed."""
+    return cast("TabledRun", results.of(run, Here(campaign)))
+
+
+def predict(
+    run: TabledRun | AnyCampaign,
+    postures: AnyPostures,
+    /,
+    forces: Numbers | None = None,
+    **options: Unpack[PredictFields],
+) -> Prediction:
+    """Predict deflections and compliance in given postures, under given loads.
+
+    Args:
+        run: what `identify` returned, or a campaign, which is identified now.
+        postures: CSV file of postures and loads, with units in the headers; load cases as in the API; or an
+            array (N, n) of postures, as the controller shows them.
+        forces: (N, 3) or (3,), axes of R0, with an array of postures.
+        options: fields of `DeflectionOptions`; also `at`, the point in the flange frame where the force acts
+            and whose deflection is predicted, and beside arrays `moments` (N, 3) or (3,). Arrays and their
+            points are in m, deg and N unless `units` says otherwise, such as "mm, deg, N"; of files and
+            cases SI units are the default.
+
+    Raises:
+        CampaignError: run, table or array cannot be used.
+    """
+    return Here().predict(run, postures, forces, **options)
+
+
+def import_files(
+    *files: str | PathLike[str],
+    robot: Any = None,  # noqa: ANN401 - as of a campaign
+    **options: Unpack[ImportFields],
+) -> ImportAnswer:
+    """Understand files of readings, as `jointstiff import` does.
+
+    Args:
+        files: tables, lists of points, and a table of masses, text or Excel.
+        robot: that was measured, as in a campaign, or its file: then the answer has the findings, and
+            unloaded positions of a robot with masses make a set for its own weight.
+        options: fields of `ImportRequest`, such as `columns={"A1": "J1 [deg]"}`.
+
+    Returns:
+        The preview, and the measurement set, or the unloaded poses, that the files make.
+
+    Raises:
+        CampaignError: a file or an option was not understood.
+    """
+    from jointstiff.schemas.imports import ImportRequest
+    from jointstiff.service.importing.reading import SourceFile
+    from jointstiff.service.problems.errors import FilesError
+    from jointstiff.service.resources import imports
+
+    request = parse_document(options, ImportRequest)
+    sources = [SourceFile(Path(file).name, Path(file).read_bytes()) for file in files]
+    measured = None
+    if robot is not None:
+        if isinstance(robot, str | PathLike):
+            robot = read_robot(str(robot))
+        elif not isinstance(robot, RobotDocument):
+            robot = parse_document(robot, RobotDocument)
+        with as_campaign_error("robot"):
+            measured = prepare_robot(robot).robot
+    try:
+        return imports.import_files(sources, request, measured)
+    except FilesError as error:
+        raise CampaignError(problem_of(error)) from error
