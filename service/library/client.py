@@ -38,6 +38,7 @@ from jointstiff.service.library.files import (
 )
 from jointstiff.service.library.follow import Cancel, Follow, OnProgress
 from jointstiff.service.library.results import Prediction, TabledRun, shown
+from jointstiff.service.library.trends import RobotTrend
 from jointstiff.service.library.verbs import Verb, options_of, verb_of
 from jointstiff.service.problems.table import http_problem
 from jointstiff.service.tables.table import Sheet
@@ -211,6 +212,17 @@ class Client(Verbs):
         run = {"leave_out": read.run.leave_out, **plain(read.run if options is None else options), **fields}
         with Follow(on_progress, cancel) as follow:
             return self.runs.wait(self.post(plain(read) | {"run": run}), follow)
+
+    def trend(self, robot: Robot | RobotSummary | str, **filters: str) -> RobotTrend:
+        """Return the trend of a stored robot's joints; filters are those of the API, such as `serial_number`.
+
+        Args:
+            robot: stored robot, its summary, or its id.
+            filters: by default those of its latest campaign.
+        """
+        identifier = robot if isinstance(robot, str) else robot.id
+        answer = self.send("GET", f"/v1/robots/{quote(identifier, safe='')}/trend", filters)
+        return resource_in(answer, RobotTrend)
 
     def post(self, campaign: AnyCampaign, *, once: bool = False) -> TabledRun:
         """Post a campaign, whose robot and readings are stored once; return its run after a second at most.

@@ -10,6 +10,7 @@ from support.api import RESTORE, file_at, job_at, post
 from jointstiff.schemas.job import Requester
 from jointstiff.schemas.trend import AcknowledgementRequest, BaselineRequest
 from jointstiff.service.kinds.trend import Trends
+from jointstiff.service.library.trends import RobotTrend
 from jointstiff.simulator import default_arm, simulate_campaign
 
 DAYS = [f"2026-{month:02d}-10T08:00:00Z" for month in range(1, 9)]
@@ -70,6 +71,21 @@ def alarms_of(local, robot):
     (listed,) = [one for one in local.get("/v1/robots").json()["items"] if one["id"] == robot]
     assert listed["alarms"] == alone
     return alone
+
+
+def test_a_trend_from_python_shows_itself(local, robot, runs, tmp_path):
+    trend = RobotTrend.model_validate(trend_of(local, robot, encoders="motor"))
+    assert repr(trend) == "<RobotTrend: 5 campaigns: 1 of 6 joints in alarm>"
+    assert "joint_3 is" in trend.summary()
+    assert "joint_3" in str(trend)
+    frame = trend.to_frame()
+    assert len(frame) == 5 * 6
+    points = frame[frame["joint"] == "joint_3"]["stiffness [N.m/rad]"].to_list()
+    assert points == [run["result"]["joints"][2]["stiffness"] for run in runs]
+    assert len(trend.plot().axes) == 6
+    trend.save(tmp_path / "trend.svg")
+    trend.save(tmp_path / "trend.csv")
+    assert (tmp_path / "trend.csv").read_text().count("\n") == 31
 
 
 def test_an_open_alarm_stands_on_the_robot_and_in_the_report_of_its_runs(local, robot, runs):

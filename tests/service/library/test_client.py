@@ -294,3 +294,16 @@ def test_a_run_of_a_service_applies_and_exports_as_one_in_process(service, campa
     assert mended[0].request.variant_of == runs[0].id
     for one, other in zip(mended[0].joints.values(), mended[1].joints.values(), strict=True):
         assert one == other
+
+
+def test_the_trend_of_a_robot(service):
+    with jointstiff.Client(service.url) as client:
+        run = client.identify(simulate_campaign(default_arm(), configurations=6, seed=11))
+        stored = client.measurement_sets.get(run.request.measurement_set_id)
+        robot = client.robots.get(stored.robot_id)
+        trends = [client.trend(each, encoders="motor") for each in (robot, robot.id)]
+        assert trends[0] == trends[1]
+        assert trends[0].robot_id == robot.id
+        assert len(trends[0].joints) == 6
+        with pytest.raises(jointstiff.RefusedError):
+            client.trend("nobody")
