@@ -39,9 +39,9 @@ from jointstiff.solver.errors import RequestError
 
 if TYPE_CHECKING:
     from jointstiff.schemas.imports import ImportAnswer
-    from jointstiff.service.reports.exports import ExportedModel
     from jointstiff.service.library.campaigns import Numbers
     from jointstiff.service.library.typed import ImportFields, PredictFields
+    from jointstiff.service.reports.exports import ExportedModel
 
 
 @cache
