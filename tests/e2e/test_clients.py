@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -159,3 +160,44 @@ def form(body):
       form.append("options", fields.options ?? "{{}}");
       return form;
     }}"""
+
+
+def ran(*command, folder):
+    """Run an example as its head says; skip it where the language is not installed."""
+    if shutil.which(command[0]) is None:
+        pytest.skip(f"{command[0]} is not installed")
+    return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False, timeout=120)
+
+
+@pytest.fixture
+def clients(tmp_path):
+    for example in (ROOT / "examples" / "clients").glob("[Ii]dentify.*"):
+        shutil.copy(example, tmp_path)
+    document = simulate_campaign(default_arm(), configurations=8, load="pull", seed=3)
+    (tmp_path / "campaign.json").write_text(json.dumps(document))
+    (tmp_path / "bad.json").write_text("{}")
+    return tmp_path
+
+
+def test_the_example_in_csharp(clients, url):
+    compiled = ran("mcs", "-r:System.Net.Http.dll", "Identify.cs", folder=clients)
+    assert compiled.returncode == 0, compiled.stdout
+    done = ran("mono", "Identify.exe", url, "campaign.json", folder=clients)
+    assert done.returncode == 0, done.stderr
+    assert [line.split(",")[0] for line in done.stdout.splitlines()[1:]] == [
+        f"joint_{i}" for i in range(1, 7)
+    ]
+    refused = ran("mono", "Identify.exe", url, "bad.json", folder=clients)
+    assert refused.returncode != 0
+    assert "remedy" in refused.stderr
+
+
+def test_the_example_in_matlab(clients, url):
+    """By GNU Octave, which runs the same file."""
+    octave = ("octave-cli", "--quiet", "--eval")
+    done = ran(*octave, f"identify('{url}', 'campaign.json')", folder=clients)
+    assert done.returncode == 0, done.stderr
+    assert [line.split(":")[0] for line in done.stdout.splitlines()] == [f"joint_{i}" for i in range(1, 7)]
+    refused = ran(*octave, f"identify('{url}', 'bad.json')", folder=clients)
+    assert refused.returncode != 0
+    assert "remedy" in refused.stderr
