@@ -33,7 +33,7 @@ L selects the s parameters of interest, which are the first; the others are a nu
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final, TypeAlias
+from typing import Final, NamedTuple, TypeAlias
 
 import numpy as np
 from scipy.optimize import LinearConstraint, minimize, nnls
@@ -42,8 +42,7 @@ from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import RequestError, SolverError
 
 
-@dataclass(frozen=True, eq=False)
-class Slope:
+class Slope(NamedTuple):
     """Value and derivatives of −log φ along the weights of k atoms."""
 
     value: float  #: −log φ; inf where M is singular

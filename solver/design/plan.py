@@ -429,12 +429,13 @@ def exact_design(problem: DesignProblem, design: Design, distinct: Distinct, *, 
         RequestError: there are not as many distinct postures.
     """
     search = _Search(problem, design, distinct)
-    best = search.improved(search.completed([]))
+    expected = (design.matrix * problem.squares - problem.base) / problem.readings
+    best = search.improved(_completed(problem, distinct, [], expected))
     random = np.random.default_rng(seed)
     few = problem.readings < _LONG and len(problem.base) <= _MANY
     for _ in range(min(_MOST_RESTARTS, _RESTARTED // problem.readings) if few else 0):
         kept = random.permutation(problem.readings)[: -(-2 * problem.readings // 3)]
-        trial = search.improved(search.completed([best[i] for i in kept]))
+        trial = search.improved(_completed(problem, distinct, [best[i] for i in kept], expected))
         best = max(best, trial, key=lambda atoms: problem.criterion.information(search.matrix(atoms)))
     M = search.matrix(best) / problem.squares
     return ExactDesign(best[0].joined(*best[1:]), M, list_efficiency(problem, distinct, M, design))
@@ -460,14 +461,44 @@ def list_efficiency(problem: DesignProblem, distinct: Distinct, M: FloatArray, o
     return min(1.0, problem.criterion.information(M) / upper)
 
 
+def _completed(
+    problem: DesignProblem, distinct: Distinct, kept: list[Atoms], expected: FloatArray
+) -> list[Atoms]:
+    """Complete a list, the reading of the best price after the other.
+
+    Args:
+        problem: the choice.
+        distinct: which postures go together.
+        kept: the readings to begin with.
+        expected: (p, p) information that stands in for each reading to come.
+
+    Raises:
+        RequestError: there are not as many distinct postures.
+    """
+    atoms, M = list(kept), problem.base + sum(each.information[0] for each in kept)
+    free = np.ones(len(problem.candidates), dtype=np.bool_)
+    for each in kept:
+        free &= ~distinct.near(each.index[0])
+    while len(atoms) < problem.readings:
+        if not free.any():
+            raise RequestError(
+                f"only {len(atoms)} candidates are in postures {np.degrees(distinct.angle):.3g}° "
+                f"apart, but {problem.readings} readings are requested",
+                where="distinct_angle",
+                remedy="ask for fewer readings, a smaller angle, or more candidates",
+            )
+        G = problem.criterion.support(M + (problem.readings - len(atoms)) * expected)
+        atoms.append(problem.candidates.best(G, free))
+        free &= ~distinct.near(atoms[-1].index[0])
+        M = M + atoms[-1].information[0]
+    return atoms
+
+
 class _Search:
     """Exchange of readings in one problem."""
 
     def __init__(self, problem: DesignProblem, design: Design, distinct: Distinct) -> None:
-        self._problem, self._distinct = problem, distinct
-        self._criterion, self._base = problem.criterion, problem.base
-        added = design.matrix - problem.base / problem.squares
-        self._expected = added * problem.squares / problem.readings
+        self._distinct, self._criterion, self._base = distinct, problem.criterion, problem.base
         best = np.argsort(-design.bound.prices)[: max(_POOL, 4 * problem.readings)]
         self._pool: IndexArray = np.sort(best)
         self._candidates = problem.candidates[self._pool]
@@ -475,27 +506,6 @@ class _Search:
     def matrix(self, atoms: list[Atoms]) -> FloatArray:
         """Return M0 + Σ K_i (p, p)."""
         return np.asarray(self._base + sum(each.information[0] for each in atoms))
-
-    def completed(self, kept: list[Atoms]) -> list[Atoms]:
-        """Complete a list, the reading of the best price after the other."""
-        atoms, M = list(kept), self.matrix(kept)
-        free = np.ones(len(self._problem.candidates), dtype=np.bool_)
-        for each in kept:
-            free &= ~self._distinct.near(each.index[0])
-        while len(atoms) < self._problem.readings:
-            if not free.any():
-                raise RequestError(
-                    f"only {len(atoms)} candidates are in postures {np.degrees(self._distinct.angle):.3g}° "
-                    f"apart, but {self._problem.readings} readings are requested",
-                    where="distinct_angle",
-                    remedy="ask for fewer readings, a smaller angle, or more candidates",
-                )
-            G = self._criterion.support(M + (self._problem.readings - len(atoms)) * self._expected)
-            new = self._problem.candidates.best(G, free)
-            free &= ~self._distinct.near(new.index[0])
-            atoms.append(new)
-            M = M + new.information[0]
-        return atoms
 
     def improved(self, atoms: list[Atoms]) -> list[Atoms]:
         """Exchange one reading at a time while φ grows."""
@@ -541,13 +551,10 @@ def random_plans(problem: DesignProblem, M: FloatArray, s: int, seed: int) -> Ot
 
 def one_at_a_time(problem: DesignProblem, distinct: Distinct, M: FloatArray, s: int) -> OtherPlan:
     """Return the plan in which each reading is the best next one by its price, beside a list's M (p, p)."""
-    M, other = M * problem.squares, problem.base
-    share = 1e-6 * (M - problem.base)
-    free = np.ones(len(problem.candidates), dtype=np.bool_)
-    for _ in range(problem.readings):
-        best = problem.candidates.best(problem.criterion.support(other + share), free)
-        other = other + best.information[0]
-        free &= ~distinct.near(best.index[0])
+    M = M * problem.squares
+    other = problem.base
+    for atoms in _completed(problem, distinct, [], _SHARE_BEFORE / problem.readings * (M - problem.base)):
+        other = other + atoms.information[0]
     efficiency = problem.criterion.information(other) / problem.criterion.information(M)
     return OtherPlan(efficiency, uncertainty_of(other / problem.squares, s))
 

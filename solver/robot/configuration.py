@@ -292,8 +292,9 @@ _TOLERANCE: Final = 1e-4
 _NEAR_SINGULAR: Final = 0.04
 """Least singular value up to which a solution may be taken for one that is missing."""
 _AHEAD: Final = 4096
-_LEAST_AHEAD: Final = 16
-"""Most and fewest poses of a path that are looked at together."""
+"""Poses of a path whose solutions are held at a time."""
+_RUN: Final = 128
+"""Poses along which a branch is followed at a time."""
 
 
 class InverseKinematics:
@@ -568,11 +569,11 @@ def choose_postures(
             where="joint_map.matrix",
         )
     joints, unreached = given.copy(), np.zeros(len(poses), dtype=np.intp)
-    previous, ahead = None if start is None else inverse.of_arm(start), _AHEAD
+    previous = None if start is None else inverse.of_arm(start)
     for begin in range(0, len(poses), _AHEAD):
         block = slice(begin, begin + _AHEAD)
         choice = _Choice(inverse, poses[block], given[block], stated[block], tested[block])
-        previous, ahead = choice.follow(joints[block], unreached[block], previous, ahead)
+        previous = choice.follow(joints[block], unreached[block], previous)
     known: BoolArray = np.asarray(np.isfinite(joints).all(axis=1))
     angles = robot.joint_map.model_angles(np.where(known[:, None], joints, 0.0))
     low, high = robot.limits.T
@@ -599,18 +600,17 @@ class _Choice:
         self._branches[self._posed], self._complete[self._posed] = inverse.solutions(poses[self._posed])
 
     def follow(
-        self, joints: FloatArray, unreached: IndexArray, previous: FloatArray | None, ahead: int
-    ) -> tuple[FloatArray | None, int]:
+        self, joints: FloatArray, unreached: IndexArray, previous: FloatArray | None
+    ) -> FloatArray | None:
         """Choose a posture for each pose, and note why there is none.
 
         Args:
             joints: (m, 6) controller's angles [rad] to be filled in.
             unreached: (m,) values of `Unreached` to be filled in.
             previous: (6,) the posture before, if there was one.
-            ahead: how many poses to look at together.
 
         Returns:
-            The last posture, and how many poses to look at next.
+            The last posture.
         """
         lost = self._posed & np.isnan(self._branches[:, :, 0]).all(axis=1)
         unreached[lost] = Unreached.OUT_OF_REACH
@@ -623,20 +623,16 @@ class _Choice:
                 joints[i], unreached[i] = self.as_stated(i, previous)
                 at += 1
             else:
-                run = path[at : at + ahead]
+                run = path[at : at + _RUN]
                 stop = np.flatnonzero(self._tested[run] | ~self._posed[run])
                 run = run[: stop[0]] if len(stop) else run
                 angles, unreached[i] = self.nearest(run, previous)
-                done = len(angles)
-                if unreached[i]:
-                    at += 1
-                    continue
-                joints[run[:done]] = angles
-                ahead = min(_AHEAD, 4 * ahead) if done == len(run) else max(_LEAST_AHEAD, 2 * done)
-                at += done
-                i = path[at - 1]
+                if not unreached[i]:
+                    joints[run[: len(angles)]] = angles
+                    i = run[len(angles) - 1]
+                at += len(angles)
             previous = joints[i] if np.isfinite(joints[i]).all() else previous
-        return previous, ahead
+        return previous
 
     def as_stated(self, i: int, previous: FloatArray | None) -> tuple[FloatArray, Unreached]:
         """Return the controller's angles (6,) of one pose, and why there are none."""
