@@ -233,8 +233,6 @@ GAP: Final = 1e-9
 LOOSE_GAP: Final = 1e-5
 """The same for E and G, whose optima have a kink, and for forces whose direction is free."""
 
-_BLOCK: Final = 1024
-"""Candidates packed at a time: what a cache holds."""
 _NO_INFORMATION: Final = 1e-12
 """Least eigenvalue of the information of everything, with columns of unit norm, that is not rounding."""
 _START: Final = 12
@@ -301,28 +299,26 @@ class Atoms:
 
 
 class Candidates:
-    """N candidate readings of p parameters: the entries of their information on and above the diagonal.
+    """N candidate readings of p parameters, by their information.
 
-    That takes 168 bytes for six joints. Where the force is free there are six such matrices, of all pairs of
-    axes: K(F) = Σ_ab F_a F_b K_ab.
+    Where the force is free there are six matrices, of all pairs of axes: K(F) = Σ_ab F_a F_b K_ab.
     """
 
-    def __init__(self, packed: FloatArray, unit: FloatArray) -> None:
-        """Take information that is packed already.
+    def __init__(self, information: FloatArray, unit: FloatArray) -> None:
+        """Take information that is known already.
 
         Args:
-            packed: (N, 1, p (p + 1) / 2) entries of K_i row by row, or (N, 6, …) of (K_ab + K_ba) / 2 for the
-                pairs of axes xx, xy, xz, yy, yz, zz under the greatest force.
+            information: (N, 1, p, p) K_i, or (N, 6, p, p) of (K_ab + K_ba) / 2 for the pairs of axes xx, xy,
+                xz, yy, yz, zz under the greatest force.
             unit: (p,) by which the columns of the rows are multiplied.
         """
-        self.free = packed.shape[1] > 1  #: whether forces may act in all directions
-        self._packed, self._unit = packed, unit
-        self._rows, self._columns = np.triu_indices(len(unit))
-        self._squares = unit[self._rows] * unit[self._columns]
+        self.free = information.shape[1] > 1  #: whether forces may act in all directions
+        self._information, self._unit = information, unit
+        self._squares = np.outer(unit, unit)
 
     @classmethod
     def from_rows(cls, rows: FloatArray) -> Candidates:
-        """Pack rows, block by block.
+        """Take rows.
 
         Args:
             rows: (N, m, p) whitened, under a load of their own; or (N, 3, m, p), under the greatest
@@ -331,35 +327,28 @@ class Candidates:
         Raises:
             RequestError: a number is not finite.
         """
-        p = rows.shape[-1]
         stack = rows[:, None] if rows.ndim == 3 else rows
-        pairs = [(a, b) for a in range(stack.shape[1]) for b in range(a, stack.shape[1])]
-        packed = np.empty((len(rows), len(pairs), p * (p + 1) // 2))
-        for start in range(0, len(rows), _BLOCK):
-            # Candidates last: sums over them run along the memory.
-            block = np.ascontiguousarray(stack[start : start + _BLOCK].transpose(1, 3, 2, 0))
-            for e, (a, b) in enumerate(pairs):
-                K = _upper_products(block[a], block[b])
-                K = K if a == b else 0.5 * (K + _upper_products(block[b], block[a]))
-                packed[start : start + _BLOCK, e] = K.T
-        if not np.isfinite(packed).all():
+        pairs = zip(*np.triu_indices(stack.shape[1]), strict=True)
+        products = [stack[:, a].transpose(0, 2, 1) @ stack[:, b] for a, b in pairs]
+        information = np.stack([0.5 * (K + K.transpose(0, 2, 1)) for K in products], axis=1)
+        if not np.isfinite(information).all():
             raise RequestError(
                 "a candidate has a number that is not finite",
                 where="candidates",
                 remedy="give postures and loads of plausible size",
             )
-        return cls(packed, np.ones(p))
+        return cls(information, np.ones(rows.shape[-1]))
 
     def scaled(self, unit: FloatArray) -> Candidates:
         """Return the same candidates of parameters in other units (p,); nothing is copied."""
-        return Candidates(self._packed, self._unit * unit)
+        return Candidates(self._information, self._unit * unit)
 
     def __len__(self) -> int:
-        return len(self._packed)
+        return len(self._information)
 
     def __getitem__(self, rows: IndexArray | slice) -> Candidates:
         """Some of them, in the given order."""
-        return Candidates(self._packed[rows], self._unit)
+        return Candidates(self._information[rows], self._unit)
 
     def prices(self, G: FloatArray) -> FloatArray:
         """Return the greatest ``⟨G, K_i⟩`` (N,) of each candidate over the loads that it may take.
@@ -383,48 +372,27 @@ class Candidates:
 
     def under(self, index: IndexArray, force: FloatArray) -> Atoms:
         """Return some candidates under forces along unit vectors (k, 3), or under loads of their own."""
-        packed = self._packed[index]
-        if self.free:
-            a, b = np.triu_indices(3)
-            squares = force[:, a] * force[:, b] * np.where(a == b, 1.0, 2.0)
-            entries = np.einsum("ie,ieq->iq", squares, packed)
-        else:
-            entries = packed[:, 0]
-        return Atoms(index, force, self._unpacked(entries))
+        if not self.free:
+            return Atoms(index, force, self._information[index, 0] * self._squares)
+        a, b = np.triu_indices(3)
+        squares = force[:, a] * force[:, b] * np.where(a == b, 1.0, 2.0)
+        K = np.einsum("ie,iepq->ipq", squares, self._information[index])
+        return Atoms(index, force, K * self._squares)
 
     def total(self) -> FloatArray:
         """Return the sum of all information (p, p), of forces along all three axes where they are free."""
         axes = [0, 3, 5] if self.free else [0]
-        return self._unpacked(np.sum([np.ones(len(self)) @ self._packed[:, axis] for axis in axes], axis=0))
-
-    def _unpacked(self, entries: FloatArray) -> FloatArray:
-        """Return symmetric matrices (..., p, p) of entries on and above the diagonal, in the units."""
-        matrices = np.empty((*entries.shape[:-1], len(self._unit), len(self._unit)))
-        matrices[..., self._rows, self._columns] = entries * self._squares
-        matrices[..., self._columns, self._rows] = entries * self._squares
-        return matrices
+        return np.asarray(self._information[:, axes].sum(axis=(0, 1)) * self._squares)
 
     def _products(self, index: IndexArray | slice, G: FloatArray) -> FloatArray:
-        twice = np.where(self._rows == self._columns, 1.0, 2.0)
-        return np.asarray(self._packed[index] @ (twice * self._squares * G[self._rows, self._columns]))
+        """Return ``⟨G, K⟩`` (n, 1), or (n, 6) of all pairs of axes."""
+        K = self._information[index]
+        return np.asarray(K.reshape(*K.shape[:2], -1) @ (self._squares * G).ravel())
 
 
 def _forms(products: FloatArray) -> FloatArray:
     """Return the quadratic forms of the force ⟨G, K_ab⟩ (N, 3, 3), of products (N, 6)."""
     return products[:, [[0, 1, 2], [1, 3, 4], [2, 4, 5]]]
-
-
-def _upper_products(left: FloatArray, right: FloatArray) -> FloatArray:
-    """Return the entries on and above the diagonal of leftᵀ right, row by row.
-
-    Args:
-        left: (p, m, N).
-        right: (p, m, N).
-
-    Returns:
-        (p (p + 1) / 2, N).
-    """
-    return np.concatenate([np.einsum("mn,cmn->cn", left[j], right[j:]) for j in range(len(left))])
 
 
 def greatest_eigenvalue(matrices: FloatArray) -> FloatArray:
