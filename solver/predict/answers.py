@@ -307,9 +307,6 @@ _BLOCKS: Final = {
     for k, load in enumerate(("force", "moment"))
 }
 
-_OF_ERROR: Final = ("postures", "force", "moment", "least_load", "leverage", "noise")
-"""Numbers of a model error that are stored as they are."""
-
 Answer = TypeVar("Answer", bound=Message)
 
 
@@ -333,15 +330,18 @@ def stored_model(
     model: JointModel | ElasticPredictor, error: ModelError | JointstiffError
 ) -> stored_as.IdentifiedModel:
     """Return a model as it is stored with its run, with its model error or the reason why it has none."""
-    part = _elastic_part(model) if isinstance(model, ElasticPredictor) else _joint_part(model)
-    residuals: dict[str, Any] = {"error": None}
+    stored: dict[str, Any] = {
+        "joints": model.robot.joint_names,
+        "degrees_of_freedom": model.degrees_of_freedom,
+        "error": None,
+    }
     if isinstance(error, ModelError):
         steps = rows(stored_as.ScoreStep, score=error.score, share=error.share)
-        residuals = {"error": {"steps": steps} | {name: getattr(error, name) for name in _OF_ERROR}}
+        stored["error"] = message(stored_as.ModelError, error, steps=steps)
     else:
-        residuals["no_error"] = error.reason
-    names = {"joints": model.robot.joint_names, "degrees_of_freedom": model.degrees_of_freedom}
-    return stored_as.IdentifiedModel.model_validate(names | part | residuals)
+        stored["no_error"] = error.reason
+    stored |= _elastic_part(model) if isinstance(model, ElasticPredictor) else _joint_part(model)
+    return stored_as.IdentifiedModel.model_validate(stored)
 
 
 def _joint_part(model: JointModel) -> dict[str, Any]:
@@ -352,8 +352,8 @@ def _joint_part(model: JointModel) -> dict[str, Any]:
         None,
     )
     if isinstance(model.weight, IdentifiedWeight):
-        weight = {name: getattr(model.weight, name).tolist() for name in ("gravity", "mass", "centre")}
-        weight["covariance_root"] = [_rounded(row) for row in model.weight.root]
+        root = [_rounded(row) for row in model.weight.root]
+        weight = message(stored_as.WeightPart, model.weight, covariance_root=root)
     given = None if likelihood is None else likelihood.given_rows
     return {
         "compliance": model.compliance.tolist(),
@@ -412,9 +412,7 @@ def forward_model(
     if stored.error is not None:
         score = _limits([step.score for step in stored.error.steps], np.inf)
         share = np.array([step.share for step in stored.error.steps], dtype=np.float64)
-        error = ModelError(
-            score=score, share=share, **{name: getattr(stored.error, name) for name in _OF_ERROR}
-        )
+        error = ModelError(score=score, share=share, **stored.error.model_dump(exclude={"steps"}))
     model: ForwardModel
     if stored.elastic is None:
         likelihood = None
@@ -490,26 +488,25 @@ def case_results(
             load_ratio=bound.load_ratio,
             leverage_ratio=bound.leverage_ratio,
         )
-    answers = answers_of(
+    remarks = [[] if bound is None else _extrapolation(bound, b) for b in range(len(labels))]
+    for b in np.flatnonzero(~there).tolist():
+        twisted = ", ".join(np.array(names)[unseen[b]])
+        remarks[b] = [
+            f"the load or own weight twists {twisted}, which the readings of the run do not determine: the "
+            "prediction is not valid"
+        ]
+    budgets = _budgets(bent, budget, radius, bent.model.quantile(confidence))
+    return rows(
         cases.CaseResult,
-        there,
         label=labels,
-        displacement=bent.displacement,
-        rotation=bent.rotation,
+        displacement=np.where(there[:, None], bent.displacement, np.nan),
+        rotation=np.where(there[:, None], bent.rotation, np.nan),
         readings_only=readings,
         with_model_error=with_error,
         compliance=_compliances(bent, directions, there),
-        remarks=[[] if bound is None else _extrapolation(bound, b) for b in range(len(labels))],
-        budget=_budgets(bent, budget, radius, bent.model.quantile(confidence)),
+        remarks=remarks,
+        budget=[each if known else None for each, known in zip(budgets, there, strict=True)],
     )
-    numbers = dict.fromkeys(("displacement", "rotation", "readings_only", "with_model_error", "compliance"))
-    for b in np.flatnonzero(~there).tolist():
-        reason = (
-            f"the load or own weight twists {', '.join(np.array(names)[unseen[b]])}, which the readings of "
-            "the run do not determine: the prediction is not valid"
-        )
-        answers[b] = cases.CaseResult.model_validate({"label": labels[b], "remarks": [reason], **numbers})
-    return [case for case in answers if case is not None]
 
 
 def _extrapolation(bound: ModelErrorBound, b: int) -> list[str]:
