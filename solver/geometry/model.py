@@ -27,7 +27,14 @@ from jointstiff.schemas.robot import DhRow
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import MeasurementError, RobotError
 from jointstiff.solver.geometry.frames import LEAST_SINE, BaseFrame, common_feet, perpendicular_frame
-from jointstiff.solver.geometry.poses import Axis, IdentifiedAxes, chain_axes, right_handed, transformed
+from jointstiff.solver.geometry.poses import (
+    Axis,
+    IdentifiedAxes,
+    Motion,
+    chain_axes,
+    right_handed,
+    transformed,
+)
 from jointstiff.solver.messages import message, rows
 from jointstiff.solver.robot.model import ChainJoint, Convention, KinematicChain
 
@@ -337,9 +344,7 @@ def dh_table(
     a, alpha = np.pad(geometry.a, padding), np.pad(geometry.alpha, padding)
     lower, upper = zip(*(joint.limits or (None, None) for joint in chain.moving), strict=True)
     angles = np.random.default_rng(0).uniform(-np.pi, np.pi, (_POSTURES, len(axes)))
-    places = [np.broadcast_to(flange.translation, (_POSTURES, 1, 3))] * 2
-    for *both, angle in zip(reversed(axes), reversed(used), angles.T[::-1], strict=True):
-        places = [axis.turned(axis.turns(angle), p) for axis, p in zip(both, places, strict=True)]
+    places = [Motion(each, flange.translation[None], angles).points for each in (axes, used)]
     return IdentifiedDh(
         convention=convention,
         rows=rows(DhRow, a=a, alpha=alpha, d=geometry.d, theta=geometry.theta, lower=lower, upper=upper),

@@ -30,6 +30,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import pairwise
 from typing import TypeVar
 
 import numpy as np
@@ -175,23 +176,6 @@ class Axis:
     def turns(self, angles: FloatArray) -> FloatArray:
         """Rotations (K, 3, 3) about the direction by angles (K,) [rad]."""
         return np.asarray(Rotation.from_rotvec(np.outer(angles, self.direction)).as_matrix())
-
-    def turned(self, turns: FloatArray, points: FloatArray) -> FloatArray:
-        """Points (K, T, 3) or (T, 3) turned about the axis by rotations (K, 3, 3): (K, T, 3) [m]."""
-        return np.asarray(self.point + (points - self.point) @ np.swapaxes(turns, -1, -2))
-
-    def turned_by_chart(self, turns: FloatArray, points: FloatArray) -> FloatArray:
-        """Derivative (K, T, 3, 4) of `turned` by the chart.
-
-        A displacement δ of the axis moves the result by (1 − R) δ; a rotation ω of it, with arm r from
-        its point, by ω × R r − R (ω × r).
-        """
-        arms = points - self.point
-        first, second = self.frame[:, :2], np.cross(self.frame[:, :2].T[:, None, None], arms[None])
-        by_place = np.broadcast_to((first - turns @ first)[:, None], (len(turns), points.shape[-2], 3, 2))
-        after = np.cross(first.T[:, None, None], (arms @ np.swapaxes(turns, -1, -2))[None])
-        before = second @ np.swapaxes(turns, -1, -2)
-        return np.concatenate([by_place, np.moveaxis(after - before, 0, -1)], axis=-1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -504,6 +488,10 @@ class PoseState:
     targets: FloatArray  #: (T, 3) at angle zero, tracker's frame [m]
     corrections: FloatArray  #: (N,) corrections of the angles [rad]
 
+    def motion(self, readings: PoseReadings) -> Motion:
+        """Return where the axes and targets are in the readings' configurations, angles corrected."""
+        return Motion(self.axes, self.targets, readings.angles + self.corrections[:, None] * readings.slopes)
+
     def displaced(self, step: FloatArray) -> PoseState:
         """Return the state after a step of charts, of the first axes, and then of all targets."""
         moves = step[: len(step) - self.targets.size].reshape(-1, CHART_SIZE)
@@ -513,47 +501,52 @@ class PoseState:
 
 
 class Motion:
-    """Targets after the last i joints, and the rotations of the first i joints, for all configurations.
+    """Places of axes and targets in N configurations.
 
     Attributes:
-        state: at which they are taken.
-        turns: n of (N, 3, 3), each joint's own rotation.
-        before: n + 1 of (N, 3, 3), product of the rotations of the joints before i.
-        stages: n + 1 of (N, T, 3): targets turned by joints i and beyond [m]; stage 0 is the prediction.
+        axes: n at angle zero.
+        carried: n + 1 pairs R_i (N, 3, 3) and t_i (N, 3) [m]: the first i joints take x to R_i x + t_i.
+        points: (N, T, 3) the targets, carried by all joints [m].
     """
 
-    def __init__(self, state: PoseState, readings: PoseReadings) -> None:
-        angles = readings.angles + state.corrections[:, None] * readings.slopes
-        self.state = state
-        self.turns = [axis.turns(angles[:, i]) for i, axis in enumerate(state.axes)]
-        self.before = [np.broadcast_to(np.eye(3), (len(angles), 3, 3))]
-        for turn in self.turns:
-            self.before.append(self.before[-1] @ turn)
-        stage = np.broadcast_to(state.targets, readings.points.shape)
-        self.stages = [stage]
-        for axis, turn in zip(reversed(state.axes), reversed(self.turns), strict=True):
-            stage = axis.turned(turn, stage)
-            self.stages.insert(0, stage)
+    def __init__(self, axes: Sequence[Axis], targets: FloatArray, angles: FloatArray) -> None:
+        """Turn axes and targets (T, 3) [m] from angle zero by angles (N, n) [rad]."""
+        R, t = np.broadcast_to(np.eye(3), (len(angles), 3, 3)), np.zeros((len(angles), 3))
+        self.axes, self.carried = axes, [(R, t)]
+        for axis, angle in zip(axes, angles.T, strict=True):
+            turns = axis.turns(angle)
+            t = t + (R @ (axis.point - turns @ axis.point)[..., None])[..., 0]
+            R = R @ turns
+            self.carried.append((R, t))
+        self.points: FloatArray = targets @ R.transpose(0, 2, 1) + t[:, None]
 
     def jacobian(self) -> FloatArray:
-        """Derivative (N, T, 3, 4 n + 3 T) of the prediction by charts and targets."""
-        count, targets, _ = self.stages[0].shape
-        charts = CHART_SIZE * len(self.state.axes)
-        J = np.zeros((count, targets, 3, charts + 3 * targets))
-        for i, axis in enumerate(self.state.axes):
-            by_chart = axis.turned_by_chart(self.turns[i], self.stages[i + 1])
-            J[..., CHART_SIZE * i : CHART_SIZE * (i + 1)] = self.before[i][:, None] @ by_chart
-        for t in range(targets):
-            J[:, t, :, charts + 3 * t : charts + 3 * t + 3] = self.before[-1]
-        return J
+        """Derivative (N, T, 3, 4 n + 3 T) of the points by charts and targets.
+
+        A small motion ξ of axis i changes E_i by what ξ does before it less what it does after.
+        """
+        steps = [first - second for first, second in pairwise(self._adjoints())]
+        twists = [A @ axis.place.action[:, [0, 1, 3, 4]] for A, axis in zip(steps, self.axes, strict=True)]
+        by_charts = by_small_motion(self.points) @ np.concatenate(twists, axis=-1)[:, None]
+        count, targets, _ = self.points.shape
+        by_targets = np.einsum("nij,ts->ntisj", self.carried[-1][0], np.eye(targets))
+        return np.concatenate([by_charts, by_targets.reshape(count, targets, 3, -1)], axis=-1)
 
     def swings(self) -> FloatArray:
-        """Derivative (N, T, 3, n) of the prediction by the joint angles of each configuration [m/rad]."""
-        swings = np.empty((*self.stages[0].shape, len(self.state.axes)))
-        for i, axis in enumerate(self.state.axes):
-            swing = np.cross(axis.direction, self.stages[i] - axis.point)
-            swings[..., i] = swing @ np.swapaxes(self.before[i], -1, -2)
-        return swings
+        """Derivative (N, T, 3, n) of the points by the joint angles of each configuration [m/rad]."""
+        before = self._adjoints()[:-1]
+        twists = [A @ axis.place.action[:, 5] for A, axis in zip(before, self.axes, strict=True)]
+        return np.asarray(by_small_motion(self.points) @ np.stack(twists, axis=-1)[:, None])
+
+    def _adjoints(self) -> list[FloatArray]:
+        """Return how the first i joints carry small motions, translation first: n + 1 of (N, 6, 6)."""
+        adjoints = []
+        for R, t in self.carried:
+            A = np.zeros((len(R), 6, 6))
+            A[:, :3, :3] = A[:, 3:, 3:] = R
+            A[:, :3, 3:] = skew(t) @ R
+            adjoints.append(A)
+        return adjoints
 
 
 def fit_poses(
@@ -590,7 +583,7 @@ def fit_poses(
         return replace(state.displaced(step[:kept]), corrections=state.corrections + correction)
 
     def residual(state: PoseState) -> FloatArray:
-        gaps = readings.points - Motion(state, readings).stages[0]
+        gaps = readings.points - state.motion(readings).points
         return np.asarray((readings.weight @ gaps[..., None]).ravel())
 
     def spin(motion: Motion) -> FloatArray:
@@ -598,14 +591,14 @@ def fit_poses(
         return np.asarray(np.einsum("ktin,kn->kti", motion.swings(), readings.slopes)[..., None])
 
     def jacobian(state: PoseState) -> FloatArray:
-        motion = Motion(state, readings)
+        motion = state.motion(readings)
         J = np.delete(motion.jacobian(), still, axis=-1)
         if basis is not None and basis.size:
             J = np.concatenate([J, spin(motion) * basis[:, None, None]], axis=-1)
         return np.asarray((readings.weight @ J).reshape(readings.points.size, -1))
 
     def by_correction(state: PoseState) -> FloatArray:
-        return (readings.weight @ spin(Motion(state, readings))).reshape(len(readings.angles), -1)
+        return (readings.weight @ spin(state.motion(readings))).reshape(len(readings.angles), -1)
 
     size = float(np.linalg.norm(readings.weight @ readings.points[..., None]))
     by_own = by_correction if basis is None else None
@@ -818,7 +811,7 @@ def _held_out_rms(nominal: KinematicChain, poses: Poses, start: pin.SE3 | None, 
             return None
         left_out = poses[part == fold]
         state = PoseState(calibrated.axes, calibrated.targets, np.zeros(len(left_out)))
-        errors.append((left_out.points - Motion(state, left_out.whitened).stages[0])[left_out.present])
+        errors.append((left_out.points - state.motion(left_out.whitened).points)[left_out.present])
     return float(np.sqrt(np.square(np.concatenate(errors)).mean()))
 
 
@@ -831,12 +824,7 @@ def _start(
     rotation, and s and x_t are those with it. Where the transform is known, x_t are those with that.
     """
     k, t = np.nonzero(poses.present)
-    R, s = np.broadcast_to(np.eye(3), (len(poses), 3, 3)), np.zeros((len(poses), 3, 1))
-    for axis, angle in zip(axes, readings.angles.T, strict=True):
-        turns = axis.turns(angle)
-        s = R @ (axis.point[:, None] - turns @ axis.point[:, None]) + s
-        R = R @ turns
-    rotation, shift = R[k], s[k, :, 0]
+    rotation, shift = (part[k] for part in Motion(axes, np.zeros((1, 3)), readings.angles).carried[-1])
     points, size = poses.points[k, t], 3 * len(k)
     by_target = np.einsum("mij,mt->mitj", rotation, np.eye(len(poses.targets))[t]).reshape(size, -1)
     if start is not None:

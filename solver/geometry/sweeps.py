@@ -319,7 +319,7 @@ def fit_axis(
             remedy = "sweep a wider arc with more positions; two axes that coincide cannot be distinguished"
         raise MeasurementError(f"the readings do not determine the {which}", where=sweep.where, remedy=remedy)
     used = float(np.sqrt(linear.rss / dof)) if sigma is None else sigma
-    motion = Motion(state, readings)
+    motion = state.motion(readings)
     influence = linear.pseudo_inverse[: CHART_SIZE + state.targets.size]
     dependence = np.zeros((CHART_SIZE, CHART_SIZE))
     covariance = used**2 * linear.covariance[:CHART_SIZE, :CHART_SIZE]
@@ -339,7 +339,7 @@ def fit_axis(
         influence=influence,
         dependence=dependence,
         axis_covariance=covariance,
-        residuals=np.where(sweep.present[..., None], readings.points - motion.stages[0], 0.0),
+        residuals=np.where(sweep.present[..., None], readings.points - motion.points, 0.0),
         sigma=used,
         dof=dof,
         linear=linear,
@@ -380,9 +380,8 @@ def _start(sweep: Sweep, readings: PoseReadings, outer: AxisFit | None) -> PoseS
         if abs(slope + back) < 0.5 * abs(slope):
             inner = Axis.through(outer.axis.point - radius, inner.direction)
         axes = (inner, outer.axis)
-    local = readings.points
-    for axis, angles in zip(axes, readings.angles.T, strict=True):
-        local = axis.turned(axis.turns(-angles), local)
+    rotation, shift = Motion(axes, np.zeros((1, 3)), readings.angles).carried[-1]
+    local = (readings.points - shift[:, None]) @ rotation
     present = sweep.present[..., None]
     targets = np.where(present, local, 0.0).sum(axis=0) / np.maximum(present.sum(axis=0), 1)
     return PoseState(axes, targets, np.zeros(len(sweep)))

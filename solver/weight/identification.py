@@ -207,10 +207,10 @@ def rows_at(
         sag: (N, n) θ [rad].
         compliance: (n,) by which gravity's direction shows [rad/(N·m)].
     """
-    motion = Motion(state, replace(whitened, angles=whitened.angles + sag))
+    motion = state.motion(replace(whitened, angles=whitened.angles + sag))
     torques = torques_of(robot, readings, motion)
     swings = motion.swings()
-    gap = whitened.points - motion.stages[0] + np.einsum("ktin,kn->kti", swings, sag)
+    gap = whitened.points - motion.points + np.einsum("ktin,kn->kti", swings, sag)
     weighted = (whitened.weight @ swings).reshape(*swings.shape[:1], -1, swings.shape[-1])
     geometry = whitened.weight @ motion.jacobian()
     m, gravity = gap.size, readings.burden.gravity
@@ -240,17 +240,18 @@ def torques_of(robot: Robot, readings: WeightReadings, motion: Motion) -> Torque
 
     Frames that move with the joints, and the flange's, are the nominal robot's, laid on the fitted axes.
     """
-    burden, axes = readings.burden, motion.state.axes
+    burden, axes = readings.burden, motion.axes
     still = Configurations(robot, np.zeros((1, robot.n)))
     frames, nominal = (part[0] for part in joint_frames(robot, still.q))
-    shift, points, origins = np.zeros((len(readings.force), 3)), [], []
-    for axis, origin, before, turn in zip(axes, nominal, motion.before[:-1], motion.turns, strict=True):
+    points, origins, directions = [], [], []
+    for axis, nearby, (before, shift), (after, moved) in zip(
+        axes, nominal, motion.carried[:-1], motion.carried[1:], strict=True
+    ):
         points.append(before @ axis.point + shift)
-        shift = points[-1] - before @ turn @ axis.point
-        origins.append(before @ turn @ axis.nearest(origin) + shift)
-    directions = [before @ axis.direction for before, axis in zip(motion.before[:-1], axes, strict=True)]
+        directions.append(before @ axis.direction)
+        origins.append(after @ axis.nearest(nearby) + moved)
     point, origin, direction = (np.stack(part, axis=1) for part in (points, origins, directions))
-    rotation = np.stack(motion.before[1:], axis=1) @ frames
+    rotation = np.stack([R for R, _ in motion.carried[1:]], axis=1) @ frames
     levers = unit_levers(robot.prismatic, direction, point, rotation, origin)  # (B, n, n, 4, 3)
 
     by_gravity, hangs = np.zeros(point.shape), readings.carried.T[:, :, None, None]
@@ -274,7 +275,7 @@ def torques_of(robot: Robot, readings: WeightReadings, motion: Motion) -> Torque
             unit += [0.5 * (high - low) * torque] if high > low else []
 
     arm = readings.load_point @ still.flange_rotation[0].T + still.flange_translation[0] - nominal[-1]
-    loaded = origin[:, -1] + (motion.before[-1] @ arm[..., None])[..., 0]
+    loaded = origin[:, -1] + (motion.carried[-1][0] @ arm[..., None])[..., 0]
     known += np.einsum("kji,ki->kj", np.cross(direction, loaded[:, None] - point), readings.force)
     known += np.einsum("kji,ki->kj", direction, readings.moment)
     return Torques(known, np.stack(unit, axis=-1) if unit else np.zeros((*known.shape, 0)), by_gravity)
@@ -700,12 +701,12 @@ def identify_weight(
     missing = unidentified(statuses, "read more postures, better masses or a known payload")
     uncertainty = np.array([joint.standard_uncertainty or 0.0 for joint in joints])
     sagging = replace(whitened, angles=whitened.angles + fit.sag)
-    bent = Motion(fit.state, sagging).stages[0]
+    bent = fit.state.motion(sagging).points
     # Largest |∂τ_i/∂θ_j| c_i in the postures that sag, by central differences
     largest = 0.0
     for step in _STEP * np.eye(robot.n):
         ahead, behind = (
-            torques_of(robot, readings, Motion(fit.state, replace(sagging, angles=sagging.angles + turn)))
+            torques_of(robot, readings, fit.state.motion(replace(sagging, angles=sagging.angles + turn)))
             for turn in (step, -step)
         )
         change = np.abs(ahead.known - behind.known) / (2.0 * _STEP)
@@ -722,7 +723,7 @@ def identify_weight(
         rms_residual=unit * float(np.sqrt((problem.outside + loss) / remaining)),
         rms_without_sag=float(np.sqrt(rigid.rss / rigid.dof)),
         confidence=confidence,
-        displacement=bent - Motion(fit.state, whitened).stages[0],
+        displacement=bent - fit.state.motion(whitened).points,
         residual=np.where(poses.present[..., None], whitened.points - bent, 0.0),
         certificate=fit.optimum.certificate,
         weight=identified_weight(readings.burden, fit, scale, uncertainty),

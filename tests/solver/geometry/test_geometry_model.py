@@ -31,7 +31,7 @@ from jointstiff.solver.errors import MeasurementError, NotObservableError, Robot
 from jointstiff.solver.geometry.frames import find_base_frame
 from jointstiff.solver.geometry.identification import Conventions, calibration_findings, identify_from_poses
 from jointstiff.solver.geometry.model import FlangeConvention, dh_table, identify_model, link_table
-from jointstiff.solver.geometry.poses import Motion, Poses, PoseState, calibrate, transformed
+from jointstiff.solver.geometry.poses import Poses, PoseState, calibrate, transformed
 from jointstiff.solver.geometry.sweeps import identify_axes
 from jointstiff.solver.robot.configuration import Configurations
 from jointstiff.solver.robot.model import JointMap, KinematicChain, Robot, dh_chain
@@ -178,7 +178,7 @@ def test_the_error_of_poses_left_out_is_that_of_poses_never_shown():
     shown, never_shown = both[np.arange(120) < 20], both[np.arange(120) >= 20]
     found = calibrate(read_urdf(urdf_text(cell.arm), "base_link", "flange"), shown)
     state = PoseState(found.axes, found.targets, np.zeros(100))
-    errors = never_shown.points - Motion(state, never_shown.whitened).stages[0]
+    errors = never_shown.points - state.motion(never_shown.whitened).points
     assert found.evidence.held_out_rms == pytest.approx(np.sqrt(np.square(errors).mean()), rel=0.3)
     assert found.evidence.held_out_rms > 1.3 * found.evidence.rms_residual
 
