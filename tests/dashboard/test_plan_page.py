@@ -1,57 +1,16 @@
-"""A campaign planned on the page, and carried out with its check-list."""
+"""A campaign planned on the page, its postures, and the file to fill in."""
 
 from __future__ import annotations
 
 import json
 
-import numpy as np
 from playwright.sync_api import expect
 
-from jointstiff.simulator import LOAD_POINT, TARGETS, default_arm
-from jointstiff.simulator.equilibrium import deflections
-
-SIGMA = 2e-5
+from jointstiff.simulator import LOAD_POINT, TARGETS
 
 
-def filled_in(plan, robot: str, count: int) -> bytes:
-    """Return the campaign with the first readings taken on exact springs, the others still null."""
-    readings = plan["result"]["readings"]
-    joints, force = (np.array([each[name] for each in readings]) for name in ("joints", "force"))
-    points = np.broadcast_to(np.array(LOAD_POINT), force.shape)
-    places = np.array(list(TARGETS.values()))
-    exact = deflections(default_arm(), joints, force, np.zeros_like(force), points, places)
-    unloaded, loaded = np.stack(exact) + SIGMA * np.random.default_rng(0).standard_normal(
-        (2, *exact[0].shape)
-    )
-    document = {
-        "robot_id": robot,
-        "name": f"planned {robot}",
-        "units": {"length": "m", "angle": "rad", "force": "N"},
-        "encoders": "motor",
-        "noise": {"sigma": SIGMA},
-        "load_point": LOAD_POINT,
-        "observations": [
-            {
-                "label": each["label"],
-                "joints": each["joints"],
-                "force": each["force"],
-                "readings": [
-                    {
-                        "target": target,
-                        "unloaded": unloaded[i, t].tolist() if i < count else None,
-                        "loaded": loaded[i, t].tolist() if i < count else None,
-                    }
-                    for t, target in enumerate(TARGETS)
-                ],
-            }
-            for i, each in enumerate(readings)
-        ],
-    }
-    return json.dumps(document).encode()
-
-
-def test_from_a_robot_to_enough_readings(visit, api, stored):
-    """Fill in the form, plan, tick off by hand, drop the file as it grows, until the page says enough."""
+def test_from_a_robot_to_postures(visit, api, stored):
+    """Fill in the form, plan, and look at a posture; *Measure* takes the plan along."""
     visited = visit("tablet")
     page = visited.page
     visited.go(f"#/robots/{stored.robot}")
@@ -69,33 +28,12 @@ def test_from_a_robot_to_enough_readings(visit, api, stored):
     plan = api.get(f"/v1/plans/{page.url.rsplit('/', 1)[1]}").json()
     labels = [each["label"] for each in plan["result"]["readings"]]
 
-    expect(page.get_by_role("heading", name=f"Next: {labels[0]}")).to_be_visible()
+    expect(page.get_by_role("heading", name=f"Posture {labels[0]}")).to_be_visible()
     page.locator("canvas[data-ready=true]").wait_for()
-    page.get_by_label(f"{labels[0]} is done").check()
-    expect(page.get_by_role("heading", name=f"Next: {labels[1]}")).to_be_visible()
-    page.reload()
-    expect(page.get_by_text("1 of 10 done")).to_be_visible()  # kept in the browser
     page.get_by_role("button", name=f"Show {labels[4]}").click()
-    expect(page.get_by_role("heading", name=f"Next: {labels[4]}")).to_be_visible()
-
-    def drop(count):
-        file = {
-            "name": "c.json",
-            "mimeType": "application/json",
-            "buffer": filled_in(plan, stored.robot, count),
-        }
-        page.locator("input[type=file]").set_input_files(file)
-
-    drop(0)
-    expect(page.get_by_text("No posture in this file is complete yet.")).to_be_visible()
-    drop(4)
-    expect(page.get_by_text("Continue: joint_")).to_be_visible()
-    expect(page.get_by_text("4 of 10 done")).to_be_visible()
-    drop(10)
-    expect(
-        page.get_by_text("Complete: all joints have the uncertainty that the plan predicted.")
-    ).to_be_visible()
-    expect(page.get_by_text("8 postures in the fit, 2 held out")).to_be_visible()
+    expect(page.get_by_role("heading", name=f"Posture {labels[4]}")).to_be_visible()
+    page.get_by_role("link", name="Measure live", exact=True).click()
+    expect(page.get_by_text("Robot, targets, loads and surroundings are those of the plan.")).to_be_visible()
 
 
 def test_a_campaign_goes_on(visit, stored):

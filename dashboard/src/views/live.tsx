@@ -1,7 +1,7 @@
 /** A campaign while it is measured: one posture a screen, what the readings say so far, and doubts while the weight hangs. */
 import { useContext, useEffect, useMemo, useState } from "preact/hooks";
 import { api } from "../api/client";
-import type { JointKind, LiveState, OpenSet, Robot } from "../api/types";
+import type { ImportOptions, JointKind, LiveState, OpenSet, Robot } from "../api/types";
 import { Badge } from "../components/badge";
 import {
   ActionButton,
@@ -19,6 +19,7 @@ import {
 } from "../components/basics";
 import { DropZone } from "../components/drop";
 import { Select, TextField, VectorField } from "../components/fields";
+import { understand } from "../lib/campaign";
 import { fixed, percent, significant } from "../lib/format";
 import {
   type Rows,
@@ -33,7 +34,7 @@ import {
   standTyped,
   unread,
 } from "../lib/live";
-import { readSoFar } from "../lib/checklist";
+import { readSoFar } from "../lib/planned";
 import { sentence } from "../lib/said";
 import { SIMULATED, exchanged, seedOf, simulatedRows } from "../lib/simulated";
 import { position, labelOf, inUnit } from "../lib/units";
@@ -51,9 +52,10 @@ import { useSettings } from "../state/settings";
 import { storedRobot } from "../state/stored";
 import { toast } from "../state/toasts";
 import { text } from "../i18n";
-import { loadOf, readingsOf, shownJoint } from "./plan_checklist";
+import { loadOf, shownJoint } from "./plan_postures";
 
 const words = text.measure;
+const MAX_BYTES = 8 * 1024 * 1024;
 
 export function LiveView({ id }: { id: string }) {
   const loaded = useLoad(
@@ -431,6 +433,17 @@ function ReadingsTable({
       </div>
     </fieldset>
   );
+}
+
+/** The measurement set in a file, with what is stated of a table; text that says what is wrong with it otherwise. */
+async function readingsOf(file: File, stated: ImportOptions = {}): Promise<Record<string, unknown> | string> {
+  if (file.size > MAX_BYTES) return text.files.faults.too_large.join(" ");
+  if (!/\.json$/i.test(file.name)) {
+    const { measurement_set: set, missing } = await api.importFiles([file], stated);
+    return set === null ? text.plan.missing(missing.join(", ")) : (set as unknown as Record<string, unknown>);
+  }
+  const understood = understand(await file.text());
+  return typeof understood === "string" ? text.files.faults[understood].join(" ") : understood.set;
 }
 
 /** A posture of one's own, and readings from a file. */

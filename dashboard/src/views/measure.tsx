@@ -4,7 +4,7 @@ import { api } from "../api/client";
 import type { MeasurementSetSummary, Plan } from "../api/types";
 import { ActionButton, Choice, Name, NameLink, Show, Title } from "../components/basics";
 import { Fields, NumberField, Select, TextField, VectorField } from "../components/fields";
-import { type Asked, equipmentOf, optionsOf } from "../lib/checklist";
+import { type Asked, equipmentOf, optionsOf } from "../lib/planned";
 import { posted, vectorIn } from "../lib/entered";
 import { freshKey } from "../lib/hash";
 import type { Fields as Document } from "../lib/json";

@@ -1,17 +1,17 @@
-/** One plan: its promise beside other plans', its certificate, and its check-list. */
+/** One plan: its promise beside other plans', its certificate, and its postures. */
 import { api } from "../api/client";
 import type { MeasurementSet, PlanRequest, PlanResult, Robot } from "../api/types";
 import { Download, Button, LinkButton, Name, NameLink } from "../components/basics";
 import { save } from "../components/download";
 import { JobPage } from "../components/job_page";
 import { JobTables } from "../components/job_tables";
-import { toFillIn } from "../lib/checklist";
+import { toFillIn } from "../lib/planned";
 import { fileName } from "../lib/csv";
 import { percent } from "../lib/format";
 import { link } from "../state/router";
 import { storedRobot, storedSet } from "../state/stored";
 import { text } from "../i18n";
-import { Checklist } from "./plan_checklist";
+import { Postures } from "./plan_postures";
 
 const words = text.plan;
 
@@ -46,7 +46,7 @@ export function PlanView({ id }: { id: string }) {
     >
       {(result, { job, robot }) => (
         <>
-          <Checklist plan={job} result={result} robot={robot} />
+          <Postures plan={job} result={result} robot={robot} />
           <Promised plan={job.id} result={result} />
         </>
       )}

@@ -4,7 +4,7 @@ import { api } from "../api/client";
 import { ActionButton, Show, Title, Toggle } from "../components/basics";
 import { Fields, Select } from "../components/fields";
 import { type FieldOf, FormFields } from "../components/form";
-import { type Asked, equipmentOf, optionsOf } from "../lib/checklist";
+import { type Asked, equipmentOf, optionsOf } from "../lib/planned";
 import { freshKey } from "../lib/hash";
 import { asking, useAction } from "../state/action";
 import { useLoad, valueOf } from "../state/load";

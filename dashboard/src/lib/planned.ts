@@ -1,11 +1,10 @@
-/** A plan carried out: what is to be filled in, what has been read, how sure the joints are. */
-import type { JointResult, MeasurementSet, PlanResult, PlanRequest, RunResult } from "../api/types";
+/** A plan: what a person asks for, the campaign to fill in, and what has been read of it. */
+import type { MeasurementSet, PlanRequest, PlanResult } from "../api/types";
 import type { Fields } from "./json";
 import { factors } from "./units";
 import { type Vector, norm, times } from "./vector";
 
 export type Planned = PlanResult["readings"][number];
-type Promised = PlanResult["joints"][number];
 
 /** What a person asks for, in the units of a workshop: mm, N, µm. */
 export interface Asked {
@@ -158,32 +157,3 @@ function isRead(observation: unknown): observation is Fields {
 }
 
 const POSITION = /^(unloaded|loaded|deflection)$/;
-
-/** How sure a joint is, beside what the plan promises for its end; relative to the compliance. */
-interface Sureness {
-  name: string;
-  now: number | null;
-  promised: number | null;
-  enough: boolean;
-}
-
-/** An uncertainty up to this much above the promised one is as promised: sigma is an estimate, too. */
-const TOLERANCE = 1.1;
-
-/** The plan promises what the readings leave, so that of a budget only their part counts. */
-export function surenessOf(promised: Promised[], found: JointResult[], budget: RunResult["budget"] = null): Sureness[] {
-  const readings = budget?.components.find(({ source }) => source === "readings")?.contributions;
-  return promised.map((joint) => {
-    const own = found.find((each) => each.name === joint.name);
-    const part = readings?.[budget?.joints.indexOf(joint.name) ?? -1];
-    const [c, u] = [own?.compliance ?? null, part ?? own?.standard_uncertainty ?? null];
-    if (c === null || u === null || c <= 0)
-      return { name: joint.name, now: null, promised: joint.relative, enough: false };
-    return {
-      name: joint.name,
-      now: u / c,
-      promised: joint.standard_uncertainty / c,
-      enough: u <= TOLERANCE * joint.standard_uncertainty,
-    };
-  });
-}

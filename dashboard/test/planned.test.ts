@@ -1,6 +1,6 @@
 import { describe, expect, it } from "vitest";
-import type { JointResult, PlanRequest, PlanResult, RunResult } from "../src/api/types";
-import { type Asked, optionsOf, point, readSoFar, surenessOf, targetsOf, toFillIn } from "../src/lib/checklist";
+import type { PlanRequest, PlanResult } from "../src/api/types";
+import { type Asked, optionsOf, point, readSoFar, targetsOf, toFillIn } from "../src/lib/planned";
 
 const ASKED: Asked = {
   targets: "P1 100 0 50",
@@ -62,26 +62,5 @@ describe("the campaign to fill in", () => {
     expect(
       readSoFar(toFillIn({ ...REQUEST, targets: { P: [0, 0, 0] } }, [READING] as PlanResult["readings"], "r", null)),
     ).toBeNull();
-  });
-});
-
-describe("how sure the joints are", () => {
-  const promised = { name: "j", standard_uncertainty: 1e-9, relative: null } as PlanResult["joints"][number];
-  const found = (u: number | null, c: number | null) =>
-    surenessOf([promised], [{ name: "j", compliance: c, standard_uncertainty: u } as JointResult])[0];
-  it("is enough where it is as promised", () => {
-    expect(found(1.05e-9, 1e-7)).toMatchObject({ enough: true, promised: 0.01 });
-    expect(found(1.2e-9, 1e-7)).toMatchObject({ enough: false, now: 0.012 });
-  });
-  it("counts the readings' part of a budget alone, as the plan does", () => {
-    const budget = { joints: ["j"], components: [{ source: "readings", contributions: [1.05e-9] }] };
-    const joint = { name: "j", compliance: 1e-7, standard_uncertainty: 5e-9 } as JointResult;
-    expect(surenessOf([promised], [joint], budget as unknown as RunResult["budget"])[0]).toMatchObject({
-      enough: true,
-    });
-  });
-  it("is not where a joint is not determined, or rigid", () => {
-    expect(found(null, null)).toMatchObject({ enough: false, now: null });
-    expect(found(1e-10, 0)).toMatchObject({ enough: false, now: null });
   });
 });
