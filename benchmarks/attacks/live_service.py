@@ -7,8 +7,7 @@ import tempfile
 import threading
 import time
 from collections.abc import Callable
-from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 from uuid import uuid4
@@ -18,7 +17,7 @@ import numpy as np
 
 from benchmarks.report import Figure, Part, Section
 from benchmarks.services import Service, postgresql
-from benchmarks.studies.live import ROWS, Reader
+from benchmarks.studies.live import ROWS, Reader, Row
 from jointstiff.simulator import robot_document
 
 __all__ = ["run"]
@@ -86,8 +85,8 @@ def _numbers(observation: dict[str, Any] | None) -> object:
     return observation["joints"], list(observation["force"]), readings
 
 
-def _opened(client: httpx2.Client, seed: int) -> tuple[Reader, str]:
-    reader = Reader.of(ROWS[0], seed)
+def _opened(client: httpx2.Client, seed: int, row: Row = ROWS[0]) -> tuple[Reader, str]:
+    reader = Reader.of(row, seed)
     robot = client.post("/v1/robots", json=robot_document(reader.arm)).raise_for_status().json()["id"]
     header = reader.declared().declared.header.model_dump(mode="json", exclude_none=True)
     body = {**header, "robot_id": robot, "observations": []}
@@ -102,16 +101,19 @@ def _reading(reader: Reader, following: dict[str, Any]) -> dict[str, Any]:
 
 def _patiently(ask: Callable[[], httpx2.Response]) -> dict[str, Any]:
     """Ask until there is an answer."""
-    deadline = time.monotonic() + _PATIENCE
-    while True:
-        with suppress(httpx2.TransportError):
+    deadline, last = time.monotonic() + _PATIENCE, "nothing"
+    while time.monotonic() < deadline:
+        try:
             answer = ask()
+        except httpx2.TransportError as error:
+            last = repr(error)
+        else:
             if answer.status_code < 500:
                 found: dict[str, Any] = answer.raise_for_status().json()
                 return found
-        if time.monotonic() > deadline:
-            raise TimeoutError("the service does not answer")
+            last = f"{answer.status_code} {answer.text[:200]}"
         time.sleep(0.02)
+    raise TimeoutError(f"the service does not answer; the last was {last}")
 
 
 def _killed(database: str, kills: int) -> Outcome:
@@ -119,7 +121,8 @@ def _killed(database: str, kills: int) -> Outcome:
     chance, outcome = random.Random(11), Outcome()  # noqa: S311 - moments, not secrets
     service, over = Service(database, 0), threading.Event()
     with httpx2.Client(base_url=service.url, timeout=20.0) as client:
-        reader, address = _opened(client, 1)
+        # a goal that takes more readings than there are kills
+        reader, address = _opened(client, 1, replace(ROWS[0], goal={"kind": "joints", "relative": 0.03}))
 
         def send() -> None:
             while not over.is_set():

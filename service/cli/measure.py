@@ -248,19 +248,14 @@ def _carry_out(campaign: LiveMeasurement, values: dict[str, Any], *, asks: bool)
 def _document(campaign: LiveMeasurement, stopped: Any) -> dict[str, Any]:  # noqa: ANN401 - an error or None
     """Return what `--json` prints."""
     state, run = campaign.outcome, campaign.close()
-    plain = state.model_dump(mode="json")
+    plain = state.model_dump(mode="json", exclude={"revision", "still_needed", "next", "warnings"})
+    record = plain.pop("readings")
     return {
         "readings": campaign.count,
-        "state": state.state,
-        "message": state.message,
-        "goal": state.goal,
-        "share": state.share,
-        "withdrawn": sum(each.state == "withdrawn" for each in state.readings),
-        "held_out": next((each["held_out"] for each in plain["readings"][::-1] if each["held_out"]), None),
-        "deflection_uncertainty": state.deflection_uncertainty,
-        "greatest_deflection": state.greatest_deflection,
-        "joints": plain["joints"],
-        "record": plain["readings"],
+        **plain,
+        "withdrawn": sum(each["state"] == "withdrawn" for each in record),
+        "held_out": next((each["held_out"] for each in record[::-1] if each["held_out"]), None),
+        "record": record,
         "stopped": None if stopped is None else stopped.reason,
         "run_id": run.id,
         "error": None if run.error is None else run.error.model_dump(mode="json"),

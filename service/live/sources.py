@@ -360,7 +360,13 @@ def plausible_stiffness(robot: Robot, random: np.random.Generator) -> FloatArray
 
 _LENGTHS: Final = {"mm": 1e-3, "m": 1.0, "um": 1e-6, "in": 0.0254}
 _FIELDS: Final = ("target", "x", "y", "z", "sigma")
-_SEPARATORS: Final = re.compile(r"[,;\s]+")
+_CELL: Final = r"[^,;\s]+"
+_SEPARATOR: Final = r"[,;\s]+"
+_USUAL: Final = (
+    rf"(?:(?P<target>{_CELL}){_SEPARATOR})?"
+    + rf"(?P<x>{_CELL}){_SEPARATOR}(?P<y>{_CELL}){_SEPARATOR}(?P<z>{_CELL})"
+)
+"""Three coordinates, or a target and three coordinates."""
 _RUBBISH: Final = 20
 """Lines in a row that are no readings, after which a source is given up."""
 _LONGEST_LINE: Final = 65_536
@@ -371,8 +377,8 @@ _KEPT_LINES: Final = 1_000
 class Profile:
     """Form of a line of text, and its unit."""
 
-    pattern: re.Pattern[str] | None  # with named groups; None for columns
-    columns: tuple[str, ...]  # their names in order, `-` for one that is not read; empty: by the line itself
+    pattern: re.Pattern[str]  # with groups x, y, z, and target, sigma if they are there
+    how: str  # it is read, in words
     unit: str  # of lengths
 
     @classmethod
@@ -388,24 +394,14 @@ class Profile:
                 where="source_unit",
                 remedy=f"give one of {', '.join(_LENGTHS)}",
             )
-        if pattern is not None and columns is not None:
+        if pattern is None:
+            return cls._of_columns(
+                [name.strip() for name in (columns or "").split(",") if name.strip()], unit
+            )
+        if columns is not None:
             raise RequestError(
                 "both a pattern and columns are given", where="columns", remedy="give one of them"
             )
-        if pattern is None:
-            names = tuple(name.strip() for name in (columns or "").split(",") if name.strip())
-            known = [name for name in names if name != "-"]
-            if names and (not {"x", "y", "z"} <= set(names) or not set(known) <= set(_FIELDS)):
-                raise RequestError(
-                    f"the columns '{columns}' do not name x, y and z",
-                    where="columns",
-                    remedy="name them in order, such as target,x,y,z or -,x,y,z,sigma",
-                )
-            if len(known) != len(set(known)):
-                raise RequestError(
-                    f"the columns '{columns}' name one twice", where="columns", remedy="name each once"
-                )
-            return cls(None, names, unit)
         try:
             compiled = re.compile(pattern)
         except re.error as error:
@@ -418,28 +414,30 @@ class Profile:
                 where="pattern",
                 remedy=r"name them, such as (?P<target>\w+) (?P<x>\S+) (?P<y>\S+) (?P<z>\S+)",
             )
-        return cls(compiled, (), unit)
+        return cls(compiled, f"by the pattern {pattern}", unit)
 
-    def parts(self, line: str) -> dict[str, str] | None:
-        """Return the fields of a line; None if it has another form."""
-        if self.pattern is not None:
-            match = self.pattern.search(line)
-            return None if match is None else {k: v for k, v in match.groupdict().items() if v is not None}
-        cells = [cell for cell in _SEPARATORS.split(line.strip()) if cell]
-        columns = self.columns or (("x", "y", "z") if len(cells) == 3 else ("target", "x", "y", "z"))
-        if len(cells) != len(columns):
-            return None
-        return {name: cell for name, cell in zip(columns, cells, strict=True) if name != "-"}
+    @classmethod
+    def _of_columns(cls, names: list[str], unit: str) -> Profile:
+        known = [name for name in names if name != "-"]
+        if names and (not {"x", "y", "z"} <= set(known) <= set(_FIELDS) or len(known) != len(set(known))):
+            raise RequestError(
+                f"the columns '{','.join(names)}' do not name x, y and z, each once",
+                where="columns",
+                remedy="name them in order, such as target,x,y,z or -,x,y,z,sigma",
+            )
+        cells = [_CELL if name == "-" else f"(?P<{name}>{_CELL})" for name in names]
+        text = _SEPARATOR.join(cells) if cells else _USUAL
+        how = f"as columns {', '.join(names)}" if names else "as [target] x y z"
+        return cls(re.compile(rf"^[,;\s]*{text}[,;\s]*$"), how, unit)
 
     def read(self, line: str) -> tuple[str | None, Point] | None:
         """Return target and position of a line; None if it is no reading."""
-        parts = self.parts(line)
-        if parts is None or not {"x", "y", "z"} <= set(parts):
-            return None
+        match = self.pattern.search(line)
+        parts = {} if match is None else {k: v for k, v in match.groupdict().items() if v is not None}
         try:
             x, y, z = (_LENGTHS[self.unit] * float(parts[axis]) for axis in "xyz")
             sigma = _LENGTHS[self.unit] * float(parts["sigma"]) if "sigma" in parts else None
-        except ValueError:
+        except (KeyError, ValueError):
             return None
         if not all(map(math.isfinite, (x, y, z))):
             return None
@@ -447,11 +445,7 @@ class Profile:
 
     def words(self, line: str | None) -> str:
         """Return the profile in words, with a line that it reads."""
-        if self.pattern is not None:
-            how = f"by the pattern {self.pattern.pattern}"
-        else:
-            how = f"as columns {', '.join(self.columns)}" if self.columns else "as [target] x y z"
-        text = f"lines are read {how}, lengths in {self.unit}"
+        text = f"lines are read {self.how}, lengths in {self.unit}"
         reading = None if line is None else self.read(line)
         if reading is None:
             return text
