@@ -23,6 +23,7 @@ import numpy as np
 from scipy import special
 
 from jointstiff.schemas import geometry as results
+from jointstiff.schemas.fields import Square3
 from jointstiff.schemas.finding import Assessment, Finding, FindingCode, Verdict, combined
 from jointstiff.schemas.geometry import IdentifiedDh, LinkComparison, SweepEvidence
 from jointstiff.schemas.robot import JointMap as StoredJointMap
@@ -31,20 +32,18 @@ from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.errors import InputError, MeasurementError
 from jointstiff.solver.geometry.frames import (
     BaseDrift,
+    BaseFrame,
     BaseTargets,
+    FlangeConvention,
     WristCentre,
+    dh_table,
     find_base_frame,
     find_wrist_centre,
-    place_axes,
-)
-from jointstiff.solver.geometry.model import (
-    FlangeConvention,
-    dh_table,
     identify_model,
     joint_names,
     link_table,
 )
-from jointstiff.solver.geometry.poses import CalibratedAxes, IdentifiedAxes, Poses, calibrate
+from jointstiff.solver.geometry.poses import Axis, CalibratedAxes, IdentifiedAxes, Poses, calibrate
 from jointstiff.solver.geometry.sweeps import (
     DISAGREEMENT,
     UNEVEN,
@@ -573,7 +572,7 @@ def _result(
     return results.GeometryResult(
         joint_kinds={},
         assessment=combined([Assessment(verdict=each.weight, reasons=[each]) for each in reasons]),
-        axes=place_axes(base, model.chain.joint_names),
+        axes=_placed_axes(base, model.chain.joint_names),
         sweeps=[],
         fit=None,
         poses=None if calibrated is None else calibrated.evidence,
@@ -605,6 +604,50 @@ def _result(
         dh=tables,
         drift=drift,
         findings=listed,
+    )
+
+
+def _placed_axes(base: BaseFrame, names: Sequence[str]) -> list[results.IdentifiedAxis]:
+    """Place the axes in both frames.
+
+    Args:
+        base: where R0 is by n axes.
+        names: (n,) of the joints.
+    """
+    identified = base.identified
+
+    def placed(axes: Sequence[Axis], in_base: bool) -> list[Axis]:
+        return [axis.moved(base.place(axes)) for axis in axes] if in_base else list(axes)
+
+    def places(in_base: bool) -> list[results.AxisPlace]:
+        reference = placed(identified.axes, in_base)
+
+        def passing(axes: Sequence[Axis], _: FloatArray) -> FloatArray:
+            """Return where each axis passes, nearest to the reference's point, and its direction (6 n,)."""
+            pairs = zip(placed(axes, in_base), reference, strict=True)
+            return np.ravel([[axis.nearest(other.point), axis.direction] for axis, other in pairs])
+
+        covariances = identified.covariances(identified.jacobian_of(passing)).reshape(-1, 2, 3, 3)
+        return rows(
+            results.AxisPlace,
+            point=[axis.point for axis in reference],
+            direction=[axis.direction for axis in reference],
+            point_covariance=covariances[:, 0],
+            direction_covariance=covariances[:, 1],
+        )
+
+    def greatest(covariance: Square3 | None) -> float | None:
+        """Greatest standard uncertainty in any direction."""
+        return None if covariance is None else np.sqrt(max(np.linalg.eigvalsh(covariance)[-1], 0.0))
+
+    tracker = places(in_base=False)
+    return rows(
+        results.IdentifiedAxis,
+        name=names,
+        tracker=tracker,
+        base=places(in_base=True),
+        position_uncertainty=[greatest(place.point_covariance) for place in tracker],
+        direction_uncertainty=[greatest(place.direction_covariance) for place in tracker],
     )
 
 

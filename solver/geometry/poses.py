@@ -173,10 +173,6 @@ class Axis:
         """Return the rigid motion that turns about the axis by an angle [rad], by the right hand."""
         return self.place * pin.SE3(pin.utils.rotate("z", angle), np.zeros(3)) * self.place.inverse()
 
-    def turns(self, angles: FloatArray) -> FloatArray:
-        """Rotations (K, 3, 3) about the direction by angles (K,) [rad]."""
-        return np.asarray(Rotation.from_rotvec(np.outer(angles, self.direction)).as_matrix())
-
 
 @dataclass(frozen=True, eq=False)
 class LinearFit:
@@ -514,7 +510,7 @@ class Motion:
         R, t = np.broadcast_to(np.eye(3), (len(angles), 3, 3)), np.zeros((len(angles), 3))
         self.axes, self.carried = axes, [(R, t)]
         for axis, angle in zip(axes, angles.T, strict=True):
-            turns = axis.turns(angle)
+            turns = Rotation.from_rotvec(np.outer(angle, axis.direction)).as_matrix()
             t = t + (R @ (axis.point - turns @ axis.point)[..., None])[..., 0]
             R = R @ turns
             self.carried.append((R, t))

@@ -40,7 +40,7 @@ from jointstiff.solver.predict.models import (
     OwnWeight,
 )
 from jointstiff.solver.readings.measurements import Measurements
-from jointstiff.solver.robot.configuration import InverseKinematics
+from jointstiff.solver.robot.configuration import InverseKinematics, apart, wrapped
 from jointstiff.solver.robot.model import Robot
 
 PlaceStatus = Literal["reached", "out_of_reach", "joint_limits", "unseen_joint", "overloaded", "not_followed"]
@@ -128,9 +128,8 @@ def postures_within_limits(
         rows = np.flatnonzero(~complete)
         near = np.tile(arm.joint_map.model_angles(of_arm[None]), (len(rows), 1))
         followed, known = inverse.followed(goals[rows], near)
-        known &= _far(followed, near) <= np.fmin.reduce(
-            _far(solutions[rows], near[:, None]), axis=1, initial=np.inf
-        )
+        others = np.round(apart(solutions[rows], near[:, None]), 6)
+        known &= np.round(apart(followed, near), 6) <= np.fmin.reduce(others, axis=1, initial=np.inf)
         solutions[rows] = np.nan
         solutions[rows[known], 0] = followed[known]
         lost = np.unique(rows[~known] // count)
@@ -144,13 +143,6 @@ def postures_within_limits(
     return place[kept], orientation[kept], joints[kept], np.unique(place), lost
 
 
-def _far(angles: FloatArray, near: FloatArray) -> FloatArray:
-    """Return the greatest difference of an angle, full turns aside, rounded [rad]."""
-    apart = angles - near
-    apart = np.abs(apart - _FULL_TURN * np.round(apart / _FULL_TURN)).max(axis=-1)
-    return np.asarray(np.round(apart, 6))
-
-
 def _turned(angles: FloatArray, arm: Robot, posture: FloatArray | None) -> FloatArray:
     """Return controller's angles (K, 6), model's angles turned fully towards the limits or a posture (6,).
 
@@ -159,7 +151,7 @@ def _turned(angles: FloatArray, arm: Robot, posture: FloatArray | None) -> Float
     joint_map, limits = arm.joint_map, arm.limits
     q = joint_map.model_angles(angles)
     near = np.clip(0.0, *limits.T) if posture is None else joint_map.model_angles(posture[None])[0]
-    q = q + _FULL_TURN * np.round((near - q) / _FULL_TURN)
+    q = near - wrapped(near - q)
     with np.errstate(invalid="ignore"):
         up = np.where(q < limits[:, 0], np.ceil((limits[:, 0] - q) / _FULL_TURN), 0.0)
         down = np.where(q > limits[:, 1], np.ceil((q - limits[:, 1]) / _FULL_TURN), 0.0)

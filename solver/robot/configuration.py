@@ -408,8 +408,8 @@ class InverseKinematics:
             complete[case[~reached]] = False
             angles[case, branch] = polished
             for i in range(1, BRANCHES):  # two of the solutions are one
-                apart = np.abs(_wrapped(angles[:, i:] - angles[:, :-i])).max(axis=2)
-                complete &= ~(np.nan_to_num(apart, nan=np.inf) < _ONE).any(axis=1)
+                gaps = apart(angles[:, i:], angles[:, :-i])
+                complete &= ~(np.nan_to_num(gaps, nan=np.inf) < _ONE).any(axis=1)
             sharp = self.least_singular(polished[reached]) < _SINGULAR
             complete[case[reached][sharp]] = False
         return angles, complete
@@ -492,13 +492,13 @@ class InverseKinematics:
         left = np.arange(len(here))
         for step_number in range(_STEPS):
             here = Configurations(self.arm, q[left]) if step_number else here
-            apart = np.empty((len(left), 6))  # displacement and rotation vector to the poses
-            apart[:, :3] = poses[left, :3, 3] - here.flange_translation
-            apart[:, 3:] = rotation_vectors(poses[left, :3, :3], here.flange_rotation)
+            gaps = np.empty((len(left), 6))  # displacement and rotation vector to the poses
+            gaps[:, :3] = poses[left, :3, 3] - here.flange_translation
+            gaps[:, 3:] = rotation_vectors(poses[left, :3, :3], here.flange_rotation)
             jacobian = here.pose_jacobian_at(here.flange_translation[:, None])
             normal = jacobian @ jacobian.transpose(0, 2, 1) + _DAMPING * np.eye(6)
-            step = (jacobian.transpose(0, 2, 1) @ np.linalg.solve(normal, apart[..., None]))[..., 0]
-            rest = apart - (jacobian @ step[..., None])[..., 0]
+            step = (jacobian.transpose(0, 2, 1) @ np.linalg.solve(normal, gaps[..., None]))[..., 0]
+            rest = gaps - (jacobian @ step[..., None])[..., 0]
             q[left] += step
             near_enough = np.abs(rest).max(axis=1, initial=0.0) <= 0.5 * _REACHED
             reached[left] = near_enough & (np.abs(step).max(axis=1, initial=0.0) <= _LAST_STEP)
@@ -658,14 +658,14 @@ class _Choice:
         """
         joint_map = self._robot.joint_map
         here = joint_map.model_angles(previous[None])[0]
-        b = int(np.nanargmin(_apart(self._branches[run[0]], here)))
+        b = int(np.nanargmin(apart(self._branches[run[0]], here)))
         if not self._complete[run[0]] and not self._continues(self._branches[run[:1], b], here[None])[0]:
             # The branch may be missing among the solutions
             found, known = self._inverse.followed(self._poses[run[:1]], here[None])
             return joint_map.controller_angles(found), Unreached.NO if known[0] else Unreached.NOT_FOLLOWED
         kept = self._branches[run, b]  # (m, 6)
-        step = _apart(kept[1:], kept[:-1])
-        others = _apart(self._branches[run[1:]], kept[1:, None])
+        step = apart(kept[1:], kept[:-1])
+        others = apart(self._branches[run[1:]], kept[1:, None])
         others[:, b] = np.inf
         # By the triangle inequality nothing is nearer to the posture before than a solution that is this
         # far from all others.
@@ -679,16 +679,17 @@ class _Choice:
 
     def _continues(self, angles: FloatArray, before: FloatArray) -> BoolArray:
         """Return whether solutions (k, 6) [rad], full turns aside, continue the branch of those before."""
-        return self._inverse.continues(before + _wrapped(angles - before), before)
+        return self._inverse.continues(before + wrapped(angles - before), before)
 
 
-def _apart(angles: FloatArray, from_: FloatArray) -> FloatArray:
+def apart(angles: FloatArray, from_: FloatArray) -> FloatArray:
     """Return the greatest difference of an angle, full turns aside [rad]."""
-    apart = np.moveaxis(_wrapped(angles - from_), -1, 0)
-    return np.asarray(np.abs(apart, order="C").max(axis=0))  # joints first: a tenth of the time
+    gaps = np.moveaxis(wrapped(angles - from_), -1, 0)
+    return np.asarray(np.abs(gaps, order="C").max(axis=0))  # joints first: a tenth of the time
 
 
-def _wrapped(angle: FloatArray) -> FloatArray:
+def wrapped(angle: FloatArray) -> FloatArray:
+    """Return angles [rad] without full turns, at most half a turn."""
     return angle - _TURN * np.round(angle / _TURN)
 
 

@@ -28,9 +28,14 @@ from jointstiff.simulator import default_arm
 from jointstiff.simulator.sweeps import WornArm
 from jointstiff.simulator.urdf import urdf_text
 from jointstiff.solver.errors import MeasurementError, NotObservableError, RobotError
-from jointstiff.solver.geometry.frames import find_base_frame
+from jointstiff.solver.geometry.frames import (
+    FlangeConvention,
+    dh_table,
+    find_base_frame,
+    identify_model,
+    link_table,
+)
 from jointstiff.solver.geometry.identification import Conventions, calibration_findings, identify_from_poses
-from jointstiff.solver.geometry.model import FlangeConvention, dh_table, identify_model, link_table
 from jointstiff.solver.geometry.poses import Poses, PoseState, calibrate, transformed
 from jointstiff.solver.geometry.sweeps import identify_axes
 from jointstiff.solver.robot.configuration import Configurations
