@@ -30,7 +30,7 @@ from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.robot.model import Robot
 from jointstiff.solver.terms.block import regressor_blocks, whitened_rows
 from jointstiff.solver.terms.springs import JOINTS
-from jointstiff.solver.triangle import triangle_of
+from jointstiff.solver.triangle import triangle_of, unit_columns
 
 TILE_RESIDUALS = 2**17
 """Maximum number of residuals per block, 1 MB: they stay in the cache."""
@@ -154,14 +154,9 @@ def refuse_nonlinear(settings: Settings) -> None:
 
 
 def _stage(rows: FloatArray, joints: IndexArray, known: IndexArray) -> StageBlocks:
-    columns = np.concatenate([joints, known])
-    chosen = rows[..., [*columns, -1]]
-    largest = np.abs(chosen).max(axis=(0, 1))
-    # Scaled first: the squares of a column in other units may under- or overflow.
-    largest = np.where(largest > 0, largest, 1.0)
-    norms = np.sqrt(np.square(chosen / largest).sum(axis=(0, 1))) * largest
-    norms = np.where(norms > 0, norms, 1.0)
-    scaled = chosen / norms
+    chosen = rows[..., [*joints, *known, -1]]
+    unit, norms = unit_columns(chosen.reshape(-1, chosen.shape[-1]))
+    scaled = unit.reshape(chosen.shape)
     gram = np.swapaxes(scaled, 1, 2) @ scaled
     return StageBlocks(joints, known, scaled, gram, norms[-1] / norms[:-1])
 

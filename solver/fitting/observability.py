@@ -12,6 +12,7 @@ from jointstiff.schemas.joints import JOINT_UNITS, JointKind
 from jointstiff.schemas.run import ObservabilityIndices
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.terms.block import RegressorBlock
+from jointstiff.solver.triangle import unit_columns
 
 NULL_COLUMN = 1e-9
 """Norm of a column, relative to what the joint's levers allow, that counts as rounding."""
@@ -263,10 +264,9 @@ class Spectrum:
         Args:
             R: (m, p) weighted regressor, compressed; p may be zero.
         """
-        norms = np.linalg.norm(R, axis=0)
-        self.scale: FloatArray = np.where(norms > 0, norms, 1.0)
+        unit, self.scale = unit_columns(R)
         scale = self.scale
-        U, singular, Vt = np.linalg.svd(R / scale, full_matrices=R.shape[0] < R.shape[1])
+        U, singular, Vt = np.linalg.svd(unit, full_matrices=R.shape[0] < R.shape[1])
         self.singular_values = np.zeros(R.shape[1])
         self.singular_values[: len(singular)] = singular
         largest = singular.max(initial=0.0)
