@@ -140,8 +140,8 @@ def _best_loss(
         chosen.append((float(path.errors[:, chosen_weight(path.errors, "best")].mean()), path, model))
     _, path, model = min(chosen, key=lambda each: each[0])
     if name == "joints":
-        problem = folds.problem(model)
-        return problem.formulation.compliances(problem.joints_only()), None
+        form = folds.formulation(model)
+        return form.compliances(form.joints_only()), None
     path = refined(folds, model, path)
     elastic = first_certified(folds, model, path.weights[chosen_weight(path.errors, "best") :])
     return elastic.entries, elastic

@@ -29,7 +29,6 @@ from jointstiff.solver.links.model import (
     ElasticModel,
     ElasticRows,
     Formulation,
-    LossProblem,
     elastic_blocks,
     elastic_rows,
     formulate,
@@ -153,7 +152,7 @@ class Folds:
             self._training[fold] = ElasticRows.merged([self.rows[each] for each in draw if each != fold])
         return self._training[fold]
 
-    def problem(self, model: ElasticModel, fold: int | None = None) -> LossProblem:
+    def formulation(self, model: ElasticModel, fold: int | None = None) -> Formulation:
         """Return a model on all folds but one, or on the whole set, ready to be fitted.
 
         Raises:
@@ -161,8 +160,9 @@ class Folds:
         """
         key = fold, model.name
         if key not in self._formulations:
-            self._formulations[key] = formulate(self.training(fold), model, self.visible)
-        return LossProblem(model, self._formulations[key], self.measurements.sigma)
+            training, sigma = self.training(fold), self.measurements.sigma
+            self._formulations[key] = formulate(training, model, self.visible, sigma)
+        return self._formulations[key]
 
     def error(self, fold: int, compliances: FloatArray) -> FloatArray:
         """(W,) prediction errors [m] of compliances (W, P) in a fold; see `PenaltyPath`."""
@@ -189,14 +189,14 @@ def fit_fold(
     Returns:
         (W, P) compliances and (W,) errors, as in `PenaltyPath`.
     """
-    problem = folds.problem(model, fold)
-    cone = problem.formulation.cone
+    form = folds.formulation(model, fold)
+    cone = form.cone
     if cone.penalised or cone.sizes:
-        parameters = np.array([_parameters(problem, weight) for weight in weights])
+        parameters = np.array([_parameters(form, model, weight) for weight in weights])
     else:
-        alone = problem.joints_only() if model.loss == "squared" else _parameters(problem, 1.0)
+        alone = form.joints_only() if model.loss == "squared" else _parameters(form, model, 1.0)
         parameters = np.tile(alone, (len(weights), 1))
-    compliances = problem.formulation.compliances(parameters)
+    compliances = form.compliances(parameters)
     return compliances, folds.error(fold, compliances)
 
 
@@ -232,11 +232,11 @@ def _further(weights: FloatArray, errors: FloatArray) -> list[float]:
     return [10.0 ** (quarter / 4.0) for quarter in sorted(halfway.difference(quarters.tolist()))]
 
 
-def _parameters(problem: LossProblem, weight: float) -> FloatArray:
+def _parameters(form: Formulation, model: ElasticModel, weight: float) -> FloatArray:
     try:
-        return problem.fit(weight, gap=_GAP)[0].x
+        return form.fit(model, weight, gap=_GAP)[0].x
     except SolverError:
-        return np.full(problem.formulation.cone.dimension, np.nan)
+        return np.full(form.cone.dimension, np.nan)
 
 
 def answered(errors: FloatArray) -> BoolArray:

@@ -45,7 +45,6 @@ from jointstiff.solver.links.model import (
     ElasticColumns,
     ElasticModel,
     Formulation,
-    LossProblem,
     elastic_blocks,
 )
 from jointstiff.solver.messages import point
@@ -156,20 +155,20 @@ def estimate_elastic(folds: Folds, model: ElasticModel, weight: float) -> Elasti
     Raises:
         UnsupportedMethodError: the penalty has no scale, or is too small for the optimum to be certified.
     """
-    robot, measurements, problem = folds.robot, folds.measurements, folds.problem(model)
-    formulation = problem.formulation
+    robot, measurements, formulation = folds.robot, folds.measurements, folds.formulation(model)
     scale = _scale(formulation, measurements.sigma)
-    unit = scale / problem.size
+    unit = scale / formulation.unit_of_gaps(model)
     try:  # as exactly as rounding allows, and certified in any case
-        solution, threshold = problem.fit(weight, gap=_DESIRED_GAP * unit, accepted=_SOLVED_GAP * unit)
+        gap, accepted = _DESIRED_GAP * unit, _SOLVED_GAP * unit
+        solution, threshold = formulation.fit(model, weight, gap=gap, accepted=accepted)
     except SolverError as error:
         raise _uncertified(weight) from error
     columns = model.columns
     compliances, least = _returned(formulation.compliances(solution.x), model)
-    gap = problem.gap_at(compliances, weight, solution, threshold) / unit
+    gap = formulation.gap_at(model, compliances, weight, solution, threshold) / unit
     if not gap <= CERTIFIED_GAP:
         raise _uncertified(weight)
-    squares, weight_of_squares = problem.companion(compliances, weight, threshold)
+    squares, weight_of_squares = formulation.companion(model, compliances, weight, threshold)
     freedom, left, sigma, chi_square = _residuals(squares, weight_of_squares, compliances, measurements.sigma)
     elements, prediction = _explained(robot, measurements, model, compliances)
     seen = np.isin(np.arange(robot.n), formulation.columns)
@@ -198,18 +197,18 @@ def estimate_elastic(folds: Folds, model: ElasticModel, weight: float) -> Elasti
         certificate=LinkCertificate(
             least_eigenvalue=least, dual=solution.certificate.dual, gap=gap, scale=float(scale)
         ),
-        companion=_companion(problem, compliances, weight),
+        companion=_companion(formulation, model, compliances, weight),
     )
 
 
-def _companion(problem: LossProblem, compliances: FloatArray, weight: float) -> Companion:
+def _companion(form: Formulation, model: ElasticModel, compliances: FloatArray, weight: float) -> Companion:
     """Return the plain squares beside a fit, their sigma raised where the residuals exceed what is stated."""
-    weight, stated = problem.weight_of_squares(compliances, weight), problem.sigma
-    _, left, sigma, chi_square = _residuals(problem.formulation, weight, compliances, stated)
+    weight, stated = form.weight_of_squares(model, compliances, weight), form.sigma
+    _, left, sigma, chi_square = _residuals(form, weight, compliances, stated)
     if stated is None or sigma is None:
-        return Companion(problem.formulation, weight, sigma, left)
+        return Companion(form, weight, sigma, left)
     excess = sqrt(chi_square / left) if left >= _LEAST_FREEDOM else 1.0
-    return Companion(problem.formulation, weight, sigma * max(1.0, excess), None)
+    return Companion(form, weight, sigma * max(1.0, excess), None)
 
 
 def first_certified(folds: Folds, model: ElasticModel, weights: Sequence[float]) -> ElasticEstimate:
@@ -250,7 +249,7 @@ def _scale(formulation: Formulation, sigma: float | None) -> float:
     The least that the model leaves without constraints is no noise that sigma knows of: no optimum is
     needed more exactly than that.
     """
-    fit, rows, joints = formulation.fit, formulation.rows, formulation.cone.free
+    fit, rows, joints = formulation.squares, formulation.rows, formulation.cone.free
     R = fit.R[:, :joints]
     alone = float(np.linalg.norm(R @ np.linalg.lstsq(R, fit.z, rcond=None)[0] - fit.z))
     least = float(np.linalg.norm(fit.R @ fit.near - fit.z))

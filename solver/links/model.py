@@ -257,12 +257,13 @@ class ElasticModel:
 class Formulation:
     """A model on some observations, ready to be solved for any weight of the penalty."""
 
-    fit: LeastSquares  #: quadratic part, in the program's parameters
+    squares: LeastSquares  #: quadratic part, in the program's parameters
     cone: Cone  #: cone of the parameters
     columns: IndexArray  #: (p,) column of each parameter
     unit: FloatArray  #: (p,) unit of each parameter: compliances are ``unit · x``
     rows: ElasticRows  #: rows of the observations
     size: float  #: ‖z‖, by which the readings are divided, in units of the whitened readings [m]
+    sigma: float | None  #: sigma of one coordinate of one reading, if it is stated [m]
     #: fits of absolute residuals by weight, gap and accepted gap, which Huber's scale takes as well
     _absolute: dict[tuple[float, float, float | None], ConeSolution] = field(default_factory=dict)
 
@@ -284,14 +285,14 @@ class Formulation:
 
     def program(self, weight: float) -> SemidefiniteProgram:
         """The program for a weight λ of the penalty."""
-        return SemidefiniteProgram(self.fit, self.cone, weight)
+        return SemidefiniteProgram(self.squares, self.cone, weight)
 
     def robust(self, weight: float, threshold: float) -> RobustProgram:
         """Return the program of a robust loss for a weight λ and a threshold h [m]."""
         return RobustProgram(self._norms, weight, threshold / self.total)
 
     def absolute(self, weight: float, gap: float, accepted: float | None = None) -> ConeSolution:
-        """Return the fit of absolute residuals; see `LossProblem.fit`."""
+        """Return the fit of absolute residuals; see `fit`."""
         key = weight, gap, accepted
         if key not in self._absolute:
             self._absolute[key] = solve_robust(self.robust(weight, 0.0), gap=gap, accepted=accepted)
@@ -303,14 +304,122 @@ class Formulation:
         out[..., self.columns] = self.unit * x
         return out
 
+    def unit_of_gaps(self, model: ElasticModel) -> float:
+        """Return the unit of certificates' gaps [m]: of fitted readings all together, or of mean residuals.
 
-def formulate(rows: ElasticRows, model: ElasticModel, visible: BoolArray) -> Formulation:
+        A gap of squares is ‖R (x − x̂)‖ / ‖z‖. One of the others is the excess of the objective, and times
+        this size the excess of the mean norm of a residual.
+        """
+        if model.loss == "squared":
+            return self.size
+        return self.total / self.rows.targets
+
+    def fit(
+        self, model: ElasticModel, weight: float, *, gap: float, accepted: float | None = None
+    ) -> tuple[ConeSolution, float]:
+        """Fit, Huber's loss with h in units of sigma, or of the robust scale of the absolute residuals.
+
+        Args:
+            model: what bends, and the loss.
+            weight: λ > 0.
+            gap: of a certificate, in units of `unit_of_gaps`, that ends the search.
+            accepted: greatest that is accepted; the same if None.
+
+        Returns:
+            Parameters (p,) of the formulation with their evidence, and the threshold h [m] of Huber's loss;
+            0 of absolute residuals, inf of squares.
+
+        Raises:
+            SolverError: no answer has such a certificate.
+        """
+        if model.loss == "squared":
+            return solve_cone(self.program(weight), gap=gap, accepted=accepted), float("inf")
+        if model.loss == "absolute":
+            return self.absolute(weight, gap, accepted), 0.0
+        scale = self.sigma
+        if scale is None:
+            scale = self._robust_scale(self.compliances(self.absolute(weight, gap).x))
+        threshold = model.threshold * scale
+        return solve_robust(self.robust(weight, threshold), gap=gap, accepted=accepted), threshold
+
+    def gap_at(
+        self,
+        model: ElasticModel,
+        compliances: FloatArray,
+        weight: float,
+        solution: ConeSolution,
+        threshold: float,
+    ) -> float:
+        """Return the gap of compliances (P,) near a fit, in units of `unit_of_gaps`."""
+        x = compliances[self.columns] / self.unit
+        if model.loss == "squared":
+            return certify_cone(self.program(weight), x).gap
+        program = self.robust(weight, threshold)
+        return certify_robust(program, x, solution.certificate.multipliers).gap
+
+    def joints_only(self) -> FloatArray:
+        """(p,) parameters of a model without penalised elements under squares, exactly."""
+        R, z = self.squares.R, self.squares.z
+        problem = IdentificationProblem(R, z, Bounds.positive(R.shape[1]))
+        return solve_step(problem).compliance
+
+    def _robust_scale(self, compliances: FloatArray) -> float:
+        """Return the robust scale [m] of the residuals of compliances (P,)."""
+        norms = self.rows.lengths(compliances)
+        least = _LEAST_SCALE * self.total / max(1, len(norms))
+        return max(float(np.median(norms)) / MEDIAN_NORM, least)
+
+    def companion(
+        self, model: ElasticModel, compliances: FloatArray, weight: float, threshold: float
+    ) -> tuple[Formulation, float]:
+        """Return the weighted squares that share the optimum, and the weight of their penalty.
+
+        A target beyond the threshold h counts h/‖r‖: the stationarity of Huber's loss is that of these
+        squares. For absolute residuals h is the threshold times their robust scale, and the optimum
+        is shared about.
+
+        Args:
+            model: what bends, and the loss.
+            compliances: (P,) of the fit.
+            weight: λ of the fit.
+            threshold: h of the fit [m].
+        """
+        if model.loss == "squared":
+            return self, weight
+        if threshold == 0.0:
+            threshold = model.threshold * max(self._robust_scale(compliances), self.sigma or 0.0)
+        norms = self.rows.lengths(compliances)
+        weighted = self.rows.weighted(threshold / np.maximum(norms, threshold))
+        seen = np.isin(np.arange(model.columns.n), self.columns)
+        squares = formulate(weighted, model, seen, self.sigma)
+        return squares, 2.0 * self.total * threshold * weight / squares.size**2
+
+    def weight_of_squares(self, model: ElasticModel, compliances: FloatArray, weight: float) -> float:
+        """Return the weight of the penalty beside plain squares that pulls as much as at a fit.
+
+        A residual counts by its direction under the absolute loss, and by its length under squares.
+
+        Args:
+            model: what bends, and the loss.
+            compliances: (P,) of the fit.
+            weight: λ of the fit.
+        """
+        if model.loss == "squared":
+            return weight
+        length = float(self.rows.lengths(compliances).mean())
+        return max(2.0 * self.total * length * weight / self.size**2, _LEAST_WEIGHT)
+
+
+def formulate(
+    rows: ElasticRows, model: ElasticModel, visible: BoolArray, sigma: float | None = None
+) -> Formulation:
     """State a model on some observations.
 
     Args:
         rows: of the observations.
         model: what bends.
         visible: (n,) joints that the readings see.
+        sigma: of one coordinate of one reading, if it is stated [m].
 
     Raises:
         UnsupportedMethodError: nothing moved or nothing loads the robot, so that the penalty has no scale.
@@ -333,12 +442,13 @@ def formulate(rows: ElasticRows, model: ElasticModel, visible: BoolArray) -> For
     unit = np.concatenate([unit for _, unit in scalars + blocks])
     count = sum(len(columns) for columns, _ in scalars)
     return Formulation(
-        fit=LeastSquares((triangle / size)[:, of_parameters] * unit, z / size),
+        squares=LeastSquares((triangle / size)[:, of_parameters] * unit, z / size),
         cone=Cone(count, tuple(sizes), penalised=count - len(joints)),
         columns=of_parameters,
         unit=unit,
         rows=rows,
         size=size,
+        sigma=sigma,
     )
 
 
@@ -375,109 +485,3 @@ def compared_losses(measurements: Measurements, losses: tuple[Loss, ...]) -> tup
         where="loss",
         remedy="use loss squared, or leave observations out",
     )
-
-
-@dataclass(frozen=True, eq=False)
-class LossProblem:
-    """A model on some observations, ready to be fitted with its loss for any weight of the penalty."""
-
-    model: ElasticModel  #: what bends, and the loss
-    formulation: Formulation  #: formulation of the model
-    sigma: float | None  #: sigma of one coordinate of one reading, if it is stated [m]
-
-    @property
-    def size(self) -> float:
-        """Return the unit of certificates' gaps [m]: of fitted readings all together, or of mean residuals.
-
-        A gap of squares is ‖R (x − x̂)‖ / ‖z‖. One of the others is the excess of the objective, and times
-        this size the excess of the mean norm of a residual.
-        """
-        if self.model.loss == "squared":
-            return self.formulation.size
-        return self.formulation.total / self.formulation.rows.targets
-
-    def fit(self, weight: float, *, gap: float, accepted: float | None = None) -> tuple[ConeSolution, float]:
-        """Fit, Huber's loss with h in units of sigma, or of the robust scale of the absolute residuals.
-
-        Args:
-            weight: λ > 0.
-            gap: of a certificate, in units of `size`, that ends the search.
-            accepted: greatest that is accepted; the same if None.
-
-        Returns:
-            Parameters (p,) of the formulation with their evidence, and the threshold h [m] of Huber's loss;
-            0 of absolute residuals, inf of squares.
-
-        Raises:
-            SolverError: no answer has such a certificate.
-        """
-        form = self.formulation
-        if self.model.loss == "squared":
-            return solve_cone(form.program(weight), gap=gap, accepted=accepted), float("inf")
-        if self.model.loss == "absolute":
-            return form.absolute(weight, gap, accepted), 0.0
-        scale = self.sigma
-        if scale is None:
-            scale = self._robust_scale(form.compliances(form.absolute(weight, gap).x))
-        threshold = self.model.threshold * scale
-        return solve_robust(form.robust(weight, threshold), gap=gap, accepted=accepted), threshold
-
-    def gap_at(
-        self, compliances: FloatArray, weight: float, solution: ConeSolution, threshold: float
-    ) -> float:
-        """Return the gap of compliances (P,) near a fit, in units of `size`."""
-        x = compliances[self.formulation.columns] / self.formulation.unit
-        if self.model.loss == "squared":
-            return certify_cone(self.formulation.program(weight), x).gap
-        program = self.formulation.robust(weight, threshold)
-        return certify_robust(program, x, solution.certificate.multipliers).gap
-
-    def joints_only(self) -> FloatArray:
-        """(p,) parameters of a model without penalised elements under squares, exactly."""
-        fit = self.formulation.fit
-        problem = IdentificationProblem(fit.R, fit.z, Bounds.positive(fit.R.shape[1]))
-        return solve_step(problem).compliance
-
-    def _robust_scale(self, compliances: FloatArray) -> float:
-        """Return the robust scale [m] of the residuals of compliances (P,)."""
-        norms = self.formulation.rows.lengths(compliances)
-        least = _LEAST_SCALE * self.formulation.total / max(1, len(norms))
-        return max(float(np.median(norms)) / MEDIAN_NORM, least)
-
-    def companion(
-        self, compliances: FloatArray, weight: float, threshold: float
-    ) -> tuple[Formulation, float]:
-        """Return the weighted squares that share the optimum, and the weight of their penalty.
-
-        A target beyond the threshold h counts h/‖r‖: the stationarity of Huber's loss is that of these
-        squares. For absolute residuals h is the threshold times their robust scale, and the optimum
-        is shared about.
-
-        Args:
-            compliances: (P,) of the fit.
-            weight: λ of the fit.
-            threshold: h of the fit [m].
-        """
-        if self.model.loss == "squared":
-            return self.formulation, weight
-        if threshold == 0.0:
-            threshold = self.model.threshold * max(self._robust_scale(compliances), self.sigma or 0.0)
-        norms = self.formulation.rows.lengths(compliances)
-        weighted = self.formulation.rows.weighted(threshold / np.maximum(norms, threshold))
-        seen = np.isin(np.arange(self.model.columns.n), self.formulation.columns)
-        squares = formulate(weighted, self.model, seen)
-        return squares, 2.0 * self.formulation.total * threshold * weight / squares.size**2
-
-    def weight_of_squares(self, compliances: FloatArray, weight: float) -> float:
-        """Return the weight of the penalty beside plain squares that pulls as much as at a fit.
-
-        A residual counts by its direction under the absolute loss, and by its length under squares.
-
-        Args:
-            compliances: (P,) of the fit.
-            weight: λ of the fit.
-        """
-        if self.model.loss == "squared":
-            return weight
-        form, length = self.formulation, float(self.formulation.rows.lengths(compliances).mean())
-        return max(2.0 * form.total * length * weight / form.size**2, _LEAST_WEIGHT)

@@ -473,7 +473,7 @@ class ElasticPredictor(ForwardModel):
             deviation = max(_SHARE_OF_TRACE * float(np.sqrt(np.mean(np.square(traces)))), _LEAST_PRIOR)
             prior = np.full(len(x), deviation)
             prior[: form.cone.free] = _JOINT_PRIOR
-            scaled = form.fit.R * (prior * form.size / float(companion.sigma or 1.0))
+            scaled = form.squares.R * (prior * form.size / float(companion.sigma or 1.0))
             factor = np.linalg.cholesky(scaled.T @ scaled + np.eye(len(x)))
             inverse = solve_triangular(factor, np.eye(len(x)), lower=True)
             root = np.asarray((form.unit * prior)[:, None] * inverse.T)
