@@ -54,6 +54,9 @@ BENCHMARKS = {
         "attacks.live_service", "kill -9 while readings are sent; fifty campaigns at once", in_parts=True
     ),
     "links_fanuc": Benchmark("studies.links_fanuc", "elastic links, held out on the real set", in_parts=True),
+    "effective": Benchmark(
+        "studies.effective", "effective stiffness after links are chosen; half an hour", in_parts=True
+    ),
     "own_weight": Benchmark(
         "studies.own_weight", "stiffness without a load; docs/without-a-load.md", in_parts=True
     ),
