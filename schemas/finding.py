@@ -177,6 +177,7 @@ FindingCode = Literal[
     "links_bend_with_joints",
     "base_bends",
     "masses_contradicted",
+    "masses_unchecked",
     "lack_of_fit",
     "sigma_implausible",
     "deflections_below_noise",

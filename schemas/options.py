@@ -60,6 +60,7 @@ class CrossValidation(Message):
 
 MAX_REPETITIONS = 100_000
 MAX_CAUSES = 4
+MAX_LEFT_OUT = 1_000
 
 
 class Resampling(Message):
@@ -110,6 +111,11 @@ class Weight(Message):
     estimate_gravity: Annotated[bool, Field(strict=True)] = Field(
         default=False,
         description="True to estimate the direction of gravity, as for a tracker that is not levelled.",
+    )
+    rigid_base: Annotated[bool, Field(strict=True)] = Field(
+        default=False,
+        description="True to take the base below the first joint as rigid; else its tilt under the weight is "
+        "estimated.",
     )
     balancers: Annotated[list[Balancer], Field(max_length=MAX_JOINTS)] = Field(
         default_factory=list, description="Spring balancers, whose bounds are stated."

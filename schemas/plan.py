@@ -34,7 +34,7 @@ from jointstiff.schemas.goal import Goal, goal_in_words
 from jointstiff.schemas.job import Job, JobSummary, Result
 from jointstiff.schemas.joints import StatedKind
 from jointstiff.schemas.measurement import MAX_TARGETS, Uncertainty
-from jointstiff.schemas.options import Causes, StiffnessPrior, Weight
+from jointstiff.schemas.options import MAX_LEFT_OUT, Causes, StiffnessPrior, Weight
 from jointstiff.schemas.robot import MAX_JOINTS
 
 MAX_CANDIDATES = 50_000
@@ -204,6 +204,11 @@ class PlanOptions(AcceptingOptions):
         default_factory=list,
         description="Causes that are fitted beside the joints to the readings of the campaign so far, as in "
         "its run; from Python and the terminal those of its run.",
+    )
+    leave_out: Annotated[list[Name], Field(max_length=MAX_LEFT_OUT)] = Field(
+        default_factory=list,
+        description="Labels of observations of the campaign so far to omit; from Python and the terminal "
+        "those that its run omits.",
     )
     joints: Annotated[list[Name], Field(max_length=MAX_JOINTS)] = Field(
         default_factory=list, description="Joints to determine; default: all that the loads twist."

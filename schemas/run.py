@@ -27,7 +27,15 @@ from jointstiff.schemas.job import Job, JobSummary, Result
 from jointstiff.schemas.joints import StatedKind
 from jointstiff.schemas.measurement import MeasurementSetDocument
 from jointstiff.schemas.model import IdentifiedModel, LinksResult, ModelSelection
-from jointstiff.schemas.options import Elasticity, ElasticModel, Loss, Method, RunOptions, Weighting
+from jointstiff.schemas.options import (
+    MAX_LEFT_OUT,
+    Elasticity,
+    ElasticModel,
+    Loss,
+    Method,
+    RunOptions,
+    Weighting,
+)
 from jointstiff.schemas.robot import RobotDocument
 
 
@@ -345,9 +353,6 @@ class WeightResult(Message):
     )
     rms_residual: Metres[float] = Field(description="Root mean square of a coordinate's residual with sag.")
     steps: int = Field(description="Number of Gauss-Newton steps.")
-
-
-MAX_LEFT_OUT = 1_000
 
 
 class CampaignRun(RunOptions):

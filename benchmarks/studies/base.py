@@ -1,4 +1,4 @@
-"""A base that bends below joint 1: pedestals of known stiffness, under loads and by own weight.
+"""A base that bends below joint 1, and a mass that is wrong, by loads and by own weight.
 
 By name only: a loaded campaign on a pedestal takes some seconds; `--part 1/4` runs a quarter.
 """
@@ -6,26 +6,31 @@ By name only: a loaded campaign on a pedestal takes some seconds; `--part 1/4` r
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
+
+import numpy as np
 
 from benchmarks.report import Figure, Part, Section
 from jointstiff import identify
 from jointstiff.schemas.run import RunResult
 from jointstiff.simulator import default_arm
 from jointstiff.simulator.base import pedestal_campaign
+from jointstiff.simulator.own_weight import default_bodies, unloaded_campaign
 
 __all__ = ["run"]
 
 ARM = default_arm()
 PEDESTALS = (5e7, 2e7, 8e6)
 CAMPAIGNS, CLEAN = 20, 100
+MASSES, LOADED, PAYLOAD = 60, 20, 100.0
+BODIES, WITHIN = default_bodies(), 0.1
 BEYOND = 3.0
 """Standard uncertainties beyond which the number of joint 2 is wrong."""
 
 
 def run(*, quick: bool, part: Part) -> list[Section]:
-    """Pedestals under loads and clean arms."""
+    """Pedestals under loads and by own weight, clean arms, and masses that are wrong."""
     share = 0.1 if quick else 1.0
     seeds, clean = (part.of(max(1, int(share * count))) for count in (CAMPAIGNS, CLEAN))
     found = {
@@ -33,7 +38,78 @@ def run(*, quick: bool, part: Part) -> list[Section]:
         for stiffness in PEDESTALS
     }
     without = Counter(_model(_result(pedestal_campaign(ARM, float("inf"), seed=seed))) for seed in clean)
-    return [_pedestals("Under loads", found), _clean(without)]
+    by_weight = {
+        stiffness: [_second(_result(_unloaded(seed, pedestal=stiffness))) for seed in seeds]
+        for stiffness in PEDESTALS
+    }
+    masses = part.of(max(1, int(share * MASSES)))
+    return [
+        _pedestals("Under loads", found),
+        _pedestals("By own weight", by_weight),
+        _clean(without),
+        *(_masses(masses, loaded) for loaded in (0, LOADED)),
+    ]
+
+
+def _unloaded(
+    seed: int, link: int | None = None, *, loaded: int = 0, pedestal: float | None = None
+) -> dict[str, Any]:
+    """Return 40 unloaded postures, of which some are read with a payload, too.
+
+    True masses are anywhere within ± 10 % of those stated; that of a link is twice as large.
+    """
+    true = BODIES.masses * (1.0 + WITHIN * np.random.default_rng([seed, 43]).uniform(-1.0, 1.0, 6))
+    if link is not None:
+        true[link] = 2.0 * BODIES.masses[link]
+    bodies = replace(BODIES, masses=true)
+    document = unloaded_campaign(
+        ARM,
+        bodies,
+        mass_uncertainty=WITHIN,
+        payload=PAYLOAD if loaded else 0.0,
+        seed=seed,
+        pedestal=pedestal,
+    )
+    for body, mass in zip(document["robot"]["bodies"], BODIES.masses.tolist(), strict=True):
+        body["mass"] = mass
+    for observation in document["measurement_set"]["observations"][loaded:]:
+        observation["force"] = [0.0, 0.0, 0.0]
+        for reading in observation["readings"]:
+            reading.pop("loaded", None)
+    return document
+
+
+def _masses(seeds: range, loaded: int) -> Section:
+    """Count verdicts and intervals with right masses, and with one of links 2 to 6 twice as heavy."""
+    rows, use = [], dict[str, int]()
+    for name in ("right", "one twice"):
+        results = [
+            _result(_unloaded(seed, None if name == "right" else 1 + seed % 5, loaded=loaded))
+            for seed in seeds
+        ]
+        verdicts = Counter(result.assessment.verdict for result in results)
+        held = [
+            low <= truth <= high
+            for result in results
+            for joint, truth in zip(result.joints[1:], ARM.compliances[1:].tolist(), strict=True)
+            for low, high in [joint.compliance_interval or (0.0, float("inf"))]
+        ]
+        use[name] = verdicts["use"]
+        counts = (str(verdicts[verdict]) for verdict in ("use", "use_with_care", "do_not_use"))
+        rows.append((f"{name}, within ± 10 %", *counts, f"{100 * np.mean(held):.1f} %"))
+    what = f"{loaded} postures with {PAYLOAD:g} kg, too" if loaded else "no known load"
+    return Section(
+        title=f"Masses by own weight, {what}: {len(seeds)} campaigns of 40 postures each",
+        columns=("masses", "use", "with care", "do not use", "joints held"),
+        rows=tuple(rows),
+        figures=(
+            Figure(
+                f"right masses, {what}: use", 100 * use["right"] / len(seeds), "at least", 100 * 58 / 60, " %"
+            ),
+            Figure(f"one mass twice that stated, {what}: use", use["one twice"], "at most", 0),
+        ),
+        notes=("links 2 to 6 in turn: link 1 turns about the vertical, and no joint feels its mass",),
+    )
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,8 @@ LOSSES: tuple[Literal["squared", "huber", "automatic"], ...] = ("squared", "hube
 
 def run(*, quick: bool, part: Part) -> list[Section]:
     """Count how often 95 % intervals hold what the beams have: joint and link about the joint's axis."""
-    seeds, rows, figures, data = part.of(1 if quick else CAMPAIGNS), [], [], {}
+    seeds, rows, figures = part.of(1 if quick else CAMPAIGNS), list[tuple[str, ...]](), list[Figure]()
+    data = dict[str, list[int]]()
     for loss in LOSSES[:1] if quick else LOSSES:
         chosen, held, width = Counter[str](), list[bool](), list[float]()
         for seed in seeds:
@@ -60,6 +61,6 @@ def run(*, quick: bool, part: Part) -> list[Section]:
                 "exact beams, EI 3e6 to 6e7 N·m², 20 to 30 postures; what is not escalated is not counted",
                 "a loss absolute cannot be asked for without a model: automatic compares it with the others",
             ),
-            data=data,
+            data={**data},
         )
     ]

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from jointstiff.simulator.arm import FloatArray, SpringArm
+from jointstiff.simulator.base import SPRINGS, on_pedestal, standing
 from jointstiff.simulator.document import Document, robot_document
 from jointstiff.simulator.equilibrium import EquilibriumError, torque_derivative, torques
 from jointstiff.simulator.experiment import LOAD_POINT, NOISE_STREAM, TARGETS, random_configurations
@@ -118,6 +119,7 @@ def unloaded_campaign(
     payload: float = 0.0,
     sigma: float = 3e-5,
     seed: int = 0,
+    pedestal: float | None = None,
 ) -> Document:
     """Simulate a campaign without loads, and write it down as the service takes it.
 
@@ -129,6 +131,7 @@ def unloaded_campaign(
         payload: Mass [kg] that is then hung on at `LOAD_POINT` in each configuration; 0 for none.
         sigma: Standard deviation of each coordinate of each position read [m].
         seed: Seed of all random numbers.
+        pedestal: Stiffness of a pedestal about x and y of R0 [N·m/rad]; None for a floor.
 
     Returns:
         The document, {"robot", "measurement_set", "run"}.
@@ -136,8 +139,15 @@ def unloaded_campaign(
     bodies = bodies or default_bodies()
     q = random_configurations(arm, configurations, seed)
     force, points = payload * bodies.gravity, np.array(list(TARGETS.values()))
-    angles = [q + sag(arm, bodies, q, force=each, load_point=LOAD_POINT) for each in (0.0 * force, force)]
-    places = np.array([arm.posture(each).targets_to_base(points) for each in angles])
+    bent, carried, still = arm, bodies, q
+    if pedestal is not None:
+        none = np.zeros((SPRINGS, 3))
+        masses, centres = np.append(none[:, 0], bodies.masses), np.vstack([none, bodies.centres])
+        carried = replace(bodies, masses=masses, centres=centres)
+        bent, still = on_pedestal(arm, pedestal), standing(q)
+    loads = (0.0 * force, force)
+    angles = [still + sag(bent, carried, still, force=each, load_point=LOAD_POINT) for each in loads]
+    places = np.array([bent.posture(each).targets_to_base(points) for each in angles])
     noise = np.random.default_rng([seed, NOISE_STREAM]).standard_normal(places.shape)
     unloaded, loaded = np.round(places + sigma * noise, 8).tolist()
     robot = robot_document(arm)

@@ -19,7 +19,7 @@ from jointstiff.service.conversion.robots import joint_index
 from jointstiff.solver.arrays import IndexArray
 from jointstiff.solver.convex.solution import Bounds, Constraints, greatest_violations
 from jointstiff.solver.errors import RequestError
-from jointstiff.solver.evidence.assessment import assessed, refuted_noise
+from jointstiff.solver.evidence.assessment import assessed, implausible_joints, refuted_noise
 from jointstiff.solver.fitting.fit import Likelihood, sigma_test
 from jointstiff.solver.messages import message, messages_of, rows
 from jointstiff.solver.predict.answers import (
@@ -55,10 +55,13 @@ def identified_by_weight(prepared: PreparedSet, options: RunOptions, weight: Wei
         readings,
         confidence=options.confidence,
         free_gravity=weight.estimate_gravity,
+        free_base=not weight.rigid_base,
         loaded=loaded if by_loads.any() else None,
     )
     joints = estimate.joints
-    assessment = assessed(joints, [*estimate.reasons, *refuted_noise(m, estimate.sigma)])
+    implausible = implausible_joints(joints)
+    findings = [*estimate.reasons, *estimate.remarks, *implausible, *refuted_noise(m, estimate.sigma)]
+    assessment = assessed(joints, findings)
     row, target = np.nonzero(readings.poses.present)
     displacement, residual = estimate.displacement[row, target], estimate.residual[row, target]
     left, moved = (np.linalg.norm(part, axis=1) for part in (residual, displacement + residual))

@@ -66,11 +66,17 @@ def planning(inputs: Inputs, request: plans.PlanRequest) -> QuickWork:
             where="causes",
             remedy="omit `causes`, or go on with a measured campaign under loads",
         )
+    if request.measurement_set_id is None and request.leave_out:
+        raise RequestError(
+            "a plan that begins a campaign has no observations to leave out",
+            where="leave_out",
+            remedy="omit `leave_out`, or go on with a measured campaign",
+        )
     if request.measurement_set_id is None:
         robot, content = inputs.robot(str(request.robot_id), "robot_id")
         planned = Planned(robot, str(request.robot_id), content)
     else:
-        prepared = inputs.measured(request.measurement_set_id, "measurement_set_id")
+        prepared = inputs.measured(request.measurement_set_id, "measurement_set_id", request.leave_out)
         if request.load is None and not prepared.measurements.force.any():
             request = request.model_copy(update={"load": OwnWeight(kind="own_weight")})
         by_weight = isinstance(request.load, OwnWeight)
@@ -251,6 +257,7 @@ def to_design_request(
             Burden(robot.bodies, gravity=np.array(load.gravity)),
             targets,
             np.nan_to_num(nominal),
+            free_base=not load.rigid_base,
         ),
         seed=request.seed,
         goal=None if isinstance(request.goal, DecisionGoal) else request.goal,

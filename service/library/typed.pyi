@@ -124,6 +124,7 @@ class PlanFields(TypedDict, total=False):
     stiffness: Mapping[str, float]
     priors: Mapping[str, StiffnessPrior | Mapping[str, Any]]
     causes: Sequence[NamedCause | Mapping[str, Any]]
+    leave_out: Sequence[str]
     joints: Sequence[str]
     candidates: int
     postures: Matrix

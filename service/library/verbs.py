@@ -214,8 +214,8 @@ def _take_robot_or_campaign(call: _Call) -> dict[str, Any]:
     if isinstance(source, RobotDocument):
         return {"robot_id": call.door.described(call.waiting.pop(0))}
     set_id, run = call.door.measured(call.waiting.pop(0))
-    causes = [] if run is None else [cause.model_dump(mode="json") for cause in run.causes]
-    return {"measurement_set_id": set_id, **({"causes": causes} if causes else {})}
+    own = {} if run is None else run.model_dump(mode="json", include={"causes", "leave_out"})
+    return {"measurement_set_id": set_id, **{name: stated for name, stated in own.items() if stated}}
 
 
 def _take_readings(call: _Call) -> dict[str, Any]:

@@ -624,14 +624,21 @@ def judge(estimate: Estimate) -> Iterator[Finding]:
                 "what was measured",
                 where=joint.name,
             )
+    yield from implausible_joints(estimate.joints)
+    if estimate.complementary_stiffness is not None:
+        yield from _complementary_stiffness(estimate.complementary_stiffness)
+
+
+def implausible_joints(joints: Sequence[JointCompliance]) -> Iterator[Finding]:
+    """Yield the joints that are identified with a stiffness that no joint of an industrial robot has."""
     identified = {
         joint.name: 1.0 / joint.compliance if joint.compliance else np.inf
-        for joint in estimate.joints
+        for joint in joints
         if joint.status == "identified" and joint.compliance is not None
     }
     least, greatest = PLAUSIBLE_STIFFNESS
     implausible = {name: k for name, k in identified.items() if not least <= abs(k) <= greatest}
-    units = {joint.name: JOINT_UNITS[joint.kind].stiffness for joint in estimate.joints}
+    units = {joint.name: JOINT_UNITS[joint.kind].stiffness for joint in joints}
     for name, stiffness in implausible.items():
         # A wrong unit scales all joints, a wrong column or map changes single joints.
         remedy = (
@@ -651,8 +658,6 @@ def judge(estimate: Estimate) -> Iterator[Finding]:
             remedy=remedy,
             where=name,
         )
-    if estimate.complementary_stiffness is not None:
-        yield from _complementary_stiffness(estimate.complementary_stiffness)
 
 
 def _complementary_stiffness(size: ComplementaryStiffness) -> Iterator[Finding]:

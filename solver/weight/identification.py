@@ -61,6 +61,7 @@ from jointstiff.solver.terms.block import regressor_blocks, whitened_rows
 from jointstiff.solver.terms.springs import JOINTS
 from jointstiff.solver.text import length_text
 from jointstiff.solver.triangle import Triangle, triangle_of
+from jointstiff.solver.weight.masses import contradicted, contradiction, freed_masses, unchecked, widened
 
 _GEOMETRY: Final = 0.01
 """Standard uncertainty of axes and targets before any reading [m and rad]: a nominal arm is as good."""
@@ -174,6 +175,7 @@ class Torques:
     known: FloatArray  #: (B, n) of loads and of the nominal parameters, the middles of their bounds [N·m]
     unit: FloatArray  #: (B, n, K) of each deviation from them at its bound
     by_gravity: FloatArray  #: (B, n, 3) derivative of those known by the vector of gravity [kg·m]
+    on_base: FloatArray  #: (B, 3) moment of nominal weights and loads about R0's origin [N·m]
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,6 +188,7 @@ class Rows:
     products: FloatArray  #: (m, n, K) J_θj Y_jk, factors of η_jk
     torques: Torques  #: torques of the N observations
     gravity: FloatArray  #: (m, 2) derivative by gravity's direction, about two axes across it [m/rad]
+    base: FloatArray  #: (m, 3) tilt of the base about R0's origin: factors of C_xx, C_yy, C_xy [rad/(N·m)]
     across: FloatArray  #: (n,) greatest torque of the same weights and loads across each axis [N·m]
 
 
@@ -223,11 +226,22 @@ def rows_at(
         products=(weighted[..., None] * torques.unit[:, None]).reshape(m, *torques.unit.shape[1:]),
         torques=torques,
         gravity=tilted.reshape(m, 2),
+        base=(whitened.weight @ base_motion(torques, motion.points)).reshape(m, 3),
         across=np.maximum(
             np.abs(torques.known).max(axis=0),
             size * np.linalg.norm(torques.by_gravity, axis=2).max(axis=0),
         ),
     )
+
+
+def base_motion(torques: Torques, places: FloatArray) -> FloatArray:
+    """Return the motion (B, T, 3, 3) of places (B, T, 3) by C_xx, C_yy, C_xy of a base that tilts.
+
+    It turns about R0's origin by ``φ = C M``, M the moment of weights and loads there, about x and y.
+    """
+    (x, y), none = torques.on_base[:, :2].T, np.zeros(len(places))
+    turns = np.array([[x, none, none], [none, y, none], [y, x, none]])  # (unknowns, 3, B)
+    return np.stack([np.cross(turn.T[:, None], places) for turn in turns], axis=-1)
 
 
 def across(vector: FloatArray) -> FloatArray:
@@ -255,7 +269,11 @@ def torques_of(robot: Robot, readings: WeightReadings, motion: Motion) -> Torque
     levers = unit_levers(robot.prismatic, direction, point, rotation, origin)  # (B, n, n, 4, 3)
 
     by_gravity, hangs = np.zeros(point.shape), readings.carried.T[:, :, None, None]
+    on_base = readings.moment.copy()
     for number, body in enumerate(burden.bodies):
+        centre = origin[:, body.joint] + rotation[:, body.joint] @ np.array(body.centre)
+        pull = 0.5 * (body.most + body.least) * readings.carried[:, number, None] * burden.gravity
+        on_base += np.cross(centre, pull)
         kilogram = np.einsum("bjpi,p->bji", levers[:, :, body.joint], [1.0, *body.centre])
         by_gravity += 0.5 * (body.most + body.least) * hangs[number] * kilogram
     pulls = levers @ burden.gravity
@@ -278,17 +296,19 @@ def torques_of(robot: Robot, readings: WeightReadings, motion: Motion) -> Torque
     loaded = origin[:, -1] + (motion.carried[-1][0] @ arm[..., None])[..., 0]
     known += np.einsum("kji,ki->kj", np.cross(direction, loaded[:, None] - point), readings.force)
     known += np.einsum("kji,ki->kj", direction, readings.moment)
-    return Torques(known, np.stack(unit, axis=-1) if unit else np.zeros((*known.shape, 0)), by_gravity)
+    on_base += np.cross(loaded, readings.force)
+    each = np.stack(unit, axis=-1) if unit else np.zeros((*known.shape, 0))
+    return Torques(known, each, by_gravity, on_base)
 
 
 def planned_rows(
-    robot: Robot, burden: Burden, targets: FloatArray, compliance: FloatArray
+    robot: Robot, burden: Burden, targets: FloatArray, compliance: FloatArray, *, free_base: bool = False
 ) -> Callable[[FloatArray], FloatArray]:
     """Return a function from postures (N, n) to rows (N, 3 T, P) of a reading of targets (T, 3) [m].
 
-    The columns are those of the joints' compliances, then those of the geometry and of the masses, in units
-    of what is known of each beforehand (method.md §10, §14). Errors of masses show by compliances (n,)
-    [rad/(N·m)].
+    The columns are those of the joints' compliances, then those of the geometry, of a base that tilts, and of
+    the masses, in units of what is known of each beforehand (method.md §10, §14). Errors of masses show by
+    compliances (n,) [rad/(N·m)].
     """
     axes, flange = chain_axes(robot.chain)
     names = tuple(map(str, range(len(targets))))
@@ -303,13 +323,18 @@ def planned_rows(
         state = PoseState(axes, transformed(flange, targets), np.zeros(count))
         found = rows_at(robot, readings, poses.whitened, state, np.zeros(angles.shape), compliance)
         masses = np.einsum("mjk,j->mk", found.products, compliance)
-        stacked = np.hstack([found.joints, _GEOMETRY * found.geometry, masses])
+        base = _BASE * found.base[:, : 3 * free_base]
+        stacked = np.hstack([found.joints, _GEOMETRY * found.geometry, base, masses])
         return stacked.reshape(count, 3 * len(targets), -1)
 
     return rows
 
 
+_BASE: Final = 1e-6
+"""Standard uncertainty of the base's compliances before any reading [rad/(N·m)]: as soft as a joint."""
 MOST_STEPS: Final = 15
+_BASE_LEVEL: Final = 1e-5
+"""Probability of chance below which a base tilts."""
 _CONVERGED: Final = 1e-3
 """Movement of the predictions, relative to the residuals, that ends the steps."""
 _EXACT: Final = 1e-7
@@ -321,8 +346,14 @@ _CONSTANT: Final = 5e-3
 which it counts as constant: gravity's direction and that of a vertical axis are not known so well."""
 _BEYOND_CHANCE: Final = 1e-3
 """Probability of chance below which residuals or masses count as contradicted."""
+_RIGID: Final = 1e-6
+"""Compliance beside the end of its interval that is rounding of a rigid joint's."""
 _AT_CAP: Final = 0.5
 """Share of the greatest compliance that counts as no bound at all."""
+_LEAST_NOISE: Final = 3e-6
+"""Residuals [m] below which nothing is left to explain: no instrument reads a place better."""
+_NOTHING: Final = 1e-10
+"""Singular value beside the greatest that is rounding of columns that depend on each other."""
 _LEAST_SIGMA: Final = 1e-15
 """Rounding: no reading is better."""
 _STEP: Final = 1e-6
@@ -336,6 +367,7 @@ class Reduced:
     A: FloatArray  #: (p, p) compressed, columns in the blocks' units
     b: FloatArray  #: (p,)
     outside: float  #: squares of the residuals that no x explains
+    rank: int  #: number of compliances and weights that the readings determine
     cones: Cones  #: blocks of the joints seen
     unit: FloatArray  #: (n_seen,) unit of the blocks' c [rad/(N·m)]
     seen: IndexArray  #: (n_seen,) joints whose torque varies
@@ -366,11 +398,37 @@ class WeightFit:
     state: PoseState  #: geometry
     gravity: FloatArray  #: (3,) in R0 [m/s²]
     sag: FloatArray  #: (N, n) θ [rad]
+    base: FloatArray  #: (3,) C_xx, C_yy, C_xy of the base [rad/(N·m)]; zero of a rigid one
     compliance: FloatArray  #: (n,) [rad/(N·m)]; zero where unseen
     rows: Rows  #: rows of the last step
     reduced: Reduced  #: the problem of the last step
     optimum: Weighed  #: its solution
     steps: int  #: number of steps of Gauss and Newton
+
+    def freedom(self, by_loads: int) -> int:
+        """Return the degrees of freedom, with so many coordinates of deflections.
+
+        Raises:
+            NotObservableError: fewer coordinates than unknowns.
+        """
+        remaining, rank = self.reduced.freedom + by_loads, self.reduced.rank
+        if remaining > rank:
+            return remaining - rank
+        raise NotObservableError(
+            f"{remaining} coordinates that remain after the fit of the geometry do not determine "
+            f"{rank} compliances and weights",
+            where="observations",
+            remedy="read more postures, or more targets in each posture",
+        )
+
+    def noise(self, by_loads: int, least: float) -> float:
+        """Return the mean square of the residuals that nothing explains, and at the least that."""
+        return max(self.reduced.outside / self.freedom(by_loads), least)
+
+    def chance(self, noise: float, by_loads: int) -> float:
+        """Return the probability that the bounds of the masses raise the loss by so much."""
+        rank = self.reduced.rank
+        return float(special.fdtrc(rank, self.freedom(by_loads), self.optimum.loss / rank / noise))
 
 
 def fit_weight(
@@ -380,6 +438,7 @@ def fit_weight(
     state: PoseState,
     *,
     free_gravity: bool = False,
+    free_base: bool = False,
     loaded: Measurements | None = None,
 ) -> WeightFit:
     """Fit geometry, compliances and weights.
@@ -390,6 +449,7 @@ def fit_weight(
         whitened: the same positions with their weights, in units of 1/sigma.
         state: geometry to start from, as without sag.
         free_gravity: whether gravity's direction is estimated, too.
+        free_base: whether a base that tilts is.
         loaded: deflections by known loads that join in; their rows are in units of their own sigma.
 
     Raises:
@@ -400,11 +460,13 @@ def fit_weight(
     burden = readings.burden
     gravity, sag = burden.gravity, np.zeros(whitened.angles.shape)
     c: FloatArray = np.zeros(robot.n)
+    base: FloatArray = np.zeros(3)
     weight = np.linalg.norm(whitened.weight)
     for step in range(1, MOST_STEPS + 1):
         tilted = replace(readings, burden=replace(burden, gravity=gravity))
         rows = rows_at(robot, tilted, whitened, state, sag, c)
-        nuisance = np.column_stack([rows.geometry, rows.gravity]) if free_gravity else rows.geometry
+        parts = [rows.geometry, rows.base[:, : 3 * free_base], rows.gravity[:, : 2 * free_gravity]]
+        nuisance, after = np.column_stack(parts), rows.geometry.shape[1]
         linear, by_loads = LinearFit.of(rows.residual, nuisance), Triangle(joints=robot.n)
         for block in [] if loaded is None else regressor_blocks(robot, loaded, c):
             read = whitened_rows(block, [JOINTS], c)
@@ -416,7 +478,9 @@ def fit_weight(
         optimum = solve_weighed(reduced.A, reduced.b, reduced.cones)
         move = linear.inverse @ (linear.left.T @ (rows.residual - columns @ optimum.x))
         before, sag = sag, reduced.sag(rows.torques, optimum.x)
-        state = state.displaced(move[: rows.geometry.shape[1]])
+        state = state.displaced(move[:after])
+        if free_base:  # its columns are linear, and no reading is predicted with it
+            base, move[after : after + 3] = move[after : after + 3].copy(), move[after : after + 3] - base
         if free_gravity:
             turned = gravity + np.linalg.norm(gravity) * across(gravity) @ move[-2:]
             gravity = turned * np.linalg.norm(gravity) / np.linalg.norm(turned)
@@ -424,7 +488,7 @@ def fit_weight(
         moved = np.linalg.norm(nuisance @ move) + weight * np.abs(sag - before).max()
         small = _CONVERGED * np.sqrt(optimum.loss + reduced.outside) + _EXACT * np.linalg.norm(reduced.b)
         if moved <= small:
-            return WeightFit(state, gravity, sag, c, rows, reduced, optimum, step)
+            return WeightFit(state, gravity, sag, base, c, rows, reduced, optimum, step)
     raise MeasurementError(
         f"geometry and own weight did not settle in {MOST_STEPS} steps",
         where="observations",
@@ -472,11 +536,16 @@ def reduce(rows: Rows, linear: LinearFit, burden: Burden, others: FloatArray) ->
     both = both - linear.left @ (linear.left.T @ both)
     R = triangle_of(np.vstack([both, np.column_stack([*below, others[:, -1:]])]))
     p = columns.shape[1]
+    A, b = R[:p, :p], R[:p, p]
+    left, singular, _ = np.linalg.svd(A)
+    nothing = left[:, singular <= _NOTHING * singular[0]]  # rounding, which no x explains
+    beyond = nothing @ (nothing.T @ b)
     scale = np.where(varies, np.abs(torque).max(axis=0), rows.across)[seen]
     reduced = Reduced(
-        A=R[:p, :p],
-        b=R[:p, p],
-        outside=float(R[p, p] ** 2) if len(R) > p else 0.0,
+        A=A,
+        b=b - beyond,
+        outside=float(beyond @ beyond) + (float(R[p, p] ** 2) if len(R) > p else 0.0),
+        rank=p - nothing.shape[1],
         cones=Cones(tuple(blocks), LARGEST_SAG / scale / unit_of),
         unit=unit_of,
         seen=seen,
@@ -531,6 +600,60 @@ def identified_weight(
     centre = inertias[..., 1:] / np.where(mass > 0.0, mass, 1.0)[..., None]
     covariance_root = np.vstack([compliances, roots.reshape(4 * n * n, -1)])
     return IdentifiedWeight(mass, centre, fit.gravity, root=covariance_root)
+
+
+def explained(
+    fitted: Callable[..., WeightFit], burden: Burden, by_loads: int, least: float, *, free_base: bool
+) -> tuple[WeightFit, tuple[Body, ...], list[Finding]]:
+    """Fit, and once more with what the readings prove: a base that tilts, a mass far from what is stated.
+
+    Args:
+        fitted: function from bodies to the fit, with `free_base`.
+        burden: as stated.
+        by_loads: number of coordinates of deflections.
+        least: mean square that the residuals have at the least, in the fit's unit.
+        free_base: whether the base's tilt is estimated even if nothing proves it.
+
+    Returns:
+        The fit, the bodies with the bounds that it has, and what was found.
+
+    Raises:
+        NotObservableError: fewer coordinates than unknowns.
+    """
+    findings, bodies = list[Finding](), burden.bodies
+    rigid, tilting = fitted(bodies), fitted(bodies, free_base=True)
+    noise = tilting.noise(by_loads, least)
+    gain = (
+        rigid.optimum.loss + rigid.reduced.outside - tilting.optimum.loss - tilting.reduced.outside
+    ) / noise
+    p_value = float(special.fdtrc(3, tilting.freedom(by_loads), max(gain, 0.0) / 3.0))
+    by_mass = contradicted(freed_masses(rigid.reduced, burden, rigid.noise(by_loads, least)))
+    proved = p_value < _BASE_LEVEL and gain > (0.0 if by_mass is None else by_mass.gain)
+    proved = proved and tilting.chance(noise, by_loads) > _BEYOND_CHANCE
+    free_base = free_base or proved
+    fit = tilting if free_base else rigid
+    if proved:
+        tilts = " and ".join(f"{1e9 * each:.2g}" for each in fit.base[:2])
+        findings.append(
+            Finding(
+                code="base_bends",
+                weight="use_with_care",
+                message=f"the base below the first joint tilts under the weight (F test, p = {p_value:.1g}), "
+                f"by {tilts} nrad/(N·m) about x and y; the joints' stiffnesses are without it",
+                remedy="tighten and stiffen the base; a target on the base plate shows directly how it tilts",
+            )
+        )
+    freed = freed_masses(fit.reduced, burden, fit.noise(by_loads, least))
+    wrong = contradicted(freed)
+    if wrong is not None:
+        wider = widened(bodies, wrong)
+        second = fitted(wider, free_base=free_base)
+        if second.chance(second.noise(by_loads, least), by_loads) > _BEYOND_CHANCE:
+            findings.append(contradiction(bodies[wrong.body], wrong))
+            return second, wider, findings
+    elif (remark := unchecked(bodies, freed)) is not None:
+        findings.append(remark)
+    return fit, bodies, findings
 
 
 def reasons_of(fit: WeightFit, rank: int, freedom: int, *, stated: float | None) -> Iterator[Finding]:
@@ -597,7 +720,7 @@ def joints_of(
             )
             joints[j] = JointCompliance(name, kind, "not_observable", reason=reason)
             continue
-        c = float(fit.compliance[j])
+        c = float(fit.compliance[j]) if fit.compliance[j] > _RIGID * high * unit else 0.0
         shares[j] = min(1.0, 2.0 * float(exact[k]) / (high - low))
         wide = f"the interval reaches from rigid to {high / max(c / unit, 1e-300):.2g} times the estimate"
         joints[j] = JointCompliance(
@@ -621,6 +744,7 @@ class WeightEstimate:
     shares: FloatArray
     fit: WeightFit  #: geometry, sag, and the last convex problem
     reasons: tuple[Finding, ...]  #: reasons against its use, if any
+    remarks: tuple[Finding, ...]  #: what the readings do not check, for information
     sigma: float  #: standard uncertainty of a coordinate [m], as stated or from the residuals
     sigma_of_residuals: bool  #: whether it is from the residuals: none stated, or larger than stated
     chi_square: float  #: of all residuals, under the stated sigma; the degrees of freedom if none is stated
@@ -644,6 +768,7 @@ def identify_weight(
     *,
     confidence: float = 0.95,
     free_gravity: bool = False,
+    free_base: bool = False,
     loaded: Measurements | None = None,
 ) -> WeightEstimate:
     """Identify compliances from the sag of an arm under its own weight.
@@ -653,6 +778,7 @@ def identify_weight(
         readings: N observations.
         confidence: level of the intervals.
         free_gravity: whether gravity's direction is estimated; else it is as stated.
+        free_base: whether the base's tilt is estimated, too; else only where the readings prove it.
         loaded: deflections by known loads (loaded − unloaded), which join in.
 
     Raises:
@@ -669,31 +795,35 @@ def identify_weight(
         )
     whitened, unit = poses.whitened, poses.sigma or 1.0
     rigid = calibrate(robot.chain, poses, start=pin.SE3.Identity(), hold_out=False)
-    fit = fit_weight(
-        robot,
-        readings,
-        replace(whitened, weight=whitened.weight / unit),
-        PoseState(rigid.axes, rigid.targets, np.zeros(len(poses))),
-        free_gravity=free_gravity,
-        loaded=loaded,
-    )
-    problem, loss = fit.reduced, fit.optimum.loss
-    rank = int(np.linalg.matrix_rank(problem.A))
-    remaining = problem.freedom
+    by_loads = 0
     if loaded is not None:
         encoders = 0 if loaded.encoders is None else int(loaded.encoders.present.sum())
-        remaining += int(loaded.coordinates.sum()) + encoders
-    freedom = remaining - rank
-    if freedom < 1:
-        raise NotObservableError(
-            f"{remaining} coordinates that remain after the fit of the geometry do not determine "
-            f"{rank} compliances and weights",
-            where="observations",
-            remedy="read more postures, or more targets in each posture",
+        by_loads = int(loaded.coordinates.sum()) + encoders
+
+    stated = readings
+
+    def fitted(bodies: tuple[Body, ...], *, free_base: bool = False) -> WeightFit:
+        return fit_weight(
+            robot,
+            replace(stated, burden=replace(stated.burden, bodies=bodies)),
+            replace(whitened, weight=whitened.weight / unit),
+            PoseState(rigid.axes, rigid.targets, np.zeros(len(poses))),
+            free_gravity=free_gravity,
+            free_base=free_base,
+            loaded=loaded,
         )
+
+    least = 1.0 if poses.sigma is not None else _LEAST_NOISE**2
+    fit, bodies, found = explained(fitted, readings.burden, by_loads, least, free_base=free_base)
+    readings = replace(readings, burden=replace(readings.burden, bodies=bodies))
+    problem, loss = fit.reduced, fit.optimum.loss
+    rank, freedom = problem.rank, fit.freedom(by_loads)
     factor = float(np.sqrt(problem.outside / freedom))  # of the residuals, in the stated sigma
-    reasons = tuple(reasons_of(fit, rank, freedom, stated=poses.sigma))
-    noisy = poses.sigma is None or any(reason.code == "residuals_exceed_sigma" for reason in reasons)
+    against = (
+        *(each for each in found if each.weight != "use"),
+        *reasons_of(fit, rank, freedom, stated=poses.sigma),
+    )
+    noisy = poses.sigma is None or any(reason.code == "residuals_exceed_sigma" for reason in against)
     scale = factor if noisy else 1.0
     radius = student_quantile(0.5 + 0.5 * confidence, freedom if noisy else None)
     joints, shares = joints_of(robot, fit, scale, (scale * radius) ** 2)
@@ -702,6 +832,7 @@ def identify_weight(
     uncertainty = np.array([joint.standard_uncertainty or 0.0 for joint in joints])
     sagging = replace(whitened, angles=whitened.angles + fit.sag)
     bent = fit.state.motion(sagging).points
+    bent = bent + base_motion(fit.rows.torques, bent) @ fit.base
     # Largest |∂τ_i/∂θ_j| c_i in the postures that sag, by central differences
     largest = 0.0
     for step in _STEP * np.eye(robot.n):
@@ -715,12 +846,13 @@ def identify_weight(
         joints=joints,
         shares=shares,
         fit=fit,
-        reasons=(*reasons, *missing),
+        reasons=(*against, *missing),
+        remarks=tuple(each for each in found if each.weight == "use"),
         sigma=scale * unit,
         sigma_of_residuals=noisy,
         chi_square=float(freedom) if poses.sigma is None else problem.outside,
         degrees_of_freedom=freedom,
-        rms_residual=unit * float(np.sqrt((problem.outside + loss) / remaining)),
+        rms_residual=unit * float(np.sqrt((problem.outside + loss) / (freedom + rank))),
         rms_without_sag=float(np.sqrt(rigid.rss / rigid.dof)),
         confidence=confidence,
         displacement=bent - fit.state.motion(whitened).points,

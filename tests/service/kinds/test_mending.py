@@ -202,6 +202,19 @@ def test_a_plan_goes_on_with_a_mended_campaign(clean):
         assert mended.before >= 0.9 * known.before  # what was fitted leaves less for the joints
 
 
+def test_a_plan_goes_on_without_what_the_run_leaves_out():
+    run = jointstiff.identify(simulate_campaign(default_arm(), seed=3), leave_out=["c02", "c05"])
+    plan = jointstiff.plan(run, readings=4, candidates=50)
+    assert plan.request.leave_out == ["c02", "c05"]
+    whole = jointstiff.plan(run, readings=4, candidates=50, leave_out=[])
+    before = [[joint.before for joint in each.result.joints] for each in (plan, whole)]
+    assert all(few > all_of_them for few, all_of_them in zip(*before, strict=True))
+    load = {"kind": "any_direction", "force": 1e3}
+    with pytest.raises(jointstiff.CampaignError) as caught:
+        jointstiff.plan("KUKA KR 210 R2700", load=load, leave_out=["c02"])
+    assert caught.value.problem.where.endswith("leave_out")
+
+
 def test_a_plan_without_readings_under_loads_takes_no_causes():
     with pytest.raises(jointstiff.CampaignError) as caught:
         jointstiff.plan(

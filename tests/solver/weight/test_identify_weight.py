@@ -21,6 +21,7 @@ from support.sagging import (
 from support.springs import readings_of
 
 from jointstiff.simulator import deflections, random_configurations
+from jointstiff.simulator.base import SPRINGS, on_pedestal, standing
 from jointstiff.simulator.imperfections import with_link_errors
 from jointstiff.simulator.own_weight import Bodies, sag
 from jointstiff.solver.convex.solution import Bounds, Constraints
@@ -87,6 +88,39 @@ def test_masses_far_from_the_truth_are_contradicted_by_a_payload():
     estimate = identify_weight(ROBOT, readings)
     assert [reason.code for reason in estimate.reasons] == ["masses_contradicted"]
     assert estimate.reasons[0].weight == "do_not_use"
+
+
+@pytest.mark.parametrize(("link", "payload"), [(2, 0.0), (5, 0.0), (1, 100.0), (4, 100.0)])
+def test_a_link_twice_as_heavy_as_stated_is_named_and_the_intervals_hold(link, payload):
+    masses = BODIES.masses * np.where(np.arange(6) == link, 2.0, 1.0)
+    heavy, stated = replace(BODIES, masses=masses), burden_of(BODIES, 0.1)
+    estimate = identify_weight(ROBOT, campaign(bodies=heavy, stated=stated, payload=payload))
+    (reason,) = estimate.reasons
+    assert (reason.code, reason.weight) == ("masses_contradicted", "use_with_care")
+    assert f"mass of link_{link + 1}:" in reason.message
+    assert holds_the_truth(estimate)
+
+
+def test_masses_that_no_reading_checks_are_named_unless_a_payload_does(uncertain):
+    (remark,) = uncertain.remarks
+    assert "link_2" in remark.message
+    assert "link_1" not in remark.message
+    checked = campaign(bodies=OFF, stated=burden_of(BODIES, 0.1), seed=4, payload=100.0)
+    assert not identify_weight(ROBOT, checked).remarks
+
+
+def test_a_base_that_tilts_is_found_and_takes_nothing_from_the_joints():
+    arm, none = on_pedestal(ARM, 8e6), np.zeros((SPRINGS, 3))
+    bodies = Bodies(np.append(none[:, 0], BODIES.masses), np.vstack([none, BODIES.centres]))
+    readings = campaign(stated=burden_of(BODIES, 0.1))
+    q = standing(readings.poses.angles)
+    points = arm.posture(q + sag(arm, bodies, q)).targets_to_base(POINTS)
+    points = points + 3e-5 * np.random.default_rng(5).standard_normal(points.shape)
+    estimate = identify_weight(ROBOT, replace(readings, poses=replace(readings.poses, points=points)))
+    assert [reason.code for reason in estimate.reasons] == ["base_bends"]
+    assert holds_the_truth(estimate)
+    np.testing.assert_allclose(estimate.fit.base[:2], 1.0 / 8e6, rtol=0.5)
+    assert np.sqrt(np.square(estimate.residual).mean()) < 4e-5
 
 
 def test_residuals_beyond_sigma_are_said_and_widen_the_intervals():

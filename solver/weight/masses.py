@@ -1,0 +1,146 @@
+"""Masses that the readings contradict, and masses that they do not check (method.md §14).
+
+The convex program of own weight gives each joint masses of its own: that makes its intervals outer bounds,
+and hides a wrong mass. Here all joints share them, ``x_j = c_j (1, ζ)`` with deviations ζ in units of their
+bounds, each with the standard uncertainty 1/√3 of what is uniform within them:
+
+    minimise ‖A x(c, ζ) − b‖² + 3 Σ ζ_k²
+
+Each mass is left free in turn, to see by how much that falls. The program is not convex in (c, ζ), and no
+number of it is published as a result.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from jointstiff.schemas.finding import Finding
+from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.robot.model import Body
+
+if TYPE_CHECKING:
+    from jointstiff.solver.weight.identification import Burden, Reduced
+
+CONTRADICTED: Final = 9.0
+"""Fall of χ² with one mass free that contradicts it: 2 % of 200 campaigns with right masses have one."""
+_CHECKED: Final = 5.0
+"""Standard uncertainties by which a doubled mass is off where nearly every campaign shows it (3 + 2)."""
+_MATTERS: Final = 0.1
+"""Relative change of a compliance that is worth a remark."""
+
+
+@dataclass(frozen=True, eq=False)
+class FreedMass:
+    """Fit of masses that all joints share, one of them without its bounds."""
+
+    body: int  #: index of the body whose mass is free
+    mass: float  #: mass that the readings ask for [kg]
+    uncertainty: float  #: standard uncertainty [kg]
+    gain: float  #: by how much χ² falls
+    doubled: FloatArray  #: (n_seen,) relative change of the compliances if the mass is twice that stated
+
+
+def freed_masses(problem: Reduced, burden: Burden, noise: float) -> list[FreedMass]:
+    """Leave each uncertain mass free in turn.
+
+    Args:
+        problem: the convex problem of the last step.
+        burden: bodies and springs.
+        noise: mean square of the residuals, in units of sigma².
+    """
+    from scipy.optimize import least_squares
+
+    blocks = [(place, len(problem.unit) + np.array(own, dtype=np.intp)) for *_, place, own in problem.blocks]
+    n, size = len(blocks), problem.A.shape[1]
+    count = 1 + max((k for own in problem.unknowns for k in own), default=-1)
+    halves = [(k, number, half) for k, (number, (half, *_)) in enumerate(burden.unknown[0]) if half > 0.0]
+    means = [0.5 * (body.most + body.least) for body in burden.bodies]
+    least = np.full(n + count, -np.inf)
+    least[:n] = 0.0
+    seen = [(k, number, half) for k, number, half in halves if any((own == n + k).any() for _, own in blocks)]
+    for k, number, half in seen:
+        least[n + k] = -means[number] / half  # no mass is negative
+    bounds = (least, np.concatenate([problem.cones.cap, np.full(count, np.inf)]))
+    scale = np.sqrt(noise)
+
+    def fitted(start: FloatArray, free: int | None) -> tuple[FloatArray, float, FloatArray]:
+        prior = np.diag(np.where(np.arange(count) == free, 0.0, np.sqrt(3.0)))
+
+        def residual(y: FloatArray) -> FloatArray:
+            x = np.zeros(size)
+            for i, (place, own) in enumerate(blocks):
+                x[place] = y[i] * np.array([1.0, *y[own]])
+            return np.concatenate([(problem.A @ x - problem.b) / scale, prior @ y[n:]])
+
+        def slope(y: FloatArray) -> FloatArray:
+            by_y = np.zeros((size, n + count))
+            for i, (place, own) in enumerate(blocks):
+                by_y[place, i] = [1.0, *y[own]]
+                by_y[np.arange(place.start + 1, place.stop), own] = y[i]
+            return np.vstack([problem.A @ by_y / scale, np.pad(prior, ((0, 0), (n, 0)))])
+
+        found = least_squares(residual, start, slope, bounds=bounds, x_scale="jac")
+        return found.x, 2.0 * float(found.cost), np.asarray(found.jac)
+
+    by_joints = problem.A[:, problem.cones.first]
+    alone = np.clip(np.linalg.lstsq(by_joints, problem.b)[0], 0.0, problem.cones.cap)
+    common, loss, _ = fitted(np.concatenate([alone, np.zeros(count)]), None)
+    freed = []
+    for k, number, half in seen:
+        y, left, jacobian = fitted(common, k)
+        root = np.linalg.pinv(jacobian)
+        variance = float(root[n + k] @ root[n + k])
+        doubled = means[number] / half * (root[:n] @ root[n + k]) / variance / np.maximum(y[:n], 1e-300)
+        mass, uncertainty = means[number] + half * float(y[n + k]), half * float(np.sqrt(variance))
+        freed.append(FreedMass(number, mass, uncertainty, loss - left, doubled))
+    return freed
+
+
+def contradicted(freed: Sequence[FreedMass]) -> FreedMass | None:
+    """Return the mass whose statement the readings contradict most; None if they contradict none."""
+    worst = max(freed, key=lambda each: each.gain, default=None)
+    return None if worst is None or worst.gain <= CONTRADICTED else worst
+
+
+def widened(bodies: Sequence[Body], wrong: FreedMass) -> tuple[Body, ...]:
+    """Return bodies whose bounds hold what the readings ask for, within two standard uncertainties."""
+    low, high = wrong.mass - 2.0 * wrong.uncertainty, wrong.mass + 2.0 * wrong.uncertainty
+    body = bodies[wrong.body]
+    wide = replace(body, least=max(0.0, min(body.least, low)), most=max(body.most, high))
+    return (*bodies[: wrong.body], wide, *bodies[wrong.body + 1 :])
+
+
+def contradiction(body: Body, wrong: FreedMass) -> Finding:
+    """Report a mass that the readings contradict."""
+    return Finding(
+        code="masses_contradicted",
+        weight="use_with_care",
+        message=f"the readings contradict the mass of {body.name}: they ask for {wrong.mass:.3g} kg "
+        f"± {wrong.uncertainty:.2g} kg instead of {body.mass:.3g} kg, and χ² falls by {wrong.gain:.3g}. "
+        "The intervals hold both",
+        remedy=f"check the mass of {body.name}, its neighbours' and what hung on the flange; a known payload "
+        "in some of the postures tells stiffness and masses apart",
+    )
+
+
+def unchecked(bodies: Sequence[Body], freed: Sequence[FreedMass]) -> Finding | None:
+    """Report, for information, masses that decide a stiffness and that the readings do not check."""
+    names, change = [], 0.0
+    for each in freed:
+        effect = float(np.abs(each.doubled).max(initial=0.0))
+        if bodies[each.body].mass < _CHECKED * each.uncertainty and effect > _MATTERS:
+            names.append(bodies[each.body].name)
+            change = max(change, effect)
+    if not names:
+        return None
+    return Finding(
+        code="masses_unchecked",
+        weight="use",
+        message=f"the readings do not check the mass of {', '.join(names)}: twice that stated may not show, "
+        f"and changes a compliance by up to {100 * change:.2g} %",
+        remedy="be sure of these masses, or hang a known payload in eight of the postures",
+    )
