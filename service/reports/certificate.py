@@ -7,24 +7,15 @@ validates by them where the variable `DCC_XSD` names the file.
 from __future__ import annotations
 
 from datetime import date
+from math import isfinite
 from typing import Final
 from xml.etree import ElementTree
 
 from jointstiff.schemas.report import Laboratory, Party
 from jointstiff.schemas.run import JointResult
+from jointstiff.service.reports import run as report
 from jointstiff.service.reports.document import NOT_STATED, State, versions_of
 from jointstiff.service.reports.exports import why_no_stiffness
-from jointstiff.service.reports.run import (
-    PREDICTED,
-    PREDICTED_FORCE,
-    STATEMENTS,
-    TITLE,
-    RunSubject,
-    expanded,
-    method,
-    predicted_compliance,
-    predicted_where,
-)
 from jointstiff.service.tables.report import VERDICTS
 from jointstiff.solver.errors import RequestError
 
@@ -41,13 +32,13 @@ _UNITS: Final = {
 }
 
 
-def certificate(subject: RunSubject, state: State) -> bytes:
+def certificate(subject: report.RunSubject, state: State) -> bytes:
     """Return the certificate of a run.
 
     Raises:
         RequestError: a field is missing that every certificate has.
     """
-    laboratory, number = _complete(subject), f"{subject.model.run.id}-{state.number}"
+    laboratory, begin, end = _stated(subject)
     for prefix, address in NAMESPACES.items():
         ElementTree.register_namespace(prefix, address)
     root = Element(_name("dcc:digitalCalibrationCertificate"), schemaVersion=VERSION)
@@ -56,7 +47,8 @@ def certificate(subject: RunSubject, state: State) -> bytes:
     software = _add(administrative, "dcc:dccSoftware", "dcc:software")
     _text(software, "dcc:name", "Jointstiff")
     _add(software, "dcc:release").text = subject.model.run.provenance.versions.get("jointstiff", NOT_STATED)
-    _core_data(_add(administrative, "dcc:coreData"), subject, state, laboratory, number)
+    core = _add(administrative, "dcc:coreData")
+    _core_data(core, subject, state, laboratory, (begin, end))
     _item(_add(administrative, "dcc:items", "dcc:item"), subject)
     _contact(_add(administrative, "dcc:calibrationLaboratory", "dcc:contact"), laboratory)
     person = _add(administrative, "dcc:respPersons", "dcc:respPerson")
@@ -66,7 +58,7 @@ def certificate(subject: RunSubject, state: State) -> bytes:
     statements = _add(administrative, "dcc:statements")
     verdict = f"Verdict on the result: {VERDICTS[subject.model.result.assessment.verdict]}."
     traceability = f"Metrological traceability: {laboratory.traceability or NOT_STATED}"
-    for line in (f"{state.kind.capitalize()}: {state.line}", verdict, traceability, *STATEMENTS):
+    for line in (f"{state.kind.capitalize()}: {state.line}", verdict, traceability, *report.STATEMENTS):
         _text(_add(statements, "dcc:statement"), "dcc:declaration", line)
     _results(_add(root, "dcc:measurementResults", "dcc:measurementResult"), subject, laboratory)
     ElementTree.indent(root)
@@ -74,52 +66,46 @@ def certificate(subject: RunSubject, state: State) -> bytes:
     return content
 
 
-def _complete(subject: RunSubject) -> Laboratory:
-    """Return the laboratory; refuse a certificate that would lack what each must state."""
-    laboratory = subject.settings.laboratory
+def _stated(subject: report.RunSubject) -> tuple[Laboratory, date, date]:
+    """Return the laboratory, and the first and the last day; refuse what every certificate states."""
+    laboratory, measured_at = subject.settings.laboratory, subject.readings.measured_at
     if laboratory is None or laboratory.country is None or laboratory.responsible is None:
         reason = "a certificate states the country of the measurement and the responsible person"
         remedy = "give `country` and `responsible` in the settings of the laboratory"
         raise RequestError(reason, where="laboratory", remedy=remedy)
-    return laboratory
-
-
-def _days(subject: RunSubject, laboratory: Laboratory) -> tuple[date, date]:
-    """Return the first and the last day of the measurement."""
-    if subject.readings.measured_at is None:
-        reason, where = "a certificate states when it was measured", "measurement_set.measured_at"
-        raise RequestError(
-            reason, where=where, remedy="give `measured_at`, such as 2026-11-20T14:30:00+01:00"
-        )
-    begin = subject.readings.measured_at.date()
-    end = laboratory.ended_on or begin
+    if measured_at is None:
+        reason, remedy = "a certificate states when it was measured", "give a time, 2026-11-20T14:30:00+01:00"
+        raise RequestError(reason, where="measurement_set.measured_at", remedy=remedy)
+    begin, end = measured_at.date(), laboratory.ended_on or measured_at.date()
     if end < begin:
         reason = f"the measurement ended on {end}, before it began on {begin}"
         raise RequestError(reason, where="laboratory.ended_on", remedy="correct one of the two")
-    return begin, end
+    return laboratory, begin, end
 
 
-def _core_data(core: Element, subject: RunSubject, state: State, laboratory: Laboratory, number: str) -> None:
-    begin, end = _days(subject, laboratory)
+def _core_data(
+    core: Element, subject: report.RunSubject, state: State, laboratory: Laboratory, days: tuple[date, date]
+) -> None:
     languages = [_LANGUAGE, *(each for each in laboratory.languages if each != _LANGUAGE)]
     _add(core, "dcc:countryCodeISO3166_1").text = laboratory.country
     for name, codes in (("used", languages), ("mandatory", [_LANGUAGE])):
         for code in codes:
             _add(core, f"dcc:{name}LangCodeISO639_1").text = code
-    _add(core, "dcc:uniqueIdentifier").text = number
+    _add(core, "dcc:uniqueIdentifier").text = f"{subject.model.run.id}-{state.number}"
     if subject.received_on is not None:
         _add(core, "dcc:receiptDate").text = subject.received_on.isoformat()
-    _add(core, "dcc:beginPerformanceDate").text = begin.isoformat()
-    _add(core, "dcc:endPerformanceDate").text = end.isoformat()
+    for name, day in zip(("begin", "end"), days, strict=True):
+        _add(core, f"dcc:{name}PerformanceDate").text = day.isoformat()
     _add(core, "dcc:performanceLocation").text = laboratory.kind_of_place
     if state.issued_at is not None:
         _add(core, "dcc:issueDate").text = state.issued_at.date().isoformat()
 
 
-def _item(item: Element, subject: RunSubject) -> None:
+def _item(item: Element, subject: report.RunSubject) -> None:
     """Describe the robot; without a serial number the measurement set's name identifies it."""
     readings, robot = subject.readings, subject.model.robot
     _text(item, "dcc:name", f"Industrial robot {subject.model.name}, {robot.n} joints")
+    _text(_add(item, "dcc:manufacturer"), "dcc:name", NOT_STATED)
     identification = _add(item, "dcc:identifications", "dcc:identification")
     serial = readings.serial_number
     _add(identification, "dcc:issuer").text = "manufacturer" if serial else "calibrationLaboratory"
@@ -134,13 +120,13 @@ def _contact(contact: Element, party: Party) -> None:
     _text(_add(contact, "dcc:location"), "dcc:further", ", ".join(lines) or NOT_STATED)
 
 
-def _results(measured: Element, subject: RunSubject, laboratory: Laboratory) -> None:
+def _results(measured: Element, subject: report.RunSubject, laboratory: Laboratory) -> None:
     """Write method, conditions, the stiffness of each joint, and the predicted compliance of the flange."""
     model, readings = subject.model, subject.readings
-    _text(measured, "dcc:name", TITLE)
+    _text(measured, "dcc:name", report.TITLE)
     used = _add(measured, "dcc:usedMethods", "dcc:usedMethod")
     _text(used, "dcc:name", "Identification of joint stiffness from readings of targets")
-    section = method(model, laboratory)
+    section = report.method(model, laboratory)
     stated = [f"{label}: {text}" for label, text in section.facts if text != NOT_STATED]
     _text(used, "dcc:description", "; ".join([*stated, *section.notes]))
     software = _add(measured, "dcc:usedSoftware", "dcc:software")
@@ -154,18 +140,18 @@ def _results(measured: Element, subject: RunSubject, laboratory: Laboratory) -> 
         _text(influence, "dcc:name", "Conditions of the measurement")
         _text(_add(influence, "dcc:data"), "dcc:text", conditions)
     results = _add(measured, "dcc:results")
-    for joint, u in zip(model.result.joints, expanded(model), strict=True):
+    for joint, u in zip(model.result.joints, report.expanded(model), strict=True):
         _joint(_add(results, "dcc:result"), joint, u, model.run.request.confidence)
-    cases = [case for case in predicted_compliance(subject) if case.displacement is not None]
+    cases = [case for case in report.predicted_compliance(subject) if case.displacement is not None]
     if cases:
         result = _add(results, "dcc:result")
-        _text(result, "dcc:name", PREDICTED)
-        _text(result, "dcc:description", predicted_where(subject))
+        _text(result, "dcc:name", report.PREDICTED)
+        _text(result, "dcc:description", report.predicted_where(subject))
         data = _add(result, "dcc:data")
         for case in cases:
             for axis, moved in zip("XYZ", case.displacement or (), strict=True):
                 name = f"Predicted displacement along {axis} per force along {case.label}"
-                _quantity(data, name, moved / PREDICTED_FORCE, "compliance")
+                _quantity(data, name, moved / report.PREDICTED_FORCE, "compliance")
 
 
 def _joint(result: Element, joint: JointResult, u: tuple[float, float, float] | None, level: float) -> None:
@@ -190,7 +176,7 @@ def _quantity(
     real = _add(quantity, "si:real")
     _add(real, "si:value").text = repr(value)
     _add(real, "si:unit").text = _UNITS[unit]
-    if u is not None:
+    if u is not None and isfinite(u[0]):
         spread = _add(real, "si:measurementUncertaintyUnivariate", "si:expandedMU")
         for child, number in zip(
             ("valueExpandedMU", "coverageFactor", "coverageProbability"), u, strict=True
