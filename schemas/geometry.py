@@ -372,7 +372,8 @@ class BaseRule(Message):
     )
     height: Quantity = Field(
         default=0.0,
-        description="Height, for `axes`, of that perpendicular above R0, in units.length.",
+        description="Height of the common perpendicular of axes 1 and 2 above R0, in units.length, if R0 is "
+        "defined by `axes`.",
     )
 
 

@@ -43,7 +43,8 @@ class DecisionGoal(Message):
     kind: Literal["decision"]
     limit: Metres[_Length] = Field(
         description="Greatest length of the deflection at any place of the work area, by a force along an "
-        "axis of R0. It is decided where the limit is outside the 95 % interval of the greatest one."
+        "axis of R0. The decision is made once the "
+        "95 % interval of the greatest deflection does not contain the limit."
     )
     force: Newtons[Vector3 | None] = Field(
         default=None,

@@ -265,10 +265,10 @@ class RunOptions(MethodOptions):
         "`joints_and_links`: joints, and a full positive semidefinite 6 x 6 compliance per link. "
         "`joints_and_base`: joints, and such a compliance of the base below joint 1. `links_and_base`: both. "
         "`automatic`: joints only, unless a test shows that something besides them bends; then the simplest "
-        "of these whose residuals of held-out postures are within one standard error of the best, those with "
-        "a base only if a test speaks for one. All others "
-        "need method `partial_pose` and weighting `covariance`, without bounds, priors, order, encoder "
-        "readings and resampling; with these `automatic` uses joints alone.",
+        "model whose residuals of held-out postures are within one standard error of the best. Models with a "
+        "base are tried only if a test shows that the base bends. Every model but `joints` needs method "
+        "`partial_pose` and weighting `covariance`, and no bounds, priors, order, encoder readings or "
+        "resampling; where one of these is given, `automatic` uses joints alone.",
     )
     links: Annotated[list[Name], Field(max_length=MAX_JOINTS)] = Field(
         default_factory=list,
