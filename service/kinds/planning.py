@@ -24,7 +24,7 @@ from jointstiff.service.kinds.verdicts import judged, own_reason, refuse_unaccep
 from jointstiff.service.kinds.work import QuickWork
 from jointstiff.service.resources.inputs import Inputs
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.design.candidates import Cell, Equipment, Loads, PlanRequest
+from jointstiff.solver.design.candidates import Equipment, Loads, PlanRequest
 from jointstiff.solver.design.plan import CampaignPlan, plan_campaign
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.evidence.causes import screen_estimate
@@ -403,24 +403,17 @@ def _directions(request: plans.PlanRequest) -> FloatArray | None:
     return np.asarray(vectors / length)
 
 
-def _cell(around: plans.Surroundings, names: tuple[str, ...]) -> Cell:
-    facing = None
-    if around.facing:
-        if set(around.facing) != set(names) or not all(any(axis) for axis in around.facing.values()):
-            raise RequestError(
-                f"facing directions of {', '.join(around.facing)} for the targets {', '.join(names)}",
-                where="surroundings.facing",
-                remedy="give a nonzero direction for each target, or omit all",
-            )
-        facing = np.array([around.facing[name] for name in names])
-    return Cell(
-        floor=around.floor,
-        inside=None if around.inside is None else np.array(around.inside),
-        obstacles=np.array(around.obstacles, dtype=np.float64).reshape(-1, 2, 3),
-        link_radius=around.link_radius,
-        facing=facing,
-        acceptance=around.acceptance,
-    )
+def _cell(around: plans.Surroundings, names: tuple[str, ...]) -> plans.Surroundings:
+    """Return the surroundings, the directions of reflectors in the order of the targets."""
+    if not around.facing:
+        return around
+    if set(around.facing) != set(names) or not all(any(axis) for axis in around.facing.values()):
+        raise RequestError(
+            f"facing directions of {', '.join(around.facing)} for the targets {', '.join(names)}",
+            where="surroundings.facing",
+            remedy="give a nonzero direction for each target, or omit all",
+        )
+    return around.model_copy(update={"facing": {name: around.facing[name] for name in names}})
 
 
 def _postures(request: plans.PlanRequest, robot: Robot) -> FloatArray | None:

@@ -18,6 +18,7 @@ from typing import Final, Literal
 import numpy as np
 
 from jointstiff.schemas.goal import DeflectionGoal, JointsGoal
+from jointstiff.schemas.plan import PlanCriterion, Surroundings
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.design.optimum import Candidates
 from jointstiff.solver.errors import RequestError
@@ -119,29 +120,15 @@ class Equipment:
         return np.asarray(np.minimum(self.loads.force, (self.loads.torque_limit / lever).min(axis=1)))
 
 
-@dataclass(frozen=True, eq=False)
-class Cell:
-    """Surroundings of the robot, in R0."""
-
-    floor: float | None = None  #: least height of links, load point and targets [m]; None for no floor
-    inside: FloatArray | None = None  #: (2, 3) corners of the box in which they stay [m]; None for none
-    #: (B, 2, 3) corners of boxes that they stay out of [m]
-    obstacles: FloatArray = field(default_factory=lambda: np.empty((0, 2, 3)))
-    link_radius: float | None = None  #: link radius of the capsules [m]; 4 % of the stretched arm if None
-    #: (T, 3) direction in which each reflector looks, flange frame; None if they turn by themselves
-    facing: FloatArray | None = None
-    acceptance: float = np.pi  #: greatest angle between that and the line of sight [rad]
-
-
 def feasible(
-    robot: Robot, equipment: Equipment, cell: Cell, joints: FloatArray, direction: FloatArray | None
+    robot: Robot, equipment: Equipment, cell: Surroundings, joints: FloatArray, direction: FloatArray | None
 ) -> tuple[BoolArray, dict[str, int]]:
     """Return which readings can be taken.
 
     Args:
         robot: n joints.
         equipment: targets, load and tracker.
-        cell: surroundings.
+        cell: surroundings; the directions of reflectors in the order of the targets.
         joints: (N, n) positions as the controller shows them [rad or m].
         direction: (N, 3) of the force, axes of R0; None where it is free.
 
@@ -177,8 +164,9 @@ def feasible(
         station = np.array(equipment.instrument.station)
         hidden = [_link_between(points, radius, station, targets[:, t]) for t in range(targets.shape[1])]
         struck["line_of_sight"] = np.any(hidden, axis=0)
-        if cell.facing is not None:
-            sight, look = station - targets, cell.facing @ now.flange_rotation.transpose(0, 2, 1)
+        if cell.facing:
+            facing = np.array(list(cell.facing.values()))
+            sight, look = station - targets, facing @ now.flange_rotation.transpose(0, 2, 1)
             norms = np.linalg.norm(sight, axis=2) * np.linalg.norm(look, axis=2)
             away = (sight * look).sum(axis=2) / norms < np.cos(cell.acceptance)
             struck["reflector_acceptance"] = away.any(axis=1)
@@ -195,7 +183,7 @@ def feasible(
     return kept, {reason: number for reason, number in counts.items() if number}
 
 
-def _out_of_bounds(cell: Cell, points: FloatArray, targets: FloatArray, radius: float) -> BoolArray:
+def _out_of_bounds(cell: Surroundings, points: FloatArray, targets: FloatArray, radius: float) -> BoolArray:
     """Return where a link, a target or the load point is below the floor, outside, or in an obstacle (N,)."""
     start, end = points[:, _FIRST_MOVING:-1, None], points[:, _FIRST_MOVING + 1 :, None]
     along = start + _SAMPLES[:, None] * (end - start)
@@ -205,7 +193,7 @@ def _out_of_bounds(cell: Cell, points: FloatArray, targets: FloatArray, radius: 
         bad |= (places[..., 2] < cell.floor).any(axis=1)
     if cell.inside is not None:
         bad |= ((places < cell.inside[0]) | (places > cell.inside[1])).any(axis=(1, 2))
-    for low, high in cell.obstacles:
+    for low, high in np.array(cell.obstacles):
         bad |= ((places > low - radius) & (places < high + radius)).all(axis=2).any(axis=1)
     return bad
 
@@ -283,8 +271,6 @@ def within_limits(robot: Robot, joints: FloatArray) -> BoolArray:
     return np.asarray(inside.all(axis=1), dtype=np.bool_)
 
 
-CriterionName = Literal["relative_a", "work_area", "d", "e", "worst_place"]
-
 LEFT_OUT: Final = 0.01
 """Greatest share of the prior variance of what is to be predicted that left-out combinations of link
 compliances have: readings in directions that a plan leaves out are noise to it."""
@@ -311,8 +297,8 @@ class PlanRequest:
     nominal: FloatArray  #: (n,) compliance [rad/(N·m)]; nan where it is not known
     #: (n,) standard uncertainty of the compliance known beforehand [rad/(N·m)]; inf for none
     prior: FloatArray
-    cell: Cell = field(default_factory=Cell)  #: surroundings of the robot
-    criterion: CriterionName = "relative_a"  #: criterion to minimise
+    cell: Surroundings = field(default_factory=Surroundings)  #: surroundings of the robot
+    criterion: PlanCriterion = "relative_a"  #: criterion to minimise
     postures: FloatArray | None = None  #: (N, n) to choose from, controller's angles [rad]; drawn if None
     candidates: int = 5_000  #: how many to draw
     joints: IndexArray | None = None  #: to be determined; all if None

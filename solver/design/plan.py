@@ -19,11 +19,10 @@ import numpy as np
 
 from jointstiff.schemas.goal import DeflectionGoal, JointsGoal
 from jointstiff.schemas.joints import JOINT_UNITS
-from jointstiff.schemas.plan import MAX_READINGS
+from jointstiff.schemas.plan import MAX_READINGS, PlanCriterion
 from jointstiff.schemas.run import Advice
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.design.candidates import (
-    CriterionName,
     PlanRequest,
     Pool,
     in_whole_units,
@@ -110,7 +109,7 @@ class CampaignPlan:
     block: IndexArray  #: (n,) blocks in order, each a good plan by itself; all 0 if there is one
     efficiency: float  #: least share of the greatest φ of all lists that obey the same rules
     weights_gap: float  #: 1 − efficiency of the optimal weights that lead to the list
-    efficiencies: Mapping[CriterionName, float]  #: the same by each criterion that applies
+    efficiencies: Mapping[PlanCriterion, float]  #: the same by each criterion that applies
     pool: Pool  #: the candidates, the parameters to determine, and what cannot be read
     uncertainty: FloatArray  #: (s,) standard uncertainty of each joint's relative compliance after the list
     before: FloatArray  #: (s,) the same before it; inf where it is not determined
@@ -151,7 +150,7 @@ def plan_campaign(robot: Robot, request: PlanRequest) -> CampaignPlan:
     exact = exact_design(problem, design, distinct, seed=request.seed)
     M = exact.matrix
     # Least efficiency of the list by the criterion that was asked for, and by the smooth ones
-    efficiencies: dict[CriterionName, float] = {}
+    efficiencies: dict[PlanCriterion, float] = {}
     for name, criterion in criteria.items():
         if name == request.criterion:
             efficiencies[name] = exact.efficiency
@@ -192,14 +191,14 @@ def plan_campaign(robot: Robot, request: PlanRequest) -> CampaignPlan:
     )
 
 
-def _criteria(pool: Pool, request: PlanRequest) -> tuple[dict[CriterionName, Criterion], GOptimality | None]:
+def _criteria(pool: Pool, request: PlanRequest) -> tuple[dict[PlanCriterion, Criterion], GOptimality | None]:
     """Return the criteria that apply, and that of the worst place; None without a work area.
 
     Raises:
         RequestError: the one that was asked for needs a work area.
     """
     s, p = len(pool.parameters.joints), len(pool.base)
-    criteria: dict[CriterionName, Criterion] = {
+    criteria: dict[PlanCriterion, Criterion] = {
         "relative_a": AOptimality(np.diag(np.r_[np.ones(s), np.zeros(p - s)]) / s),
         "d": DOptimality(s),
         "e": EOptimality(np.ones(s)),

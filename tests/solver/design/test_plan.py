@@ -15,12 +15,12 @@ from support.shared_data import shared
 from support.springs import SpringCampaign
 
 from jointstiff.schemas.options import RunOptions
+from jointstiff.schemas.plan import Surroundings
 from jointstiff.service.kinds.identification import to_settings
 from jointstiff.simulator import LOAD_POINT, TARGETS, simulate_campaign
 from jointstiff.simulator.campaign import Experiment
 from jointstiff.simulator.equilibrium import deflections
 from jointstiff.solver.design.candidates import (
-    Cell,
     Equipment,
     Loads,
     PlanRequest,
@@ -157,7 +157,7 @@ class TestPromise:
 DOWN = np.array([[0.0, 0.0, -1.0]])
 BOX = np.array([1.64 + 0.24, 0.0, 0.78 + 1.12 + 0.06]) + np.array([[-0.1], [0.1]])  # about the flange at zero
 AHEAD, BEHIND = (Instrument((x, 0.0, z), 1e-5, 0.0, 1e-5, 0.0) for x, z in ((5.0, 2.0), (-5.0, 1.2)))
-TURNED = Cell(link_radius=0.0, facing=np.tile([0.0, 0.0, 1.0], (3, 1)), acceptance=0.5)
+TURNED = Surroundings(link_radius=0.0, facing=dict.fromkeys(TARGETS, (0.0, 0.0, 1.0)), acceptance=0.5)
 CABLE = equipment("cable", anchors=[[-3.0, 0.0, 1.2]])
 
 
@@ -165,15 +165,15 @@ class TestFeasibility:
     @pytest.mark.parametrize(
         ("reason", "tools", "cell", "degrees", "direction"),
         [
-            ("joint_limits", equipment(), Cell(), 100, None),
-            ("torque", equipment("dead_weight", torque_limit=np.full(N, 100.0)), Cell(), 0, DOWN),
-            ("floor_or_box", equipment(), Cell(floor=3.0), 0, None),
-            ("floor_or_box", equipment(), Cell(obstacles=BOX[None]), 0, None),
-            ("floor_or_box", equipment(), Cell(inside=BOX + 9.0), 0, None),
-            ("line_of_sight", equipment(instrument=BEHIND), Cell(link_radius=0.15), 0, None),
+            ("joint_limits", equipment(), Surroundings(), 100, None),
+            ("torque", equipment("dead_weight", torque_limit=np.full(N, 100.0)), Surroundings(), 0, DOWN),
+            ("floor_or_box", equipment(), Surroundings(floor=3.0), 0, None),
+            ("floor_or_box", equipment(), Surroundings(obstacles=[BOX.tolist()]), 0, None),
+            ("floor_or_box", equipment(), Surroundings(inside=(BOX + 9.0).tolist()), 0, None),
+            ("line_of_sight", equipment(instrument=BEHIND), Surroundings(link_radius=0.15), 0, None),
             ("reflector_acceptance", equipment(instrument=BEHIND), TURNED, 0, None),
-            ("cable", CABLE, Cell(link_radius=0.15), 0, [[-1.0, 0.0, -0.2]]),
-            (None, equipment(instrument=AHEAD), Cell(floor=0.1), 0, None),
+            ("cable", CABLE, Surroundings(link_radius=0.15), 0, [[-1.0, 0.0, -0.2]]),
+            (None, equipment(instrument=AHEAD), Surroundings(floor=0.1), 0, None),
         ],
     )
     def test_each_reason_strikes_out_what_it_should(self, robot, reason, tools, cell, degrees, direction):
@@ -199,7 +199,7 @@ class TestRefusals:
     @pytest.mark.parametrize(
         ("options", "message"),
         [
-            ({"cell": Cell(floor=9.0)}, "none of 400 readings is feasible: floor_or_box 400"),
+            ({"cell": Surroundings(floor=9.0)}, "none of 400 readings is feasible: floor_or_box 400"),
             ({"readings": 1}, "1 readings without those held out do not determine 6 joints"),
             ({"criterion": "work_area"}, "needs a work area"),
             ({"work_area": [[50.0] * 3, [60.0] * 3]}, "0 of 400 candidates have their load point"),
