@@ -219,20 +219,20 @@ def detail_lines(result: RunResult) -> list[Line]:
         *_goodness(result),
         *_budget(result),
         *_complementary_stiffness(result),
-        *_causes(result),
+        *(f"causes tested beside the joints, p-value: {told}" for told in causes_tested(result)),
         *_identifiability(result.identifiability),
     )
     return [*lines, *(Line(f"  {line}", "dim") for line in others)]
 
 
-def _causes(result: RunResult) -> Iterator[str]:
+def causes_tested(result: RunResult) -> Iterator[str]:
+    """Yield a line of the causes that were tested beside the joints, with their p-values."""
     if result.causes:
         since = {None: ""} | {cause.first: f" since {cause.first}" for cause in result.causes if cause.first}
-        told = (
+        yield ", ".join(
             f"{cause.name.replace('_', ' ')}{since[cause.first]} {cause.p_value:.1g}"
             for cause in result.causes
         )
-        yield f"causes tested beside the joints, p-value: {', '.join(told)}"
 
 
 def _goodness(result: RunResult) -> Iterator[str]:

@@ -21,6 +21,7 @@ from jointstiff.schemas.run import Budget, RunResult
 from jointstiff.service.conversion.robots import joint_factors
 from jointstiff.service.conversion.units import FORCE, LENGTH
 from jointstiff.service.kinds.deflection import predict_by_run
+from jointstiff.service.kinds.run import causes_tested
 from jointstiff.service.reports.document import (
     IDENTIFICATION,
     NOT_ISO_9283,
@@ -462,6 +463,7 @@ def method(model: ExportedModel, laboratory: Laboratory | None) -> Section:
         facts=[
             ("Method", f"{way}; jointstiff {version}, as its documentation states (docs/method.md)."),
             *masses,
+            *(("Causes tested, p-value", told) for told in causes_tested(model.result)),
             ("Procedure of the laboratory", (laboratory and laboratory.method) or NOT_STATED),
         ],
         notes=notes or ["Deviations: none."],

@@ -132,6 +132,14 @@ STATED = {
 }
 
 
+def test_a_report_lists_the_causes_that_were_tested(subject, signed):
+    names = {cause.name.replace("_", " ") for cause in subject.model.result.causes}
+    assert "load point" in names
+    text = " ".join(pages_of(signed))
+    assert "Causes tested, p-value" in text
+    assert all(name in text for name in names)
+
+
 def test_every_item_has_a_test():
     assert [item for item, _, _ in ITEMS] == list(STATED)
 
