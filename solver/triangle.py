@@ -63,10 +63,9 @@ def whitener(covariance: FloatArray) -> FloatArray:
 
 def whitened(covariance: FloatArray, rows: FloatArray) -> FloatArray:
     """Return rows (..., 3, k) of readings with a covariance (3, 3) or (..., 3, 3), in units of sigma."""
-    W = whitener(covariance)
-    if W.ndim == 2 and np.array_equal(W, W[0, 0] * np.eye(len(W))):  # isotropic: one product instead of three
-        return np.asarray(W[0, 0] * rows)
-    return np.asarray(W @ rows)
+    if covariance is ISOTROPIC_DIFFERENCE:  # of most sets: one product instead of three
+        return np.asarray(rows / np.sqrt(2.0))
+    return np.asarray(whitener(covariance) @ rows)
 
 
 def triangle_of(rows: FloatArray) -> FloatArray:

@@ -31,6 +31,7 @@ from jointstiff.solver.integrity.values import (
     RAD_AS_DEG,
     SAME_ANGLE,
     View,
+    median,
     seen_from_flange,
     vector_quantile,
     vector_scale,
@@ -167,7 +168,7 @@ def inspect_places(view: View) -> tuple[list[Finding], BoolArray]:
         mended = _consensus(there)
         judged.append((h, mended, _apart(there, mended)))
     best, mended, apart = max(
-        judged, key=lambda each: (np.sum(each[2] <= LARGEST_MODEL_ERROR), -np.median(each[2]))
+        judged, key=lambda each: (np.sum(each[2] <= LARGEST_MODEL_ERROR), -median(each[2]))
     )
     near = apart <= LARGEST_MODEL_ERROR
     count, posted_share = int(near.sum()), float(agree.mean())
@@ -268,7 +269,7 @@ def _single_rows(view: View, rows: IndexArray, seen: FloatArray, place: FloatArr
     """
     with np.errstate(invalid="ignore"):
         nearest = np.fmin.reduce(np.linalg.norm(seen - place, axis=2), axis=1)
-    typical = np.median(nearest)
+    typical = median(nearest)
     for b in np.flatnonzero(nearest > max(OUTLIER * typical, SMALLEST_OUTLIER)):
         yield view.finding(
             "target_off_model",
@@ -354,9 +355,9 @@ def inspect_rigidity(view: View, good: BoolArray) -> Iterator[Finding]:
         touched = (first == step.target) | (second == step.target)
         for side in (slice(None, step.row), slice(step.row, None)):
             change[:, side, touched] = _less_median(lengths[:, side, touched], both[side, touched])
-    scatter = np.median(np.abs(change[:, both])) / MEDIAN_SIZE
+    scatter = median(np.abs(change[:, both])) / MEDIAN_SIZE
     sigma = np.where(both, np.hypot(view.reading_sigma[:, first], view.reading_sigma[:, second]), 0.0)
-    typical = np.median(sigma[both])
+    typical = median(sigma[both])
     if typical > 0.0 and both.sum() >= _ENOUGH and scatter >= OVERSTATED * typical:
         yield view.finding(
             "sigma_suspect",
@@ -576,13 +577,13 @@ class Springs:
         A = block.A[chosen + shift].reshape(len(chosen), -1, block.A.shape[-1])
         compliance = _least_distances(A, deflection[chosen].reshape(len(chosen), -1))
         predicted = block.A @ compliance
-        moved = np.median(norms(deflection))
+        moved = median(norms(deflection))
         return cls(
             predicted=predicted,
             residual=deflection - predicted,
             work=float((block.torque**2).sum(axis=0) @ compliance),
             parameters=int(np.count_nonzero(compliance)),
-            unexplained=float(np.median(norms(deflection - predicted)) / moved) if moved else 0.0,
+            unexplained=float(median(norms(deflection - predicted)) / moved) if moved else 0.0,
         )
 
 
@@ -600,7 +601,7 @@ def _least_distances(A: FloatArray, d: FloatArray) -> FloatArray:
         G = np.einsum("k,kij->ij", weight, gram) / weight.sum()
         x = np.linalg.solve(G + held, weight @ moment / weight.sum())
         distance = np.linalg.norm(d - scaled @ x, axis=1)
-        weight = 1.0 / np.maximum(distance, max(1e-3 * np.median(distance), 1e-12))
+        weight = 1.0 / np.maximum(distance, max(1e-3 * median(distance), 1e-12))
     compliance[visible] = x / norms[visible]
     return compliance
 
@@ -623,7 +624,7 @@ def inspect_response(view: View, good: BoolArray) -> Iterator[Finding]:
         return
     part = m if len(rows) == len(m) else m[rows]
     noise = BEYOND_NOISE * np.sqrt(2.0) * (m.sigma or 0.0)
-    if np.median(np.linalg.norm(part.deflection, axis=2)[part.present]) <= noise:
+    if median(np.linalg.norm(part.deflection, axis=2)[part.present]) <= noise:
         return
     block = whole_block(view.robot, part)
     springs = Springs.fit(block)
@@ -661,7 +662,7 @@ def _mistake_of_the_set(
             return shifted
     part = block.measurements
     if springs.unexplained > UNEXPLAINED:
-        typical = np.median(np.linalg.norm(part.deflection, axis=2)[part.present])
+        typical = median(np.linalg.norm(part.deflection, axis=2)[part.present])
         return view.finding(
             "deflections_unexplained",
             f"joint compliances do not explain the deflections: of {length_text(typical)} (median), "

@@ -147,10 +147,17 @@ def vector_quantile(comparisons: int, freedom: float, coordinates: int = 3) -> f
     return float(np.sqrt(coordinates * F))
 
 
+def median(sizes: FloatArray) -> float:
+    """Return the median of finite numbers, at least one; `np.median` takes five times as long."""
+    middle = (sizes.size - 1) // 2, sizes.size // 2
+    ordered = np.partition(sizes.ravel(), middle)
+    return float(0.5 * (ordered[middle[0]] + ordered[middle[1]]))
+
+
 def vector_scale(norms: FloatArray, coordinates: int = 3) -> float:
     """Standard deviation of a coordinate, by the median of the norms (K,) of vectors; 0 for none."""
     unit = float(np.sqrt(2.0 * special.gammaincinv(0.5 * coordinates, 0.5)))
-    return float(np.median(norms)) / unit if norms.size else 0.0
+    return median(norms) / unit if norms.size else 0.0
 
 
 def inspect_values(view: View) -> Iterator[Finding]:
