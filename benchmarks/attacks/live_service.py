@@ -24,7 +24,7 @@ __all__ = ["run"]
 
 KILLS, CAMPAIGNS, READINGS = 20, 50, 4
 _SENDERS = 8
-_PATIENCE = 60.0
+_PATIENCE = 300.0
 _HEALTH_SECONDS = 0.05
 
 
@@ -136,6 +136,10 @@ def _killed(database: str, kills: int) -> Outcome:
         sender = threading.Thread(target=send)
         sender.start()
         while outcome.kills < kills and sender.is_alive():
+            before, deadline = len(outcome.acknowledged), time.monotonic() + _PATIENCE
+            # Each second time while it starts, else amid readings, however slow the machine is.
+            while outcome.kills % 2 and len(outcome.acknowledged) == before and time.monotonic() < deadline:
+                time.sleep(0.02)
             time.sleep(chance.uniform(0.0, 3.0))
             service.kill()
             outcome.kills += 1

@@ -249,7 +249,7 @@ def covered(reader: Reader, campaign: LiveCampaign, state: LiveState) -> tuple[i
     if reader.row.area is None:
         ends = [(each.interval, k) for each, k in zip(state.joints, reader.arm.stiffnesses, strict=True)]
         known = [(each, k) for each, k in ends if each is not None]
-        return sum(low <= k <= (high or np.inf) for (low, high), k in known), len(known)
+        return int(sum(low <= k <= (high or np.inf) for (low, high), k in known)), len(known)
     known_, places = campaign.known, campaign.declared.ahead.places
     moved = places @ known_.compliance
     half = known_.factor * np.sqrt(np.einsum("...j,jk,...k->...", places, known_.covariance, places))
