@@ -142,5 +142,5 @@ def unchecked(bodies: Sequence[Body], freed: Sequence[FreedMass]) -> Finding | N
         weight="use",
         message=f"the readings do not check the mass of {', '.join(names)}: twice that stated may not show, "
         f"and changes a compliance by up to {100 * change:.2g} %",
-        remedy="be sure of these masses, or hang a known payload in eight of the postures",
+        remedy="be sure of these masses, or hang a known payload in half of the postures",
     )
