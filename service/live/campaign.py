@@ -329,7 +329,8 @@ class LiveCampaign:
             return False
         if self.met:
             return self.check is None or not self.check.inside
-        return self.ahead is not None and self.ahead.missing == 1
+        # Where the model errs, the goal is met before: its interval is less certain.
+        return self.fewest == FEWEST and self.ahead is not None and self.ahead.missing == 1
 
     @cached_property
     def ahead(self) -> Next | None:
@@ -376,7 +377,10 @@ class LiveCampaign:
         if self.met:
             return 0 if self.check is not None and self.check.inside else 1
         missing = self.ahead.missing if self.ahead is not None and self.observations else None
-        return None if missing is None else max(missing, self.fewest + 1 - len(self.observations))
+        if missing is None:
+            return None
+        left = self.fewest - len(self.observations)
+        return max(missing, left + 1) if self.fewest == FEWEST else max(missing, left) + 1
 
     def next_reading(self) -> live.NextReading | None:
         """Return what to read next."""
