@@ -128,6 +128,7 @@ class OpenSets:
         if not campaign.closed:
             self._add(set_id, Entry("closed", ""), by)
             campaign = self._campaign(set_id)
+            fields = campaign.closing()  # with what came meanwhile
         with suppress(NotFoundError):
             self._store.sets.get(set_id)
             return self.state(set_id)
