@@ -646,6 +646,9 @@ class Trends:
     ) -> list[Mapping[str, JointResult]]:
         """Return the newest results of each other arm of the same kinematics, joints by their names.
 
+        Only independent evidence: runs with priors or with the verdict `do_not_use` are left out, and joints
+        without a number that can be used. A set without a serial number may be of any arm of its robot.
+
         Args:
             robot_id: of the arm.
             serial_number: of the arm; robots stand for an arm of each serial number.
@@ -658,13 +661,21 @@ class Trends:
         twins = self._store.robots.page(limit=_MOST_ROBOTS, filters={"content_hash": own.content_hash})
         newest: dict[tuple[str, str | None], Campaign] = {}
         for twin in twins.records:
-            for one, *_ in self._candidates(twin.id, self._sets(twin.id)).values():
-                arm = twin.id, one.measured.serial_number
+            for runs in self._candidates(twin.id, self._sets(twin.id)).values():
+                one = next((run for run in runs if _is_evidence(run)), None)
+                if one is None:
+                    continue
+                number = one.measured.serial_number
+                arm = twin.id, number
                 alike = (one.selection.encoders == "secondary") == (encoders == "secondary")
-                if alike and (arm not in newest or one.at > newest[arm].at):
+                same = number == serial_number is not None
+                own_run = same or (twin.id == robot_id and None in (number, serial_number))
+                if alike and not own_run and (arm not in newest or one.at > newest[arm].at):
                     newest[arm] = one
-        newest.pop((robot_id, serial_number), None)
-        return [one.joints for one in newest.values()]
+        return [
+            {name: joint for name, joint in one.joints.items() if _number(joint) is not None}
+            for one in newest.values()
+        ]
 
     def fleet(self) -> messages.Fleet:
         """Return a row for each robot and serial number, those in alarm first."""
@@ -729,6 +740,12 @@ class Trends:
             where="run_id",
             remedy="give the id of a succeeded run of this robot",
         )
+
+
+def _is_evidence(campaign: Campaign) -> bool:
+    """Return whether a run says what an arm is by its own readings, and can be used."""
+    run = campaign.run
+    return not run.request.priors and run.result.assessment.verdict != "do_not_use"
 
 
 def _row(trend: messages.Trend, name: str, serial_number: str | None) -> messages.FleetRow:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from dataclasses import replace
 
 import numpy as np
@@ -10,6 +11,7 @@ from fastapi.testclient import TestClient
 
 from jointstiff.schemas.run import JointResult
 from jointstiff.service.app import create_app
+from jointstiff.service.kinds.trend import Trends
 from jointstiff.service.live.fleet import priors_of, standings
 from jointstiff.service.store.store import Store
 from jointstiff.simulator import (
@@ -129,6 +131,44 @@ def test_a_fleet_of_three_other_arms_at_least(service):
     body = LIVE | {"robot_id": lone, "open": LIVE["open"] | {"prior": "fleet"}}
     answer = service.post("/v1/measurement-sets", json=body)
     assert (answer.status_code, answer.json()["where"]) == (422, "open.prior")
+
+
+def test_only_independent_runs_of_other_arms_are_sisters():
+    """No run with priors, none that is not to be used, and none that may be of the arm itself."""
+    campaign = simulate_campaign(ARM, configurations=12, load="pull", sigma=5e-6, seed=1)
+    random = np.random.default_rng(3)
+    with (
+        Store.open("sqlite://") as store,
+        TestClient(create_app(store), base_url="http://127.0.0.1") as client,
+    ):
+
+        def run(robot, *, spoilt=False, number=None, **options):
+            body = campaign["measurement_set"] | {"robot_id": robot, "noise": EXACT | {"sigma": 5e-6}}
+            observations = copy.deepcopy(body["observations"])
+            for reading in (each for one in observations for each in one["readings"]):
+                error = 2e-3 * random.standard_normal(3) if spoilt else np.zeros(3)
+                reading["loaded"] = (np.array(reading["loaded"]) + error).tolist()
+            body |= {"observations": observations, "serial_number": number}
+            made = posted(
+                client, "runs", {"measurement_set_id": posted(client, "measurement-sets", body)} | options
+            )
+            return client.get(f"/v1/runs/{made}").json()["result"]
+
+        own, second, third, fourth = (
+            posted(client, "robots", campaign["robot"] | {"name": name})
+            for name in ("own", "second", "third", "fourth")
+        )
+        stiffness = run(own)["joints"][1]["stiffness"]
+        run(own, number="SN-1")
+        prior = {"stiffness": 2 * stiffness, "standard_uncertainty": 1e-3 * stiffness}
+        run(second, priors={"joint_2": prior})
+        assert run(third, spoilt=True)["assessment"]["verdict"] == "do_not_use"
+        run(fourth, number="SN-1")
+        trends = Trends(store)
+        assert trends.sisters(own, "SN-1", "motor") == []
+        assert len(trends.sisters(own, "SN-2", "motor")) == 2
+        (sister,) = trends.sisters(own, None, "motor")
+        assert sister["joint_2"].stiffness == pytest.approx(stiffness)
 
 
 def results(*compliances):
