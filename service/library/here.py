@@ -213,7 +213,9 @@ class Here:
                     return certificate(subject, draft())
             document = run_document(subject, draft())
         elif suffix == "xml":
-            raise ValueError(f"a {kind.name} has no certificate: runs have")
+            with as_campaign_error(""):
+                reason = f"a {kind.name} has no certificate: runs have"
+                raise RequestError(reason, where="output", remedy="write it as .pdf or .html")
         else:
             document = job_document(kind, job, job.model_dump_json(), settings)
         with as_campaign_error("report"):

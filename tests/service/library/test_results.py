@@ -78,6 +78,13 @@ def test_each_kind_is_a_line_a_table_a_frame_a_plot_and_files(name, results, tmp
         result.to_frame("nothing")
 
 
+def test_only_a_run_has_a_certificate(results, tmp_path):
+    with pytest.raises(js.CampaignError, match="a plan has no certificate") as refused:
+        results["plan"].report(tmp_path / "x.xml")
+    assert refused.value.problem.remedy
+    assert not (tmp_path / "x.xml").exists()
+
+
 def test_what_a_run_and_a_program_have_besides(run, results, tmp_path):
     run.save(tmp_path / "arm.urdf")
     run.save(tmp_path / "report.html")
