@@ -241,7 +241,7 @@ class Shown(Presented):
         return job_sheet(file, job, lambda: cast("Any", None))
 
     def _figure(self) -> Figure:
-        from jointstiff.service.reports.pictures import figure_of
+        from jointstiff.service.reports.plots import figure_of
 
         kind, job = kind_of(self._job.kind), self._job
         if job.result is None:
@@ -456,7 +456,7 @@ class Prediction(Presented, DeflectionResult):  # type: ignore[misc]  # `summary
 
     def _figure(self) -> Figure:
         from jointstiff.service.kinds.deflection import prediction_charts
-        from jointstiff.service.reports.pictures import figure_of
+        from jointstiff.service.reports.plots import figure_of
 
         return figure_of(f"Predicted deflection: {self._headline()}", prediction_charts(self))
 

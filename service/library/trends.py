@@ -60,7 +60,7 @@ class RobotTrend(Presented, Trend):
         return Sheet.of_joints(sheet, [joint.kind for joint, _, _ in pairs])
 
     def _figure(self) -> Figure:
-        from jointstiff.service.reports.pictures import figure_of
+        from jointstiff.service.reports.plots import figure_of
 
         names = [f"{campaign.at:%Y-%m-%d}" for campaign in self.campaigns]
         charts = []

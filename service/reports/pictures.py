@@ -1,11 +1,9 @@
-"""Pictures of results: a run's intervals, deflections and arm as SVG; charts and areas by matplotlib."""
+"""Pictures of a run as SVG: intervals, deflection without and with the model, and the arm."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from math import ceil, floor, hypot, log10, nan
-from textwrap import fill
-from typing import TYPE_CHECKING, Any
+from math import ceil, floor, hypot, log10
 from xml.etree import ElementTree
 
 import numpy as np
@@ -13,13 +11,9 @@ import numpy as np
 from jointstiff.schemas.run import JointResult, RunResult
 from jointstiff.service.conversion.robots import to_kinematics
 from jointstiff.service.reports.document import Picture
-from jointstiff.service.tables.table import Area, Chart
+from jointstiff.service.tables.table import Chart
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.robot.model import Robot
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 INK, PALE, LINE, MARK = "#222222", "#b9c6d3", "#8a8a8a", "#1f5f8b"
 _FONT = "Libertinus Serif, Georgia, serif"
@@ -233,85 +227,3 @@ def _seen(points: FloatArray) -> FloatArray:
 
 def _short(name: str) -> str:
     return name if len(name) <= 18 else f"{name[:17]}…"
-
-
-_MOST_NAMES = 40
-"""Places with their names below the axis; of more, numbers."""
-_TITLE_WIDTH = 90
-"""Characters in a line of the title."""
-
-
-def figure_of(title: str, charts: Sequence[Chart], areas: Sequence[Area] = ()) -> Figure:
-    """Draw charts and areas, one below the other.
-
-    Raises:
-        ImportError: matplotlib is not installed.
-        ValueError: there is nothing to draw.
-    """
-    try:
-        import matplotlib.pyplot as plt
-    except ImportError:
-        raise ImportError('plot needs matplotlib: pip install "jointstiff[plot]"') from None
-
-    count = len(charts) + len(areas)
-    if not count:
-        raise ValueError("the result has no numbers to draw: print it")
-    figure: Figure
-    figure, grid = plt.subplots(count, 1, figsize=(8.0, 3.2 * count), layout="constrained", squeeze=False)
-    figure.suptitle(fill(title, _TITLE_WIDTH), fontsize="medium")
-    axes = list(grid[:, 0])
-    for axis, area in zip(axes, areas, strict=False):
-        _draw_area(figure, axis, area)
-    for axis, chart in zip(axes[len(areas) :], charts, strict=True):
-        _draw_chart(axis, chart)
-    return figure
-
-
-def _draw_chart(axis: Axes, chart: Chart) -> None:
-    """Draw bars side by side, or dots on a logarithmic axis; with intervals where there are some."""
-    count, series = len(chart.names), chart.series
-    places, step = range(count), 0.8 / max(len(series), 1)
-    for which, (name, values) in enumerate(series.items()):
-        at = [place + (which - (len(series) - 1) / 2) * step for place in places]
-        heights = [nan if value is None else chart.factor * value for value in values]
-        intervals = chart.intervals.get(name)
-        ends = None if intervals is None else _below_and_above(heights, intervals, chart.factor)
-        if chart.logarithmic:
-            axis.errorbar(at, heights, yerr=ends, fmt="o", capsize=3, label=name)
-        else:
-            axis.bar(at, heights, step, yerr=ends, capsize=3, label=name)
-    if chart.logarithmic:
-        axis.set_yscale("log")
-    if count <= _MOST_NAMES:
-        axis.set_xticks(list(places), chart.names, rotation=90 if count > 8 else 0, fontsize="small")
-    axis.set_xlabel(chart.axis)
-    axis.set_ylabel(chart.unit)
-    axis.set_title(chart.title, fontsize="medium")
-    if len(series) > 1:
-        axis.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), fontsize="small")  # beside the bars
-
-
-def _below_and_above(heights: Sequence[float], intervals: Sequence[Any], factor: float) -> list[list[float]]:
-    """Return how far the intervals reach below and above; without a limit, nothing is drawn there."""
-    below, above = [], []
-    for height, interval in zip(heights, intervals, strict=True):
-        low, high = interval or (None, None)
-        below.append(0.0 if low is None or height != height else max(height - factor * low, 0.0))
-        above.append(0.0 if high is None or height != height else max(factor * high - height, 0.0))
-    return [below, above]
-
-
-def _draw_area(figure: Figure, axis: Axes, area: Area) -> None:
-    """Draw a dot for each place, coloured by its value; a cross where there is none."""
-    values = [area.factor * value for value in area.values]
-    known = [i for i, value in enumerate(values) if value == value]
-    none = [i for i, value in enumerate(values) if value != value]
-    dots = axis.scatter(
-        [area.x[i] for i in known], [area.y[i] for i in known], c=[values[i] for i in known], marker="s"
-    )
-    axis.scatter([area.x[i] for i in none], [area.y[i] for i in none], c="0.7", marker="x")
-    figure.colorbar(dots, ax=axis, label=area.names[2])
-    axis.set_xlabel(area.names[0])
-    axis.set_ylabel(area.names[1])
-    axis.set_title(area.title, fontsize="medium")
-    axis.set_aspect("equal")

@@ -89,8 +89,12 @@ with jointstiff.Client({service.url!r}) as client:
     print(run, file=sys.stderr)
     run.save({str(tmp_path / "joints.csv")!r})
 print([name for name in ("numpy", "scipy", "pinocchio", "cvxpy") if name in sys.modules])
+import matplotlib
+matplotlib.use("Agg")
+run.plot()
+print([name for name in ("scipy", "pinocchio", "cvxpy") if name in sys.modules])
 """
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
-    assert done.stdout == "[]\n"
+    assert done.stdout == "[]\n[]\n"
     assert "joint_6" in done.stderr
     assert (tmp_path / "joints.csv").read_text().count("\n") == 7
