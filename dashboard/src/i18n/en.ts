@@ -966,6 +966,7 @@ export const en = {
     condition: "Condition number",
     conditionNone: "rank-deficient",
     singular: "Singular values",
+    singularSize: "Size",
     singularNote:
       "Singular values of the weighted regressor with columns of unit norm. A small value means a poorly observable combination.",
     stage: (number: number) => `stage ${number}`,
@@ -1233,6 +1234,7 @@ export const en = {
     count: (shown: number, all: number) => (shown === all ? String(all) : `${shown} of ${all}`),
     none: "Nothing here yet",
     noneHint: "Drop a measurement file on the Identify page and the first result appears here.",
+    noneAbove: "What you make with the form above appears here.",
     noMatch: "No match",
     noMatchHint: "Shorten the search, or show all.",
     noneDeleted: "Nothing deleted",

@@ -176,22 +176,27 @@ export function JobList<Of extends Collection>({
           {members.length > 0 && <Rows rows={members} />}
         </section>
       ))}
-      {items && found.length === 0 && <Nothing all={items.length === 0 && plain} deleted={deleted} change={change} />}
+      {items && found.length === 0 && (
+        <Nothing of={collection} all={items.length === 0 && plain} deleted={deleted} change={change} />
+      )}
       {more && <Button onClick={more}>{text.app.more}</Button>}
     </section>
   );
 }
 
 function Nothing({
+  of,
   all,
   deleted,
   change,
 }: {
+  of: Collection;
   all: boolean;
   deleted: boolean;
   change: (part: Partial<Filter>) => void;
 }) {
   if (deleted) return <Empty title={words.noneDeleted} hint={words.deletedHint} />;
+  if (all && of !== "runs") return <Empty title={words.none} hint={words.noneAbove} />;
   return all ? (
     <Empty title={words.none} hint={words.noneHint}>
       <LinkButton look="primary" href="#/">

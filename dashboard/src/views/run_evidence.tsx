@@ -87,7 +87,7 @@ function Singular({ found, elastic }: { found: RunResult["identifiability"]; ela
         </>
       )}
       <p class="soft">{words.singularNote}</p>
-      <DataTable caption={words.singular} table={{ columns: [words.singular, text.run.value], rows: values }} />
+      <DataTable caption={words.singular} table={{ columns: [words.singular, words.singularSize], rows: values }} />
     </>
   );
 }
