@@ -119,7 +119,7 @@ class ComparedRun(Message):
     """One run of the comparison; it has no numbers if it has failed."""
 
     run_id: Identifier
-    side: Side = Field(description="Side of its measurement set.")
+    side: Side = Field(description="Side that has its readings.")
     method: Method
     weighting: Weighting
     characteristic_length: Metres[float | None] = Field(
@@ -229,7 +229,7 @@ class AvoidedDeflection(Message):
 
 
 class OrderedJoint(Message):
-    """One joint in the problem of both sides; null for a side that does not determine the joint."""
+    """One joint in the common fit; numbers are null for a side that does not determine it."""
 
     name: Name
     kind: StatedKind = "revolute"
@@ -275,8 +275,8 @@ class ComparisonResult(Result):
     )
     ordered: OrderedResult | None = Field(description="Both sides in one problem, if requested.")
     warnings: list[Finding] = Field(
-        description="Warnings of the measurement sets and of the fits, then of the comparison; of two sides "
-        "`where` begins with the side. Duplicates are omitted."
+        description="Warnings of the measurement sets and of the fits, then of the comparison; with two "
+        "sides, `where` starts with the side. Duplicates are omitted."
     )
 
     @property

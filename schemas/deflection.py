@@ -331,7 +331,7 @@ class MapCounts(Message):
     )
     not_followed: int = Field(
         default=0,
-        description="Number of places too near a singularity to follow the branch of `near`.",
+        description="Number of places without a number: too near a singularity for the option `near`.",
     )
 
 

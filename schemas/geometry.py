@@ -168,7 +168,7 @@ class WristEstimate(WristCentre):
     """One estimate of the wrist centre."""
 
     way: Literal["sphere", "axes", "trilateration"]
-    weight: float = Field(description="Weight in the combined centre, over three directions. Dimensionless.")
+    weight: float = Field(description="Weight in the combined centre, mean of three axes. Dimensionless.")
 
 
 class WristDistance(Message):

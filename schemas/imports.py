@@ -221,8 +221,8 @@ class ImportRequest(ImportOptions):
     )
     accept_unusual: bool = Field(
         default=False,
-        description="True accepts values that look wrong: farther than 100 spreads from their column's "
-        "median, and a load point more than 5 m from the flange. Without it they are refused.",
+        description="True accepts values that look wrong: more than 100 standard deviations from their "
+        "column's median, or a load point more than 5 m from the flange. Without it they are refused.",
     )
     force: Vector3 | None = Field(
         default=None,

@@ -1,4 +1,4 @@
-"""The model of a run, which predicts; elastic links, and the comparison of models on held-out postures."""
+"""A run's model for predictions; elastic links; the comparison of models on held-out postures."""
 
 from __future__ import annotations
 
@@ -118,7 +118,7 @@ class IdentifiedModel(Message):
     )
     elastic: ElasticPart | None = Field(
         default=None,
-        description="All compliances if links or coupling are elastic; the rows and columns above are then "
+        description="All compliances if links or coupling are elastic; the other matrices are then "
         "empty, and `seen` names the observable joints.",
     )
     weight: WeightPart | None = Field(
@@ -211,7 +211,7 @@ class LinksResult(Message):
     """Compliances of the elements that deflect besides the joints."""
 
     model: ElasticModel
-    model_source: Source = Field(description="`cross_validation` for elasticity `automatic`.")
+    model_source: Source = Field(description="Source; `cross_validation` if the elasticity is `automatic`.")
     loss: Loss = Field(description="Loss function of the length of each target's residual.")
     loss_source: Source = Field(description="Source of the loss; `given` also if the options allow only one.")
     penalty: Dimensionless[float] = Field(description="Weight of the penalty.")

@@ -268,7 +268,7 @@ class PlannedReading(Message):
     block: int = Field(
         default=1,
         description="Block, counted from 1: four readings and some of those held out. Each is a good plan by "
-        "itself, so that whoever stops after one of them has one. With several anchors there is one block.",
+        "itself, so you may stop after any block. With several anchors there is one block.",
     )
 
 

@@ -133,13 +133,14 @@ class ProgramOptions(AcceptingOptions, PredictionOptions):
         list[ProgramFrame],
         Field(max_length=MAX_FRAMES),
         Terminal("--tool", "[NAME=]NUMBERS", frame_of, "list"),
-    ] = Field(default_factory=list, description="Tools in the flange frame that the program only names.")
+    ] = Field(default_factory=list, description="Tool frames that the program names without values.")
     bases: Annotated[
         list[ProgramFrame],
         Field(max_length=MAX_FRAMES),
         Terminal("--base", "[NAME=]NUMBERS", frame_of, "list"),
     ] = Field(
-        default_factory=list, description="Bases in the controller's world that the program only names."
+        default_factory=list,
+        description="Base frames in the controller's world that the program names without values.",
     )
     world: _FrameNumbers | None = Field(
         default=None, description="World frame of the controller in R0, if it differs from R0."
@@ -285,7 +286,7 @@ class ProgramResult(FromRun):
         description="Distance from target without a correction; null if nothing is loaded."
     )
     correction: Metres[Spread | None] = Field(description="Displacement of targets.")
-    residual: Metres[Spread | None] = Field(description="Distance from target of the written program.")
+    residual: Metres[Spread | None] = Field(description="Distance from target, compensated program.")
     rounding: Metres[Spread | None] = Field(
         description="Part of it due to the rounding of numbers in the program."
     )

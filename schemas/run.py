@@ -80,7 +80,7 @@ class UncertaintyBudget(Message, extra="allow"):
         default=0.0, description="Axes of the robot's model: one error per axis for all observations."
     )
     model_error: Compliance[float] = Field(
-        default=0.0, description="Model error by fits without single postures, if joints alone do not fit."
+        default=0.0, description="Model error: each posture held out in turn, if joints alone do not fit."
     )
 
 
@@ -393,7 +393,7 @@ class Certificate(Message):
 
 
 class Goodness(Message):
-    """Chi-square of the readings' residuals under sigma."""
+    """Chi-square of the residuals, in units of sigma."""
 
     chi_square: float = Field(
         description="Sum of squared whitened residuals; with the robust loss each is cut at the threshold, "

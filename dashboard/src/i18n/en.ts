@@ -437,7 +437,7 @@ export const en = {
     loadPoint: "Position of the load point",
     loadPointHelp: "Uncertainty of each coordinate in the flange frame; the error is the same in all configurations.",
     targetPlaces: "Positions of the targets",
-    targetPlacesHelp: "Uncertainty of each coordinate in the flange frame; each target has one error.",
+    targetPlacesHelp: "Uncertainty of each coordinate in the flange frame; fixed for each target.",
     encoder: "Secondary encoder",
     encoderHelp: "Uncertainty of one reading of a joint’s angle behind its gearbox.",
   },
