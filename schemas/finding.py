@@ -176,6 +176,7 @@ FindingCode = Literal[
     "complementary_stiffness_matters",
     "links_bend_with_joints",
     "base_bends",
+    "base_unchecked",
     "masses_contradicted",
     "masses_unchecked",
     "lack_of_fit",

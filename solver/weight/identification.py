@@ -602,10 +602,48 @@ def identified_weight(
     return IdentifiedWeight(mass, centre, fit.gravity, root=covariance_root)
 
 
+_BASE_UNCHECKED: Final = Finding(
+    code="base_unchecked",
+    weight="use_with_care",
+    message="the readings do not determine how the base below the first joint tilts: it is taken as rigid, "
+    "and what it tilts is in the joints' numbers",
+    remedy="read more postures; or state `rigid_base` if nothing below the first joint gives way",
+)
+
+
+def settled(
+    fitted: Callable[..., WeightFit], bodies: tuple[Body, ...], by_loads: int, *, free_base: bool
+) -> WeightFit | None:
+    """Return a further fit; None where the readings are too few for it."""
+    try:
+        fit = fitted(bodies, free_base=free_base)
+        fit.freedom(by_loads)
+    except (MeasurementError, NotObservableError):
+        return None
+    return fit
+
+
+def chance_of_tilt(
+    rigid: WeightFit, tilting: WeightFit, burden: Burden, by_loads: int, least: float
+) -> float:
+    """Return the probability that the base's tilt explains so much by chance; 1 if a mass explains more."""
+    noise = tilting.noise(by_loads, least)
+    gain = (
+        rigid.optimum.loss + rigid.reduced.outside - tilting.optimum.loss - tilting.reduced.outside
+    ) / noise
+    by_mass = contradicted(freed_masses(rigid.reduced, burden, rigid.noise(by_loads, least)))
+    more = gain > (0.0 if by_mass is None else by_mass.gain)
+    if not more or tilting.chance(noise, by_loads) <= _BEYOND_CHANCE:
+        return 1.0
+    return float(special.fdtrc(3, tilting.freedom(by_loads), gain / 3.0))
+
+
 def explained(
     fitted: Callable[..., WeightFit], burden: Burden, by_loads: int, least: float, *, free_base: bool
 ) -> tuple[WeightFit, tuple[Body, ...], list[Finding]]:
     """Fit, and once more with what the readings prove: a base that tilts, a mass far from what is stated.
+
+    Where readings are too few for a further fit, the one before stands.
 
     Args:
         fitted: function from bodies to the fit, with `free_base`.
@@ -618,20 +656,17 @@ def explained(
         The fit, the bodies with the bounds that it has, and what was found.
 
     Raises:
-        NotObservableError: fewer coordinates than unknowns.
+        NotObservableError: fewer coordinates than unknowns of a base that does not tilt.
+        MeasurementError: no convergence with such a base.
     """
     findings, bodies = list[Finding](), burden.bodies
-    rigid, tilting = fitted(bodies), fitted(bodies, free_base=True)
-    noise = tilting.noise(by_loads, least)
-    gain = (
-        rigid.optimum.loss + rigid.reduced.outside - tilting.optimum.loss - tilting.reduced.outside
-    ) / noise
-    p_value = float(special.fdtrc(3, tilting.freedom(by_loads), max(gain, 0.0) / 3.0))
-    by_mass = contradicted(freed_masses(rigid.reduced, burden, rigid.noise(by_loads, least)))
-    proved = p_value < _BASE_LEVEL and gain > (0.0 if by_mass is None else by_mass.gain)
-    proved = proved and tilting.chance(noise, by_loads) > _BEYOND_CHANCE
-    free_base = free_base or proved
-    fit = tilting if free_base else rigid
+    rigid, tilting = fitted(bodies), settled(fitted, bodies, by_loads, free_base=True)
+    p_value = 1.0 if tilting is None else chance_of_tilt(rigid, tilting, burden, by_loads, least)
+    proved = p_value < _BASE_LEVEL
+    if tilting is None and free_base:
+        findings.append(_BASE_UNCHECKED)
+    free_base = tilting is not None and (free_base or proved)
+    fit = tilting if tilting is not None and free_base else rigid
     if proved:
         tilts = " and ".join(f"{1e9 * each:.2g}" for each in fit.base[:2])
         findings.append(
@@ -647,8 +682,10 @@ def explained(
     wrong = contradicted(freed)
     if wrong is not None:
         wider = widened(bodies, wrong)
-        second = fitted(wider, free_base=free_base)
-        if second.chance(second.noise(by_loads, least), by_loads) > _BEYOND_CHANCE:
+        second = settled(fitted, wider, by_loads, free_base=free_base)
+        if second is None:
+            findings.append(contradiction(bodies[wrong.body], wrong, held=False))
+        elif second.chance(second.noise(by_loads, least), by_loads) > _BEYOND_CHANCE:
             findings.append(contradiction(bodies[wrong.body], wrong))
             return second, wider, findings
     elif (remark := unchecked(bodies, freed)) is not None:

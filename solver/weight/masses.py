@@ -114,14 +114,15 @@ def widened(bodies: Sequence[Body], wrong: FreedMass) -> tuple[Body, ...]:
     return (*bodies[: wrong.body], wide, *bodies[wrong.body + 1 :])
 
 
-def contradiction(body: Body, wrong: FreedMass) -> Finding:
-    """Report a mass that the readings contradict."""
+def contradiction(body: Body, wrong: FreedMass, *, held: bool = True) -> Finding:
+    """Report a mass that the readings contradict; `held`, whether the intervals hold what they ask for."""
+    which = "The intervals hold both" if held else "No fit with both settles"
     return Finding(
         code="masses_contradicted",
-        weight="use_with_care",
+        weight="use_with_care" if held else "do_not_use",
         message=f"the readings contradict the mass of {body.name}: they ask for {wrong.mass:.3g} kg "
         f"± {wrong.uncertainty:.2g} kg instead of {body.mass:.3g} kg, and χ² falls by {wrong.gain:.3g}. "
-        "The intervals hold both",
+        f"{which}",
         remedy=f"check the mass of {body.name}, its neighbours' and what hung on the flange; a known payload "
         "in some of the postures tells stiffness and masses apart",
     )

@@ -123,6 +123,17 @@ def test_a_base_that_tilts_is_found_and_takes_nothing_from_the_joints():
     assert np.sqrt(np.square(estimate.residual).mean()) < 4e-5
 
 
+@pytest.mark.parametrize("seed", [0, 1, 3])
+def test_few_postures_that_do_not_tell_the_tilt_of_the_base_are_fitted_with_a_rigid_one(seed):
+    readings = campaign(postures=6, stated=burden_of(BODIES, 0.1), seed=seed)
+    estimate = identify_weight(ROBOT, readings)
+    assert not estimate.fit.base.any()
+    assert holds_the_truth(estimate)
+    asked = identify_weight(ROBOT, readings, free_base=True)
+    assert "base_unchecked" in [reason.code for reason in asked.reasons]
+    np.testing.assert_array_equal(intervals(asked), intervals(estimate))
+
+
 def test_residuals_beyond_sigma_are_said_and_widen_the_intervals():
     readings = campaign(sigma=9e-5)
     stated = replace(readings, poses=replace(readings.poses, sigma=3e-5))
