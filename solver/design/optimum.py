@@ -239,6 +239,8 @@ _START: Final = 12
 """Readings chosen greedily to begin with."""
 _SAMPLE: Final = 2_000
 """Candidates among which these are sought."""
+_BLOCK: Final = 256
+"""Candidates whose information is computed at once."""
 _ADDED: Final = 20
 """Candidates that join in a round."""
 _ROUNDS: Final = 200
@@ -318,7 +320,9 @@ class Candidates:
 
     @classmethod
     def from_rows(cls, rows: FloatArray) -> Candidates:
-        """Take rows.
+        """Take rows, block by block: beside the result, no more memory is needed than for one block.
+
+        The result has N p² numbers, or 6 N p² for forces of any direction.
 
         Args:
             rows: (N, m, p) whitened, under a load of their own; or (N, 3, m, p), under the greatest
@@ -328,15 +332,19 @@ class Candidates:
             RequestError: a number is not finite.
         """
         stack = rows[:, None] if rows.ndim == 3 else rows
-        pairs = zip(*np.triu_indices(stack.shape[1]), strict=True)
-        products = [stack[:, a].transpose(0, 2, 1) @ stack[:, b] for a, b in pairs]
-        information = np.stack([0.5 * (K + K.transpose(0, 2, 1)) for K in products], axis=1)
-        if not np.isfinite(information).all():
-            raise RequestError(
-                "a candidate has a number that is not finite",
-                where="candidates",
-                remedy="give postures and loads of plausible size",
-            )
+        pairs = list(zip(*np.triu_indices(stack.shape[1]), strict=True))
+        information = np.empty((len(stack), len(pairs), stack.shape[-1], stack.shape[-1]))
+        for start in range(0, len(stack), _BLOCK):
+            part, block = stack[start : start + _BLOCK], information[start : start + _BLOCK]
+            for k, (a, b) in enumerate(pairs):
+                K = part[:, a].transpose(0, 2, 1) @ part[:, b]
+                block[:, k] = 0.5 * (K + K.transpose(0, 2, 1))
+            if not np.isfinite(block).all():
+                raise RequestError(
+                    "a candidate has a number that is not finite",
+                    where="candidates",
+                    remedy="give postures and loads of plausible size",
+                )
         return cls(information, np.ones(rows.shape[-1]))
 
     def scaled(self, unit: FloatArray) -> Candidates:
