@@ -52,14 +52,21 @@ def certificate(subject: report.RunSubject, state: State) -> bytes:
     _item(_add(administrative, "dcc:items", "dcc:item"), subject)
     _contact(_add(administrative, "dcc:calibrationLaboratory", "dcc:contact"), laboratory)
     person = _add(administrative, "dcc:respPersons", "dcc:respPerson")
-    _text(_add(person, "dcc:person"), "dcc:name", str(laboratory.responsible))
+    _text(_add(person, "dcc:person"), "dcc:name", str(laboratory.responsible), None)
     _add(person, "dcc:mainSigner").text = "true"
-    _contact(_add(administrative, "dcc:customer"), laboratory.customer or Party(name=NOT_STATED))
+    customer = _add(administrative, "dcc:customer")
+    if laboratory.customer is None:
+        _text(customer, "dcc:name", NOT_STATED)
+        _text(_add(customer, "dcc:location"), "dcc:further", NOT_STATED)
+    else:
+        _contact(customer, laboratory.customer)
     statements = _add(administrative, "dcc:statements")
     verdict = f"Verdict on the result: {VERDICTS[subject.model.result.assessment.verdict]}."
     traceability = f"Metrological traceability: {laboratory.traceability or NOT_STATED}"
     for line in (f"{state.kind.capitalize()}: {state.line}", verdict, traceability, *report.STATEMENTS):
-        _text(_add(statements, "dcc:statement"), "dcc:declaration", line)
+        of_laboratory = line == traceability and laboratory.traceability
+        language = None if of_laboratory else _LANGUAGE
+        _text(_add(statements, "dcc:statement"), "dcc:declaration", line, language)
     _results(_add(root, "dcc:measurementResults", "dcc:measurementResult"), subject, laboratory)
     ElementTree.indent(root)
     content: bytes = ElementTree.tostring(root, encoding="utf-8", xml_declaration=True)
@@ -86,7 +93,7 @@ def _stated(subject: report.RunSubject) -> tuple[Laboratory, date, date]:
 def _core_data(
     core: Element, subject: report.RunSubject, state: State, laboratory: Laboratory, days: tuple[date, date]
 ) -> None:
-    languages = [_LANGUAGE, *(each for each in laboratory.languages if each != _LANGUAGE)]
+    languages = [*dict.fromkeys([_LANGUAGE, *laboratory.languages])]
     _add(core, "dcc:countryCodeISO3166_1").text = laboratory.country
     for name, codes in (("used", languages), ("mandatory", [_LANGUAGE])):
         for code in codes:
@@ -115,9 +122,10 @@ def _item(item: Element, subject: report.RunSubject) -> None:
 
 def _contact(contact: Element, party: Party) -> None:
     """Describe a laboratory or a customer; an address is lines of text."""
-    _text(contact, "dcc:name", party.name)
+    _text(contact, "dcc:name", party.name, None)
     lines = [*party.address, *([party.contact] if party.contact else [])]
-    _text(_add(contact, "dcc:location"), "dcc:further", ", ".join(lines) or NOT_STATED)
+    language = None if lines else _LANGUAGE
+    _text(_add(contact, "dcc:location"), "dcc:further", ", ".join(lines) or NOT_STATED, language)
 
 
 def _results(measured: Element, subject: report.RunSubject, laboratory: Laboratory) -> None:
@@ -128,17 +136,18 @@ def _results(measured: Element, subject: report.RunSubject, laboratory: Laborato
     _text(used, "dcc:name", "Identification of joint stiffness from readings of targets")
     section = report.method(model, laboratory)
     stated = [f"{label}: {text}" for label, text in section.facts if text != NOT_STATED]
-    _text(used, "dcc:description", "; ".join([*stated, *section.notes]))
+    language = None if laboratory.method else _LANGUAGE
+    _text(used, "dcc:description", "; ".join([*stated, *section.notes]), language)
     software = _add(measured, "dcc:usedSoftware", "dcc:software")
     _text(software, "dcc:name", "Jointstiff")
     _add(software, "dcc:release").text = versions_of(model.run)
     if readings.instrument:
         equipment = _add(measured, "dcc:measuringEquipments", "dcc:measuringEquipment")
-        _text(equipment, "dcc:name", readings.instrument)
+        _text(equipment, "dcc:name", readings.instrument, None)
     if conditions := readings.conditions or laboratory.conditions:
         influence = _add(measured, "dcc:influenceConditions", "dcc:influenceCondition")
         _text(influence, "dcc:name", "Conditions of the measurement")
-        _text(_add(influence, "dcc:data"), "dcc:text", conditions)
+        _text(_add(influence, "dcc:data"), "dcc:text", conditions, None)
     results = _add(measured, "dcc:results")
     for joint, u in zip(model.result.joints, report.expanded(model), strict=True):
         _joint(_add(results, "dcc:result"), joint, u, model.run.request.confidence)
@@ -196,8 +205,16 @@ def _add(parent: Element, *tags: str) -> Element:
     return parent
 
 
-def _text(parent: Element, tag: str, text: str) -> None:
-    """Append an element with text in the language of this program; XML has no control characters."""
+def _text(parent: Element, tag: str, text: str, language: str | None = _LANGUAGE) -> None:
+    """Append an element with text; XML has no control characters.
+
+    Args:
+        parent: to which it is appended.
+        tag: of the element.
+        text: its content.
+        language: of the text; None for what the user wrote, in a language that is not known.
+    """
     content = _add(parent, tag, "dcc:content")
-    content.set("lang", _LANGUAGE)
+    if language is not None:
+        content.set("lang", language)
     content.text = "".join(c if c.isprintable() else " " for c in text)

@@ -172,6 +172,39 @@ def test_what_every_certificate_states_is_not_guessed(subject, laboratory, measu
     assert refused.value.remedy
 
 
+def test_only_texts_of_this_program_have_its_language(subject):
+    own = {
+        "name": "Messlabor",
+        "address": ["Hauptstraße 1"],
+        "traceability": "Schein K-17",
+        "method": "Anweisung 4",
+        "conditions": "warm gelaufen",
+        "customer": Party(name="Kunde", address=["Nebenstraße 2"]),
+        "languages": ["de", "en", "de"],
+    }
+    laboratory = LABORATORY.model_copy(update=own)
+    readings = subject.readings.model_copy(update={"conditions": None})
+    settings = LaboratorySettings(laboratory)
+    root = read(certificate(replace(subject, readings=readings, settings=settings), draft()))
+    assert texts(root, ".//dcc:usedLangCodeISO639_1") == ["en", "de"]
+    contents = [(each.text, each.get("lang")) for each in root.iter(f"{{{NAMESPACES['dcc']}}}content")]
+    foreign = (
+        "Messlabor",
+        "Hauptstr",
+        "K-17",
+        "Anweisung",
+        "gelaufen",
+        "Kunde",
+        "Nebenstr",
+        "A. Martin",
+        "750123",
+    )
+    for text in foreign:
+        assert [language for content, language in contents if text in content] == [None], text
+    rest = [language for content, language in contents if not any(text in content for text in foreign)]
+    assert set(rest) == {"en"}
+
+
 def test_hostile_names_are_text(subject):
     hostile = "]]><a>\x00\x1b[31m\ud800 &amp;"
     readings = subject.readings.model_copy(update={"instrument": hostile})
