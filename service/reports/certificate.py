@@ -6,7 +6,7 @@ validates by them where the variable `DCC_XSD` names the file.
 
 from __future__ import annotations
 
-from datetime import date
+from datetime import UTC, date, timedelta
 from math import isfinite
 from typing import Final
 from xml.etree import ElementTree
@@ -25,6 +25,8 @@ NAMESPACES: Final = {"dcc": "https://ptb.de/dcc", "si": "https://ptb.de/si"}
 _SCHEMA: Final = "{http://www.w3.org/2001/XMLSchema-instance}schemaLocation"
 _LANGUAGE: Final = "en"
 """Language of all texts that this program writes."""
+_BEHIND_UTC: Final = timedelta(hours=12)
+"""By which the last time zone is behind UTC."""
 _UNITS: Final = {
     "revolute": r"\newton\metre\radian\tothe{-1}",
     "prismatic": r"\newton\metre\tothe{-1}",
@@ -74,7 +76,11 @@ def certificate(subject: report.RunSubject, state: State) -> bytes:
 
 
 def _stated(subject: report.RunSubject) -> tuple[Laboratory, date, date]:
-    """Return the laboratory, and the first and the last day; refuse what every certificate states."""
+    """Return the laboratory, and the first and the last day; refuse what every certificate states.
+
+    Days are those of UTC, in which times are kept. Where the local day of `ended_on` is the one before, it is
+    the first day, too.
+    """
     laboratory, measured_at = subject.settings.laboratory, subject.readings.measured_at
     if laboratory is None or laboratory.country is None or laboratory.responsible is None:
         reason = "a certificate states the country of the measurement and the responsible person"
@@ -83,11 +89,12 @@ def _stated(subject: report.RunSubject) -> tuple[Laboratory, date, date]:
     if measured_at is None:
         reason, remedy = "a certificate states when it was measured", "give a time, 2026-11-20T14:30:00+01:00"
         raise RequestError(reason, where="measurement_set.measured_at", remedy=remedy)
-    begin, end = measured_at.date(), laboratory.ended_on or measured_at.date()
-    if end < begin:
-        reason = f"the measurement ended on {end}, before it began on {begin}"
+    began = measured_at.astimezone(UTC)
+    end = laboratory.ended_on or began.date()
+    if end < (began - _BEHIND_UTC).date():
+        reason = f"the measurement ended on {end}, before it began on {began.date()} (UTC)"
         raise RequestError(reason, where="laboratory.ended_on", remedy="correct one of the two")
-    return laboratory, begin, end
+    return laboratory, min(began.date(), end), end
 
 
 def _core_data(

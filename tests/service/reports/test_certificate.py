@@ -172,6 +172,23 @@ def test_what_every_certificate_states_is_not_guessed(subject, laboratory, measu
     assert refused.value.remedy
 
 
+@pytest.mark.parametrize(
+    ("measured_at", "ended_on", "days"),
+    [
+        ("2026-11-20T20:00:00-08:00", date(2026, 11, 20), ["2026-11-20", "2026-11-20"]),
+        ("2026-11-20T20:00:00-08:00", None, ["2026-11-21", "2026-11-21"]),
+        ("2026-11-20T00:30:00+01:00", date(2026, 11, 20), ["2026-11-19", "2026-11-20"]),
+    ],
+)
+def test_days_are_those_of_utc_or_of_the_laboratory(subject, measured_at, ended_on, days):
+    """20:00 in San Francisco is the next day in UTC, in which the set keeps its time."""
+    at = datetime.fromisoformat(measured_at).astimezone(UTC)
+    readings = subject.readings.model_copy(update={"measured_at": at})
+    settings = LaboratorySettings(LABORATORY.model_copy(update={"ended_on": ended_on}))
+    core = read(certificate(replace(subject, readings=readings, settings=settings), draft()))
+    assert [*texts(core, ".//dcc:beginPerformanceDate"), *texts(core, ".//dcc:endPerformanceDate")] == days
+
+
 def test_only_texts_of_this_program_have_its_language(subject):
     own = {
         "name": "Messlabor",
