@@ -297,7 +297,7 @@ def _solve_stage(
 def _solve_rows(
     stage: StageBlocks, drawn: IndexArray, offset: FloatArray, box: Bounds
 ) -> tuple[FloatArray, Support]:
-    """One repetition from its rows, as `solver.fitting.methods` would: QR, rank, `solve_step`.
+    """One repetition from its rows, as `solver.fitting.fit` would: QR, rank, `solve_step`.
 
     Returns:
         (p,) scaled parameters, NaN where undetermined, and (p,) their bounds.

@@ -367,7 +367,7 @@ _MISSING: Final = (
 
 
 def urdf(model: ExportedModel) -> bytes:
-    """Return the chain as `solver.robot.write_urdf` does, with the stiffness of each joint beside it."""
+    """Return the chain as `solver.robot.urdf.write_urdf` does, with the stiffness of each joint beside it."""
     robot = ElementTree.fromstring(write_urdf(model.chain))  # noqa: S314 - it was written here
     robot.set("name", model.name)
     remarks = ElementTree.Element("remarks")

@@ -11,9 +11,9 @@
 
 The first two are subject to lower ≤ x ≤ upper and B x ≥ d, the next three to x_j ≥ 0 and Mat(x_b) ⪰ 0,
 with x = near + y in the first of them, the next two to the cones of `conic.Cones`, and the last one to
-M(w) = M0 + Σ w_i K_i, Σ w = 1 and 0 ≤ w ≤ limit. Variables are equilibrated. A program is compiled once for a
+M(w) = M0 + Σ w_i K_i, Σ w = 1 and w ≥ 0. Variables are equilibrated. A program is compiled once for a
 shape, its data being parameters. `huber`, `sum_of_norms`, `penalised_end` and designs are stated with their
-data, as that compiles faster. Ends of joints' intervals are found in batches, by `evidence.intervals`.
+data, as that compiles faster. Ends of joints' intervals are found in batches, by `evidence.estimate`.
 
 The points returned are near an optimum, to Clarabel's tolerance: callers polish them, and certify the outcome
 from the data. cvxpy takes a second to import: this module is imported where a program is needed first.

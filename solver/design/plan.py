@@ -55,7 +55,7 @@ from jointstiff.solver.triangle import whitened
 _LINKS_GAP, _OTHERS_GAP = 1e-2, 1e-4
 """Gaps at which the search ends where elastic links are a nuisance, and for criteria not asked for."""
 _WORST_PLACES: Final = 12
-"""Places of the work area for the criterion of the worst place, whose program has a cone for each."""
+"""Places of the work area for the criterion of the worst place, whose dual has a share for each."""
 _RANDOM_PLANS: Final = 20
 _PARTITIONS: Final = 8
 """Partitions of the postures into cells that are tried; each gives a bound, and the sharpest counts."""
