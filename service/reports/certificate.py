@@ -7,7 +7,8 @@ validates by them where the variable `DCC_XSD` names the file.
 from __future__ import annotations
 
 from datetime import UTC, date, timedelta
-from math import isfinite
+from math import hypot, isfinite
+from statistics import NormalDist
 from typing import Final
 from xml.etree import ElementTree
 
@@ -156,23 +157,35 @@ def _results(measured: Element, subject: report.RunSubject, laboratory: Laborato
         _text(influence, "dcc:name", "Conditions of the measurement")
         _text(_add(influence, "dcc:data"), "dcc:text", conditions, None)
     results = _add(measured, "dcc:results")
+    level = model.run.request.confidence
     for joint, u in zip(model.result.joints, report.expanded(model), strict=True):
-        _joint(_add(results, "dcc:result"), joint, u, model.run.request.confidence)
+        _joint(_add(results, "dcc:result"), joint, u, level)
     cases = [case for case in report.predicted_compliance(subject) if case.displacement is not None]
     if cases:
         result = _add(results, "dcc:result")
         _text(result, "dcc:name", report.PREDICTED)
-        _text(result, "dcc:description", report.predicted_where(subject))
+        none = "" if all(case.budget for case in cases) else " No uncertainty is stated of these predictions."
+        _text(result, "dcc:description", f"{report.predicted_where(subject)}{none}")
         data = _add(result, "dcc:data")
         for case in cases:
             for axis, moved in zip("XYZ", case.displacement or (), strict=True):
                 name = f"Predicted displacement along {axis} per force along {case.label}"
                 _quantity(data, name, moved / report.PREDICTED_FORCE, "compliance")
+            if case.budget is not None:
+                name = f"Length of the predicted displacement per force along {case.label}"
+                length = hypot(*case.displacement or ()) / report.PREDICTED_FORCE
+                wide = case.budget.expanded_with_model_error / report.PREDICTED_FORCE
+                u = wide, case.budget.coverage_factor, level
+                _quantity(data, name, length, "compliance", u)
 
 
 def _joint(result: Element, joint: JointResult, u: tuple[float, float, float] | None, level: float) -> None:
     """Write the stiffness of a joint with its expanded uncertainty and interval, or why it has none."""
     _text(result, "dcc:name", f"Stiffness of {joint.name}")
+    if u is None and joint.stiffness is not None:
+        u = _by_interval(joint, level)
+        how = "by the farther end of the interval" if u else "not stated: the interval has no upper end"
+        _text(result, "dcc:description", f"No uncertainty budget; expanded uncertainty {how}.")
     data = _add(result, "dcc:data")
     if joint.stiffness is None:
         _text(_add(data, "dcc:quantity"), "dcc:noQuantity", f"No number: {why_no_stiffness(joint)}.")
@@ -181,6 +194,15 @@ def _joint(result: Element, joint: JointResult, u: tuple[float, float, float] | 
     for end, value in zip(("Lower", "Upper"), joint.stiffness_interval or (), strict=False):
         if value is not None:
             _quantity(data, f"{end} end of the {100 * level:g} % interval", value, joint.kind)
+
+
+def _by_interval(joint: JointResult, level: float) -> tuple[float, float, float] | None:
+    """Return the expanded uncertainty by the farther end of the interval, None where an end is missing."""
+    ends = joint.stiffness_interval
+    if joint.stiffness is None or ends is None or ends[1] is None:
+        return None
+    farther = max(joint.stiffness - ends[0], ends[1] - joint.stiffness)
+    return farther, NormalDist().inv_cdf(0.5 + 0.5 * level), level
 
 
 def _quantity(

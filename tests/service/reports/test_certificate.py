@@ -20,8 +20,9 @@ from jointstiff.service.reports.document import State, draft
 from jointstiff.service.reports.exports import ExportedModel
 from jointstiff.service.reports.laboratory import LaboratorySettings
 from jointstiff.service.reports.rendering import report_page
-from jointstiff.service.reports.run import RunSubject, run_document
+from jointstiff.service.reports.run import RunSubject, predicted_compliance, run_document
 from jointstiff.simulator import default_arm, simulate_campaign
+from jointstiff.simulator.own_weight import unloaded_campaign
 from jointstiff.solver.errors import RequestError
 
 LABORATORY = Laboratory(
@@ -126,7 +127,8 @@ def test_the_compliance_of_the_flange_is_called_predicted_and_is_that_of_the_spr
     result = root.findall(".//dcc:result", NAMESPACES)[-1]
     assert texts(result, "dcc:name/dcc:content")[0].startswith("Predicted static compliance")
     assert "not measured" in texts(result, "dcc:description/dcc:content")[0]
-    assert all(text.startswith("Predicted") for text in texts(result, ".//dcc:quantity/dcc:name/dcc:content"))
+    quantity_names = texts(result, ".//dcc:quantity/dcc:name/dcc:content")
+    assert all("redicted displacement" in text for text in quantity_names)
     robot = subject.model.run.campaign.robot.model
     assert subject.readings.units.angle == "rad"
     joints = subject.model.robot.joint_names
@@ -139,11 +141,43 @@ def test_the_compliance_of_the_flange_is_called_predicted_and_is_that_of_the_spr
     jacobian = (np.array(flange[::2]) - np.array(flange[1::2])).T / (2 * step)
     compliance = np.array([joint.compliance or 0.0 for joint in subject.model.run.result.joints])
     expected = jacobian * compliance @ jacobian.T
-    values = np.array([float(text) for text in texts(result, ".//si:value")]).reshape(-1, 3)
-    forces = [text.split()[-1] for text in texts(result, ".//dcc:quantity/dcc:name/dcc:content")[::3]]
+    quantities = np.array([float(text) for text in texts(result, ".//si:value")]).reshape(-1, 4)
+    values, lengths = quantities[:, :3], quantities[:, 3]
+    np.testing.assert_allclose(lengths, np.linalg.norm(values, axis=1), rtol=1e-12)
+    assert all(text.startswith("Length of the predicted") for text in quantity_names[3::4])
+    budgets = [case.budget for case in predicted_compliance(subject) if case.displacement is not None]
+    stated = [float(text) for text in texts(result, ".//si:valueExpandedMU")]
+    np.testing.assert_allclose(stated, [each.expanded_with_model_error / 100.0 for each in budgets])
+    forces = [text.split()[-1] for text in quantity_names[::4]]
     np.testing.assert_allclose(
         values, expected[["XYZ".index(axis) for axis in forces]], rtol=2e-3, atol=1e-10
     )
+
+
+def test_a_run_by_own_weight_states_its_uncertainty_by_the_interval():
+    document = unloaded_campaign(default_arm(), configurations=30, seed=1)
+    document["measurement_set"] |= MEASURED
+    run = js.identify(document)
+    model = ExportedModel.of(run, prepare_robot(run.campaign.robot).robot, "cell")
+    subject = RunSubject(model, run.campaign.measurement_set, LaboratorySettings(LABORATORY))
+    results = read(certificate(subject, draft())).findall(".//dcc:result", NAMESPACES)
+    assert run.result.budget is None
+    known = [
+        (result, joint)
+        for result, joint in zip(results, run.result.joints, strict=False)
+        if joint.stiffness is not None
+    ]
+    assert len(known) == 5
+    for result, joint in known:
+        (u,), (probability,) = (
+            texts(result, f".//si:{name}") for name in ("valueExpandedMU", "coverageProbability")
+        )
+        low, high = joint.stiffness_interval
+        assert joint.stiffness - float(u) <= low * (1 + 1e-12)
+        assert joint.stiffness + float(u) >= high * (1 - 1e-12)
+        assert probability == "0.95"
+    described = texts(results[-1], "dcc:description/dcc:content")
+    assert described[0].endswith("No uncertainty is stated of these predictions.")
 
 
 def test_the_report_has_the_same_table(subject):
