@@ -305,9 +305,21 @@ class LiveCampaign:
 
     @property
     def met(self) -> bool:
-        """True if the goal is met by enough readings, none of them in doubt."""
+        """True if the goal is met by enough readings that can be used, none of them in doubt."""
+        return self._is_small and self.mistake is None
+
+    @property
+    def _is_small(self) -> bool:
+        """True if the uncertainty is that of the goal by enough readings, none of them in doubt."""
         enough = len(self.observations) >= self.fewest
         return enough and not self.doubtful and self.share.greatest_share <= 1.0
+
+    @property
+    def mistake(self) -> Finding | None:
+        """The finding for which the readings so far are not to be used; None without one."""
+        if not isinstance(self.result, RunResult):
+            return None
+        return next((each for each in self.result.assessment.reasons if each.weight == "do_not_use"), None)
 
     @property
     def fewest(self) -> int:
@@ -327,8 +339,8 @@ class LiveCampaign:
         """True if the next reading is held out: the goal is met, or is expected to be met with it."""
         if len(self.observations) < self.fewest or self.doubtful:
             return False
-        if self.met:
-            return self.check is None or not self.check.inside
+        if self._is_small:
+            return self.met and (self.check is None or not self.check.inside)
         # Where the model errs, the goal is met before: its interval is less certain.
         return self.fewest == FEWEST and self.ahead is not None and self.ahead.missing == 1
 
@@ -376,6 +388,8 @@ class LiveCampaign:
         """Number of readings that are missing, the held-out one among them; None if unknown."""
         if self.met:
             return 0 if self.check is not None and self.check.inside else 1
+        if self._is_small:  # what is wrong has to be mended
+            return None
         missing = self.ahead.missing if self.ahead is not None and self.observations else None
         if missing is None:
             return None
@@ -466,6 +480,11 @@ class LiveCampaign:
                 return "reached", f"reached after {count} readings; the held-out one lies in its 90 % ball"
             failed = "" if self.check is None else f"held-out {self.check.label} lies outside its ball; "
             return "measuring", f"{failed}the goal is met; one held-out reading checks it"
+        wrong = self.mistake
+        if self._is_small and wrong is not None:
+            named = wrong.observation or wrong.where
+            where = f"{named}: " if named else ""
+            return "measuring", f"do not use these readings yet: {where}{wrong.message}; {wrong.remedy}"
         missing = self.still_needed
         if count >= ENOUGH_TO_SAY and missing is None:
             return "cannot", f"the goal will not be met: {self._obstacle()}"

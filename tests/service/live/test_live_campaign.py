@@ -199,6 +199,21 @@ def test_a_mistake_is_named_at_the_reading_and_withdrawn(service, mistake):
     assert service.patch(address, json={"withdrawn": {"m77": "?"}}).status_code == 422
 
 
+def test_a_goal_is_not_reached_by_readings_that_are_not_to_be_used(service):
+    """A mistake among the first readings, before others can tell: withdrawn, the campaign ends."""
+    address = declared(service)
+    first = service.get(f"{address}/next").json()["next"]
+    service.post(f"{address}/observations", json=exchanged(read(first)))
+    state = measured(service, address, 9)
+    assert state["share"] <= 1.0
+    assert state["assessment"]["verdict"] == "do_not_use"
+    assert (state["state"], state["still_needed"], state["next"]["held_out"]) == ("measuring", None, False)
+    assert "do not use these readings yet: m01" in state["message"]
+    assert "exchange their names" in state["message"]
+    service.patch(address, json={"withdrawn": {"m01": "targets exchanged"}})
+    assert measured(service, address, 5)["state"] == "reached"
+
+
 def test_a_posture_is_skipped_and_no_other_than_the_next_one(service):
     address = declared(service)
     state = measured(service, address, 1)
