@@ -143,7 +143,9 @@ class Noise(Message):
         default=None, description="Uncertainty from the tracker's data sheet, instead of `sigma`."
     )
     force: ForceUncertainty | None = Field(
-        default=None, description="Uncertainty of the load; if absent, forces and moments count as exact."
+        default=None,
+        description="Uncertainty of the load; if absent, 1 % of its size is assumed, with a note in the "
+        "assessment.",
     )
     load_point: Place | None = Field(
         default=None,

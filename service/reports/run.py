@@ -46,6 +46,7 @@ from jointstiff.service.tables.report import METHOD_NAMES, VERDICTS, requested, 
 from jointstiff.service.tables.stiffness import UNITS
 from jointstiff.service.tables.table import NO_NUMBER, figure, rounded, text_table
 from jointstiff.solver.errors import RequestError
+from jointstiff.solver.readings.measurements import ASSUMED_FORCE_SCALE, ASSUMED_LOAD_POINT
 
 STATEMENTS: Final = (
     "The results relate only to the item that is identified here, in the state and under the conditions of "
@@ -538,8 +539,16 @@ def _noise(readings: MeasurementSetDocument) -> Iterator[str]:
         if noise.instrument is not None and not noise.refuted:
             yield "from the data sheet of the instrument."
         yield from _common(noise, 1e3 * length)
+    if any(any((*each.force, *(each.moment or ()))) for each in readings.observations):
+        yield from _assumed(noise)
+
+
+def _assumed(noise: Noise | None) -> Iterator[str]:
+    """Yield what is assumed of a load of which nothing is stated."""
     if noise is None or noise.force is None:
-        yield "Force: no uncertainty stated, counted as exact."
+        yield f"Force: none stated; ±{100 * ASSUMED_FORCE_SCALE:g} % assumed."
+    if noise is None or noise.load_point is None:
+        yield f"Load point: none stated; ±{1e3 * ASSUMED_LOAD_POINT:g} mm assumed."
 
 
 def _common(noise: Noise, millimetres: float) -> Iterator[str]:
