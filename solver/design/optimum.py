@@ -211,11 +211,12 @@ def uncertainty_of(M: FloatArray, s: int) -> FloatArray:
 
 
 def _log_det(M: FloatArray) -> float:
-    """Return log det M; −inf where M is not positive definite."""
+    """Return log det M; −inf where M is not positive definite, or by rounding only."""
     try:
-        return 2.0 * float(np.log(np.linalg.cholesky(M).diagonal()).sum())
+        pivots = np.square(np.linalg.cholesky(M).diagonal())
     except np.linalg.LinAlgError:
         return -np.inf
+    return float(np.log(pivots).sum()) if (pivots > _ROUNDING * M.diagonal()).all() else -np.inf
 
 
 def _log_det_slope(M: FloatArray, K: FloatArray) -> tuple[float, FloatArray, FloatArray]:
@@ -258,6 +259,8 @@ _PROMISING: Final = 0.999
 _STEPS: Final = 60
 _CONVERGED: Final = 1e-24
 """Newton's decrement of −log φ that is rounding; the gap of a design is of the order of its root."""
+_ROUNDING: Final = 1e-13
+"""Share of a diagonal entry that its pivot leaves where rounding alone makes a matrix positive definite."""
 _QUADRATIC: Final = 1e-8
 """Decrement below which a full step is taken: values of −log φ no longer tell the points apart."""
 _RIDGE: Final = 1e-11

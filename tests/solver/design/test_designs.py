@@ -171,3 +171,12 @@ def test_quadratic_on_a_grid_of_nine():
     corner, edge, centre = 0.14579, 0.08016, 0.09619
     expected = [corner, edge, corner, edge, centre, edge, corner, edge, corner]
     assert found == pytest.approx(expected, abs=1e-5)
+
+
+@pytest.mark.parametrize("rank", [1, 3, 5])
+def test_a_matrix_that_is_positive_definite_by_rounding_informs_of_nothing(rank):
+    """Fewer rows than parameters: whether a factor of the product exists is chance."""
+    draws = np.random.default_rng(0)
+    for _ in range(200):
+        rows = draws.standard_normal((rank, 6)) * 10.0 ** draws.uniform(-3, 3, 6)
+        assert AOptimality(np.eye(6)).information(rows.T @ rows) == 0.0
