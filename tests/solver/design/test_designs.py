@@ -173,9 +173,9 @@ def test_quadratic_on_a_grid_of_nine():
     assert found == pytest.approx(expected, abs=1e-5)
 
 
-@pytest.mark.parametrize("rank", [1, 3, 5])
+@pytest.mark.parametrize("rank", [1, 2, 3])
 def test_a_matrix_that_is_positive_definite_by_rounding_informs_of_nothing(rank):
-    """Fewer rows than parameters: whether a factor of the product exists is chance."""
+    """Far fewer rows than parameters: whether a factor of the product exists is chance."""
     draws = np.random.default_rng(0)
     for _ in range(200):
         rows = draws.standard_normal((rank, 6)) * 10.0 ** draws.uniform(-3, 3, 6)
