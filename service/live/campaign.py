@@ -26,6 +26,7 @@ from jointstiff.schemas.options import RunOptions, StiffnessPrior, Weight
 from jointstiff.schemas.plan import OwnWeight, PlannedLoad, PlanOptions, PlanRequest
 from jointstiff.schemas.run import Budget, Goodness, RunResult
 from jointstiff.service.conversion.prepared import CheckedSet, PreparedSet, check_set
+from jointstiff.service.conversion.robots import joint_index
 from jointstiff.service.conversion.units import LENGTH
 from jointstiff.service.kinds.identification import ByJoints, identified, to_settings
 from jointstiff.service.kinds.own_weight import identified_by_weight
@@ -90,7 +91,8 @@ class Declared:
         """Candidates of the readings to come.
 
         Raises:
-            RequestError: targets or loads are not said, or no reading is feasible.
+            RequestError: targets or loads are not said, a prior is of no joint or of no use, or no reading is
+                feasible.
         """
         options, header = self.options, self.header
         if isinstance(options.goal, DeflectionGoal | DecisionGoal) and options.work_area is None:
@@ -100,6 +102,14 @@ class Declared:
                 remedy="give the corners of the box in which they matter, in R0, or the goal `joints`",
             )
         stated = options.model_dump(include=set(PlanOptions.model_fields) - {"priors"})
+        for name in options.priors:
+            joint_index(self.robot, name, f"open.priors.{name}")
+        if isinstance(options.load, OwnWeight) and (options.priors or options.prior is not None):
+            raise RequestError(
+                "readings by own weight take no priors",
+                where="open.prior" if options.prior is not None else "open.priors",
+                remedy="omit `prior` and `priors`, or measure with a load",
+            )
         expected = {name: prior.stiffness for name, prior in options.priors.items()}
         stated["stiffness"] = expected | options.stiffness  # a prior has to be tested before it counts
         noise = header.noise.sigma if header.noise is not None else None

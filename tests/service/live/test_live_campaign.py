@@ -36,6 +36,7 @@ OPEN: dict[str, Any] = {
     "load": {"kind": "dead_weight", "mass": 150.0},
     "targets": {name: list(place) for name, place in TARGETS.items()},
 }
+PRIOR = {"stiffness": 1e6, "standard_uncertainty": 1e5}
 Answer = dict[str, Any]
 
 
@@ -249,6 +250,8 @@ def test_a_deflection_in_a_work_area_is_a_goal_and_a_decision(service):
         ({"load": None}, "load"),
         ({"targets": {}}, "targets"),
         ({"plan_id": "none"}, "open.plan_id"),
+        ({"priors": {"joint_9": PRIOR}}, "open.priors.joint_9"),
+        ({"priors": {"joint_2": PRIOR}, "load": {"kind": "own_weight"}}, "open.priors"),
         ({}, "open.load_point"),
     ],
 )
