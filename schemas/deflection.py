@@ -137,11 +137,11 @@ class ModelErrorInterval(Message):
         "confidence level; empirical, from postures omitted in turn, without a guarantee."
     )
     load_ratio: Dimensionless[float] = Field(
-        description="Magnitude of the load relative to the campaign's greatest; above 1 the load is "
+        description="Magnitude of the load relative to the campaign's greatest; above 1.01 the load is "
         "extrapolated."
     )
     leverage_ratio: Dimensionless[float] = Field(
-        description="Standard uncertainty per load relative to the campaign's worst target; above 1 the "
+        description="Standard uncertainty per load relative to the campaign's worst target; above 1.01 the "
         "posture or place is extrapolated."
     )
 
@@ -360,7 +360,7 @@ class MapPlace(Message):
         "determine contributes."
     )
     extrapolation: Dimensionless[float | None] = Field(
-        description="Load, or uncertainty per load, relative to the campaign's greatest: above 1 it is "
+        description="Load, or uncertainty per load, relative to the campaign's greatest: above 1.01 it is "
         "extrapolated. Null without a bound."
     )
 

@@ -40,7 +40,7 @@ from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.predict.answers import case_results
 from jointstiff.solver.predict.forward import LoadCases
-from jointstiff.solver.predict.models import ModelError
+from jointstiff.solver.predict.models import EXTRAPOLATED, ModelError
 from jointstiff.solver.robot.model import Robot
 
 MAX_CASE_WORK: Final = 150_000
@@ -53,7 +53,6 @@ _VECTORS: Final[Mapping[str, tuple[str, Mapping[str, float], str]]] = {
     "direction": ("direction ", {"": 1.0, "1": 1.0}, ""),
 }
 """Beginning of the headers of a vector, its units, and the name of its unit in a request."""
-_EXTRAPOLATED: Final = 1.0 + 1e-6
 _SI: Final = {"length": "m", "angle": "rad", "force": "N", "moment": "N.m"}
 _MILLI: Final = {
     "m": (1e3, "mm"),
@@ -112,7 +111,7 @@ def _reasons(answers: Sequence[CaseResult], cases: LoadCases, run: RunResult) ->
     """Return what speaks against a prediction beside its run."""
     lengths = [hypot(*each.displacement) for each in answers if each.displacement is not None]
     bounds = [each.with_model_error for each in answers if each.with_model_error is not None]
-    beyond = sum(max(bound.load_ratio, bound.leverage_ratio) > _EXTRAPOLATED for bound in bounds)
+    beyond = sum(max(bound.load_ratio, bound.leverage_ratio) > EXTRAPOLATED for bound in bounds)
     points = [*cases.load_point.tolist(), *cases.place.tolist()]
     return [
         *of_deflection(max(lengths, default=None), run),

@@ -58,6 +58,7 @@ from jointstiff.solver.predict.forward import (
     ramp_shares,
     residuals,
 )
+from jointstiff.solver.predict.models import EXTRAPOLATED
 from jointstiff.solver.robot.configuration import Configurations, InverseKinematics, flange_poses
 from jointstiff.solver.robot.model import Robot
 
@@ -100,7 +101,7 @@ class Corrections(Compensation):
     points: IndexArray  # (k,) places in the path
     # (k,) bound of the displacement's error, with what the model lacks [m]; inf or NaN where there is none
     model_error: FloatArray
-    # (k,) load, or what the readings say of the place, beyond the campaign's: above 1 it extrapolates; NaN
+    # (k,) load, or what the readings say of the place, beyond the campaign's: above 1.01 it extrapolates; NaN
     # without a model error
     extrapolation: FloatArray
 
@@ -431,7 +432,7 @@ class ProgramWork(Work):
         reasons = [
             *of_deflection(float(lengths.max(initial=0.0)), run),
             *of_points([*np.unique(self._path.cases.load_point, axis=0).tolist()]),
-            *of_campaign(int((corrections.extrapolation > 1.0).sum()), points, "points"),
+            *of_campaign(int((corrections.extrapolation > EXTRAPOLATED).sum()), points, "points"),
         ]
         if not corrections.correction.any():
             message = "nothing is corrected: no point is loaded, or each deflection is below its uncertainty"

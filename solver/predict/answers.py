@@ -32,6 +32,7 @@ from jointstiff.solver.links.model import ElasticColumns
 from jointstiff.solver.messages import finite, message, messages_of, rows
 from jointstiff.solver.predict.forward import Deflection, ForwardModel, LoadCases, unit_vectors
 from jointstiff.solver.predict.models import (
+    EXTRAPOLATED,
     ElasticPredictor,
     IdentifiedWeight,
     JointModel,
@@ -172,8 +173,8 @@ class DeflectionMap:
     #: (P, 2) interval of the displacement's length from the readings alone [m]; NaN if unknown
     readings: FloatArray
     with_model_error: FloatArray  #: (P, 2) with the model error, too [m]; NaN where there is no bound
-    #: (P,) load, or what the readings say of the place, beyond the campaign's: above 1 it extrapolates; NaN
-    #: without a model error
+    #: (P,) load, or what the readings say of the place, beyond the campaign's: above EXTRAPOLATED it
+    #: extrapolates; NaN without a model error
     extrapolation: FloatArray
 
     @classmethod
@@ -291,7 +292,6 @@ def map_postures(
     return result
 
 
-_EXTRAPOLATED: Final = 1.0 + 1e-6
 _SHARES: Final = (0.0, 0.05, 0.25, 0.5, 0.75, 0.95, 1.0)
 _BLOCKS: Final = {
     f"{moved}_by_{load}": (slice(3 * i, 3 * i + 3), slice(3 * k, 3 * k + 3))
@@ -506,11 +506,11 @@ def _extrapolation(bound: ModelErrorBound, b: int) -> list[str]:
     remarks = []
     if np.isinf(load):
         remarks.append(f"extrapolated: no {bound.unmeasured} was measured, so its model error has no bound")
-    elif load > _EXTRAPOLATED:
-        remarks.append(f"extrapolated: the load is {load:.2g} times the greatest that was measured")
-    if np.isfinite(load) and leverage > _EXTRAPOLATED:
+    elif load > EXTRAPOLATED:
+        remarks.append(f"extrapolated: the load is {load:.3g} times the greatest that was measured")
+    if np.isfinite(load) and leverage > EXTRAPOLATED:
         remarks.append(
-            f"extrapolated: the readings determine this posture and place {leverage:.2g} times less than "
+            f"extrapolated: the readings determine this posture and place {leverage:.3g} times less than "
             "the worst measured target"
         )
     return remarks
@@ -618,7 +618,7 @@ def map_numbers(table: DeflectionMap, places: FloatArray, tool: FloatArray) -> d
         "quantiles": quantiles,
         "worst": ends[0],
         "stiffest": ends[1],
-        "extrapolated": int((table.extrapolation[reached] > _EXTRAPOLATED).sum()),
+        "extrapolated": int((table.extrapolation[reached] > EXTRAPOLATED).sum()),
     }
 
 

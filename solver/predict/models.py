@@ -623,6 +623,8 @@ _PARTS: Final = 20
 _SAME_POSTURE: Final = 1e-6
 """Difference of joint angles [rad] below which two observations share a posture."""
 _SLACK: Final = 1e-9
+EXTRAPOLATED: Final = 1.01
+"""Ratio to the campaign's greatest load or leverage above which a prediction is called extrapolated."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -632,10 +634,10 @@ class ModelErrorBound:
     radius: FloatArray  #: (B,) [m]; inf where nothing can be said
     #: `force` or `moment` if no load of the campaign had one: under one, nothing can be said
     unmeasured: str | None
-    #: (B,) size of the load over the greatest that was measured; above 1 it is extrapolated
+    #: (B,) size of the load over the greatest that was measured; above EXTRAPOLATED it is
     load_ratio: FloatArray
     #: (B,) how much less the readings say of the place under that load than of the worst target that was
-    #: read; above 1 it is extrapolated. Both widen the ball.
+    #: read; above EXTRAPOLATED it is. Both widen the ball.
     leverage_ratio: FloatArray
 
     def interval(self, displacement: FloatArray, of_readings: FloatArray | None) -> FloatArray:

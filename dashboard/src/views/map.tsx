@@ -298,8 +298,8 @@ function Numbers({ place, map }: { place: MapPlace; map: WorkMap }) {
           ...posed,
         ]}
       />
-      {place.extrapolation > 1 + 1e-6 && (
-        <p class="note warn">{words.extrapolates(significant(place.extrapolation, 2))}</p>
+      {place.extrapolation > 1.01 && (
+        <p class="note warn">{words.extrapolates(significant(place.extrapolation, 3))}</p>
       )}
     </div>
   );

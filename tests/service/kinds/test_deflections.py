@@ -103,6 +103,28 @@ def test_too_few_postures_and_extrapolation_are_said(client, pulled):
     assert not case["compliance"]["symmetric"]
 
 
+@pytest.mark.parametrize(("factor", "said"), [(1471.0 / 1470.9975, False), (1.009, False), (1.02, True)])
+def test_a_load_as_great_as_the_greatest_is_not_extrapolated(client, factor, said):
+    """1471 N beside 150 kg, which weigh 1470.9975 N, is the same load; 2 % more is another."""
+    campaign = simulate_campaign(ARM, load="dead_weight", configurations=24, seed=1)
+    run_id = posted(client, campaign, complementary_stiffness="included")["id"]
+    first = campaign["measurement_set"]["observations"][0]
+    units = campaign["measurement_set"]["units"]
+    greatest = max(
+        (each["force"] for each in campaign["measurement_set"]["observations"]), key=np.linalg.norm
+    )
+    case = {"joints": first["joints"], "force": (factor * np.array(greatest)).tolist()}
+    point = campaign["measurement_set"]["load_point"]
+    asked = {"run_id": run_id, "units": units, "load_point": point, "cases": [case]}
+    answer = post(client, "/v1/deflections", asked, status=200)
+    (found,) = answer["cases"]
+    assert found["with_model_error"]["load_ratio"] == pytest.approx(factor, rel=1e-9)
+    assert any("the load is" in remark for remark in found["remarks"]) == said
+    assert not any("is 1 times" in remark for remark in found["remarks"])
+    beyond = [each for each in answer["assessment"]["reasons"] if each["code"] == "beyond_campaign"]
+    assert bool(beyond) == said
+
+
 @pytest.mark.parametrize("field", ["load_point", "place"])
 def test_a_point_that_no_tool_reaches_is_refused(client, pulled, field):
     """Millimetres in a column of metres: 120 m from the flange, in a case or for all of them."""
