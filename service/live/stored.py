@@ -256,6 +256,8 @@ class OpenSets:
     def _load(self, set_id: str) -> Declared:
         record = self._store.open_sets.get(set_id)
         header = live.MeasurementSetPost.model_validate_json(record.document)
+        if header.open is not None:  # records of before may state the load point in one place only
+            header = completed(header, header.open)
         robot, _ = self._resources.robots.load(record.robot_id)
         resolved = None if record.resolved is None else ResolvedFrame.model_validate_json(record.resolved)
         return Declared(robot, header, resolved, _FINDINGS.validate_json(record.warnings))

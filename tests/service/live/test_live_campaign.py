@@ -13,6 +13,7 @@ from support.jobs import QueueEngine
 
 from jointstiff.schemas.job import Requester
 from jointstiff.service.app import create_app
+from jointstiff.service.live import stored
 from jointstiff.service.live.campaign import Entry
 from jointstiff.service.live.stored import OpenSets
 from jointstiff.service.problems.errors import NotFoundError
@@ -402,3 +403,19 @@ def test_a_reading_that_comes_while_the_set_closes_is_in_it(service, monkeypatch
     stored = service.get(address).json()
     assert len(closed["readings"]) == len(stored["observations"]) == 6
     assert "6 readings" in closed["message"]
+
+
+def test_a_record_with_its_load_point_in_one_place_is_completed(database_url, monkeypatch):
+    """An open set that was declared before both places were filled in."""
+    monkeypatch.setattr(stored, "completed", lambda post, options: post.model_copy(update={"open": options}))
+    with Store.open(database_url) as store:
+        with TestClient(create_app(store), base_url="http://127.0.0.1") as first:
+            robot = first.post("/v1/robots", json=robot_document(ARM)).json()["id"]
+            units = {"length": "mm", "angle": "rad", "force": "N"}
+            body = {"robot_id": robot, "name": "live", "units": units, "encoders": "motor"}
+            body |= {"open": {**OPEN, "load_point": list(LOAD_POINT)}}
+            address = first.post("/v1/measurement-sets", json=body).headers["Location"]
+        monkeypatch.undo()
+        with TestClient(create_app(store), base_url="http://127.0.0.1") as second:
+            completed = second.get(address).json()
+    assert completed["load_point"] == pytest.approx([1e3 * part for part in LOAD_POINT])
