@@ -39,7 +39,7 @@ class FreedMass:
 
     body: int  #: index of the body whose mass is free
     mass: float  #: mass that the readings ask for [kg]
-    uncertainty: float  #: standard uncertainty [kg]
+    uncertainty: float  #: standard uncertainty [kg]; infinite where no reading tells the mass
     gain: float  #: by how much χ² falls
     doubled: FloatArray  #: (n_seen,) relative change of the compliances if the mass is twice that stated
 
@@ -93,7 +93,8 @@ def freed_masses(problem: Reduced, burden: Burden, noise: float) -> list[FreedMa
     for k, number, half in seen:
         y, left, jacobian = fitted(common, k)
         root = np.linalg.pinv(jacobian)
-        variance = float(root[n + k] @ root[n + k])
+        # Where no reading tells the mass, the pseudo-inverse has a row of zeros
+        variance = float(root[n + k] @ root[n + k]) or np.inf
         doubled = means[number] / half * (root[:n] @ root[n + k]) / variance / np.maximum(y[:n], 1e-300)
         mass, uncertainty = means[number] + half * float(y[n + k]), half * float(np.sqrt(variance))
         freed.append(FreedMass(number, mass, uncertainty, loss - left, doubled))
@@ -102,7 +103,8 @@ def freed_masses(problem: Reduced, burden: Burden, noise: float) -> list[FreedMa
 
 def contradicted(freed: Sequence[FreedMass]) -> FreedMass | None:
     """Return the mass whose statement the readings contradict most; None if they contradict none."""
-    worst = max(freed, key=lambda each: each.gain, default=None)
+    told = (each for each in freed if np.isfinite(each.uncertainty))
+    worst = max(told, key=lambda each: each.gain, default=None)
     return None if worst is None or worst.gain <= CONTRADICTED else worst
 
 

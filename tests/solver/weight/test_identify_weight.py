@@ -32,6 +32,7 @@ from jointstiff.solver.predict.models import JointModel, OwnWeight
 from jointstiff.solver.robot.configuration import Configurations
 from jointstiff.solver.robot.model import Body
 from jointstiff.solver.weight.identification import Burden, identify_weight, rows_at
+from jointstiff.solver.weight.masses import contradicted, freed_masses
 
 
 def compliances(estimate):
@@ -121,6 +122,18 @@ def test_a_base_that_tilts_is_found_and_takes_nothing_from_the_joints():
     assert holds_the_truth(estimate)
     np.testing.assert_allclose(estimate.fit.base[:2], 1.0 / 8e6, rtol=0.5)
     assert np.sqrt(np.square(estimate.residual).mean()) < 4e-5
+
+
+def test_a_mass_of_which_no_reading_tells_is_neither_checked_nor_contradicted():
+    readings = campaign(postures=12, stated=burden_of(BODIES, 0.1))
+    problem = identify_weight(ROBOT, readings).fit.reduced
+    assert freed_masses(problem, readings.burden, 1.0)
+    by_joints = np.zeros(problem.A.shape)
+    by_joints[:, problem.cones.first] = problem.A[:, problem.cones.first]
+    freed = freed_masses(replace(problem, A=by_joints), readings.burden, 1.0)
+    assert [each.uncertainty for each in freed] == [np.inf] * 5
+    assert not any(each.doubled.any() for each in freed)
+    assert contradicted(freed) is None
 
 
 @pytest.mark.parametrize("seed", [0, 1, 3])
