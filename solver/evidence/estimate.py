@@ -726,13 +726,15 @@ def _model_error(
     there is noise alone, and at most ``(1 + √(p/P))²`` (Marchenko & Pastur, 1967): below that it is noise.
     """
     fits = left_out.compliance[:, joints]
-    fits = fits[~np.isnan(fits).any(axis=1)]
+    fits = fits[np.isfinite(fits).all(axis=1)]
     count, p = fits.shape
     if count < p + _LEAST_POSTURES:
         return []
     around = fits - fits.mean(axis=0)
     spread = (left_out.postures - 1.0) / count * around.T @ around
     noise = readings[np.ix_(joints, joints)]
+    if not (np.isfinite(spread).all() and np.isfinite(noise).all()):
+        return []
     try:
         values, vectors = linalg.eigh(spread, noise)
     except np.linalg.LinAlgError:  # readings without any noise: there is nothing to compare with

@@ -13,6 +13,7 @@ from jointstiff.simulator import default_arm
 from jointstiff.solver.convex.solution import Bounds
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.estimate import identify
+from jointstiff.solver.evidence.estimate import LeftOut, UncertaintyBudget
 from jointstiff.solver.fitting.method import Settings
 from jointstiff.solver.predict.forward import LoadCases
 from jointstiff.solver.predict.models import (
@@ -43,6 +44,20 @@ def test_too_few_postures_bound_nothing():
     assert [ModelError.needed(level) for level in (0.5, 0.9, 0.95, 0.99)] == [1, 9, 19, 99]
     assert np.isfinite(error.quantile(0.9))
     assert np.isinf(error.quantile(0.95))
+
+
+def test_numbers_that_are_not_finite_are_no_dispersion_over_the_postures():
+    found = identify(ROBOT, noisy(), Settings("partial_pose", "covariance", Bounds.positive(ROBOT.n)))
+    fits = found.compliance * (1.0 + 0.1 * np.random.default_rng(2).standard_normal((30, ROBOT.n)))
+    known = UncertaintyBudget.of(found, 0.95, LeftOut(fits[1:], 30))
+    fits[0] = np.inf
+    with_infinite = UncertaintyBudget.of(found, 0.95, LeftOut(fits, 30))
+    for one, other in zip(known.components, with_infinite.components, strict=True):
+        np.testing.assert_array_equal(one.covariance, other.covariance)
+    assert "model_error" in [part.source for part in known.components]
+    nothing = replace(found, covariance=np.full((ROBOT.n, ROBOT.n), np.nan))
+    budget = UncertaintyBudget.of(nothing, 0.95, LeftOut(fits, 30))
+    assert "model_error" not in [part.source for part in budget.components]
 
 
 def test_one_posture_alone_cannot_be_left_out():
