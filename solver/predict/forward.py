@@ -389,8 +389,9 @@ def compensate(
     bare = model.deflect(wanted, goal)
     uncorrected = _offset(*still, bare.place, bare.axes)
     if bare.unseen.any():
+        twisted = ", ".join(np.array(robot.joint_names)[bare.unseen.any(axis=0)])
         raise RequestError(
-            "the load or own weight twists a joint that the readings do not determine",
+            f"the load or own weight twists {twisted}, which the readings do not determine",
             where="run_id",
             remedy="choose a run whose readings determine every joint that the process loads",
         )

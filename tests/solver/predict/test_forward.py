@@ -220,6 +220,8 @@ class TestIdentified:
         model = self.model(replace(self.design.measurements(*readings, sigma=SIGMA), force=down))
         load = cases()
         assert model.deflect(load).unseen[:, 0].all()
+        with pytest.raises(RequestError, match="twists joint_1, which the readings do not determine"):
+            compensate(model, load, ANY)
         dead = replace(load, force=np.broadcast_to([0.0, 0.0, -900.0], (COUNT, 3)))
         assert not model.deflect(dead).unseen.any()
 
