@@ -389,6 +389,8 @@ def ask(answer: ImportAnswer, asked: set[str]) -> Options:
     for option in dict.fromkeys([*faults, *answer.missing_fields]):
         for name, question in _questions(option, answer):
             if name not in asked:
+                if not asked:
+                    typer.echo(_HOW_TO_ANSWER, err=True)
                 asked.add(name)
                 value = question()
                 key, _, inner = name.partition(".")
@@ -405,6 +407,11 @@ def ask_robot() -> str | None:
         "Measured robot, for the integrity checks: file or arm", default="none", err=True
     )
     return None if text == "none" else text
+
+
+_HOW_TO_ANSWER: Final = (
+    "Enter alone takes the answer in brackets; a question without one is asked until it is answered."
+)
 
 
 def _questions(option: str, answer: ImportAnswer) -> Iterator[tuple[str, Callable[[], object]]]:

@@ -216,6 +216,7 @@ def test_unknown_words_for_states_are_asked_about(folder, monkeypatch):
     shown = CliRunner().invoke(app, ["import", "table.csv", "--output", "set.json"], input=answers)
     assert shown.exit_code == 0, shown.output
     assert "Word for readings without load (pre, post) [pre]" in shown.output
+    assert shown.output.count("Enter alone takes the answer in brackets") == 1
     assert "Is this right: the load point is 6 m from the flange?" in shown.output
     written = json.loads((folder / "set.json").read_text())
     assert written["load_point"] == [0, 0, 6000]
