@@ -230,7 +230,7 @@ def _carry_out(campaign: LiveMeasurement, values: dict[str, Any], *, asks: bool)
             raise
         cli.warn(f"{error.reason}\n  remedy: {error.remedy}")
     state = campaign.state
-    cli.warn(f"{state.state}: {state.message}")
+    cli.warn(state.message if state.message.startswith(state.state) else f"{state.state}: {state.message}")
     if not campaign.count:
         raise cli.failed("nothing was read", "measure again")
     run = campaign.close()

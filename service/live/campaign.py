@@ -479,15 +479,19 @@ class LiveCampaign:
     def _standing(self) -> tuple[Literal["measuring", "reached", "cannot", "closed"], str]:
         """Return the state, and where the campaign stands in words."""
         count = len(self.observations)
+        read = "1 reading" if count == 1 else f"{count} readings"
         if self.closed:
-            return "closed", f"closed after {count} readings"
+            return "closed", f"closed after {read}"
         if self.doubtful:
             label = self.doubtful[-1]
             found = self.of_label[label].innovation
             return "measuring", f"{label} is doubtful: {found.message if found else ''}"
         if self.met:
             if self.check is not None and self.check.inside:
-                return "reached", f"reached after {count} readings; the held-out one lies in its 90 % ball"
+                return (
+                    "reached",
+                    f"reached after {read}{self._assumed()}; the held-out one lies in its 90 % ball",
+                )
             failed = "" if self.check is None else f"held-out {self.check.label} lies outside its ball; "
             return "measuring", f"{failed}the goal is met; one held-out reading checks it"
         wrong = self.mistake
@@ -499,9 +503,21 @@ class LiveCampaign:
         if count >= ENOUGH_TO_SAY and missing is None:
             return "cannot", f"the goal will not be met: {self._obstacle()}"
         if isinstance(self.result, JointstiffError):
-            return "measuring", f"{count} readings do not tell yet: {self.result.reason}"
+            return "measuring", f"{read} {'does' if count == 1 else 'do'} not tell yet: {self.result.reason}"
         left = "" if missing is None else f"; about {missing} more"
-        return "measuring", f"{count} readings{left}"
+        return "measuring", f"{read}{left}"
+
+    def _assumed(self) -> str:
+        """Return what the goal's joints are known to with assumed errors, if that is beyond the goal."""
+        goal = self.declared.options.goal
+        if not isinstance(goal, JointsGoal):
+            return ""
+        whole = self._known(self.result, assumed=True)
+        half = whole.factor * np.sqrt(np.diagonal(whole.covariance)) / whole.compliance
+        greatest = float(np.max(half, initial=0.0, where=self.known.relative <= goal.relative))
+        if not greatest > goal.relative:
+            return ""
+        return f", without the assumed errors of load point and force (with them ± {100 * greatest:.0f} %)"
 
     def _obstacle(self) -> str:
         """Return what keeps the goal from being met, by joint or by place."""
@@ -532,7 +548,8 @@ class LiveCampaign:
         record = self._record()
         lines = [f"Measured live. Declared goal: {goal_text(self.declared.options)}."]
         state, message = replace(self, entries=_open(self.entries))._standing()
-        lines.append(f"{state.capitalize()}: {message}.")
+        told = message if message.startswith(state) else f"{state}: {message}"
+        lines.append(f"{told[0].upper()}{told[1:]}.")
         if self.check is not None:
             lines.append(
                 f"Held-out reading {self.check.label}: {length_text(self.check.distance)} from its "
@@ -562,7 +579,7 @@ def goal_text(options: live.LiveOptions) -> str:
     """Return what was declared, in words."""
     goal = options.goal
     if isinstance(goal, JointsGoal):
-        return f"every joint that the load can twist to ± {100 * goal.relative:.3g} %"
+        return f"every joint that the load can twist is known to ± {100 * goal.relative:.3g} %"
     force = "" if goal.force is None else f" under ({', '.join(f'{part:.4g}' for part in goal.force)}) N"
     if isinstance(goal, DeflectionGoal):
         return f"deflection in the work area{force} to ± {length_text(goal.uncertainty)}"

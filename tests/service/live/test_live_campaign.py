@@ -106,6 +106,7 @@ def test_a_campaign_is_measured_until_its_goal_is_met_and_becomes_an_ordinary_se
     address = declared(service)
     state = measured(service, address, 30)
     assert state["state"] == "reached"
+    assert "assumed" not in state["message"]  # all errors are stated
     assert len(state["readings"]) <= 13
     assert state["share"] <= 1.0
     assert [each["held_out"] is not None for each in state["readings"]][-1]
@@ -219,6 +220,8 @@ def test_a_goal_is_not_reached_by_readings_that_are_not_to_be_used(service):
 def test_a_posture_is_skipped_and_no_other_than_the_next_one(service):
     address = declared(service)
     state = measured(service, address, 1)
+    assert state["message"].startswith("1 reading")
+    assert "1 readings" not in state["message"]
     assert service.patch(address, json={"skipped": "m01"}).status_code == 422
     assert service.patch(address, json={"skipped": state["next"]["label"]}).status_code == 200
     after = service.get(f"{address}/next").json()["next"]

@@ -140,5 +140,12 @@ def test_the_command_prints_one_document(campaign, tmp_path):
     assert document["readings"] == len(document["record"])
     assert document["result"]["joints"]
     assert "share of the goal" in result.stderr
+    widest = max(joint["relative_with_assumed"] or 0.0 for joint in document["joints"])
+    with_them = f"without the assumed errors of load point and force (with them ± {100 * widest:.0f} %)"
+    assert widest > 0.15
+    assert f"\nreached after {document['readings']} readings, {with_them}" in result.stderr
+    notes = json.loads(saved.read_text())["measurement_set"]["notes"]
+    assert f"\nReached after {document['readings']} readings, {with_them}" in notes
+    assert "every joint that the load can twist is known to ± 15 %" in notes
     again = CliRunner().invoke(app, ["identify", str(saved), "--json"])
     assert json.loads(again.stdout)["result"]["joints"] == document["result"]["joints"]
