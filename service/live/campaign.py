@@ -326,10 +326,12 @@ class LiveCampaign:
 
     @property
     def mistake(self) -> Finding | None:
-        """The finding for which the readings so far are not to be used; None without one."""
-        if not isinstance(self.result, RunResult):
-            return None
-        return next((each for each in self.result.assessment.reasons if each.weight == "do_not_use"), None)
+        """The finding for which an observation is not to be used; None without one.
+
+        Others, such as links that bend, are no mistake of a reading: the model error counts them.
+        """
+        reasons = self.result.assessment.reasons if isinstance(self.result, RunResult) else []
+        return next((each for each in reasons if each.weight == "do_not_use" and each.observation), None)
 
     @property
     def fewest(self) -> int:
@@ -496,9 +498,8 @@ class LiveCampaign:
             return "measuring", f"{failed}the goal is met; one held-out reading checks it"
         wrong = self.mistake
         if self._is_small and wrong is not None:
-            named = wrong.observation or wrong.where
-            where = f"{named}: " if named else ""
-            return "measuring", f"do not use these readings yet: {where}{wrong.message}; {wrong.remedy}"
+            words = f"{wrong.observation}: {wrong.message}; {wrong.remedy}"
+            return "measuring", f"do not use these readings yet: {words}"
         missing = self.still_needed
         if count >= ENOUGH_TO_SAY and missing is None:
             return "cannot", f"the goal will not be met: {self._obstacle()}"

@@ -11,11 +11,9 @@ import pytest
 from fastapi.testclient import TestClient
 from support.jobs import QueueEngine
 
-from jointstiff.schemas.job import Requester
 from jointstiff.service.app import create_app
 from jointstiff.service.live import stored
-from jointstiff.service.live.campaign import Entry
-from jointstiff.service.live.stored import OpenSets
+from jointstiff.service.live.campaign import LiveCampaign
 from jointstiff.service.problems.errors import NotFoundError
 from jointstiff.service.store.collection import KEEP_DELETED
 from jointstiff.service.store.store import Store
@@ -393,15 +391,14 @@ def test_the_next_label_is_one_that_nobody_has_sent(service):
 def test_a_reading_that_comes_while_the_set_closes_is_in_it(service, monkeypatch):
     """What was answered 201 is not lost."""
     address = declared(service)
-    state, add = measured(service, address, 5), OpenSets._add
+    state, closing = measured(service, address, 5), LiveCampaign.closing
 
-    def late(self: OpenSets, set_id: str, entry: Entry, by: Requester | None) -> Entry:
-        if entry.change == "closed":
-            monkeypatch.undo()
-            assert service.post(f"{address}/observations", json=read(state["next"])).status_code == 201
-        return add(self, set_id, entry, by)
+    def late(self: LiveCampaign) -> dict[str, Any]:
+        monkeypatch.undo()
+        assert service.post(f"{address}/observations", json=read(state["next"])).status_code == 201
+        return closing(self)  # of the record as it was loaded before
 
-    monkeypatch.setattr(OpenSets, "_add", late)
+    monkeypatch.setattr(LiveCampaign, "closing", late)
     closed = service.post(f"{address}/close").json()
     stored = service.get(address).json()
     assert len(closed["readings"]) == len(stored["observations"]) == 6
