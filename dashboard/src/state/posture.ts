@@ -22,6 +22,11 @@ export function useKinematics(source: RobotSource | null, joints: number[][]): D
       wanted.current = null;
     };
   }, [question]);
+  useEffect(() => {
+    const back = () => void ask(); // what was asked while the network was away
+    addEventListener("online", back);
+    return () => removeEventListener("online", back);
+  }, []);
 
   async function ask(): Promise<void> {
     if (asking.current) return;

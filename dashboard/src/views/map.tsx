@@ -298,9 +298,7 @@ function Numbers({ place, map }: { place: MapPlace; map: WorkMap }) {
           ...posed,
         ]}
       />
-      {place.extrapolation > 1.01 && (
-        <p class="note warn">{words.extrapolates(significant(place.extrapolation, 3))}</p>
-      )}
+      {place.extrapolation > 1.01 && <p class="note warn">{words.extrapolates(significant(place.extrapolation, 3))}</p>}
     </div>
   );
 }
