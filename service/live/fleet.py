@@ -15,7 +15,7 @@ from jointstiff.solver.live.ahead import Known
 
 FEWEST_ARMS: Final = 3
 """Other arms of which a prior is made."""
-_NORMAL: Final = 1.959963984540054
+_NORMAL: Final = student_quantile(0.975, None)
 """Half-width of an interval of 95 % over the standard uncertainty."""
 Standing = Literal["waits", "counts", "deviates"]
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from datetime import UTC, date, timedelta
 from math import hypot, isfinite
-from statistics import NormalDist
 from typing import Final
 from xml.etree import ElementTree
 
@@ -19,6 +18,7 @@ from jointstiff.service.reports.document import NOT_STATED, State, versions_of
 from jointstiff.service.reports.exports import why_no_stiffness
 from jointstiff.service.tables.report import VERDICTS
 from jointstiff.solver.errors import RequestError
+from jointstiff.solver.fitting.fit import student_quantile
 
 Element = ElementTree.Element
 VERSION: Final = "3.3.0"
@@ -202,7 +202,7 @@ def _by_interval(joint: JointResult, level: float) -> tuple[float, float, float]
     if joint.stiffness is None or ends is None or ends[1] is None:
         return None
     farther = max(joint.stiffness - ends[0], ends[1] - joint.stiffness)
-    return farther, NormalDist().inv_cdf(0.5 + 0.5 * level), level
+    return farther, student_quantile(0.5 + 0.5 * level, None), level
 
 
 def _quantity(

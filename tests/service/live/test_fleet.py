@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from fastapi.testclient import TestClient
+from support.live import observation
 
 from jointstiff.schemas.run import JointResult
 from jointstiff.service.app import create_app
@@ -17,11 +18,9 @@ from jointstiff.service.store.store import Store
 from jointstiff.simulator import (
     LOAD_POINT,
     TARGETS,
-    Experiment,
     default_arm,
     robot_document,
     simulate_campaign,
-    simulate_positions,
 )
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.live.ahead import Known
@@ -78,18 +77,7 @@ def measured(client, own, prior):
     state = client.get(f"{address}/next").json()
     while state["state"] == "measuring":
         following = state["next"]
-        experiment = Experiment(
-            joints=np.array([following["joints"]]),
-            forces=np.array([following["force"]]),
-            moments=np.zeros((1, 3)),
-            load_points=np.array([LOAD_POINT]),
-        )
-        places = simulate_positions(own, experiment, TARGETS, sigma=SIGMA, seed=len(state["readings"]))
-        readings = [
-            {"target": name, "unloaded": places[0][0, i].tolist(), "loaded": places[1][0, i].tolist()}
-            for i, name in enumerate(TARGETS)
-        ]
-        reading = {name: following[name] for name in ("label", "joints", "force")} | {"readings": readings}
+        reading = observation(own, following, sigma=SIGMA, seed=len(state["readings"]))
         state = client.post(f"{address}/observations", json=reading).json()
     closed = client.post(f"{address}/close").json()
     return state, client.get(f"/v1/runs/{closed['run_id']}").json(), client.get(address).json()["notes"]

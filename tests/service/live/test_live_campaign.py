@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from fastapi.testclient import TestClient
 from support.jobs import QueueEngine
+from support.live import observation
 
 from jointstiff.service.app import create_app
 from jointstiff.service.live import stored
@@ -21,11 +22,9 @@ from jointstiff.service.workers.worker import Recovery
 from jointstiff.simulator import (
     LOAD_POINT,
     TARGETS,
-    Experiment,
     default_arm,
     robot_document,
     simulate_campaign,
-    simulate_positions,
 )
 
 ARM, SIGMA = default_arm(), 2e-5
@@ -41,25 +40,8 @@ Answer = dict[str, Any]
 
 def read(following: Answer, seed: int = 0, **changes: object) -> Answer:
     """An observation of what is next, by springs that balance the load exactly, and noise."""
-    experiment = Experiment(
-        joints=np.array([following["joints"]]),
-        forces=np.array([following["force"]]),
-        moments=np.zeros((1, 3)),
-        load_points=np.array([LOAD_POINT]),
-    )
     number = int(following["label"].strip("m"))
-    unloaded, loaded = simulate_positions(ARM, experiment, TARGETS, sigma=SIGMA, seed=1000 * seed + number)
-    readings = [
-        {"target": name, "unloaded": unloaded[0, i].tolist(), "loaded": loaded[0, i].tolist()}
-        for i, name in enumerate(TARGETS)
-    ]
-    return {
-        "label": following["label"],
-        "joints": following["joints"],
-        "force": following["force"],
-        "readings": readings,
-        **changes,
-    }
+    return observation(ARM, following, sigma=SIGMA, seed=1000 * seed + number) | changes
 
 
 @pytest.fixture

@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from support.live import positions
 from typer.testing import CliRunner
 
 import jointstiff
@@ -21,11 +22,9 @@ from jointstiff.service.live.sources import Setting, Simulated, Stand
 from jointstiff.simulator import (
     LOAD_POINT,
     TARGETS,
-    Experiment,
     default_arm,
     robot_document,
     simulate_campaign,
-    simulate_positions,
 )
 from jointstiff.solver.errors import RequestError
 
@@ -55,13 +54,7 @@ def test_a_simulated_arm_balances_its_load_exactly(loaded):
 
     points = np.array(asyncio.run(read()))
     arm = replace(ARM, stiffnesses=source.stiffness)
-    experiment = Experiment(
-        joints=np.array([joints]),
-        forces=np.array([force]),
-        moments=np.zeros((1, 3)),
-        load_points=np.array([LOAD_POINT]),
-    )
-    expected = simulate_positions(arm, experiment, TARGETS, sigma=0.0, seed=0)[int(loaded)][0]
+    expected = positions(arm, joints, force, sigma=0.0)["loaded" if loaded else "unloaded"]
     assert np.abs(points - expected).max() < 1e-9
     assert ((source.stiffness > 1e4) & (source.stiffness < 3e7)).all()
 

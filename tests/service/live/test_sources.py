@@ -11,6 +11,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from support.live import positions
 from typer.testing import CliRunner
 
 import jointstiff
@@ -22,11 +23,9 @@ from jointstiff.service.live.sources import Checked, Lines, Setting, SourceError
 from jointstiff.simulator import (
     LOAD_POINT,
     TARGETS,
-    Experiment,
     default_arm,
     robot_document,
     simulate_campaign,
-    simulate_positions,
 )
 from jointstiff.solver.errors import RequestError
 
@@ -34,18 +33,6 @@ ARM = default_arm()
 STAND = Stand("m01", (0.3, 0.2, -0.4, 0.5, 0.8, -1.0), (0.0, 0.0, -1500.0), loaded=False)
 ASK = "{state} {target} {joints} {force}"
 Answer = Callable[[int, str], str]
-
-
-def positions(joints, force, seed=0):
-    """Places [m] of the targets without and with a load, by springs that share no code with the product."""
-    experiment = Experiment(
-        joints=np.array([joints]),
-        forces=np.array([force]),
-        moments=np.zeros((1, 3)),
-        load_points=np.array([LOAD_POINT]),
-    )
-    unloaded, loaded = simulate_positions(ARM, experiment, TARGETS, sigma=2e-5, seed=seed)
-    return {"unloaded": unloaded[0], "loaded": loaded[0]}
 
 
 class Tracker:
@@ -82,7 +69,12 @@ class Tracker:
     def _answer(self, line: str) -> str:
         state, target, *numbers = line.split()
         values = [float(number) for number in numbers]
-        place = 1e3 * positions(values[:6], values[6:], self._asked)[state][list(TARGETS).index(target)]
+        place = (
+            1e3
+            * positions(ARM, values[:6], values[6:], sigma=2e-5, seed=self._asked)[state][
+                list(TARGETS).index(target)
+            ]
+        )
         self._asked += 1
         return self._spoilt(self._asked, f"{target}; {place[0]:.9f}; {place[1]:.9f}; {place[2]:.9f}\n")
 
@@ -175,7 +167,7 @@ def test_udp_is_listened_to_and_what_came_before_does_not_count(setting):
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
         taken.bind(("127.0.0.1", 0))
         port = taken.getsockname()[1]
-    places = positions(STAND.joints, STAND.force)["unloaded"]
+    places = positions(ARM, STAND.joints, STAND.force, sigma=2e-5)["unloaded"]
 
     async def read():
         source = Lines(f"udp://127.0.0.1:{port}", sample=False, columns="target,x,y,z", source_unit="m")
@@ -202,7 +194,7 @@ def test_udp_is_listened_to_and_what_came_before_does_not_count(setting):
 
 def test_a_serial_line_is_read_and_hangs_up(setting):
     master, slave = os.openpty()
-    places = positions(STAND.joints, STAND.force)["unloaded"]
+    places = positions(ARM, STAND.joints, STAND.force, sigma=2e-5)["unloaded"]
 
     async def read():
         checked = Checked(Lines(os.ttyname(slave), sample=False, columns="x,y,z,sigma"), setting, 5.0)
