@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -16,25 +16,14 @@ from jointstiff.simulator.campaign import (
     linear_deflections,
     plan_experiment,
 )
-from jointstiff.simulator.urdf import BASE_LINK, FLANGE_LINK, urdf_text
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.convex.solution import Bounds
-from jointstiff.solver.estimate import identify
 from jointstiff.solver.fitting.method import Settings
 from jointstiff.solver.readings.measurements import Measurements
-from jointstiff.solver.resampling import GramBlocks, gram_blocks, refuse_nonlinear
 from jointstiff.solver.robot.model import Robot
-from jointstiff.solver.robot.urdf import read_urdf
+from tests.support.springs import readings_of, robot_of
 
-__all__ = [
-    "LARGE_NOISE",
-    "SIGMA",
-    "Campaign",
-    "default_robot",
-    "default_settings",
-    "large_campaign",
-    "small_campaign",
-]
+__all__ = ["LARGE_NOISE", "SIGMA", "Campaign", "default_settings", "large_campaign", "small_campaign"]
 
 
 SIGMA = 2e-5
@@ -61,11 +50,6 @@ class Campaign:
     document: Document
 
 
-def default_robot(arm: SpringArm) -> Robot:
-    """The simulated arm as the solver sees it."""
-    return Robot(read_urdf(urdf_text(arm), BASE_LINK, FLANGE_LINK))
-
-
 def default_settings(robot: Robot) -> Settings:
     """Partial pose, weighted by covariance, positive."""
     return Settings("partial_pose", "covariance", Bounds.positive(robot.n))
@@ -83,7 +67,7 @@ def small_campaign(*, sigma: float = SIGMA, seed: int = 0, configurations: int =
     document = simulate_campaign(
         arm, configurations=configurations, load="pull", force=FORCE, sigma=sigma, seed=seed
     )
-    return Campaign(default_robot(arm), _measurements_of(document), document)
+    return Campaign(robot_of(arm), _measurements_of(document), document)
 
 
 def large_campaign(count: int, *, sigma: float = SIGMA, seed: int = 0) -> Campaign:
@@ -108,7 +92,7 @@ def large_campaign(count: int, *, sigma: float = SIGMA, seed: int = 0) -> Campai
         rows = slice(start, min(start + _BLOCK, count))
         for name, values in _block(arm, rows.stop - start, sigma, seed + block).items():
             arrays[name][rows] = values
-    return Campaign(default_robot(arm), _complete(arrays, sigma), {})
+    return Campaign(robot_of(arm), readings_of(**arrays, sigma=sigma), {})
 
 
 def _block(arm: SpringArm, count: int, sigma: float, seed: int) -> dict[str, FloatArray]:
@@ -136,36 +120,6 @@ def _measurements_of(document: Document) -> Measurements:
         np.array([[reading[which] for reading in o["readings"]] for o in observations])
         for which in ("unloaded", "loaded")
     )
-    arrays = {
-        "joints": experiment.joints,
-        "force": experiment.forces,
-        "moment": experiment.moments,
-        "load_point": experiment.load_points,
-        "position": unloaded,
-        "deflection": loaded - unloaded,
-    }
-    return _complete(arrays, stored["noise"]["sigma"])
-
-
-def _complete(arrays: dict[str, FloatArray], sigma: float) -> Measurements:
-    """Every target read in every configuration, its place measured in R0."""
-    present = np.ones(arrays["position"].shape[:2], dtype=np.bool_)
-    return Measurements(
-        joints=arrays["joints"],
-        force=arrays["force"],
-        moment=arrays["moment"],
-        load_point=arrays["load_point"],
-        position=arrays["position"],
-        deflection=arrays["deflection"],
-        in_flange=~present,
-        present=present,
-        sigma=sigma,
-    )
-
-
-def blocks_of_set(robot: Robot, measurements: Measurements, settings: Settings) -> GramBlocks:
-    """Return the blocks of a method for resampling, after the identification of the full set."""
-    refuse_nonlinear(settings)
-    if not settings.complementary_stiffness:
-        settings = replace(settings, bounds=Bounds.unconstrained(robot.n))
-    return gram_blocks(robot, measurements, settings, identify(robot, measurements, settings))
+    loads = (experiment.joints, experiment.forces, experiment.load_points)
+    sigma = stored["noise"]["sigma"]
+    return readings_of(*loads, unloaded, loaded - unloaded, moment=experiment.moments, sigma=sigma)

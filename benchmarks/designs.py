@@ -6,7 +6,6 @@ bound), come from springs that balance the load exactly (`jointstiff.simulator.e
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -20,7 +19,7 @@ from jointstiff.simulator.campaign import (
     plan_experiment,
 )
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.readings.measurements import Measurements
+from tests.support.springs import SIGMA, SpringCampaign
 
 __all__ = ["CONFIGURATIONS", "FORCE", "SIGMA", "Design", "planned_design", "with_compliances"]
 
@@ -28,64 +27,16 @@ __all__ = ["CONFIGURATIONS", "FORCE", "SIGMA", "Design", "planned_design", "with
 CONFIGURATIONS = 19
 FORCE = 1500.0
 """Size of the pull on the flange [N]."""
-SIGMA = 2e-5
-"""Standard uncertainty of one coordinate of one reading [m], of a laser tracker."""
 _CANDIDATES = 20
 """Random plans, of which the best is taken."""
 _STEP = 1e-3
 """Of a compliance, relative to the arm's mean, in numerical derivatives. Their error falls with its square;
 the rounding of positions of metres, 1e-15 m, is 1e-9 of what such a step moves a target."""
-_NOISE_STREAM = 20
 
 
 @dataclass(frozen=True, eq=False)
-class Design:
-    """Design of a campaign, and the readings of exact instruments.
-
-    Attributes:
-        arm: the arm with its true compliances.
-        experiment: N configurations and loads.
-        unloaded: (N, T, 3) places of the targets without load, in R0 [m].
-        loaded: (N, T, 3) the same with load [m].
-    """
-
-    arm: SpringArm
-    experiment: Experiment
-    unloaded: FloatArray
-    loaded: FloatArray
-
-    @classmethod
-    def of(cls, arm: SpringArm, experiment: Experiment) -> Design:
-        """Balance springs and loads."""
-        return cls(arm, experiment, *deflections(arm, experiment.joints, *experiment.wrenches, _POINTS))
-
-    def measured(self, draws: int, *, seed: int, sigma: float = SIGMA) -> Iterator[Measurements]:
-        """Campaigns of the same design, each with noise of its own on every coordinate of both readings.
-
-        Args:
-            draws: how many.
-            seed: of the noise.
-            sigma: its standard deviation [m].
-        """
-        generator = np.random.default_rng([seed, _NOISE_STREAM])
-        exact = np.stack([self.unloaded, self.loaded])
-        for _ in range(draws):
-            yield self.measurements(*(exact + sigma * generator.standard_normal(exact.shape)), sigma=sigma)
-
-    def measurements(self, unloaded: FloatArray, loaded: FloatArray, *, sigma: float | None) -> Measurements:
-        """Positions read, (N, T, 3) each, as the solver takes them."""
-        present = np.ones(unloaded.shape[:2], dtype=np.bool_)
-        return Measurements(
-            joints=self.experiment.joints,
-            force=self.experiment.forces,
-            moment=self.experiment.moments,
-            load_point=self.experiment.load_points,
-            position=unloaded,
-            in_flange=~present,
-            deflection=loaded - unloaded,
-            present=present,
-            sigma=sigma,
-        )
+class Design(SpringCampaign):
+    """A campaign with the least covariance that its deflections could tell at best."""
 
     def cramer_rao(self, *, sigma: float = SIGMA) -> FloatArray:
         """Least covariance of any unbiased estimate of the compliances from the deflections.
@@ -149,7 +100,7 @@ def planned_design(arm: SpringArm, *, seed: int) -> Design:
         )
         for candidate in range(_CANDIDATES)
     )
-    return Design.of(arm, min(plans, key=lambda plan: _worst(arm, plan)))
+    return Design.by(arm, min(plans, key=lambda plan: _worst(arm, plan)))
 
 
 def _worst(arm: SpringArm, plan: Experiment) -> float:

@@ -39,12 +39,8 @@ _ODD: Final = (
 )
 """Values as they stand in a body; some are no JSON."""
 _TYPES: Final = (
-    "application/json",
-    "application/json; charset=utf-16",
-    "text/plain",
-    "",
-    "a/b;;=",
-    "multipart/form-data",
+    *("application/json", "application/json; charset=utf-16", "text/plain", ""),
+    *("a/b;;=", "multipart/form-data"),
 )
 _POINTS: Final = "P10 unloaded {0} [mm];P10 loaded {0} [mm]"
 _UPLOADED: Final = (

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import resource
 import subprocess
 import sys
 from dataclasses import asdict, dataclass
@@ -93,16 +92,12 @@ def _size(measurements: Measurements) -> float:
 def _greatest_resident_size() -> float:
     """Return the largest resident size of this process [MB].
 
-    Not `ru_maxrss` where there is another way: a child that was spawned without copying its parent
-    inherits the parent's peak (Linux books it at exec), and the parent may have been large.
+    Not `ru_maxrss`: a child that was spawned without copying its parent inherits the parent's peak (Linux
+    books it at exec), and the parent may have been large.
     """
-    status = Path("/proc/self/status")
-    if status.exists():
-        lines = status.read_text(encoding="ascii").splitlines()
-        kilobytes = next(line.split()[1] for line in lines if line.startswith("VmHWM"))
-        return int(kilobytes) * 1024 / _MEGABYTE
-    unit = 1 if sys.platform == "darwin" else 1024
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / _MEGABYTE
+    lines = Path("/proc/self/status").read_text(encoding="ascii").splitlines()
+    kilobytes = next(line.split()[1] for line in lines if line.startswith("VmHWM"))
+    return int(kilobytes) * 1024 / _MEGABYTE
 
 
 if __name__ == "__main__":

@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import nnls
 
-from benchmarks.campaigns import Campaign, blocks_of_set, small_campaign
+from benchmarks.campaigns import Campaign, small_campaign
 from benchmarks.performance.peers import cvxpy_clarabel
 from benchmarks.report import Figure, Section, times_table
 from benchmarks.timing import Times, interleaved
 from jointstiff.schemas.options import Method, Resampling
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.convex.solution import Bounds
+from jointstiff.solver.estimate import identify
 from jointstiff.solver.fitting.method import Settings
-from jointstiff.solver.resampling import GramBlocks, Resamples, draws_of, resample
+from jointstiff.solver.resampling import GramBlocks, Resamples, draws_of, gram_blocks, resample
 
 __all__ = ["run"]
 
@@ -56,7 +57,7 @@ def run(*, quick: bool) -> list[Section]:
 
 def _section(method: Method, campaign: Campaign, plan: Resampling, rounds: int) -> Section:
     settings = Settings(method, "covariance", Bounds.positive(campaign.robot.n))
-    blocks = blocks_of_set(campaign.robot, campaign.measurements, settings)
+    blocks = _blocks(campaign, settings)
     times = _times(campaign, settings, plan, _subsets(blocks, plan), rounds)
     found: Resamples = times.results[OURS]
     columns, rows = times_table(times, OURS, [("from ours", _differences(times, blocks))])
@@ -100,8 +101,14 @@ def _times(
 
 
 def _resampled(campaign: Campaign, settings: Settings, plan: Resampling) -> Resamples:
-    blocks = blocks_of_set(campaign.robot, campaign.measurements, settings)
-    return resample(blocks, plan, settings.bounds)
+    return resample(_blocks(campaign, settings), plan, settings.bounds)
+
+
+def _blocks(campaign: Campaign, settings: Settings) -> GramBlocks:
+    """Return the blocks for resampling, after the identification of the full set without bounds."""
+    whole = replace(settings, bounds=Bounds.unconstrained(campaign.robot.n))
+    estimate = identify(campaign.robot, campaign.measurements, whole)
+    return gram_blocks(campaign.robot, campaign.measurements, whole, estimate)
 
 
 def _one_by_one(

@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from benchmarks.campaigns import default_robot
 from benchmarks.designs import SIGMA, Design
 from benchmarks.report import Figure, Part, Section
 from jointstiff.schemas.options import RunOptions
@@ -29,6 +28,7 @@ from jointstiff.solver.readings.measurements import (
     Instrument,
     Measurements,
 )
+from tests.support.springs import robot_of
 
 __all__ = ["run"]
 
@@ -57,7 +57,7 @@ def _design(seed: int) -> Design:
     arm = replace(arm, stiffnesses=arm.stiffnesses * np.exp(0.3 * generator.uniform(-1.0, 1.0, 6)))
     force = float(generator.uniform(1000.0, 2000.0))
     count = int(generator.integers(16, 41))
-    return Design.of(arm, plan_experiment(arm, configurations=count, load="pull", force=force, seed=seed))
+    return Design.by(arm, plan_experiment(arm, configurations=count, load="pull", force=force, seed=seed))
 
 
 def _restated(design: Design, **changes: FloatArray) -> Design:
@@ -150,7 +150,7 @@ class _Outcome:
 
 
 def _outcome(arm: SpringArm, read: Measurements) -> _Outcome:
-    robot = default_robot(arm)
+    robot = robot_of(arm)
     settings = to_settings(RunOptions(), robot)
     estimate = identify(robot, read, settings)
     screening = screen_estimate(robot, read, estimate)
@@ -216,6 +216,6 @@ def _clean(seed: int) -> _Outcome:
     read = _read(Planted(design.loaded, design), generator, sigma=True)
     if seed % 2:
         sheet = Instrument((4.0, 1.0, 1.5), 3e-6, 1e-6, 1e-5, 5e-6)
-        noise = DifferenceNoise.by(sheet, default_robot(design.arm), read)
+        noise = DifferenceNoise.by(sheet, robot_of(design.arm), read)
         read = replace(read, sigma=noise.sigma, covariance=noise.covariance)
     return _outcome(design.arm, read)

@@ -5,19 +5,44 @@ By name only: it takes some minutes.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
 
 from benchmarks.designs import CONFIGURATIONS, FORCE, SIGMA, Design, planned_design, with_compliances
 from benchmarks.report import Figure, Section
-from benchmarks.studies.verdicts import CONFIDENCE, METHODS, Campaign, Verdicts, Way, judge
+from jointstiff.schemas.options import Method
 from jointstiff.simulator import default_arm
-from jointstiff.solver.arrays import BoolArray
+from jointstiff.solver.arrays import BoolArray, FloatArray
+from jointstiff.solver.convex.solution import Bounds
+from jointstiff.solver.estimate import identify
+from jointstiff.solver.evidence.estimate import Estimate, JointCompliance
+from jointstiff.solver.fitting.method import Settings
+from jointstiff.solver.readings.measurements import Measurements
+from jointstiff.solver.robot.model import Robot
+from tests.support.springs import robot_of
 
-__all__ = ["RIGID_SETS", "interior_campaigns", "rigid_campaigns", "run"]
+__all__ = [
+    "METHODS",
+    "RIGID_SETS",
+    "Verdicts",
+    "Way",
+    "interior_campaigns",
+    "judge",
+    "rigid_campaigns",
+    "run",
+]
 
+Campaign = tuple[Design, Measurements]
+
+CONFIDENCE = 0.95
+METHODS: dict[str, Method] = {
+    "complete pose": "complete_pose",
+    "partial pose": "partial_pose",
+    "decoupled": "decoupled_partial_pose",
+}
 DESIGNS, DRAWS = 20, 100
 RIGID_SETS = (*combinations(range(6), 1), *combinations(range(6), 2))
 """Every joint by itself, every pair."""
@@ -25,6 +50,114 @@ _DESIGN_NOTE = (
     f"each design: {CONFIGURATIONS} configurations over half of every joint's range, pulls of {FORCE:g} N in "
     f"all directions, three targets, {1e6 * SIGMA:g} µm; the best of 20 random plans; exact springs"
 )
+
+
+@dataclass(frozen=True)
+class Way:
+    """One way to identify.
+
+    Attributes:
+        method: a key of `METHODS`; complete pose is weighted by covariance.
+        complementary_stiffness: whether K_c is included.
+        sigma_given: else it is estimated from the residuals.
+    """
+
+    method: str
+    complementary_stiffness: bool = True
+    sigma_given: bool = True
+
+    def __str__(self) -> str:
+        stiffness = "K_c included" if self.complementary_stiffness else "K_c neglected"
+        return f"{self.method}, {stiffness}, sigma {'given' if self.sigma_given else 'estimated'}"
+
+    def estimate(self, robot: Robot, measurements: Measurements) -> Estimate:
+        """Identify with positive compliances."""
+        settings = Settings(
+            METHODS[self.method],
+            "covariance",
+            Bounds.positive(robot.n),
+            confidence=CONFIDENCE,
+            complementary_stiffness=self.complementary_stiffness,
+        )
+        if not self.sigma_given:
+            measurements = replace(measurements, sigma=None)
+        return identify(robot, measurements, settings)
+
+
+@dataclass(frozen=True, eq=False)
+class Verdicts:
+    """Estimates of K campaigns of an arm of n joints, beside the truth.
+
+    Attributes:
+        truth: (K, n) compliances [rad/(N·m)].
+        compliance: (K, n) estimates [rad/(N·m)].
+        standard_uncertainty: (K, n) as reported [rad/(N·m)].
+        interval: (K, n, 2) two-sided [rad/(N·m)].
+        one_sided: (K, n, 2) at least, at most; each by itself [rad/(N·m)].
+    """
+
+    truth: FloatArray
+    compliance: FloatArray
+    standard_uncertainty: FloatArray
+    interval: FloatArray
+    one_sided: FloatArray
+
+    @property
+    def rigid(self) -> BoolArray:
+        """(K, n) joints of no compliance at all."""
+        rigid: BoolArray = self.truth == 0.0
+        return rigid
+
+    @property
+    def covered(self) -> BoolArray:
+        """(K, n) intervals that hold the truth; one that is not there, or NaN, does not."""
+        held: BoolArray = (self.interval[..., 0] <= self.truth) & (self.truth <= self.interval[..., 1])
+        return held
+
+    @property
+    def above(self) -> BoolArray:
+        """(K, n) compliances as great as the one-sided bound says at least."""
+        held: BoolArray = self.one_sided[..., 0] <= self.truth
+        return held
+
+    @property
+    def below(self) -> BoolArray:
+        """(K, n) joints as stiff as the one-sided bound says at least."""
+        held: BoolArray = self.truth <= self.one_sided[..., 1]
+        return held
+
+    @property
+    def unsound(self) -> int:
+        """Return the number of values that are negative, NaN or infinite."""
+        numbers = [self.compliance, self.standard_uncertainty, self.interval, self.one_sided]
+        return sum(int((~(np.isfinite(array) & (array >= 0.0))).sum()) for array in numbers)
+
+
+def judge(ways: Sequence[Way], campaigns: Iterable[Campaign]) -> dict[Way, Verdicts]:
+    """Identify every campaign in every way; what is not observable is NaN."""
+    robot = robot_of(default_arm())
+    truth: list[FloatArray] = []
+    found: dict[Way, list[list[tuple[float, ...]]]] = {way: [] for way in ways}
+    for design, measurements in campaigns:
+        truth.append(design.arm.compliances)
+        for way in ways:
+            found[way].append([_numbers(joint) for joint in way.estimate(robot, measurements).joints])
+    numbers = {way: np.array(rows) for way, rows in found.items()}
+    return {
+        way: Verdicts(np.array(truth), each[..., 0], each[..., 1], each[..., 2:4], each[..., 4:])
+        for way, each in numbers.items()
+    }
+
+
+def _numbers(joint: JointCompliance) -> tuple[float, ...]:
+    """Return compliance, standard uncertainty, interval, and one-sided bounds."""
+    nothing, bounds = float("nan"), joint.one_sided
+    return (
+        nothing if joint.compliance is None else joint.compliance,
+        nothing if joint.standard_uncertainty is None else joint.standard_uncertainty,
+        *(joint.compliance_interval or (nothing, nothing)),
+        *((bounds.compliance_at_least, bounds.compliance_at_most) if bounds else (nothing, nothing)),
+    )
 
 
 def run(*, quick: bool) -> list[Section]:
@@ -56,7 +189,7 @@ def rigid_campaigns(draws: int, sets: Sequence[tuple[int, ...]] = RIGID_SETS) ->
         compliances = arm.compliances.copy()
         compliances[list(rigid)] = 0.0
         plan = planned_design(arm, seed=seed)
-        design = Design.of(with_compliances(arm, compliances), plan.experiment)
+        design = Design.by(with_compliances(arm, compliances), plan.experiment)
         for measurements in design.measured(draws, seed=seed):
             yield design, measurements
 

@@ -25,9 +25,8 @@ from jointstiff.simulator.campaign import LOAD_POINT, TARGETS, SpringArm
 from jointstiff.simulator.elastic_links import beam_arm, elastic_deflections
 from jointstiff.simulator.equilibrium import deflections
 from jointstiff.simulator.experiment import plan_experiment
-from jointstiff.solver.arrays import FloatArray, IndexArray
-from jointstiff.solver.design.optimum import AOptimality, DesignProblem, GOptimality, optimise
-from jointstiff.solver.design.plan import CampaignPlan, ordered, plan_campaign
+from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.design.plan import CampaignPlan, plan_campaign
 
 __all__ = ["run"]
 
@@ -187,22 +186,17 @@ class Lists:
     whole: int  # all of the product's plan for the goal: whoever has no network carries that out
     whole_meets: bool  # whether the goal is met then
     in_order: int  # its plan of 40, in blocks, until the goal is met as the live campaign judges it
-    by_travel: int  # the same readings, ordered by travel alone, as plans were before they had blocks
-    least: float  # of any list of the same candidates, whoever knew the arm's stiffnesses; noise alone counts
 
 
 def other_lists(reader: Reader) -> Lists:
     """Return how many readings other rules take."""
     whole, plan = _plans(reader.row)
     fitted = ~whole.validation
-    travel = ordered(plan.joints, np.zeros(len(plan.joints), dtype=np.intp))
     return Lists(
         fixed=fixed_list(reader),
         whole=len(whole.joints),
         whole_meets=_read_all(reader, whole.joints[fitted], whole.force[fitted]).met,
-        in_order=_in_order(reader, plan, np.arange(len(plan.joints))),
-        by_travel=_in_order(reader, plan, travel),
-        least=least(reader),
+        in_order=_in_order(reader, plan),
     )
 
 
@@ -214,34 +208,11 @@ def _plans(row: Row) -> tuple[CampaignPlan, CampaignPlan]:
     return plan_campaign(ahead.robot, ahead.request), plan_campaign(ahead.robot, forty)
 
 
-def _in_order(reader: Reader, plan: CampaignPlan, order: IndexArray) -> int:
+def _in_order(reader: Reader, plan: CampaignPlan) -> int:
     """Return how many readings of a plan meet the goal; those for validation are read in their turn."""
-    fitted = np.flatnonzero(~plan.validation[order])
-    count = needed(reader, plan.joints[order[fitted]], plan.force[order[fitted]])
+    fitted = np.flatnonzero(~plan.validation)
+    count = needed(reader, plan.joints[fitted], plan.force[fitted])
     return int(fitted[min(count, len(fitted)) - 1]) + 1
-
-
-def least(reader: Reader) -> float:
-    """Bound the readings of any list of the campaign's candidates that meets the goal, five at least.
-
-    Its choice may know the stiffnesses, and only noise counts: the bound of the optimal weights by the worst
-    joint, or by the mean over the work area (method.md §10).
-    """
-    ahead = reader.declared().declared.ahead
-    pool, joints = ahead.pool, ahead.wanted
-    basis = pool.parameters.basis[: ahead.robot.n]
-    criterion: GOptimality | AOptimality
-    if reader.row.area is None:
-        rows = basis[joints] * reader.arm.stiffnesses[joints, None]  # relative compliances
-        criterion = GOptimality(rows[:, :, None] * rows[:, None])
-    else:
-        rows = ahead.places.reshape(-1, ahead.robot.n) @ basis
-        criterion = AOptimality(rows.T @ rows / len(rows))
-    goal = reader.row.goal
-    allowed = (goal["relative"] if reader.row.area is None else goal["uncertainty"]) / 1.96
-    design = optimise(DesignProblem(pool.candidates, criterion, 10, pool.base))
-    most = criterion.information(design.matrix / 10.0) / design.bound.efficiency  # of one reading
-    return float(max(5.0, allowed**-2.0 / most))
 
 
 def covered(reader: Reader, campaign: LiveCampaign, state: LiveState) -> tuple[int, int]:
@@ -315,7 +286,6 @@ class _Outcome:
     doubts: int
     right: tuple[int, int]  # intervals or decisions that hold, of how many
     first_inside: bool | None  # whether the first reading that was held out lay in its ball
-    fresh_inside: bool | None  # whether one more, at random, does
     lists: Lists | None  # readings by other rules
 
 
@@ -334,7 +304,6 @@ def _outcome(row: Row, seed: int) -> _Outcome:
         doubts,
         right,
         held[0].inside if held else None,
-        _fresh_inside(reader, campaign) if reached else None,
         other_lists(reader) if compares else None,
     )
 
@@ -354,18 +323,17 @@ def run(*, quick: bool, part: Part) -> list[Section]:
         mean = float(np.mean([each.readings for each in outcomes]))
         hold, of = (sum(each.right[k] for each in outcomes) for k in (0, 1))
         first = _share([each.first_inside for each in outcomes])
-        fresh = _share([each.fresh_inside for each in outcomes])
         reached, right = sum(each.reached for each in outcomes), 100.0 * hold / of if of else np.nan
-        cells = (f"{mean:.1f}", f"{right:.1f}", f"{first:.0f}", f"{fresh:.0f}")
+        cells = (f"{mean:.1f}", f"{right:.1f}", f"{first:.0f}")
         rows.append((row.name, f"{reached} of {len(outcomes)}", *cells))
         lists = [each.lists for each in outcomes if each.lists is not None]
         if lists:
-            fixed, whole, in_order, by_travel, fewest = (
+            fixed, whole, in_order = (
                 float(np.mean([getattr(each, name) for each in lists]))
-                for name in ("fixed", "whole", "in_order", "by_travel", "least")
+                for name in ("fixed", "whole", "in_order")
             )
             meets = _share([each.whole_meets for each in lists])
-            numbers = (mean, fixed, whole, in_order, by_travel, fewest)
+            numbers = (mean, fixed, whole, in_order)
             other.append((row.name, *(f"{number:.1f}" for number in numbers), f"{meets:.0f}"))
             asked = 13.0 / 34.0 if row.area is None else 16.0 / 30.0
             beside = {"the fixed list": (fixed, asked), "the whole plan": (whole, 0.6)}
@@ -387,17 +355,8 @@ def run(*, quick: bool, part: Part) -> list[Section]:
     figures.append(
         Figure(f"of {campaigns} campaigns without a mistake, with a doubt", doubts, "at most", 1.0)
     )
-    titles = ("goal", "reached", "readings", "right [%]", "first held-out inside [%]", "fresh inside [%]")
-    rules = (
-        "goal",
-        "live",
-        "fixed list",
-        "whole plan",
-        "plan in order",
-        "by travel",
-        "bound",
-        "whole meets [%]",
-    )
+    titles = ("goal", "reached", "readings", "right [%]", "first held-out inside [%]")
+    rules = ("goal", "live", "fixed list", "whole plan", "plan in order", "whole meets [%]")
     return [
         Section("campaigns measured live until the goal is met", titles, tuple(rows), tuple(figures)),
         Section("readings by other rules, means", rules, tuple(other)),
@@ -413,18 +372,3 @@ def _right(reader: Reader, campaign: LiveCampaign, state: LiveState) -> tuple[in
     true = float(np.linalg.norm(places @ (1.0 / reader.arm.stiffnesses), axis=-1).max())
     limit = reader.row.goal["limit"]
     return int((state.greatest_deflection < limit) == (true < limit)), 1
-
-
-def _fresh_inside(reader: Reader, campaign: LiveCampaign) -> bool:
-    """Return whether one more reading, at random, lies in its 90 % ball."""
-    from jointstiff.solver.live.innovation import held_out
-
-    plan = plan_experiment(
-        reader.arm, configurations=1, load="pull", force=reader.row.force, seed=reader.seed + 777
-    )
-    fresh = reader.read("fresh", plan.joints[0].tolist(), plan.forces[0].tolist())
-    prepared = campaign.declared.prepared([*campaign.observations, fresh])
-    m = prepared.measurements
-    compliance = np.nan_to_num(campaign.known.compliance)
-    found = held_out(prepared.robot, m, compliance, len(m) - 1)
-    return found is not None and found.inside

@@ -9,44 +9,23 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from benchmarks.campaigns import default_robot
 from benchmarks.report import Figure, Part, Section
-from jointstiff.simulator import TARGETS, default_arm, random_configurations
+from jointstiff.simulator import random_configurations
 from jointstiff.simulator.imperfections import with_link_errors
-from jointstiff.simulator.own_weight import Bodies, default_bodies, sag
-from jointstiff.solver import (
-    Body,
-    Burden,
-    Poses,
-    WeightEstimate,
-    WeightReadings,
-    identify_weight,
-)
+from jointstiff.simulator.own_weight import Bodies, sag
+from jointstiff.solver import WeightEstimate, WeightReadings, identify_weight
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.convex.conic import GAP
 from jointstiff.solver.convex.solution import Bounds, Constraints
 from jointstiff.solver.predict.forward import LoadCases
 from jointstiff.solver.predict.models import JointModel
-from jointstiff.solver.robot.model import JointMap
+from tests.support.sagging import ARM, BODIES, LOAD_POINT, ROBOT, burden_of, campaign
 
-__all__ = [
-    "BOTH",
-    "KNOWN",
-    "WITHIN",
-    "WRONG",
-    "Way",
-    "estimates",
-    "harmful",
-    "run",
-    "summary",
-]
+__all__ = ["BOTH", "KNOWN", "WITHIN", "WRONG", "Way", "estimates", "harmful", "run", "summary"]
 
 POSTURES, SIGMA, PAYLOAD = 40, 3e-5, 100.0
 CAMPAIGNS, EXACT_CAMPAIGNS = 200, 1_000
 SAG_CAMPAIGNS, UNMEASURED = 100, 60
-ARM, BODIES = default_arm(), default_bodies()
-LOAD_POINT = (-0.06, 0.02, 0.18)
-POINTS = np.array(list(TARGETS.values()))
 JOINTS = slice(1, 6)  # a vertical axis carries no weight
 
 
@@ -79,8 +58,7 @@ def run(*, quick: bool, part: Part) -> list[Section]:
 
 def estimates(way: Way, seeds: range) -> list[WeightEstimate]:
     """Simulate campaigns and identify each."""
-    robot = default_robot(ARM)
-    return [identify_weight(robot, _readings(way, seed)) for seed in seeds]
+    return [identify_weight(ROBOT, _readings(way, seed)) for seed in seeds]
 
 
 def _bodies(way: Way, draws: np.random.Generator) -> Bodies:
@@ -88,33 +66,14 @@ def _bodies(way: Way, draws: np.random.Generator) -> Bodies:
 
 
 def _readings(way: Way, seed: int) -> WeightReadings:
-    draws = np.random.default_rng([seed, 41])
-    bodies = _bodies(way, draws)
-    arm = with_link_errors(ARM, length=1e-3, angle=1e-3, seed=seed) if way.misbuilt else ARM
-    q = random_configurations(arm, POSTURES, seed)
-    forces = [np.zeros(3), PAYLOAD * BODIES.gravity][: 2 if way.payload else 1]
-    states = [q + sag(arm, bodies, q, force=force, load_point=LOAD_POINT) for force in forces]
-    places = np.concatenate([arm.posture(state).targets_to_base(POINTS) for state in states])
-    places += SIGMA * draws.standard_normal(places.shape)
-    count = len(places)
-    stated = zip(BODIES.masses.tolist(), BODIES.centres.tolist(), strict=True)
-    links = [
-        Body.within(f"link_{j + 1}", j, m, tuple(c), relative=way.stated) for j, (m, c) in enumerate(stated)
-    ]
-    return WeightReadings(
-        Poses(
-            np.tile(q, (len(forces), 1)),
-            places,
-            np.ones((count, 3), dtype=bool),
-            tuple(TARGETS),
-            JointMap.identity(6),
-            sigma=SIGMA,
-        ),
-        Burden(tuple(links)),
-        carried=np.ones((count, len(links))),
-        force=np.repeat(forces, POSTURES, axis=0),
-        moment=np.zeros((count, 3)),
-        load_point=np.tile(LOAD_POINT, (count, 1)),
+    return campaign(
+        seed=seed,
+        arm=with_link_errors(ARM, length=1e-3, angle=1e-3, seed=seed) if way.misbuilt else ARM,
+        bodies=_bodies(way, np.random.default_rng([seed, 41])),
+        stated=burden_of(BODIES, way.stated),
+        postures=POSTURES,
+        sigma=SIGMA,
+        payload=PAYLOAD if way.payload else 0.0,
     )
 
 
@@ -188,9 +147,8 @@ def sag_errors(way: Way, seed: int, estimate: WeightEstimate, force: FloatArray)
     q = random_configurations(ARM, UNMEASURED, 99_999)
     many = np.tile(force, (UNMEASURED, 1))
     point = np.tile(LOAD_POINT, (UNMEASURED, 1))
-    robot = default_robot(ARM)
-    positive = Constraints(Bounds.positive(robot.n))
-    predicted = JointModel(robot, estimate.fit.compliance, None, positive, estimate.weight).deflect(
+    positive = Constraints(Bounds.positive(ROBOT.n))
+    predicted = JointModel(ROBOT, estimate.fit.compliance, None, positive, estimate.weight).deflect(
         LoadCases(q, many, np.zeros_like(many), point, point)
     )
     bent = q + sag(
@@ -220,8 +178,6 @@ def _sag_section(found: dict[Way, list[WeightEstimate]], part: Part) -> Section:
         columns=("masses", "x held, %", "y", "z", "median error", "median displacement"),
         rows=tuple(rows),
         figures=tuple(figures),
-        notes=(),
-        data={},
     )
 
 

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 from support.campaigns import estimate
+from support.springs import robot_of
 
-from benchmarks.campaigns import default_robot
 from benchmarks.designs import SIGMA, planned_design, with_compliances
-from benchmarks.studies.verdicts import Way, judge
+from benchmarks.studies.coverage import Way, judge
 from jointstiff.simulator import TARGETS, default_arm, deflections, linear_deflections, torques
 from jointstiff.solver.errors import MeasurementError
 from jointstiff.solver.evidence.estimate import UncertaintyBudget
@@ -22,7 +22,7 @@ pytestmark = pytest.mark.slow  # the studies of benchmarks/, each night
 
 ARM = default_arm()
 DESIGN = planned_design(ARM, seed=0)
-ROBOT = default_robot(ARM)
+ROBOT = robot_of(ARM)
 ALL = CommonUncertainty(scale=0.02, direction=3e-3, load_point=2e-3, target_places=1e-3)
 PRIOR = {"joint_2": {"stiffness": 3.1e6, "standard_uncertainty": 2e5}}
 WAYS = {
@@ -174,7 +174,7 @@ def expanded_by_product(design, uncertainty):
     deflection = linear_deflections(design.arm, plan.joints, *plan.wrenches, POINTS)
     measured = replace(stated(design, deflection), common_uncertainty=uncertainty)
     way = Way("partial pose", complementary_stiffness=False)
-    estimate = way.estimate(default_robot(design.arm), measured)
+    estimate = way.estimate(robot_of(design.arm), measured)
     budget = UncertaintyBudget.of(estimate, 0.95)
     if budget is None:
         raise ValueError("sigma is given, so there is a budget")

@@ -11,8 +11,15 @@ import pytest
 from scipy.stats import binom, norm
 
 from benchmarks.designs import SIGMA, planned_design
-from benchmarks.studies.coverage import RIGID_SETS, interior_campaigns, rigid_campaigns, run
-from benchmarks.studies.verdicts import METHODS, Way, judge
+from benchmarks.studies.coverage import (
+    METHODS,
+    RIGID_SETS,
+    Way,
+    interior_campaigns,
+    judge,
+    rigid_campaigns,
+    run,
+)
 from jointstiff.simulator import default_arm
 from jointstiff.simulator.campaign import TARGETS, torques
 

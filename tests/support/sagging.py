@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -21,22 +22,26 @@ POINTS = np.array(list(TARGETS.values()))
 LOAD_POINT = np.array([-0.06, 0.02, 0.18])
 
 
-def robot_of(arm: SpringArm) -> Robot:
+def _robot_of(arm: SpringArm) -> Robot:
     model = robot_document(arm)["model"]
     return Robot(read_urdf(model["urdf"], model["base"], model["flange"]))
 
 
-ROBOT = robot_of(ARM)
+ROBOT = _robot_of(ARM)
 OFF = replace(BODIES, masses=BODIES.masses * (1.0 + 0.08 * np.array([1.0, -1.0, 1.0, -1.0, 1.0, -1.0])))
 """Bodies whose masses are 8 % off."""
 
 
-def stated_spring(rate=(2.7e4, 3.3e4), pull=(8e3, 1e4)) -> StatedBalancer:
+def stated_spring(
+    rate: tuple[float, float] = (2.7e4, 3.3e4), pull: tuple[float, float] = (8e3, 1e4)
+) -> StatedBalancer:
     """State the balancer within bounds."""
     return StatedBalancer(1, (-0.2, 0.0, 0.5), (-0.3, 0.0, 0.2), rate, pull)
 
 
-def burden_of(bodies: Bodies, relative: float = 0.0, radius: float = 0.0, balancers=()) -> Burden:
+def burden_of(
+    bodies: Bodies, relative: float = 0.0, radius: float = 0.0, balancers: Sequence[StatedBalancer] = ()
+) -> Burden:
     stated = zip(bodies.masses.tolist(), bodies.centres.tolist(), strict=True)
     links = [
         Body.within(f"link_{j + 1}", j, mass, tuple(centre), relative=relative, radius=radius)

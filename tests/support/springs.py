@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -55,11 +55,15 @@ class SpringCampaign:
     loaded: npt.NDArray[np.float64]
 
     @classmethod
-    def of(
-        cls, arm: SpringArm, *, configurations: int = 19, seed: int = 0, force: float = 1500.0
-    ) -> SpringCampaign:
+    def of(cls, arm: SpringArm, *, configurations: int = 19, seed: int = 0, force: float = 1500.0) -> Self:
         """Pull in all directions."""
-        plan = plan_experiment(arm, configurations=configurations, load="pull", force=force, seed=seed)
+        return cls.by(
+            arm, plan_experiment(arm, configurations=configurations, load="pull", force=force, seed=seed)
+        )
+
+    @classmethod
+    def by(cls, arm: SpringArm, plan: Experiment) -> Self:
+        """Balance springs and loads of an experiment."""
         points = np.array(list(TARGETS.values()))
         return cls(arm, plan, *deflections(arm, plan.joints, *plan.wrenches, points))
 
