@@ -9,7 +9,7 @@ prismatic ones.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Annotated, Final, Literal
@@ -78,9 +78,3 @@ JOINT_UNITS: Final[Mapping[JointKind, JointUnits]] = MappingProxyType(
     }
 )
 """Units of each kind of joint."""
-
-
-def stated_kinds(names: Iterable[str], kinds: Iterable[JointKind]) -> dict[str, JointKind]:
-    """Return the kinds of joints by name, as results state them: none where all turn."""
-    by_name = dict(zip(names, kinds, strict=True))
-    return by_name if "prismatic" in by_name.values() else {}

@@ -20,7 +20,6 @@ from jointstiff.schemas.fields import (
     Vector3,
 )
 from jointstiff.schemas.finding import Assessment, Finding
-from jointstiff.schemas.goal import Goal
 from jointstiff.schemas.joints import StatedKind
 from jointstiff.schemas.measurement import (
     MAX_OBSERVATIONS,
@@ -30,7 +29,7 @@ from jointstiff.schemas.measurement import (
     Observation,
     SetChange,
 )
-from jointstiff.schemas.plan import MAX_CANDIDATES, PlanOptions
+from jointstiff.schemas.plan import MAX_CANDIDATES, Goal, PlanOptions
 
 
 class LiveOptions(PlanOptions):

@@ -19,12 +19,12 @@ from jointstiff.service.api.middleware import COMPRESSED_BYTES, PACKED, Guard, M
 from jointstiff.service.api.page import install_description, install_page
 from jointstiff.service.jobs import Enqueue, Parts
 from jointstiff.service.kinds.registry import KINDS
+from jointstiff.service.process import jointstiff_version
 from jointstiff.service.reports.laboratory import LaboratorySettings
 from jointstiff.service.security.access import Audit, Gate, operation_id, public_paths
 from jointstiff.service.security.admission import LARGE_BODIES, PARSERS, BodyLimits, Posture
 from jointstiff.service.security.keys import Keyring
 from jointstiff.service.store.store import Store
-from jointstiff.service.versions import JOINTSTIFF_VERSION
 
 CONCURRENT_REQUESTS: Final = 8
 """Requests worked on at once; others wait."""
@@ -86,7 +86,7 @@ def create_app(
     """
     app = _Application(
         title="Jointstiff",
-        version=JOINTSTIFF_VERSION,
+        version=jointstiff_version(),
         description=_DESCRIPTION,
         license_info={"name": "Apache-2.0", "identifier": "Apache-2.0"},
         servers=[{"url": "/", "description": "This service"}],

@@ -28,12 +28,11 @@ from jointstiff.service.kinds.work import (
     unpack,
 )
 from jointstiff.service.live.stored import OpenSets
-from jointstiff.service.problems.errors import NotFoundError, Resource, TooManyJobsError, WorkerLostError
-from jointstiff.service.problems.table import problem_of
+from jointstiff.service.problems import NotFoundError, Resource, TooManyJobsError, WorkerLostError, problem_of
+from jointstiff.service.process import versions
 from jointstiff.service.resources.stored import Resources
 from jointstiff.service.store.store import Store
 from jointstiff.service.store.tables import OPEN_STATES, IdempotencyKey, JobRecord
-from jointstiff.service.versions import versions
 from jointstiff.solver.errors import JointstiffError
 
 MAX_OPEN: Final = 1_000

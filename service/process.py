@@ -1,4 +1,4 @@
-"""Every process of the command: its memory, its one thread of linear algebra, and its log.
+"""Every process of the command: its memory, its one thread of linear algebra, its versions, and its log.
 
 numpy and the C library read the environment when they are loaded. A log is for people, or JSON lines for
 programs; each line of a request has its identifier.
@@ -11,11 +11,13 @@ import gc
 import json
 import logging
 import os
+import platform
 import re
 from contextlib import suppress
 from contextvars import ContextVar
 from datetime import UTC, datetime
 from enum import StrEnum
+from functools import cache
 from types import MappingProxyType
 from typing import Final
 
@@ -52,6 +54,32 @@ def give_memory_back() -> None:
     with suppress(OSError, AttributeError, TypeError):  # another C library
         for setting in _SETTINGS.values():
             ctypes.CDLL(None).mallopt(*setting)
+
+
+_DISTRIBUTIONS: Final = MappingProxyType(
+    {
+        "jointstiff": "jointstiff",
+        "pinocchio": "pin",
+        "cvxpy": "cvxpy-base",
+        "clarabel": "clarabel",
+        "numpy": "numpy",
+        "scipy": "scipy",
+    }
+)
+
+
+@cache
+def versions() -> MappingProxyType[str, str]:
+    """Name to version of this software and of what it computes with, for the provenance of a run."""
+    from importlib.metadata import version  # takes a while, and few commands need it
+
+    numbers = {name: version(distribution) for name, distribution in _DISTRIBUTIONS.items()}
+    return MappingProxyType(numbers | {"python": platform.python_version()})
+
+
+def jointstiff_version() -> str:
+    """Return the version of this software."""
+    return versions()["jointstiff"]
 
 
 FORMAT_VARIABLE: Final = "JOINTSTIFF_LOG_FORMAT"

@@ -24,15 +24,14 @@ from uvicorn.config import LOGGING_CONFIG
 from jointstiff.service.api.connections import ACCEPTED_AT_ONCE, QUEUED_CONNECTIONS, BoundedProtocol
 from jointstiff.service.app import create_app
 from jointstiff.service.limited import LimitedChild
-from jointstiff.service.problems.errors import ServiceError, StoreError
-from jointstiff.service.process import LogFormat, give_memory_back, set_log_format
+from jointstiff.service.problems import ServiceError, StoreError
+from jointstiff.service.process import LogFormat, give_memory_back, jointstiff_version, set_log_format
 from jointstiff.service.reports.laboratory import LaboratorySettings, read_laboratory
 from jointstiff.service.security.admission import Posture
 from jointstiff.service.security.keys import Keyring
 from jointstiff.service.settings import Settings
 from jointstiff.service.store.store import Store
 from jointstiff.service.tables.terminal import console
-from jointstiff.service.versions import JOINTSTIFF_VERSION
 from jointstiff.service.workers.engine import JobQueue
 from jointstiff.service.workers.supervisor import SILENCE_SECONDS, Supervisor
 
@@ -104,7 +103,7 @@ def run_server(settings: Settings, then: Callable[[str], object] | None = None) 
         )
         address = f"http://{host}:{port}"
         console().print(
-            f"Jointstiff {JOINTSTIFF_VERSION} at {address}, API description at {address}/openapi.json\n"
+            f"Jointstiff {jointstiff_version()} at {address}, API description at {address}/openapi.json\n"
             f"database {_shown(database)}, {workers} worker{'s' if workers != 1 else ''}",
             markup=False,
             soft_wrap=True,

@@ -1,14 +1,15 @@
-"""Results of `schemas` filled from objects and arrays, field by field, by the names of their attributes."""
+"""Results of `schemas` filled from attributes of objects, and from arrays."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from math import isfinite
 from typing import Any, TypeVar
 
 import numpy as np
 
 from jointstiff.schemas.fields import Message, validated
+from jointstiff.schemas.joints import JointKind
 
 Built = TypeVar("Built", bound=Message)
 
@@ -85,3 +86,9 @@ def _plain(value: object) -> object:
     if isinstance(value, tuple | list) and not hasattr(value, "_fields"):
         return [_plain(item) for item in value]
     return _View(value)
+
+
+def stated_kinds(names: Iterable[str], kinds: Iterable[JointKind]) -> dict[str, JointKind]:
+    """Return the kinds of joints by name, as results state them: none where all turn."""
+    by_name = dict(zip(names, kinds, strict=True))
+    return by_name if "prismatic" in by_name.values() else {}

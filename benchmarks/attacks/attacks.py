@@ -37,7 +37,7 @@ from jointstiff.schemas.measurement import MeasurementSetRequest
 from jointstiff.service.api.bodies import understood
 from jointstiff.service.conversion.parsing import MAX_SET_BYTES
 from jointstiff.service.importing.reading import SourceFile
-from jointstiff.service.problems.table import invalid_request
+from jointstiff.service.problems import invalid_request
 from jointstiff.service.resources.imports import import_files
 from jointstiff.simulator.sweeps import TrackedArm
 from tests.support.memory import peak_of

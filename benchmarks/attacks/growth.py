@@ -15,7 +15,7 @@ import numpy as np
 
 from benchmarks.report import Figure, Part, Section
 from jointstiff.service.kinds.program_path import _from_table
-from jointstiff.service.problems.errors import FilesError
+from jointstiff.service.problems import FilesError
 from jointstiff.service.programs import fanuc, krl, rapid, ur
 from jointstiff.service.programs.language import Misread
 from jointstiff.service.programs.notation import Numerals

@@ -32,7 +32,7 @@ import os, signal, sys
 if "jointstiff.service.workers" in sys.orig_argv:
     import jointstiff.service.jobs as life
     import jointstiff.service.store.jobs as log
-    from jointstiff.service.problems.errors import WorkerLostError
+    from jointstiff.service.problems import WorkerLostError
     from jointstiff.solver.errors import SolverError
 
     def die(*_):

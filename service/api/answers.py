@@ -18,8 +18,7 @@ from starlette.requests import ClientDisconnect
 
 from jointstiff.schemas.finding import Problem
 from jointstiff.service.jobs import Parts
-from jointstiff.service.problems.errors import StoreError
-from jointstiff.service.problems.table import http_problem, invalid_request, problem_of
+from jointstiff.service.problems import StoreError, http_problem, invalid_request, problem_of
 from jointstiff.service.process import REQUEST_ID
 from jointstiff.solver.errors import JointstiffError
 

@@ -20,7 +20,7 @@ from uvicorn.protocols.http.h11_impl import H11Protocol, RequestResponseCycle
 from uvicorn.server import ServerState
 
 from jointstiff.service.api.answers import ANSWER_HEADERS, RETRY_SECONDS, answer_problem
-from jointstiff.service.problems.table import http_problem
+from jointstiff.service.problems import http_problem
 from jointstiff.service.security.admission import SMALL_BYTES
 
 SPARE_DESCRIPTORS: Final = 256

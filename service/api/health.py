@@ -18,12 +18,12 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 
 from jointstiff.schemas.access import Health
 from jointstiff.service.kinds.registry import KINDS
-from jointstiff.service.problems.errors import StoreError, StoreUnavailableError
+from jointstiff.service.problems import StoreError, StoreUnavailableError
+from jointstiff.service.process import jointstiff_version
 from jointstiff.service.security.access import PUBLIC, VIEWER, AccessRoute
 from jointstiff.service.security.keys import Keyring
 from jointstiff.service.store.jobs import SILENT
 from jointstiff.service.store.store import Store
-from jointstiff.service.versions import JOINTSTIFF_VERSION
 
 router = APIRouter(tags=["health"], route_class=AccessRoute)
 
@@ -65,7 +65,7 @@ async def get_health(request: Request) -> Health:
     seen = await watch.writable()
     return Health(
         status="ok",
-        version=JOINTSTIFF_VERSION,
+        version=jointstiff_version(),
         workers=seen.workers,
         failing_workers=request.app.state.failing_workers(),
         database=seen.database,
@@ -86,7 +86,7 @@ def get_index() -> dict[str, str]:
     """Return where the API is described, and the kinds of jobs; the page for people is at /."""
     return {
         "name": "Jointstiff",
-        "version": JOINTSTIFF_VERSION,
+        "version": jointstiff_version(),
         "description": "/openapi.json",
         "health": "/health",
         **{kind.collection: f"/v1/{kind.collection}" for kind in KINDS},

@@ -26,7 +26,7 @@ from jointstiff.service.api.files import FILES, FILES_DESCRIPTION, content_of, i
 from jointstiff.service.jobs import Jobs
 from jointstiff.service.kinds.kind import AnyKind
 from jointstiff.service.kinds.registry import KINDS
-from jointstiff.service.problems.errors import NotFoundError, StoreUnavailableError
+from jointstiff.service.problems import NotFoundError, StoreUnavailableError
 from jointstiff.service.security.access import OPERATOR, VIEWER, Gate, RequesterOf, asked_of
 from jointstiff.service.store.jobs import JobStatus
 from jointstiff.service.store.tables import OPEN_STATES, JobRecord

@@ -19,8 +19,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from jointstiff.service.api.answers import ANSWER_HEADERS, REQUEST_ID_HEADER, answer_error, answer_problem
 from jointstiff.service.api.health import Metrics
-from jointstiff.service.problems.errors import StoreError
-from jointstiff.service.problems.table import http_problem
+from jointstiff.service.problems import StoreError, http_problem
 from jointstiff.service.process import ACCESS_LOGGER, REQUEST_ID
 from jointstiff.service.security.access import ASKED, Asked, Audit, Gate, address_of, public_paths
 from jointstiff.service.security.admission import SAFE, Posture, is_loopback, refusal

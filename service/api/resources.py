@@ -24,7 +24,7 @@ from jointstiff.service.api import answers
 from jointstiff.service.api.bodies import EXAMPLES, BodyRoute, Key, shown
 from jointstiff.service.api.jobs import AskedBy
 from jointstiff.service.conversion.robots import to_kinematics
-from jointstiff.service.problems.errors import ClosedError
+from jointstiff.service.problems import ClosedError
 from jointstiff.service.resources.catalogue import catalogue
 from jointstiff.service.resources.stored import assembled, described
 from jointstiff.service.security.access import OPERATOR, VIEWER

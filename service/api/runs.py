@@ -47,7 +47,7 @@ from jointstiff.service.kinds.deflection import predict_by_run
 from jointstiff.service.kinds.mending import mended
 from jointstiff.service.kinds.program import PROGRAM
 from jointstiff.service.kinds.program_work import packed
-from jointstiff.service.problems.errors import NotFoundError
+from jointstiff.service.problems import NotFoundError
 from jointstiff.service.reports.document import state_of
 from jointstiff.service.reports.laboratory import LaboratorySettings
 from jointstiff.service.reports.rendering import report_page, report_pdf

@@ -11,9 +11,8 @@ from typer.main import get_command
 
 from jointstiff.service.cli.demo import demo, examples, simulate
 from jointstiff.service.cli.keys import keys
-from jointstiff.service.cli.models import export, report
+from jointstiff.service.cli.models import export, report, robots
 from jointstiff.service.cli.options import refusal_of
-from jointstiff.service.cli.robots import robots
 from jointstiff.service.cli.services import backup, doctor, post, restore, serve, webhooks, worker
 from jointstiff.service.kinds.rooms import ROOMS
 
@@ -85,9 +84,9 @@ app.add_typer(webhooks, name="webhooks")
 
 def _version(value: bool) -> None:
     if value:
-        from jointstiff.service.versions import JOINTSTIFF_VERSION
+        from jointstiff.service.process import jointstiff_version
 
-        typer.echo(f"jointstiff {JOINTSTIFF_VERSION}")
+        typer.echo(f"jointstiff {jointstiff_version()}")
         raise typer.Exit
 
 

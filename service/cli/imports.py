@@ -254,8 +254,7 @@ def _understood(
 def _as_options() -> Iterator[None]:
     """Name options in place of fields where files or options are refused."""
     from jointstiff.service.library.errors import CampaignError
-    from jointstiff.service.problems.errors import FilesError
-    from jointstiff.service.problems.table import problem_of
+    from jointstiff.service.problems import FilesError, problem_of
 
     try:
         yield
@@ -341,7 +340,7 @@ def _write_campaign(
     Raises:
         typer.Exit: something is missing, or the file cannot be written.
     """
-    from jointstiff.service.problems.table import http_problem
+    from jointstiff.service.problems import http_problem
 
     readings = answer.measurement_set or answer.poses
     if readings is None:

@@ -135,7 +135,7 @@ def _kept(
         StoreError: the database is not there, or cannot be used.
         typer.Exit: there is no such key.
     """
-    from jointstiff.service.problems.errors import NotFoundError
+    from jointstiff.service.problems import NotFoundError
     from jointstiff.service.security import keys as filed
     from jointstiff.service.store.database import open_existing
     from jointstiff.service.store.store import Store

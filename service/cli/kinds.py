@@ -426,8 +426,7 @@ def _outputs(values: _Values, sources: Sequence[Any]) -> dict[str, Path]:
 def _explain(values: _Values, sources: Sequence[Any]) -> bool:
     """Print how the moves of a program are understood, if that is what is wanted."""
     from jointstiff.service.library.errors import CampaignError
-    from jointstiff.service.problems.errors import FilesError
-    from jointstiff.service.problems.table import problem_of
+    from jointstiff.service.problems import FilesError, problem_of
     from jointstiff.service.programs.formats import explained
 
     if not values["explain"]:

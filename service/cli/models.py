@@ -1,7 +1,9 @@
-"""Commands that use an identified model: `export`, and `report`, a document to sign."""
+"""Commands of models: `robots`, the catalogue of nominal arms; `export` and `report` of an identified one."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from math import degrees
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final
 
@@ -11,7 +13,9 @@ from jointstiff.service.cli import options as cli
 from jointstiff.service.settings import LaboratoryFile
 
 if TYPE_CHECKING:
+    from jointstiff.schemas.robot import Arm, Catalogue
     from jointstiff.service.library.results import TabledRun
+    from jointstiff.service.tables.table import Part
 
 _FORMATS: Final = (".csv", ".xlsx", ".urdf", ".sdf", ".mjcf", ".xml")
 _REPORTS: Final = (".pdf", ".html", ".xml")
@@ -82,3 +86,97 @@ def identified(file: Path, run: Path | None) -> TabledRun:
         return run_of(read_document(run, Run), campaign_of(file))
     identified: TabledRun = function_of("identify")(file)
     return identified
+
+
+_REACH_OF: Final = {"wrist_centre": "of the wrist centre", "flange": "of the flange", "stated": "as stated"}
+
+
+def robots(
+    name: Annotated[
+        str | None, typer.Argument(metavar="ARM", help="Name of an arm, or a part of it; default: all arms.")
+    ] = None,
+    *,
+    output: Annotated[Path | None, cli.path_option("File to write the robot ARM to.", "ROBOT.json")] = None,
+    overwrite: cli.Overwrite = False,
+    as_json: cli.AsJson = False,
+) -> None:
+    """List the nominal arms of the catalogue."""
+    from jointstiff.service.problems import problem_of
+    from jointstiff.service.resources.catalogue import catalogue, find_arm, nominal_robot
+    from jointstiff.service.tables.terminal import console, printed
+    from jointstiff.solver.errors import RequestError
+
+    if output is not None and name is None:
+        raise typer.BadParameter("needs the name of an arm", param_hint="--output")
+    try:
+        arm = None if name is None else find_arm(name, "ARM")
+    except RequestError as error:
+        raise cli.refused(problem_of(error)) from error
+    if as_json:
+        typer.echo((arm or catalogue()).model_dump_json(indent=2))
+    else:
+        console().print(printed(_arms(catalogue()) if arm is None else _arm(arm)))
+    if output is not None and arm is not None:
+        cli.refuse_existing(output, overwrite=overwrite)
+        cli.write_text(output, nominal_robot(arm).model_dump_json(indent=1, exclude_none=True))
+
+
+def _arms(catalogue: Catalogue) -> list[Part]:
+    """Return the arms, and the presets of joint maps that they have."""
+    from jointstiff.service.tables.table import Column, Line, Table, number
+
+    names = {preset.id: preset.name for preset in catalogue.joint_maps}
+    table = Table(
+        [
+            Column("arm", [arm.name for arm in catalogue.arms], text=True),
+            Column("reach", [arm.reach for arm in catalogue.arms], number("g", 1e3), "mm"),
+            Column(
+                "joint map", [names.get(arm.joint_map_preset or "", "—") for arm in catalogue.arms], text=True
+            ),
+        ],
+        title="Nominal arms",
+    )
+    return [table, Line('Use an arm by its name, such as --robot "KUKA KR 210 R2700".')]
+
+
+def _arm(arm: Arm) -> list[Part]:
+    """Return one arm: its table, joint map, reach and sources."""
+    from jointstiff.service.tables.table import Column, Line, Table
+
+    rows = arm.model.rows
+    limits = [
+        "not known"
+        if row.lower is None or row.upper is None
+        else f"{_angle(row.lower)} to {_angle(row.upper)}"
+        for row in rows
+    ]
+    table = Table(
+        [
+            Column("joint", [str(i + 1) for i in range(len(rows))], text=True),
+            Column("a", [_length(row.a) for row in rows], unit="mm", text=True),
+            Column("alpha", [_angle(row.alpha) for row in rows], unit="°", text=True),
+            Column("d", [_length(row.d) for row in rows], unit="mm", text=True),
+            Column("theta", [_angle(row.theta) for row in rows], unit="°", text=True),
+            Column("limits", limits, unit="°", text=True),
+        ],
+        title=f"Denavit-Hartenberg, {arm.model.convention}",
+    )
+    matrix: Sequence[Sequence[float]] = [] if arm.joint_map is None else arm.joint_map.matrix
+    lines = [
+        f"R0: {arm.base}",
+        f"reach: {arm.reach * 1e3:g} mm {_REACH_OF[arm.reach_of]}",
+        *(
+            f"joint map, row {i}: {' '.join(f'{value:g}' for value in row)}"
+            for i, row in enumerate(matrix, 1)
+        ),
+        *(f"source: {source}" for source in arm.sources),
+    ]
+    return [Line(f"{arm.name} (nominal)", "title"), table, *map(Line, lines)]
+
+
+def _length(value: float) -> str:
+    return f"{round(value * 1e3, 6):g}"
+
+
+def _angle(value: float) -> str:
+    return f"{round(degrees(value), 6):g}"

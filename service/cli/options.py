@@ -127,7 +127,7 @@ def refusal_of(error: Exception) -> typer.Exit | None:
     if not type(error).__module__.startswith("jointstiff."):
         return None
     from jointstiff.service.library.errors import ProblemError
-    from jointstiff.service.problems.errors import ServiceError
+    from jointstiff.service.problems import ServiceError
 
     if isinstance(error, ProblemError):
         return refused(error.problem)

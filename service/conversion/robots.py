@@ -10,13 +10,13 @@ import numpy as np
 
 from jointstiff.schemas import robot as robots
 from jointstiff.schemas.fields import FAR_POINT
-from jointstiff.schemas.joints import JointKind, stated_kinds
+from jointstiff.schemas.joints import JointKind
 from jointstiff.schemas.measurement import Units
 from jointstiff.schemas.robot import Kinematics, Posture
 from jointstiff.service.conversion.units import ANGLE, LENGTH
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import RequestError, RobotError
-from jointstiff.solver.messages import message, rows
+from jointstiff.solver.messages import message, rows, stated_kinds
 from jointstiff.solver.robot.configuration import Configurations, find_wrist, joint_frames
 from jointstiff.solver.robot.model import Body, JointMap, KinematicChain, Robot, dh_chain
 

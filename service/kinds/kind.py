@@ -12,7 +12,7 @@ from pydantic import Field, create_model
 from jointstiff.schemas.fields import Message
 from jointstiff.schemas.job import Job
 from jointstiff.schemas.query import ExactName, JobQuery, Reference
-from jointstiff.service.problems.errors import Resource
+from jointstiff.service.problems import Resource
 
 if TYPE_CHECKING:
     from jointstiff.service.kinds.work import Work

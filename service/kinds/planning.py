@@ -11,10 +11,9 @@ import numpy as np
 
 from jointstiff.schemas import plan as plans
 from jointstiff.schemas.finding import Assessment, Finding
-from jointstiff.schemas.goal import DecisionGoal
 from jointstiff.schemas.measurement import LEAST_DIRECTION
 from jointstiff.schemas.options import RunOptions
-from jointstiff.schemas.plan import OwnWeight, PlanResult
+from jointstiff.schemas.plan import DecisionGoal, OwnWeight, PlanResult
 from jointstiff.service.conversion.prepared import PreparedSet
 from jointstiff.service.conversion.readings import hash_of
 from jointstiff.service.conversion.robots import joint_index, kinds_of, refuse_far_point, refuse_other_angles

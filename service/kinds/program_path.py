@@ -15,7 +15,7 @@ from jointstiff.service.conversion.units import FORCE, LENGTH
 from jointstiff.service.kinds.deflection import vector_column
 from jointstiff.service.kinds.verdicts import moment_factor
 from jointstiff.service.kinds.work import as_request_errors
-from jointstiff.service.problems.errors import FilesError
+from jointstiff.service.problems import FilesError
 from jointstiff.service.programs.configuration import StatedConfigurations
 from jointstiff.service.programs.errors import Fault, ProgramError, shown
 from jointstiff.service.programs.formats import frame_notation

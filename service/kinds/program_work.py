@@ -41,7 +41,7 @@ from jointstiff.service.kinds.verdicts import (
     own_reason,
 )
 from jointstiff.service.kinds.work import Arrays, Span, Work, as_request_errors, joined, spans
-from jointstiff.service.problems.errors import VerdictError
+from jointstiff.service.problems import VerdictError
 from jointstiff.service.programs.errors import ProgramError
 from jointstiff.service.programs.formats import marked, read_program
 from jointstiff.service.programs.program import BLOCK, NUMBERS, Rewriting

@@ -19,7 +19,7 @@ from jointstiff.schemas.finding import Assessment
 from jointstiff.schemas.job import Requester
 from jointstiff.schemas.robot import OpenAlarm, TrendChange
 from jointstiff.schemas.run import JointResult, Run, RunRequest, UncertaintyBudget
-from jointstiff.service.problems.errors import NotFoundError, Resource
+from jointstiff.service.problems import NotFoundError, Resource
 from jointstiff.service.resources.stored import described
 from jointstiff.service.store.store import Store
 from jointstiff.service.store.tables import JobEntry, MeasurementSetEntry, TrendNote

@@ -16,7 +16,7 @@ from jointstiff.schemas.program import ProgramOptions, ProgramRequest
 from jointstiff.schemas.run import Run, RunResult
 from jointstiff.service.conversion.robots import joint_index
 from jointstiff.service.conversion.units import FORCE, LENGTH, MOMENT
-from jointstiff.service.problems.errors import VerdictError
+from jointstiff.service.problems import VerdictError
 from jointstiff.service.resources.inputs import Inputs, MeasuredRun
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import RequestError

@@ -19,8 +19,8 @@ import numpy.typing as npt
 from jointstiff.schemas.fields import Message
 from jointstiff.schemas.finding import Problem
 from jointstiff.schemas.job import Job, JobState, Progress, Provenance, Requester
-from jointstiff.service.problems.table import http_problem, problem_of
-from jointstiff.service.versions import versions
+from jointstiff.service.problems import http_problem, problem_of
+from jointstiff.service.process import versions
 from jointstiff.solver.errors import InputError, JointstiffError, NotObservableError, RequestError
 
 Span = tuple[int, int]

@@ -40,7 +40,7 @@ from jointstiff.service.library.follow import Cancel, Follow, OnProgress
 from jointstiff.service.library.results import Prediction, TabledRun, shown
 from jointstiff.service.library.trends import RobotTrend
 from jointstiff.service.library.verbs import Verb, options_of, verb_of
-from jointstiff.service.problems.table import http_problem
+from jointstiff.service.problems import http_problem
 from jointstiff.service.tables.table import Sheet
 from jointstiff.solver.errors import RequestError
 

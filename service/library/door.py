@@ -106,7 +106,7 @@ __all__ = [
 def __getattr__(name: str) -> object:
     """Import a name of this package when it is first used."""
     if name == "__version__":
-        return import_module("jointstiff.service.versions").JOINTSTIFF_VERSION
+        return import_module("jointstiff.service.process").jointstiff_version()
     if name in _HOMES:
         return getattr(import_module(f"jointstiff.{_HOMES[name]}"), name)
     from jointstiff.service.kinds.rooms import ROOMS

@@ -30,7 +30,7 @@ from jointstiff.service.library.files import (
 from jointstiff.service.library.follow import Follow
 from jointstiff.service.library.results import Prediction, TabledRun, shown
 from jointstiff.service.library.verbs import Verb, options_of, verb_of
-from jointstiff.service.problems.table import http_problem, problem_of
+from jointstiff.service.problems import http_problem, problem_of
 from jointstiff.service.reports.job import job_sheet
 from jointstiff.service.resources.inputs import FromFile
 from jointstiff.service.tables.files import written
@@ -315,7 +315,7 @@ def import_files(
     """
     from jointstiff.schemas.imports import ImportRequest
     from jointstiff.service.importing.reading import SourceFile
-    from jointstiff.service.problems.errors import FilesError
+    from jointstiff.service.problems import FilesError
     from jointstiff.service.resources import imports
 
     request = parse_document(options, ImportRequest)

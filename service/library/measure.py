@@ -13,7 +13,6 @@ from urllib.parse import quote
 import numpy as np
 
 from jointstiff.schemas.fields import Message
-from jointstiff.schemas.goal import Goal
 from jointstiff.schemas.live import (
     LiveOptions,
     LiveReading,
@@ -23,7 +22,7 @@ from jointstiff.schemas.live import (
     NextReading,
 )
 from jointstiff.schemas.measurement import MeasurementSetDocument, Observation
-from jointstiff.schemas.plan import OwnWeight
+from jointstiff.schemas.plan import Goal, OwnWeight
 from jointstiff.schemas.robot import RobotDocument
 from jointstiff.schemas.run import CampaignRun
 from jointstiff.service.conversion.prepared import PreparedRobot, prepare_robot, stated_transform, to_resolved
@@ -43,7 +42,7 @@ from jointstiff.service.live.sources import (
     Stand,
     source_of,
 )
-from jointstiff.service.problems.table import http_problem
+from jointstiff.service.problems import http_problem
 from jointstiff.solver.errors import RequestError
 
 if TYPE_CHECKING:

@@ -22,7 +22,6 @@ from jointstiff.schemas.geometry import (
     JointSweep,
     TrackedPosition,
 )
-from jointstiff.schemas.goal import DecisionGoal, DeflectionGoal, JointsGoal
 from jointstiff.schemas.imports import ImportAnswer, ImportUnits
 from jointstiff.schemas.measurement import Noise, Units
 from jointstiff.schemas.options import CrossValidation, Resampling, RunOptions, StiffnessPrior, Weight
@@ -30,6 +29,9 @@ from jointstiff.schemas.plan import (
     AnyDirection,
     Cable,
     DeadWeight,
+    DecisionGoal,
+    DeflectionGoal,
+    JointsGoal,
     OwnWeight,
     Plan,
     PlannedTracker,

@@ -13,7 +13,6 @@ from scipy import special
 
 from jointstiff.schemas import live
 from jointstiff.schemas.finding import Finding
-from jointstiff.schemas.goal import DecisionGoal, DeflectionGoal, JointsGoal
 from jointstiff.schemas.live import HeldOut, Innovation
 from jointstiff.schemas.measurement import (
     MAX_NOTES_LENGTH,
@@ -23,7 +22,15 @@ from jointstiff.schemas.measurement import (
     ResolvedFrame,
 )
 from jointstiff.schemas.options import RunOptions, StiffnessPrior, Weight
-from jointstiff.schemas.plan import OwnWeight, PlannedLoad, PlanOptions, PlanRequest
+from jointstiff.schemas.plan import (
+    DecisionGoal,
+    DeflectionGoal,
+    JointsGoal,
+    OwnWeight,
+    PlannedLoad,
+    PlanOptions,
+    PlanRequest,
+)
 from jointstiff.schemas.run import Budget, Goodness, RunResult
 from jointstiff.service.conversion.prepared import CheckedSet, PreparedSet, check_set
 from jointstiff.service.conversion.robots import joint_index
@@ -32,7 +39,7 @@ from jointstiff.service.kinds.identification import ByJoints, identified, to_set
 from jointstiff.service.kinds.own_weight import identified_by_weight
 from jointstiff.service.kinds.planning import to_design_request
 from jointstiff.service.live.fleet import Standing, standings
-from jointstiff.service.problems.errors import TakenError
+from jointstiff.service.problems import TakenError
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import JointstiffError, RequestError
 from jointstiff.solver.evidence.estimate import stiffness_interval

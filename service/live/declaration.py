@@ -9,12 +9,19 @@ from typing import Any, Final
 import numpy as np
 
 from jointstiff.schemas.fields import Message, Vector3
-from jointstiff.schemas.goal import Goal, JointsGoal, goal_in_words
 from jointstiff.schemas.live import LiveOptions
 from jointstiff.schemas.live import MeasurementSetPost as OpenPost
 from jointstiff.schemas.measurement import MeasurementSetDocument, MeasurementSetHeader, Noise, Units
 from jointstiff.schemas.options import Weight
-from jointstiff.schemas.plan import AnyDirection, DeadWeight, OwnWeight, PlannedLoad
+from jointstiff.schemas.plan import (
+    AnyDirection,
+    DeadWeight,
+    Goal,
+    JointsGoal,
+    OwnWeight,
+    PlannedLoad,
+    goal_in_words,
+)
 from jointstiff.service.conversion.prepared import PreparedRobot, prepare_set
 from jointstiff.service.conversion.units import ANGLE, FORCE, LENGTH
 from jointstiff.solver.arrays import FloatArray

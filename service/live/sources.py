@@ -24,7 +24,7 @@ from urllib.parse import urlsplit
 
 import numpy as np
 
-from jointstiff.service.problems.errors import ServiceError
+from jointstiff.service.problems import ServiceError
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.convex.solution import Bounds, Constraints
 from jointstiff.solver.errors import JointstiffError, RequestError

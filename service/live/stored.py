@@ -29,7 +29,7 @@ from jointstiff.service.kinds.trend import Trends
 from jointstiff.service.live.campaign import Declared, Entry, LiveCampaign
 from jointstiff.service.live.declaration import completed
 from jointstiff.service.live.fleet import priors_of
-from jointstiff.service.problems.errors import NotFoundError, TakenError
+from jointstiff.service.problems import NotFoundError, TakenError
 from jointstiff.service.resources.stored import Resources, resolve_frame, stored_job
 from jointstiff.service.store.tables import IdempotencyKey, LiveEntry, OpenSetRecord
 from jointstiff.solver.errors import RequestError

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from jointstiff.service.problems.errors import FilesError
+from jointstiff.service.problems import FilesError
 
 MAX_FAULTS = 20
 """Faults that one refusal lists."""

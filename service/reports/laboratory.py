@@ -13,7 +13,7 @@ from typing import Final, Literal
 from pydantic import ValidationError
 
 from jointstiff.schemas.report import Laboratory
-from jointstiff.service.problems.errors import ServiceError
+from jointstiff.service.problems import ServiceError
 from jointstiff.service.reports.document import NOT_STATED, Letterhead, Logo
 
 MAX_SETTINGS_BYTES: Final = 64 * 1024

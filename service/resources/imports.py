@@ -28,8 +28,7 @@ from jointstiff.service.importing.errors import NOWHERE, ImportFileError, Place
 from jointstiff.service.importing.grammar import Kind, Quantity, along_axis, joint_number
 from jointstiff.service.importing.reading import SourceFile, Understood, understand_files
 from jointstiff.service.importing.rows import Gathered
-from jointstiff.service.problems.errors import FilesError
-from jointstiff.service.problems.table import reworded
+from jointstiff.service.problems import FilesError, reworded
 from jointstiff.solver.errors import MeasurementError
 
 if TYPE_CHECKING:

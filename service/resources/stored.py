@@ -34,7 +34,7 @@ from jointstiff.service.conversion.prepared import (
 from jointstiff.service.conversion.readings import ReadingArrays, hash_of, to_measurements
 from jointstiff.service.conversion.robots import describe_joints, describe_wrist
 from jointstiff.service.conversion.units import LENGTH
-from jointstiff.service.problems.errors import NotFoundError, Resource
+from jointstiff.service.problems import NotFoundError, Resource
 from jointstiff.service.resources.catalogue import find_arm
 from jointstiff.service.resources.inputs import MeasuredRun
 from jointstiff.service.store.collection import Collection

@@ -30,7 +30,7 @@ from starlette.types import Message, Receive, Scope, Send
 
 from jointstiff.schemas.access import Access, Role
 from jointstiff.schemas.job import Requester
-from jointstiff.service.problems.errors import KeyRefusedError, RoleError, StoreError, WrongKeysError
+from jointstiff.service.problems import KeyRefusedError, RoleError, StoreError, WrongKeysError
 from jointstiff.service.security.keys import Keyring, digest, mint_token, without_keys
 from jointstiff.service.store.access import MINUTE
 from jointstiff.service.store.store import SESSION_LONGEST, Store

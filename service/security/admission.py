@@ -18,7 +18,7 @@ from jointstiff.schemas.access import Access
 from jointstiff.schemas.finding import Problem
 from jointstiff.service.conversion.parsing import MAX_SET_BYTES
 from jointstiff.service.kinds.registry import KINDS
-from jointstiff.service.problems.table import http_problem
+from jointstiff.service.problems import http_problem
 
 LOOPBACK_NAMES: Final = frozenset({"localhost", "127.0.0.1", "[::1]"})
 SAFE: Final = frozenset({"GET", "HEAD", "OPTIONS"})

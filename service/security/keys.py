@@ -32,7 +32,7 @@ from pydantic import AwareDatetime, Field, ValidationError
 
 from jointstiff.schemas.access import Key, KeyId, Role
 from jointstiff.schemas.fields import Message, Name
-from jointstiff.service.problems.errors import KeyRefusedError, NotFoundError, ServiceError
+from jointstiff.service.problems import KeyRefusedError, NotFoundError, ServiceError
 from jointstiff.service.store.access import KEY
 from jointstiff.service.store.store import Store
 from jointstiff.service.store.tables import AccessKey

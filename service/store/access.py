@@ -9,7 +9,7 @@ from typing import Any, Final
 
 import sqlalchemy as sa
 
-from jointstiff.service.problems.errors import NotFoundError, Resource
+from jointstiff.service.problems import NotFoundError, Resource
 from jointstiff.service.store.database import Database, inserting
 from jointstiff.service.store.tables import (
     AccessKey,

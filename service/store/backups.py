@@ -20,7 +20,8 @@ from typing import Final, Literal
 import sqlalchemy as sa
 from pydantic import BaseModel, ConfigDict, ValidationError
 
-from jointstiff.service.problems.errors import StoreError
+from jointstiff.service.problems import StoreError
+from jointstiff.service.process import jointstiff_version
 from jointstiff.service.store.database import Database, Dialect, make_private, open_existing, path_of
 from jointstiff.service.store.tables import (
     has_tables,
@@ -30,7 +31,6 @@ from jointstiff.service.store.tables import (
     refuse_other_layout,
     wrong_keys,
 )
-from jointstiff.service.versions import JOINTSTIFF_VERSION
 
 MANIFEST: Final = "manifest.json"
 _FILES: Final[dict[Dialect, str]] = {"sqlite": "jointstiff.db", "postgresql": "jointstiff.dump"}
@@ -53,7 +53,7 @@ class Manifest(BaseModel):
     model_config = ConfigDict(frozen=True)
 
     format: Literal[1] = 1  # layout of backups
-    jointstiff: str = JOINTSTIFF_VERSION  # version that made it
+    jointstiff: str = jointstiff_version()  # version that made it
     made_at: datetime  # when the copy began
     database: Dialect  # kind of database that it was made of, and that it can be restored to
     revision: str  # schema version of the tables

@@ -12,7 +12,7 @@ from typing import Any, ClassVar, Final, Generic, TypeVar
 import sqlalchemy as sa
 from sqlalchemy.exc import IntegrityError
 
-from jointstiff.service.problems import errors
+from jointstiff.service import problems
 from jointstiff.service.store.database import Database, Quota
 from jointstiff.service.store.tables import (
     AuditEntry,
@@ -37,9 +37,9 @@ from jointstiff.service.store.tables import (
     robots,
 )
 
-ROBOT: Final = errors.Resource("robot", "robots")
-MEASUREMENT_SET: Final = errors.Resource("measurement set", "measurement-sets")
-PARENTS: Final[Mapping[sa.Table, errors.Resource]] = MappingProxyType(
+ROBOT: Final = problems.Resource("robot", "robots")
+MEASUREMENT_SET: Final = problems.Resource("measurement set", "measurement-sets")
+PARENTS: Final[Mapping[sa.Table, problems.Resource]] = MappingProxyType(
     {robots: ROBOT, measurement_sets: MEASUREMENT_SET}
 )
 """Tables whose records others name."""
@@ -95,7 +95,7 @@ class Collection(Generic[Record, Entry]):
     def __init__(
         self,
         database: Database,
-        resource: errors.Resource,
+        resource: problems.Resource,
         table: sa.Table,
         record: type[Record],
         entry: type[Entry],
@@ -157,7 +157,7 @@ class Collection(Generic[Record, Entry]):
         self._quota.refuse_full()
         for _, parent, identifier in self._parents(record):
             if not is_indexable(identifier):
-                raise errors.NotFoundError(parent, identifier)
+                raise problems.NotFoundError(parent, identifier)
         try:
             with self._database.writing() as connection:
                 if key is not None:  # first, as the loser of a race waits here
@@ -183,7 +183,7 @@ class Collection(Generic[Record, Entry]):
             return None
         (row,) = rows
         if row.body_hash != key.body_hash:
-            raise errors.IdempotencyConflictError(self.resource, key.key)
+            raise problems.IdempotencyConflictError(self.resource, key.key)
         return self._record(**{name: value for name, value in row._mapping.items() if name != "body_hash"})
 
     def get(self, identifier: str, *, hidden: bool = False) -> Record:
@@ -202,7 +202,7 @@ class Collection(Generic[Record, Entry]):
         for row in self._database.rows(by_id, {"id": identifier}):
             return self._record(**row._mapping)
         was_deleted = self._finds(self._exists, identifier)
-        raise (errors.DeletedError if was_deleted else errors.NotFoundError)(self.resource, identifier)
+        raise (problems.DeletedError if was_deleted else problems.NotFoundError)(self.resource, identifier)
 
     def change(self, identifier: str, values: Mapping[str, object], *, hidden: bool = False) -> Record:
         """Change columns of a record that is no job, and return it as it is then.
@@ -282,9 +282,9 @@ class Collection(Generic[Record, Entry]):
             hidden = sa.select(self._hidden).where(*self._is(identifier))
             record = connection.execute(hidden).scalar_one_or_none()
         if record is None:
-            raise errors.NotFoundError(self.resource, identifier)
+            raise problems.NotFoundError(self.resource, identifier)
         if not record:
-            raise errors.NotEndedError(self.resource, identifier)
+            raise problems.NotEndedError(self.resource, identifier)
 
     def restore(self, identifier: str) -> None:
         """Bring a resource back; one that is not hidden stays as it is.
@@ -299,7 +299,7 @@ class Collection(Generic[Record, Entry]):
         with self._database.writing() as connection:
             row = connection.execute(back.returning(*named)).one_or_none()
             if row is None:
-                raise errors.NotFoundError(self.resource, identifier)
+                raise problems.NotFoundError(self.resource, identifier)
             self._hold_parents(connection, row)
             self._follow(connection, identifier, None)
 
@@ -310,7 +310,7 @@ class Collection(Generic[Record, Entry]):
             DeletedError: it is.
         """
         if self._finds(self._exists.where(self._hidden), identifier):
-            raise errors.DeletedError(self.resource, identifier)
+            raise problems.DeletedError(self.resource, identifier)
 
     def purge(self, before: datetime, limit: int) -> list[str]:
         """Remove for good what was deleted before a time, with the keys that name it.
@@ -350,7 +350,7 @@ class Collection(Generic[Record, Entry]):
         """Return whether a listing can be narrowed by a column: only by one with an index."""
         return any(name in index.columns and "sequence" in index.columns for index in self._table.indexes)
 
-    def _parents(self, record: object) -> Iterator[tuple[sa.Table, errors.Resource, str]]:
+    def _parents(self, record: object) -> Iterator[tuple[sa.Table, problems.Resource, str]]:
         """Yield the records that this one, or its row, names: table, resource, id."""
         for column, parent in self._references:
             if (identifier := getattr(record, column.name)) is not None:
@@ -362,7 +362,7 @@ class Collection(Generic[Record, Entry]):
             held = sa.select(table.c.deleted_at).where(table.c.id == identifier).with_for_update(read=True)
             row = connection.execute(held).one_or_none()
             if row is not None and row.deleted_at is not None:
-                raise errors.DeletedError(parent, identifier)
+                raise problems.DeletedError(parent, identifier)
 
     def _not_added(self, record: Record, key: IdempotencyKey | None, error: IntegrityError) -> Record:
         """Find out which constraint the record broke: its key came before, or a parent is missing."""
@@ -371,8 +371,8 @@ class Collection(Generic[Record, Entry]):
             return earlier
         for table, parent, identifier in self._parents(record):
             if not self._finds(sa.select(table.c.id).where(table.c.id == sa.bindparam("id")), identifier):
-                raise errors.NotFoundError(parent, identifier) from error
-        raise errors.StoreError(
+                raise problems.NotFoundError(parent, identifier) from error
+        raise problems.StoreError(
             f"a {self.resource.name} {record.id} already exists", "give each record a unique id"
         ) from error
 
@@ -385,7 +385,7 @@ class Collection(Generic[Record, Entry]):
             users |= {row[0]: row[1] for row in connection.execute(visible.limit(_NAMED + 1))}
         if users:
             named = [f"{kind} {user}" for user, kind in list(users.items())[:_NAMED]]
-            raise errors.ReferencedError(self.resource, identifier, named, more=len(users) > _NAMED)
+            raise problems.ReferencedError(self.resource, identifier, named, more=len(users) > _NAMED)
 
     def _is(self, identifier: str) -> list[sa.ColumnElement[bool]]:
         return [*self._mine, self._table.c.id == identifier]
@@ -393,7 +393,7 @@ class Collection(Generic[Record, Entry]):
     def _refuse_unindexable(self, identifier: str) -> None:
         """Refuse an id that a database may not even take as a text; none of ours is."""
         if not is_indexable(identifier):
-            raise errors.NotFoundError(self.resource, identifier)
+            raise problems.NotFoundError(self.resource, identifier)
 
     def _finds(self, query: sa.Select[Any], identifier: str) -> bool:
         return bool(self._database.rows(query, {"id": identifier}))
@@ -424,7 +424,7 @@ def parse_cursor(cursor: str) -> int:
         sequence = int(cursor)
         if 0 < sequence <= LAST_SEQUENCE:
             return sequence
-    raise errors.CursorError(cursor)
+    raise problems.CursorError(cursor)
 
 
 def _hash(key: str) -> str:
@@ -508,14 +508,14 @@ class LiveEntries(Journal[LiveEntry]):
         held = sa.select(open_sets.c.deleted_at).where(open_sets.c.id == record.set_id).with_for_update()
         row = connection.execute(held).one_or_none()
         if row is None or row.deleted_at is not None:
-            raise errors.NotFoundError(MEASUREMENT_SET, record.set_id)
+            raise problems.NotFoundError(MEASUREMENT_SET, record.set_id)
         columns = live_entries.c
         mine = self._all.where(columns.set_id == record.set_id)
         same = mine.where(columns.change == record.change, columns.label == record.label)
         for found in connection.execute(same):
             return self._record(*found)
         for _ in connection.execute(mine.where(columns.change == "closed")):
-            raise errors.ClosedError(record.set_id)
+            raise problems.ClosedError(record.set_id)
         return super()._insert(connection, record)
 
 

@@ -18,7 +18,7 @@ from sqlalchemy.dialects import postgresql, sqlite
 from sqlalchemy.exc import ArgumentError, DBAPIError, IntegrityError, OperationalError
 from sqlalchemy.exc import TimeoutError as PoolTimeoutError
 
-from jointstiff.service.problems.errors import QuotaError, StoreError, StoreUnavailableError
+from jointstiff.service.problems import QuotaError, StoreError, StoreUnavailableError
 
 Dialect = Literal["sqlite", "postgresql"]
 

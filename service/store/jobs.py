@@ -11,7 +11,7 @@ from typing import Any, Final
 import sqlalchemy as sa
 from sqlalchemy.exc import IntegrityError
 
-from jointstiff.service.problems.errors import AuthorisedError, Resource
+from jointstiff.service.problems import AuthorisedError, Resource
 from jointstiff.service.store.collection import Collection
 from jointstiff.service.store.database import Database, Quota
 from jointstiff.service.store.tables import (

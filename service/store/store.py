@@ -11,7 +11,7 @@ from typing import Final
 
 import sqlalchemy as sa
 
-from jointstiff.service.problems.errors import Resource
+from jointstiff.service.problems import Resource
 from jointstiff.service.store.access import AccessKeys, Sessions, WrongKeys
 from jointstiff.service.store.collection import (
     MEASUREMENT_SET,

@@ -15,7 +15,7 @@ from typing import Any, Final, Generic, TypeVar, get_args, get_type_hints
 import sqlalchemy as sa
 from sqlalchemy.types import TypeEngine
 
-from jointstiff.service.problems.errors import StoreError
+from jointstiff.service.problems import StoreError
 from jointstiff.service.store.database import Database
 
 

@@ -17,7 +17,7 @@ from jointstiff.service.conversion.prepared import prepare_robot
 from jointstiff.service.conversion.readings import ReadingArrays, content_hash
 from jointstiff.service.kinds.kind import AnyKind
 from jointstiff.service.kinds.registry import KINDS
-from jointstiff.service.problems.errors import StoreError, StoreUnavailableError
+from jointstiff.service.problems import StoreError, StoreUnavailableError
 from jointstiff.service.store.collection import MEASUREMENT_SET, ROBOT
 from jointstiff.service.store.database import Database, open_existing
 from jointstiff.service.store.tables import (

@@ -35,7 +35,7 @@ from sqlalchemy.exc import TimeoutError as PoolTimeoutError
 
 from jointstiff.service.jobs import Jobs
 from jointstiff.service.kinds.work import Span, pack
-from jointstiff.service.problems.errors import FilesError, ItemsError, StoreError, StoreUnavailableError
+from jointstiff.service.problems import FilesError, ItemsError, StoreError, StoreUnavailableError
 from jointstiff.service.store.database import Database
 from jointstiff.service.store.store import Store
 from jointstiff.solver.errors import JointstiffError

@@ -12,11 +12,11 @@ import httpx2
 
 from jointstiff.schemas.run import Run
 from jointstiff.service.kinds.trend import Trends
-from jointstiff.service.problems.errors import NotFoundError, Resource
+from jointstiff.service.problems import NotFoundError, Resource
+from jointstiff.service.process import jointstiff_version
 from jointstiff.service.security.receivers import receiver_addresses, signature
 from jointstiff.service.store.store import Store
 from jointstiff.service.store.tables import DeliveryRecord, WebhookRecord
-from jointstiff.service.versions import JOINTSTIFF_VERSION
 from jointstiff.solver.errors import RequestError
 
 _RUNS: Final = Resource(Run.kind, Run.collection)
@@ -131,7 +131,7 @@ class Sender:
             "headers": {
                 "Host": url.netloc.decode("ascii"),
                 "Content-Type": "application/json",
-                "User-Agent": f"Jointstiff/{JOINTSTIFF_VERSION}",
+                "User-Agent": f"Jointstiff/{jointstiff_version()}",
                 "webhook-id": message.message_id,
                 "webhook-timestamp": str(timestamp),
                 "webhook-signature": signature(

@@ -16,7 +16,7 @@ from datetime import UTC, datetime, timedelta
 from typing import Final
 
 from jointstiff.service.jobs import Jobs, Parts
-from jointstiff.service.problems.errors import WorkerLostError
+from jointstiff.service.problems import WorkerLostError
 from jointstiff.service.store.collection import KEEP_DELETED
 from jointstiff.service.store.jobs import SILENT, Heartbeats
 from jointstiff.service.store.store import Store

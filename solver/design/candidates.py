@@ -17,8 +17,7 @@ from typing import Final, Literal
 
 import numpy as np
 
-from jointstiff.schemas.goal import DeflectionGoal, JointsGoal
-from jointstiff.schemas.plan import PlanCriterion, Surroundings
+from jointstiff.schemas.plan import DeflectionGoal, JointsGoal, PlanCriterion, Surroundings
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.design.optimum import Candidates
 from jointstiff.solver.errors import RequestError
@@ -45,7 +44,6 @@ _SHORTEST_CABLE: Final = 0.1
 """Length of a cable [m] below which it cannot be fastened."""
 _LARGEST_POSITION: Final = (np.pi, 1.0)
 """Range of a joint without limits [rad, m of a prismatic one]."""
-_ROUNDING: Final = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,7 +145,7 @@ def feasible(
         links = np.linalg.norm(np.diff(points[:, :-1], axis=1), axis=2)
         links[:, :-1][:, robot.prismatic] = 0.0  # a rail makes no link thicker
         radius = _RELATIVE_RADIUS * float(links.sum(axis=1).max())
-    struck = {"joint_limits": ~within_limits(robot, joints)}
+    struck = {"joint_limits": ~robot.within_limits(joints)}
     if direction is not None:
         jacobian = now.jacobian_at(load[:, None])[:, 0]
         torque = equipment.loads.force * np.einsum("nij,ni->nj", jacobian, direction)
@@ -246,8 +244,8 @@ def drawn_postures(robot: Robot, count: int, seed: int) -> FloatArray:
     random = np.random.default_rng(seed)
     model = limits[:, 0] + (limits[:, 1] - limits[:, 0]) * random.random((count, robot.n))
     controller = np.linalg.solve(robot.joint_map.matrix, (model - robot.joint_map.offset).T).T
-    joints = in_whole_units(robot, np.asarray(controller, dtype=np.float64))
-    joints = joints[within_limits(robot, joints)]
+    joints = robot.in_whole_units(np.asarray(controller, dtype=np.float64))
+    joints = joints[robot.within_limits(joints)]
     if not len(joints):
         raise RequestError(
             f"no posture in whole degrees{' and millimetres' if robot.prismatic.any() else ''} is within the "
@@ -256,19 +254,6 @@ def drawn_postures(robot: Robot, count: int, seed: int) -> FloatArray:
             remedy="give the postures, or correct the joint limits of the robot's model",
         )
     return joints
-
-
-def in_whole_units(robot: Robot, joints: FloatArray) -> FloatArray:
-    """Return positions (N, n) [rad or m] rounded to whole degrees, and to whole mm of prismatic joints."""
-    degrees: FloatArray = np.radians(np.round(np.degrees(joints)))
-    return np.where(robot.prismatic, np.round(joints * 1e3) / 1e3, degrees)
-
-
-def within_limits(robot: Robot, joints: FloatArray) -> BoolArray:
-    """Return which postures (N, n) of the controller lie within the limits of the model's joints (N,)."""
-    model = robot.joint_map.model_angles(joints)
-    inside = (model >= robot.limits[:, 0] - _ROUNDING) & (model <= robot.limits[:, 1] + _ROUNDING)
-    return np.asarray(inside.all(axis=1), dtype=np.bool_)
 
 
 LEFT_OUT: Final = 0.01

@@ -17,16 +17,13 @@ from typing import Final
 
 import numpy as np
 
-from jointstiff.schemas.goal import DeflectionGoal, JointsGoal
 from jointstiff.schemas.joints import JOINT_UNITS
-from jointstiff.schemas.plan import MAX_READINGS, PlanCriterion
+from jointstiff.schemas.plan import MAX_READINGS, DeflectionGoal, JointsGoal, PlanCriterion
 from jointstiff.schemas.run import Advice
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.design.candidates import (
     PlanRequest,
     Pool,
-    in_whole_units,
-    within_limits,
 )
 from jointstiff.solver.design.optimum import (
     AOptimality,
@@ -669,7 +666,7 @@ def advise(robot: Robot, measurements: Measurements, estimate: Estimate) -> tupl
     if not len(joints) or not measurements.force.any():
         return ()
     count = int(np.clip(36 * MOST_POSTURES // robot.n**2, 4, MOST_POSTURES))
-    inside = np.flatnonzero(within_limits(robot, measurements.joints))
+    inside = np.flatnonzero(robot.within_limits(measurements.joints))
     spread = inside[np.unique(np.linspace(0, len(inside) - 1, min(count, len(inside))).astype(np.intp))]
     new = new_postures(robot, measurements, count)
     own = measurements.force[int(np.argmax(np.linalg.norm(measurements.force, axis=1)))]
@@ -709,8 +706,8 @@ def new_postures(robot: Robot, measurements: Measurements, count: int) -> FloatA
     least, greatest = measurements.joints.min(axis=0), measurements.joints.max(axis=0)
     half = np.maximum(greatest - least, robot.by_kind(*_LEAST_SPAN)) / 2.0
     draws = np.random.default_rng(_SEED).uniform(-1.0, 1.0, (_DRAWS * count, robot.n))
-    joints = in_whole_units(robot, (least + greatest) / 2.0 + half * draws)
-    return joints[within_limits(robot, joints)][:count]
+    joints = robot.in_whole_units((least + greatest) / 2.0 + half * draws)
+    return joints[robot.within_limits(joints)][:count]
 
 
 Candidate = tuple[float, Advice]

@@ -12,7 +12,7 @@ from typing import Final
 
 import numpy as np
 
-from jointstiff.schemas.goal import DecisionGoal, Goal, JointsGoal
+from jointstiff.schemas.plan import DecisionGoal, Goal, JointsGoal
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.design.candidates import PlanRequest, Pool, known_rows
 from jointstiff.solver.design.optimum import AOptimality, Atoms, uncertainty_of

@@ -20,7 +20,6 @@ from jointstiff.schemas import finding, run
 from jointstiff.schemas import model as stored_as
 from jointstiff.schemas.fields import Message
 from jointstiff.schemas.finding import Finding
-from jointstiff.schemas.joints import stated_kinds
 from jointstiff.schemas.run import Budget
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.convex.solution import Bounds, Constraints
@@ -29,7 +28,7 @@ from jointstiff.solver.evidence.assessment import Assessment
 from jointstiff.solver.evidence.estimate import Estimate, JointCompliance, Prediction, UncertaintyBudget
 from jointstiff.solver.fitting.fit import Likelihood
 from jointstiff.solver.links.model import ElasticColumns
-from jointstiff.solver.messages import finite, message, messages_of, rows
+from jointstiff.solver.messages import finite, message, messages_of, rows, stated_kinds
 from jointstiff.solver.predict.forward import Deflection, ForwardModel, LoadCases, unit_vectors
 from jointstiff.solver.predict.models import (
     EXTRAPOLATED,

@@ -263,6 +263,8 @@ def _checked_limits(row: DhRow, where: str) -> tuple[float, float] | None:
     )
 
 
+_ROUNDING: Final = 1e-9
+"""Part of a position [rad or m] by which it may pass a limit: rounding of documents."""
 LARGEST_MAP_ENTRY: Final = 1e3
 """Largest entry of a joint map's matrix or offset, in SI units of the joints."""
 
@@ -448,6 +450,17 @@ class Robot:
     def by_kind(self, turning: float, sliding: float) -> FloatArray:
         """Return a number for each joint (n,): one of angles, one of the lengths of prismatic joints."""
         return np.where(self.prismatic, sliding, turning)
+
+    def within_limits(self, joints: FloatArray) -> BoolArray:
+        """Return which postures (N, n) of the controller lie within the limits of the model's joints (N,)."""
+        model = self.joint_map.model_angles(joints)
+        inside = (model >= self.limits[:, 0] - _ROUNDING) & (model <= self.limits[:, 1] + _ROUNDING)
+        return np.asarray(inside.all(axis=1), dtype=np.bool_)
+
+    def in_whole_units(self, joints: FloatArray) -> FloatArray:
+        """Return positions (N, n) [rad or m] in whole degrees, and in whole mm of prismatic joints."""
+        degrees: FloatArray = np.radians(np.round(np.degrees(joints)))
+        return np.where(self.prismatic, np.round(joints * 1e3) / 1e3, degrees)
 
 
 def standing_still(robot: Robot, held: FloatArray) -> Robot:

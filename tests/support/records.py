@@ -7,7 +7,7 @@ from datetime import UTC, datetime
 from typing import Any
 
 from jointstiff.service.kinds.registry import KINDS
-from jointstiff.service.problems.errors import Resource
+from jointstiff.service.problems import Resource
 from jointstiff.service.store.store import Store
 from jointstiff.service.store.tables import JobRecord, MeasurementSetRecord, RobotRecord
 

@@ -17,7 +17,7 @@ from support.in_process import Client
 from jointstiff.service.api import health
 from jointstiff.service.api.bodies import EXAMPLES
 from jointstiff.service.app import create_app
-from jointstiff.service.problems.errors import StoreUnavailableError
+from jointstiff.service.problems import StoreUnavailableError
 from jointstiff.service.security import access
 from jointstiff.service.security.access import (
     ANONYMOUS_ENTRIES,

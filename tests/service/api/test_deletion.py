@@ -13,7 +13,7 @@ from support.records import RESOURCES, job_record
 from jointstiff.schemas.comparison import ComparisonRequest
 from jointstiff.schemas.finding import Problem
 from jointstiff.service.jobs import Parts
-from jointstiff.service.problems.errors import DeletedError, NotEndedError, NotFoundError
+from jointstiff.service.problems import DeletedError, NotEndedError, NotFoundError
 from jointstiff.service.store.collection import KEEP_DELETED
 from jointstiff.service.store.store import Store
 from jointstiff.service.store.tables import IdempotencyKey, MeasurementSetRecord, RobotRecord

@@ -11,7 +11,7 @@ from support.in_process import Client
 from support.jobs import QueueEngine, runs_of
 from support.records import RESOURCES, job_record
 
-from jointstiff.service.problems.errors import DeletedError, NotFoundError, QuotaError, ReferencedError
+from jointstiff.service.problems import DeletedError, NotFoundError, QuotaError, ReferencedError
 from jointstiff.service.store.collection import KEEP_DELETED
 from jointstiff.service.store.store import Store
 from jointstiff.service.store.tables import IdempotencyKey, MeasurementSetRecord, RobotRecord

@@ -19,8 +19,7 @@ from jointstiff.schemas.access import Health
 from jointstiff.service.api.bodies import EXAMPLES
 from jointstiff.service.api.health import Watch
 from jointstiff.service.app import CONCURRENT_REQUESTS
-from jointstiff.service.problems.errors import StoreUnavailableError
-from jointstiff.service.problems.table import problem_of
+from jointstiff.service.problems import StoreUnavailableError, problem_of
 from jointstiff.service.store.store import Store
 
 ROBOT = EXAMPLES["robots"]["modified DH"]

@@ -15,7 +15,7 @@ from support.api import BOTH_DATABASES
 from jointstiff.schemas.geometry import GeometryRequest
 from jointstiff.schemas.measurement import MeasurementSetRequest
 from jointstiff.service.api.bodies import understood
-from jointstiff.service.problems.table import MAX_PROBLEM_BYTES
+from jointstiff.service.problems import MAX_PROBLEM_BYTES
 from jointstiff.service.security.admission import refuse_structure
 
 JSON = {"Content-Type": "application/json"}

@@ -7,7 +7,7 @@ import json
 import pytest
 from support.hostile_urdfs import HOSTILE, LARGE
 
-from jointstiff.service.problems.table import MAX_PROBLEM_BYTES
+from jointstiff.service.problems import MAX_PROBLEM_BYTES
 
 
 def post(client, text):

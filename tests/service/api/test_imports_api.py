@@ -13,7 +13,7 @@ from support.workbooks import SHEET, bomb, repacked, table_of, workbook
 from jointstiff.schemas.finding import Problem
 from jointstiff.schemas.imports import ImportAnswer
 from jointstiff.service.importing.excel import MAX_UNPACKED_BYTES
-from jointstiff.service.problems.table import MAX_PROBLEM_BYTES
+from jointstiff.service.problems import MAX_PROBLEM_BYTES
 from jointstiff.simulator import default_arm, simulate_campaign
 
 OPTIONS = {"encoders": "motor", "load_point": [0.0, 0.0, 120.0]}

@@ -14,7 +14,7 @@ from jointstiff.schemas.job import Progress, Provenance
 from jointstiff.schemas.run import Run, RunRequest
 from jointstiff.service.api.jobs import Followers, answer
 from jointstiff.service.kinds.registry import KINDS
-from jointstiff.service.problems.errors import DeletedError, StoreUnavailableError
+from jointstiff.service.problems import DeletedError, StoreUnavailableError
 from jointstiff.service.store.jobs import JobStatus
 
 REQUEST = RunRequest(measurement_set_id="s")

@@ -21,7 +21,7 @@ from jointstiff.schemas.run import RunRequest
 from jointstiff.service.cli.app import app
 from jointstiff.service.jobs import Parts
 from jointstiff.service.kinds.geometry import GEOMETRY
-from jointstiff.service.problems.errors import DeletedError
+from jointstiff.service.problems import DeletedError
 from jointstiff.service.store.store import Store
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.document import robot_document

@@ -7,7 +7,7 @@ from support.jobs import request, runs_of, stored_set
 
 from jointstiff.service import jobs as module
 from jointstiff.service.kinds.work import pack
-from jointstiff.service.problems.errors import TooManyJobsError
+from jointstiff.service.problems import TooManyJobsError
 from jointstiff.service.store.store import Store
 from jointstiff.solver.errors import RequestError, UnsupportedMethodError
 

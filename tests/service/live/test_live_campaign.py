@@ -15,7 +15,7 @@ from support.live import observation
 from jointstiff.service.app import create_app
 from jointstiff.service.live import stored
 from jointstiff.service.live.campaign import LiveCampaign
-from jointstiff.service.problems.errors import NotFoundError
+from jointstiff.service.problems import NotFoundError
 from jointstiff.service.store.collection import KEEP_DELETED
 from jointstiff.service.store.store import Store
 from jointstiff.service.workers.worker import Recovery

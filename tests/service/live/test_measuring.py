@@ -12,7 +12,7 @@ from support.live import positions
 from typer.testing import CliRunner
 
 import jointstiff
-from jointstiff.schemas.goal import DecisionGoal, DeflectionGoal, JointsGoal
+from jointstiff.schemas.plan import DecisionGoal, DeflectionGoal, JointsGoal
 from jointstiff.schemas.robot import RobotDocument
 from jointstiff.service.app import create_app
 from jointstiff.service.cli.app import app

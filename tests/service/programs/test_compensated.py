@@ -21,7 +21,7 @@ from support.programs import (
 
 from jointstiff.service.kinds.program_work import ProgramWork, packed, points_sheet, unpacked
 from jointstiff.service.kinds.work import pack, unpack
-from jointstiff.service.problems.errors import FilesError
+from jointstiff.service.problems import FilesError
 from jointstiff.service.programs.errors import ProgramError
 from jointstiff.service.programs.formats import read_program
 from jointstiff.service.tables.files import csv_text

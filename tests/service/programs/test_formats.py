@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 from support.written_programs import moves_of, rewritten, targets_of
 
-from jointstiff.service.problems.table import problem_of
+from jointstiff.service.problems import problem_of
 from jointstiff.service.programs import columns
 from jointstiff.service.programs.configuration import StatedConfigurations
 from jointstiff.service.programs.errors import ProgramError

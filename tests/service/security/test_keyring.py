@@ -18,7 +18,7 @@ from support.in_process import Client
 from support.processes import until
 
 from jointstiff.service.api.health import Watch
-from jointstiff.service.problems.errors import KeyRefusedError, NotFoundError
+from jointstiff.service.problems import KeyRefusedError, NotFoundError
 from jointstiff.service.security import access
 from jointstiff.service.security.access import FORGIVEN, network_of
 from jointstiff.service.security.admission import Posture

@@ -8,7 +8,7 @@ from datetime import UTC, datetime, timedelta
 
 import pytest
 
-from jointstiff.service.problems.errors import CursorError, QuotaError
+from jointstiff.service.problems import CursorError, QuotaError
 from jointstiff.service.store import access as access_module
 from jointstiff.service.store.store import SESSION_IDLE, SESSION_LONGEST, Store
 from jointstiff.service.store.tables import AuditEntry, SessionRecord, TrendNote

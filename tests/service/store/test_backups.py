@@ -15,7 +15,7 @@ import pytest
 from support.jobs import request, runs_of, stored_set
 from support.processes import until
 
-from jointstiff.service.problems.errors import StoreError
+from jointstiff.service.problems import StoreError
 from jointstiff.service.server import _shown
 from jointstiff.service.store import backups
 from jointstiff.service.store.backups import Manifest, back_up, content_of, restore

@@ -12,7 +12,7 @@ from typing import Any, TypeVar
 import pytest
 from support.records import RESOURCES, RUN, TIME, job_record, keeper
 
-from jointstiff.service.problems.errors import (
+from jointstiff.service.problems import (
     CursorError,
     IdempotencyConflictError,
     NotFoundError,

@@ -24,7 +24,7 @@ from sqlalchemy.schema import CreateTable
 from jointstiff.schemas.measurement import StoredMeasurementSet
 from jointstiff.schemas.robot import Robot
 from jointstiff.service.kinds.registry import KINDS
-from jointstiff.service.problems.errors import StoreError, StoreUnavailableError
+from jointstiff.service.problems import StoreError, StoreUnavailableError
 from jointstiff.service.store import database as database_module
 from jointstiff.service.store.database import Database
 from jointstiff.service.store.store import Store

@@ -11,7 +11,7 @@ from datetime import UTC, datetime, timedelta
 import pytest
 from support.jobs import QueueEngine, request, runs_of, stored_set
 
-from jointstiff.service.problems.errors import StoreUnavailableError
+from jointstiff.service.problems import StoreUnavailableError
 from jointstiff.service.store.database import Database
 from jointstiff.service.store.jobs import Heartbeats
 from jointstiff.service.store.store import Store

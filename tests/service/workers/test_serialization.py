@@ -14,8 +14,7 @@ from support.jobs import request, stored_set
 from support.processes import until, working
 
 from jointstiff.service.jobs import Parts
-from jointstiff.service.problems.errors import VerdictError
-from jointstiff.service.problems.table import problem_of
+from jointstiff.service.problems import VerdictError, problem_of
 from jointstiff.service.programs.errors import Fault, ProgramError
 from jointstiff.service.store.store import Store
 from jointstiff.service.workers.engine import (

@@ -1,1 +1,0 @@
-"""Errors of the service, and the problem documents that tell them (RFC 9457)."""
