@@ -86,10 +86,10 @@ class ForceUncertainty(_Uncertain):
     them out. Coverage factor 1: a load cell of class 0.5 has a scale of about 0.005 / √3.
     """
 
-    scale: Dimensionless[Annotated[float, Field(strict=True, ge=0.0, le=0.5)]] = Field(
-        default=0.0,
+    scale: Dimensionless[Annotated[float, Field(strict=True, ge=0.0, le=0.5)]] | None = Field(
+        default=None,
         description="Relative standard uncertainty of the magnitude of forces and moments: 0.01 is one per "
-        "cent. Every stiffness has the same relative error.",
+        "cent. Every stiffness has the same relative error. If absent, 0.01 is assumed.",
         examples=[0.005],
     )
     direction: Radians[Annotated[float, Field(strict=True, ge=0.0, le=0.5)]] = Field(

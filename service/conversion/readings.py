@@ -341,11 +341,12 @@ def to_common_uncertainty(noise: Noise | None, length: float) -> CommonUncertain
         return assumed
     force, axes = noise.force, noise.axes
     if force is not None:
-        named = assumed.assumed - {"force_scale"}
-        assumed = replace(assumed, scale=force.scale, direction=force.direction, assumed=named)
+        assumed = replace(assumed, direction=force.direction)
+    if force is not None and force.scale is not None:
+        assumed = replace(assumed, scale=force.scale, assumed=assumed.assumed - {"force_scale"})
     if noise.load_point is not None:
-        named = assumed.assumed - {"load_point"}
-        assumed = replace(assumed, load_point=length * noise.load_point, assumed=named)
+        place = length * noise.load_point
+        assumed = replace(assumed, load_point=place, assumed=assumed.assumed - {"load_point"})
     return replace(
         assumed,
         target_places=length * (noise.target_places or 0.0),

@@ -544,9 +544,9 @@ def _noise(readings: MeasurementSetDocument) -> Iterator[str]:
 
 
 def _assumed(noise: Noise | None) -> Iterator[str]:
-    """Yield what is assumed of a load of which nothing is stated."""
-    if noise is None or noise.force is None:
-        yield f"Force: none stated; ±{100 * ASSUMED_FORCE_SCALE:g} % assumed."
+    """Yield what is assumed of a load, as it is not stated."""
+    if noise is None or noise.force is None or noise.force.scale is None:
+        yield f"Size of the force: none stated; ±{100 * ASSUMED_FORCE_SCALE:g} % assumed."
     if noise is None or noise.load_point is None:
         yield f"Load point: none stated; ±{1e3 * ASSUMED_LOAD_POINT:g} mm assumed."
 
@@ -554,7 +554,8 @@ def _assumed(noise: Noise | None) -> Iterator[str]:
 def _common(noise: Noise, millimetres: float) -> Iterator[str]:
     """Yield what all observations share, with lengths in mm for those of the set."""
     if noise.force is not None:
-        yield f"Force: relative {noise.force.scale:g}, direction {rounded(1e3 * noise.force.direction)} mrad."
+        size = "" if noise.force.scale is None else f"relative {noise.force.scale:g}, "
+        yield f"Force: {size}direction {rounded(1e3 * noise.force.direction)} mrad."
     for name, value in (("Load point", noise.load_point), ("Places of the targets", noise.target_places)):
         if value is not None:
             yield f"{name}: {rounded(millimetres * value)} mm a coordinate."

@@ -174,7 +174,7 @@ function Declaration({ names, robot: given, plan }: { names: Names; robot: strin
     const { force, load_point: place } = campaign.noise ?? {};
     const mm = campaign.units.length === "m" ? 1e3 : 1;
     setKnown((before) => ({
-      forceScale: before.forceScale || (force ? shown(100 * force.scale) : ""),
+      forceScale: before.forceScale || (force?.scale ? shown(100 * force.scale) : ""),
       loadPoint: before.loadPoint || (place ? shown(mm * place) : ""),
     }));
   }, [campaign]);

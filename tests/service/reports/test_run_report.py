@@ -171,7 +171,7 @@ def test_numbers_limits_and_origin_are_in_the_pdf(signed, run):
         "Force on the robot 1500 N Load point in the flange frame (-60, 20, 180) mm Targets read 3: P10, P11"
         in text
     )
-    assert "Force: none stated; ±1 % assumed. Load point: none stated; ±10 mm assumed." in text
+    assert "Size of the force: none stated; ±1 % assumed. Load point: none stated; ±10 mm assumed." in text
     assert {"assumed_force_scale", "assumed_load_point"} <= {
         component.source for component in run.result.budget.components
     }
