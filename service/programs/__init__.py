@@ -3,7 +3,7 @@
 formats        the format by the file's name; which module reads it; the mark of a compensated program
 ├── krl  fanuc  rapid  ur  table   one module a format: statements translated, facts of the controller
 ├── language     words of the intermediate language; statements in normal form
-├── ways         control flow: blocks, and where the program goes on
+├── ways         control flow: where the program may go on
 ├── interpreter  constants propagated over all ways; which moves are certain
 ├── columns      targets and moves as columns; moves that share numbers are certain together
 program        targets as columns with where their numbers stand; rewriting

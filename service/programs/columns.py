@@ -80,7 +80,7 @@ class Columns:
         self._format, self._sources, self._numerals = kind, sources, numerals
         self._remarks: list[Remark] = []
         self._left: list[tuple[ReadMove, Cause]] = []
-        self._named: dict[tuple[int, int, int], int] = {}  # targets by the place of their numbers
+        self._placed: dict[tuple[int, int, int], int] = {}  # targets by the place of their numbers
         self._literals: dict[Literal, int] = {}
         self._frames: dict[
             tuple[str, str | bytes], tuple[int, FrameName]
@@ -101,61 +101,55 @@ class Columns:
         raise ProgramError([Fault(self._sources[0].name, line, reason, remedy)])
 
     def move(
-        self,
-        op: Move,
-        lines: IndexArray,
-        first: IndexArray,
-        targets: Sequence[Given],
-        frames: Sequence[Frames],
-        cause: Cause | None,
+        self, op: Move, line: int, targets: Sequence[Given], frames: Sequence[Frames], cause: Cause | None
     ) -> None:
-        """Take a move, and those behind it that differ in their numbers only.
+        """Take a move.
 
         Args:
             op: the move.
+            line: its line.
+            targets: those that are known.
+            frames: base and tool of each target.
+            cause: why the move is left; None if it is not.
+        """
+        if len(self._visits) + len(op.targets) > MAX_VISITS or len(self._left) > MAX_VISITS:
+            self._refuse(line, f"more than {MAX_VISITS} targets of moves", "split the program")
+        if cause is None:
+            self._visits.extend(
+                [self._target(each, pair, line) for each, pair in zip(targets, frames, strict=True)]
+            )
+            self._moves.extend((line, _MOTIONS[op.motion], len(self._visits)))
+            return
+        names = ", ".join(each.label.partition(OF)[0] or "in numbers" for each in targets)
+        base, tool = map(_name, frames[-1]) if frames else ("", "")
+        self._left.append((ReadMove(line, names, base, tool, cause.reason, cause.remedy), cause))
+        for target in targets:
+            if target.label:
+                self._doubts.setdefault(self._target(target, None, line), cause)
+
+    def block(
+        self, motion: Motion, lines: IndexArray, first: IndexArray, literal: Literal, frames: Frames
+    ) -> None:
+        """Take moves that differ in their numbers only, of one target each.
+
+        Args:
+            motion: that of all.
             lines: (k,) lines of the moves.
             first: (k,) places of their first numbers.
-            targets: those that are known, of the first move.
-            frames: theirs.
-            cause: why the moves are left; None if they are not.
+            literal: their notation.
+            frames: base and tool of all.
         """
-        if len(self._visits) + len(lines) * len(op.targets) > MAX_VISITS or len(self._left) > MAX_VISITS:
-            self._refuse(int(lines[0]), f"more than {MAX_VISITS} targets of moves", "split the program")
-        if cause is not None:
-            names = ", ".join(each.label.partition(OF)[0] or "in numbers" for each in targets)
-            base, tool = ([_name(pair[k]) for pair in frames[-1:]] for k in (0, 1))
-            for line in lines.tolist():
-                own = cause._replace(line=line) if cause.line == lines[0] else cause
-                left = ReadMove(
-                    line, names, base[0] if base else "", tool[0] if tool else "", cause.reason, cause.remedy
-                )
-                self._left.append((left, own))
-            for target in targets:
-                if target.label:
-                    self._doubts.setdefault(self._target(target, None, int(lines[0])), cause)
-            return
-        begin = len(self._names)
-        self._visits.extend(
-            [self._target(each, pair, int(lines[0])) for each, pair in zip(targets, frames, strict=True)]
-        )
-        self._moves.extend((int(lines[0]), _MOTIONS[op.motion], len(self._visits)))
-        if len(lines) > 1:
-            self._repeat(lines, first, len(self._names) - begin)
-
-    def _repeat(self, lines: IndexArray, first: IndexArray, targets: int) -> None:
-        """Take moves to targets of their own as the last one."""
-        more, end = len(lines) - 1, len(self._visits)
-        if len(self._names) + more * targets > MAX_TARGETS:
+        if len(self._names) + len(lines) > MAX_TARGETS:
             self._refuse(int(lines[0]), f"more than {MAX_TARGETS} targets", _WRITE_ANEW)
-        rows = np.tile(np.array(self._targets[-_WIDTH * targets :]).reshape(targets, _WIDTH), (more, 1, 1))
-        rows[:, :, 2] += (first[1:] - first[0])[:, None]
-        rows[:, :, [1, 3]] += (lines[1:] - lines[0])[:, None, None]
-        ends = end + targets * np.arange(1, more + 1)
-        moves = np.stack([lines[1:], np.full(more, self._moves[-2]), ends], axis=1)
-        self._targets.frombytes(rows.tobytes())
-        self._moves.frombytes(moves.tobytes())
-        self._visits.extend(range(len(self._names), len(self._names) + more * targets))
-        self._names += [""] * (more * targets)
+        known = self._literals.setdefault(literal, len(self._literals))
+        base, tool = self._frame("base", frames[0]), self._frame("tool", frames[1])
+        index = len(self._names) + np.arange(len(lines))
+        columns = np.broadcast_arrays(0, lines, first, lines, known, base, tool)
+        self._targets.frombytes(np.stack(columns, axis=1).tobytes())
+        moves = np.broadcast_arrays(lines, _MOTIONS[motion], len(self._visits) + 1 + np.arange(len(lines)))
+        self._moves.frombytes(np.stack(moves, axis=1).tobytes())
+        self._visits.frombytes(index.tobytes())
+        self._names += [""] * len(lines)
 
     def _target(self, target: Given, frames: Frames | None, used: int) -> int:
         """Add a target, or find it by the place of its numbers; in two frames it is in doubt."""
@@ -163,25 +157,19 @@ class Columns:
         base, tool = (
             (-1, -1) if frames is None else (self._frame("base", frames[0]), self._frame("tool", frames[1]))
         )
-        key = target.source, target.first, literal
-        if target.label and key in self._named:
-            index = self._named[key]
-            row = _WIDTH * index
-            if self._targets[row + 5] < 0:
-                self._targets[row + 5], self._targets[row + 6] = base, tool
-            elif frames is not None and (base, tool) != (self._targets[row + 5], self._targets[row + 6]):
-                reason = f"target {shown(target.label)} is used with another base or tool on line "
-                lines = self._targets[row + 3], used
-                remedy = "use a separate target for each base and tool: one correction cannot suit both"
-                self._doubts.setdefault(index, Cause(used, f"{reason}{lines[0]}", remedy))
-            return index
-        index = len(self._names)
-        if index >= MAX_TARGETS:
-            self._refuse(used, f"more than {MAX_TARGETS} targets", _WRITE_ANEW)
-        if target.label:
-            self._named[key] = index
-        self._targets.extend((target.source, target.line, target.first, used, literal, base, tool))
-        self._names.append(target.label)
+        index = self._placed.setdefault((target.source, target.first, literal), len(self._names))
+        row = _WIDTH * index
+        if index == len(self._names):
+            if index >= MAX_TARGETS:
+                self._refuse(used, f"more than {MAX_TARGETS} targets", _WRITE_ANEW)
+            self._targets.extend((target.source, target.line, target.first, used, literal, base, tool))
+            self._names.append(target.label)
+        elif self._targets[row + 5] < 0:
+            self._targets[row + 5], self._targets[row + 6] = base, tool
+        elif frames is not None and (base, tool) != (self._targets[row + 5], self._targets[row + 6]):
+            other = f"used with another base or tool on line {self._targets[row + 3]}"
+            remedy = "use a separate target for each base and tool: one correction cannot suit both"
+            self._doubts.setdefault(index, Cause(used, f"target {shown(target.label)} is {other}", remedy))
         return index
 
     def _frame(self, role: str, frame: FrameName | Cause) -> int:

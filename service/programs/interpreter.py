@@ -1,17 +1,16 @@
 """The one interpreter: constants propagated over the control flow of a program in the intermediate language.
 
 A state holds what names have on every way to a statement: numbers in the text, a name, or why it is unknown.
-Where ways meet, what differs is not known; loops and calls run to a fixed point.
+Where ways meet, what differs is not known. The program is passed through until no state changes any more.
 """
 
 from __future__ import annotations
 
 import re
-from collections import defaultdict, deque
-from collections.abc import Collection, Iterable, Iterator
+from collections import defaultdict
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass, field
 from functools import reduce
-from operator import itemgetter
 from typing import Final, NoReturn, TypeAlias
 
 import numpy as np
@@ -20,19 +19,18 @@ from jointstiff.service.programs import language as ir
 from jointstiff.service.programs.columns import MAX_VALUE, OF, Cause, Columns, Frames, Given
 from jointstiff.service.programs.errors import CONSTANT, Fault, ProgramError, shown
 from jointstiff.service.programs.language import Language, Misread, Name, Op, Value
-from jointstiff.service.programs.notation import Notation, Numerals
+from jointstiff.service.programs.notation import Numerals
 from jointstiff.service.programs.program import FrameName, Literal, Program, Source
-from jointstiff.service.programs.ways import Block, Stray, Ways
+from jointstiff.service.programs.ways import Stray, Ways
 from jointstiff.solver.arrays import FloatArray, IndexArray
 
 _MAX_SHAPES: Final = 10_000
 """Shapes of statements that are remembered."""
 _MAX_STATEMENT: Final = 16_384
 _MAX_WORK: Final = 10_000_000
-"""Names in states that are joined or copied: beyond it, a program is not one that people wrote."""
+"""Steps, and names in states that are joined: beyond it, a program is not one that people wrote."""
 UNKNOWN: Final = "\0everything"
 """Name that has a cause behind an unknown call: nothing that it may have changed is known then."""
-
 
 Held: TypeAlias = Given | Cause | str
 """What a name has; its own or another's name where only that is known."""
@@ -49,7 +47,7 @@ class Scope:
 
     def name(self, name: str) -> str:
         """Return a name as no other routine has it, if it belongs to this one."""
-        return f"{name}{OF}{self.routine}" if name.partition(".")[0] in self.names else name
+        return f"{name}{OF}{self.routine}" if _whole(name) in self.names else name
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +60,7 @@ class Place:
     values: FloatArray
     scope: Scope
 
-    def cause(self, reason: str, remedy: str) -> Cause:
+    def cause(self, reason: str, remedy: str = CONSTANT) -> Cause:
         """Return a cause here; the reason may quote numbers by their ordinals."""
         told = re.sub("\0(\\d+)\0", lambda match: f"{self.values[self.first + int(match[1])]:g}", reason)
         return Cause(self.line, told, remedy, self.source)
@@ -75,8 +73,12 @@ class Place:
         return name[0] % (f"{value:g}" if value.is_integer() else "\0")
 
 
-_Block: TypeAlias = Block[State]
-_Verdict: TypeAlias = tuple[int, int, ir.Move, list[Given], list[Frames], Cause | None]
+def _whole(name: str) -> str:
+    """Return the name of the whole that a name may be a part of: `FP1` for `FP1.TOOL`."""
+    if "." not in name:
+        return name
+    part, of, routine = name.partition(OF)
+    return part.partition(".")[0] + of + routine
 
 
 class Machine:
@@ -90,28 +92,30 @@ class Machine:
         self._allowed = frozenset(each.upper() for each in allowed)
         self.numerals = [Numerals.of(source.text, language.number) for source in sources]
         self.columns = Columns(kind, sources, self.numerals)
+        self.written: dict[str, str] = {}  # names of frames as the program writes them
         # source, line, first number and scope of each op
         self._places: list[tuple[int, int, int, Scope]] = []
-        self._scopes, self._closed = [Scope("")], Scope("")
         self._ops: list[Op] = []
-        self.initial: dict[str, Held] = {}  # what names have before the program runs
-        self.steady: set[str] = set()  # those that no other program changes
-        self._givers: dict[str, list[int]] = defaultdict(list)  # lines that give a name a value
-        self._written: dict[str, set[int]] = defaultdict(set)  # which of their numbers
-        self._changed: dict[str, Cause] = {}  # names that get what is not known
-        self._used: dict[str, int] = {}  # names that are used otherwise than as targets, and a line
-        self._causes: list[Cause] = []  # whatever is not understood
-        self._anytime: dict[str, Cause] = {}  # what routines change that may run at any time
-        self._callers: dict[str, list[_Block]] = defaultdict(list)
-        self._changes: dict[str, dict[str, Cause]] = defaultdict(dict)  # what a routine may change
-        self._poses: dict[tuple[int, int, int], FloatArray | None] = {}
-        self._earlier: Cause | None = (
-            None  # what may have changed the data of the controller in an earlier run
-        )
-        self._work = 0
+        self._scopes, self._closed = [Scope("")], Scope("")
+        self._initial: dict[str, Held] = {}  # what names have before the program runs
+        self._steady: set[str] = set()  # those that no other program changes
         self._shared: set[str] = set()  # names that other programs use, too
         self._own: set[str] = set()  # names that no other program knows
-        self.written: dict[str, str] = {}  # names of frames as the program writes them
+        self._parts: dict[str, set[str]] = defaultdict(set)  # names of the parts of others
+        self._changes: dict[str, list[Cause]] = defaultdict(list)  # what gives names a value, or may do
+        self._used: dict[str, int] = {}  # names that are used otherwise than as targets, and a line
+        self._causes: list[Cause] = []  # whatever is not understood
+        # what may have changed the data of the controller in an earlier run
+        self._earlier: Cause | None = None
+        self._anytime: dict[str, Cause] = {}  # what routines change that may run at any time
+        self._changed: dict[str, dict[str, Cause]] = defaultdict(dict)  # what routines may change
+        self._callers: dict[str, set[str]] = defaultdict(set)  # routines that call others
+        self._incoming: dict[int, State] = {}  # what is led to a place, beside what stands before it
+        self._exits: dict[str, State | None] = {}  # what names have at the ends of routines
+        self._moved = False  # whether a state has changed in this pass
+        self._poses: dict[tuple[Given, ...], FloatArray | None] = {}
+        self._last: tuple[ir.Move, list[Frames], Cause | None] | None = None
+        self._work = 0
 
     # reading
 
@@ -131,9 +135,8 @@ class Machine:
         """Translate parts of a file; what a file of declarations assigns, names have from the beginning."""
         self._scopes = [Scope("")]
         language = language or self._language
-        numerals = self.numerals[source]
         lines = np.searchsorted(self.sources[source].starts, starts, side="right")
-        shapes, first = numerals.shapes(starts, ends)
+        shapes, first = self.numerals[source].shapes(starts, ends)
         if (long := np.flatnonzero(ends - starts > _MAX_STATEMENT)).size:
             reason = f"a statement of more than {_MAX_STATEMENT} characters"
             self.refuse(int(lines[long[0]]), reason, "split it", source)
@@ -180,12 +183,14 @@ class Machine:
     def _declare(self, place: Place, op: ir.Assign, kind: str) -> None:
         name = place.name(op.name)
         self._shared |= {name} if op.shared or kind == "shared" else set()
-        self._own |= {name} if op.own else set()
+        self._own |= {_whole(name)} if op.own else set()
+        if "." in name:
+            self._parts[_whole(name)].add(name)
         held = self._value(place, name, op.value, {})
-        if self.initial.setdefault(name, held) != held:
-            self.initial[name] = Cause(place.line, f"{name} is declared twice", CONSTANT, place.source)
+        if self._initial.setdefault(name, held) != held:
+            self._initial[name] = place.cause(f"{name} is declared twice")
         if kind == "constant":
-            self.steady.add(name)
+            self._steady.add(name)
 
     def _place(self, i: int) -> Place:
         source, line, first, scope = self._places[i]
@@ -194,37 +199,40 @@ class Machine:
     # what holds for all of the program
 
     def _collect(self) -> None:
-        places = ((self._place(i), op) for i, op in enumerate(self._ops) if isinstance(op, ir.Assign))
-        declared = {place.name(op.name) for place, op in places if isinstance(op.value, ir.Named)}
+        """Find what may change names at all; a name that is changed is not what it was at first."""
         for i, op in enumerate(self._ops):
             if isinstance(op, ir.Assign):
                 place = self._place(i)
-                self._givers[place.name(op.name)].append(place.line)
-                begin = op.value.begin if isinstance(op.value, ir.Part) else 0
-                end = begin + 7 if isinstance(op.value, ir.Part) else 14
-                self._written[place.name(op.name)].update(range(begin, end))
-            elif isinstance(op, ir.Havoc):
-                place = self._place(i)
-                self._causes.append(place.cause(op.reason, op.remedy))
-                self._earlier = self._earlier or (None if op.names else self._causes[-1])
-                self._changed.update({place.name(name): self._causes[-1] for name in op.names})
-            elif isinstance(op, ir.Call) and (not op.quiet or op.name in self._ways.entry):
-                self._collect_call(i, op, declared)
+                name = place.name(op.name)
+                if "." in name:
+                    self._parts[_whole(name)].add(name)
+                self._changes[name].append(place.cause(f"it gets numbers on line {place.line}"))
+        for i, op in enumerate(self._ops):
+            if isinstance(op, ir.Havoc):
+                self._collect_havoc(self._place(i), op)
+            elif isinstance(op, ir.Call) and not (op.quiet and op.name not in self._ways.begins):
+                self._collect_call(self._place(i), op)
         self._summarise()
         for name in self._ways.aside:
-            self._anytime.update(self._changes[name])
+            self._anytime.update(self._changed[name])
 
-    def _collect_call(self, i: int, op: ir.Call, declared: Collection[str]) -> None:
-        source, line, _, scope = self._places[i]
-        cause = Cause(line, f"{shown(str(op.name))} is given it, and may change it", CONSTANT, source)
-        passed = list(map(scope.name, op.passed))
-        self._changed.update(dict.fromkeys(passed, cause))
-        self._anytime.update(dict.fromkeys(passed, cause))
-        if op.name in self._ways.entry:
+    def _collect_havoc(self, place: Place, op: ir.Havoc) -> None:
+        cause = place.cause(op.reason, op.remedy)
+        self._causes.append(cause)
+        self._earlier = self._earlier or (None if op.names else cause)
+        for each in op.names:
+            self._changes[place.name(each)].append(cause)
+
+    def _collect_call(self, place: Place, op: ir.Call) -> None:
+        cause = place.cause(f"{shown(str(op.name))} is given it, and may change it")
+        for passed in map(place.scope.name, op.passed):
+            self._changes[passed].append(cause)
+            self._anytime.update(dict.fromkeys({passed} | self._parts[passed], cause))
+        if op.name in self._ways.begins:
             self._ways.aside |= {str(op.name)} if op.attached else set()
-        elif self._place(i).name(op.name) in declared:
-            pass
-        elif unknown := self._unknown(i, op.name):
+        elif isinstance(op.name, tuple) and place.name(op.name) in self._changes:
+            pass  # an interrupt that the program declares
+        elif unknown := self._unknown(place, op):
             self._causes.append(unknown)
             self._earlier = self._earlier or unknown
             if op.attached:
@@ -233,128 +241,126 @@ class Machine:
             said = (
                 f"{op.name} is called; the request states that it neither moves the robot nor changes frames"
             )
-            self.columns.remark(line, said)
+            self.columns.remark(place.line, said)
 
-    def _unknown(self, i: int, called: Name) -> Cause | None:
+    def _unknown(self, place: Place, op: ir.Call) -> Cause | None:
         """Return why nothing is known behind a call of an unknown routine; None if vouched for."""
-        source, line, *_ = self._places[i]
-        name = self._place(i).name(called)
+        name = place.name(op.name)
         if name.upper() in self._allowed:
             return None
         reason = f"{shown(name)} is unknown: it may move the robot or change its frames"
-        remedy = f"if it does neither, name it in `leave_alone`: [{shown(name)}]"
-        return Cause(line, reason, remedy, source)
+        return place.cause(reason, f"if it does neither, name it in `leave_alone`: [{shown(name)}]")
 
     def _summarise(self) -> None:
         """Find what each routine, and those that it calls, may change."""
-        calls: dict[str, set[str]] = defaultdict(set)
-        for block in self._ways.blocks:
-            if block.called:
-                calls[block.called].add(block.routine)
-            for i in block.effects:
-                state: State = {}
+        callers = self._callers
+        for i, op in enumerate(self._ops):
+            routine, state = self._ways.routine[i], dict[str, tuple[Held, int]]()
+            if isinstance(op, ir.Call) and not op.attached and op.name in self._ways.begins:
+                callers[str(op.name)].add(routine)
+            else:
                 self._step(state, i)
-                for name, (_, line) in state.items():
-                    reason = f"{name} changes while the program runs"
-                    cause = Cause(line, reason, "give it once, in numbers", self._places[i][0])
-                    held = state[name][0]
-                    self._changes[block.routine][name] = held if isinstance(held, Cause) else cause
-        waiting = deque(self._changes)
+            for name, (held, line) in state.items():
+                reason = f"{name} changes while the program runs"
+                cause = Cause(line, reason, "give it once, in numbers", self._places[i][0])
+                self._changed[routine][name] = held if isinstance(held, Cause) else cause
+        waiting = [*self._changed]
         while waiting:
-            routine = waiting.popleft()
-            own = self._changes[routine]
-            for caller in calls[routine]:
-                if not own.keys() <= self._changes[caller].keys():
-                    self._changes[caller] = own | self._changes[caller]
+            routine = waiting.pop()
+            for caller in callers.get(routine, ()):
+                if not self._changed[routine].keys() <= self._changed[caller].keys():
+                    self._changed[caller] = self._changed[routine] | self._changed[caller]
                     waiting.append(caller)
 
     # propagation
 
-    def _run(self) -> None:
-        """Propagate states over all ways, to a fixed point."""
-        waiting = deque(self._entered())
-        while waiting:
-            block = waiting.popleft()
-            self._toil(0)
-            state: State | None = self._state_behind(block)
-            if block.called and state is not None:
-                self._lead(self._ways.entry[block.called], state, waiting)
-                state = self._returned(block.called, state)
-            for each in block.following if state is not None else ():
-                self._lead(each, state or {}, waiting)
-            if block is self._ways.exit[block.routine]:
-                waiting.extend(each for each in self._callers[block.routine] if each.state is not None)
-
-    def _entered(self) -> Iterator[_Block]:
-        """Yield where the program, or a routine of it that others call, begins."""
-        main = next((name for name in self._ways.entry if name and name not in self._ways.aside), "")
-        if main and (self._language.callers or not self._callers[main]):
-            self._anytime.update(self._changes[""])
-        for name, entry in self._ways.entry.items():
-            outside = self._language.callers or name in {"", main}
-            if outside and (not self._callers[name] or self._language.callers):
-                entry.state = {}
-            elif not self._callers[name] or name in self._ways.aside | self._ways.shared:
+    def _enter_routines(self) -> None:
+        """Lead to where the program, or a routine of it that others call, begins."""
+        main = next((name for name in self._ways.begins if name not in self._ways.aside), "")
+        if main and (self._language.callers or main not in self._callers):
+            self._anytime.update(self._changed[""])
+        for name, begin in self._ways.begins.items():
+            called = name in self._callers
+            if self._language.callers or (name == main and not called):
+                self._incoming[begin] = {}
+            elif not called or name in self._ways.aside | self._ways.shared:
                 reason = f"{shown(name)} may be called from elsewhere, with the frames of its caller"
-                entry.state = {
-                    UNKNOWN: (Cause(0, reason, "set the frames in the routine, before its moves"), 0)
-                }
-            if entry.state is not None:
-                yield entry
+                cause = Cause(0, reason, "set the frames in the routine, before its moves")
+                self._incoming[begin] = {UNKNOWN: (cause, 0)}
 
-    def _returned(self, routine: str, state: State) -> State | None:
-        """Return the state behind a call; None if no way leads back yet."""
-        returned, changed = self._ways.exit[routine].state, self._changes[routine]
-        if returned is None or UNKNOWN in changed:
-            return returned
-        return {**state, **{name: self._look(returned, name) for name in changed}}
-
-    def _state_behind(self, block: _Block) -> State:
-        state = block.state or {}
-        if block.effects:
-            self._toil(len(state))
-            state = dict(state)
-            for i in block.effects:
+    def _pass(self, indices: Iterable[int]) -> None:
+        """Carry states through the text once; judge the moves that are among the indices."""
+        state: State | None = {}
+        outer: list[State | None] = []  # states before the routines that are open
+        for i in indices:
+            op = self._ops[i]
+            if isinstance(op, ir.Move | ir.Keep):
+                self._judge(op, i, state)
+                continue
+            self._last = None
+            self._toil(1)
+            if isinstance(op, ir.Flow):
+                state = self._flow(op, i, state, outer)
+            elif (
+                state is not None
+                and isinstance(op, ir.Call)
+                and op.name in self._ways.begins
+                and not op.attached
+            ):
+                state = self._call(str(op.name), state)
+            elif state is not None:
                 self._step(state, i)
+
+    def _flow(self, op: ir.Flow, i: int, state: State | None, outer: list[State | None]) -> State | None:
+        """Lead a state to where the program may go on; return the one behind a place."""
+        for place in self._ways.leads.get(i, ()):
+            self._lead(place, state)
+        if op.kind in {"routine", "aside"}:
+            outer.append(state)
+        if op.kind in {"routine", "aside", "turn", "default"}:
+            state = None
+        state = self._joined(state, self._incoming.get(i))
+        if i in self._ways.ends:
+            name = self._ways.ends[i]
+            self._moved |= self._exits.get(name) != state
+            self._exits[name], state = state, outer.pop()
         return state
 
-    def _lead(self, block: _Block, state: State, waiting: deque[_Block]) -> None:
-        """Join a state into a block; look at it again if it changes."""
-        known = block.state
-        if known is None:
-            block.state = state
-        elif known is state:
-            return
-        else:
-            joined = dict(known)
-            self._toil(len(state) + len(known))
-            for name in {**known, **state}:
-                (one, line), (other, later) = self._look(known, name), self._look(state, name)
-                if one != other and not isinstance(one, Cause) and not self._same(one, other):
-                    line, reason = (
-                        max(line, later),
-                        f"{_shown(name)} changes while the program runs: by a branch, a loop or a call",
-                    )
-                    cause = (
-                        other
-                        if isinstance(other, Cause)
-                        else Cause(line, reason, "set it once, before branches, loops and calls")
-                    )
-                    joined[name] = cause, line
-            if joined == known:
-                return
-            block.state = joined
-        waiting.append(block)
+    def _call(self, routine: str, state: State) -> State | None:
+        """Return the state behind a call; None if no way leads back yet."""
+        self._lead(self._ways.begins[routine], state)
+        returned, changed = self._exits.get(routine), self._changed[routine]
+        if returned is None:
+            return None
+        if UNKNOWN in changed:
+            return dict(returned)
+        return {**state, **{name: self._look(returned, name) for name in changed}}
 
-    def _same(self, one: Held, other: Held) -> bool:
-        """Return whether numbers at two places of the text are one pose."""
-        if not (isinstance(one, Given) and isinstance(other, Given)):
-            return False
-        poses = self._pose(one), self._pose(other)
-        return all(pose is not None for pose in poses) and np.array_equal(*poses)  # type: ignore[arg-type]
+    def _lead(self, place: int, state: State | None) -> None:
+        """Join a state into what is led to a place."""
+        known = self._incoming.get(place)
+        joined = self._joined(known, state)
+        if joined is not None and joined != known:
+            self._incoming[place] = joined
+            self._moved = True
+
+    def _joined(self, known: State | None, state: State | None) -> State | None:
+        """Return what names have, whichever way was taken."""
+        if known is None or state is None:
+            return known if state is None else dict(state)
+        joined = dict(known)
+        self._toil(len(state) + len(known))
+        for name in {**known, **state}:
+            (one, line), (other, later) = self._look(known, name), self._look(state, name)
+            if one != other and not isinstance(one, Cause):
+                what = "whatever an unknown routine may change" if name == UNKNOWN else name
+                reason = f"{what} changes while the program runs: by a branch, a loop or a call"
+                cause = Cause(max(line, later), reason, "set it once, before branches, loops and calls")
+                joined[name] = other if isinstance(other, Cause) else cause, cause.line
+        return joined
 
     def _toil(self, names: int) -> None:
-        self._work += names + 1
+        self._work += names
         if self._work > _MAX_WORK:
             self.refuse(None, "the program has too many branches and names", "split it")
 
@@ -368,53 +374,42 @@ class Machine:
             cause = place.cause(op.reason, op.remedy)
             if not op.names:
                 self._forget(state, cause)
-            for each in op.names:
-                state[place.name(each)] = cause, place.line
-        elif isinstance(op, ir.Call) and not op.attached and (unknown := self._unknown(i, op.name)):
+            for each in map(place.name, op.names):
+                state.update(dict.fromkeys({each} | self._parts.get(each, set()), (cause, place.line)))
+        elif (
+            isinstance(op, ir.Call)
+            and not (op.attached or op.quiet)
+            and (unknown := self._unknown(place, op))
+        ):
             self._forget(state, unknown)
 
     def _forget(self, state: State, cause: Cause) -> None:
-        kept = {name: held for name, held in state.items() if self._is_steady(name)}
-        state.clear()
-        state.update(kept)
+        for name in [name for name in state if not self._is_steady(name)]:
+            del state[name]
         state[UNKNOWN] = cause, cause.line
 
     def _is_steady(self, name: str) -> bool:
         """Return whether no unknown routine changes what a name has."""
-        own = name in self._own and name not in self._givers and name not in self._changed
-        return own or name in self.steady or OF in name
+        own = _whole(name) in self._own and name not in self._changes and _whole(name) not in self._changes
+        return own or name in self._steady or OF in name
 
     def _value(self, place: Place, name: str, value: Value, state: State) -> Held:
         if isinstance(value, Literal):
             label = name if self._language.is_frame(name) else f"{name} of line {place.line}"
             return Given(label, place.source, place.line, place.first, value)
-        if isinstance(value, ir.Part):
-            return self._joined(place, name, value, state)
         held: Held = place.name(value.name)
         if "\0" in held:
-            return Cause(place.line, "the number of a frame is not a whole number", CONSTANT, place.source)
+            return place.cause("the number of a frame is not a whole number")
         for _ in range(isinstance(value, ir.Copy) + (isinstance(value, ir.Copy) and value.through)):
             if isinstance(held, str):
                 held = self._look(state, held)[0]
         return held
 
-    def _joined(self, place: Place, name: str, part: ir.Part, state: State) -> Held:
-        """Return the numbers of a declaration with others in place of some; no other part may change."""
-        held, old = self.initial.get(name), self._look(state, name)[0]
-        rest = (set(range(14)) - set(range(part.begin, part.begin + 7))) & self._written[name]
-        unknown = self._earlier is not None and name not in self._own
-        if not isinstance(held, Given) or rest or name in self._changed or unknown:
-            reason = f"{shown(name)} changes while the program runs"
-            return old if isinstance(old, Cause) else Cause(place.line, reason, CONSTANT, place.source)
-        numbers = [number + held.first - place.first for number in held.literal.numbers]
-        numbers[part.begin : part.begin + 7] = part.literal.numbers
-        return Given(
-            name, place.source, place.line, place.first, Literal(held.literal.notation, tuple(numbers))
-        )
-
     def _look(self, state: State, name: str) -> tuple[Held, int]:
         """Return what a name has in a state, and the line that gave it."""
-        if name in self._language.constants:
+        if name == UNKNOWN:
+            return state.get(name, ("", 0))
+        if _whole(name) in self._language.constants:
             return name, 0
         steady = self._is_steady(name)
         held: Held | None = self._anytime.get(name) or (None if steady else self._anytime.get(UNKNOWN))
@@ -422,28 +417,21 @@ class Machine:
             return state[name]
         if held is None and UNKNOWN in state and not steady:
             held = state[UNKNOWN][0]
-        if isinstance(held, Cause):
-            return (
-                held._replace(shows=self.written.get(name, name)) if self._language.is_frame(name) else held
-            ), held.line
-        if name == UNKNOWN:
-            return "", 0
-        return self._at_first(name), 0
+        held = held or self._at_first(name, steady=steady)
+        if isinstance(held, Cause) and self._language.is_frame(name):
+            held = held._replace(shows=self.written.get(name, name))
+        return held, held.line if isinstance(held, Cause) else 0
 
-    def _at_first(self, name: str) -> Held:
+    def _at_first(self, name: str, *, steady: bool) -> Held:
         """Return what a name has when the program begins."""
-        if (
-            (held := self.initial.get(name)) is not None
-            and name not in self._givers
-            and name not in self._changed
-        ):
-            earlier = None if self._is_steady(name) else self._earlier
-            return earlier or held
+        changes = self._changes.get(name) or self._changes.get(_whole(name))
+        if name in self._initial and not changes:
+            return self._initial[name] if steady or self._earlier is None else self._earlier
         if (active := self._language.active.get(name)) is not None:
             return active
-        if name in self._givers or name in self._changed:
-            line = self._givers[name][0] if name in self._givers else self._changed[name].line
-            return Cause(line, f"{name} changes while the program runs", "give it once, in numbers")
+        if changes:
+            reason = f"{name} changes while the program runs"
+            return Cause(changes[0].line, reason, "give it once, in numbers")
         if self._language.is_frame(name):
             return name
         return Cause(0, f"{shown(name)} is not given by constant numbers")
@@ -456,149 +444,122 @@ class Machine:
         Raises:
             ProgramError: the text is not understood, or nothing of it is certain.
         """
+        names = [
+            self._place(i).name(op.name) if isinstance(op, ir.Flow) else "" for i, op in enumerate(self._ops)
+        ]
         try:
-            kinds = enumerate(self._ops)
-            names = [self._place(i).name(op.name) if isinstance(op, ir.Flow) else "" for i, op in kinds]
-            self._ways = Ways[State](self._ops, names)
+            self._ways = Ways(self._ops, names)
         except Stray as fault:
             source, line, *_ = self._places[fault.place]
             self.refuse(line, fault.reason, fault.remedy, source)
-        for block in self._ways.blocks:
-            if block.called:
-                self._callers[block.called].append(block)
+        self._places += [(0, 0, 0, Scope(""))] * (len(self._ops) - len(self._places))
         self._collect()
-        self._run()
-        judged = sorted(
-            (each for block in self._ways.blocks for each in self._verdicts(block)), key=itemgetter(0)
-        )
-        for i, _, op, *_, cause in judged:
-            own = [] if cause is None else [each for each in op.targets if not isinstance(each, Literal)]
-            self._used.update((self._place(i).name(name), self._places[i][1]) for name in own)
-        for i, count, op, targets, frames, cause in judged:
-            places = np.array([place[:3] for place in self._places[i : i + count]])
-            self.columns.move(op, places[:, 1], places[:, 2], targets, frames, cause)
+        self._enter_routines()
+        acts = [i for i, op in enumerate(self._ops) if not isinstance(op, ir.Move | ir.Keep)]
+        self._moved = True
+        while self._moved:
+            self._moved = False
+            self._pass(acts)
+        self._pass(range(len(self._ops)))
         return self.columns.program(self._used, self._causes)
 
-    def _verdicts(self, block: _Block) -> Iterator[_Verdict]:
-        """Yield index and count of the moves of a block, with what is known of them."""
-        state, place = self._reached(block), 0
-        while place < len(block.ops):
-            begin, i = place, block.ops[place]
-            op = self._ops[i]
-            place += 1
-            if isinstance(op, ir.Keep):
-                text = f"a move to {op.name}, a position stored in the controller"
-                self.columns.remark(self._places[i][1], text, op.name)
-            elif not isinstance(op, ir.Move):
-                self._step(state, i)
-            else:
-                while op.repeats and place < len(block.ops) and self._ops[block.ops[place]] is op:
-                    if block.ops[place] != i + place - begin:
-                        break
-                    place += 1
-                yield i, place - begin, op, *self._judged(op, i, state)
-
-    def _reached(self, block: _Block) -> State:
-        if block.state is None:
-            reason = "no way that the program takes leads here"
-            return {UNKNOWN: (Cause(0, reason, "omit the move"), 0)}
-        return dict(block.state) if block.effects else block.state
-
-    def _judged(self, op: ir.Move, i: int, state: State) -> tuple[list[Given], list[Frames], Cause | None]:
-        """Return targets and frames of a move, and why it is left."""
+    def _judge(self, op: ir.Move | ir.Keep, i: int, state: State | None) -> None:
+        """Tell the columns what is known of a move: targets, frames, and why it is left."""
         place = self._place(i)
-        cause = place.cause(op.reason, op.remedy) if op.reason else None
-        targets: list[Given] = []
-        frames: list[Frames] = []
-        held: Held
-        for target, base, tool in zip(op.targets, op.bases, op.tools, strict=True):
-            held = self._target(place, target, state)
-            both = tuple(self._frame(place, each, state) for each in (base, tool))
-            frames.append((both[0], both[1]))
-            for each in (*both, held):
-                cause = cause or (each if isinstance(each, Cause) else None)
-            if isinstance(held, Given):
-                targets.append(held)
-        for name, frame in zip(op.agree, frames[0] if frames else (), strict=False):
+        if isinstance(op, ir.Keep):
+            text = f"a move to {op.name}, a position stored in the controller"
+            self.columns.remark(place.line, text, op.name)
+            return
+        if state is None:
+            state = {UNKNOWN: (Cause(0, "no way that the program takes leads here", "omit the move"), 0)}
+        if self._last is None or self._last[0] is not op or not op.repeats:
+            frames = [
+                (self._frame(place, base, state), self._frame(place, tool, state))
+                for base, tool in zip(op.bases, op.tools, strict=True)
+            ]
+            cause = self._why_left(place, op, frames, state)
+            self._last = op, frames, cause and (cause._replace(line=0) if cause.line == place.line else cause)
+        _, frames, cause = self._last
+        held = [self._target(place, each, state) for each in op.targets]
+        cause = cause or next((each for each in held if isinstance(each, Cause)), None)
+        if cause is not None:
+            self._used.update(
+                (place.name(name), place.line) for name in op.targets if not isinstance(name, Literal)
+            )
+            cause = cause if cause.line else cause._replace(line=place.line, source=place.source)
+        self.columns.move(op, place.line, [each for each in held if isinstance(each, Given)], frames, cause)
+
+    def _why_left(self, place: Place, op: ir.Move, frames: list[Frames], state: State) -> Cause | None:
+        """Return why a move is left whatever its targets are."""
+        if op.reason:
+            return place.cause(op.reason, op.remedy)
+        for each in (each for pair in frames for each in pair):
+            if isinstance(each, Cause):
+                return each
+        for name, frame in zip(op.agree, frames[0], strict=False):
             held = self._look(state, name)[0]
             if isinstance(held, Cause):
-                cause = cause or held
-            elif held != self._language.active[name] and not (
+                return held
+            if held != self._language.active[name] and not (
                 isinstance(frame, FrameName) and held == frame.name
             ):
                 reason = f"the target is recorded with another {name} than the active one"
-                cause = cause or Cause(
-                    place.line, reason, "activate the frame that it is recorded with", place.source
-                )
-        if cause is not None and not cause.line:
-            cause = cause._replace(line=place.line, source=place.source)
-        return targets, frames, cause
+                return place.cause(reason, "activate the frame that it is recorded with")
+        return None
 
     def _target(self, place: Place, target: Literal | Name, state: State) -> Given | Cause:
         if isinstance(target, Literal):
             return Given("", place.source, place.line, place.first, target)
         name = place.name(target)
-        held = self._look(state, name)[0]
-        lines = self._givers.get(name, [])
-        if name in self._changed or len(lines) + (name in self.initial) > 1:
-            held = self._changed.get(name) or f"it gets numbers on line {lines[-1]}"
-        reason = (
-            held.reason
-            if isinstance(held, Cause) and held.line
-            else held
-            if isinstance(held, str) and held != name
-            else ""
-        )
-        if isinstance(held, Given) and name in self._shared:
-            reason = "the target is declared where other programs use it, too"
-            return Cause(place.line, reason, self._language.remedy, place.source)
-        if isinstance(held, Given):
+        held, changes = self._look(state, name)[0], self._changes.get(name, [])
+        reason = held.reason if isinstance(held, Cause) and held.line else ""
+        if len(changes) + (name in self._initial) > 1:
+            reason = changes[-1].reason
+        elif isinstance(held, Given) and name in self._shared:
+            reason = "it is declared where other programs use it, too"
+        elif isinstance(held, Given):
             return held._replace(label=name)
-        reason = f": {reason}" if reason else ""
-        return Cause(
-            place.line,
-            f"the target {shown(name)} is not given by constant numbers{reason}",
-            self._language.remedy,
-            place.source,
+        reason = f"the target {shown(name)} is not given by constant numbers" + (
+            f": {reason}" if reason else ""
         )
+        return place.cause(reason, self._language.remedy)
 
-    def _frame(self, place: Place, value: Value, state: State) -> FrameName | Cause:
-        held = self._value(place, "", value, state)
-        if isinstance(value, Literal) and isinstance(held, Given):
-            held = held._replace(label=f"frame of line {place.line}")
-        if isinstance(held, Cause):
-            return held
-        if isinstance(held, str):
-            return FrameName(self.written.get(held, held), self._language.constants.get(held))
-        pose = self._pose(held)
+    def _frame(self, place: Place, value: Value | ir.Product, state: State) -> FrameName | Cause:
+        """Return a frame; of several ones, each stands in the one before."""
+        values = [ir.Copy(name) for name in value.names] if isinstance(value, ir.Product) else [value]
+        held = [self._value(place, "", each, state) for each in values]
+        for each in held:
+            if isinstance(each, Cause):
+                return each
+        given = tuple(each for each in held if isinstance(each, Given))
+        if len(given) < len(held):
+            names = {_whole(each) for each in held if isinstance(each, str)}
+            if given or len(names) > 1:
+                return place.cause("a frame has numbers in part", "give the whole frame in numbers")
+            name = names.pop()
+            return FrameName(self.written.get(name, name), self._language.constants.get(name))
+        if given not in self._poses:
+            self._poses[given] = self._pose(given)
+        first, pose = given[0], self._poses[given]
+        label = f"frame of line {place.line}" if isinstance(value, Literal) else first.label
         if pose is None:
-            return Cause(
-                held.line,
-                f"{held.label} is no whole frame in numbers",
-                "give the whole frame in numbers",
-                held.source,
-            )
-        label = held.label.partition(OF)[0]
+            reason = f"{label} is no whole frame in numbers"
+            return Cause(first.line, reason, "give the whole frame in numbers", first.source)
+        label = _whole(label.partition(OF)[0])
         return FrameName(self.written.get(label, label), pose)
 
-    def _pose(self, held: Given) -> FloatArray | None:
-        """Return the pose (4, 4) [m] of numbers, the product of several; None if they are none."""
-        notation = held.literal.notation
-        if notation is None or not notation.has_pose:
-            return None
-        numbers = held.literal.numbers
-        key = held.source, held.first + numbers[0], held.first + numbers[-1]
-        if key not in self._poses:
-            self._poses[key] = self._product(held, notation)
-        return self._poses[key]
-
-    def _product(self, held: Given, notation: Notation) -> FloatArray | None:
-        places = held.first + np.array(held.literal.numbers, dtype=np.intp)
-        values = self.numerals[held.source].values[places].reshape(-1, 3 + notation.count)
-        if not (np.abs(values) <= MAX_VALUE).all() or not notation.states(values).all():
-            return None
-        return np.asarray(reduce(np.matmul, notation.poses(values)))
-
-
-def _shown(name: str) -> str:
-    return "whatever an unknown routine may change" if name == UNKNOWN else name
+    def _pose(self, given: Iterable[Given]) -> FloatArray | None:
+        """Return the product (4, 4) [m] of poses in numbers; None if one is no pose."""
+        poses = []
+        for each in given:
+            notation, places = (
+                each.literal.notation,
+                each.first + np.array(each.literal.numbers, dtype=np.intp),
+            )
+            if notation is None or not notation.has_pose:
+                return None
+            values = self.numerals[each.source].values[places]
+            if not (np.abs(values) <= MAX_VALUE).all() or not notation.states(values):
+                return None
+            poses.append(notation.pose(values))
+        return np.asarray(reduce(np.matmul, poses))

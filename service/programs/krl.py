@@ -185,9 +185,7 @@ def _declared(line: Line, match: re.Match[str]) -> list[Op]:
 def _set(line: Line, name: ir.Name, value: str, frames: tuple[ir.Name, ...] = ()) -> list[Op]:
     """Return that a name gets what is not known."""
     shown = name if isinstance(name, str) else name[0] % "i"
-    found = [] if value.startswith("{") else line.expression(value)
-    if value.startswith("{"):
-        found = [op for op in line.expression(_SEPARATED.sub(",", value)) if not isinstance(op, ir.Use)]
+    found = line.expression(_SEPARATED.sub(",", value) if value.startswith("{") else value)
     remedy = _FRAME_REMEDY if frames or "_DATA" in shown else _REMEDY
     return [
         *found,

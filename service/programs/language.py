@@ -42,14 +42,13 @@ class Named(NamedTuple):
     name: Name
 
 
-class Part(NamedTuple):
-    """Numbers in place of some of those that a name has by its declaration."""
+class Product(NamedTuple):
+    """Frames by their names, each in the one before."""
 
-    literal: Literal
-    begin: int
+    names: tuple[str, ...]
 
 
-Value: TypeAlias = Literal | Part | Copy | Named
+Value: TypeAlias = Literal | Copy | Named
 
 
 class Assign(NamedTuple):
@@ -96,8 +95,8 @@ class Move(NamedTuple):
 
     motion: Motion
     targets: tuple[Literal | Name, ...]
-    bases: tuple[Value, ...] = ()
-    tools: tuple[Value, ...] = ()
+    bases: tuple[Value | Product, ...] = ()
+    tools: tuple[Value | Product, ...] = ()
     agree: tuple[str, ...] = ()  # names that hold base and tool, too, where the program sets them
     reason: str = ""
     remedy: str = ""

@@ -55,8 +55,8 @@ _LITERALS: Final = {
     "WOBJDATA": re.compile(rf'\[FALSE,TRUE,"[^"]*",{_POSES},{_POSES}\]'),
     "TOOLDATA": re.compile(rf"\[TRUE,{_POSES},(.*)\]"),
 }
-_SLOTS: Final = {".UFRAME": 0, ".OFRAME": 7, ".TFRAME": 0}
-"""Parts of frames, and where their numbers stand among those of the whole."""
+_FRAMES_OF: Final = {"WOBJDATA": (".UFRAME", ".OFRAME"), "TOOLDATA": (".TFRAME",)}
+"""Frames that data consist of: a work object has two, one in the other."""
 
 
 def _routine(_line: Line, match: re.Match[str]) -> list[Op]:
@@ -104,22 +104,35 @@ def _other(line: Line, match: re.Match[str]) -> list[Op]:
     return [*found, ir.Call(name, frozenset() if quiet else names, quiet=quiet)]
 
 
-def _literal(line: Line, start: int, end: int, *kinds: str) -> Literal | None:
-    """Return a value in numbers; None if it is none of these kinds."""
-    for kind in kinds:
-        match = _LITERALS[kind].fullmatch(line.text, start, end) if kind in _LITERALS else None
-        if match is None:
-            continue
-        numbers = line.numbers(start, end)
-        if kind == "ROBTARGET":
-            words = tuple(zip(("cf1", "cf4", "cf6", "cfx"), numbers[7:], strict=False))
-            return Literal(POSE, numbers[:7], numbers[11:], words)
-        if kind == "JOINTTARGET":
-            return Literal(JOINTS, numbers[:6], numbers[6:])
-        if kind == "TOOLDATA" and ir.calls(line.expression(match[1])):
-            return None
-        return Literal(POSE, numbers[: 7 if kind == "TOOLDATA" else 14])
+def _target(line: Line, start: int, end: int) -> Literal | None:
+    """Return a target in numbers; None if it is none."""
+    numbers = line.numbers(start, end)
+    if _LITERALS["ROBTARGET"].fullmatch(line.text, start, end):
+        words = tuple(zip(("cf1", "cf4", "cf6", "cfx"), numbers[7:], strict=False))
+        return Literal(POSE, numbers[:7], numbers[11:], words)
+    if _LITERALS["JOINTTARGET"].fullmatch(line.text, start, end):
+        return Literal(JOINTS, numbers[:6], numbers[6:])
     return None
+
+
+def _given(line: Line, name: str, start: int, end: int, *kinds: str) -> list[ir.Assign]:
+    """Return what data of these kinds get by numbers: a target, or one or two frames."""
+    target = _target(line, start, end)
+    if target is not None and {"ROBTARGET", "JOINTTARGET"} & set(kinds):
+        return [ir.Assign(name, target)]
+    for kind, frames in _FRAMES_OF.items():
+        match = _LITERALS[kind].fullmatch(line.text, start, end) if kind in kinds else None
+        if match and not (match.re.groups and ir.calls(line.expression(match[1]))):
+            numbers = line.numbers(start, end)
+            return [
+                ir.Assign(name + frame, Literal(POSE, numbers[7 * k : 7 * k + 7]))
+                for k, frame in enumerate(frames)
+            ]
+    return []
+
+
+def _product(name: str, kind: str) -> ir.Product:
+    return ir.Product(tuple(f"{name}{frame}" for frame in _FRAMES_OF[kind]))
 
 
 def _declared(line: Line, match: re.Match[str]) -> list[Op]:
@@ -130,10 +143,10 @@ def _declared(line: Line, match: re.Match[str]) -> list[Op]:
         raise Misread("the declaration is unknown")
     found: list[Op] = [ir.Local(frozenset({name}))]
     found += line.expression(f"{{{size}") if array else []
-    literal = _literal(line, end - len(value), end, match[3]) if equals and not array else None
-    if literal is not None:
-        declares = "constant" if match[2] == "CONST" else "variable"
-        return [*found, ir.Assign(name, literal, declares, own=match[1] == "LOCAL")]
+    given = _given(line, name, end - len(value), end, match[3]) if equals and not array else []
+    if given:
+        declares, own = "constant" if match[2] == "CONST" else "variable", match[1] == "LOCAL"
+        return [*found, *(each._replace(declares=declares, own=own) for each in given)]
     found += line.expression(value) if equals else []
     what = "frame" if "DATA" in match[3] else "target"
     shown = f"{name} is not a fixed {what} in numbers, or changes while the program runs"
@@ -144,11 +157,11 @@ def _assigned(line: Line, match: re.Match[str]) -> list[Op]:
     name, part, value = match[1], match[2], match[3]
     if re.fullmatch(_RESERVED, name):
         raise Misread("the statement is unknown")
-    literal = None if part else _literal(line, *match.span(3), *_LITERALS)
-    if literal is not None:
-        return [ir.Assign(name, literal)]
-    if part in _SLOTS and re.fullmatch(_POSES, value):
-        return [ir.Assign(name, ir.Part(Literal(POSE, line.numbers(*match.span(3))), _SLOTS[part]))]
+    given = [] if part else _given(line, name, *match.span(3), *_LITERALS)
+    if part in {".UFRAME", ".OFRAME", ".TFRAME"} and re.fullmatch(_POSES, value):
+        given = [ir.Assign(name + part, Literal(POSE, line.numbers(*match.span(3))))]
+    if given:
+        return list(given)
     index = part.replace("{", ",[").replace("}", "]").lstrip(",") if "{" in part else ""
     uses = [*line.expression(index, empty=True), *line.expression(value)]
     return [*uses, ir.Havoc(frozenset({name}), f"{name} changes while the program runs", _FRAME_REMEDY)]
@@ -166,7 +179,7 @@ def _move(line: Line, match: re.Match[str]) -> list[Op]:
         raise Misread(reason, remedy)
     targets: list[Literal | ir.Name] = []
     for span, each in zip(spans[:count], given, strict=False):
-        literal = _literal(line, *span, "ROBTARGET", "JOINTTARGET")
+        literal = _target(line, *span)
         if literal is None and not re.fullmatch(_WORD, each):
             uses = [op for computed in given[:count] for op in line.expression(computed)]
             reason = "the target is not given by numbers"
@@ -176,7 +189,7 @@ def _move(line: Line, match: re.Match[str]) -> list[Op]:
     if ir.calls(found):
         raise Misread("the move computes something", "write speed, zone and tool by their names")
     process = [ir.Call(given[-1].strip('"'), attached=True)] if behind == 1 else []
-    frames = (ir.Copy(frame),) * count, (ir.Copy(given[last]),) * count
+    frames = (_product(frame, "WOBJDATA"),) * count, (_product(given[last], "TOOLDATA"),) * count
     plain = all(isinstance(each, Literal) for each in targets) and not process
     return [*found, *process, ir.Move(_MOTIONS[letter], tuple(targets), *frames, repeats=plain)]
 

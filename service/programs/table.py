@@ -71,9 +71,12 @@ def read_table(machine: Machine, sources: tuple[Source, ...]) -> None:
         end = begin + 1
         while not held and cause is None and end < len(of_row) and of_line[of_row[end]] == of_line[i]:
             end += 1
-        target = Given("", 0, i + 1, int(first[i]), Literal(notation, numbers))
-        own = of_row[begin:end]
-        machine.columns.move(Move(motion, ("",)), own + 1, first[own], [target], [frames], cause)
+        own, literal = of_row[begin:end], Literal(notation, numbers)
+        if cause is None:
+            machine.columns.block(motion, own + 1, first[own], literal, frames)
+        else:
+            given = [Given("", 0, i + 1, int(first[i]), literal)]
+            machine.columns.move(Move(motion, ("",)), i + 1, given, [frames], cause)
         begin = end
 
 

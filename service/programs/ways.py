@@ -1,43 +1,18 @@
-"""Control flow of a program: what is done in blocks, and where the program may go on behind each of them.
+"""Control flow of a program: where it may go on, beside what stands next in its text.
 
 Ways that are never taken do no harm, missing ones would: a branch may be passed over, a jump not taken.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections import defaultdict
 from dataclasses import dataclass, field
-from typing import Any, Final, Generic, NamedTuple, TypeVar
+from typing import Final
 
-from jointstiff.service.programs import language as ir
-from jointstiff.service.programs.language import Misread, Op
+from jointstiff.service.programs.language import Flow, Misread, Op
 
-State = TypeVar("State")
 _MAX_DEPTH: Final = 100
-"""Branches and loops within one another."""
-
-
-@dataclass(slots=True, eq=False)
-class Block(Generic[State]):
-    """Block of what is done one after the other, and where the program goes on."""
-
-    routine: str
-    ops: list[int] = field(default_factory=list)  # indices of what is done
-    effects: list[int] = field(default_factory=list)  # those of them that change a state
-    following: list[Block[State]] = field(default_factory=list)
-    called: str = ""  # routine of the program that is called behind them
-    state: State | None = None  # joined from all ways that lead here
-
-
-class _Nest(NamedTuple):
-    """A branch or a loop that is open."""
-
-    kind: str
-    head: Block[Any]
-    behind: Block[Any]
-    begin: int
-    outer: int  # routines that are open around it
-    whole: bool = False  # whether one of its branches is always taken
+"""Branches, loops and routines within one another."""
 
 
 class Stray(Misread):
@@ -48,137 +23,102 @@ class Stray(Misread):
         self.place = place
 
 
-class Ways(Generic[State]):
-    """Blocks of a program."""
+@dataclass(slots=True)
+class _Nest:
+    """A branch, a loop or a routine that is open."""
 
-    def __init__(self, ops: Sequence[Op], names: Sequence[str]) -> None:
-        """Divide what is done.
+    kind: str
+    begin: int
+    turns: list[int] = field(default_factory=list)  # where its other branches begin
+    leaves: list[int] = field(default_factory=list)  # where it is left, or begun anew
+    whole: bool = False  # whether one of its branches is always taken
+
+
+class Ways:
+    """Places where a program may go on, by the indices of what is done."""
+
+    def __init__(self, ops: list[Op], names: list[str]) -> None:
+        """Find both ends of all branches, loops, routines and jumps.
 
         Args:
-            ops: what is done, in the order of the text.
+            ops: what is done, in the order of the text; ends of routines that are missing are added.
             names: names of its `Flow`s, by the index; else empty.
 
         Raises:
             Stray: something begins or ends without the other.
         """
-        self.blocks: list[Block[State]] = []
-        self.entry: dict[str, Block[State]] = {}
-        self.exit: dict[str, Block[State]] = {}
+        self.leads: defaultdict[int, list[int]] = defaultdict(list)  # where each leads, but to the next
+        self.begins: dict[str, int] = {}  # where routines begin
+        self.ends: dict[int, str] = {}  # routines by their ends
+        self.routine: list[str] = []  # routine of each
         self.aside: set[str] = set()  # routines that may run at any time
         self.shared: set[str] = set()  # those that other programs may call
-        self._names, self._nests, self._outer = names, list[_Nest](), list[Block[State]]()
-        self._labels: dict[tuple[str, str], Block[State]] = {}
-        self._jumps: list[tuple[int, Block[State]]] = []
+        self._names, self._nests, self._open = names, list[_Nest](), [""]
+        self._labels: dict[str, dict[str, int]] = defaultdict(dict)  # by their routines
+        self._jumps: list[int] = []
         for i, op in enumerate(ops):
-            if isinstance(op, ir.Flow) and op.kind in {"routine", "aside"}:
-                self._routine(i, aside=op.kind == "aside")
-                self.shared |= {self._name(i)} if op.shared else set()
-        self._block = self._added(self.entry, "")
-        self._added(self.exit, "")
-        acts = {
-            "routine": self._begin, "aside": self._begin,
-            "if": self._open, "loop": self._open, "repeat": self._open,
-            "label": self._label, "jump": self._jump, "return": self._leave, "leave": self._leave,
-        }  # fmt: skip
-        for i, op in enumerate(ops):
-            if isinstance(op, ir.Flow):
-                acts.get(op.kind, self._end)(i, op.kind)
-            else:
-                self._plain(i, op)
-        if self._nests:
-            raise Stray(self._nests[-1].begin, "a branch or a loop has no end", "write its end")
-        for block in (self._block, *self._outer):
-            block.following.append(self.exit[block.routine])
-        self._connect()
+            if isinstance(op, Flow):
+                self._take(i, op)
+            self.routine.append(self._open[-1])
+        while self._nests:
+            if self._nests[-1].kind != "routine":
+                raise Stray(self._nests[-1].begin, "a branch or a loop has no end", "write its end")
+            ops.append(Flow("end"))
+            self._end(len(ops) - 1, "end")
+            self.routine.append("")
+        for i in self._jumps:  # one that is computed leads to all labels of its routine
+            labels = self._labels[self.routine[i]]
+            places = [labels[names[i]]] if names[i] in labels else [*labels.values()]
+            if not places:
+                raise Stray(i, "a jump to a label that is nowhere", "write the label")
+            self.leads[i] += places
 
-    def _added(self, places: dict[str, Block[State]], name: str) -> Block[State]:
-        places[name] = Block(name)
-        self.blocks.append(places[name])
-        return places[name]
+    def _take(self, i: int, op: Flow) -> None:
+        if op.kind in {"routine", "aside", "if", "loop", "repeat"}:
+            if len(self._nests) >= _MAX_DEPTH:
+                reason = f"more than {_MAX_DEPTH} branches and loops within one another"
+                raise Stray(i, reason, "write routines of their own")
+            self._nests.append(
+                _Nest(op.kind, i) if op.kind in {"if", "loop", "repeat"} else self._begin(i, op)
+            )
+        elif op.kind == "label":
+            self._labels[self._open[-1]][self._names[i]] = i
+        elif op.kind == "jump":
+            self._jumps.append(i)
+        elif op.kind in {"leave", "return"}:
+            kinds = {"routine"} if op.kind == "return" else {"loop", "repeat", "routine"}
+            for nest in [each for each in self._nests if each.kind in kinds][-1:]:
+                nest.leaves.append(i)
+        else:
+            self._end(i, op.kind)
 
-    def _routine(self, i: int, *, aside: bool) -> None:
-        name = self._name(i)
-        if name in self.entry:
+    def _begin(self, i: int, op: Flow) -> _Nest:
+        name = self._names[i] or f"handler {i}"
+        if name in self.begins:
             raise Stray(i, "a routine is defined twice", "send one program")
-        self._added(self.entry, name)
-        self._added(self.exit, name)
-        self.aside |= {name} if aside else set()
-
-    def _name(self, i: int) -> str:
-        return self._names[i] or f"handler {i}"
-
-    def _after(self, block: Block[State]) -> Block[State]:
-        new: Block[State] = Block(block.routine)
-        self.blocks.append(new)
-        block.following.append(new)
-        return new
-
-    def _plain(self, i: int, op: Op) -> None:
-        if isinstance(op, ir.Call) and op.name in self.entry and not op.attached:
-            self._block.called = str(op.name)
-            self._block = self._after(self._block)
-        elif not (isinstance(op, ir.Call) and op.quiet):
-            self._block.ops.append(i)
-            if not isinstance(op, ir.Move | ir.Keep):
-                self._block.effects.append(i)
-
-    def _begin(self, i: int, _kind: str) -> None:
-        self._outer.append(self._block)
-        self._block = self.entry[self._name(i)]
-
-    def _open(self, i: int, kind: str) -> None:
-        if len(self._nests) >= _MAX_DEPTH:
-            reason = f"more than {_MAX_DEPTH} branches and loops within one another"
-            raise Stray(i, reason, "write routines of their own")
-        head, behind = self._after(self._block), Block[State](self._block.routine)
-        self.blocks.append(behind)
-        self._nests.append(_Nest(kind, head, behind, i, len(self._outer)))
-        self._block = self._after(head)
-
-    def _label(self, i: int, _kind: str) -> None:
-        self._block = self._labels[self._block.routine, self._names[i]] = self._after(self._block)
-
-    def _jump(self, i: int, _kind: str) -> None:
-        self._jumps.append((i, self._block))
-        self._block = self._after(self._block)
-
-    def _leave(self, _i: int, kind: str) -> None:
-        """Leave the innermost loop, or begin it anew; or leave the routine."""
-        inner = [each for each in self._nests if each.kind != "if" and each.outer == len(self._outer)]
-        ends = (
-            [inner[-1].behind, inner[-1].head]
-            if inner and kind == "leave"
-            else [self.exit[self._block.routine]]
-        )
-        self._block.following += ends
-        self._block = self._after(self._block)
+        self.begins[name] = i
+        self.aside |= {name} if op.kind == "aside" else set()
+        self.shared |= {name} if op.shared else set()
+        self._open.append(name)
+        return _Nest("routine", i)
 
     def _end(self, i: int, kind: str) -> None:
         """End a branch, a loop or a routine, or begin another branch."""
-        nest = self._nests[-1] if self._nests and self._nests[-1].outer == len(self._outer) else None
-        if nest is None and self._outer and kind in {"end", "any"}:
-            self._block.following.append(self.exit[self._block.routine])
-            self._block = self._outer.pop()
-        elif nest is None or kind == "end":
+        nest = self._nests[-1] if self._nests else None
+        if nest is None or (kind != "any" and (kind == "end") != (nest.kind == "routine")):
             raise Stray(i, "here ends what does not begin", "write both ends of branches, loops and routines")
-        elif kind in {"turn", "default"}:
-            self._block.following.append(nest.behind)
-            self._nests[-1] = nest._replace(whole=nest.whole or kind == "default")
-            self._block = self._after(nest.head)
-        else:
-            self._block.following += [nest.behind, nest.head] if nest.kind != "if" else [nest.behind]
-            if nest.kind != "repeat" and not nest.whole:
-                nest.head.following.append(nest.behind)
-            self._block = self._nests.pop().behind
-
-    def _connect(self) -> None:
-        """Lead jumps to their labels; one that is computed, to all of its routine."""
-        anywhere: dict[str, Block[State]] = {}
-        for (routine, _), label in self._labels.items():
-            anywhere.setdefault(routine, Block(routine)).following.append(label)
-        self.blocks += anywhere.values()
-        for i, block in self._jumps:
-            place = self._labels.get((block.routine, self._names[i]), anywhere.get(block.routine))
-            if place is None:
-                raise Stray(i, "a jump to a label that is nowhere", "write the label")
-            block.following.append(place)
+        if kind in {"turn", "default"}:
+            nest.turns.append(i)
+            nest.whole |= kind == "default"
+            return
+        self._nests.pop()
+        if nest.kind == "routine":
+            self.ends[i] = self._open.pop()
+        for place in (*nest.turns, *nest.leaves):
+            self.leads[place].append(i)
+        self.leads[nest.begin] += nest.turns
+        if nest.kind in {"if", "loop"} and not nest.whole:
+            self.leads[nest.begin].append(i)
+        if nest.kind in {"loop", "repeat"}:
+            for place in (i, *nest.leaves):
+                self.leads[place].append(nest.begin)

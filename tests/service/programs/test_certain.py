@@ -48,6 +48,10 @@ KRL = [
     (f"DEF a()\n{FRAMES}\nSPLINE WITH $BASE=SBASE(FP1.BASE_NO),$TOOL=STOOL2(FP1)\nSPL P1\nENDSPLINE\nEND",
      [dat(f"DECL E6POS P1={P}\nDECL FDAT FP1={{TOOL_NO 3,BASE_NO 4,IPO_FRAME #BASE}}")], [], [5]),
     (f"DEF a()\n{FRAMES}\nSTRANGE()\nLIN {P}\nEND", [], [], [5]),
+    # data of a tool and a base that change in part, or are given to a routine
+    *((f"DEF a()\n{FRAMES}\n{what}\nFDAT_ACT=FP1\nBAS(#FRAMES)\nLIN {P}\nEND\nDEF b(F:OUT)\nF.TOOL_NO=2\nEND",
+       [dat("DECL FDAT FP1={TOOL_NO 1,BASE_NO 1,IPO_FRAME #BASE}")], *lines)
+      for what, lines in (("FP1.TOOL_NO=2", ([], [7])), ("b(FP1)", ([], [7])), ("b(FP2)", ([7], [])))),
 ]  # fmt: skip
 
 

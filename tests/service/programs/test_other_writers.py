@@ -361,7 +361,7 @@ def test_krl_places_of_the_cell_are_never_corrected(name):
 def test_a_point_that_is_used_otherwise_is_left():
     """Its numbers stand in a calculation, or in a move that is left: a correction would move that, too."""
     point, other = f"P1={P}", f"LIN {P}"
-    for use in ("P2=P1", "$BASE=P1", "LIN P1:{X 1}", "x=P1.X+1", "f(P1)", "CIRC P1,P9"):
+    for use in ("P2=P1", "$BASE=P1", "LIN P1:{X 1}", "x=P1.X+1", "f(P1)", "CIRC P1,P9", "P2={X P1.X,Y 2}"):
         text = f"DEF a()\n$TOOL=TOOL_DATA[1]\n$BASE=BASE_DATA[1]\n{point}\n{other}\nLIN P1\n{use}\nEND"
         program = read_program([("a.src", text.encode())], leave_others=True)
         assert [target.line for target in targets_of(program)] == [5], use
