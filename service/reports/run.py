@@ -22,6 +22,7 @@ from jointstiff.service.conversion.robots import joint_factors
 from jointstiff.service.conversion.units import FORCE, LENGTH
 from jointstiff.service.kinds.deflection import predict_by_run
 from jointstiff.service.kinds.run import causes_tested
+from jointstiff.service.kinds.verdicts import refuse_unaccepted
 from jointstiff.service.reports.document import (
     IDENTIFICATION,
     NOT_ISO_9283,
@@ -286,7 +287,7 @@ def predicted_compliance(subject: RunSubject) -> list[CaseResult]:
     """Predict the deflection of the flange's centre by 100 N along each axis of R0, in the first posture.
 
     Returns:
-        A case for each axis; none if the run has no model that predicts.
+        A case for each axis; none if the run has no model that predicts, or is not to be used.
     """
     units, first = subject.readings.units, subject.readings.observations[0]
     size = PREDICTED_FORCE / FORCE[units.force]
@@ -295,9 +296,11 @@ def predicted_compliance(subject: RunSubject) -> list[CaseResult]:
         LoadCase(label=axis, joints=first.joints, force=force)
         for axis, force in zip(_AXES, forces, strict=True)
     ]
+    run = subject.model.run
     try:
+        refuse_unaccepted(subject.model.result.assessment, None, f"run '{run.id}'")
         request = DeflectionOptions(units=units, load_point=(0.0, 0.0, 0.0), cases=cases)
-        return predict_by_run(subject.model.robot, subject.model.run, request).cases
+        return predict_by_run(subject.model.robot, run, request).cases
     except RequestError:
         return []
 

@@ -18,6 +18,7 @@ import pytest
 from typer.testing import CliRunner
 
 import jointstiff
+from jointstiff.schemas.finding import Finding
 from jointstiff.schemas.report import Authorisation, Laboratory, Party
 from jointstiff.schemas.run import Campaign, Run
 from jointstiff.service import reports as service_reports
@@ -27,7 +28,14 @@ from jointstiff.service.reports.document import draft, state_of
 from jointstiff.service.reports.exports import ExportedModel, joints_csv
 from jointstiff.service.reports.laboratory import LaboratorySettings
 from jointstiff.service.reports.rendering import report_page, report_pdf
-from jointstiff.service.reports.run import ITEMS, RunSubject, results, run_document, uncertainty
+from jointstiff.service.reports.run import (
+    ITEMS,
+    RunSubject,
+    predicted_compliance,
+    results,
+    run_document,
+    uncertainty,
+)
 from jointstiff.simulator import default_arm, simulate_campaign
 
 LABORATORY = Laboratory(
@@ -193,6 +201,15 @@ def test_a_budget_without_model_error_is_partial(subject):
     student = budget.model_copy(update={"coverage_factor": 2.36})
     model = replace(subject.model, result=result.model_copy(update={"budget": student}))
     assert "k = 2.36" in results(model, subject.readings).tables[0].head()[3]
+
+
+def test_a_run_that_is_not_to_be_used_predicts_nothing(subject, campaign, run):
+    reason = Finding(code="lack_of_fit", weight="do_not_use", message="it does not fit", remedy="read again")
+    refuted = run.result.assessment.model_copy(update={"verdict": "do_not_use", "reasons": [reason]})
+    result = run.result.model_copy(update={"assessment": refuted})
+    other = subject_of(campaign, run.model_copy(update={"result": result}))
+    assert len(predicted_compliance(subject)) == 3
+    assert predicted_compliance(other) == []
 
 
 def test_the_room_is_no_condition_of_the_item(signed):
