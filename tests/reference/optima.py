@@ -7,16 +7,14 @@ from itertools import product
 
 import cvxpy as cp
 import numpy as np
-from scipy.optimize import lsq_linear
 from support.campaigns import SIGMA
 
 
-def by_cvxpy(A, b, bounds, B=None, d=None):
+def by_cvxpy(A, b, bounds):
     """The optimum as anyone would state it, and its value; None for the value if it is inaccurate."""
     x = cp.Variable(A.shape[1])
     below, above = np.isfinite(bounds.lower), np.isfinite(bounds.upper)
     constraints = [x[below] >= bounds.lower[below], x[above] <= bounds.upper[above]]
-    constraints += [] if B is None else [B @ x >= d]
     problem = cp.Problem(cp.Minimize(cp.sum_squares(A @ x - b)), constraints)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # the status says the same
@@ -57,16 +55,3 @@ def huber_by_clarabel(A, d, threshold, limits=lambda _: [], extra=lambda _: 0.0)
 def huber_objective(A, d, c, threshold):
     norm = np.linalg.norm(d - A @ c, axis=1) / SIGMA
     return np.where(norm <= threshold, norm**2 / 2, threshold * (norm - threshold / 2)).sum()
-
-
-def least_within(R, z, lower, upper):
-    return 2 * lsq_linear(R, z, bounds=(lower, upper), method="bvls", tol=1e-14).cost
-
-
-def profile(R, centre, bounds, unit, j, t):
-    others = np.arange(len(centre)) != j
-    rhs = R @ centre - R[:, j] * t
-    if not others.any():
-        return float(rhs @ rhs)
-    scaled = bounds.lower[others] / unit[others], bounds.upper[others] / unit[others]
-    return least_within(R[:, others] * unit[others], rhs, *scaled)

@@ -1,7 +1,6 @@
 """Do the numbers hold what they promise? Simulated campaigns of exact springs, judged by their truth.
 
-A fast version of the benchmark `coverage`. Shares are judged by the binomial distribution: a sound interval
-fails one of these tests in some 10,000 seeds.
+Shares are judged by the binomial distribution: a sound one fails one of these tests in some 10,000 seeds.
 """
 
 from __future__ import annotations
@@ -11,15 +10,7 @@ import pytest
 from scipy.stats import binom, norm
 
 from benchmarks.designs import SIGMA, planned_design
-from benchmarks.studies.coverage import (
-    METHODS,
-    RIGID_SETS,
-    Way,
-    interior_campaigns,
-    judge,
-    rigid_campaigns,
-    run,
-)
+from benchmarks.studies.coverage import Way, interior_campaigns, judge, run
 from jointstiff.simulator import default_arm
 from jointstiff.simulator.campaign import TARGETS, torques
 
@@ -28,24 +19,6 @@ pytestmark = pytest.mark.slow  # the studies of benchmarks/, each night
 DESIGNS, DRAWS = 2, 50
 RISK = 1e-4
 DIFFERENT = ("partial pose", "decoupled")
-
-
-@pytest.fixture(scope="module")
-def interior():
-    ways = [Way(method) for method in METHODS] + [Way("partial pose", sigma_given=False)]
-    return judge(ways, interior_campaigns(DESIGNS, DRAWS))
-
-
-@pytest.fixture(scope="module")
-def rigid():
-    return judge([Way(method) for method in DIFFERENT], rigid_campaigns(10, RIGID_SETS[::3]))
-
-
-def assert_at_level(held: np.ndarray, *, at_most: bool = True) -> None:
-    """Each column (K, n) of a 95 % statement holds as often as it should."""
-    least, greatest = binom.ppf([RISK, 1 - RISK], len(held), 0.95)
-    assert (held.sum(axis=0) >= least).all(), held.mean(axis=0)
-    assert not at_most or (held.sum(axis=0) <= greatest).all(), held.mean(axis=0)
 
 
 def test_the_bound_is_that_of_the_linear_model():
@@ -70,26 +43,9 @@ def test_noise_is_what_it_says():
     assert abs(errors.mean()) < 4 * errors.std() / np.sqrt(errors.size)
 
 
-@pytest.mark.parametrize("method", METHODS)
-def test_intervals_hold_the_truth(interior, method):
-    found = interior[Way(method)]
-    assert found.unsound == 0
-    assert_at_level(found.covered)
-    assert_at_level(found.above)
-    assert_at_level(found.below)
-
-
-def test_intervals_from_estimated_sigma_hold_the_truth(interior):
-    assert_at_level(interior[Way("partial pose", sigma_given=False)].covered)
-
-
-def test_complete_pose_by_covariance_is_partial_pose(interior):
-    complete, partial = interior[Way("complete pose")], interior[Way("partial pose")]
-    np.testing.assert_allclose(complete.interval, partial.interval, rtol=1e-6)
-
-
-def test_spread_is_the_least_there_is_and_as_reported(interior):
+def test_spread_is_the_least_there_is_and_as_reported():
     """Empirical deviations beside the Cramér-Rao bound and the reported ones, pooled over designs."""
+    interior = judge([Way(method) for method in DIFFERENT], interior_campaigns(DESIGNS, DRAWS))
     plans = [planned_design(default_arm(), seed=seed) for seed in range(DESIGNS)]
     bounds = np.sqrt([np.diag(plan.cramer_rao()) for plan in plans])[:, None]
     tolerance = norm.ppf(1 - RISK / 2) / np.sqrt(2 * DESIGNS * (DRAWS - 1))
@@ -103,22 +59,6 @@ def test_spread_is_the_least_there_is_and_as_reported(interior):
         np.testing.assert_allclose(np.square(reported).mean(axis=(0, 1)) / variance, 1.0, atol=2 * tolerance)
     np.testing.assert_allclose(over_bound["partial pose"], 1.0, atol=tolerance)
     assert max(over_bound["decoupled"]) > 1.3  # what decoupling costs where there is only noise
-
-
-@pytest.mark.parametrize("method", DIFFERENT)
-def test_rigid_joints_are_stiffer_than_the_bound(rigid, method):
-    found = rigid[Way(method)]
-    assert found.unsound == 0
-    assert found.below[found.rigid].all()
-    assert np.isfinite(np.ptp(found.interval, axis=-1)).all()
-    assert_at_level(found.above[found.rigid][:, None], at_most=False)
-    assert_at_level(found.covered[found.rigid][:, None], at_most=False)
-    for j in range(found.truth.shape[1]):
-        elastic = ~found.rigid[:, j]
-        for held in (found.covered, found.above, found.below):
-            assert_at_level(held[elastic, j][:, None], at_most=False)
-    # Not by being endless: the unconstrained interval is 3.92 wide.
-    assert (np.ptp(found.interval, axis=-1) <= 2.0 * 3.92 * found.standard_uncertainty).all()
 
 
 class TestFull:

@@ -77,13 +77,6 @@ def changed(old: str, new: str) -> str:
     return SMALL.replace(old, new)
 
 
-def inertial(mass: str = "1", **moments: str) -> str:
-    values = {"ixx": "1", "ixy": "0", "ixz": "0", "iyy": "1", "iyz": "0", "izz": "1"} | moments
-    inertia = " ".join(f'{name}="{value}"' for name, value in values.items())
-    body = f'<inertial><mass value="{mass}"/><inertia {inertia}/></inertial>'
-    return changed('<link name="b"/>', f'<link name="b">{body}</link>')
-
-
 def joint(name: str, parent: str, child: str, kind: str = "revolute", more: str = "") -> str:
     return (
         f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'

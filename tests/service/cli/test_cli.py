@@ -137,6 +137,8 @@ def test_post_follows_a_long_run(run, campaign, service):
     campaign.write_text(json.dumps(document))
     shown = run("post", campaign, "--server", service.url)
     assert shown.exit_code == 0, shown.stderr
+    assert f"{service.url}/v1/runs/" in shown.stdout
+    assert "Joint stiffness" in shown.stdout
     assert "100000 fits" in shown.stdout
 
 
@@ -148,13 +150,6 @@ def test_simulate_where_nothing_can_be_written(run, tmp_path):
     shown = run("simulate", tmp_path / "nowhere" / "x.json")
     assert shown.exit_code == 2
     assert "cannot write" in shown.stderr
-
-
-def test_post_to_a_running_service(run, campaign, service):
-    shown = run("post", campaign, "--server", service.url)
-    assert shown.exit_code == 0, shown.stderr
-    assert f"{service.url}/v1/runs/" in shown.stdout
-    assert "Joint stiffness" in shown.stdout
 
 
 def test_post_to_nobody(run, campaign):

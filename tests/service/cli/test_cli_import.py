@@ -16,7 +16,6 @@ from jointstiff.schemas.robot import RobotDocument
 from jointstiff.schemas.run import Run
 from jointstiff.service.cli.app import app
 from jointstiff.service.conversion.prepared import prepare_robot
-from jointstiff.service.importing.grid import MAX_FILE_BYTES
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.solver.robot.configuration import flange_poses
 
@@ -150,13 +149,6 @@ def test_refused_with_place_and_remedy(folder, change, arguments, words):
     assert "Traceback" not in shown.output
 
 
-def test_too_much(folder):
-    (folder / "table.csv").write_bytes(b"1;2\n" * (MAX_FILE_BYTES // 4 + 1))
-    shown = run("joints.csv", "table.csv", "points.txt")
-    assert shown.exit_code == 2
-    assert "exceed 8 MiB together" in shown.stderr
-
-
 def test_a_terminal_is_asked_and_nothing_else_is(folder, robot_file, monkeypatch):
     text = (folder / "cell.csv").read_text().replace(" [rad]", "").replace(" [m]", "")
     wider = [
@@ -195,16 +187,6 @@ def test_a_terminal_is_asked_and_nothing_else_is(folder, robot_file, monkeypatch
     other = run("cell.csv", "--template", "t.json")
     assert other.exit_code == 2
     assert "does not fit the template; missing: 'shift'" in other.stderr
-
-
-def test_the_integrity_checks_are_made_before_anything_is_written(folder, robot_file):
-    text = (folder / "cell.csv").read_text()
-    swapped = text.replace("unloaded", "UN").replace("loaded", "unloaded").replace("UN", "loaded")
-    (folder / "cell.csv").write_text(swapped)
-    options = ("--robot", "robot.json", "--encoders", "motor", "--load-point", "0,0,120")
-    shown = run("cell.csv", *options)
-    assert shown.exit_code == 1, shown.output
-    assert "against" in shown.stdout
 
 
 def test_unknown_words_for_states_are_asked_about(folder, monkeypatch):

@@ -79,15 +79,6 @@ def test_contradictions_of_spatial_analyzers_header():
     assert reasons == ["the frame is B, but A::R0 in other files"]
 
 
-def test_a_unit_in_a_title_or_comment_is_not_overruled():
-    table = CAMPAIGN.split("\n", 1)[1]
-    for remark in ("Units: Inches", "# all lengths in inch"):
-        assert "lengths are in mm" in refused(("a.csv", f"{remark}\n{table}"))[0]
-        bare = table.replace(" [mm]", "")
-        assert "lengths are in mm" in refused(("a.csv", f"{remark}\n{bare}"), units={"length": "mm"})[0]
-    assert read(("a.csv", f"# SMR 1.5 inch, 38.1 mm, lengths in mm\n{table}"))
-
-
 LEICA = """"Time","Name","X  [mm]","Y  [mm]","Z  [mm]","U(95)  [mm]",
 "2026-11-20 10:00:01","c01_P10_u",1.5,2.25,3.5,0.03,
 "2026-11-20 10:00:09","c01_P10_l",1.5,2.25,3.1,0.04,

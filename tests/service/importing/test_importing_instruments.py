@@ -12,32 +12,6 @@ from support.importing_samples import READ_POINTS as READ
 # ---- SpatialAnalyzer 2022
 
 
-SA = """// SpatialAnalyzer SA 2022.2.0624.7 ( x64 )
-// Points Relative to Coordinate Frame '{frame}'
-// AXES = CARTESIAN: X,  Y,  Z ({unit})
-// Collection,  Group,  Point,  X,  Y,  Z
-
-"""
-
-
-def sa(gap=", ", unit="mm", frame="Frames::WORLD", states=("unloaded", "loaded")):
-    scale = {"mm": 1.0, "Inches": 25.4}[unit]
-    rows = [
-        gap.join([f"{state}", label, target, *(f"{value / scale:.9f}" for value in xyz)])
-        for (label, target, state), xyz in READ.items()
-        if state in states
-    ]
-    return SA.format(unit=unit, frame=frame) + "\n".join(rows) + "\n"
-
-
-def test_files_of_two_frames_are_refused_with_both_names():
-    other = sa(frame="Frames::best fit", states=("loaded",))
-    (fault,) = faults(("a.txt", sa(states=("unloaded",))), ("b.txt", other))
-    assert fault.reason == "the frame is Frames::best fit, but Frames::WORLD in other files"
-    (fault,) = faults(("a.txt", sa(unit="Inches")), units={"length": "mm"})
-    assert fault.reason == "position x is in inches by the file's comment, but in mm by `units`"
-
-
 # ---- Leica
 
 

@@ -164,6 +164,7 @@ def test_a_mass_beside_forces_is_refused():
         ("", "cell is empty"),
         ("9" * 50, "not a number"),
         ("1245,7134", "decimal points and decimal commas"),
+        ("1,102.5518", "decimal points and decimal commas"),
     ],
 )
 def test_faulty_numbers(text, reason):
@@ -237,10 +238,6 @@ def test_a_comma_of_thousands_or_decimals():
     assumed = read(("a", table.format("1.234")))
     assert values_of(assumed)["c01", "joint"] == (1.234,)
     assert "not a thousands separator" in assumed.preview.files[0].assumptions[0]
-
-
-def test_both_marks_in_one_number():
-    refused(changed("1102.5518", "1,102.5518"), reason="decimal points and decimal commas", line=4, column=8)
 
 
 def test_readings_that_are_missing():

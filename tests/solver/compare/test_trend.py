@@ -73,6 +73,19 @@ def test_the_deviation_has_the_variance_of_a_dense_matrix() -> None:
         assert found.between[t] == pytest.approx(float(minus_mean @ minus_mean), rel=1e-12)
 
 
+def test_scatters_are_as_plausible_as_their_likelihood_integrated_over_the_mean() -> None:
+    """By quadrature over the unknown mean; what is left is a half-normal prior of τ."""
+    values, u = np.array([0.0, 0.05, -0.02]), np.array([0.02, 0.03, 0.01])
+    tau, weight = Baseline.of(values, u).plausible_between(np.zeros(()))
+    mu = np.linspace(-1.0, 1.0, 20_001)
+    spread = np.sqrt(u**2 + tau[:, None] ** 2)
+    likelihood = stats.norm.pdf(values[:, None], mu, spread[:, :, None]).prod(axis=1).sum(axis=1)
+    prior = np.log(weight / likelihood)
+    line = np.polyfit(tau**2, prior, 1)
+    np.testing.assert_allclose(prior, np.polyval(line, tau**2), atol=1e-6)
+    assert line[0] < 0.0
+
+
 def test_scatter_is_pooled_and_false_alarms_add_up_over_all_joints() -> None:
     assert float(pooled_excess(12.0, 12)) == 0.0
     assert float(pooled_excess(60.0, 12)) == pytest.approx(60.0 / stats.chi2.ppf(0.8, 12) - 1.0, rel=1e-12)

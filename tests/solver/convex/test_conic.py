@@ -153,6 +153,22 @@ def test_a_wrong_answer_gets_no_certificate(monkeypatch, spoil):
         solve_cone(program, gap=GAP)
 
 
+def test_of_answers_that_do_not_do_the_best_is_kept(monkeypatch):
+    """They are sought in the unit of the readings and in that of their residual: nothing here, so 1e-9."""
+    program = random_program(2, cone=Cone(2, (3, 2)), weight=1e-2)
+    right, asked = solve_cone(program, gap=GAP).x, []
+
+    def proposed(self, tolerance, unit):
+        asked.append(unit)
+        return program.cone.project(right + 1e-3 * len(asked))
+
+    monkeypatch.setattr(SemidefiniteProgram, "interior_point", proposed)
+    monkeypatch.setattr(Face, "step", lambda *_: None)
+    found = solve_cone(program, gap=1e-12, accepted=10.0)
+    np.testing.assert_allclose(found.x, program.cone.project(right + 1e-3), rtol=1e-12)
+    assert set(asked) == {1.0, 1e-9}
+
+
 @examples(15)
 @given(st.integers(0, 10**6), st.floats(-3, 3))
 def test_the_bound_of_the_dual_is_below_every_objective(seed, decade):
@@ -235,8 +251,9 @@ def test_a_point_that_is_not_the_optimum_is_not_certified(monkeypatch):
     monkeypatch.setattr(
         programs.Program, "solve", lambda self, data, tolerance: 1.001 * solve(self, data, tolerance)
     )
-    with pytest.raises(SolverError, match="its gap is"):
-        solve_weighed(A, b, CONES)
+    for rows, right, cones in ((A, b, CONES), (np.eye(1), np.ones(1), Cones((Block(0),), np.full(1, 10.0)))):
+        with pytest.raises(SolverError, match="its gap is"):
+            solve_weighed(rows, right, cones)
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -295,3 +312,12 @@ def test_the_range_far_from_all_bounds_is_that_of_an_ellipsoid():
     expected = (functions @ x)[:, None] + half[:, None] * [-1.0, 1.0]
     np.testing.assert_allclose(found, expected, atol=1e-3 * half.max())
     assert np.isnan(penalised_range(program, x, rise, np.zeros((1, 6)))).all()
+
+
+def test_the_design_for_the_worst_direction_is_solved_by_hand():
+    """Two parameters, informed by 1 and 4 a reading: shares 0.8 and 0.2, none of what tells little."""
+    K = np.array([np.diag([1.0, 0.0]), np.diag([0.0, 4.0]), 0.1 * np.eye(2)])
+    weights, dual = programs.worst_direction(np.zeros((2, 2)), K, np.ones(2))
+    np.testing.assert_allclose(weights, [0.8, 0.2, 0.0], atol=1e-6)
+    assert weights[2] == 0.0
+    np.testing.assert_allclose(dual, np.diag([0.8, 0.2]), atol=1e-6)

@@ -55,6 +55,19 @@ class TestCriteria:
         M = information(random_rows(3, 1)).sum(axis=0)
         assert [criterion.information(M) for criterion in CRITERIA] == [0.0] * len(CRITERIA)
 
+    @pytest.mark.parametrize("criterion", CRITERIA[:3], ids=NAMES[:3])
+    def test_slopes_are_differences_along_the_weights(self, criterion):
+        K, w, step = information(random_rows(2, 5)), np.linspace(0.5, 1.5, 5), 1e-5
+
+        def slope(w):
+            return criterion.slope(np.tensordot(w, K, axes=1), K)
+
+        ends = [(slope(w + h), slope(w - h)) for h in step * np.eye(5)]
+        expected = [(a.value - b.value) / (2 * step) for a, b in ends]
+        np.testing.assert_allclose(slope(w).gradient, expected, rtol=1e-7)
+        expected = [(a.gradient - b.gradient) / (2 * step) for a, b in ends]
+        np.testing.assert_allclose(slope(w).hessian, expected, rtol=1e-6, atol=1e-9)
+
 
 class TestCertificate:
     @every_criterion
@@ -84,6 +97,19 @@ class TestCertificate:
         np.testing.assert_allclose(exact.matrix, K[exact.atoms.index].sum(axis=0), rtol=1e-10)
         assert criterion.information(exact.matrix) == pytest.approx(best, rel=1e-9)
         assert 0.8 < exact.efficiency <= 1.0
+
+    @pytest.mark.parametrize(
+        ("criterion", "seed"), [(CRITERIA[2], 6), (CRITERIA[1], 8)], ids=["A", "D of two"]
+    )
+    def test_no_exchange_of_one_reading_improves_the_list(self, criterion, seed):
+        rows = random_rows(seed, 60)
+        problem = problem_of(rows, criterion, 8)
+        exact = exact_design(problem, optimise(problem), Distinct(np.arange(60.0)[:, None], 0.5))
+        K, chosen = information(rows), set(exact.atoms.index.tolist())
+        reached = [
+            criterion.information(exact.matrix - K[i] + K[j]) for i in chosen for j in set(range(60)) - chosen
+        ]
+        assert max(reached) <= criterion.information(exact.matrix) * (1 + 1e-9)
 
 
 class TestFreeForces:

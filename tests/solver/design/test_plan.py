@@ -242,6 +242,7 @@ class TestFollowed:
         robot, measurements, _, pieces = advised(simulate_campaign(ARM, configurations=1, seed=1))
         assert pieces
         for piece in pieces:
+            assert np.linalg.norm(piece.force) == pytest.approx(1500.0)
             after = estimate(robot, follow(robot, measurements, piece))
             joint = after.joints[robot.joint_names.index(piece.joint)]
             assert joint.standard_uncertainty == pytest.approx(piece.standard_uncertainty, rel=0.01)

@@ -295,6 +295,27 @@ class TestFit:
         assert (assessment.verdict, reason.action.kind) == ("do_not_use", "show_posture")
         assert "joints explain" in reason.message
 
+    def test_the_posture_to_look_at_is_that_of_the_largest_residual(self, pulls):
+        robot, measurements = pulls
+        deflection = measurements.deflection.copy()
+        deflection[3, 1] += [0.0, 0.02, 0.0]  # of one target alone
+        wrong = replace(measurements, force=measurements.force[:, [1, 2, 0]], deflection=deflection)
+        assessment, found = assessed(robot, wrong, findings=(), complementary_stiffness="neglected")
+        left = np.linalg.norm(predict(robot, wrong, found.compliance).residual, axis=2)
+        shown = reason_of(assessment, "deflection_unexplained").action.observations
+        assert shown == ["c04"] == [measurements.labels[left.max(axis=1).argmax()]]
+        assert left.min(axis=1).argmax() != 3
+
+    def test_behind_a_gross_error_no_smaller_cause_is_sought(self, pulls):
+        """A load point 5 cm off is one; another finding that forbids nothing does not matter."""
+        robot, measurements = pulls
+        wrong = replace(measurements, load_point=np.add(measurements.load_point, [0.05, 0.0, 0.0]))
+        told = [Finding(code="zero_load", weight=w, message="m", remedy="r") for w in ("use", "do_not_use")]
+        for findings, sought in (((), True), (told[:1], True), (told, False)):
+            assessment, _ = assessed(robot, wrong, findings=findings)
+            kinds = [reason.action.kind for reason in assessment.reasons if reason.action]
+            assert ("fit_causes" in kinds) == sought
+
     def test_implausible_stiffness_names_the_joint_and_the_range(self, pulls):
         robot, measurements = pulls
         soft = replace(measurements, force=1e-4 * measurements.force)

@@ -277,3 +277,7 @@ def test_too_few_poses_and_another_robot_are_refused():
     one = poses(Cell(), 1)
     with pytest.raises(MeasurementError, match="poses"):
         Poses(one.angles, one.points[:4], one.present, NAMES, one.joint_map)
+    angles = one.angles.copy()
+    angles[2, 1] = np.nan
+    with pytest.raises(MeasurementError, match="not finite"):
+        replace(one, angles=angles)

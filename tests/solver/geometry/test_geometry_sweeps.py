@@ -329,6 +329,15 @@ class TestFlags:
         found = self.displaced(made(2, -40.0, 60.0), 6, CELL.rotation @ [0.0, 4e-4, 0.0])
         assert found[0].code == "position_suspect"
 
+    def test_a_radius_is_that_of_the_fitted_circle_whatever_one_reading_says(self):
+        sweep = made(4, -60.0, 60.0)
+        points = sweep.points.copy()
+        points[6, 1] += [3e-2, 0.0, 1e-2]
+        fit = fitted(replace(sweep, points=points))
+        across = (fit.target_points - fit.axis.point) @ fit.axis.frame[:, :2]
+        radii = [target.radius for target in fit.targets(NAMES)]
+        np.testing.assert_allclose(radii, np.linalg.norm(across, axis=1), rtol=1e-9)
+
     def test_a_short_arc_is_flagged_with_its_figure(self):
         (found,) = sweep_findings(fitted(made(2, 0.0, 20.0)), NAMES)
         assert found.code == "short_arc"

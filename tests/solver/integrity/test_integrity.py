@@ -73,7 +73,7 @@ def bumped(measurements, row):
     [
         (
             {"position": with_part(POSITION, np.s_[4, 1], [0.0, 4e-4, 0.0])},
-            r"targets_not_rigid do_not_use c05 observations\[4\] 'c05' .*µm.*'P11'",
+            r"targets_not_rigid do_not_use c05 observations\[4\] 'c05' .*µm.*: 'P11' moved",
         ),
         # 837 µm from the tenth row on
         ({"position": bumped(CAMPAIGN, 9)}, "target_moved do_not_use c10 .*'P12' is displaced by 8"),
@@ -128,6 +128,15 @@ def test_a_mistake_is_the_only_finding(changed, told):
 )
 def test_a_mistake_in_a_unit_a_frame_or_a_size_is_among_the_findings(changed, expected):
     assert expected <= codes(**changed)
+
+
+def test_a_residual_that_grew_with_the_load_is_no_outlier():
+    """One posture with ten times the load: ten times the residual is as unusual beside its deflection."""
+    tenfold = {
+        "force": with_part(FORCE, 5, 9 * FORCE[5]),
+        "deflection": with_part(DEFLECTION, 5, 9 * DEFLECTION[5]),
+    }
+    assert look(only_deflections(CAMPAIGN), sigma=None, **tenfold) == []
 
 
 @pytest.mark.parametrize(("repeated", "code"), [(True, "targets_not_rigid"), (False, "target_moved")])

@@ -54,6 +54,8 @@ from jointstiff.solver.predict.answers import forward_model, stored_model
 from jointstiff.solver.predict.forward import LoadCases
 from jointstiff.solver.predict.models import ElasticPredictor, leave_folds_out
 from jointstiff.solver.robot.configuration import Configurations
+from jointstiff.solver.robot.model import Robot
+from jointstiff.solver.terms.block import regressor_blocks
 
 COLUMNS = ElasticColumns(6, tuple(range(6)))
 VISIBLE = np.ones(6, dtype=bool)
@@ -109,6 +111,7 @@ def test_an_estimate_is_certified_and_semidefinite(elastic, name):
     assert (found.compliance >= 0.0).all()
     assert found.certificate.least_eigenvalue >= 0.0
     assert found.certificate.gap <= 1e-2
+    assert 0.0 <= found.unexplained < 0.2
     assert 6.0 <= found.effective_freedom + 1e-6 <= found.parameters
 
 
@@ -198,6 +201,16 @@ def test_effective_compliance_about_each_axis_is_found_where_the_joint_alone_is_
     assert np.abs(estimated.compliance / arm.arm.compliances - 1.0).max() > 0.25
 
 
+def test_effective_compliance_is_the_rotation_about_an_axis_of_any_direction(elastic):
+    axis, A = np.array([0.6, 0.0, 0.8]), np.random.default_rng(1).standard_normal((6, 6))
+    chain = elastic[0].chain
+    joints = tuple(replace(joint, axis=axis) if joint.is_moving else joint for joint in chain.joints)
+    rows = effective_rows(Robot(replace(chain, joints=joints)), COLUMNS)
+    for joint in range(6):
+        found = rows[joint, COLUMNS.link(joint)] @ to_vector(A + A.T)
+        assert found == pytest.approx(axis @ (A + A.T)[3:, 3:] @ axis, rel=1e-12)
+
+
 def test_absolute_residuals_have_the_least_mean_and_huber_lies_between(fanuc):
     """A light penalty, so that the losses differ by their own terms; no sigma is stated."""
     rows, mean, rms = rows_of(*fanuc), {}, {}
@@ -207,6 +220,17 @@ def test_absolute_residuals_have_the_least_mean_and_huber_lies_between(fanuc):
         mean[loss], rms[loss] = norms.mean(), np.sqrt(np.square(norms).mean())
     assert mean["absolute"] < mean["huber"] < mean["squared"]
     assert rms["squared"] < rms["huber"] < rms["absolute"]
+
+
+def test_residuals_that_vanish_leave_a_threshold_of_a_millionth_of_the_mean_deflection():
+    """Of readings that the joints give exactly, no sigma stated."""
+    robot, measurements = rigid_pulled(8, 0)
+    (block,) = regressor_blocks(robot, measurements)
+    exact = replace(measurements, deflection=block.A @ default_arm().compliances, sigma=None)
+    model = ElasticModel("joints_and_links", COLUMNS, "huber")
+    _, threshold = formulate(elastic_rows(robot, exact, COLUMNS), model, VISIBLE).fit(model, 1.0, gap=1e-3)
+    mean = np.linalg.norm(exact.deflection, axis=2).mean()
+    assert threshold == pytest.approx(1e-6 * model.threshold * mean / np.sqrt(2.0), rel=1e-6)  # of a reading
 
 
 def test_losses_are_compared_in_sets_of_few_targets(elastic):
@@ -253,10 +277,12 @@ def test_the_rules_choose_the_best_weight_or_the_largest_that_is_as_good():
 @pytest.mark.parametrize(
     ("weight", "loss"),
     [
-        *((weight, "squared") for weight in (1e-9, 1e-7, 1e-3, 1e3)),
-        (1e-7, "absolute"),
+        *((weight, "squared") for weight in (1e-9, 1e3)),
         (1e-6, "huber"),
-        (1e3, "huber"),
+        *(
+            pytest.param(weight, loss, marks=pytest.mark.slow)
+            for weight, loss in ((1e-7, "squared"), (1e-3, "squared"), (1e-7, "absolute"), (1e3, "huber"))
+        ),
     ],
 )
 def test_a_clean_set_is_answered_whatever_the_penalty(weight, loss):

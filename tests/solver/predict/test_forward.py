@@ -22,7 +22,12 @@ from jointstiff.solver.links.model import ElasticColumns, ElasticModel
 from jointstiff.solver.predict.answers import STATUSES, MapTask, map_places, tool_rotations
 from jointstiff.solver.predict.forward import CorrectionLimits, LoadCases, compensate, ramp_shares
 from jointstiff.solver.predict.models import ElasticPredictor, JointModel, OwnWeight
-from jointstiff.solver.robot.configuration import InverseKinematics, flange_poses, joint_frames
+from jointstiff.solver.robot.configuration import (
+    Configurations,
+    InverseKinematics,
+    flange_poses,
+    joint_frames,
+)
 from jointstiff.solver.robot.model import Robot, dh_chain
 
 ARM = default_arm()
@@ -187,6 +192,7 @@ def test_a_load_that_cancels_the_spring_is_refused_by_its_case(across):
     with pytest.raises(RequestError, match="balance") as caught:
         model.deflect(load)
     assert caught.value.where == "cases[1]"
+    assert model.overloaded(load, Configurations(robot, load.joints)).tolist() == [False, True]
 
 
 class TestIdentified:
@@ -279,8 +285,10 @@ def test_ramps_begin_where_the_load_sets_in():
     force = wanted.force.copy()
     force[:5] = force[-5:] = 0.0
     wanted = replace(wanted, force=force)
-    found = compensate(MODEL, wanted, ANY, ramp_shares(ROBOT, wanted, 1.0))
+    found = compensate(MODEL, wanted, ANY, ramp_shares(ROBOT, wanted, 0.8))
+    place = ARM.posture(wanted.joints).point_to_base(wanted.place)
     assert found.share[5] == pytest.approx(0.0)
+    assert found.share[6] == pytest.approx(np.linalg.norm(place[6] - place[5]) / 0.8)
     assert found.share[20] == pytest.approx(1.0)
     assert (np.diff(found.share[5:8]) >= 0).all()
     np.testing.assert_allclose(found.correction[:5], 0.0, atol=1e-15)

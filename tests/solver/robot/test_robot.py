@@ -14,7 +14,7 @@ from reference.kinematics import flange_by_textbook, product_of_exponentials
 
 from jointstiff.schemas.robot import DhRow
 from jointstiff.solver.errors import RobotError
-from jointstiff.solver.robot.configuration import Configurations, flange_poses, joint_frames
+from jointstiff.solver.robot.configuration import Configurations, flange_poses, joint_frames, skew
 from jointstiff.solver.robot.model import (
     MAX_NAME_LENGTH,
     UNLIMITED,
@@ -150,6 +150,11 @@ def test_a_joint_without_limits_is_written_as_revolute():
     chain = KinematicChain("r", "b", "l", (joint("a", "l", limits=None),))
     assert 'type="revolute"' in write_urdf(chain)
     assert f'lower="{-UNLIMITED!r}" upper="{UNLIMITED!r}"' in write_urdf(chain)
+
+
+def test_the_cross_product_of_a_vector_is_a_matrix():
+    a, b = np.random.default_rng(0).standard_normal((2, 5, 3))
+    np.testing.assert_allclose((skew(a) @ b[..., None])[..., 0], np.cross(a, b), rtol=1e-15)
 
 
 def test_model_follows_the_chain():

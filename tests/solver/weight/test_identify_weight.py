@@ -136,7 +136,7 @@ def test_a_mass_of_which_no_reading_tells_is_neither_checked_nor_contradicted():
     assert contradicted(freed) is None
 
 
-@pytest.mark.parametrize("seed", [0, 1, 3])
+@pytest.mark.parametrize("seed", [1, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (0, 3))])
 def test_few_postures_that_do_not_tell_the_tilt_of_the_base_are_fitted_with_a_rigid_one(seed):
     readings = campaign(postures=6, stated=burden_of(BODIES, 0.1), seed=seed)
     estimate = identify_weight(ROBOT, readings)
@@ -283,7 +283,11 @@ def displaced(bodies, asked):
 
 @pytest.mark.parametrize("load", [0.0, 900.0])
 def test_exact_readings_and_masses_give_the_sag_exactly(load):
-    found = model_of(identify_weight(ROBOT, campaign(sigma=0.0))).deflect(cases(load))
+    readings = campaign(sigma=0.0)
+    estimate, q = identify_weight(ROBOT, readings), readings.poses.angles
+    bent, rigid = (ARM.posture(angles).targets_to_base(POINTS) for angles in (q + sag(ARM, BODIES, q), q))
+    np.testing.assert_allclose(estimate.displacement, bent - rigid, rtol=0, atol=1e-6)
+    found = model_of(estimate).deflect(cases(load))
     truth = displaced(BODIES, cases(load))
     assert np.linalg.norm(truth, axis=1).max() > 3e-3
     np.testing.assert_allclose(found.displacement, truth, rtol=0, atol=2e-8)
