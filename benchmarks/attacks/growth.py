@@ -105,7 +105,7 @@ def _seconds(read: Callable[[str], None], text: str) -> float:
 
 def _parse(module: ModuleType, text: str) -> None:
     with suppress(Misread):
-        module.LANGUAGE.translate(module.LANGUAGE.line(module.LANGUAGE.numbers.sub("\0", text)))
+        module.LANGUAGE.translate(module.LANGUAGE.numbers.sub("\0", text))
     Numerals.of(text, module.LANGUAGE.number)
 
 

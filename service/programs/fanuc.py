@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from typing import Final, NamedTuple
+from itertools import islice
+from typing import Final, TypeAlias
 
 import numpy as np
 
@@ -29,7 +30,7 @@ _FIELDS: Final = (
 # takes the active one. Registers, signals, timers, messages, speeds, collision detection: no position and no
 # frame changes by them.
 _QUIET: Final = (
-    r"(?:R|SR|F|DO|RO|GO|AO|WO|M|TIMER|PR|PL|AR|VR|RSR|JOINT_MAX_SPEED)\[([^\]]*(?:\][^\]=]*)*?)\](?:\.\w+)?=(.+)"
+    r"(?:R|SR|F|DO|RO|GO|AO|WO|M|TIMER|PR|PL|AR|VR|RSR|JOINT_MAX_SPEED)\[([^\]]*(?:\][^\]=]*)*?)\](?:\.\w+)?=(?P<value>.+)"
     r"|(?:WAIT|OVERRIDE=|LINEAR_MAX_SPEED=) ?(.+?)(?:\(sec\)| ?%)?"
     r"|(?:PAUSE|ABORT|END|MESSAGE|REMARK|TC_ONLINE|STOP_TRACKING|COL DETECT (?:ON|OFF)|-+)"
     r"|(?:PAYLOAD|UALM|DIAG_REC|SPOT|Arc (?:Start|End))\[(.*)\]|COL GUARD ADJUST ?(.+)"
@@ -52,182 +53,146 @@ _REMEDY: Final = (
     "write positions in numbers, in /POS: no PR[], no P[R[]]; choose frames by numbers, on lines of their own"
 )
 _AGAIN: Final = "record the position again"
-_ACTION: Final = r"(JMP LBL ?\[.*\]|CALL .+|(?:DO|RO|GO|AO|R|F|WO)\[[^=]*\]=.+)"
+_FRAMES: Final = {
+    "UFRAME_NUM": "UF %s",
+    "UTOOL_NUM": "UT %s",
+    "$MNUFRAMENUM": "UF %s",
+    "$MNUTOOLNUM": "UT %s",
+}
+_LOGIC: Final = r"(?P<action>JMP LBL ?\[.*\]|CALL .+|(?:DO|RO|GO|AO|R|F|WO)\[[^=]*\]=.+)"
 
 
-def _frame(line: Line, match: re.Match[str]) -> list[Op]:
-    kind = "UFRAME" if "UFRAME" in match[0] else "UTOOL"
-    number = line.ordinal(match.start(1 if match[1] else 2))
-    return [ir.Assign(f"{kind}_NUM", ir.Named(("UF %s" if kind == "UFRAME" else "UT %s", number)))]
+def _frame(line: Line) -> list[Op]:
+    frame = _FRAMES[line["kind"].partition("[")[0]]
+    return [
+        ir.Assign(f"U{'FRAME' if frame[1] == 'F' else 'TOOL'}_NUM", ir.Named((frame, line.number("number"))))
+    ]
 
 
-def _call(line: Line, match: re.Match[str]) -> list[Op]:
-    return [*line.expression(match[2] or "", empty=True), ir.Call(match[1])]
+def _jump(line: Line) -> list[Op]:
+    """Return a jump; the label may be computed."""
+    label = line["label"]
+    if label == "\0":
+        return [ir.Flow("jump", ("%s", line.number("label")))]
+    return [*line.expression(label), ir.Flow("jump", "\0")]
 
 
-def _label(line: Line, match: re.Match[str]) -> list[Op]:
-    return [ir.Flow("label", ("%s", line.ordinal(match.start(1))))]
-
-
-def _jump(line: Line, match: re.Match[str]) -> list[Op]:
-    """Return a jump, behind the condition of one that waits; the label may be computed."""
-    group = match.re.groups
-    found = line.expression(match[1]) if group > 1 else []
-    if match[group] == "\0":
-        return [*found, ir.Flow("jump", ("%s", line.ordinal(match.start(group))))]
-    return [*found, *line.expression(match[group]), ir.Flow("jump", "\0")]
-
-
-def _loop(line: Line, match: re.Match[str]) -> list[Op]:
-    return [*line.expression(match[1]), *line.expression(match[2]), ir.Flow("loop")]
-
-
-def _leads(line: Line, match: re.Match[str]) -> list[Op]:
+def _leads(line: Line) -> list[Op]:
     """Return an action that may be passed over."""
-    given = [each.replace("=", "+", 1) for each in match.groups()[:3] if each]
-    action = Line(line.language, match[4], line.ordinals[line.text.count("\0", 0, match.start(4)) :], (), ())
-    found = [op for each in given for op in line.expression(each)]
-    return [*found, ir.Flow("if"), *line.language.rule(action), ir.Flow("close")]
+    start, end = line.span("action")
+    action = Line(line.language, line["action"], line.numbers(start, end))
+    given = line.expression(line["which"].replace("=", "+", 1)) if line["which"] else []
+    return [*given, ir.Flow("if"), *line.language.rule(action), ir.Flow("close")]
 
 
-def _quiet(line: Line, match: re.Match[str]) -> list[Op]:
-    """Return what an instruction uses: `PULSE,0.2sec`, `ON` and `(…)` are values, too."""
-    given = [each for each in match.groups() if each and not re.fullmatch(r"PULSE,\0 ?(?:sec)?", each)]
-    return [op for each in given for op in line.expression(each.replace("!", ""))]
+def _quiet(line: Line) -> list[Op]:
+    """Return what an instruction uses: `PULSE,0.2sec`, `ON` and `(...)` are values, too."""
+    value = line["value"].replace("!", "")
+    return line.expression(value) if value and not re.fullmatch(r"PULSE,\0 ?(?:sec)?", value) else []
 
 
-def _changed(line: Line, _match: re.Match[str]) -> list[Op]:
+def _changed(line: Line) -> list[Op]:
     name = "P[%s]", line.ordinals[0]
     return [ir.Havoc(frozenset({name}), "the position changes while the program runs", _REMEDY)]
 
 
-def _move(line: Line, match: re.Match[str]) -> list[Op]:
+def _move(line: Line) -> list[Op]:
     """Return a move to one position, or through one to another."""
-    letter, tail = match[1], match[3]
-    if bool(match[2]) != (letter == "C"):
-        reason = "an arc has two positions, another move has one; its second one is on the next line"
-        raise Misread(reason)
+    letter, tail = line["letter"], line["tail"]
+    if bool(line["second"]) != (letter == "C"):
+        raise Misread("an arc has two positions, another move has one; its second one is on the next line")
     offset = _OFFSET.search(tail)
     shifts = tail[offset.start() :].rstrip() if offset else ""
     rest = tail.removesuffix(shifts).rstrip()
     if not _TAIL.fullmatch(rest) or (shifts and not _ALL_OFFSETS.fullmatch(shifts)):
-        reason = (
-            "the text after the target moves it, or is unknown; its position in /POS is not all that counts"
-        )
-        raise Misread(reason)
-    ordinals = line.ordinals[: 1 + bool(match[2])]
+        what = "the text after the target moves it, or is unknown"
+        raise Misread(f"{what}; its position in /POS is not all that counts")
+    ordinals = line.ordinals[: 1 + bool(line["second"])]
     names = tuple(("P[%s]", ordinal) for ordinal in ordinals)
     bases, tools = (
         tuple(ir.Copy((f"P[%s].{kind}", ordinal), through=True) for ordinal in ordinals)
         for kind in ("UF", "UT")
     )
     reason = f"{offset[0].strip()} moves the target" if offset else ""
-    move = ir.Move(
-        _MOTIONS[letter], names, bases, tools, ("UFRAME_NUM", "UTOOL_NUM"), reason=reason, remedy=_REMEDY
-    )
+    agree = ("UFRAME_NUM", "UTOOL_NUM")
+    move = ir.Move(_MOTIONS[letter], names, bases, tools, agree, reason=reason, remedy=_REMEDY)
     return [*(ir.Call(name, attached=True) for name in re.findall(r",CALL ?(\w++)", tail)), move]
 
 
-def _anywhere(_line: Line, _match: re.Match[str]) -> list[Op]:
-    return [ir.Call("P[...]", attached=True)]
-
-
-def _computed(_line: Line, _match: re.Match[str]) -> list[Op]:
+def _computed(_line: Line) -> list[Op]:
     raise Misread("a frame is computed, or chosen in a branch")
 
 
 # /POS
 
-_GROUP: Final = re.compile(r"GP(\d):")
 _FIELD: Final = re.compile(
-    r"(\w++)[:=](?:(\0)(?: (mm|deg))?|'([^']*+)'|(F|\*++)(?:mm|deg)?),? ?(?!\w*[*\0])", re.IGNORECASE
+    r"GP(?P<group>\d):|(?P<name>\w++)[:=](?:\0(?: (?P<unit>mm|deg))?|'(?P<text>[^']*+)'"
+    r"|(?P<word>F|\*++)(?:mm|deg)?)"
+    r",? ?(?!\w*[*\0])",
+    re.IGNORECASE,
 )
 _CONFIG: Final = re.compile(r"[^,]*+,\0,\0,\0")
+_Fields: TypeAlias = dict[str, tuple[tuple[int, ...], str]]
+"""Ordinals of the numbers of fields, and their units or texts."""
 
 
-class _Group(NamedTuple):
-    """Fields of a group of a position."""
-
-    numbers: dict[str, tuple[int, str]]  # ordinals and units
-    texts: dict[str, str]
-    words: tuple[tuple[str, int], ...]  # turn numbers of the configuration
-    end: int
-
-
-def _position(line: Line, _match: re.Match[str]) -> list[Op]:
+def _position(line: Line) -> list[Op]:
     """Return what P[n]{ GP1: UF : …, UT : …, CONFIG : '…', X = … mm, … }; declares."""
     number = line.ordinals[0]
     name = "P[%s]", number
     try:
         own, others = _groups(line)
         ops: list[Op] = [ir.Assign(name, _whole(own, others), "variable")]
-        for kind, active in (("UF", "UFRAME_NUM"), ("UT", "UTOOL_NUM")):
-            frame = active if own.texts.get(kind) == "F" else (f"{kind} %s", own.numbers[kind][0])
-            ops.append(ir.Assign((f"P[%s].{kind}", number), ir.Named(frame), "constant"))
     except Misread as fault:
         return [ir.Havoc(frozenset({name}), fault.reason, fault.remedy)]
+    for kind, active in (("UF", "UFRAME_NUM"), ("UT", "UTOOL_NUM")):
+        frame = (f"{kind} %s", own[kind][0][0]) if own[kind][0] else active
+        ops.append(ir.Assign((f"P[%s].{kind}", number), ir.Named(frame), "constant"))
     return ops
 
 
-def _groups(line: Line) -> tuple[_Group, tuple[int, ...]]:
-    """Return the arm's group of a position, and the numbers of the others."""
-    place, others, own = line.text.index("{") + 1, tuple[int, ...](), None
+def _groups(line: Line) -> tuple[_Fields, tuple[int, ...]]:
+    """Return the fields of the arm's group of a position, and the numbers of the other groups."""
+    groups, here = dict[str, _Fields](), "1"
+    place, ordinals = line.text.index("{") + 1, iter(line.ordinals[1:])
     while place < len(line.text) - 2:
-        head = _GROUP.match(line.text, place)
-        group = _group(line, head.end() if head else place)
-        place = group.end
-        if head and head[1] != "1":
-            others += tuple(i for field, (i, _) in group.numbers.items() if field not in {"UF", "UT"})
-        elif own is not None:
-            raise Misread("a position has two groups GP1", _AGAIN)
-        else:
-            own = group
-    if own is None:
-        raise Misread("the position has no group GP1", "only the arm of group 1 is supported")
-    return own, others
+        match = _FIELD.match(line.text, place)
+        if match is None:
+            raise Misread("a field of the position is unknown", _AGAIN)
+        here, place = match["group"] or here, match.end()
+        fields = groups.setdefault(here, {})
+        if match["name"] in fields or (match["group"] and fields):
+            raise Misread("a field or a group occurs twice in a position", _AGAIN)
+        if match["name"]:
+            text = (match["unit"] or "").lower() or match["text"] or match["word"] or ""
+            fields[match["name"]] = tuple(islice(ordinals, match[0].count("\0"))), text
+    others = (each for key, fields in groups.items() if key != "1" for each in fields.items())
+    return groups.get("1", {}), tuple(i for name, (own, _) in others if name not in {"UF", "UT"} for i in own)
 
 
-def _group(line: Line, place: int) -> _Group:
-    numbers: dict[str, tuple[int, str]] = {}
-    texts: dict[str, str] = {}
-    words: tuple[tuple[str, int], ...] = ()
-    while field := _FIELD.match(line.text, place):
-        if field[1] in numbers or field[1] in texts:
-            raise Misread(f"{field[1]} occurs twice in a position", _AGAIN)
-        if field[2]:
-            numbers[field[1]] = line.ordinal(field.start(2)), (field[3] or "").lower()
-        else:
-            texts[field[1]] = field[5] if field[4] is None else field[4]
-        if field[4] and _CONFIG.fullmatch(field[4]):
-            first = line.text.count("\0", 0, field.start(4))
-            words = tuple(zip(("turn1", "turn4", "turn6"), line.ordinals[first : first + 3], strict=True))
-        place = field.end()
-    if not numbers and not texts:
-        raise Misread("a field of the position is unknown", _AGAIN)
-    return _Group(numbers, texts, words, place)
-
-
-def _whole(group: _Group, others: tuple[int, ...]) -> Literal:
+def _whole(fields: _Fields, others: tuple[int, ...]) -> Literal:
     """Return a position of the arm; where other groups stand is beside its external axes."""
-    numbers, texts = group.numbers, group.texts
-    if any(text.startswith("*") and not field.startswith("E") for field, text in texts.items()):
+    if any(text.startswith("*") and not name.startswith("E") for name, (_, text) in fields.items()):
         raise Misread("the position was not recorded (***)", "record it, or delete it and its moves")
-    if not all(kind in numbers or texts.get(kind) == "F" for kind in ("UF", "UT")):
-        raise Misread("the position has no UF and UT", _AGAIN)
+    if not all(kind in fields and (fields[kind][0] or fields[kind][1] == "F") for kind in ("UF", "UT")):
+        raise Misread("the position has no group GP1 with UF and UT", _AGAIN)
     for notation, names, units in _FIELDS:
-        if all(name in numbers for name in names):
-            if [numbers[name][1] for name in names] != units.split():
+        if all(fields.get(name, ((), ""))[0] for name in names):
+            if [fields[name][1] for name in names] != units.split():
                 raise Misread("the position is not in mm and deg", "write it with the controller set to mm")
-            external = tuple(i for name, (i, _) in sorted(numbers.items()) if re.fullmatch(r"E\d", name))
-            letters = "".join(texts.get("CONFIG", "").partition(",")[0].split())
-            return Literal(
-                notation, tuple(numbers[name][0] for name in names), external + others, group.words, letters
+            external = tuple(
+                i for name, (own, _) in sorted(fields.items()) if re.fullmatch(r"E\d", name) for i in own
             )
+            turns, config = fields.get("CONFIG", ((), ""))
+            words = zip(("turn1", "turn4", "turn6"), turns, strict=False) if _CONFIG.fullmatch(config) else ()
+            letters = "".join(config.partition(",")[0].split())
+            numbers = tuple(fields[name][0][0] for name in names)
+            return Literal(notation, numbers, external + others, tuple(words), letters)
     raise Misread("the position is neither X, Y, Z, W, P, R nor J1 ... J6", _AGAIN)
 
 
 _POINTS: Final = ir.Language(
-    comment=r":[^:\[\]\r\n]*+(?=\])", text=r"(?!)", folded=False, rules=((r"(?s).*", _position),)
+    comment=r":[^:\[\]\r\n]*+(?=\])", text=r"(?!)", folded=False, rules=((r"(?s)[\s\S]*", _position),)
 )
 LANGUAGE: Final = ir.Language(
     # what stands behind a number in brackets
@@ -240,27 +205,26 @@ LANGUAGE: Final = ir.Language(
     reserved="JMP|CALL|RUN|LBL|IF|THEN|ELSE|ENDIF|FOR|TO|DOWNTO|ENDFOR|SELECT|INC|OFFSET|Offset|Skip|SKIP|VOFFSET|TOOL_OFFSET"
     r"|P(?=\[)",
     functions="WAIT|ABS|SQRT|SIN|COS|TAN|LN|EXP|ROUND|TRUNC|ATAN2|ASIN|ACOS|MOD",
-    motion=r"(?<![\w$.\[])[JLCAS] PR?\[",
+    motion=r"(?<![\w$.\[])[JLCAS]\s++PR?\s*+\[",
     remedy=_REMEDY,
     active={"UFRAME_NUM": "active UFRAME_NUM", "UTOOL_NUM": "active UTOOL_NUM"},
     constants={"UF 0": np.eye(4), "UT 0": np.eye(4)},  # the robot's own frames: its base and its flange
     is_frame=lambda name: name.startswith(("UF ", "UT ")),
     rules=(
-        (r"([JLCAS]) P\[\0\] ?(P\[\0\] ?)?(.*)", _move),
-        (r"(?:UFRAME_NUM|UTOOL_NUM)=(\0)|\$(?:MNUFRAMENUM|MNUTOOLNUM)\[\0\]=(\0)", _frame),
+        (r"(?P<letter>[JLCAS]) P\[\0\] ?(?P<second>P\[\0\] ?)?(?P<tail>.*)", _move),
+        (r"(?P<kind>UFRAME_NUM|UTOOL_NUM|\$MNUFRAMENUM\[\0\]|\$MNUTOOLNUM\[\0\])=(?P<number>\0)", _frame),
         (r"IF ?(.+?) ?THEN", "if"),
-        (r"FOR R\[\0\]=(.+?)(?: TO| DOWNTO) ?(.+)", _loop),
+        (r"FOR R\[\0\]=(.+?)(?: TO| DOWNTO) ?(.+)", "loop"),
         (r"ELSE", "turn"),
         (r"ENDIF|ENDFOR", "close"),
-        (r"LBL ?\[(\0)\]", _label),
-        (r"JMP LBL ?\[(.*)\]", _jump),
-        (r"WAIT ?(.+?) ?TIMEOUT,LBL ?\[(.*)\]", _jump),
-        (rf"(?:IF ?(.+?)|SELECT ?(.+?)|=(.+?)|ELSE),{_ACTION}", _leads),
-        (r"(?:CALL|RUN|MONITOR) (\w++)(?:\((.*)\))?", _call),
+        (r"LBL ?\[(?P<name>\0)\]", lambda line: [ir.Flow("label", ("%s", line.number("name")))]),
+        (r"(?:WAIT ?(.+?) ?TIMEOUT,|JMP )LBL ?\[(?P<label>.*)\]", _jump),
+        (rf"(?:IF ?(.+?)|SELECT ?(?P<which>.+?)|=(.+?)|ELSE),{_LOGIC}", _leads),
+        (r"(?:CALL|RUN|MONITOR) (?P<name>\w++)(?:\((.*)\))?", lambda line: [ir.Call(line["name"])]),
         (_QUIET, _quiet),
         (r".*(?:UFRAME|UTOOL).*", _computed),
         (r"P\[\0(?:,\0)?\]=.*", _changed),
-        (r"(?:(?!(?<!\w)P\[).)*P\[[^=]*=.*", _anywhere),
+        (r"(?:(?!(?<!\w)P\[).)*P\[[^=]*=.*", lambda _: [ir.Call("P[...]", attached=True)]),
     ),
 )
 _ORDER: Final = ("PROG", "ATTR", "APPL", "MN", "POS", "END")

@@ -145,7 +145,7 @@ class Machine:
             ops = known.get(shape)
             if ops is None:
                 try:
-                    ops = language.translate(language.line(shape))
+                    ops = language.translate(shape)
                 except Misread as fault:
                     self.refuse(line, fault.reason, fault.remedy, source)
                 if len(known) < _MAX_SHAPES:
@@ -472,7 +472,7 @@ class Machine:
             return
         if state is None:
             state = {UNKNOWN: (Cause(0, "no way that the program takes leads here", "omit the move"), 0)}
-        if self._last is None or self._last[0] is not op or not op.repeats:
+        if self._last is None or self._last[0] is not op or not op.steady:
             frames = [
                 (self._frame(place, base, state), self._frame(place, tool, state))
                 for base, tool in zip(op.bases, op.tools, strict=True)
@@ -556,7 +556,7 @@ class Machine:
                 each.literal.notation,
                 each.first + np.array(each.literal.numbers, dtype=np.intp),
             )
-            if notation is None or not notation.has_pose:
+            if not notation.has_pose:
                 return None
             values = self.numerals[each.source].values[places]
             if not (np.abs(values) <= MAX_VALUE).all() or not notation.states(values):

@@ -15,7 +15,7 @@ from jointstiff.service.programs.program import Literal, Motion, Source
 
 POSE: Final = Notation(Orientation.EULER_ZYX)
 JOINTS: Final = Notation(Orientation.JOINTS)
-_FIELDS: Final = ((POSE, ("X", "Y", "Z", "A", "B", "C")), (JOINTS, ("A1", "A2", "A3", "A4", "A5", "A6")))
+_POSES: Final = ((POSE, ("X", "Y", "Z", "A", "B", "C")), (JOINTS, ("A1", "A2", "A3", "A4", "A5", "A6")))
 _MOTIONS: Final = {"PTP": Motion.JOINT, "LIN": Motion.LINEAR, "CIRC": Motion.CIRCULAR, "SPL": Motion.SPLINE}
 # Facts. Sources: KUKA System Software 8.x, programming instructions for system integrators (KSS); the
 # controller's bas.src (BAS).
@@ -49,249 +49,192 @@ _REMEDY: Final = (
 )
 _FRAME_REMEDY: Final = "give the whole frame in numbers, or as BASE_DATA[i] or TOOL_DATA[i]"
 _NAME: Final = r"\$?[^\W\d]\w*+"
-_TARGET: Final = rf"\{{[^{{}}]*+\}}|{_NAME}"
-_BLEND: Final = r"((?: ?C_(?:PTP|DIS|VEL|ORI|SPL))*)"
 _NOT_WHOLE: Final = (
     "the target is not a whole pose or set of angles in numbers, or the text after it is unknown"
 )
+_BLEND: Final = r"(?: ?C_(?:PTP|DIS|VEL|ORI|SPL))*"
+_FIELD: Final = re.compile(r"(\w+)(?:\[\])? ?(\0|TRUE|FALSE|\"[^\"]*\"|#\w+|'\w+')")
+_SEPARATED: Final = re.compile(r" (?=[\0\w\"#'$])|(?<=\w):|(?<=\])(?=[\0\w\"#'$ ])|(?<=\[)(?=\])")
+_OWN_FRAME: Final = re.compile(rf"\$(BASE|TOOL|IPO_MODE)=(?:STOOL2?|SBASE|SIPO_MODE)\(({_NAME})(?:\.\w+)?\)")
+"""A frame of a single move, by the name of its data."""
+_BEFORE: Final = "set $TOOL and $BASE before the move"
 
 
-def _computed_move(line: Line, target: str, reason: str) -> list[Op]:
-    """Return a move to what is not given by numbers: it is left, and what it computes with is used."""
-    uses = line.expression(_SEPARATED.sub(",", target))
-    return [*uses, ir.Move(Motion.LINEAR, (), reason=reason, remedy=_REMEDY)]
+def _uses(line: Line, text: str) -> list[Op]:
+    """Return what a value uses and calls, also one of several fields."""
+    return line.expression(_SEPARATED.sub(",", text) if text.startswith("{") else text)
 
 
-def _computed(line: Line, match: re.Match[str]) -> list[Op]:
-    return _computed_move(line, match[2], "a relative move" if match[1] else _NOT_WHOLE)
+def _struct(line: Line, start: int, end: int) -> dict[str, int | str]:
+    """Return the fields of `{...}`: ordinals of numbers, and texts; none if one is computed."""
+    match = re.compile(r"\{(?:\w+:)?([^{}]*)\}").fullmatch(line.text, start, end)
+    numbers, fields = iter(line.numbers(start, end)), dict[str, int | str]()
+    for first, last in parts(line.text[: match.end(1)], match.start(1)) if match else ():
+        field = _FIELD.fullmatch(line.text, first, last)
+        if field is None or field[1] in fields:
+            return {}
+        fields[field[1]] = next(numbers) if field[2] == "\0" else field[2]
+    return fields
 
 
-def _routine(_line: Line, match: re.Match[str]) -> list[Op]:
-    names = frozenset(re.findall(rf"({_NAME})(?::\w+)?", match[2] or ""))
-    own: list[Op] = [ir.Local(names), ir.Havoc(names, "a parameter of the routine", _REMEDY)] if names else []
-    return [ir.Flow("routine", match[1], shared=match[0].startswith("GLOBAL")), *own]
-
-
-def _loop(line: Line, match: re.Match[str]) -> list[Op]:
-    if match[1]:
-        return [*ir.attached(line.expression(match[1])), ir.Flow("loop")]
-    bounds = [op for each in re.split(" ?TO | ?STEP ", match[3]) for op in line.expression(each)]
-    return [*bounds, ir.Flow("loop"), ir.Havoc(frozenset({match[2]}), f"{match[2]} counts a loop", _REMEDY)]
-
-
-def _called(line: Line, match: re.Match[str]) -> list[Op]:
-    if re.fullmatch(_RESERVED, match[1]):
-        raise Misread(f"{match[1]} is not a routine")
-    return line.expression(match[0])
-
-
-def _interrupt(line: Line, match: re.Match[str]) -> list[Op]:
-    handler = [] if match[2] == "IR_STOPM" else [ir.Call(match[2], attached=True)]  # BAS: IR_STOPM waits
-    uses = ir.attached([*line.expression(match[1]), *line.expression(match[3], empty=True)])
-    name = "INTERRUPT %s", line.ordinal(match[0].index("\0"))
-    return [ir.Assign(name, ir.Named(name)), *handler, *uses]
-
-
-def _trigger(line: Line, match: re.Match[str]) -> list[Op]:
-    condition = match[1].replace(" DELAY=", "+DELAY=").replace("DISTANCE=", "").replace("PATH=", "")
-    found = line.expression(condition.replace("DELAY=", ""))
-    for each in filter(None, (match[2], match[3], match[5], match[6])):
-        found += ir.attached(line.expression(each.replace("=", "+", 1), empty=True))
-    return [*found, *([ir.Call(match[4], attached=True)] if match[4] else [])]
-
-
-def _interruptible(line: Line, match: re.Match[str]) -> list[Op]:
-    return [ir.Call(("INTERRUPT %s", line.ordinal(match.start(1))), attached=True)]
-
-
-def _later(_line: Line, match: re.Match[str]) -> list[Op]:
-    """Take an action that is not understood: it may be carried out at any time."""
-    return [ir.Call(match[0].replace("\0", "n"), attached=True)]
-
-
-def _bas(line: Line, match: re.Match[str]) -> list[Op]:
-    which, argument = match[1], match[2]
-    found = [] if argument is None else line.expression(argument)
-    if which in {"TOOL", "BASE"} and argument == "\0":
-        return [ir.Assign(f"${which}", ir.Copy((f"{which}_DATA[%s]", line.ordinal(match.start(2)))))]
-    if which not in _BAS:
-        raise Misread(f"BAS(#{which}) with what is no number, or is not known")
-    return [*found, *_BAS[which]]
-
-
-def _literal(line: Line, start: int, end: int) -> Literal | None:
-    """Return the numbers of `{...}` at a place of the text; None if a field is computed."""
-    text = line.text
-    begin = start + 1 if text[start : start + 1] == "{" and text[end - 1 : end] == "}" else end
-    if begin == end or "{" in text[begin:end]:
-        return None
-    if head := re.compile(r"\w+:").match(text, begin, end):
-        begin = head.end()
-    numbers: dict[str, int] = {}
-    texts: dict[str, str] = {}
-    for first, last in parts(text[: end - 1], begin):
-        field = re.fullmatch(r"(\w+)(?:\[\0?\])? ?(\0|TRUE|FALSE|\"[^\"]*\"|#\w+|'\w+')", text[first:last])
-        if field is None or field[1] in numbers or field[1] in texts:
-            return None
-        if field[2] == "\0":
-            numbers[field[1]] = line.ordinal(last - 1)
-        else:
-            texts[field[1]] = field[2]
-    for notation, fields in _FIELDS:
-        if all(field in numbers for field in fields):
+def _pose(fields: dict[str, int | str]) -> Literal | None:
+    """Return the target that fields are; None if they are no whole one."""
+    numbers = {name: value for name, value in fields.items() if isinstance(value, int)}
+    for notation, names in _POSES:
+        if numbers.keys() >= set(names):
             external = tuple(numbers.get(f"E{i}", -1) for i in range(1, 7))
             said = tuple((kind, numbers[kind]) for kind in ("S", "T") if kind in numbers)
-            places = tuple(numbers[field] for field in fields)
+            places = tuple(numbers[name] for name in names)
             return Literal(notation, places, external if max(external) >= 0 else (), said)
-    return Literal(None, fields=numbers, texts=texts)
+    return None
 
 
-def _given(line: Line, name: ir.Name, start: int, end: int) -> list[Op]:
-    """Return what a name gets by numbers or names: a pose, or the frames of FDAT; else nothing."""
-    text = line.text[start:end]
-    literal = _literal(line, start, end)
-    if literal is not None and literal.notation is not None:
-        return [ir.Assign(name, literal)]
-    if literal is not None and {"TOOL_NO", "BASE_NO"} <= literal.fields.keys() and isinstance(name, str):
-        if literal.texts.get("IPO_FRAME", "#BASE") != "#BASE":  # KSS: #TCP is a tool that stands in the cell
-            return []
+def _frames_of(name: str, value: str) -> list[Op]:
+    return [ir.Assign(f"{name}.{which}", ir.Copy(f"{value}.{which}")) for which in ("BASE", "TOOL")]
+
+
+def _value(line: Line, name: ir.Name, start: int, end: int) -> list[Op]:
+    """Return what a name gets: numbers, what another name has, or what is not known."""
+    text, fields = line.text[start:end], _struct(line, start, end)
+    if pose := _pose(fields):
+        return [ir.Assign(name, pose)]
+    frames = {which: fields.get(f"{which}_NO") for which in ("BASE", "TOOL")}
+    # KSS: #TCP is a tool that stands in the cell
+    if None not in frames.values() and fields.get("IPO_FRAME", "#BASE") == "#BASE":
         return [
-            ir.Assign(f"{name}.{which}", ir.Named((f"{which}_DATA[%s]", literal.fields[f"{which}_NO"])))
-            for which in ("BASE", "TOOL")
+            ir.Assign(f"{name}.{which}", ir.Named((f"{which}_DATA[%s]", number)))
+            for which, number in frames.items()
+            if isinstance(number, int)
         ]
     if name == "FDAT_ACT" and re.fullmatch(_NAME, text):
-        return [ir.Assign(f"{name}.{which}", ir.Copy(f"{text}.{which}")) for which in ("BASE", "TOOL")]
-    return []
+        return _frames_of("FDAT_ACT", text)
+    if name in {"$BASE", "$TOOL"} and re.fullmatch(_NAME, text):
+        return [ir.Use(frozenset({text})), ir.Assign(name, ir.Copy(text))]
+    if name in {"$BASE", "$TOOL"} and text == f"{str(name)[1:]}_DATA[\0]":
+        return [ir.Assign(name, ir.Copy((text.replace("\0", "%s"), line.numbers(start, end)[0])))]
+    return [*_uses(line, text), _unknown(name)]
 
 
-def _declared(line: Line, match: re.Match[str]) -> list[Op]:
+def _unknown(name: ir.Name) -> Op:
+    text = name if isinstance(name, str) else name[0] % "i"
+    is_frame = text in {"$BASE", "$TOOL", "FDAT_ACT"} or "_DATA" in text
+    reason = f"{text} changes while the program runs: it is computed, or set in part"
+    return ir.Havoc(frozenset({name}), reason, _FRAME_REMEDY if is_frame else _REMEDY)
+
+
+def _declared(line: Line) -> list[Op]:
     ops: list[Op] = []
-    shared = re.search(r"\bGLOBAL\b", line.text[: match.start(1)]) is not None
-    for start, end in parts(line.text, match.start(1)):
-        name, equals, value = line.text[start:end].partition("=")
-        name, bracket, index = name.partition("[")
-        if not re.fullmatch(_NAME, name) or re.fullmatch(_RESERVED, name):
+    shared = re.search(r"\bGLOBAL\b", line.text[: line.span("names")[0]]) is not None
+    for start, end in parts(line.text, line.span("names")[0]):
+        match = re.compile(rf"({_NAME})(?:\[(.*?)\])?(?:=(.+))?").fullmatch(line.text, start, end)
+        if match is None or re.fullmatch(_RESERVED, match[1]):
             raise Misread("the declaration is unknown")
-        ops += [ir.Local(frozenset({name}))]
-        ops += line.expression(f"[{index}") if bracket and index != "]" else []
-        if equals:
-            given = [] if bracket else _given(line, name, end - len(value), end)
-            ops += [op._replace(shared=shared) for op in given if isinstance(op, ir.Assign)] or _set(
-                line, name, value
-            )
+        name, index, value = match.groups()
+        ops += [ir.Local(frozenset({name})), *line.expression(index or "")]
+        if value and index is not None:
+            ops += [*_uses(line, value), _unknown(name)]
+        elif value:
+            given = _value(line, name, *match.span(3))
+            ops += [op._replace(shared=shared) if isinstance(op, ir.Assign) else op for op in given]
     return ops
 
 
-def _set(line: Line, name: ir.Name, value: str, frames: tuple[ir.Name, ...] = ()) -> list[Op]:
-    """Return that a name gets what is not known."""
-    shown = name if isinstance(name, str) else name[0] % "i"
-    found = line.expression(_SEPARATED.sub(",", value) if value.startswith("{") else value)
-    remedy = _FRAME_REMEDY if frames or "_DATA" in shown else _REMEDY
-    return [
-        *found,
-        ir.Havoc(
-            frozenset(frames or {name}),
-            f"{shown} changes while the program runs: it is computed, or set in part",
-            remedy,
-        ),
-    ]
-
-
-_SEPARATED: Final = re.compile(r" (?=[\0\w\"#'$])|(?<=\w):|(?<=\])(?=[\0\w\"#'$ ])|(?<=\[)(?=\])")
-
-
-def _assigned(line: Line, match: re.Match[str]) -> list[Op]:
-    name, index, value = match[1], match[2], match[3]
-    if not value:
-        raise Misread("the statement is not complete")
-    if name in {"FDAT_ACT", "$BASE", "$TOOL", "BASE_DATA", "TOOL_DATA"}:
-        return _frame(line, match)
-    if _MOVING.match(match[0]):
-        raise Misread(f"the controller's variable {name} may move targets", "omit it")
-    inner = index.strip("[]").replace("][", ",").replace("].", "+")
-    uses = line.expression(inner, empty=True) if "[" in index else []
-    if name.startswith("$"):
-        return [*uses, *(op for op in _set(line, name, value) if not isinstance(op, ir.Havoc))]
-    return [*uses, *(([] if index else _given(line, name, *match.span(3))) or _set(line, name, value))]
-
-
-def _frame(line: Line, match: re.Match[str]) -> list[Op]:
-    """Take an assignment to the active frames, to those that wait, or to the data of one."""
-    name, index, value = match[1], match[2], match[3]
+def _assigned(line: Line) -> list[Op]:
+    name, index = line["name"], line["index"]
     target: ir.Name = name
-    if name.endswith("_DATA"):
+    if name in {"BASE_DATA", "TOOL_DATA"}:
         if not index.startswith("[\0]"):
             raise Misread(f"{name} of a computed number", _FRAME_REMEDY)
-        target, index = (f"{name}[%s]", line.ordinal(match.start(2) + 1)), index.removeprefix("[\0]")
-    elif not index and re.fullmatch(rf"{re.escape(name[1:])}_DATA\[\0\]", value):
-        return [ir.Assign(name, ir.Copy((f"{name[1:]}_DATA[%s]", line.ordinal(match.end(3) - 2))))]
-    elif not index and name != "FDAT_ACT" and re.fullmatch(_NAME, value):
-        return [ir.Use(frozenset({value})), ir.Assign(name, ir.Copy(value))]
-    given = [] if index else _given(line, target, *match.span(3))
-    waiting = ("FDAT_ACT.BASE", "FDAT_ACT.TOOL") if name == "FDAT_ACT" else ()
-    return given if len(given) == 1 + bool(waiting) else _set(line, target, value, waiting)
+        target, index = (f"{name}[%s]", line.number("index")), index.removeprefix("[\0]")
+    elif _MOVING.match(line.text):
+        raise Misread(f"the controller's variable {name} may move targets", "omit it")
+    inner = index.strip("[]").replace("][", ",").replace("].", "+") if "[" in index else ""
+    uses = line.expression(inner)
+    if index or (name.startswith("$") and name not in {"$BASE", "$TOOL"}):
+        changes = [] if name.startswith("$") and name not in {"$BASE", "$TOOL"} else [_unknown(target)]
+        return [*uses, *_uses(line, line["value"]), *changes]
+    return [*uses, *_value(line, target, *line.span("value"))]
 
 
-def _move(line: Line, match: re.Match[str]) -> list[Op]:
-    motion = _MOTIONS[match[1]]
-    spans = [match.span(k) for k in (2, 3) if match[k]]
-    names = [line.text[slice(*span)] for span in spans]
-    found, own = _settings(line, match[5] or "")
-    if len(spans) != 1 + (motion is Motion.CIRCULAR):
-        raise Misread(
-            "the target is not given by numbers: an arc has two, other moves one, and nothing follows them"
-        )
-    if any(map(_KEPT.fullmatch, names)):
-        if len(names) > 1:
-            raise Misread("an arc through a position stored in the controller")
-        return [*found, ir.Keep(names[0])]
-    targets: list[Literal | ir.Name] = []
-    for name, span in zip(names, spans, strict=True):
-        literal = _literal(line, *span) if name.startswith("{") else None
-        if name.startswith("{") and (literal is None or literal.notation is None):
-            return [*found, *_computed_move(line, ",".join(names), _NOT_WHOLE)]
-        if re.fullmatch(_RESERVED, name):
-            raise Misread("the target is not given by numbers")
-        targets.append(name if literal is None else literal)
-    frames: tuple[ir.Value, ir.Value] = ir.Copy("$BASE"), ir.Copy("$TOOL")
+def _move(line: Line) -> list[Op]:
+    motion = _MOTIONS[line["motion"]]
+    found, own = _settings(line)
+    begin, end = line.span("targets")
+    targets: list[Literal | ir.Name | None] = []
+    for start, stop in parts(line.text[:end], begin):
+        name = line.text[start:stop]
+        if _KEPT.fullmatch(name):
+            if name != line["targets"]:
+                raise Misread("an arc through a position stored in the controller")
+            return [*found, ir.Keep(name)]
+        named = re.fullmatch(_NAME, name) and not re.fullmatch(_RESERVED, name)
+        targets.append(name if named else _pose(_struct(line, start, stop)))
+    known = tuple(each for each in targets if each is not None)
+    if line["relative"] or len(known) < len(targets) or len(known) != 1 + (motion is Motion.CIRCULAR):
+        reason = "a relative move" if line["relative"] else _NOT_WHOLE
+        return ir.left([*found, *line.expression(_SEPARATED.sub(",", line["targets"]))], reason, _REMEDY)
+    base, tool = ir.Copy("$BASE"), ir.Copy("$TOOL")
     if own:
-        frames = ir.Copy(f"{own}.BASE", through=True), ir.Copy(f"{own}.TOOL", through=True)
-    plain = all(isinstance(each, Literal) for each in targets)
-    count = len(targets)
-    move = ir.Move(motion, tuple(targets), frames[:1] * count, frames[1:] * count, repeats=plain)
-    return [*found, move]
+        base, tool = (ir.Copy(f"{own}.{which}", through=True) for which in ("BASE", "TOOL"))
+    return [*found, ir.Move(motion, known, (base,) * len(known), (tool,) * len(known))]
 
 
-def _settings(line: Line, text: str) -> tuple[list[Op], str]:
-    """Return what settings behind WITH use, and the name of the declaration of the move's own frames."""
-    found: list[Op] = []
-    frames: dict[str, str] = {}
-    text = re.sub(rf"{_BLEND}$", "", text)
+def _settings(line: Line) -> tuple[list[Op], str]:
+    """Return what settings behind WITH use, and the name of the data of the move's own frames."""
+    text, own, found = line["settings"], dict[str, str](), list[Op]()
     for start, end in parts(text) if text else ():
-        name, _, value = text[start:end].partition("=")
-        if name in {"$BASE", "$TOOL"}:
-            declared = re.fullmatch(rf"(?:STOOL2?|SBASE)\(({_NAME})(?:\.\w+)?\)", value)
-            if declared is None:
-                raise Misread("the move or the block has frames of its own", "set $TOOL and $BASE before it")
-            frames[name] = declared[1]
-        elif mode := re.fullmatch(rf"\$IPO_MODE=SIPO_MODE\(({_NAME})\.\w+\)", text[start:end]):
-            frames[name] = mode[1]
-        elif not name.startswith("$") or _MOVING.match(text[start:end]):
-            raise Misread("the settings of the move are unknown", "set them before it")
+        setting = text[start:end]
+        if match := _OWN_FRAME.fullmatch(setting):
+            own[match[1]] = match[2]
+        elif not setting.startswith("$") or _MOVING.match(setting) or setting.startswith(("$BASE", "$TOOL")):
+            raise Misread("the settings of the move are unknown, or frames of its own", _BEFORE)
         else:
-            found += [op for op in _set(line, name, value) if not isinstance(op, ir.Havoc)]
-    if ir.calls(found) or (
-        frames and (not {"$BASE", "$TOOL"} <= frames.keys() or len(set(frames.values())) > 1)
-    ):
-        raise Misread("the settings of the move call a routine, or set one frame only", "set them before it")
-    return found, frames.get("$TOOL", "")
+            found += _uses(line, setting.partition("=")[2])
+    if ir.calls(found) or (own and (not {"BASE", "TOOL"} <= own.keys() or len(set(own.values())) > 1)):
+        raise Misread("the settings of the move call a routine, or set one frame only", _BEFORE)
+    return found, own.get("TOOL", "")
 
 
-def _spline(line: Line, match: re.Match[str]) -> list[Op]:
+def _spline(line: Line) -> list[Op]:
     """Take the beginning of a block of splines; the frames of a block are not known in it."""
-    found, own = _settings(line, match[2] or "")
+    found, own = _settings(line)
     reason, remedy = "the block of splines has frames of its own", "set $BASE and $TOOL before the block"
     return [*found, *([ir.Havoc(frozenset({"$BASE", "$TOOL"}), reason, remedy)] if own else [])]
+
+
+def _routine(line: Line) -> list[Op]:
+    names = re.findall(rf"({_NAME})(?::\w+)?", line["own"])
+    return ir.routine(line["name"], names, _REMEDY, shared=line.text.startswith("GLOBAL"))
+
+
+def _called(line: Line) -> list[Op]:
+    if re.fullmatch(_RESERVED, line["name"]):
+        raise Misread(f"{line['name']} is not a routine")
+    return line.expression(line.text)
+
+
+def _attached(line: Line) -> list[Op]:
+    """Take an interrupt or a trigger: what it calls may run at any time."""
+    action = line["action"].replace(" PRIO=", "+").replace("=", "+", 1)
+    found = [*line.expression(line["when"]), *line.expression(action)]
+    # BAS: IR_STOPM waits
+    found = ir.attached([op for op in found if not (isinstance(op, ir.Call) and op.name == "IR_STOPM")])
+    name = "INTERRUPT %s", line.number("number") if line["number"] else 0
+    return [ir.Assign(name, ir.Named(name)), *found] if line["number"] else found
+
+
+def _later(line: Line) -> list[Op]:
+    """Take an action that is not understood: it may be carried out at any time."""
+    return [ir.Call(line.text.replace("\0", "n"), attached=True)]
+
+
+def _bas(line: Line) -> list[Op]:
+    which, argument = line["which"], line["argument"]
+    if which in {"TOOL", "BASE"} and argument == "\0":
+        return [ir.Assign(f"${which}", ir.Copy((f"{which}_DATA[%s]", line.number("argument"))))]
+    if which not in _BAS:
+        raise Misread(f"BAS(#{which}) with what is no number, or is not known")
+    return [*line.expression(argument), *_BAS[which]]
 
 
 LANGUAGE: Final = ir.Language(
@@ -311,8 +254,10 @@ LANGUAGE: Final = ir.Language(
     constants={name: np.eye(4) for name in ("$NULLFRAME", "BASE_DATA[0]", "TOOL_DATA[0]")},
     is_frame=lambda name: name.startswith(("BASE_DATA[", "TOOL_DATA[")),
     rules=(
-        (rf"S?(PTP|LIN|CIRC|SPL)(?: |(?=\{{))({_TARGET})(?:,({_TARGET}))?{_BLEND}(?: ?WITH (.*))?", _move),
-        (rf"(?:GLOBAL )?DEF(?:FCT {_NAME}(?:\[\])?)? ({_NAME})(?:\((.*)\))?(?: ?PUBLIC)?", _routine),
+        (
+            rf"(?:GLOBAL )?DEF(?:FCT {_NAME}(?:\[\])?)? (?P<name>{_NAME})(?:\((?P<own>.*)\))?(?: ?PUBLIC)?",
+            _routine,
+        ),
         (
             r"DEFDAT \w+(?: PUBLIC)?|ENDDAT|HALT|CONTINUE|ENDSPLINE.*|INTERRUPT (?:ON|OFF)|INTERRUPT OFF \0",
             "",
@@ -323,30 +268,44 @@ LANGUAGE: Final = ir.Language(
         (r"ELSE|CASE ?(.+)", "turn"),
         (r"DEFAULT", "default"),
         (r"ENDIF|ENDSWITCH|ENDFOR|ENDWHILE|ENDLOOP|UNTIL ?(.+)", "close"),
-        (rf"WHILE ?(.+)|FOR ({_NAME})=(.+)", _loop),
+        (r"WHILE ?(.+)", "loop"),
+        (
+            rf"FOR (?P<name>{_NAME})=(.+?) ?TO (.+?)(?: ?STEP (.+))?",
+            lambda line: ir.counted(line["name"], _REMEDY),
+        ),
         (r"LOOP|REPEAT", "repeat"),
         (r"EXIT", "leave"),
-        (rf"GOTO ({_NAME})", lambda _, match: [ir.Flow("jump", match[1])]),
-        (rf"({_NAME}):", lambda _, match: [ir.Flow("label", match[1])]),
+        (rf"GOTO (?P<name>{_NAME})", lambda line: [ir.Flow("jump", line["name"])]),
+        (rf"(?P<name>{_NAME}):", lambda line: [ir.Flow("label", line["name"])]),
         (r"RETURN ?(.*)", "return"),
         (r"WAIT (?:SEC|FOR) ?(.+)|ANOUT (?:ON|OFF) ?(.+)|(PULSE\(.*\))", ""),
-        (rf"(?:GLOBAL )?INTERRUPT DECL \0 WHEN (.+?) ?DO ({_NAME})\((.*)\)", _interrupt),
-        (r"INTERRUPT ON (\0)", _interruptible),
         (
-            rf"TRIGGER WHEN (.+?) ?DO (?:\$OUT(\[.*)|PULSE(\(.*\))|({_NAME})(\(.*\))(?: ?PRIO=(.+))?)",
-            _trigger,
+            rf"(?:GLOBAL )?INTERRUPT DECL (?P<number>\0) WHEN (?P<when>.+?) ?DO (?P<action>{_NAME}\(.*\))",
+            _attached,
+        ),
+        (
+            r"INTERRUPT ON (?P<number>\0)",
+            lambda line: [ir.Call(("INTERRUPT %s", line.number("number")), attached=True)],
+        ),
+        (
+            rf"TRIGGER WHEN (?:DISTANCE|PATH)=(.+?) DELAY=(.+?) ?DO (?P<action>(?:\$OUT\[|{_NAME}\().*)",
+            _attached,
         ),
         (r"(?:GLOBAL )?(?:INTERRUPT DECL|TRIGGER) .*", _later),
-        (r"BAS\(#(\w+)(?:,(.+))?\)", _bas),
-        (rf"(?:PTP_)?SPLINE{_BLEND}(?: ?WITH (.*))?{_BLEND}", _spline),
+        (r"BAS\(#(?P<which>\w+)(?:,(?P<argument>.+))?\)", _bas),
+        (rf"(?:PTP_)?SPLINE{_BLEND}(?: ?WITH (?P<settings>.*?))?{_BLEND}", _spline),
         (
             rf"(?:(?:DECL |GLOBAL |CONST )+{_NAME}|(?:GLOBAL )?(?:INT|REAL|BOOL|CHAR|FRAME"
-            rf"|(?:E6)?(?:POS|AXIS)|[FPL]DAT|LOAD)) ({_NAME}.*)",
+            rf"|(?:E6)?(?:POS|AXIS)|[FPL]DAT|LOAD)) (?P<names>{_NAME}.*)",
             _declared,
         ),
-        (rf"({_NAME})\((.*)\)", _called),
-        (rf"({_NAME})((?:\[[^\]=]*+\]|\.\w++)*)=(?!=)(.*)", _assigned),
-        (rf"S?(?:PTP|LIN|CIRC|SPL)(_REL)?(?: |(?=\{{))(.+?){_BLEND}", _computed),
+        (rf"(?P<name>{_NAME})\(.*\)", _called),
+        (rf"(?P<name>{_NAME})(?P<index>(?:\[[^\]=]*+\]|\.\w++)*)=(?!=)(?P<value>.+)", _assigned),
+        (
+            rf"S?(?P<motion>PTP|LIN|CIRC|SPL)(?P<relative>_REL)?(?: |(?=\{{))(?P<targets>.+?){_BLEND}"
+            rf"(?: ?WITH (?P<settings>.*?))?{_BLEND}",
+            _move,
+        ),
     ),
 )
 

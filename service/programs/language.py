@@ -8,10 +8,10 @@ Possessive are repeated characters only, no groups: Python before 3.11.5 keeps w
 from __future__ import annotations
 
 import re
-from bisect import bisect_right
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import accumulate
 from typing import Final, NamedTuple, TypeAlias
 
 from jointstiff.service.programs.errors import CONSTANT, shown
@@ -100,7 +100,11 @@ class Move(NamedTuple):
     agree: tuple[str, ...] = ()  # names that hold base and tool, too, where the program sets them
     reason: str = ""
     remedy: str = ""
-    repeats: bool = False  # whether each such statement is a move to numbers of its own
+
+    @property
+    def steady(self) -> bool:
+        """True if its frames and its reason hang on no number of the statement."""
+        return not (self.agree or self.reason or any(isinstance(base, Literal) for base in self.bases))
 
 
 class Keep(NamedTuple):
@@ -132,41 +136,40 @@ class Misread(Exception):  # noqa: N818  # it is no failure of ours
         self.reason, self.remedy = reason, remedy
 
 
-def words(text: str) -> frozenset[str]:
-    """Return the words of a text."""
-    return frozenset(text.split())
-
-
 @dataclass(frozen=True, slots=True)
 class Line:
-    """A statement in normal form."""
+    """A statement in normal form, and the form that it fits."""
 
     language: Language
     text: str
     ordinals: tuple[int, ...]  # places of its numbers among those of the statement as it is written
-    places: tuple[int, ...]  # first character of each token
-    breaks: tuple[int, ...]  # ends of lines before each token
+    below: int = 0  # ends of lines before it
+    match: re.Match[str] | None = None
 
-    def ordinal(self, place: int) -> int:
-        """Return the ordinal of the number at a place of the text."""
-        return self.ordinals[self.text.count("\0", 0, place)]
+    def __getitem__(self, group: str) -> str:
+        """Return a part of the statement by its name in the form; empty if there is none."""
+        return (self.match and self.match.groupdict().get(group)) or ""
 
-    def numbers(self, start: int, end: int) -> tuple[int, ...]:
+    def span(self, group: str) -> tuple[int, int]:
+        """Return first and last + 1 character of a part."""
+        return self.match.span(group) if self.match else (0, 0)
+
+    def numbers(self, *span: int) -> tuple[int, ...]:
         """Return the ordinals of the numbers in a part of the text."""
-        first = self.text.count("\0", 0, start)
-        return self.ordinals[first : first + self.text.count("\0", start, end)]
+        first = self.text.count("\0", 0, span[0])
+        return self.ordinals[first : first + self.text.count("\0", *span)]
 
-    def expression(self, text: str, *, empty: bool = False) -> list[Op]:
+    def number(self, group: str) -> int:
+        """Return the ordinal of the first number in a part."""
+        return self.numbers(*self.span(group))[0]
+
+    def expression(self, text: str) -> list[Op]:
         """Return what an expression of the line uses and calls."""
-        return self.language.expression(text, empty=empty)
-
-    def below(self, place: int) -> int:
-        """Return how many lines a place is below the begin of the statement."""
-        return self.breaks[bisect_right(self.places, place) - 1] if self.places else 0
+        return self.language.expression(text)
 
 
-Rule: TypeAlias = "str | Callable[[Line, re.Match[str]], list[Op]]"
-"""What a statement does: a function of its line; or a kind of `Flow` behind the expressions of its groups."""
+Rule: TypeAlias = "str | Callable[[Line], list[Op]]"
+"""What a statement does beside its expressions: a kind of `Flow`, or a function of its line."""
 
 
 @dataclass(frozen=True)
@@ -174,7 +177,8 @@ class Language:
     """Tokens of a language, its statements by their forms, and facts of its controller."""
 
     comment: str  # pattern of a comment
-    rules: tuple[tuple[str, Rule], ...] = ()  # forms of statements in normal form
+    # forms of statements in normal form: groups with names are for the rule, others are expressions
+    rules: tuple[tuple[str, Rule], ...] = ()
     motion: str = r"(?!)"  # pattern of the words of moves
     remedy: str = CONSTANT  # what to do where a target is not understood
     text: str = r'"[^"\r\n]*+"'  # pattern of texts and of constants that are no number
@@ -198,7 +202,8 @@ class Language:
     @cached_property
     def _token(self) -> re.Pattern[str]:
         return re.compile(
-            rf"(?P<blank>\s++)|(?P<comment>{self.comment}|\xef\xbb\xbf)|(?P<text>{self.text})|(?P<word>\0|{self.word})|(?P<sign>.)",
+            rf"(?P<blank>\s++)|(?P<comment>{self.comment}|\xef\xbb\xbf)|(?P<text>{self.text})"
+            rf"|(?P<word>\0|{self.word})|(?P<sign>.)",
             re.DOTALL,
         )
 
@@ -208,7 +213,7 @@ class Language:
 
     @cached_property
     def _motion(self) -> re.Pattern[str]:
-        return re.compile(self.motion)
+        return re.compile(self.motion, re.IGNORECASE if self.folded else 0)
 
     @cached_property
     def _words(self) -> tuple[re.Pattern[str], ...]:
@@ -221,49 +226,42 @@ class Language:
 
     def line(self, shape: str) -> Line:
         """Return the normal form of a statement without its numbers."""
-        pieces, places, breaks, ordinals = list[str](), list[int](), list[int](), list[int]()
-        number, length, behind, line = 0, 0, False, 0
+        pieces, ordinals, number, behind, below = list[str](), list[int](), 0, False, 0
         for match in self._token.finditer(shape):
-            kind, piece = match.lastgroup, match[0].upper() if self.folded else match[0]
-            if kind in {"text", "word"}:
+            kind, piece = match.lastgroup, match[0]
+            count = piece.count("\0")
+            if kind in {"blank", "comment"}:
+                below += 0 if pieces else piece.count("\n") or piece.count("\r")
+            else:
                 if piece == "\0":
                     ordinals.append(number)
-                elif kind == "text":
-                    piece, number = piece.replace("\0", "0"), number + piece.count("\0")
-                if behind:
-                    pieces.append(" ")
-                    length += 1
-            if kind in {"blank", "comment"}:
-                number += piece.count("\0")
-                line += piece.count("\n") or piece.count("\r")
-                continue
-            number += piece == "\0"
-            behind = kind != "sign"
-            places.append(length)
-            breaks.append(line)
-            pieces.append(piece)
-            length += len(piece)
+                pieces += [" "] if behind and kind != "sign" else []
+                pieces.append(piece.replace("\0", "0") if kind == "text" else piece)
+                behind = kind != "sign"
+            number += count
         text = "".join(pieces)
+        text = text.upper() if self.folded else text
         text = re.sub(self.blank, " ", text).strip() if self.blank else text
-        return Line(self, text, tuple(ordinals), tuple(places), tuple(breaks))
+        return Line(self, text, tuple(ordinals), below)
 
-    def translate(self, line: Line) -> list[tuple[int, Op]]:
-        """Return what a statement does, and how many lines below its begin.
+    def translate(self, shape: str) -> list[tuple[int, Op]]:
+        """Return what a statement without its numbers does, and how many lines below its begin.
 
         Raises:
             Misread: it is no text of people.
         """
-        if _is_deep(line.text):
+        line = self.line(shape)
+        if max(accumulate((sign == "{") - (sign == "}") for sign in line.text), default=0) > _MAX_DEPTH:
             reason = f"more than {_MAX_DEPTH} braces within one another"
             raise Misread(reason, "declare inner structures on their own")
         try:
             ops = self.rule(line) if line.text else []
         except Misread as fault:
-            return self._unknown(line, fault)
+            return self._unknown(shape, line, fault)
         moves = sum(isinstance(op, Move | Keep) for op in ops)
         if len(self._motion.findall(_QUOTED.sub("", line.text))) > moves:
-            return self._unknown(line, Misread("a move stands where none is expected"))
-        return [(line.below(0), op) for op in ops]
+            return self._unknown(shape, line, Misread("a move stands where none is expected"))
+        return [(line.below, op) for op in ops]
 
     def rule(self, line: Line) -> list[Op]:
         """Return what a statement does by the rules.
@@ -273,29 +271,36 @@ class Language:
         """
         for pattern, rule in self._rules:
             if match := pattern.fullmatch(line.text):
+                named = set(pattern.groupindex.values())
+                given = [each for k, each in enumerate(match.groups(), 1) if each and k not in named]
+                found = [op for each in given for op in self.expression(each)]
                 if not isinstance(rule, str):
-                    return rule(line, match)
-                found = [op for each in match.groups() if each for op in self.expression(each)]
-                return [
-                    *(attached(found) if rule in {"turn", "loop"} else found),
-                    *([Flow(rule)] if rule else []),
-                ]
+                    return [*found, *rule(replace(line, match=match))]
+                found = attached(found) if rule in {"turn", "loop"} else found
+                return [*found, *([Flow(rule)] if rule else [])]
         raise Misread("the statement is unknown: it may move the robot, targets or frames")
 
-    def _unknown(self, line: Line, fault: Misread) -> list[tuple[int, Op]]:
+    def _unknown(self, shape: str, line: Line, fault: Misread) -> list[tuple[int, Op]]:
         """Return what a statement may do that is not understood: all, and each word of a motion is a move."""
         ordinals, text = iter(line.ordinals), line.text
         quoted = re.sub("@#@", lambda _: f"\0{next(ordinals)}\0", shown(text.replace("\0", "@#@")))
         reason, remedy = f"{quoted}: {fault.reason}", fault.remedy or self.remedy
-        hidden = _QUOTED.sub(lambda match: "_" * len(match[0]), text)
-        left = Move(Motion.LINEAR, (), reason=reason, remedy=remedy)
-        return [
-            (line.below(0), Havoc(frozenset(), reason, remedy)),
-            (line.below(0), Havoc(frozenset([*_NAME.findall(hidden), "_"]), reason, remedy)),
-            *((line.below(match.start()), left) for match in self._motion.finditer(hidden)),
+        names = _NAME.findall(_QUOTED.sub("_", text))
+        ops: list[tuple[int, Op]] = [
+            (line.below, Havoc(frozenset(), reason, remedy)),
+            (line.below, Havoc(frozenset([*names, "_"]), reason, remedy)),
         ]
+        shown_only, below, place = {"comment", "text"}, 0, 0
+        hidden = self._token.sub(
+            lambda match: _SIGN.sub(" ", match[0]) if match.lastgroup in shown_only else match[0], shape
+        )
+        for match in self._motion.finditer(hidden):
+            below += len(_LINE_END.findall(hidden, place, match.start()))
+            place = match.start()
+            ops.append((below, Move(Motion.LINEAR, (), reason=reason, remedy=remedy)))
+        return ops
 
-    def expression(self, text: str, *, empty: bool = False) -> list[Op]:
+    def expression(self, text: str) -> list[Op]:
         """Return what an expression uses and calls; operands and operators alternate: nothing hides in it.
 
         Raises:
@@ -303,15 +308,13 @@ class Language:
         """
         operators, reserved, functions = self._words
         plain = operators.sub("+", _QUOTED.sub('""', text))
-        fault = reserved.search(plain) or _FAULT.search(plain)
-        if fault or not (plain or empty) or not _balanced(plain):
+        if reserved.search(plain) or _FAULT.search(plain) or not _balanced(plain):
             raise Misread("this text is unknown, or not complete")
-        names = frozenset(name.upper() if self.folded else name for name in _NAME.findall(plain))
+        names = frozenset(_NAME.findall(plain))
         ops: list[Op] = [Use(names)] if names else []
         for name in dict.fromkeys(match[1] for match in _CALLED.finditer(plain)):
             quiet = functions.fullmatch(name) is not None
-            called = name.upper() if self.folded else name
-            call = Call(called, frozenset() if quiet else names - {called}, quiet=quiet)
+            call = Call(name, frozenset() if quiet else names - {name}, quiet=quiet)
             whole = plain.startswith(f"{name}(") and plain.count("(") == 1
             # It may be passed over, and of several ones any may be the first.
             ops += [call] if quiet or whole else [Flow("if"), call, Flow("close")]
@@ -326,6 +329,25 @@ def calls(ops: list[Op]) -> bool:
 def attached(ops: list[Op]) -> list[Op]:
     """Return what an expression does that may be carried out at any time, or more than once."""
     return [op._replace(attached=True) if isinstance(op, Call) else op for op in ops]
+
+
+def left(found: list[Op], reason: str, remedy: str, motion: Motion = Motion.LINEAR) -> list[Op]:
+    """Return a move that is left, behind what its text uses."""
+    return [*found, Move(motion, (), reason=reason, remedy=remedy)]
+
+
+def counted(name: str, remedy: str) -> list[Op]:
+    """Return the begin of a loop that counts."""
+    return [Flow("loop"), Havoc(frozenset({name}), f"{name} counts a loop", remedy)]
+
+
+def routine(
+    name: str, own: Iterable[str], remedy: str, *, aside: bool = False, shared: bool = False
+) -> list[Op]:
+    """Return the begin of a routine with parameters of its own."""
+    names = frozenset(own)
+    unknown: list[Op] = [Local(names), Havoc(names, "a parameter of the routine", remedy)] if names else []
+    return [Flow("aside" if aside else "routine", name, shared=shared), *unknown]
 
 
 # A sign before a number belongs to it, so that an operand may stand before it.
@@ -351,18 +373,9 @@ def _balanced(text: str) -> bool:
 
 _MAX_DEPTH: Final = 16
 """Braces within one another; a controller's own structures have three."""
-
-
-def _is_deep(text: str) -> bool:
-    depth = 0
-    for sign in text if text.count("{") > _MAX_DEPTH else "":
-        depth += (sign == "{") - (sign == "}")
-        if depth > _MAX_DEPTH:
-            return True
-    return False
-
-
 _QUOTED: Final = re.compile(r'"[^"]*+"')
+_SIGN: Final = re.compile(r"[^\r\n]")
+_LINE_END: Final = re.compile(r"\r\n?|\n")
 
 
 def parts(text: str, begin: int = 0, sign: str = ",") -> Iterator[tuple[int, int]]:

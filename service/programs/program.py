@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
 from functools import cached_property
@@ -83,15 +83,11 @@ class FrameName:
 class Literal:
     """Numbers that stand in the text: places among the numbers of their statement."""
 
-    notation: Notation | None  # what they mean; None if they are no whole target
-    numbers: tuple[int, ...] = ()  # those of the target
+    notation: Notation  # what they mean
+    numbers: tuple[int, ...]  # those of the target
     external: tuple[int, ...] = ()  # external axes; -1 for one that is at zero
     words: tuple[tuple[str, int], ...] = ()  # what is said of the arm's configuration
     letters: str = ""  # the part of it that is said in letters
-    fields: Mapping[str, int] = field(default_factory=dict, compare=False)  # whole numbers by name
-    texts: Mapping[str, str] = field(
-        default_factory=dict, compare=False
-    )  # values that are no numbers, by name
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,7 +98,7 @@ class Targets:
     source: IndexArray  # (t,) indices of their files
     line: IndexArray  # (t,) lines on which their numbers begin
     literal: IndexArray  # (t,) indices of their literals
-    literals: Sequence[Literal]  # each with a notation
+    literals: Sequence[Literal]
     base: IndexArray  # (t,) indices of their frames
     tool: IndexArray  # (t,)
     frames: Sequence[FrameName]
@@ -112,7 +108,7 @@ class Targets:
     @cached_property
     def notations(self) -> tuple[Notation, ...]:
         """Notations of the targets, each once."""
-        return tuple(dict.fromkeys(each.notation for each in self.literals if each.notation))
+        return tuple(dict.fromkeys(each.notation for each in self.literals))
 
     @cached_property
     def notation(self) -> IndexArray:

@@ -59,49 +59,38 @@ _FRAMES_OF: Final = {"WOBJDATA": (".UFRAME", ".OFRAME"), "TOOLDATA": (".TFRAME",
 """Frames that data consist of: a work object has two, one in the other."""
 
 
-def _routine(_line: Line, match: re.Match[str]) -> list[Op]:
-    own = frozenset(re.findall(rf"({_WORD})(?=,|\||$|\{{)", match[2]))
-    unknown = [ir.Havoc(own, "a parameter of the routine", _REMEDY)] if own else []
-    return [ir.Flow("routine", match[1]), ir.Local(own), *unknown]
+def _routine(line: Line) -> list[Op]:
+    return ir.routine(line["name"], re.findall(rf"({_WORD})(?=,|\||$|\{{)", line["own"]), _REMEDY)
 
 
-def _for(line: Line, match: re.Match[str]) -> list[Op]:
-    bounds = [op for each in re.split(" ?TO | ?STEP ", match[2]) for op in line.expression(each)]
-    return [*bounds, ir.Flow("loop"), ir.Havoc(frozenset({match[1]}), f"{match[1]} counts a loop", _REMEDY)]
+def _test(line: Line) -> list[Op]:
+    first = ir.attached(line.expression(line["first"])) if line["first"] else []
+    kind = "close" if line.text[-1] != ":" else "turn" if first or line["first"] else "default"
+    return [ir.Flow("if"), *first, ir.Flow(kind)]
 
 
-def _test(line: Line, match: re.Match[str]) -> list[Op]:
-    first = (
-        ir.attached([op for each in match[2].split(",") for op in line.expression(each)]) if match[2] else []
-    )
-    behind = (
-        [*first, ir.Flow("turn" if match[2] else "default")] if match[0][-1] == ":" else [ir.Flow("close")]
-    )
-    return [*line.expression(match[1]), ir.Flow("if"), *behind]
-
-
-def _if(_line: Line, _match: re.Match[str]) -> list[Op]:
+def _if(_line: Line) -> list[Op]:
     raise Misread("a move, a call or an assignment after IF", "write IF ... THEN ... ENDIF")
 
 
-def _other(line: Line, match: re.Match[str]) -> list[Op]:
+def _other(line: Line) -> list[Op]:
     """Take an instruction of the controller, or a call."""
-    name = match[1]
+    name = line["name"]
     if re.fullmatch(_RESERVED, name):
         raise Misread("the statement is unknown: it may move the robot, targets or frames")
-    arguments = re.sub(r",{2,}", ",", re.sub(r"\\(\w+)(:=)?", r",\1,", match[2])).strip(",")
-    found = line.expression(arguments, empty=True)
+    arguments = re.sub(r",{2,}", ",", re.sub(r"\\(\w+)(:=)?", r",\1,", line["arguments"])).strip(",")
+    found = line.expression(arguments)
     names = frozenset(each for op in found if isinstance(op, ir.Use) for each in op.names)
     if name in {"INCR", "DECR", "ADD", "CLEAR"}:  # they change their first argument
         return [*found, ir.Havoc(names, f"{name} changes it while the program runs", _REMEDY)]
-    quiet = re.fullmatch(_QUIET, name) is not None
-    if not quiet and _PROCESS.fullmatch(name):
+    if re.fullmatch(_QUIET, name):
+        return [*found, ir.Call(name, quiet=True)]
+    if _PROCESS.fullmatch(name):
         reason, remedy = f"{name}: a move of a process", "write it as MoveL, MoveJ or MoveC"
-        left = ir.Move(Motion.LINEAR, (), reason=reason, remedy=remedy)
-        return [*found, ir.Havoc(frozenset(), reason, remedy), left]
-    if not quiet and _SHIFTS.match(name):
+        return ir.left([*found, ir.Havoc(frozenset(), reason, remedy)], reason, remedy)
+    if _SHIFTS.match(name):
         return [*found, ir.Havoc(frozenset(), f"{name}: it moves targets or frames", "omit it")]
-    return [*found, ir.Call(name, frozenset() if quiet else names, quiet=quiet)]
+    return [*found, ir.Call(name, names)]
 
 
 def _target(line: Line, start: int, end: int) -> Literal | None:
@@ -135,63 +124,63 @@ def _product(name: str, kind: str) -> ir.Product:
     return ir.Product(tuple(f"{name}{frame}" for frame in _FRAMES_OF[kind]))
 
 
-def _declared(line: Line, match: re.Match[str]) -> list[Op]:
-    end = match.end(4)
-    name, equals, value = match[4].partition(":=")
-    name, array, size = name.partition("{")
-    if not re.fullmatch(_WORD, name) or re.fullmatch(_RESERVED, name):
+def _declared(line: Line) -> list[Op]:
+    name, value = line["name"], line["value"]
+    if re.fullmatch(_RESERVED, name):
         raise Misread("the declaration is unknown")
-    found: list[Op] = [ir.Local(frozenset({name}))]
-    found += line.expression(f"{{{size}") if array else []
-    given = _given(line, name, end - len(value), end, match[3]) if equals and not array else []
+    found: list[Op] = [
+        ir.Local(frozenset({name})),
+        *line.expression(line["array"]),
+    ]
+    given = _given(line, name, *line.span("value"), line["type"]) if value and not line["array"] else []
     if given:
-        declares, own = "constant" if match[2] == "CONST" else "variable", match[1] == "LOCAL"
-        return [*found, *(each._replace(declares=declares, own=own) for each in given)]
-    found += line.expression(value) if equals else []
-    what = "frame" if "DATA" in match[3] else "target"
+        declares = "constant" if line["kind"] == "CONST" else "variable"
+        return [*found, *(each._replace(declares=declares, own=line["own"] == "LOCAL") for each in given)]
+    found += line.expression(value)
+    what = "frame" if "DATA" in line["type"] else "target"
     shown = f"{name} is not a fixed {what} in numbers, or changes while the program runs"
     return [*found, ir.Havoc(frozenset({name}), shown, _FRAME_REMEDY)]
 
 
-def _assigned(line: Line, match: re.Match[str]) -> list[Op]:
-    name, part, value = match[1], match[2], match[3]
+def _assigned(line: Line) -> list[Op]:
+    name, part, value = line["name"], line["part"], line["value"]
     if re.fullmatch(_RESERVED, name):
         raise Misread("the statement is unknown")
-    given = [] if part else _given(line, name, *match.span(3), *_LITERALS)
+    given = [] if part else _given(line, name, *line.span("value"), *_LITERALS)
     if part in {".UFRAME", ".OFRAME", ".TFRAME"} and re.fullmatch(_POSES, value):
-        given = [ir.Assign(name + part, Literal(POSE, line.numbers(*match.span(3))))]
+        given = [ir.Assign(name + part, Literal(POSE, line.numbers(*line.span("value"))))]
     if given:
         return list(given)
     index = part.replace("{", ",[").replace("}", "]").lstrip(",") if "{" in part else ""
-    uses = [*line.expression(index, empty=True), *line.expression(value)]
+    uses = [*line.expression(index), *line.expression(value)]
     return [*uses, ir.Havoc(frozenset({name}), f"{name} changes while the program runs", _FRAME_REMEDY)]
 
 
-def _move(line: Line, match: re.Match[str]) -> list[Op]:
-    letter = match[1] or match[2] or match[4]
-    count, behind = 1 + (letter == "C"), _BEHIND.get(match[3] or "", 0)
-    last = count + 2 + bool(match[4])  # place of the tool
-    spans, frame, found = _arguments(line, match.start(5))
+def _move(line: Line) -> list[Op]:
+    letter, trigger = line["letter"] or line["trigger"] or "J", bool(line["trigger"])
+    count, behind = 1 + (letter == "C"), _BEHIND.get(line["process"], 0)
+    last = count + 2 + trigger  # place of the tool
+    spans, frame, found = _arguments(line, line.span("arguments")[0])
     given = [line.text[slice(*each)] for each in spans]
     if len(given) != last + 1 + behind or not re.fullmatch(_WORD, given[last]):
         reason = "the target is not given by numbers, or the move names no speed, zone and tool"
-        remedy = "write speed, zone and tool by their names, and \\WObj:= if there is a work object"
-        raise Misread(reason, remedy)
-    targets: list[Literal | ir.Name] = []
-    for span, each in zip(spans[:count], given, strict=False):
-        literal = _target(line, *span)
-        if literal is None and not re.fullmatch(_WORD, each):
-            uses = [op for computed in given[:count] for op in line.expression(computed)]
-            reason = "the target is not given by numbers"
-            return [*found, *uses, ir.Move(_MOTIONS[letter], (), reason=reason, remedy=_REMEDY)]
-        targets.append(each if literal is None else literal)
+        raise Misread(
+            reason, "write speed, zone and tool by their names, and \\WObj:= if there is a work object"
+        )
+    targets = [
+        each if re.fullmatch(_WORD, each) else _target(line, *span)
+        for each, span in zip(given[:count], spans, strict=False)
+    ]
+    known = tuple(each for each in targets if each is not None)
+    if len(known) < count:
+        uses = [op for each in given[:count] for op in line.expression(each)]
+        return ir.left([*found, *uses], "the target is not given by numbers", _REMEDY)
     found += [op for each in given[count:last] + given[last + 1 :] for op in line.expression(each)]
     if ir.calls(found):
         raise Misread("the move computes something", "write speed, zone and tool by their names")
     process = [ir.Call(given[-1].strip('"'), attached=True)] if behind == 1 else []
     frames = (_product(frame, "WOBJDATA"),) * count, (_product(given[last], "TOOLDATA"),) * count
-    plain = all(isinstance(each, Literal) for each in targets) and not process
-    return [*found, *process, ir.Move(_MOTIONS[letter], tuple(targets), *frames, repeats=plain)]
+    return [*found, *process, ir.Move(_MOTIONS[letter], known, *frames)]
 
 
 def _arguments(line: Line, start: int) -> tuple[list[tuple[int, int]], str, list[Op]]:
@@ -205,16 +194,12 @@ def _arguments(line: Line, start: int) -> tuple[list[tuple[int, int]], str, list
             name, _, value = text[slice(*option)].partition(":=")
             if not _OPTIONS.fullmatch(name):
                 raise Misread(f"the argument \\{name} moves the target, or is not known", "omit it")
-            found += line.expression(value, empty=True)
+            found += line.expression(value)
             if name == "WOBJ":
                 if not re.fullmatch(_WORD, value):
                     raise Misread("the argument \\WObj is computed", _FRAME_REMEDY)
                 frame = value
     return spans, frame, found
-
-
-def _return(line: Line, match: re.Match[str]) -> list[Op]:
-    return [*line.expression(match[1] or "", empty=True), ir.Flow("return")]
 
 
 LANGUAGE: Final = ir.Language(
@@ -229,28 +214,46 @@ LANGUAGE: Final = ir.Language(
     is_frame=lambda _: True,
     callers=True,
     rules=(
-        (r"(?:MOVE(?:ABS(J)|([LJC])(DO|AO|GO|SYNC)?)|TRIGG([LJC]))(?=[\\ \[,])(.*)", _move),
-        (rf"MODULE {_WORD}(?:\([^()]*\))?|ENDMODULE|ENDRECORD", ""),
-        (rf"(?:LOCAL )?RECORD {_WORD}(?: {_WORD} {_WORD})?", ""),
-        (rf"(?:LOCAL )?(?:PROC|FUNC {_WORD}) ({_WORD})\(([^()]*)\)", _routine),
-        (rf"(?:LOCAL )?TRAP ({_WORD})", lambda _, match: [ir.Flow("aside", match[1])]),
+        (
+            r"(?:MOVE(?:ABSJ|(?P<letter>[LJC])(?P<process>DO|AO|GO|SYNC)?)|TRIGG(?P<trigger>[LJC]))"
+            r"(?=[\\ \[,])(?P<arguments>.*)",
+            _move,
+        ),
+        (
+            rf"MODULE {_WORD}(?:\([^()]*\))?|ENDMODULE|ENDRECORD"
+            rf"|(?:LOCAL )?RECORD {_WORD}(?: {_WORD} {_WORD})?",
+            "",
+        ),
+        (rf"(?:LOCAL )?(?:PROC|FUNC {_WORD}) (?P<name>{_WORD})\((?P<own>[^()]*)\)", _routine),
+        (rf"(?:LOCAL )?TRAP (?P<name>{_WORD})", lambda line: [ir.Flow("aside", line["name"])]),
         (r"ENDPROC|ENDFUNC|ENDTRAP", "end"),
-        (r"(?:ERROR|UNDO|BACKWARD)(?:\([^()]*\))?", lambda *_: [ir.Flow("end"), ir.Flow("aside")]),
+        (r"(?:ERROR|UNDO|BACKWARD)(?:\([^()]*\))?", lambda _: [ir.Flow("end"), ir.Flow("aside")]),
         (r"IF ?(.*?) ?THEN", "if"),
         (r"ELSEIF ?(.*?) ?THEN|ELSE|CASE ?(.*):", "turn"),
         (r"DEFAULT ?:", "default"),
-        (r"TEST ?((?:(?!\b(?:CASE|DEFAULT|ENDTEST)\b).)+?) ?(?:CASE ?([^:]*):|DEFAULT ?:|ENDTEST)", _test),
-        (rf"FOR ({_WORD}) FROM ?(.+?) ?DO", _for),
+        (
+            r"TEST ?((?:(?!\b(?:CASE|DEFAULT|ENDTEST)\b).)+?) ?"
+            r"(?:CASE ?(?P<first>[^:]*):|DEFAULT ?:|ENDTEST)",
+            _test,
+        ),
+        (
+            rf"FOR (?P<name>{_WORD}) FROM ?(.+?) ?TO ?(.+?)(?: ?STEP ?(.+))? ?DO",
+            lambda line: ir.counted(line["name"], _REMEDY),
+        ),
         (r"WHILE ?(.+?) ?DO", "loop"),
         (r"ENDIF|ENDFOR|ENDWHILE|ENDTEST", "close"),
-        (rf"({_WORD}):", lambda _, match: [ir.Flow("label", match[1])]),
-        (rf"(?:(LOCAL|TASK) )?(CONST|PERS|VAR) ({_WORD}) (.*)", _declared),
-        (rf"({_WORD})((?:\{{[^{{}}:]*\}}|\.\w+)*):=(.*)", _assigned),
-        (r"(?:RETURN|RAISE|RETRY|TRYNEXT|EXIT)(?:\b ?(.+))?", _return),
-        (rf"GOTO ({_WORD})", lambda _, match: [ir.Flow("jump", match[1])]),
-        (rf"CONNECT {_WORD} WITH ({_WORD})", lambda _, match: [ir.Call(match[1], attached=True)]),
+        (rf"(?P<name>{_WORD}):", lambda line: [ir.Flow("label", line["name"])]),
+        (
+            rf"(?:(?P<own>LOCAL|TASK) )?(?P<kind>CONST|PERS|VAR) (?P<type>{_WORD}) (?P<name>{_WORD})"
+            r"(?P<array>\{[^=]*\})?(?::=(?P<value>.+))?",
+            _declared,
+        ),
+        (rf"(?P<name>{_WORD})(?P<part>(?:\{{[^{{}}:]*\}}|\.\w+)*):=(?P<value>.+)", _assigned),
+        (r"(?:RETURN|RAISE|RETRY|TRYNEXT|EXIT)(?:\b ?(.+))?", "return"),
+        (rf"GOTO (?P<name>{_WORD})", lambda line: [ir.Flow("jump", line["name"])]),
+        (rf"CONNECT {_WORD} WITH (?P<name>{_WORD})", lambda line: [ir.Call(line["name"], attached=True)]),
         (r"IF .*", _if),
-        (rf"({_WORD}) ?(.*)", _other),
+        (rf"(?P<name>{_WORD}) ?(?P<arguments>.*)", _other),
     ),
 )
 _ENDS: Final = re.compile(

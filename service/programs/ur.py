@@ -48,27 +48,23 @@ _SIX: Final = r"\[\0(?:,\0){5}\]"
 _LITERALS: Final = ((POSE, re.compile(rf"p{_SIX}")), (JOINTS, re.compile(_SIX)))
 
 
-def _routine(line: Line, match: re.Match[str]) -> list[Op]:
-    names = frozenset(re.findall(rf"(?:^|,)({_WORD})", match[2]))
-    own: list[Op] = [ir.Local(names), ir.Havoc(names, "a parameter of the routine", _REMEDY)] if names else []
-    defaults = re.findall(r"=([^,]+(?:\([^()]*\))?)", match[2])
+def _routine(line: Line) -> list[Op]:
+    defaults = [f"({each})" for each in re.findall(r"=([^,]+(?:\([^()]*\))?)", line["own"])]
     given = [op for each in defaults for op in line.expression(each)]
-    return [
-        *ir.attached(given),
-        ir.Flow("routine" if match[0].startswith("def") else "aside", match[1]),
-        *own,
-    ]
+    own = re.findall(rf"(?:^|,)({_WORD})", line["own"])
+    return [*ir.attached(given), *ir.routine(line["name"], own, _REMEDY, aside=line["kind"] != "def")]
 
 
-def _called(line: Line, match: re.Match[str]) -> list[Op]:
-    name = match[1]
+def _called(line: Line) -> list[Op]:
+    name = line["name"]
     if name == "set_tcp":
         raise Misread("the tool is not given by numbers", "write set_tcp(p[x, y, z, rx, ry, rz])")
     if re.fullmatch(_RESERVED, name):
         raise Misread("the statement is unknown")
-    reason, remedy = f"{name} moves the robot without a target", "use movej, movel, movep or movec"
-    left = [ir.Move(Motion.LINEAR, (), reason=reason, remedy=remedy)] if _MOVING.fullmatch(name) else []
-    return [*line.expression(match[0]), *left]
+    found = line.expression(line.text)
+    if not _MOVING.fullmatch(name):
+        return found
+    return ir.left(found, f"{name} moves the robot without a target", "use movej, movel, movep or movec")
 
 
 def _literal(line: Line, start: int, end: int) -> Literal | None:
@@ -79,45 +75,46 @@ def _literal(line: Line, start: int, end: int) -> Literal | None:
     return None
 
 
-def _assigned(line: Line, match: re.Match[str]) -> list[Op]:
-    name, index, value = match[2], match[3], match[4]
+def _uses(line: Line, text: str) -> list[Op]:
+    return line.expression(re.sub(r"\bp(?=\[)", "", text))
+
+
+def _assigned(line: Line) -> list[Op]:
+    name, index = line["name"], line["index"]
     if re.fullmatch(_RESERVED, name):
         raise Misread("the statement is unknown")
-    own: list[Op] = [ir.Local(frozenset({name}))] if match[1] else []
-    literal = None if index else _literal(line, *match.span(4))
+    own: list[Op] = [ir.Local(frozenset({name}))] if line["local"] else []
+    literal = None if index else _literal(line, *line.span("value"))
     if literal is not None:
         return [*own, ir.Assign(name, literal)]
-    found = line.expression(index.strip("[]").replace("][", ","), empty=True) if "[" in index else []
-    used = line.expression(re.sub(r"\bp(?=\[)", "", value))
-    return [*own, *found, *used, ir.Havoc(frozenset({name}), f"{name} gets what is no number", _REMEDY)]
+    found = line.expression(index.strip("[]").replace("][", ",")) if "[" in index else []
+    unknown = ir.Havoc(frozenset({name}), f"{name} gets what is no number", _REMEDY)
+    return [*own, *found, *_uses(line, line["value"]), unknown]
 
 
-def _move(line: Line, match: re.Match[str]) -> list[Op]:
-    motion = _MOTIONS[match[1]]
+def _move(line: Line) -> list[Op]:
+    motion = _MOTIONS[line["motion"]]
     slots = ("pose_via", "pose_to") if motion is Motion.CIRCULAR else ("pose|q",)
-    spans = list(parts(line.text[: match.end(2)], match.start(2)))
+    begin, end = line.span("arguments")
+    spans = list(parts(line.text[:end], begin))
     found: list[Op] = []
     targets: list[Literal | ir.Name] = []
     bases: list[ir.Value] = []
-    for slot, (start, end) in zip(slots, spans, strict=False):
-        named = re.compile(f"(?:{slot})=").match(line.text, start, end)
+    for slot, (start, stop) in zip(slots, spans, strict=False):
+        named = re.compile(f"(?:{slot})=").match(line.text, start, stop)
         try:
-            target, base = _target(line, named.end() if named else start, end, found)
+            target, base = _target(line, named.end() if named else start, stop, found)
         except Misread as fault:
-            uses = line.expression(re.sub(r"\bp(?=\[)", "", match[2]))
-            return [*uses, ir.Move(motion, (), reason=fault.reason, remedy=_REMEDY)]
+            return ir.left(_uses(line, line["arguments"]), fault.reason, _REMEDY, motion)
         targets.append(target)
         bases.append(base)
     if len(targets) < len(slots):
         raise Misread("a target is not given by numbers")
-    for start, end in spans[len(slots) :]:
-        found += line.expression(re.sub("^(?:a|v|t|r|mode)=", "", line.text[start:end]))
+    for start, stop in spans[len(slots) :]:
+        found += line.expression(re.sub("^(?:a|v|t|r|mode)=", "", line.text[start:stop]))
     if ir.calls(found):
         raise Misread("the move calls a routine")
-    own_frames = any(isinstance(each, Literal) for each in bases)
-    plain = all(isinstance(each, Literal) for each in targets) and not own_frames
-    tools = (ir.Copy("TCP"),) * len(slots)
-    return [*found, ir.Move(motion, tuple(targets), tuple(bases), tools, repeats=plain)]
+    return [*found, ir.Move(motion, tuple(targets), tuple(bases), (ir.Copy("TCP"),) * len(slots))]
 
 
 def _target(line: Line, start: int, end: int, found: list[Op]) -> tuple[Literal | ir.Name, ir.Value]:
@@ -156,7 +153,7 @@ LANGUAGE: Final = ir.Language(
     constants={"robot base": np.eye(4)},
     rules=(
         (r"\$ ?\0(?: ?\"[^\"]*\")*", ""),  # PolyScope numbers its nodes: $ 3 "Waypoint_1"
-        (rf"(?:def|sec|thread) ({_WORD})\((.*)\):", _routine),
+        (rf"(?P<kind>def|sec|thread) (?P<name>{_WORD})\((?P<own>.*)\):", _routine),
         (r"end", "any"),
         (r"(?:if|switch) ?(.+):", "if"),
         (r"while ?(.+):", "loop"),
@@ -167,11 +164,15 @@ LANGUAGE: Final = ir.Language(
         (r"return ?(.*)", "return"),
         (
             rf"set_tcp\((?:pose=)?p{_SIX}(?:,.*)?\)",
-            lambda line, _: [ir.Assign("TCP", Literal(POSE, line.ordinals[:6]))],
+            lambda line: [ir.Assign("TCP", Literal(POSE, line.ordinals[:6]))],
         ),
-        (r"(move[jlpc])\((.*)\)", _move),
-        (rf"({_WORD})\(.*\)", _called),
-        (rf"(?:(?:global|(local)) )?({_WORD})((?:\[[^\[\]]*\]|\.\w++)*)=(?!=)(.*)", _assigned),
+        (r"(?P<motion>move[jlpc])\((?P<arguments>.*)\)", _move),
+        (rf"(?P<name>{_WORD})\(.*\)", _called),
+        (
+            rf"(?:(?:global|(?P<local>local)) )?(?P<name>{_WORD})"
+            r"(?P<index>(?:\[[^\[\]]*\]|\.\w++)*)=(?!=)(?P<value>.+)",
+            _assigned,
+        ),
     ),
 )
 
