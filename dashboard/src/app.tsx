@@ -7,7 +7,7 @@ import { Boundary, lazy } from "./components/lazy";
 import { STIFFNESS_UNITS, type StiffnessUnit, UNIT_NAMES } from "./lib/units";
 import { type Route, useRoute } from "./state/router";
 import { type Standing, Viewer, isViewer, needsKey, signOut, useSession } from "./state/session";
-import { type Settings, SettingsContext, type Theme, useStoredSettings } from "./state/settings";
+import { type Settings, SettingsContext, THEMES, type Theme, useStoredSettings } from "./state/settings";
 import { dismiss, toast, useToasts } from "./state/toasts";
 import { text } from "./i18n";
 import { SignInView } from "./views/sign_in";
@@ -227,7 +227,7 @@ function Display({ settings, session }: { settings: Settings; session: Standing 
           label={text.app.theme}
           value={settings.theme}
           change={(theme: Theme) => settings.change({ theme })}
-          options={(["auto", "light", "dark"] as const).map((value) => ({ value, label: text.app.themes[value] }))}
+          options={THEMES.map((value) => ({ value, label: text.app.themes[value] }))}
         />
         <Select
           label={text.app.unit}

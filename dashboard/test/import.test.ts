@@ -9,9 +9,9 @@ import {
   withMeaning,
   withoutColumns,
 } from "../src/lib/columns";
-import { frameOf, IN_R0 } from "../src/lib/frame";
 import { linesOf, widthOf } from "../src/lib/lines";
-import { NOTHING_STATED, statedIn, withStated } from "../src/lib/stated";
+import { Unread } from "../src/lib/schema";
+import { sent, withStated } from "../src/views/import_form";
 import { fits, templateIn, templatesIn, withTemplate } from "../src/lib/template";
 
 const column = (number: number, header: string, meaning: string, unit: string | null = null) => ({
@@ -106,57 +106,22 @@ describe("the width of a table", () => {
   });
 });
 
-describe("frame of the positions", () => {
-  it("is R0, a geometry's, or a transform once it is whole", () => {
-    expect(frameOf(IN_R0)).toBeNull();
-    expect(frameOf({ ...IN_R0, of: "g1", forces: "tracker" })).toEqual({ geometry_id: "g1", forces: "tracker" });
-    const typed = { ...IN_R0, of: "transform" };
-    expect(frameOf(typed)).toBeUndefined();
-    expect(frameOf({ ...typed, translation: "1 2 3" })).toEqual({
-      rotation: [
-        [1, 0, 0],
-        [0, 1, 0],
-        [0, 0, 1],
-      ],
-      translation: [1, 2, 3],
-      forces: "base",
-    });
-  });
-});
-
 describe("what no file says", () => {
-  it("is not sent before it is stated", () => {
-    expect(withStated({ columns: {} }, { ...NOTHING_STATED, loadPoint: "0, 1", mass: "heavy" })).toEqual({
-      columns: {},
-    });
+  it("is not sent before it is understood", () => {
+    expect(sent({ columns: {}, load_point: new Unread("0, 1") as never, encoders: null })).toEqual({ columns: {} });
   });
-
-  it("makes a weight a force that hangs down, in N", () => {
-    const options = withStated({ units: { length: "mm" } }, { ...NOTHING_STATED, mass: "150", encoders: "motor" });
-    expect(options).toEqual({ units: { length: "mm", force: "N" }, encoders: "motor", force: [0, 0, -1470.9975] });
-  });
-
-  it("comes back from a template, forces in N", () => {
-    const template: ImportOptions = {
-      encoders: "secondary",
-      load_point: [0, 0, 120],
-      force: [0, 0, -1.5],
-      units: { force: "kN" },
-      flange_targets: { tcp: [1, 2, 3] },
-    };
-    const stated = statedIn(template);
-    expect(stated).toMatchObject({
-      encoders: "secondary",
-      loadPoint: "0, 0, 120",
-      load: "force",
-      force: "0, 0, -1500",
-    });
-    expect(withStated(template, stated)).toEqual({
-      ...template,
-      length_unit: "mm",
+  it("is in mm and N, whatever the files have, and in the units of a template", () => {
+    expect(withStated({ units: { length: "m" } }, { units: { length: "m" }, force: [0, 0, -1500] })).toEqual({
+      units: { length: "m", force: "N" },
       force: [0, 0, -1500],
-      units: { force: "N" },
     });
+    expect(withStated({}, { load_point: [0, 0, 120] })).toEqual({ load_point: [0, 0, 120], length_unit: "mm" });
+    const template: ImportOptions = {
+      load_point: [0, 0, 0.12],
+      force: [0, 0, -1.5],
+      units: { length: "m", force: "kN" },
+    };
+    expect(withStated(template, { ...template })).toEqual({ ...template, length_unit: "m" });
   });
 });
 
@@ -176,8 +141,8 @@ describe("templates", () => {
       "newer.csv",
       "other.csv",
     ]);
-    expect(templatesIn(JSON.stringify([template, 3, null]))).toEqual([template]);
-    expect(["", "{}", "[", null].map(templatesIn)).toEqual([[], [], [], []]);
+    expect(templatesIn([template, 3, null])).toEqual([template]);
+    expect(["", {}, 3, null].map(templatesIn)).toEqual([[], [], [], []]);
   });
 
   it("are told from campaigns", () => {

@@ -36,7 +36,7 @@ from jointstiff.service.store.tables import AuthorisationRecord
 from jointstiff.service.tables.files import csv_parts, written
 from jointstiff.service.tables.report import View
 from jointstiff.service.tables.stiffness import UNITS
-from jointstiff.service.tables.table import Table
+from jointstiff.service.tables.table import Line, Table
 from jointstiff.solver.errors import RequestError
 
 _ISSUE: Final = "issued-{number}.pdf"
@@ -130,7 +130,10 @@ def _tables(wanted: _Wanted) -> Content:
         part.shown() for part in job_parts(wanted.jobs.kind, wanted.job, view) if isinstance(part, Table)
     ]
     assessment: BaseModel | None = getattr(wanted.job.result, "assessment", None)
-    shown = {"assessment": assessment and assessment.model_dump(mode="json"), "tables": tables}
+    evidence = wanted.jobs.kind.report(wanted.job, wanted.job.result, view).evidence
+    lines = [part.text.strip() for part in evidence if isinstance(part, Line) and part.text.strip()]
+    verdict = assessment and assessment.model_dump(mode="json")
+    shown = {"assessment": verdict, "tables": tables, "evidence": lines}
     return Content(json.dumps(shown, ensure_ascii=False, allow_nan=False).encode(), "application/json")
 
 
@@ -295,7 +298,7 @@ def _description() -> str:
 _FILES_TEXT: Final = """Get a file of a job that has succeeded. Its names are:
 
 * `tables.json`: the tables as in the terminal, with the `assessment` (null if there is none): title, caption,
-  head, rows of text, and the indices of text columns
+  head, rows of text, and the indices of text columns; beside them the `evidence` in lines of text
 * `report.pdf` and `report.html`: request, tables of the result, versions and hash of the input; for
   information, not signed. The report of a run follows ISO/IEC 17025: PDF/A-3b with the run and a table
   attached, a draft until it is authorised, then unchangeable; each page of a superseded one states that

@@ -159,7 +159,7 @@ def test_equipment_is_that_of_the_last_campaign(visit, stored):
     visited.go(f"#/measure?robot={stored.robot}")
     expect(page.get_by_label("Force [N]")).to_have_value("1500")
     expect(page.get_by_label("Load point: x, y, z")).to_have_value(
-        " ".join(f"{1e3 * x:g}" for x in LOAD_POINT)
+        ", ".join(f"{1e3 * x:g}" for x in LOAD_POINT)
     )
     expect(page.get_by_role("button", name="Begin")).to_be_disabled()
 

@@ -55,7 +55,7 @@ def test_a_device_without_3d_graphics_gets_drawings(visit, stored):
     visited.page.add_init_script("HTMLCanvasElement.prototype.getContext = () => null")
     visited.go(f"#/runs/{stored.run}/robot")
     expect(visited.page.get_by_text("This device does not support 3D graphics")).to_be_visible()
-    assert visited.page.locator("svg.sketch").count() == 2
+    assert visited.page.locator("svg.posture").count() == 1
     visited.faults.clear()  # three says so on the console
 
 

@@ -1,52 +1,12 @@
 /** The API over fetch: JSON in, JSON out, and every failure as problem details with a remedy. */
 import { text } from "../i18n";
 import type { Columns } from "../lib/json";
-import type {
-  Action,
-  Authorisation,
-  AuthorisationList,
-  AuthorisationRequest,
-  Catalogue,
-  Comparison,
-  ComparisonSummary,
-  DeflectionResult,
-  Fleet,
-  Geometry,
-  GeometrySummary,
-  Health,
-  ImportAnswer,
-  ImportOptions,
-  Kinematics,
-  NewWebhook,
-  LiveState,
-  Map as WorkMap,
-  MapSummary,
-  ProgramSummary,
-  MeasurementSet,
-  MeasurementSetSummary,
-  Observation,
-  OpenSet,
-  Page,
-  Plan,
-  PlanSummary,
-  Problem,
-  Program,
-  Robot,
-  RobotChange,
-  RobotSource,
-  RobotSummary,
-  Run,
-  RunSummary,
-  Session,
-  SetChange,
-  ShownTable,
-  Trend,
-  Webhook,
-} from "./types";
+import type { Schemas } from "../lib/schema";
+import type * as of from "./types";
 
 /** A refusal, or an answer that did not come. */
 export class ApiError extends Error {
-  constructor(readonly problem: Problem) {
+  constructor(readonly problem: of.Problem) {
     super(problem.detail);
   }
 }
@@ -54,7 +14,7 @@ export class ApiError extends Error {
 interface Call {
   body?: unknown;
   key?: string;
-  signal?: AbortSignal;
+  signal?: AbortSignal | undefined;
 }
 
 const refusals = new Set<() => void>();
@@ -66,11 +26,11 @@ export function onRefused(hear: () => void): () => void {
 }
 
 /** What was thrown, as problem details. */
-export const problemOf = (error: unknown): Problem =>
+export const problemOf = (error: unknown): of.Problem =>
   error instanceof ApiError ? error.problem : ours({ title: text.errors.unexpected, detail: String(error) });
 
 /** A problem of which the service says nothing. */
-const ours = (said: { title: string; detail: string; remedy?: string }, status = 0): Problem => ({
+const ours = (said: { title: string; detail: string; remedy?: string }, status = 0): of.Problem => ({
   type: "about:blank",
   where: null,
   remedy: null,
@@ -113,11 +73,11 @@ async function call<Answer>(method: string, path: string, asked: Call = {}): Pro
   }
 }
 
-function isProblem(answer: unknown): answer is Problem {
+function isProblem(answer: unknown): answer is of.Problem {
   return typeof answer === "object" && answer !== null && "detail" in answer && "title" in answer;
 }
 
-function unreadable(status: number): Problem {
+function unreadable(status: number): of.Problem {
   const { detail, ...words } = text.errors.unreadable;
   return ours({ ...words, detail: detail(status) }, status);
 }
@@ -139,8 +99,8 @@ function collection<Item, Summary, Change = never>(name: string) {
   const at = (item: string) => `/v1/${name}/${id(item)}`;
   return {
     list: (filters: Filters = {}, signal?: AbortSignal) =>
-      call<Page<Summary>>("GET", `/v1/${name}${query(filters)}`, options(signal)),
-    one: (item: string, signal?: AbortSignal) => call<Item>("GET", at(item), options(signal)),
+      call<of.Page<Summary>>("GET", `/v1/${name}${query(filters)}`, { signal }),
+    one: (item: string, signal?: AbortSignal) => call<Item>("GET", at(item), { signal }),
     add: (body: unknown, key: string) => call<Item>("POST", `/v1/${name}`, { body, key }),
     change: (item: string, body: Change) => call<unknown>("PATCH", at(item), { body }),
     delete: (item: string) => call<unknown>("PATCH", at(item), { body: { deleted: true } }),
@@ -169,39 +129,43 @@ const jobs = {
   file: (job: string, name: string) => `/v1/jobs/${id(job)}/files/${name}`,
 };
 
-const runs = kind<Run, RunSummary>("runs");
-const maps = kind<WorkMap, MapSummary>("maps");
-const programs = kind<Program, ProgramSummary>("programs");
-const openSets = collection<OpenSet, MeasurementSetSummary, SetChange>("measurement-sets");
-const robots = collection<Robot, RobotSummary, RobotChange>("robots");
+const runs = kind<of.Run, of.RunSummary>("runs");
+const maps = kind<of.Map, of.MapSummary>("maps");
+const programs = kind<of.Program, of.ProgramSummary>("programs");
+const openSets = collection<of.OpenSet, of.MeasurementSetSummary, of.SetChange>("measurement-sets");
+const robots = collection<of.Robot, of.RobotSummary, of.RobotChange>("robots");
 
 /** Every address of the API that the page uses. */
 export const api = {
-  session: () => call<Session>("GET", SESSION),
-  signIn: (secret: { key: string } | { link: string }) => call<Session>("POST", SESSION, { body: secret }),
+  session: () => call<of.Session>("GET", SESSION),
+  signIn: (secret: { key: string } | { link: string }) => call<of.Session>("POST", SESSION, { body: secret }),
   signOut: () => call<undefined>("DELETE", SESSION),
-  health: (signal?: AbortSignal) => call<Health>("GET", "/health", options(signal)),
-  catalogue: () => call<Catalogue>("GET", "/v1/catalogue"),
-  fleet: (signal?: AbortSignal) => call<Fleet>("GET", "/v1/fleet", options(signal)),
-  kinematics: (source: RobotSource, joints: number[][], signal?: AbortSignal) =>
-    call<Kinematics>("POST", "/v1/kinematics", { body: { ...source, joints }, ...options(signal) }),
+  health: (signal?: AbortSignal) => call<of.Health>("GET", "/health", { signal }),
+  /** How the service describes its requests. */
+  schemas: () =>
+    call<{ components: { schemas: Schemas } }>("GET", "/openapi.json").then(({ components }) => components.schemas),
+  catalogue: () => call<of.Catalogue>("GET", "/v1/catalogue"),
+  fleet: (signal?: AbortSignal) => call<of.Fleet>("GET", "/v1/fleet", { signal }),
+  kinematics: (source: of.RobotSource, joints: number[][], signal?: AbortSignal) =>
+    call<of.Kinematics>("POST", "/v1/kinematics", { body: { ...source, joints }, signal }),
   /** What files of readings were understood as; nothing is stored. */
-  importFiles: (files: File[], stated: ImportOptions = {}, signal?: AbortSignal) =>
-    call<ImportAnswer>("POST", "/v1/imports", { body: form(files, stated), ...options(signal) }),
+  importFiles: (files: File[], stated: of.ImportOptions = {}, signal?: AbortSignal) =>
+    call<of.ImportAnswer>("POST", "/v1/imports", { body: form(files, stated), signal }),
 
   robots,
   trend: (robot: string, filters: Filters, signal?: AbortSignal) =>
-    call<Trend>("GET", `${robots.below(robot, "trend")}${query(filters)}`, options(signal)),
+    call<of.Trend>("GET", `${robots.below(robot, "trend")}${query(filters)}`, { signal }),
   addBaseline: (robot: string, body: { run_id: string; reason: string; campaigns: number }) =>
     call<unknown>("POST", robots.below(robot, "trend"), { body }),
   acknowledge: (robot: string, body: { run_id: string; joint: string; note: string }) =>
     call<unknown>("POST", robots.below(robot, "trend"), { body }),
-  sets: collection<MeasurementSet, MeasurementSetSummary, SetChange>("measurement-sets"),
+  sets: collection<of.MeasurementSet, of.MeasurementSetSummary, of.SetChange>("measurement-sets"),
   openSets: {
     ...openSets,
-    observe: (set: string, body: Observation) => call<LiveState>("POST", openSets.below(set, "observations"), { body }),
-    state: (set: string, signal?: AbortSignal) => call<LiveState>("GET", openSets.below(set, "next"), options(signal)),
-    close: (set: string) => call<LiveState>("POST", openSets.below(set, "close")),
+    observe: (set: string, body: of.Observation) =>
+      call<of.LiveState>("POST", openSets.below(set, "observations"), { body }),
+    state: (set: string, signal?: AbortSignal) => call<of.LiveState>("GET", openSets.below(set, "next"), { signal }),
+    close: (set: string) => call<of.LiveState>("POST", openSets.below(set, "close")),
     followed: (set: string) => `${openSets.below(set, "next")}?follow=true`,
     /** The address of a drawing: the page's own address as a QR code, for a tablet. */
     code: (set: string, page: string) => openSets.below(set, `code.svg${query({ page })}`),
@@ -210,23 +174,22 @@ export const api = {
   jobs,
   runs,
   authorisations: (run: string, signal?: AbortSignal) =>
-    call<AuthorisationList>("GET", jobs.file(run, "authorisations.json"), options(signal)),
-  authorise: (run: string, body: Partial<AuthorisationRequest>) =>
-    call<Authorisation>("POST", runs.below(run, "authorisations"), { body }),
-  predict: (body: unknown) => call<DeflectionResult>("POST", "/v1/deflections", { body }),
-  comparisons: kind<Comparison, ComparisonSummary>("comparisons"),
-  geometries: kind<Geometry, GeometrySummary>("geometries"),
-  plans: kind<Plan, PlanSummary>("plans"),
+    call<{ items: of.Authorisation[] }>("GET", jobs.file(run, "authorisations.json"), { signal }),
+  authorise: (run: string, body: Partial<of.AuthorisationRequest>) =>
+    call<of.Authorisation>("POST", runs.below(run, "authorisations"), { body }),
+  predict: (body: unknown) => call<of.DeflectionResult>("POST", "/v1/deflections", { body }),
+  comparisons: kind<of.Comparison, of.ComparisonSummary>("comparisons"),
+  geometries: kind<of.Geometry, of.GeometrySummary>("geometries"),
+  plans: kind<of.Plan, of.PlanSummary>("plans"),
   maps,
   mapTable: (map: string) => call<Columns>("GET", jobs.file(map, "map.json")),
   programs,
   tables: (job: string, view: Filters) =>
-    call<{ tables: ShownTable[] }>("GET", `${jobs.file(job, "tables.json")}${query(view)}`).then(
-      (answer) => answer.tables,
-    ),
-  apply: (run: string, action: Action) => call<Run>("POST", `/v1/runs/${run}/apply?wait=1`, { body: action }),
-  webhooks: (signal?: AbortSignal) => call<{ items: Webhook[] }>("GET", "/v1/webhooks", options(signal)),
-  addWebhook: (body: { url: string; events: readonly string[] }) => call<NewWebhook>("POST", "/v1/webhooks", { body }),
+    call<{ tables: of.ShownTable[]; evidence: string[] }>("GET", `${jobs.file(job, "tables.json")}${query(view)}`),
+  apply: (run: string, action: of.Action) => call<of.Run>("POST", `/v1/runs/${run}/apply?wait=1`, { body: action }),
+  webhooks: (signal?: AbortSignal) => call<{ items: of.Webhook[] }>("GET", "/v1/webhooks", { signal }),
+  addWebhook: (body: { url: string; events: readonly string[] }) =>
+    call<of.NewWebhook>("POST", "/v1/webhooks", { body }),
   deleteWebhook: (hook: string) => call<undefined>("DELETE", `/v1/webhooks/${id(hook)}`),
   addProgram: (files: File[], stated: unknown, key: string) => programs.add(form(files, stated), key),
   programPoints: (program: string) => call<Columns>("GET", jobs.file(program, "points.json")),
@@ -241,13 +204,9 @@ function form(files: File[], stated: unknown): FormData {
   return body;
 }
 
-function options(signal: AbortSignal | undefined): Call {
-  return signal === undefined ? {} : { signal };
-}
-
 /** All items of a listing, newest first, up to a limit. */
 export async function every<Item>(
-  list: (filters: Filters, signal?: AbortSignal) => Promise<Page<Item>>,
+  list: (filters: Filters, signal?: AbortSignal) => Promise<of.Page<Item>>,
   filters: Filters = {},
   limit = 500,
   signal?: AbortSignal,
@@ -255,7 +214,7 @@ export async function every<Item>(
   const items: Item[] = [];
   let cursor: string | null = null;
   do {
-    const page: Page<Item> = await list({ ...filters, limit: 100, cursor }, signal);
+    const page: of.Page<Item> = await list({ ...filters, limit: 100, cursor }, signal);
     items.push(...page.items);
     cursor = page.next;
   } while (cursor !== null && items.length < limit);

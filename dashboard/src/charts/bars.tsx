@@ -54,7 +54,16 @@ export function ByName({
       <LeftAxis scale={y} left={left} right={right} format={axisFormat(y.ticks)} unit={unit} />
       {children(place, step, y)}
       <Names names={names} place={place} bottom={bottom} room={right - left} />
-      <Columns {...{ names, place, step, bottom, lines, open, at }} />
+      {names.map((name, i) => (
+        <rect // over its whole height: small bars are hard to hit
+          class={name === at ? "hit column at" : "hit column"}
+          x={place(i) - step / 2}
+          width={step}
+          y={24}
+          height={Math.max(1, bottom - 24)}
+          {...tip([name, ...lines(i)], open?.(name))}
+        />
+      ))}
     </Chart>
   );
 }
@@ -134,38 +143,6 @@ const bar = (x: number, wide: number, from: number, to: number): string =>
 
 export const circle = (x: number, y: number, r: number): string =>
   `M${x - r} ${y}a${r} ${r} 0 1 0 ${2 * r} 0a${r} ${r} 0 1 0 ${-2 * r} 0z`;
-
-/** What a column says when it is pointed at, over its whole height: small bars are hard to hit. */
-function Columns({
-  names,
-  place,
-  step,
-  bottom,
-  lines,
-  open,
-  at,
-}: {
-  names: string[];
-  place: (index: number) => number;
-  step: number;
-  bottom: number;
-  lines: (index: number) => string[];
-} & Opening) {
-  return (
-    <g>
-      {names.map((name, i) => (
-        <rect
-          class={name === at ? "hit column at" : "hit column"}
-          x={place(i) - step / 2}
-          width={step}
-          y={24}
-          height={Math.max(1, bottom - 24)}
-          {...tip([name, ...lines(i)], open?.(name))}
-        />
-      ))}
-    </g>
-  );
-}
 
 /** As many digits as the steps of the axis need. */
 function axisFormat(ticks: number[]): (value: number) => string {

@@ -80,7 +80,14 @@ export function Trend({
       {points.map((p) => (
         <Point point={p} x={ground.x(p)} y={y} top={28} bottom={bottom} />
       ))}
-      {points.length > 0 && <Dates first={times[0]} last={times[1]} from={left} to={right} y={bottom + 22} />}
+      <g class="axis">
+        {points.length > 0 &&
+          [...new Set(times.map(dayText))].map((day, i) => (
+            <text x={i ? right : left} y={bottom + 22} text-anchor={i ? "end" : "start"}>
+              {day}
+            </text>
+          ))}
+      </g>
     </Chart>
   );
 }
@@ -182,19 +189,4 @@ function placeIn(
   const even = (gap / (last - first)) * (to - from) < 16;
   return (p) =>
     from + (even ? points.indexOf(p) / (points.length - 1) : (p.time - first) / (last - first)) * (to - from);
-}
-
-function Dates({ first, last, from, to, y }: { first: number; last: number; from: number; to: number; y: number }) {
-  return (
-    <g class="axis">
-      <text x={from} y={y}>
-        {dayText(first)}
-      </text>
-      {dayText(first) !== dayText(last) && (
-        <text x={to} y={y} text-anchor="end">
-          {dayText(last)}
-        </text>
-      )}
-    </g>
-  );
 }

@@ -4,7 +4,6 @@ import { Viewer } from "../state/session";
 import { useAction } from "../state/action";
 import { useDeletion } from "../state/deletion";
 import { namesChanged } from "../state/names";
-import { storedChanged } from "../state/stored";
 import { toast } from "../state/toasts";
 import { text } from "../i18n";
 import { Button, forbidden, ProblemNote } from "./basics";
@@ -29,7 +28,6 @@ export function Changes({
   const viewer = forbidden(useContext(Viewer));
   const action = useAction(async (asked: Change) => {
     await change(asked);
-    storedChanged();
     namesChanged();
     if (asked.archived !== undefined) toast(asked.archived ? words.archivedNow(name) : words.back(name));
     changed();
@@ -65,7 +63,6 @@ export function DeleteButton({
 }) {
   const changed = async (change: () => Promise<unknown>) => {
     await change();
-    storedChanged();
     namesChanged();
   };
   const viewer = forbidden(useContext(Viewer));

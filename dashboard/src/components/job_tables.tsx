@@ -1,11 +1,18 @@
-/** The tables of a job as the service writes them for the terminal and for reports. */
+/** The tables of a job, and its evidence in lines, as the service writes them for the terminal and for reports. */
 import { api } from "../api/client";
 import type { Collection } from "../api/events";
+import { sentence } from "../lib/said";
 import { STIFFNESS_UNITS } from "../lib/units";
-import { useCached } from "../state/cache";
+import { useCached } from "../state/load";
 import { useSettings } from "../state/settings";
-import { Show } from "./basics";
+import { Prose, Show } from "./basics";
 import { TableCard } from "./table";
+
+function useTables(collection: Collection, id: string) {
+  const unit = STIFFNESS_UNITS[useSettings().unit].name;
+  const ask = () => api.tables(id, { unit, details: String(collection !== "comparisons") });
+  return useCached(`tables/${id}/${unit}`, ask, Number.POSITIVE_INFINITY);
+}
 
 export function JobTables({
   collection,
@@ -19,16 +26,10 @@ export function JobTables({
   from?: number;
   to?: number | undefined;
 }) {
-  const unit = STIFFNESS_UNITS[useSettings().unit].name;
-  const tables = useCached(
-    `tables/${id}/${unit}`,
-    () => api.tables(id, { unit, details: String(collection !== "comparisons") }),
-    Number.POSITIVE_INFINITY,
-  );
   return (
-    <Show of={tables}>
-      {(all) =>
-        all
+    <Show of={useTables(collection, id)}>
+      {({ tables }) =>
+        tables
           .slice(from, to)
           .map(({ title, caption, head, rows, texts }) => (
             <TableCard title={title || (head[1] ?? "")} note={caption} table={{ columns: head, rows, texts }} />
@@ -37,3 +38,17 @@ export function JobTables({
     </Show>
   );
 }
+
+export const JobEvidence = ({ id }: { id: string }) => (
+  <Show of={useTables("runs", id)}>
+    {({ evidence }) => (
+      <ul class="lines">
+        {evidence.map((line) => (
+          <li>
+            <Prose text={sentence(line)} />
+          </li>
+        ))}
+      </ul>
+    )}
+  </Show>
+);

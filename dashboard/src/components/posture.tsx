@@ -3,13 +3,23 @@ import type { Posture } from "../api/types";
 import { extent } from "../lib/scale";
 import { add, norm, times, type Vector } from "../lib/vector";
 
-const [WIDTH, HEIGHT, MARGIN] = [132, 104, 12];
+const MARGIN = 12;
 const [ACROSS, UP] = [Math.cos(Math.PI / 6), Math.sin(Math.PI / 6)];
 
 /** Isometric: x to the lower left, y to the lower right, z up. */
 const flat = ([x, y, z]: Vector): [number, number] => [(y - x) * ACROSS, (x + y) * UP - z];
 
-export function PostureSketch({ posture, force }: { posture: Posture | null; force: Vector | null }) {
+export function PostureSketch({
+  posture,
+  force,
+  size: [width, height] = [132, 104],
+  label,
+}: {
+  posture: Posture | null;
+  force: Vector | null;
+  size?: [number, number];
+  label?: string;
+}) {
   if (!posture) return <span class="posture" aria-hidden="true" />;
   const chain: Vector[] = [[0, 0, 0], ...posture.joint_origins, posture.flange_origin];
   const reach = Math.max(0.2, ...chain.map(norm));
@@ -24,14 +34,22 @@ export function PostureSketch({ posture, force }: { posture: Posture | null; for
   const all = [...chain, ...corners, ...(tip ? [tip] : [])].map(flat);
   const [left, right] = extent(all.map(([u]) => u)) ?? [0, 1];
   const [top, bottom] = extent(all.map(([, v]) => v)) ?? [0, 1];
-  const scale = Math.min((WIDTH - 2 * MARGIN) / (right - left || 1), (HEIGHT - 2 * MARGIN) / (bottom - top || 1));
+  const scale = Math.min((width - 2 * MARGIN) / (right - left || 1), (height - 2 * MARGIN) / (bottom - top || 1));
   const at = (point: Vector): [number, number] => {
     const [u, v] = flat(point);
-    return [WIDTH / 2 + (u - (left + right) / 2) * scale, HEIGHT / 2 + (v - (top + bottom) / 2) * scale];
+    return [width / 2 + (u - (left + right) / 2) * scale, height / 2 + (v - (top + bottom) / 2) * scale];
   };
   const path = (points: Vector[]) => points.map((point, i) => `${i ? "L" : "M"}${at(point).join(" ")}`).join("");
   return (
-    <svg class="posture" width={WIDTH} height={HEIGHT} viewBox={`0 0 ${WIDTH} ${HEIGHT}`} aria-hidden="true">
+    <svg
+      class="posture"
+      width={width}
+      height={height}
+      viewBox={`0 0 ${width} ${height}`}
+      role={label === undefined ? undefined : "img"}
+      aria-label={label}
+      aria-hidden={label === undefined}
+    >
       <path class="floor" d={`${path(corners)}z`} />
       <path class="link" d={path(chain)} />
       {posture.joint_origins.map((origin) => {

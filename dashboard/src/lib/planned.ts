@@ -6,100 +6,27 @@ import { type Vector, norm, times } from "./vector";
 
 export type Planned = PlanResult["readings"][number];
 
-/** What a person asks for, in the units of a workshop: mm, N, µm. */
-export interface Asked {
-  targets: string;
-  loadPoint: string;
-  station: string;
-  sigma: string;
-  kind: "dead_weight" | "any_direction" | "cable";
-  force: string;
-  anchors: string;
-  floor: string;
-  readings: string;
-  joints: string[];
-}
-
-/** The equipment of a campaign, to begin another one with: its targets, its load point and its strongest load. */
-export function equipmentOf(set: MeasurementSet): Partial<Asked> {
+/** The equipment of a campaign, to begin another one with: its targets, its load point and its strongest load, in SI. */
+export function equipmentOf(set: MeasurementSet): Fields {
   const { length, force: unit } = factors(set.units);
-  const mm = (place: readonly number[]) => place.map((part) => Number((1e3 * length * part).toFixed(3))).join(" ");
+  const metres = (place: readonly number[]) => place.map((part) => Number((length * part).toFixed(6)));
   const forces = set.observations.map(({ force }) => times(force as Vector, unit));
   const strongest = forces.reduce<Vector>((best, force) => (norm(force) > norm(best) ? force : best), [0, 0, 0]);
   const hangs = forces.every(([x, y, z]) => z <= 0 && Math.hypot(x, y) <= 1e-3 * norm(strongest));
   const point = set.load_point ?? set.observations[0]?.load_point;
+  const targets = Object.entries(set.flange_targets ?? {}).map(([name, place]) => [name, metres(place)]);
   return {
-    targets: Object.entries(set.flange_targets ?? {})
-      .map(([name, place]) => `${name} ${mm(place)}`)
-      .join("\n"),
-    ...(point ? { loadPoint: mm(point) } : {}),
-    kind: hangs ? "dead_weight" : "any_direction",
-    force: norm(strongest) > 0 ? String(Math.round(norm(strongest))) : "",
-  };
-}
-
-/** Numbers of a line, in m; null if they are not three. */
-export function point(line: string): [number, number, number] | null {
-  const found = line.trim().split(/[\s;,]+/);
-  const numbers = found.map((part) => Number(part) / 1e3);
-  return found.length === 3 && found.every(Boolean) && numbers.every(Number.isFinite)
-    ? (numbers as [number, number, number])
-    : null;
-}
-
-/** Targets of lines `name x y z`; the first line that is none comes back as text. */
-export function targetsOf(lines: string): { [name: string]: [number, number, number] } | string {
-  const targets: { [name: string]: [number, number, number] } = {};
-  for (const line of lines.split("\n").filter((each) => each.trim())) {
-    const [name = "", ...rest] = line.trim().split(/[\s;,]+/);
-    const place = point(rest.join(" "));
-    if (!place) return line.trim();
-    targets[name] = place;
-  }
-  return targets;
-}
-
-/** The request without its subject; what is left empty is left to the service or to the campaign. */
-export function optionsOf(asked: Asked): Fields | string {
-  const targets = targetsOf(asked.targets);
-  if (typeof targets === "string") return targets;
-  const points: Fields = {};
-  for (const [name, line] of [
-    ["load_point", asked.loadPoint],
-    ["station", asked.station],
-  ] as const) {
-    const place = line.trim() ? point(line) : null;
-    if (line.trim() && !place) return line.trim();
-    if (place) points[name] = place;
-  }
-  const anchors = asked.anchors.split("\n").filter((line) => line.trim());
-  const places = anchors.map(point);
-  const missing = places.indexOf(null);
-  if (asked.kind === "cable" && missing >= 0) return anchors[missing] ?? "";
-  const sigma = asked.sigma.trim() ? Number(asked.sigma) / 1e6 : null;
-  const { station, ...others } = points;
-  const kilograms = /^\s*([\d.]+)\s*kg\s*$/.exec(asked.force);
-  const uncertainty = { constant: sigma ?? 2e-5, per_distance: 0 };
-  return {
-    ...others,
-    readings: Number(asked.readings),
-    ...(asked.joints.length > 0 ? { joints: asked.joints } : {}),
-    ...(Object.keys(targets).length > 0 ? { targets } : {}),
-    ...(station ? { tracker: { station, range: uncertainty, transverse: uncertainty } } : sigma ? { sigma } : {}),
-    ...(asked.force.trim()
-      ? {
-          load: {
-            kind: asked.kind,
-            ...(asked.kind === "dead_weight" && kilograms
-              ? { mass: Number(kilograms[1]) }
-              : { force: Number(asked.force) }),
-            ...(asked.kind === "cable" ? { anchors: places } : {}),
-          },
-        }
+    ...(targets.length > 0 ? { targets: Object.fromEntries(targets) } : {}),
+    ...(point ? { load_point: metres(point) } : {}),
+    ...(norm(strongest) > 0
+      ? { load: { kind: hangs ? "dead_weight" : "any_direction", force: Math.round(norm(strongest)) } }
       : {}),
-    ...(asked.floor.trim() ? { surroundings: { floor: Number(asked.floor) / 1e3 } } : {}),
   };
 }
+
+/** What was found of the fields that are still as they began. */
+export const unchanged = (found: Fields, now: Fields, start: Fields): Fields =>
+  Object.fromEntries(Object.entries(found).filter(([name]) => now[name] === start[name]));
 
 /** A campaign to fill in: the set so far with the planned readings after it, whose positions are null. */
 export function toFillIn(

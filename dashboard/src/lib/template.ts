@@ -35,8 +35,7 @@ export function templateIn(name: string, content: string): Template | null {
 }
 
 /** Templates as they were kept; none if that cannot be read. */
-export function templatesIn(content: string | null): Template[] {
-  const list = content === null ? null : parsed(content);
+export function templatesIn(list: unknown): Template[] {
   if (!Array.isArray(list)) return [];
   return list.filter(
     (one) => typeof one?.name === "string" && typeof one?.options === "object" && one.options !== null,

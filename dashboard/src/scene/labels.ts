@@ -52,9 +52,10 @@ export class Labels {
       const { x, y, z } = this.#point.set(...at).project(camera);
       const [left, top] = [((x + 1) / 2) * width, ((1 - y) / 2) * height];
       const wide = Math.min(MOST_WIDE, 8 + (label.textContent?.length ?? 0) * LETTER);
-      const free = PLACES.map(([side, below]) => [left + (side < 0 ? -wide - 20 : 0), top + below] as const).find(
-        ([u, v]) => !taken.some(([x1, y1, w]) => u < x1 + w && x1 < u + wide && Math.abs(v - y1) < LEAST_GAP),
-      );
+      const most = Math.max(0, width - wide - 20); // the label and its gap stay in the window
+      const free = PLACES.map(
+        ([side, below]) => [Math.min(most, Math.max(0, left + (side < 0 ? -wide - 20 : 0))), top + below] as const,
+      ).find(([u, v]) => !taken.some(([x1, y1, w]) => u < x1 + w && x1 < u + wide && Math.abs(v - y1) < LEAST_GAP));
       label.hidden = !free || z > 1 || left < 0 || left > width || top < 0 || top > height;
       if (label.hidden || !free) return;
       if (kind === "joint" || kind === "target") taken.push([free[0], free[1], wide]);

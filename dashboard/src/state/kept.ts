@@ -30,28 +30,34 @@ export async function kept<Value>(name: string): Promise<Value | null> {
   });
 }
 
+type Place = "localStorage" | "sessionStorage";
+
+/** What the browser keeps as JSON under a name, else null: it may be of anyone, and storage may be switched off. */
+export function recalled(name: string, place: Place = "localStorage"): unknown {
+  try {
+    return JSON.parse(window[place].getItem(`jointstiff.${name}`) ?? "null");
+  } catch {
+    return null;
+  }
+}
+
+/** Keep it, or forget null; where storage is switched off it holds for this visit. */
+export function remember(name: string, value: unknown, place: Place = "localStorage"): void {
+  try {
+    if (value === null) window[place].removeItem(`jointstiff.${name}`);
+    else window[place].setItem(`jointstiff.${name}`, JSON.stringify(value));
+  } catch {
+    // then it holds until the view is left
+  }
+}
+
 /** A form that is filled in: what was typed comes back with the view, as long as the browser's tab is open. */
 export function useDraft<Values extends object>(
   name: string,
   start: Values,
 ): [Values, (part: Partial<Values> | ((before: Values) => Partial<Values>)) => void] {
-  const key = `jointstiff.draft.${name}`;
-  const [values, set] = useState<Values>(() => ({ ...start, ...read(key) }));
-  useEffect(() => {
-    try {
-      sessionStorage.setItem(key, JSON.stringify(values));
-    } catch {
-      // then it holds until the view is left
-    }
-  }, [key, values]);
+  const key = `draft.${name}`;
+  const [values, set] = useState<Values>(() => ({ ...start, ...(recalled(key, "sessionStorage") as Values | null) }));
+  useEffect(() => remember(key, values, "sessionStorage"), [key, values]);
   return [values, (part) => set((before) => ({ ...before, ...(typeof part === "function" ? part(before) : part) }))];
-}
-
-function read(key: string): object {
-  try {
-    const found: unknown = JSON.parse(sessionStorage.getItem(key) ?? "{}");
-    return typeof found === "object" && found !== null ? found : {};
-  } catch {
-    return {};
-  }
 }

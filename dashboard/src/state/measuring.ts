@@ -2,6 +2,7 @@
 import { useCallback, useEffect, useRef, useState } from "preact/hooks";
 import { api, problemOf } from "../api/client";
 import type { LiveState, Observation, Problem } from "../api/types";
+import { recalled, remember } from "./kept";
 
 /** A reading on its way; with what the service has against it. */
 export interface Waiting {
@@ -25,13 +26,13 @@ const AGAIN_MS = 3_000;
 export function useMeasuring(id: string, first: LiveState): Measuring {
   const [state, setState] = useState(first);
   const [away, setAway] = useState(false);
-  const [waiting, setWaiting] = useState<Waiting[]>(() => kept<Waiting[]>(keyOf(id), []));
+  const [waiting, setWaiting] = useState(() => (recalled(keyOf(id)) ?? []) as Waiting[]);
   const queue = useRef(waiting);
   const going = useRef(false);
   const change = useCallback(
     (next: Waiting[]) => {
       queue.current = next;
-      keep(keyOf(id), next.length > 0 ? next : null);
+      remember(keyOf(id), next.length > 0 ? next : null);
       setWaiting(next);
     },
     [id],
@@ -117,23 +118,5 @@ function followed(id: string, put: (state: LiveState) => void, back: () => void,
   return source;
 }
 
-const keyOf = (id: string): string => `jointstiff.measure.${id}`;
-export const draftKey = (id: string): string => `jointstiff.measure.${id}.draft`;
-
-/** What this browser keeps; storage may be switched off. */
-export function kept<Value>(key: string, otherwise: Value): Value {
-  try {
-    return (JSON.parse(localStorage.getItem(key) ?? "null") as Value | null) ?? otherwise;
-  } catch {
-    return otherwise;
-  }
-}
-
-export function keep(key: string, value: unknown): void {
-  try {
-    if (value === null) localStorage.removeItem(key);
-    else localStorage.setItem(key, JSON.stringify(value));
-  } catch {
-    // then it holds for this visit
-  }
-}
+const keyOf = (id: string): string => `measure.${id}`;
+export const draftKey = (id: string): string => `measure.${id}.draft`;

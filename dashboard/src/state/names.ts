@@ -1,8 +1,7 @@
 /** Names of robots and sets by their identifiers, for lists that only have those. */
 import { api, every } from "../api/client";
-import type { MeasurementSetSummary, OpenAlarm, RobotSummary } from "../api/types";
-import { forget, useCached } from "./cache";
-import type { Loading } from "./load";
+import type { MeasurementSet, MeasurementSetSummary, OpenAlarm, Robot, RobotSummary } from "../api/types";
+import { cached, forget, type Loading, useCached } from "./load";
 import { text } from "../i18n";
 
 export interface Names {
@@ -24,11 +23,12 @@ export function useNames(): Loading<Names> {
   return useCached(KEY, loadNames);
 }
 
-/** A robot or a set was added or changed. */
-export function namesChanged(): void {
-  forget(KEY);
-  forget("robot/");
-}
+/** A robot or a set was added, deleted, restored, or changed. */
+export const namesChanged = (): void => [KEY, "robot/", "set/"].forEach(forget);
+
+/** Robots and measurement sets. Sets never change but by what is noted of them; alarms of robots come and go. */
+export const storedSet = (id: string): Promise<MeasurementSet> => cached(`set/${id}`, () => api.sets.one(id));
+export const storedRobot = (id: string): Promise<Robot> => cached(`robot/${id}`, () => api.robots.one(id), 2_000);
 
 /** Those of a robot's alarms that are of one arm. */
 export const ofArm = (alarms: OpenAlarm[], serial: string | null | undefined): OpenAlarm[] =>

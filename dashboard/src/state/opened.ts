@@ -1,9 +1,8 @@
 /** Files that were dropped or chosen, and what they are: a campaign, tables of readings, or a template for them. */
 import type { ImportOptions } from "../api/types";
 import { type Campaign, notFinite, understand } from "../lib/campaign";
-import { IN_R0, type StatedFrame } from "../lib/frame";
+import type { Fields } from "../lib/json";
 import { type Typed, typedOf } from "../lib/metadata";
-import { type Stated, statedIn } from "../lib/stated";
 import { type Template, templateIn } from "../lib/template";
 import type { FileFault } from "../i18n";
 import { keep, kept } from "./kept";
@@ -20,19 +19,14 @@ export type Opened =
 /** What was said of tables so far. */
 interface Draft {
   options: ImportOptions;
-  stated: Stated;
-  frame: StatedFrame;
+  /** The tracker's, if positions are in its frame. */
+  frame: Fields;
   /** What is noted about the measurement. */
   typed: Typed;
 }
 
 /** Nothing said yet but what a template says. */
-export const freshDraft = (options: ImportOptions): Draft => ({
-  options,
-  stated: statedIn(options),
-  frame: IN_R0,
-  typed: typedOf({}),
-});
+export const freshDraft = (options: ImportOptions): Draft => ({ options, frame: {}, typed: typedOf({}) });
 
 /** Tables that were not identified yet, with what was said of them: one may add a robot meanwhile, or come back. */
 let begun: { opened: Opened; draft: Draft | null } | null = null;

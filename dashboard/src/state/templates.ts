@@ -1,20 +1,7 @@
 /** Templates of imports that this device keeps: in the browser, nowhere else. */
 import { type Template, templatesIn, withTemplate } from "../lib/template";
+import { recalled, remember } from "./kept";
 
-const KEY = "jointstiff.templates";
-
-export function keptTemplates(): Template[] {
-  try {
-    return templatesIn(localStorage.getItem(KEY));
-  } catch {
-    return []; // storage may be switched off
-  }
-}
-
-export function keepTemplate(template: Template): void {
-  try {
-    localStorage.setItem(KEY, JSON.stringify(withTemplate(keptTemplates(), template)));
-  } catch {
-    // then it is not offered again
-  }
-}
+export const keptTemplates = (): Template[] => templatesIn(recalled("templates"));
+export const keepTemplate = (template: Template): void =>
+  remember("templates", withTemplate(keptTemplates(), template));

@@ -8,13 +8,13 @@ import { Fields, Select } from "../components/fields";
 import { Findings, Preview } from "../components/findings";
 import { type Campaign, factsOf } from "../lib/campaign";
 import { contentKey, freshKey } from "../lib/hash";
+import type { Fields as Document } from "../lib/json";
 import { statesNoise } from "../lib/noise";
 import { useAction } from "../state/action";
 import { useLoad, valueOf } from "../state/load";
-import { namesChanged, useNames } from "../state/names";
+import { namesChanged, useNames, storedSet } from "../state/names";
 import type { Opened } from "../state/opened";
 import { link } from "../state/router";
-import { storedSet } from "../state/stored";
 import { text } from "../i18n";
 import { FileDrop, GoBar, Refused } from "./file_drop";
 import { Advanced, useRunForm } from "./advanced";
@@ -43,7 +43,7 @@ export function CampaignFlow({
   const robot = choice.of === campaign ? choice.robot : campaign?.robot ? FROM_FILE : (campaign?.robotId ?? before);
   const setRobot = (chosen: string) => setChoice({ of: campaign, robot: chosen });
   useEffect(() => {
-    if (campaign?.run) form.take(campaign.run);
+    if (campaign?.run) form.setRun(campaign.run as Document);
   }, [campaign]);
   const onlyRobot = known?.robots.length === 1 ? known.robots[0]?.id : undefined;
   const chosenRobot = robot || (campaign && !campaign.robot ? (onlyRobot ?? "") : robot);
@@ -137,7 +137,7 @@ export function CampaignFlow({
               <p class="stage blank">{text.start.armHere}</p>
             )}
           </section>
-          <Advanced form={form} facts={facts} joints={ofRobot?.joints.map((joint) => joint.name) ?? []} />
+          <Advanced form={form} joints={ofRobot?.joints.map((joint) => joint.name) ?? []} />
         </>
       )}
       <GoBar

@@ -5,7 +5,7 @@ import type { Catalogue, NominalArm } from "../api/types";
 import { Choice, Facts, Name, Show } from "../components/basics";
 import { TextField } from "../components/fields";
 import { fixed } from "../lib/format";
-import { cached } from "../state/cache";
+import { cached } from "../state/load";
 import { useLoad } from "../state/load";
 import { text } from "../i18n";
 import { JointMapTable, RowsTable } from "./robot_tables";
@@ -34,29 +34,26 @@ export function ArmChooser({ chosen, choose }: { chosen: NominalArm | null; choo
         value={typed}
         change={setTyped}
       />
-      <Show of={catalogue}>{(known) => <Arms arms={found(known, typed)} chosen={chosen} choose={choose} />}</Show>
+      <Show of={catalogue}>
+        {(known) => {
+          const arms = found(known, typed);
+          if (arms.length === 0) return <p class="note warn">{words.noArm}</p>;
+          return (
+            <Choice
+              label={words.arms}
+              look="choice cards arms"
+              value={chosen?.name ?? ""}
+              change={(name) => choose(arms.find((arm) => arm.name === name) as NominalArm)}
+              options={arms.map((arm) => ({
+                value: arm.name,
+                label: arm.name,
+                hint: `${words.reach} ${reachOf(arm)}`,
+              }))}
+            />
+          );
+        }}
+      </Show>
     </>
-  );
-}
-
-function Arms({
-  arms,
-  chosen,
-  choose,
-}: {
-  arms: NominalArm[];
-  chosen: NominalArm | null;
-  choose: (arm: NominalArm) => void;
-}) {
-  if (arms.length === 0) return <p class="note warn">{text.robots.noArm}</p>;
-  return (
-    <Choice
-      label={text.robots.arms}
-      look="choice cards arms"
-      value={chosen?.name ?? ""}
-      change={(name) => choose(arms.find((arm) => arm.name === name) as NominalArm)}
-      options={arms.map((arm) => ({ value: arm.name, label: arm.name, hint: `${text.robots.reach} ${reachOf(arm)}` }))}
-    />
   );
 }
 

@@ -13,7 +13,7 @@ import { alike } from "../components/table";
 import { pValue, percent, significant } from "../lib/format";
 import { unsaid } from "../lib/said";
 import { link } from "../state/router";
-import { storedSet } from "../state/stored";
+import { storedSet } from "../state/names";
 import { text } from "../i18n";
 import { StiffnessFigure } from "./joint_table";
 import { VerdictCard } from "./verdict_card";
@@ -77,7 +77,17 @@ function ComparisonPage({ id, result, sides }: { id: string; result: Result; sid
       <Further warnings={unsaid(warnings, assessment.reasons)} />
       {avoided && <AvoidedShare avoided={avoided} />}
       {paired && <Ratios {...{ result, sides, level }} />}
-      {paired && <Both {...{ result, sides, level }} />}
+      {paired && (
+        <StiffnessFigure
+          title={two.stiffness}
+          level={level}
+          series={result.sides.map(({ run_id: run }, i) => ({
+            label: sides[i] ?? "",
+            mark: i ? "method-0" : "method-1",
+            joints: entries.find((fit) => fit.run_id === run)?.joints ?? [],
+          }))}
+        />
+      )}
       <JobTables collection="comparisons" id={id} from={paired ? 1 : 0} />
       {entries.map(
         (fit) =>
@@ -176,16 +186,6 @@ const changed = (p: number | null): boolean => p !== null && p < 0.05;
 const verdict = (p: number | null, reason: string | null): string =>
   p === null ? (reason ?? "–") : changed(p) ? two.changed : two.unchanged;
 
-/** The runs by which two sides are compared. */
-function Both({ result, sides, level }: { result: Result; sides: Sides; level: string }) {
-  const series = result.sides.map(({ run_id: run }, i) => ({
-    label: sides[i] ?? "",
-    mark: i ? "method-0" : "method-1",
-    joints: result.entries.find((fit) => fit.run_id === run)?.joints ?? [],
-  }));
-  return <StiffnessFigure title={two.stiffness} level={level} series={series} />;
-}
-
 /** A name that tells an entry from the others. */
 function entryName(fit: ComparedRun): string {
   const short = text.methods[fit.method];
@@ -229,18 +229,13 @@ const inMillimetres = (lengths: (number | null)[]): (number | null)[] =>
   lengths.map((length) => (length === null ? null : length * 1e3));
 
 /** The paper's figure 7: the deflection of each configuration on both sides. */
-function Deflections({ result, sides }: { result: Result; sides: Sides }) {
-  const [first, second] = result.sides;
-  if (!first || !second) return null;
-  const names = [...new Set([...first.configurations, ...second.configurations])];
-  const of = ({ configurations, deflection }: typeof first) => {
-    const lengths = new Map(configurations.map((name, i) => [name, deflection[i] ?? null]));
-    return inMillimetres(names.map((name) => lengths.get(name) ?? null));
-  };
-  const series = [
-    { mark: "measured", label: sides[0] ?? "", values: of(first) },
-    { mark: "method-0", label: sides[1] ?? "", values: of(second) },
-  ];
+function Deflections({ result: { sides: compared }, sides }: { result: Result; sides: Sides }) {
+  const names = [...new Set(compared.flatMap(({ configurations }) => configurations))];
+  const series = compared.map(({ configurations, deflection }, i) => {
+    const lengths = new Map(configurations.map((name, c) => [name, deflection[c] ?? null]));
+    const values = inMillimetres(names.map((name) => lengths.get(name) ?? null));
+    return { mark: i ? "method-0" : "measured", label: sides[i] ?? "", values };
+  });
   return <BarFigure unit={text.units.mm} title={words.deflection} note={words.deflectionNote} {...{ names, series }} />;
 }
 
@@ -249,7 +244,10 @@ function Left({ result, at, side }: { result: Result; at: number; side: string |
   const own = result.sides[at];
   if (!own) return null;
   const fits = result.entries.filter((fit) => fit.side === own.side && fit.left.length > 0);
-  const chosen = fits.some((fit) => fit.positive) ? byMethod(fits, true) : byMethod(fits, false);
+  const chosen = byMethod(
+    fits,
+    fits.some((fit) => fit.positive),
+  );
   const series = [
     { mark: "measured", label: two.measured, values: inMillimetres(own.deflection) },
     ...chosen.map((fit, i) => ({ mark: `method-${i}`, label: entryName(fit), values: inMillimetres(fit.left) })),
@@ -260,19 +258,12 @@ function Left({ result, at, side }: { result: Result; at: number; side: string |
   );
 }
 
-function ByConfiguration({ avoided }: { avoided: Avoided }) {
-  const names = avoided.configurations.map((one) => one.observation);
+function ByConfiguration({ avoided: { configurations } }: { avoided: Avoided }) {
+  const names = configurations.map((one) => one.observation);
+  const share = (value: number | null | undefined) => (value == null ? null : value * 100);
   const series = [
-    {
-      mark: "measured",
-      label: two.measured,
-      values: avoided.configurations.map((one) => (one.measured?.value == null ? null : one.measured.value * 100)),
-    },
-    {
-      mark: "predicted",
-      label: two.predicted,
-      values: avoided.configurations.map((one) => (one.predicted === null ? null : one.predicted * 100)),
-    },
+    { mark: "measured", label: two.measured, values: configurations.map((one) => share(one.measured?.value)) },
+    { mark: "predicted", label: two.predicted, values: configurations.map((one) => share(one.predicted)) },
   ];
   const { byConfiguration: title, byConfigurationNote: note } = two;
   return <BarFigure unit={text.units.share} {...{ title, note, names, series }} />;

@@ -1,8 +1,9 @@
 /** The files as they were understood, and the templates that fit them. */
 import type { ImportAnswer, ImportOptions } from "../api/types";
-import { Button, Choice, Toggle } from "../components/basics";
-import { Select, TextField } from "../components/fields";
+import { Button, Choice } from "../components/basics";
+import { SchemaFields, type Terms } from "../components/schema_form";
 import { type ImportFault, meaningsFor } from "../lib/columns";
+import type { Fields } from "../lib/json";
 import { widthOf } from "../lib/lines";
 import { text } from "../i18n";
 import { useMemo, useRef } from "preact/hooks";
@@ -96,28 +97,18 @@ function ImportReading({
   if (offered && offered.length > 0) known.current = offered;
   const sheets = known.current.length > 0 ? known.current : options.sheet ? [options.sheet] : [];
   const pair = asked ?? (stated.length === 2 ? stated : null);
+  const terms: Terms = {
+    labels: readingWords.texts,
+    choices: {
+      sheet: ["", ...sheets].map((name) => ({ value: name, label: name || readingWords.pickSheet })),
+    },
+  };
   return (
     <div class="import-form">
       {headless && /\.xlsx$/i.test(headless.name) === false && (
         <Button onClick={() => void headless.text().then((content) => put({ header: unnamed(content) }))}>
           {readingWords.nameColumns}
         </Button>
-      )}
-      {shown("decimal_mark") && (
-        <Choice
-          label={readingWords.decimalMark}
-          value={options.decimal_mark ?? ""}
-          change={(mark) => put({ decimal_mark: mark === "" ? null : mark })}
-          options={readingWords.marks}
-        />
-      )}
-      {shown("delimiter") && (
-        <Select
-          label={readingWords.delimiter}
-          value={options.delimiter ?? ""}
-          change={(delimiter) => put({ delimiter: (delimiter || null) as NonNullable<ImportOptions["delimiter"]> })}
-          options={readingWords.delimiters}
-        />
       )}
       {pair && (
         <Choice
@@ -134,39 +125,19 @@ function ImportReading({
           options={pair.map((word) => ({ value: word, label: word }))}
         />
       )}
-      {shown("allow_missing") && (
-        <Toggle
-          label={readingWords.allowMissing}
-          checked={options.allow_missing ?? false}
-          change={(allow_missing) => put({ allow_missing })}
-        />
-      )}
-      {shown("by_order") && (
-        <Toggle
-          label={readingWords.byOrder}
-          checked={options.by_order ?? false}
-          change={(by_order) => put({ by_order })}
-        />
-      )}
-      {shown("sheet") && (
-        <Select
-          label={readingWords.texts.sheet}
-          value={options.sheet ?? ""}
-          change={(sheet) => put({ sheet: sheet || null })}
-          options={["", ...sheets].map((name) => ({ value: name, label: name || readingWords.pickSheet }))}
-        />
-      )}
-      {(["point_name", "file_name"] as const).filter(shown).map((option) => (
-        <TextField
-          label={readingWords.texts[option]}
-          help={readingWords.textsHelp[option]}
-          value={options[option] ?? ""}
-          change={(typed) => put({ [option]: typed || null })}
-        />
-      ))}
+      <SchemaFields
+        of="ImportRequest"
+        show={READING.filter(shown)}
+        value={options as Fields}
+        change={change}
+        terms={terms}
+      />
     </div>
   );
 }
+
+/** Options of how files are read that are asked for where a fault names them. */
+const READING = ["decimal_mark", "delimiter", "allow_missing", "by_order", "sheet", "point_name", "file_name"] as const;
 
 /** A header by which no column is used yet: the table is shown, and each is given its meaning there. */
 const unnamed = (content: string): string[] => Array.from({ length: widthOf(content) }, () => "ignore");

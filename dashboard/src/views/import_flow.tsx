@@ -12,11 +12,10 @@ import { MetadataForm } from "../components/metadata_form";
 import { factsOf } from "../lib/campaign";
 import { UNKNOWN, dimensionOf } from "../lib/columns";
 import { significant } from "../lib/format";
-import { frameOf } from "../lib/frame";
 import { contentKey, freshKey } from "../lib/hash";
 import { notedIn } from "../lib/metadata";
 import { noiseOf, statesNoise } from "../lib/noise";
-import { type Stated, statedIn, withStated } from "../lib/stated";
+import { unreadIn } from "../lib/schema";
 import type { Template } from "../lib/template";
 import { useAction } from "../state/action";
 import { valueOf } from "../state/load";
@@ -25,7 +24,7 @@ import { type Opened, freshDraft, keepDraft, keepFiles, keptDraft } from "../sta
 import { link } from "../state/router";
 import { keepTemplate } from "../state/templates";
 import { FileDrop, GoBar } from "./file_drop";
-import { FrameForm, ImportForm } from "./import_form";
+import { FrameForm, ImportForm, sent } from "./import_form";
 import { ImportContent } from "./import_content";
 import { Advanced, useRunForm } from "./advanced";
 
@@ -43,32 +42,31 @@ export function ImportFlow({
   const known = valueOf(useNames());
   const begun = keptDraft(files) ?? freshDraft(template?.options ?? {});
   const [options, setOptions] = useState<ImportOptions>(begun.options);
-  const [stated, setStated] = useState<Stated>(begun.stated);
   const [frame, setFrame] = useState(begun.frame);
   const [typed, setTyped] = useState(begun.typed);
   const [chosen, setChosen] = useState<string | null>(asked || null);
   const [joints, setJoints] = useState<number | null>(null);
   const form = useRunForm();
-  useEffect(() => keepDraft({ options, stated, frame, typed }), [options, stated, frame, typed]);
+  useEffect(() => keepDraft({ options, frame, typed }), [options, frame, typed]);
 
   const robots = (known?.robots ?? [])
     .filter((one) => joints === null || one.joints.length === joints)
     .map((one) => ({ ...one, name: known?.robot(one.id) ?? one.name }));
   /** The only one that fits, until another one is chosen. */
   const robot = chosen ?? (robots.length === 1 ? (robots[0]?.id ?? "") : "");
-  const request = { ...withStated(options, stated), ...(robot && frame.of === "" ? { robot_id: robot } : {}) };
+  const framed = Object.values(frame).some(Boolean);
+  const request = { ...sent(options), ...(robot && !framed ? { robot_id: robot } : {}) };
   const { answer, problem, busy } = useImport(files, request);
   useEffect(() => setJoints(answer?.preview.joint_count ?? null), [answer]);
   const set = answer?.measurement_set ?? null;
   const facts = set ? factsOf(set as never) : null;
   const length = facts?.units?.length ?? lengthOf(answer) ?? text.units.mm;
   const source = useMemo(() => (robot ? { robot_id: robot } : null), [robot]);
-  const framed = frameOf(frame);
   const identify = useAction(async () => {
     if (!answer || !set) return;
     const noise = statesNoise(form.noise) ? noiseOf(form.noise, set.noise as never, set.units as Units) : set.noise;
     const robotId = answer.bodies.length > 0 ? await withBodies(robot, answer.bodies) : robot;
-    const document = { ...set, ...notedIn(typed), noise, frame: framed, robot_id: robotId };
+    const document = { ...set, ...notedIn(typed), noise, frame: framed ? frame : null, robot_id: robotId };
     const added = await api.sets.add(document, contentKey("set", document));
     namesChanged();
     if (answer.template) keepTemplate({ name: files[0]?.name ?? "", options: answer.template as ImportOptions });
@@ -76,10 +74,7 @@ export function ImportFlow({
     keepFiles(null);
     return link(["runs", run.id]);
   });
-  const use = ({ options: kept }: Template) => {
-    setOptions(kept);
-    setStated(statedIn(kept));
-  };
+  const use = ({ options: kept }: Template) => setOptions(kept);
 
   return (
     <Fields action={identify} look="flow">
@@ -102,10 +97,10 @@ export function ImportFlow({
           <span class="step">2</span>
           {words.rest}
         </h2>
-        {answer && <ImportForm answer={answer} stated={stated} change={setStated} />}
+        {answer && <ImportForm answer={answer} options={options} change={setOptions} />}
         <RobotChoice robots={robots} label={(id) => known?.robot(id) ?? id} value={robot} change={setChosen} />
-        <details open={frame.of !== ""}>
-          <summary>{text.frame.title}</summary>
+        <details open={framed}>
+          <summary>{words.frameTitle}</summary>
           <FrameForm frame={frame} change={setFrame} robot={robot} length={length} />
         </details>
         <details>
@@ -147,15 +142,11 @@ export function ImportFlow({
         )}
       </section>
 
-      <Advanced
-        form={form}
-        facts={facts}
-        joints={robots.find(({ id }) => id === robot)?.joints.map((joint) => joint.name) ?? []}
-      />
+      <Advanced form={form} joints={robots.find(({ id }) => id === robot)?.joints.map((joint) => joint.name) ?? []} />
       <GoBar
         action={identify}
-        ready={set !== null && robot !== "" && framed !== undefined && !busy && problem === null}
-        why={busy ? null : (lackOf(answer, robot) ?? (framed === undefined ? text.frame.incomplete : null))}
+        ready={set !== null && robot !== "" && unreadIn(frame) === null && !busy && problem === null}
+        why={busy ? null : (lackOf(answer, robot) ?? unreadIn(frame))}
       />
     </Fields>
   );

@@ -1,106 +1,94 @@
-/** What no file says: encoders, load, load point, places of targets. Asked only where it is missing. */
+/** What no file says: encoders, load, load point, places of targets, frame. Asked only where it is missing. */
+import { useState } from "preact/hooks";
 import { api } from "../api/client";
-import type { ImportAnswer } from "../api/types";
-import { Choice, Prose, Toggle } from "../components/basics";
-import { FaultsAt, NumberField, Select, TextField, VectorField } from "../components/fields";
-import type { StatedFrame } from "../lib/frame";
+import type { ImportAnswer, ImportOptions } from "../api/types";
+import { Prose } from "../components/basics";
+import { NumberField } from "../components/fields";
+import { SchemaFields, type Terms } from "../components/schema_form";
+import { posted } from "../lib/entered";
+import type { Fields } from "../lib/json";
+import { unreadIn } from "../lib/schema";
 import { useLoad, valueOf } from "../state/load";
 import { text } from "../i18n";
-import type { Stated } from "../lib/stated";
 
 const words = text.imports;
 
+const GRAVITY = 9.80665; // m/s², standard gravity
+
+/** The unit of what is stated: that of a template, else mm, whatever the files have. */
+const lengthOf = ({ length_unit: unit, load_point: point, flange_targets: targets, units }: ImportOptions): string =>
+  unit ?? (point || targets ? units?.length : null) ?? text.units.mm;
+
+const termsOf = (options: ImportOptions): Terms => ({
+  labels: words.labels,
+  inView: ["encoders"],
+  units: {
+    force: [options.units?.force ?? text.units.newton, 1],
+    load_point: [lengthOf(options), 1],
+    flange_targets: [lengthOf(options), 1],
+  },
+});
+
+const ASKED = ["force", "load_point", "flange_targets", "accept_unusual"] as const;
+
+/** The options with what is stated, and its units. */
+export function withStated(before: ImportOptions, next: Fields): ImportOptions {
+  const { load_point: point, flange_targets: targets, force, units } = next as ImportOptions;
+  return {
+    ...next,
+    ...(force ? { units: { ...units, force: before.units?.force ?? "N" } } : {}),
+    ...(point || targets ? { length_unit: lengthOf(before) } : {}),
+  } as ImportOptions;
+}
+
+/** What can be sent: without what is not understood yet, or was taken back. */
+export const sent = (options: ImportOptions): ImportOptions =>
+  Object.fromEntries(Object.entries(options).filter(([, value]) => value !== null && unreadIn([value]) === null));
+
 export function ImportForm({
   answer,
-  stated,
+  options,
   change,
 }: {
   answer: ImportAnswer;
-  stated: Stated;
-  change: (stated: Stated) => void;
+  options: ImportOptions;
+  change: (options: ImportOptions) => void;
 }) {
-  const set = (part: Partial<Stated>) => change({ ...stated, ...part });
+  const [mass, setMass] = useState("");
   const missing = new Set<string>(answer.missing_fields);
-  const load = stated.load === "mass" ? stated.mass : stated.force;
+  const form = {
+    of: "ImportRequest",
+    value: options as Fields,
+    change: (next: Fields) => change(withStated(options, next)),
+    terms: termsOf(options),
+  };
+  const unusual = answer.missing.filter((_, i) => answer.missing_fields[i] === "accept_unusual");
   return (
     <div class="import-form">
-      <Choice
-        label={words.encoders}
-        value={stated.encoders}
-        change={(encoders) => set({ encoders })}
-        options={(["motor", "secondary"] as const).map((value) => ({ value, label: text.files.encoders[value] }))}
-      />
-      {(missing.has("force") || load.trim() !== "") && (
-        <div class="load">
-          <Choice
-            label={words.load}
-            value={stated.load}
-            change={(load) => set({ load })}
-            options={(["mass", "force"] as const).map((value) => ({ value, label: words.loads[value] }))}
-          />
-          {stated.load === "mass" ? (
-            <NumberField
-              label={words.mass}
-              unit="kg"
-              help={words.massHelp}
-              value={stated.mass}
-              change={(mass) => set({ mass })}
-            />
-          ) : (
-            <VectorField
-              label={words.force}
-              unit={text.units.newton}
-              help={words.forceHelp}
-              placeholder="0, 0, -1500"
-              value={stated.force}
-              change={(force) => set({ force })}
-            />
-          )}
-        </div>
-      )}
-      {(missing.has("load_point") || stated.loadPoint.trim() !== "") && (
-        <VectorField
-          label={words.loadPoint}
-          unit={text.units.mm}
-          help={words.loadPointHelp}
-          placeholder="0, 0, 120"
-          value={stated.loadPoint}
-          change={(loadPoint) => set({ loadPoint })}
+      <SchemaFields {...form} show={["encoders", ...ASKED.filter((name) => missing.has(name) || options[name])]} />
+      {(missing.has("force") || mass) && (
+        <NumberField
+          label={words.mass}
+          unit="kg"
+          help={words.massHelp}
+          value={mass}
+          change={(typed) => {
+            setMass(typed);
+            const weight = posted(typed, GRAVITY);
+            const force = typeof weight === "number" ? [0, 0, -weight] : null;
+            change({ ...options, force, units: { ...options.units, force: "N" } } as ImportOptions);
+          }}
         />
       )}
-      {(missing.has("flange_targets") || Object.values(stated.targets).some(Boolean)) &&
-        answer.preview.targets.map((target) => (
-          <VectorField
-            label={words.placeOf(target)}
-            unit={text.units.mm}
-            help={words.placeHelp}
-            value={stated.targets[target] ?? ""}
-            change={(place) => set({ targets: { ...stated.targets, [target]: place } })}
-          />
-        ))}
-      {(missing.has("accept_unusual") || stated.unusual) && (
-        <div class="note warn">
-          {answer.missing
-            .filter((_, i) => answer.missing_fields[i] === "accept_unusual")
-            .map((asked) => (
-              <p>
-                <Prose text={asked} />
-              </p>
-            ))}
-          <Toggle label={words.unusual} checked={stated.unusual} change={(unusual) => set({ unusual })} />
-        </div>
-      )}
-      <TextField
-        label={words.name}
-        placeholder={answer.measurement_set?.name ?? ""}
-        value={stated.name}
-        change={(name) => set({ name })}
-      />
+      {unusual.map((asked) => (
+        <p class="note warn">
+          <Prose text={asked} />
+        </p>
+      ))}
+      <SchemaFields {...form} show={["name"]} />
     </div>
   );
 }
-
-const frameWords = text.frame;
 
 /** The frame of the positions, where it is a tracker's: by a geometry of the robot, or by a transform. */
 export function FrameForm({
@@ -109,14 +97,13 @@ export function FrameForm({
   robot,
   length,
 }: {
-  frame: StatedFrame;
-  change: (frame: StatedFrame) => void;
+  frame: Fields;
+  change: (frame: Fields) => void;
   /** Whose geometries are offered; empty while none is chosen. */
   robot: string;
   /** The files' unit of length. */
   length: string;
 }) {
-  const set = (part: Partial<StatedFrame>) => change({ ...frame, ...part });
   const geometries = valueOf(
     useLoad(
       async (signal) =>
@@ -124,52 +111,28 @@ export function FrameForm({
       [robot],
     ),
   );
+  const terms: Terms = {
+    labels: words.frame,
+    within: "frame.",
+    units: { translation: [length, 1] },
+    choices: {
+      geometry_id: [
+        { value: "", label: words.noGeometry },
+        ...(geometries ?? []).map(({ id, name }) => ({ value: id, label: name })),
+      ],
+    },
+  };
+  const by = frame["geometry_id"] ? [] : ["translation", "rotation"];
   return (
-    <div class="import-form">
-      <Select
-        label={frameWords.positions}
-        help={frameWords.help}
-        value={frame.of}
-        change={(of) => set({ of })}
-        options={[
-          { value: "", label: frameWords.base },
-          ...(geometries ?? []).map(({ id, name }) => ({ value: id, label: frameWords.geometry(name) })),
-          { value: "transform", label: frameWords.transform },
-        ]}
+    <>
+      <SchemaFields
+        of="Frame-Input"
+        show={["geometry_id", ...by, "forces"]}
+        value={frame}
+        change={change}
+        terms={terms}
       />
-      {frame.of === "transform" && (
-        <>
-          <VectorField
-            label={frameWords.origin}
-            unit={length}
-            value={frame.translation}
-            change={(translation) => set({ translation })}
-            path="frame.translation"
-          />
-          {frame.rows.map((row, i) => (
-            <VectorField
-              label={frameWords.row(i + 1)}
-              value={row}
-              change={(typed) =>
-                set({ rows: frame.rows.map((old, j) => (j === i ? typed : old)) as StatedFrame["rows"] })
-              }
-              path={i === 2 ? "frame.rotation" : undefined}
-            />
-          ))}
-        </>
-      )}
-      {frame.of !== "" && (
-        <>
-          <Choice
-            label={frameWords.forces}
-            value={frame.forces}
-            change={(forces) => set({ forces })}
-            options={{ base: frameWords.forcesBase, tracker: frameWords.forcesTracker }}
-          />
-          <p class="soft">{frameWords.later}</p>
-          <FaultsAt path="frame.geometry_id" />
-        </>
-      )}
-    </div>
+      <p class="soft">{words.later}</p>
+    </>
   );
 }

@@ -43,13 +43,13 @@ import { ARM_ALONE } from "../scene/show";
 import { ArmView, roomOf } from "../scene/view";
 import { useAction } from "../state/action";
 import { useLoad, valueOf } from "../state/load";
-import { type Measuring, draftKey, keep, kept, useMeasuring } from "../state/measuring";
-import { namesChanged } from "../state/names";
+import { recalled, remember } from "../state/kept";
+import { type Measuring, draftKey, useMeasuring } from "../state/measuring";
+import { namesChanged, storedRobot } from "../state/names";
 import { useKinematics } from "../state/posture";
 import { go, link } from "../state/router";
 import { Viewer } from "../state/session";
 import { useSettings } from "../state/settings";
-import { storedRobot } from "../state/stored";
 import { toast } from "../state/toasts";
 import { text } from "../i18n";
 import { loadOf, shownJoint } from "./plan_postures";
@@ -291,7 +291,7 @@ function Posture({ set, robot, kinds, label, stand, state, simulated, isOwn, bac
   const [rows, setRows] = useState<Rows>(() => drafted(set.id, stand, Object.keys(targets)));
   const change = (next: Rows) => {
     setRows(next);
-    keep(draftKey(set.id), { joints: stand.joints, rows: next });
+    remember(draftKey(set.id), { joints: stand.joints, rows: next });
   };
   const { kinematics, problem } = useKinematics({ robot_id: robot.id }, [stand.joints]);
   const posture = kinematics?.postures[0];
@@ -318,7 +318,7 @@ function Posture({ set, robot, kinds, label, stand, state, simulated, isOwn, bac
   };
   const tell = () => {
     send(observationOf(label, stand, rows, set.units, kinds, unloadedOnly));
-    keep(draftKey(set.id), null);
+    remember(draftKey(set.id), null);
   };
   const next = !isOwn && state.next;
   return (
@@ -378,7 +378,7 @@ function Posture({ set, robot, kinds, label, stand, state, simulated, isOwn, bac
 
 /** What was typed for this posture before the page was left. */
 function drafted(id: string, stand: Stand, targets: string[]): Rows {
-  const draft = kept<{ joints: number[]; rows: Rows } | null>(draftKey(id), null);
+  const draft = recalled(draftKey(id)) as { joints: number[]; rows: Rows } | null;
   const blank = Object.fromEntries(targets.map((name) => [name, { unloaded: "", loaded: "" }]));
   return draft && JSON.stringify(draft.joints) === JSON.stringify(stand.joints) ? { ...blank, ...draft.rows } : blank;
 }
@@ -421,7 +421,7 @@ function ReadingsTable({
                 type="text"
                 inputMode="text"
                 autocomplete="off"
-                placeholder="x y z"
+                placeholder={`${words.columns[column]}: x y z`}
                 aria-label={words.at(target, words.columns[column])}
                 value={typed[column]}
                 onPaste={paste(target, column)}

@@ -26,12 +26,12 @@ import { norm } from "../lib/vector";
 import { ARM_ALONE, type Show as Shown } from "../scene/show";
 import { ArmView, roomOf } from "../scene/view";
 import { asking, useAction } from "../state/action";
-import { cached, useCached } from "../state/cache";
+import { cached, useCached } from "../state/load";
 import { useKinematics } from "../state/posture";
 import { useLoad, valueOf } from "../state/load";
 import { link } from "../state/router";
 import { useWidth } from "../state/size";
-import { storedSet } from "../state/stored";
+import { storedSet } from "../state/names";
 import { text } from "../i18n";
 import { contextOfEnded, type RunContext } from "./run_context";
 

@@ -1,23 +1,25 @@
 /** What a map is asked: a box around what was measured, a process force, the tool, and which posture to take. */
+import type { ComponentProps } from "preact";
 import { useMemo, useState } from "preact/hooks";
 import { api } from "../api/client";
+import type { Posture } from "../api/types";
 import { ActionButton, Busy, Button, Toggle } from "../components/basics";
 import { DropZone } from "../components/drop";
-import { Fields } from "../components/fields";
-import { FormFields } from "../components/form";
+import { Fields, Select, TextField } from "../components/fields";
+import { SchemaFields } from "../components/schema_form";
 import { freshKey } from "../lib/hash";
+import type { Fields as Document } from "../lib/json";
+import { boxAround } from "../lib/map";
+import { loadOf } from "../lib/places";
 import { numbersIn } from "../lib/program";
+import { unreadIn } from "../lib/schema";
+import { factors } from "../lib/units";
+import { type Vector, add, norm, times } from "../lib/vector";
 import { asking, useAction } from "../state/action";
 import { useDraft } from "../state/kept";
 import { link } from "../state/router";
 import { text } from "../i18n";
 import { type RunContext, usePostures } from "./run_context";
-import type { Posture } from "../api/types";
-import { typedOf, vectorIn } from "../lib/entered";
-import { boxAround } from "../lib/map";
-import { loadOf } from "../lib/places";
-import { factors } from "../lib/units";
-import { type Vector, add, norm, times } from "../lib/vector";
 
 const words = text.map;
 
@@ -28,71 +30,36 @@ export function MapForm({ context }: { context: RunContext }) {
 
 function Form({ context: { run, set }, postures }: { context: RunContext; postures: Posture[] }) {
   const start = useMemo(() => proposal(set, postures), [set, postures]);
-  const [asked, change] = useDraft(`map/${run.id}`, {
-    ...start,
-    grid: "15, 15, 5",
-    axis: "0, 0, 1",
-    turns: "8",
-    posture: "stiffest",
-    near: "0",
-  });
+  const [asked, change] = useDraft<Document>(`map/${run.id}`, start);
+  const [near, setNear] = useState("");
   const make = useAction(async () => {
     const { angle } = factors(set.units);
-    const joints = set.observations[Number(asked.near)]?.joints.map((value) => value * angle);
-    const stated = {
-      run_id: run.id,
-      area: [metres(asked.least), metres(asked.greatest)],
-      grid: vectorIn(asked.grid),
-      place: metres(asked.tool),
-      tool_axis: vectorIn(asked.axis),
-      directions: [vectorIn(asked.direction)],
-      turns: Number(asked.turns),
-      force: vectorIn(asked.force),
-      ...(asked.posture === "nearest" && joints ? { near: joints } : {}),
-    };
+    const joints = near && set.observations[Number(near)]?.joints.map((value) => value * angle);
+    const stated = { run_id: run.id, ...asked, ...(joints ? { near: joints } : {}) };
     const made = await asking((accepted) => api.maps.add({ ...stated, ...accepted }, freshKey("map")));
     return link(["maps", made.id]);
   });
-  const { mm, newton: unit } = text.units;
-  const form = { values: asked, change };
   return (
     <Fields action={make} look="card form">
       <h2>{words.form}</h2>
       <p>{words.formNote}</p>
-      <div class="map-fields">
-        <FormFields
-          {...form}
-          fields={[
-            { name: "least", kind: "vector", label: words.least, unit: mm, path: "area[0]" },
-            { name: "greatest", kind: "vector", label: words.greatest, unit: mm, path: "area[1]" },
-            { name: "grid", kind: "vector", label: words.grid, path: "grid" },
-            { name: "force", kind: "vector", label: words.force, unit, path: "force" },
-            { name: "tool", kind: "vector", label: words.tool, unit: mm, path: "place" },
-            { name: "axis", kind: "vector", label: words.toolAxis, path: "tool_axis" },
-            { name: "direction", kind: "vector", label: words.direction, path: "directions" },
-            { name: "turns", label: words.turns, path: "turns", type: "number", min: 1, max: 360 },
-          ]}
-        />
-      </div>
-      <FormFields
-        {...form}
-        fields={[
-          {
-            name: "posture",
-            kind: "choice",
-            label: words.posture,
-            options: { stiffest: words.stiffest, nearest: words.nearest },
-          },
-          {
-            name: "near",
-            kind: "select",
-            label: words.nearestTo,
-            options: set.observations.map(({ label }, i) => ({ value: String(i), label })),
-            asked: asked.posture === "nearest",
-          },
+      <SchemaFields
+        of="MapRequest-Input"
+        show={["area", "grid", "force", "place", "tool_axis", "directions", "turns"]}
+        value={asked}
+        change={change}
+        terms={{ labels: words.labels }}
+      />
+      <Select
+        label={words.posture}
+        value={near}
+        change={setNear}
+        options={[
+          { value: "", label: words.stiffest },
+          ...set.observations.map(({ label }, i) => ({ value: String(i), label: words.nearestTo(label) })),
         ]}
       />
-      <ActionButton look="primary" action={make}>
+      <ActionButton look="primary" action={make} disabled={unreadIn(asked) !== null}>
         {words.make}
       </ActionButton>
     </Fields>
@@ -100,54 +67,30 @@ function Form({ context: { run, set }, postures }: { context: RunContext; postur
 }
 
 /** The box of the load points, the strongest force, and the mean way the flange looked. */
-function proposal(set: RunContext["set"], postures: Posture[]) {
+function proposal(set: RunContext["set"], postures: Posture[]): Document {
   const loads = postures.flatMap((posture, i) => {
     const observation = set.observations[i];
     return observation ? [loadOf(set, observation, posture)] : [];
   });
-  const [least, greatest] = boxAround(loads.map((load) => load.point));
   const strongest = loads.reduce<Vector>((best, { force }) => (norm(force) > norm(best) ? force : best), [0, 0, 0]);
   const sum = postures.reduce<Vector>((all, { flange_axes: axes }) => add(all, axes[2] ?? [0, 0, 0]), [0, 0, 0]);
   const mean: Vector = norm(sum) > 0.2 * postures.length ? times(sum, 1 / norm(sum)) : [0, 0, -1];
   const point = times(set.load_point ?? set.observations[0]?.load_point ?? [0, 0, 0], factors(set.units).length);
+  const rounded = (vector: Vector, digits: number) => vector.map((part) => Number(part.toFixed(digits)));
   return {
-    least: typedOf(times(least, 1e3), 0),
-    greatest: typedOf(times(greatest, 1e3), 0),
-    force: typedOf(norm(strongest) > 0 ? strongest : [0, 0, -500], 0),
-    tool: typedOf(times(point, 1e3), 1),
-    direction: typedOf(mean, 2),
+    area: boxAround(loads.map((load) => load.point)),
+    grid: [15, 15, 5],
+    force: rounded(norm(strongest) > 0 ? strongest : [0, 0, -500], 0),
+    place: rounded(point, 4),
+    tool_axis: [0, 0, 1],
+    directions: [rounded(mean, 2)],
+    turns: 8,
   };
 }
-
-const metres = (typed: string): Vector | null => {
-  const vector = vectorIn(typed);
-  return vector ? times(vector, 1e-3) : null;
-};
 
 const programWords = text.program;
 const NOT_UNDERSTOOD = "urn:jointstiff:problem:invalid-file";
 const ACCURACY = ["", "off", "same_as_measured", "compensates_load"] as const;
-
-const PROGRAM_FIELDS = [
-  {
-    name: "accuracy",
-    kind: "select",
-    label: programWords.accuracy,
-    options: ACCURACY.map((value) => ({ value, label: programWords.accuracies[value || "none"] })),
-  },
-  { name: "force", kind: "numbers", label: programWords.force, unit: text.units.newton, path: "load" },
-  { name: "axes", kind: "select", label: programWords.axes, options: programWords.axesOf },
-  { name: "tool", kind: "numbers", label: programWords.tool, path: "tools", help: programWords.frameHint },
-  { name: "base", kind: "numbers", label: programWords.base, path: "bases", help: programWords.frameHint },
-  {
-    name: "start",
-    kind: "numbers",
-    label: programWords.start,
-    unit: `${text.units.deg}, ${text.units.mm}`,
-    path: "start",
-    help: programWords.startHint,
-  },
-] as const;
 
 /** What a program is corrected for: its files, tool, base, process force, and the controller's accuracy option. */
 export function ProgramForm({ context: { run } }: { context: RunContext }) {
@@ -177,7 +120,15 @@ export function ProgramForm({ context: { run } }: { context: RunContext }) {
     const made = await asking((accepted) => api.addProgram(files, { ...stated, ...accepted }, freshKey("program")));
     return link(["programs", made.id]);
   });
-  const form = { values: asked, change };
+  const field = (name: "force" | "tool" | "base" | "start", rest: Partial<ComponentProps<typeof TextField>>) => (
+    <TextField
+      label={programWords[name]}
+      value={asked[name]}
+      change={(typed) => change({ [name]: typed })}
+      aria-invalid={numbersIn(asked[name]) === null}
+      {...rest}
+    />
+  );
   const take = (file: File) => {
     setFiles((before) => [...before.filter((one) => one.name !== file.name), file]);
     setLeave(false); // confirmed for the lines of another program
@@ -205,9 +156,27 @@ export function ProgramForm({ context: { run } }: { context: RunContext }) {
           ))}
         </ul>
       )}
-      <FormFields {...form} fields={PROGRAM_FIELDS.slice(0, 1)} />
-      <div class="map-fields">
-        <FormFields {...form} fields={PROGRAM_FIELDS.slice(1)} />
+      <Select
+        label={programWords.accuracy}
+        value={asked.accuracy}
+        change={(accuracy) => change({ accuracy })}
+        options={ACCURACY.map((value) => ({ value, label: programWords.accuracies[value || "none"] }))}
+      />
+      <div class="fields">
+        {field("force", { unit: text.units.newton, path: "load" })}
+        <Select
+          label={programWords.axes}
+          value={asked.axes}
+          change={(axes) => change({ axes })}
+          options={programWords.axesOf}
+        />
+        {field("tool", { path: "tools", help: programWords.frameHint })}
+        {field("base", { path: "bases", help: programWords.frameHint })}
+        {field("start", {
+          unit: `${text.units.deg}, ${text.units.mm}`,
+          path: "start",
+          help: programWords.startHint,
+        })}
       </div>
       {(leave || make.problem?.type === NOT_UNDERSTOOD) && (
         <Toggle label={programWords.leave} checked={leave} change={setLeave} />

@@ -3,11 +3,12 @@ import { useEffect, useState } from "preact/hooks";
 import { api } from "../api/client";
 import type { MeasurementSetSummary, Plan } from "../api/types";
 import { ActionButton, Choice, Name, NameLink, Show, Title } from "../components/basics";
-import { Fields, NumberField, Select, TextField, VectorField } from "../components/fields";
-import { type Asked, equipmentOf, optionsOf } from "../lib/planned";
-import { posted, vectorIn } from "../lib/entered";
+import { Fields as Form, Select, TextField } from "../components/fields";
+import { SchemaFields, type Terms } from "../components/schema_form";
 import { freshKey } from "../lib/hash";
-import type { Fields as Document } from "../lib/json";
+import type { Fields } from "../lib/json";
+import { equipmentOf, unchanged } from "../lib/planned";
+import { unreadIn } from "../lib/schema";
 import {
   SIGMA,
   SIMULATED,
@@ -19,11 +20,12 @@ import {
 } from "../lib/simulated";
 import { useAction } from "../state/action";
 import { useLoad, valueOf } from "../state/load";
-import { type Names, namesChanged, useNames } from "../state/names";
+import { type Names, namesChanged, useNames, storedSet } from "../state/names";
 import { go, link } from "../state/router";
-import { storedSet } from "../state/stored";
+import { factors } from "../lib/units";
 import { text } from "../i18n";
-import { Equipment, START } from "./plans";
+import { NOISE } from "./advanced";
+import { EQUIPMENT, Equipment, START } from "./plans";
 import { NoRobots } from "./robots";
 
 const words = text.measure;
@@ -117,35 +119,18 @@ export function TrySimulated() {
   );
 }
 
-type Kind = "deflection" | "joints" | "decision";
+type Kind = keyof typeof GOALS;
+const GOALS = { deflection: "DeflectionGoal-Input", joints: "JointsGoal", decision: "DecisionGoal-Input" } as const;
 
-/** As typed: µm, mm, N, %. */
-interface TypedGoal {
-  kind: Kind;
-  share: string;
-  length: string;
-  corners: [string, string];
-  force: string;
-}
-
-const GOAL: TypedGoal = { kind: "deflection", share: "15", length: "", corners: ["", ""], force: "" };
-
-/** The goal as it is posted, with its work area; null while something is missing. */
-function goalOf({ kind, share, length, corners, force }: TypedGoal): Document | null {
-  if (kind === "joints") return Number(share) > 0 ? { goal: { kind, relative: posted(share, 0.01) } } : null;
-  const [a, b] = corners.map(vectorIn);
-  const along = vectorIn(force);
-  if (!a || !b || along === undefined || !(Number(length) > 0)) return null;
-  const corner = (choose: (...values: number[]) => number) => a.map((part, i) => choose(part, b[i] as number) / 1e3);
-  return {
-    goal: {
-      kind,
-      [kind === "decision" ? "limit" : "uncertainty"]: posted(length, 1e-6),
-      ...(along ? { force: along } : {}),
-    },
-    work_area: [corner(Math.min), corner(Math.max)],
-  };
-}
+const GOAL: Terms = {
+  labels: words.labels,
+  within: "open.goal.",
+  units: {
+    relative: [text.units.share, 0.01],
+    uncertainty: [text.units.micrometre, 1e-6],
+    limit: [text.units.micrometre, 1e-6],
+  },
+};
 
 function Declaration({ names, robot: given, plan }: { names: Names; robot: string; plan: Plan | null }) {
   const planned = plan?.result ? plan : null;
@@ -155,41 +140,61 @@ function Declaration({ names, robot: given, plan }: { names: Names; robot: strin
   const [chosen, setRobot] = useState(given || only);
   const robot = fixed || chosen;
   const [name, setName] = useState("");
-  const [asked, setAsked] = useState<Asked>(() => ({
+  const [asked, setAsked] = useState<Fields>(() => ({
     ...START,
-    ...(planned?.request.sigma ? { sigma: micrometres(planned.request.sigma, "m") } : {}),
+    ...(planned?.request.sigma ? { sigma: planned.request.sigma } : {}),
+    work_area: planned?.request.work_area ?? null,
   }));
-  const [goal, setGoal] = useState<TypedGoal>(() => ({
-    ...GOAL,
-    ...(planned?.request.work_area ? { corners: cornersOf(planned.request.work_area) } : {}),
-  }));
-  const [known, setKnown] = useState({ forceScale: "", loadPoint: "" });
+  const [kind, setKind] = useState<Kind>("deflection");
+  const [goal, setGoal] = useState<Fields>({ relative: 0.15 });
+  const [noise, setNoise] = useState<Fields>({});
   const earlier = names.sets.find((set) => set.robot_id === robot)?.id;
   const campaign = valueOf(useLoad(async () => (earlier ? await storedSet(earlier) : null), [earlier]));
   useEffect(() => {
     if (!campaign) return;
-    const sigma = campaign.noise?.sigma;
-    const found = { ...equipmentOf(campaign), ...(sigma ? { sigma: micrometres(sigma, campaign.units.length) } : {}) };
-    setAsked((before) => ({ ...before, ...unchanged(found, before) }));
-    const { force, load_point: place } = campaign.noise ?? {};
-    const mm = campaign.units.length === "m" ? 1e3 : 1;
-    setKnown((before) => ({
-      forceScale: before.forceScale || (force?.scale ? shown(100 * force.scale) : ""),
-      loadPoint: before.loadPoint || (place ? shown(mm * place) : ""),
+    const { length } = factors(campaign.units);
+    const { sigma, force, load_point: place } = campaign.noise ?? {};
+    const found = { ...equipmentOf(campaign), ...(sigma ? { sigma: sigma * length } : {}) };
+    setAsked((before) => ({ ...before, ...unchanged(found, before, START) }));
+    setNoise((before) => ({
+      ...(force ? { force } : {}),
+      ...(place ? { load_point: place * length } : {}),
+      ...before,
     }));
   }, [campaign]);
-  const options = optionsOf(asked);
-  const declared = goalOf(goal);
-  const ready =
-    robot !== "" && declared !== null && (planned !== null || Boolean(asked.force.trim() && asked.targets.trim()));
+  const shown = { joints: ["relative"], deflection: ["uncertainty", "force"], decision: ["limit", "force"] }[kind];
+  const declared = kind === "joints" ? goal["relative"] : asked["work_area"] && goal[shown[0] ?? ""];
+  const ready = robot !== "" && Boolean(declared) && (planned !== null || Boolean(asked["load"] && asked["targets"]));
   const begin = useAction(async () => {
-    if (typeof options === "string" || !declared) return;
-    const body = bodyOf({ robot, name: name.trim() || words.namePlaceholder, options, declared, plan: planned, known });
+    const { sigma, tracker, load_point: point, targets, work_area: area, surroundings, load } = asked;
+    const { load_point: place, targets: places } = planned?.result ?? { load_point: point, targets };
+    const body = {
+      robot_id: robot,
+      name: name.trim() || words.namePlaceholder,
+      units: SI,
+      encoders: "motor",
+      noise: { ...noise, ...(tracker ? { instrument: tracker } : sigma ? { sigma } : {}) },
+      load_point: place ?? [0, 0, 0],
+      flange_targets: places ?? {},
+      open: {
+        goal: { kind, ...Object.fromEntries(shown.flatMap((each) => (goal[each] ? [[each, goal[each]]] : []))) },
+        ...(kind === "joints" ? {} : { work_area: boxOf(area) }),
+        ...(planned
+          ? { plan_id: planned.id }
+          : { load, ...(tracker ? { tracker } : {}), surroundings: surroundings ?? {} }),
+      },
+    };
     const set = await api.openSets.add(body, freshKey("live"));
     go(link(["measure", set.id]));
   }, "live");
+  const equipment = {
+    of: "LiveOptions-Input",
+    value: asked,
+    change: setAsked,
+    terms: { ...EQUIPMENT, within: "open." },
+  };
   return (
-    <Fields action={begin} look="card form">
+    <Form action={begin} look="card form">
       <p>{words.intro}</p>
       <TextField label={words.name} value={name} placeholder={words.namePlaceholder} maxLength={200} change={setName} />
       {planned ? (
@@ -207,146 +212,35 @@ function Declaration({ names, robot: given, plan }: { names: Names; robot: strin
           ]}
         />
       )}
-      <GoalForm goal={goal} change={(part) => setGoal({ ...goal, ...part })} />
-      {planned ? (
-        <NumberField
-          label={text.noise.sigma}
-          unit={text.units.micrometre}
-          value={asked.sigma}
-          change={(sigma) => setAsked({ ...asked, sigma })}
-        />
-      ) : (
-        <Equipment asked={asked} change={(part) => setAsked({ ...asked, ...part })} />
-      )}
+      <Choice
+        look="choice cards"
+        label={words.goal}
+        value={kind}
+        change={setKind}
+        options={(Object.keys(GOALS) as Kind[]).map((value) => ({ value, ...words.goals[value] }))}
+      />
+      <SchemaFields of={GOALS[kind]} show={shown} value={goal} change={setGoal} terms={GOAL} />
+      {kind !== "joints" && <SchemaFields {...equipment} show={["work_area"]} />}
+      {planned ? <SchemaFields {...equipment} show={["sigma"]} /> : <Equipment {...equipment} />}
       <fieldset>
         <legend class="soft">{words.noise}</legend>
-        <div class="map-fields">
-          <NumberField
-            label={words.forceScale}
-            unit={text.units.share}
-            path="noise.force"
-            help={text.noise.forceScaleHelp}
-            value={known.forceScale}
-            change={(forceScale) => setKnown({ ...known, forceScale })}
-          />
-          <NumberField
-            label={words.loadPoint}
-            unit={text.units.mm}
-            path="noise.load_point"
-            help={text.noise.loadPointHelp}
-            value={known.loadPoint}
-            change={(loadPoint) => setKnown({ ...known, loadPoint })}
-          />
-        </div>
+        <SchemaFields of="Noise-Input" show={["force", "load_point"]} value={noise} change={setNoise} terms={NOISE} />
       </fieldset>
-      {typeof options === "string" && <p class="note warn">{text.plan.unread(options)}</p>}
       {!ready && <p class="soft">{words.notReady}</p>}
       <ActionButton
         look="primary big"
         action={begin}
-        disabled={!ready || typeof options === "string"}
+        disabled={!ready || unreadIn([asked, goal, noise]) !== null}
         going={words.beginning}
       >
         {words.begin}
       </ActionButton>
-    </Fields>
+    </Form>
   );
 }
 
-function GoalForm({ goal, change }: { goal: TypedGoal; change: (part: Partial<TypedGoal>) => void }) {
-  return (
-    <>
-      <Choice
-        look="choice cards"
-        label={words.goal}
-        value={goal.kind}
-        change={(kind: Kind) => change({ kind })}
-        options={(["deflection", "joints", "decision"] as const).map((value) => ({ value, ...words.goals[value] }))}
-      />
-      <div class="map-fields">
-        {goal.kind === "joints" ? (
-          <NumberField
-            label={words.share}
-            unit={text.units.share}
-            path="open.goal"
-            value={goal.share}
-            change={(share) => change({ share })}
-          />
-        ) : (
-          <>
-            <NumberField
-              label={goal.kind === "decision" ? words.limit : words.uncertainty}
-              unit={text.units.micrometre}
-              path="open.goal"
-              value={goal.length}
-              change={(length) => change({ length })}
-            />
-            {([0, 1] as const).map((i) => (
-              <VectorField
-                label={words.corners[i]}
-                unit={text.units.mm}
-                path="open.work_area"
-                value={goal.corners[i]}
-                change={(typed) => change({ corners: i === 0 ? [typed, goal.corners[1]] : [goal.corners[0], typed] })}
-              />
-            ))}
-            <VectorField
-              label={words.force}
-              unit={text.units.newton}
-              value={goal.force}
-              change={(force) => change({ force })}
-            />
-          </>
-        )}
-      </div>
-    </>
-  );
+/** Two opposite corners as least and greatest. */
+function boxOf(area: unknown): unknown {
+  const [a = [], b = []] = area as number[][];
+  return [a.map((part, i) => Math.min(part, b[i] ?? part)), a.map((part, i) => Math.max(part, b[i] ?? part))];
 }
-
-/** The open set to post. */
-function bodyOf({
-  robot,
-  name,
-  options: { readings: _, joints: _j, sigma, tracker, load_point: loadPoint, targets, ...equipment },
-  declared,
-  plan,
-  known,
-}: {
-  robot: string;
-  name: string;
-  options: Document;
-  declared: Document;
-  plan: Plan | null;
-  known: { forceScale: string; loadPoint: string };
-}): Document {
-  const [scale, place] = [posted(known.forceScale, 0.01), posted(known.loadPoint, 1e-3)];
-  const noise = {
-    ...(tracker ? { instrument: tracker } : sigma ? { sigma } : {}),
-    ...(scale === null ? {} : { force: { scale } }),
-    ...(place === null ? {} : { load_point: place }),
-  };
-  return {
-    robot_id: robot,
-    name,
-    units: SI,
-    encoders: "motor",
-    ...(Object.keys(noise).length > 0 ? { noise } : {}),
-    load_point: plan?.result?.load_point ?? loadPoint ?? [0, 0, 0],
-    flange_targets: plan?.result?.targets ?? targets ?? {},
-    open: { ...declared, ...(plan ? { plan_id: plan.id } : { ...equipment, ...(tracker ? { tracker } : {}) }) },
-  };
-}
-
-const shown = (value: number): string => String(Number(value.toPrecision(4)));
-const micrometres = (sigma: number, length: "m" | "mm"): string => shown(sigma * (length === "m" ? 1e6 : 1e3));
-
-/** What was found of the fields that nobody has changed. */
-const unchanged = (found: Partial<Asked>, now: Asked): Partial<Asked> =>
-  Object.fromEntries(
-    Object.entries(found).filter(([name]) => now[name as keyof Asked] === START[name as keyof Asked]),
-  ) as Partial<Asked>;
-
-const cornersOf = (area: readonly (readonly number[])[]): [string, string] => {
-  const typed = (corner: readonly number[] | undefined) => (corner ?? []).map((part) => 1e3 * part).join(", ");
-  return [typed(area[0]), typed(area[1])];
-};

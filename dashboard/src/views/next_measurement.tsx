@@ -6,7 +6,7 @@ import { PostureSketch } from "../components/posture";
 import { fixed, percent, significant } from "../lib/format";
 import { position, positionUnit } from "../lib/units";
 import { norm, type Vector } from "../lib/vector";
-import { useCached } from "../state/cache";
+import { useCached } from "../state/load";
 import { valueOf } from "../state/load";
 import { link } from "../state/router";
 import { toast } from "../state/toasts";

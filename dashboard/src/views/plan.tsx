@@ -1,6 +1,5 @@
 /** One plan: its promise beside other plans', its certificate, and its postures. */
 import { api } from "../api/client";
-import type { MeasurementSet, PlanRequest, PlanResult, Robot } from "../api/types";
 import { Download, Button, LinkButton, Name, NameLink } from "../components/basics";
 import { save } from "../components/download";
 import { JobPage } from "../components/job_page";
@@ -9,7 +8,7 @@ import { toFillIn } from "../lib/planned";
 import { fileName } from "../lib/csv";
 import { percent } from "../lib/format";
 import { link } from "../state/router";
-import { storedRobot, storedSet } from "../state/stored";
+import { storedRobot, storedSet } from "../state/names";
 import { text } from "../i18n";
 import { Postures } from "./plan_postures";
 
@@ -38,56 +37,36 @@ export function PlanView({ id }: { id: string }) {
             <LinkButton look="primary" href={link(["measure"], { plan: id })}>
               {text.measure.title}
             </LinkButton>
-            <FillIn {...{ request: job.request, result: job.result, base, robot, subject }} />
+            <Button
+              onClick={() => {
+                const campaign = toFillIn(job.request, job.result?.readings ?? [], robot.id, base);
+                save(JSON.stringify(campaign, null, 1), "application/json", fileName(`${subject} planned`, "json"));
+              }}
+            >
+              {words.fillIn}
+            </Button>
           </>
         ),
         actions: job.result && <Download href={api.jobs.file(id, "readings.csv")}>{words.csv}</Download>,
       })}
     >
-      {(result, { job, robot }) => (
-        <>
-          <Postures plan={job} result={result} robot={robot} />
-          <Promised plan={job.id} result={result} />
-        </>
-      )}
+      {(result, { job, robot }) => {
+        const struck = Object.entries(result.struck_out).map(
+          ([reason, count]) => `${words.struck[reason] ?? reason} ${count}`,
+        );
+        return (
+          <>
+            <Postures plan={job} result={result} robot={robot} />
+            <p class="note good">{words.certified(percent(result.efficiency), words.criteria[result.criterion])}</p>
+            <JobTables collection="plans" id={id} to={1} />
+            <p class="soft">
+              {words.feasible(result.feasible, result.considered)}
+              {struck.length > 0 && ` (${struck.join(", ")})`}. {result.elastic_links && words.links}{" "}
+              {result.left_out.length > 0 && words.leftOut(result.left_out)}
+            </p>
+          </>
+        );
+      }}
     </JobPage>
-  );
-}
-
-/** The campaign to fill in, as a file. */
-function FillIn({
-  request,
-  result,
-  base,
-  robot,
-  subject,
-}: {
-  request: PlanRequest;
-  result: PlanResult;
-  base: MeasurementSet | null;
-  robot: Robot;
-  subject: string;
-}) {
-  const write = () => {
-    const campaign = JSON.stringify(toFillIn(request, result.readings, robot.id, base), null, 1);
-    save(campaign, "application/json", fileName(`${subject} planned`, "json"));
-  };
-  return <Button onClick={write}>{words.fillIn}</Button>;
-}
-
-function Promised({ plan, result }: { plan: string; result: PlanResult }) {
-  const struck = Object.entries(result.struck_out).map(
-    ([reason, count]) => `${words.struck[reason] ?? reason} ${count}`,
-  );
-  return (
-    <>
-      <p class="note good">{words.certified(percent(result.efficiency), words.criteria[result.criterion])}</p>
-      <JobTables collection="plans" id={plan} to={1} />
-      <p class="soft">
-        {words.feasible(result.feasible, result.considered)}
-        {struck.length > 0 && ` (${struck.join(", ")})`}. {result.elastic_links && words.links}{" "}
-        {result.left_out.length > 0 && words.leftOut(result.left_out)}
-      </p>
-    </>
   );
 }

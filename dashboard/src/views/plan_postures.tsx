@@ -9,7 +9,7 @@ import { position, positionUnit } from "../lib/units";
 import { type Vector, norm } from "../lib/vector";
 import { ARM_ALONE } from "../scene/show";
 import { ArmView, roomOf } from "../scene/view";
-import { useCached } from "../state/cache";
+import { useCached } from "../state/load";
 import { valueOf } from "../state/load";
 import { text } from "../i18n";
 import { alongText } from "./next_measurement";

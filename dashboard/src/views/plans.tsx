@@ -1,34 +1,42 @@
 /** Where plans start: a robot to begin with or a set to go on with, targets, tracker, loads, count. */
 import { useEffect, useState } from "preact/hooks";
 import { api } from "../api/client";
-import { ActionButton, Show, Title, Toggle } from "../components/basics";
-import { Fields, Select } from "../components/fields";
-import { type FieldOf, FormFields } from "../components/form";
-import { type Asked, equipmentOf, optionsOf } from "../lib/planned";
+import { ActionButton, Show, Title } from "../components/basics";
+import { Fields as Form, Select } from "../components/fields";
+import { SchemaFields, type Terms } from "../components/schema_form";
 import { freshKey } from "../lib/hash";
+import type { Fields } from "../lib/json";
+import { equipmentOf, unchanged } from "../lib/planned";
+import { unreadIn } from "../lib/schema";
 import { asking, useAction } from "../state/action";
-import { useLoad, valueOf } from "../state/load";
-import { type Names, useNames } from "../state/names";
 import { useDraft } from "../state/kept";
+import { useLoad, valueOf } from "../state/load";
+import { type Names, useNames, storedSet } from "../state/names";
 import { link } from "../state/router";
-import { storedRobot, storedSet } from "../state/stored";
 import { text } from "../i18n";
-import { NoRobots } from "./robots";
 import { JobList } from "./job_list";
+import { NoRobots } from "./robots";
 
 const words = text.plan;
 
-export const START: Asked = {
-  targets: "",
-  loadPoint: "",
-  station: "",
-  sigma: "20",
-  kind: "dead_weight",
-  force: "",
-  anchors: "",
-  floor: "",
-  readings: "20",
-  joints: [],
+export const START: Fields = { sigma: 2e-5 };
+const WIDTH = { constant: 2e-5, per_distance: 0 };
+
+/** What is measured with, in the units of a workshop. */
+export const EQUIPMENT: Terms = {
+  labels: words.labels,
+  seeds: { tracker: { range: WIDTH, transverse: WIDTH } },
+  units: {
+    sigma: [text.units.micrometre, 1e-6],
+    "tracker.range.constant": [text.units.micrometre, 1e-6],
+    "tracker.range.per_distance": [`${text.units.micrometre}/m`, 1e-6],
+    "tracker.transverse.constant": [text.units.micrometre, 1e-6],
+    "tracker.transverse.per_distance": [`${text.units.micrometre}/m`, 1e-6],
+  },
+  hidden: [
+    ...["inside", "obstacles", "link_radius", "facing", "acceptance"].map((name) => `surroundings.${name}`),
+    ...["gravity", "balancers"].map((name) => `load.${name}`),
+  ],
 };
 
 export function PlansView({ query }: { query: URLSearchParams }) {
@@ -43,7 +51,7 @@ export function PlansView({ query }: { query: URLSearchParams }) {
             <NoRobots />
           ) : (
             <>
-              <Form names={known} given={given} />
+              <Begin names={known} given={given} after={query.get("run")} />
               <JobList
                 collection="plans"
                 title={text.earlier.plans}
@@ -60,33 +68,39 @@ export function PlansView({ query }: { query: URLSearchParams }) {
   );
 }
 
-function Form({ names, given }: { names: Names; given: string }) {
+/** `after`: the run of the campaign so far, whose causes and omitted readings hold on. */
+function Begin({ names, given, after }: { names: Names; given: string; after: string | null }) {
   const [subject, setSubject] = useState(given);
-  const [asked, change] = useDraft<Asked>(`plan/${given}`, given.startsWith("set:") ? { ...START, sigma: "" } : START);
+  const [asked, change] = useDraft<Fields>(`plan/${given}`, given.startsWith("set:") ? {} : START);
   const [kind, id = ""] = subject.split(":", 2);
-  const options = optionsOf(asked);
-  const ready = kind === "set" || Boolean(asked.force.trim() && asked.targets.trim());
+  const unread = unreadIn(asked);
+  const ready = kind === "set" || Boolean(asked["load"] && asked["targets"]);
+  const run = valueOf(useLoad(async (signal) => (after ? api.runs.one(after, signal) : null), [after]));
+  const so = run?.request.measurement_set_id === id ? run?.request : null;
   const start = useAction(async () => {
     const whose = kind === "set" ? { measurement_set_id: id } : { robot_id: id };
+    const held = so ? { causes: so.causes, leave_out: so.leave_out } : {};
+    const stated = Object.fromEntries(Object.entries(asked).filter(([, value]) => value !== null));
     const plan = await asking((accepted) =>
-      api.plans.add({ ...whose, ...(options as object), ...accepted }, freshKey("plan")),
+      api.plans.add({ ...whose, ...held, ...stated, ...accepted }, freshKey("plan")),
     );
     return link(["plans", plan.id]);
   }, "plan");
   const pick = (value: string) => {
     setSubject(value);
-    change({ joints: [], sigma: value.startsWith("set:") ? "" : START.sigma });
+    change({ joints: [], sigma: value.startsWith("set:") ? null : START["sigma"] });
   };
   const earlier = kind === "robot" ? names.sets.find((set) => set.robot_id === id)?.id : undefined;
   const campaign = valueOf(useLoad(async () => (earlier ? await storedSet(earlier) : null), [earlier]));
   useEffect(() => {
-    if (!campaign) return;
-    const known = Object.entries(equipmentOf(campaign)) as [keyof Asked, string][];
-    change((before) => Object.fromEntries(known.filter(([name]) => before[name] === START[name])));
+    if (campaign) change((before) => unchanged(equipmentOf(campaign), before, START));
   }, [campaign]);
-  const equipment = <Equipment asked={asked} change={change} />;
+  const robot = kind === "set" ? names.sets.find((set) => set.id === id)?.robot_id : id;
+  const joints = names.robots.find((one) => one.id === robot)?.joints.map(({ name }) => name) ?? [];
+  const form = { of: "PlanRequest-Input", value: asked, change, terms: { ...EQUIPMENT, joints } };
+  const equipment = <Equipment {...form} />;
   return (
-    <Fields action={start} look="card form">
+    <Form action={start} look="card form">
       <p>{words.intro}</p>
       <Select
         label={words.subject}
@@ -94,17 +108,20 @@ function Form({ names, given }: { names: Names; given: string }) {
         change={pick}
         options={[
           { value: "", label: words.pick },
-          ...names.robots.map((robot) => ({
-            value: `robot:${robot.id}`,
-            label: `${names.robot(robot.id)} (${words.robotGroup})`,
+          ...names.robots.map((one) => ({
+            value: `robot:${one.id}`,
+            label: `${names.robot(one.id)} (${words.robotGroup})`,
           })),
           ...names.sets.map((set) => ({ value: `set:${set.id}`, label: `${names.set(set.id)} (${words.setGroup})` })),
         ]}
       />
-      <FormFields fields={READINGS} values={asked} change={change} />
+      <SchemaFields {...form} show={["readings"]} />
       {kind === "set" ? (
         <>
           <p class="soft">{words.fromCampaign}</p>
+          {so && so.leave_out.length + so.causes.length > 0 && (
+            <p class="note">{words.asInRun(so.leave_out, so.causes)}</p>
+          )}
           <details>
             <summary>{words.more}</summary>
             <div class="card form">{equipment}</div>
@@ -113,72 +130,15 @@ function Form({ names, given }: { names: Names; given: string }) {
       ) : (
         equipment
       )}
-      <Joints
-        key={subject}
-        robot={kind === "set" ? (names.sets.find((set) => set.id === id)?.robot_id ?? "") : id}
-        chosen={asked.joints}
-        change={(joints) => change({ joints })}
-      />
-      {typeof options === "string" && <p class="note warn">{words.unread(options)}</p>}
+      {joints.length > 0 && <SchemaFields {...form} show={["joints"]} />}
       {id && !ready && <p class="soft">{words.notReady}</p>}
-      <ActionButton
-        look="primary big"
-        action={start}
-        disabled={!id || typeof options === "string" || !ready}
-        going={words.going}
-      >
+      <ActionButton look="primary big" action={start} disabled={!id || unread !== null || !ready} going={words.going}>
         {words.go}
       </ActionButton>
-    </Fields>
+    </Form>
   );
 }
 
-const TARGETS = "P1 147 55 50\nP2 -137 87 85\nP3 -7 -140 120";
-
-/** What is measured with; the places of the fields in the request. */
-const equipmentFields = (kind: Asked["kind"]): FieldOf<Asked>[] => [
-  { name: "kind", kind: "select", label: words.load, options: words.kinds },
-  { name: "force", label: words.force, path: "load", placeholder: "900", inputMode: "decimal" },
-  { name: "anchors", label: words.anchors, path: "load", placeholder: "3000 0 0", lines: 4, asked: kind === "cable" },
-  { name: "targets", label: words.targets, path: "targets", placeholder: TARGETS, lines: 4 },
-  { name: "loadPoint", label: words.loadPoint, path: "load_point", placeholder: "-60 20 180" },
-  { name: "sigma", label: words.sigma, path: "sigma", inputMode: "decimal" },
-  { name: "station", label: words.station, path: "tracker", placeholder: "4000 0 1500" },
-  { name: "floor", label: words.floor, path: "surroundings", inputMode: "decimal" },
-];
-
-const READINGS: FieldOf<Asked>[] = [
-  { name: "readings", label: words.readings, path: "readings", inputMode: "decimal" },
-];
-
-export const Equipment = ({ asked, change }: { asked: Asked; change: (part: Partial<Asked>) => void }) => (
-  <div class="map-fields">
-    <FormFields fields={equipmentFields(asked.kind)} values={asked} change={change} />
-  </div>
+export const Equipment = (form: { of: string; value: Fields; change: (part: Fields) => void; terms: Terms }) => (
+  <SchemaFields {...form} show={["load", "targets", "load_point", "sigma", "tracker", "surroundings"]} />
 );
-
-/** None chosen means all, as the service has it. */
-function Joints({ robot, chosen, change }: { robot: string; chosen: string[]; change: (joints: string[]) => void }) {
-  const loaded = valueOf(useLoad(async () => (robot ? await storedRobot(robot) : null), [robot]));
-  if (!loaded) return null;
-  const all = loaded.joints.map((joint) => joint.name);
-  const wanted = chosen.length > 0 ? chosen : all;
-  return (
-    <fieldset class="choice">
-      <legend>{words.joints}</legend>
-      <div class="toggles">
-        {all.map((name) => (
-          <Toggle
-            label={name}
-            checked={wanted.includes(name)}
-            change={(on) => {
-              const next = all.filter((each) => (each === name ? on : wanted.includes(each)));
-              change(next.length === all.length ? [] : next);
-            }}
-          />
-        ))}
-      </div>
-      <small class="soft">{words.jointsHint}</small>
-    </fieldset>
-  );
-}

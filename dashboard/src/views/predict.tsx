@@ -108,7 +108,7 @@ function Form({ context: { run, set, robot }, result, postures }: PredictProps &
           }}
           aria-invalid={numbersIn(joints)?.length !== robot.joints.length}
         />
-        <VectorField label={text.imports.force} unit={newton} value={force} change={setForce} />
+        <VectorField label={text.imports.labels.force} unit={newton} value={force} change={setForce} />
         <VectorField label={words.place} unit={mm} value={place} change={setPlace} />
         <ActionButton
           look="primary"

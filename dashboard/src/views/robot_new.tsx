@@ -13,7 +13,7 @@ import { keptFiles } from "../state/opened";
 import { link } from "../state/router";
 import { text } from "../i18n";
 import { ArmChooser, ArmFacts } from "./catalogue";
-import { DhEditor, type DhTable, documentOf, newDh, tableOf } from "./dh_editor";
+import { DhEditor, type DhTable, documentOf, newDh } from "./dh_editor";
 
 type Format = "catalogue" | "dh" | "urdf";
 
@@ -92,7 +92,7 @@ export function RobotNewView() {
             {format === "catalogue" && arm && (
               <Button
                 onClick={() => {
-                  setDh(tableOf(arm.model, arm.joint_map));
+                  setDh({ model: { ...arm.model }, map: arm.joint_map && { ...arm.joint_map } });
                   setName(name || arm.name);
                   setFormat("dh");
                 }}

@@ -81,7 +81,7 @@ function First({ run, set }: Pick<RunContext, "run" | "set">) {
   return (
     <LinkButton
       look="primary"
-      href={verdict === "use" ? link(["runs", run.id, "program"]) : link(["plans"], { set: set.id })}
+      href={verdict === "use" ? link(["runs", run.id, "program"]) : link(["plans"], { set: set.id, run: run.id })}
     >
       {verdict === "use" ? words.use : words.measure}
     </LinkButton>

@@ -1,11 +1,11 @@
+import { storedRobot, storedSet } from "../state/names";
 /** What the parts of a run's page share, and what the pages of maps and programs need of their run. */
 import { useMemo } from "preact/hooks";
 import { api } from "../api/client";
 import type { Elasticity, MeasurementSet, Posture, Robot, Run } from "../api/types";
 import { factors } from "../lib/units";
-import { cached, useCached } from "../state/cache";
+import { cached, useCached } from "../state/load";
 import { valueOf } from "../state/load";
-import { storedRobot, storedSet } from "../state/stored";
 
 /** A run with what it is about. */
 export interface RunContext {

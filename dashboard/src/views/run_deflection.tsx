@@ -1,7 +1,7 @@
 /** Deflection of each configuration before and after compensation (the paper's Figs 7 and 8), and what remains. */
 import { useMemo, useState } from "preact/hooks";
 import { api } from "../api/client";
-import type { Contribution, Method, Residual, Run, RunResult } from "../api/types";
+import type { Method, Residual, Run, RunResult } from "../api/types";
 import { BarFigure, type Opening } from "../charts/bars";
 import { Figure } from "../charts/figure";
 import { Scatter } from "../charts/scatter";
@@ -50,7 +50,19 @@ export function DeflectionPart({
       <BeforeAfter result={result} run={context.run} others={others} opening={opening} />
       <Overlay run={context.run} shown={others} change={setOthers} />
       {result.contributions.length > 0 && (
-        <Parts result={result} contributions={result.contributions} opening={opening} />
+        <BarFigure
+          title={text.deflection.byConfiguration}
+          note={text.deflection.byConfigurationNote}
+          names={[...new Set(result.residuals.map((r) => r.observation))]}
+          series={result.contributions.map(({ joint, by_observation: lengths }, j) => ({
+            label: joint,
+            mark: `joint-${j % 6}`,
+            values: lengths.map((length) => length * 1e3),
+          }))}
+          unit={text.units.mm}
+          stacked
+          {...opening}
+        />
       )}
       <Residuals result={result} opening={opening} />
     </>
@@ -126,33 +138,6 @@ function Overlay({ run, shown, change }: { run: Run; shown: Run[]; change: (runs
         />
       ))}
     </fieldset>
-  );
-}
-
-function Parts({
-  result,
-  contributions,
-  opening,
-}: {
-  result: RunResult;
-  contributions: Contribution[];
-  opening: Opening;
-}) {
-  const labels = useMemo(() => [...new Set(result.residuals.map((r) => r.observation))], [result]);
-  return (
-    <BarFigure
-      title={text.deflection.byConfiguration}
-      note={text.deflection.byConfigurationNote}
-      names={labels}
-      series={contributions.map(({ joint, by_observation: lengths }, j) => ({
-        label: joint,
-        mark: `joint-${j % 6}`,
-        values: lengths.map((length) => length * 1e3),
-      }))}
-      unit={text.units.mm}
-      stacked
-      {...opening}
-    />
   );
 }
 

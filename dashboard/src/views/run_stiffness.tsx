@@ -5,7 +5,7 @@ import { Figure } from "../charts/figure";
 import { JobTables } from "../components/job_tables";
 import { percent, significant } from "../lib/format";
 import { text } from "../i18n";
-import { useCached } from "../state/cache";
+import { useCached } from "../state/load";
 import { valueOf } from "../state/load";
 import { api } from "../api/client";
 import { RunsTable } from "./runs_table";

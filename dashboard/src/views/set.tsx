@@ -18,8 +18,7 @@ import {
 import { MetadataForm } from "../components/metadata_form";
 import { notedIn, typedOf } from "../lib/metadata";
 import { useAction } from "../state/action";
-import { namesChanged, useNames } from "../state/names";
-import { storedChanged, storedSet } from "../state/stored";
+import { namesChanged, useNames, storedSet } from "../state/names";
 import { text } from "../i18n";
 import { StoredActions } from "../components/changes";
 import { Preview } from "../components/findings";
@@ -97,7 +96,6 @@ export function SetMetadata({ set, changed }: { set: MeasurementSet; changed: ()
     const noted = notedIn(typed);
     if (noted === null) return;
     await api.sets.change(set.id, noted);
-    storedChanged();
     namesChanged();
     setEditing(false);
     changed();

@@ -7,7 +7,7 @@ import { useAction } from "../state/action";
 import { compareSides } from "../state/comparing";
 import { useLoad } from "../state/load";
 import { link } from "../state/router";
-import { storedSet } from "../state/stored";
+import { storedSet } from "../state/names";
 import { text } from "../i18n";
 import { StiffnessFigure } from "./joint_table";
 import { MOST_RUNS } from "./runs";

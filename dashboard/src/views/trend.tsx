@@ -15,7 +15,7 @@ import { intervalIn, maybeInUnit, unitOf } from "../lib/units";
 import { useLoad } from "../state/load";
 import { link } from "../state/router";
 import { useSettings } from "../state/settings";
-import { storedRobot } from "../state/stored";
+import { storedRobot } from "../state/names";
 import { text } from "../i18n";
 import { Alarms, NewBaseline } from "./trend_notes";
 

@@ -6,7 +6,7 @@ import type { Problem, Finding } from "../../src/api/types";
 import { Boundary } from "../../src/components/lazy";
 import { ProblemNote, Warnings } from "../../src/components/basics";
 import { useAction } from "../../src/state/action";
-import { cached, forget, useCached } from "../../src/state/cache";
+import { cached, forget, useCached } from "../../src/state/load";
 import { drawn, press, settled } from "./drawn";
 
 const warning = (part: Partial<Finding>): Finding => ({

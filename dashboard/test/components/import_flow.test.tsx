@@ -1,6 +1,6 @@
 // @vitest-environment happy-dom
 import { afterEach, beforeEach, describe, expect, it, vi } from "vitest";
-import { forget } from "../../src/state/cache";
+import { forget } from "../../src/state/load";
 import { ImportFlow } from "../../src/views/import_flow";
 import { drawn, settled } from "./drawn";
 
@@ -65,7 +65,8 @@ beforeEach(() => {
   vi.stubGlobal("fetch", async (path: string, { method = "GET", body }: { method?: string; body?: FormData } = {}) => {
     const options = body instanceof FormData ? JSON.parse(String(body.get("options"))) : {};
     asked.push({ method, path, options });
-    const answer = path === "/v1/imports" ? answerTo(options) : { items: [], next: null };
+    const schemas = { ImportRequest: { properties: { encoders: { enum: ["motor", "secondary"] } } } };
+    const answer = path === "/v1/imports" ? answerTo(options) : { items: [], next: null, components: { schemas } };
     return { ok: true, status: 200, json: async () => answer };
   });
 });

@@ -1,0 +1,393 @@
+/** Forms of requests as the service describes them: one renderer for all kinds of fields. */
+import { createContext } from "preact";
+import { useContext, useEffect, useState } from "preact/hooks";
+import { type Codec, codecOf, OF_TEXT, plain, type Schema, type Schemas, Unread } from "../lib/schema";
+import type { Fields } from "../lib/json";
+import { sentence } from "../lib/said";
+import { api } from "../api/client";
+import { formUnit } from "../lib/units";
+import { useCached } from "../state/load";
+import { useSettings } from "../state/settings";
+import { text } from "../i18n";
+import { Button, Choice, type Options, Show, Toggle } from "./basics";
+import { Faults, FaultsAt, FormProblem, NumberBox, Select, TextField } from "./fields";
+import { faultsAt } from "../lib/faults";
+import { Scroll } from "./table";
+
+const words = text.form;
+
+/** What a page adds to the service's description, by place such as `load.force`. */
+export interface Terms {
+  labels?: Record<string, string>;
+  /** Units that people use instead of those of the API, and their size. */
+  units?: Record<string, readonly [string, number]>;
+  /** What values begin with that are switched on. */
+  seeds?: Record<string, unknown>;
+  /** Names of the robot's joints, where a field has something for each. */
+  joints?: string[];
+  /** What is chosen from, where the page knows; few values are in view. */
+  choices?: Record<string, Options<string>>;
+  /** Places of enumerations whose values are all in view. */
+  inView?: readonly string[];
+  /** Places of what is left to files. */
+  hidden?: readonly string[];
+  /** Place of the document in the request, such as `noise.`. */
+  within?: string;
+}
+
+const DEGREE = Math.PI / 180;
+const USUAL: Record<string, Unit> = {
+  m: [text.units.mm, 1e-3],
+  rad: [text.units.deg, DEGREE],
+  N: [text.units.newton, 1],
+  kg: ["kg", 1],
+};
+
+interface Known {
+  all: Schemas;
+  terms: Terms;
+}
+
+const Form = createContext<Known>({ all: {}, terms: {} });
+
+/** The fields `show` of the request that the service calls `of`. */
+export function SchemaFields({
+  of,
+  show,
+  value,
+  change,
+  terms = {},
+}: {
+  of: string;
+  show: readonly string[];
+  value: Fields;
+  change: (value: Fields) => void;
+  terms?: Terms;
+}) {
+  const schemas = useCached("schemas", api.schemas, Number.POSITIVE_INFINITY);
+  return (
+    <Show of={schemas}>
+      {(all) => (
+        <Form.Provider value={{ all, terms }}>
+          <div class="fields">
+            <Properties
+              schema={all[of] ?? {}}
+              show={show}
+              value={value}
+              change={(next) => change(asFields(next))}
+              path=""
+            />
+          </div>
+        </Form.Provider>
+      )}
+    </Show>
+  );
+}
+
+interface Part {
+  schema: Schema;
+  value: unknown;
+  change: (value: unknown) => void;
+  path: string;
+}
+
+const joined = (path: string, name: string): string => (path ? `${path}.${name}` : name);
+const asFields = (value: unknown): Fields => (typeof value === "object" && value !== null ? (value as Fields) : {});
+
+function Properties({ schema, show, value, change, path }: Part & { show?: readonly string[] }) {
+  const document = asFields(value);
+  const properties = schema.properties ?? {};
+  return (
+    <>
+      {(show ?? Object.keys(properties)).map((name) => (
+        <Property
+          key={name}
+          schema={properties[name] ?? {}}
+          value={document[name]}
+          change={(part) => change({ ...document, [name]: part })}
+          path={joined(path, name)}
+        />
+      ))}
+    </>
+  );
+}
+
+/** A sentence of the description: of a choice what is said of the chosen value, else the first that says more than a name. */
+function helpOf({ description = "", enum: values }: Schema, chosen: string): string | undefined {
+  if (values) return new RegExp(`\\W${chosen}\\W:? (.*?\\.)(?=\\s|$)`, "s").exec(description)?.[1];
+  return description.split(/(?<=\.)\s/).find((sentence) => sentence.split(" ").length > 3);
+}
+
+const spoken = (name: string): string => (name.charAt(0).toUpperCase() + name.slice(1)).replaceAll("_", " ");
+
+function Property({ schema: raw, value, change, path }: Part) {
+  const { all, terms } = useContext(Form);
+  const unitOf = useUnits();
+  const schema = plain(raw, all);
+  const [unit, factor] = terms.units?.[path] ?? unitOf(schema);
+  const label = terms.labels?.[path] ?? spoken(path.split(".").at(-1) ?? "");
+  const place = (terms.within ?? "") + path;
+  const usual = schema.default ?? "";
+  const help = terms.labels?.[path] ? undefined : sentence(helpOf(schema, String(value ?? usual)) ?? "") || undefined;
+  const described = { label, help, path: place };
+  if (schema.const !== undefined || terms.hidden?.includes(path)) return null;
+  if (schema.type === "boolean")
+    return <Toggle label={label} checked={Boolean(value ?? schema.default)} change={change} />;
+  const given = terms.choices?.[path];
+  if (given || schema.enum) {
+    const words = Object.fromEntries((schema.enum ?? []).map((one) => [one, wordOf(one)]));
+    const asked = { ...described, value: String(value ?? usual), change: (to: string) => change(to || null) };
+    if (terms.inView?.includes(path)) return <Choice {...asked} options={given ?? words} />;
+    return <Select {...asked} options={given ?? (usual === "" ? { "": wordOf(""), ...words } : words)} />;
+  }
+  if (schema.oneOf) {
+    const kinds = schema.oneOf.map((one) => plain(one, all));
+    const kindOf = (one: Schema) => String(one.properties?.["kind"]?.const ?? "");
+    const chosen = kinds.find((one) => kindOf(one) === asFields(value)["kind"]);
+    const options = ["", ...kinds.map(kindOf)].map((one) => ({ value: one, label: wordOf(one) }));
+    return (
+      <>
+        <Select
+          {...described}
+          value={chosen ? kindOf(chosen) : ""}
+          options={options}
+          change={(kind) => change(kind ? { ...asFields(value), kind } : null)}
+        />
+        {chosen && <Properties schema={chosen} value={value} change={change} path={path} />}
+      </>
+    );
+  }
+  if (schema.properties) {
+    const on = !schema.nullable || (value !== null && value !== undefined);
+    const switched = (to: boolean) => change(to ? (terms.seeds?.[path] ?? {}) : null);
+    const properties = on && <Properties schema={schema} value={value} change={change} path={path} />;
+    if (!schema.nullable) return <>{properties}</>;
+    return (
+      <>
+        <Toggle label={label} checked={on} change={switched} />
+        {properties}
+      </>
+    );
+  }
+  const { joints = [] } = terms;
+  if (schema.items?.type === "string" && joints.length > 0) {
+    const chosen = Array.isArray(value) && value.length > 0 ? (value as string[]) : joints; // none means all
+    const toggled = (name: string, on: boolean) => {
+      const next = joints.filter((each) => (each === name ? on : chosen.includes(each)));
+      change(next.length === joints.length ? [] : next);
+    };
+    return (
+      <fieldset class="choice">
+        <legend>{label}</legend>
+        <div class="toggles">
+          {joints.map((name) => (
+            <Toggle label={name} checked={chosen.includes(name)} change={(on) => toggled(name, on)} />
+          ))}
+        </div>
+        <small class="soft">{described.help}</small>
+        <FaultsAt path={place} />
+      </fieldset>
+    );
+  }
+  const row = plain(schema.additionalProperties ?? schema.items ?? {}, all);
+  if (row.properties || (schema.additionalProperties && row.prefixItems?.length === 2))
+    return <Grid {...{ schema, value, change, path, label, help: described.help }} />;
+  const codec = codecOf(schema, all, factor);
+  if (!codec) return null;
+  const empty = schema.default === undefined || typeof schema.default === "object" ? "" : codec.show(schema.default);
+  return <Typed {...described} {...{ unit, codec, value, change, empty }} long={(schema.maxLength ?? 0) > 500} />;
+}
+
+type Unit = readonly [string | undefined, number];
+
+const unitsIn = ({ unit, unit_of_prismatic }: Schema): Partial<Schema> =>
+  Object.fromEntries(Object.entries({ unit, unit_of_prismatic }).filter(([, one]) => one !== undefined));
+
+/** The unit in which a number of the API is typed, and its size. */
+function useUnits(): (schema: Schema, slides?: boolean) => Unit {
+  const page = formUnit(useSettings().unit);
+  return ({ unit = "", unit_of_prismatic: other }, slides = false) =>
+    unit === "N.m/rad" ? [page.label, 1 / page.factor] : (USUAL[(slides && other) || unit] ?? [undefined, 1]);
+}
+
+const WORDS: Record<string, string> = {
+  ...text.methods,
+  ...text.weightings,
+  ...text.elasticities,
+  ...text.losses,
+  ...text.robots.kinds,
+  ...text.robots.conventions,
+  ...words.values,
+};
+
+/** A word for a value of the API. */
+const wordOf = (value: string): string => WORDS[value] ?? value.replaceAll("_", " ");
+
+/** What is typed for a value; a change from elsewhere takes its place. */
+function useTyped(codec: Codec, value: unknown, change: (value: unknown) => void) {
+  const valueOf = (typed: string) => {
+    const read = codec.read(typed);
+    return read === undefined ? new Unread(typed) : read;
+  };
+  const [typed, set] = useState(() => codec.show(value));
+  useEffect(() => {
+    if (JSON.stringify(valueOf(typed)) !== JSON.stringify(value ?? null)) set(codec.show(value));
+  }, [JSON.stringify(value)]);
+  return {
+    typed,
+    unread: codec.read(typed) === undefined,
+    type: (next: string) => {
+      set(next);
+      change(valueOf(next));
+    },
+  };
+}
+
+function Typed({
+  codec,
+  value,
+  change,
+  empty,
+  long,
+  help,
+  ...field
+}: {
+  codec: Codec;
+  value: unknown;
+  change: (value: unknown) => void;
+  label: string;
+  unit: string | undefined;
+  path: string;
+  help: string | undefined;
+  /** What holds where nothing is typed. */
+  empty: string;
+  long: boolean;
+}) {
+  const { typed, unread, type } = useTyped(codec, value, change);
+  return (
+    <TextField
+      {...field}
+      help={unread ? words.unread(typed) : help}
+      value={typed}
+      change={type}
+      placeholder={empty}
+      aria-invalid={unread}
+      {...(codec.lines || long ? { lines: long ? 4 : 3 } : {})}
+    />
+  );
+}
+
+interface Column {
+  name: string;
+  schema: Schema;
+}
+
+/** What is stated of each joint, or a list of objects that grows. */
+function Grid({ schema, value, change, path, label, help }: Part & { label: string; help: string | undefined }) {
+  const { all, terms } = useContext(Form);
+  const unitOf = useUnits();
+  const problem = useContext(FormProblem);
+  const row = plain(schema.additionalProperties ?? schema.items ?? {}, all);
+  const pair = row.prefixItems !== undefined;
+  const columns = pair
+    ? words.ends.map((name): Column => ({ name, schema: { type: "number", ...unitsIn(schema) } }))
+    : Object.entries(row.properties ?? {}).map(([name, of]): Column => ({ name, schema: plain(of, all) }));
+  const document = asFields(value);
+  const list = Array.isArray(value) ? (value as unknown[]) : [];
+  const keys = schema.items ? list.map((_, i) => String(i)) : (terms.joints ?? []);
+  const at = (name: string): string | number => (pair ? words.ends.indexOf(name) : name);
+  const put = (key: string, name: string, part: unknown) => {
+    const before = asFields(document[key]);
+    const next = pair
+      ? words.ends.map((end, i) => (end === name ? part : (before[i] ?? null)))
+      : { ...before, [name]: part };
+    const { [key]: _, ...others } = document;
+    if (schema.items) change(list.map((one, i) => (String(i) === key ? next : one)));
+    else change(Object.values(next).every((one) => one === null) ? others : { ...others, [key]: next });
+  };
+  const place = (terms.within ?? "") + path;
+  const faultsOf = (key: string) => faultsAt(problem, schema.items ? `${place}[${key}]` : `${place}.${key}`);
+  const said = new Set(keys.flatMap(faultsOf));
+  const headOf = ({ name, schema: of }: Column) =>
+    [pair ? name : (terms.labels?.[`${path}.${name}`] ?? spoken(name)), unitOf(of)[0]].filter(Boolean);
+  return (
+    <fieldset>
+      <legend>{label}</legend>
+      {help && <p class="soft">{help}</p>}
+      <Scroll label={label}>
+        <table class="inputs knowledge">
+          <thead>
+            <tr>
+              <th scope="col">{text.run.joint}</th>
+              {columns.map((column) => (
+                <th scope="col">
+                  {headOf(column)[0]} <small>{headOf(column)[1]}</small>
+                </th>
+              ))}
+            </tr>
+          </thead>
+          <tbody>
+            {keys.map((key) => (
+              <tr>
+                <th scope="row">
+                  <bdi>{schema.items ? Number(key) + 1 : key}</bdi>
+                  <Faults faults={faultsOf(key)} />
+                </th>
+                {columns.map((column) => (
+                  <td>
+                    <Cell
+                      schema={column.schema}
+                      label={
+                        schema.items
+                          ? text.robots.cell(headOf(column)[0] ?? "", Number(key) + 1)
+                          : `${headOf(column)[0]}, ${key}`
+                      }
+                      factor={unitOf(column.schema, asFields(document[key])["kind"] === "prismatic")[1]}
+                      value={asFields(document[key])[at(column.name)]}
+                      change={(part) => put(key, column.name, part)}
+                    />
+                  </td>
+                ))}
+              </tr>
+            ))}
+          </tbody>
+        </table>
+      </Scroll>
+      <Faults faults={faultsAt(problem, place).filter((fault) => !said.has(fault))} />
+      {schema.items && (
+        <div class="row">
+          <Button onClick={() => change([...list, terms.seeds?.[path] ?? {}])}>{words.add}</Button>
+          <Button disabled={keys.length < 2} onClick={() => change(list.slice(0, -1))}>
+            {words.removeLast}
+          </Button>
+        </div>
+      )}
+    </fieldset>
+  );
+}
+
+function Cell({
+  schema,
+  factor,
+  label,
+  value,
+  change,
+}: {
+  schema: Schema;
+  factor: number;
+  label: string;
+  value: unknown;
+  change: (value: unknown) => void;
+}) {
+  const { typed, unread, type } = useTyped(codecOf(schema, {}, factor) ?? OF_TEXT, value, change);
+  if (!schema.enum) return <NumberBox value={typed} change={type} aria-label={label} aria-invalid={unread} />;
+  return (
+    <select aria-label={label} value={typed} onChange={(event) => type(event.currentTarget.value)}>
+      {schema.enum.map((one) => (
+        <option value={one} selected={one === typed}>
+          {wordOf(one)}
+        </option>
+      ))}
+    </select>
+  );
+}

@@ -1,0 +1,132 @@
+/** Fields of requests as the service describes them, and how their values are typed: text to JSON and back. */
+import { numberIn } from "./entered";
+
+export interface Schema {
+  type?: string;
+  enum?: string[];
+  const?: string;
+  default?: unknown;
+  description?: string;
+  /** Of its numbers. */
+  unit?: string;
+  unit_of_prismatic?: string;
+  anyOf?: Schema[];
+  oneOf?: Schema[];
+  properties?: Record<string, Schema>;
+  items?: Schema;
+  prefixItems?: Schema[];
+  additionalProperties?: Schema;
+  maxLength?: number;
+  /** Whether null is a value. */
+  nullable?: boolean;
+  $ref?: string;
+}
+
+export type Schemas = Record<string, Schema>;
+
+/** A schema without references; of a value that may be null, that of the others. */
+export function plain(schema: Schema, all: Schemas): Schema {
+  const { $ref, anyOf, ...own } = schema;
+  if ($ref) return { ...plain(all[$ref.split("/").at(-1) ?? ""] ?? {}, all), ...own };
+  const [first, ...others] = (anyOf ?? []).filter(({ type }) => type !== "null");
+  if (!first || others.length > 0) return schema;
+  return { ...plain(first, all), ...own, nullable: (anyOf ?? []).length > 1 };
+}
+
+/** How a value is typed in one box. */
+export interface Codec {
+  show: (value: unknown) => string;
+  /** Null of an empty text, undefined of one that is not understood. */
+  read: (typed: string) => unknown;
+  /** Whether it takes several lines. */
+  lines?: boolean;
+}
+
+/** A product without the digits that only the factor's rounding brings: 0.86 · 1e6 is 860000. */
+const scaled = (value: number, factor: number): number =>
+  factor === 1 ? value : Number((value * factor).toPrecision(15));
+
+const ofNumber = (factor: number): Codec => ({
+  show: (value) => (typeof value === "number" ? String(scaled(value, 1 / factor)) : String(value ?? "")),
+  read: (typed) => {
+    const value = numberIn(typed);
+    return value === null ? null : Number.isNaN(value) ? undefined : scaled(value, factor);
+  },
+});
+
+export const OF_TEXT: Codec = { show: (value) => String(value ?? ""), read: (typed) => typed.trim() || null };
+
+/** Values in a row, parted by blanks, commas or semicolons. */
+const ofList = (inner: Codec, count?: number): Codec => ({
+  show: (value) => (Array.isArray(value) ? value.map(inner.show).join(", ") : String(value ?? "")),
+  read: (typed) => {
+    const bare = typed.trim().replace(/^[([]|[)\]]$/g, "");
+    const words = bare.split(/\s*;\s*|\s*,\s+|\s+/).filter(Boolean);
+    const values = (words.length === 1 ? bare.split(",") : words).map(inner.read);
+    if (words.length === 0) return null;
+    const understood = values.every((value) => value !== null && value !== undefined);
+    return understood && (count === undefined || count === values.length) ? values : undefined;
+  },
+});
+
+/** A value a line, after its name where they have names. */
+const ofLines = (inner: Codec, named: boolean): Codec => ({
+  show: (value) =>
+    typeof value === "object" && value !== null
+      ? Object.entries(value)
+          .map(([name, part]) => (named ? `${name} ${inner.show(part)}` : inner.show(part)))
+          .join("\n")
+      : String(value ?? ""),
+  read: (typed) => {
+    const lines = typed.split("\n").filter((line) => line.trim());
+    const read = lines.map((line): [string, unknown] => {
+      const [name = ""] = named ? line.trim().split(/[\s;,]+/) : [];
+      return [
+        name,
+        inner.read(
+          line
+            .trim()
+            .slice(name.length)
+            .replace(/^[\s;,]+/, ""),
+        ),
+      ];
+    });
+    if (lines.length === 0) return null;
+    if (read.some(([, value]) => value === null || value === undefined)) return undefined;
+    return named ? Object.fromEntries(read) : read.map(([, value]) => value);
+  },
+  lines: true,
+});
+
+/** How a value of a schema without references is typed, its numbers in a unit of `factor`; null if not in one box. */
+export function codecOf(schema: Schema, all: Schemas, factor = 1): Codec | null {
+  if (schema.type === "string") return OF_TEXT;
+  if (schema.type === "number" || schema.type === "integer") return ofNumber(factor);
+  const part = schema.additionalProperties ?? schema.prefixItems?.[0] ?? schema.items;
+  const inner = part ? codecOf(plain(part, all), all, factor) : null;
+  if (!part || !inner || inner.lines) return null;
+  if (schema.additionalProperties) return ofLines(inner, true);
+  return plain(part, all).type === "array" ? ofLines(inner, false) : ofList(inner, schema.prefixItems?.length);
+}
+
+/** What stands in a document as it was typed because it was not understood; null if there is nothing. */
+export function unreadIn(document: unknown): string | null {
+  if (typeof document !== "object" || document === null) return null;
+  if (document instanceof Unread) return document.typed;
+  for (const part of Object.values(document)) {
+    const found = unreadIn(part);
+    if (found !== null) return found;
+  }
+  return null;
+}
+
+/** A text that is no value of its field: posted as it was typed, so that the service names the field. */
+export class Unread {
+  constructor(readonly typed: string) {}
+  toJSON(): string {
+    return this.typed;
+  }
+  toString(): string {
+    return this.typed;
+  }
+}
