@@ -12,27 +12,27 @@ import { dismiss, toast, useToasts } from "./state/toasts";
 import { text } from "./i18n";
 import { SignInView } from "./views/sign_in";
 
-const StartView = lazy(text.app.measure, async () => (await import("./views/start")).StartView);
-const RunsView = lazy(text.runs.title, async () => (await import("./views/runs")).RunsView);
-const RunView = lazy(text.run.kind, async () => (await import("./views/run")).RunView);
-const CompareView = lazy(text.compare.title, async () => (await import("./views/compare")).CompareView);
-const SideBySideView = lazy(text.compare.title, async () => (await import("./views/side_by_side")).SideBySideView);
-const ComparisonView = lazy(text.compare.title, async () => (await import("./views/comparison")).ComparisonView);
-const TrendView = lazy(text.fleet.title, async () => (await import("./views/trend")).TrendView);
-const FleetView = lazy(text.fleet.title, async () => (await import("./views/fleet")).FleetView);
-const MapView = lazy(text.map.kind, async () => (await import("./views/map")).MapView);
-const ProgramView = lazy(text.program.kind, async () => (await import("./views/program")).ProgramView);
-const RobotsView = lazy(text.robots.title, async () => (await import("./views/robots")).RobotsView);
-const RobotView = lazy(text.start.robot, async () => (await import("./views/robot")).RobotView);
-const RobotNewView = lazy(text.robots.add, async () => (await import("./views/robot_new")).RobotNewView);
-const SetView = lazy(text.sets.kind, async () => (await import("./views/set")).SetView);
-const GeometriesView = lazy(text.geometry.title, async () => (await import("./views/geometries")).GeometriesView);
-const GeometryView = lazy(text.geometry.title, async () => (await import("./views/geometry")).GeometryView);
-const PlansView = lazy(text.plan.begin, async () => (await import("./views/plans")).PlansView);
-const PlanView = lazy(text.plan.kind, async () => (await import("./views/plan")).PlanView);
-const MeasureView = lazy(text.measure.title, async () => (await import("./views/measure")).MeasureView);
-const LiveView = lazy(text.measure.kind, async () => (await import("./views/live")).LiveView);
-const WebhooksView = lazy(text.webhooks.title, async () => (await import("./views/webhooks")).WebhooksView);
+const StartView = lazy(async () => (await import("./views/start")).StartView);
+const RunsView = lazy(async () => (await import("./views/runs")).RunsView);
+const RunView = lazy(async () => (await import("./views/run")).RunView);
+const CompareView = lazy(async () => (await import("./views/compare")).CompareView);
+const SideBySideView = lazy(async () => (await import("./views/side_by_side")).SideBySideView);
+const ComparisonView = lazy(async () => (await import("./views/comparison")).ComparisonView);
+const TrendView = lazy(async () => (await import("./views/trend")).TrendView);
+const FleetView = lazy(async () => (await import("./views/fleet")).FleetView);
+const MapView = lazy(async () => (await import("./views/map")).MapView);
+const ProgramView = lazy(async () => (await import("./views/program")).ProgramView);
+const RobotsView = lazy(async () => (await import("./views/robots")).RobotsView);
+const RobotView = lazy(async () => (await import("./views/robot")).RobotView);
+const RobotNewView = lazy(async () => (await import("./views/robot_new")).RobotNewView);
+const SetView = lazy(async () => (await import("./views/set")).SetView);
+const GeometriesView = lazy(async () => (await import("./views/geometries")).GeometriesView);
+const GeometryView = lazy(async () => (await import("./views/geometry")).GeometryView);
+const PlansView = lazy(async () => (await import("./views/plans")).PlansView);
+const PlanView = lazy(async () => (await import("./views/plan")).PlanView);
+const MeasureView = lazy(async () => (await import("./views/measure")).MeasureView);
+const LiveView = lazy(async () => (await import("./views/live")).LiveView);
+const WebhooksView = lazy(async () => (await import("./views/webhooks")).WebhooksView);
 
 const SECTIONS = [
   { id: "", label: text.app.measure, icon: "M12 4v16M4 12h16" },
@@ -237,7 +237,7 @@ function Display({ settings, session }: { settings: Settings; session: Standing 
         />
         {typeof session === "object" && session.key_name !== null && (
           <>
-            {session.role === "admin" && <LinkButton href="#/webhooks">{text.webhooks.title}</LinkButton>}
+            {session.role === "admin" && <LinkButton href="#/webhooks">{text.app.webhooks}</LinkButton>}
             <p>{text.signIn.as(session.key_name, session.role ?? "")}</p>
             <Button onClick={() => void signOut().catch(() => toast(text.signIn.stuck))}>{text.signIn.out}</Button>
           </>

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-FIRST_BUDGET = 120_000
+FIRST_BUDGET = 90_000
 """Bytes over the wire, bodies and headers, of all that the first look at a result loads."""
-BUDGET = 270_000
+BUDGET = 245_000
 """The same with the 3D view."""
 
 

@@ -7,6 +7,7 @@ import { ArmView, roomOf } from "../scene/view";
 import { ARM_ALONE } from "../scene/show";
 import { useKinematics } from "../state/posture";
 import { text } from "../i18n";
+import { later } from "../i18n/later";
 import { Busy, Button, ProblemNote } from "./basics";
 
 const TURNED: number[] = [-0.9, 0.8];
@@ -42,7 +43,7 @@ export function Arm({
       {show && <ArmView show={show} room={room} label={text.scene.canvasPlain} />}
       {show && sliders && (
         <details class="sliders">
-          <summary>{text.robots.sliders}</summary>
+          <summary>{later.robots.sliders}</summary>
           {names.map((name, i) => (
             <Slider
               name={name}
@@ -51,7 +52,7 @@ export function Arm({
               change={(value) => setAngles(current.map((old, j) => (j === i ? value : old)))}
             />
           ))}
-          <Button onClick={() => setAngles(names.map(() => 0))}>{text.robots.zero}</Button>
+          <Button onClick={() => setAngles(names.map(() => 0))}>{later.robots.zero}</Button>
         </details>
       )}
     </div>
@@ -82,7 +83,7 @@ function Slider({
         max={MOST[kind]}
         step={1}
         value={Math.round(shown)}
-        aria-label={text.robots.angle(name)}
+        aria-label={later.robots.angle(name)}
         onInput={(event) => change(positionIn(Number(event.currentTarget.value), kind))}
       />
       <output>

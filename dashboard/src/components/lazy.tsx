@@ -8,10 +8,7 @@ import { useEffect, useState } from "preact/hooks";
 import { text } from "../i18n";
 
 /** A view in a module of its own. After an update of the service its file is another: the page has to be loaded again. */
-export function lazy<Props extends object>(
-  title: string,
-  load: () => Promise<ComponentType<Props>>,
-): ComponentType<Props> {
+export function lazy<Props extends object>(load: () => Promise<ComponentType<Props>>): ComponentType<Props> {
   let loaded: ComponentType<Props> | null = null;
   return function Lazy(props: Props) {
     const [View, setView] = useState<ComponentType<Props> | null>(() => loaded);
@@ -26,18 +23,17 @@ export function lazy<Props extends object>(
         () => setFailed(true),
       );
     }, []);
-    if (failed) return <Outdated title={title} />;
+    if (failed) return <Outdated />;
     return View ? <View {...props} /> : <Busy />;
   };
 }
 
-function Outdated({ title }: { title: string }) {
+function Outdated() {
   const words = text.errors.outdated;
   return (
     <>
-      <Title plain={title}>{title}</Title>
+      <Title plain={words.title}>{words.title}</Title>
       <div class="note bad" role="alert">
-        <h3>{words.title}</h3>
         <p>{words.detail}</p>
         <Button look="primary" onClick={() => location.reload()}>
           {words.reload}

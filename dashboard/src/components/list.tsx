@@ -1,6 +1,6 @@
 /** A list of whatever is stored: filtered by words, robot and verdict, sorted, its rows walked by arrow keys. */
 import { text } from "../i18n";
-import { Folded, Tabs, When } from "./basics";
+import { Folded, When } from "./basics";
 import type { ComponentChildren } from "preact";
 import { useState } from "preact/hooks";
 import type { Usability } from "../api/types";
@@ -194,21 +194,5 @@ function Item({ row }: { row: Row }) {
       )}
       {row.actions}
     </div>
-  );
-}
-
-/** Robots, their sets and their geometries: three lists of one section. */
-export function RobotTabs({ current }: { current: "robots" | "sets" | "geometries" | "fleet" }) {
-  return (
-    <Tabs
-      label={text.robots.tabs}
-      current={current}
-      tabs={[
-        { id: "robots", label: text.robots.title, href: "#/robots" },
-        { id: "sets", label: text.robots.sets, href: "#/sets" },
-        { id: "geometries", label: text.geometry.title, href: "#/geometries" },
-        { id: "fleet", label: text.fleet.title, href: "#/fleet" },
-      ]}
-    />
   );
 }

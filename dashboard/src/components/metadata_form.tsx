@@ -1,10 +1,10 @@
 /** A form for what people note about a measurement set. */
 import { METADATA } from "../api/types";
 import type { Typed } from "../lib/metadata";
-import { text } from "../i18n";
+import { later } from "../i18n/later";
 import { TextField } from "./fields";
 
-const words = text.metadata;
+const words = later.metadata;
 
 export const MetadataForm = ({ typed, change }: { typed: Typed; change: (typed: Typed) => void }) => (
   <>

@@ -9,12 +9,13 @@ import { formUnit } from "../lib/units";
 import { useCached } from "../state/load";
 import { useSettings } from "../state/settings";
 import { text } from "../i18n";
+import { later } from "../i18n/later";
 import { Button, Choice, type Options, Show, Toggle } from "./basics";
 import { Faults, FaultsAt, FormProblem, NumberBox, Select, TextField } from "./fields";
 import { faultsAt } from "../lib/faults";
 import { Scroll } from "./table";
 
-const words = text.form;
+const words = later.form;
 
 /** What a page adds to the service's description, by place such as `load.force`. */
 export interface Terms {
@@ -215,8 +216,8 @@ const WORDS: Record<string, string> = {
   ...text.weightings,
   ...text.elasticities,
   ...text.losses,
-  ...text.robots.kinds,
-  ...text.robots.conventions,
+  ...later.robots.kinds,
+  ...later.robots.conventions,
   ...words.values,
 };
 
@@ -339,7 +340,7 @@ function Grid({ schema, value, change, path, label, help }: Part & { label: stri
                       schema={column.schema}
                       label={
                         schema.items
-                          ? text.robots.cell(headOf(column)[0] ?? "", Number(key) + 1)
+                          ? later.robots.cell(headOf(column)[0] ?? "", Number(key) + 1)
                           : `${headOf(column)[0]}, ${key}`
                       }
                       factor={unitOf(column.schema, asFields(document[key])["kind"] === "prismatic")[1]}

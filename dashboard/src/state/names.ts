@@ -86,8 +86,8 @@ export function toldApart(
         .map((set) => set.measured_at ?? set.created_at)
         .sort()
         .at(-1);
-      const when = last ? text.robots.measuredOn(last.slice(0, 10)) : text.robots.addedOn(created_at.slice(0, 10));
-      const hints = [...new Set(serials), text.robots.joints(joints.length), when];
+      const when = last ? text.lists.measuredOn(last.slice(0, 10)) : text.lists.addedOn(created_at.slice(0, 10));
+      const hints = [...new Set(serials), text.lists.jointCount(joints.length), when];
       const alone = robots.filter((other) => other.name === name).length === 1;
       return [id, alone ? name : [name, ...hints].join(" · ")];
     }),

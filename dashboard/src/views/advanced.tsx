@@ -7,8 +7,9 @@ import { faultsAt } from "../lib/faults";
 import type { Fields } from "../lib/json";
 import type { StatedNoise } from "../lib/noise";
 import { text } from "../i18n";
+import { later } from "../i18n/later";
 
-const words = text.settings;
+const words = later.settings;
 const { mm, micrometre, share } = text.units;
 
 const GROUPS = {

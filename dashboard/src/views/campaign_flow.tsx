@@ -16,6 +16,7 @@ import { namesChanged, useNames, storedSet } from "../state/names";
 import type { Opened } from "../state/opened";
 import { link } from "../state/router";
 import { text } from "../i18n";
+import { later } from "../i18n/later";
 import { FileDrop, GoBar, Refused } from "./file_drop";
 import { Advanced, useRunForm } from "./advanced";
 import { withNoise } from "./variants";
@@ -79,7 +80,7 @@ export function CampaignFlow({
           {text.files.title}
         </h2>
         <FileDrop again={opened !== null || storedId !== ""} take={take} />
-        {opened?.kind === "template" && <p class="note good">{text.imports.templateFirst(opened.template.name)}</p>}
+        {opened?.kind === "template" && <p class="note good">{later.imports.templateFirst(opened.template.name)}</p>}
         {known && known.sets.length > 0 && opened === null && (
           <Select
             label={text.files.stored}
@@ -128,7 +129,7 @@ export function CampaignFlow({
                     ...(known?.robots ?? []).map(({ id }) => ({ value: id, label: known?.robot(id) ?? id })),
                   ]}
                 />
-                <LinkButton href="#/robots/new">{text.robots.add}</LinkButton>
+                <LinkButton href="#/robots/new">{later.robots.add}</LinkButton>
               </div>
             )}
             {source ? (

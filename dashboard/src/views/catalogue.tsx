@@ -8,6 +8,7 @@ import { fixed } from "../lib/format";
 import { cached } from "../state/load";
 import { useLoad } from "../state/load";
 import { text } from "../i18n";
+import { later } from "../i18n/later";
 import { JointMapTable, RowsTable } from "./robot_tables";
 
 /** The catalogue is the same as long as the service runs. */
@@ -22,7 +23,7 @@ export function found(catalogue: Catalogue, words: string): NominalArm[] {
 const bare = (name: string): string => name.toLowerCase().replace(/[^\p{L}\p{N}]+/gu, "");
 
 export function ArmChooser({ chosen, choose }: { chosen: NominalArm | null; choose: (arm: NominalArm) => void }) {
-  const words = text.robots;
+  const words = later.robots;
   const catalogue = useCatalogue();
   const [typed, setTyped] = useState("");
   return (
@@ -58,10 +59,10 @@ export function ArmChooser({ chosen, choose }: { chosen: NominalArm | null; choo
 }
 
 const reachOf = (arm: NominalArm): string =>
-  `${fixed(arm.reach * 1e3, 0)} ${text.units.mm} (${text.robots.reachOf[arm.reach_of]})`;
+  `${fixed(arm.reach * 1e3, 0)} ${text.units.mm} (${later.robots.reachOf[arm.reach_of]})`;
 
 export function ArmFacts({ arm }: { arm: NominalArm }) {
-  const words = text.robots;
+  const words = later.robots;
   const catalogue = useCatalogue();
   const presets = catalogue.state === "ready" ? catalogue.value.joint_maps : [];
   const preset = useMemo(() => presets.find((each) => each.id === arm.joint_map_preset), [presets, arm]);

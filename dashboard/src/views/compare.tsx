@@ -10,9 +10,10 @@ import { useLoad, valueOf } from "../state/load";
 import { type Names, useNames } from "../state/names";
 import { link, parse } from "../state/router";
 import { text } from "../i18n";
+import { later } from "../i18n/later";
 import { JobList } from "./job_list";
 
-const words = text.compare;
+const words = later.compare;
 const KINDS = ["methods", "pairs"] as const;
 
 export function CompareView({ kind }: { kind: string }) {
@@ -28,7 +29,7 @@ export function CompareView({ kind }: { kind: string }) {
       <Show of={names}>
         {(known) =>
           known.sets.length === 0 ? (
-            <Empty title={text.robots.setsNone} hint={words.noSets}>
+            <Empty title={later.robots.setsNone} hint={words.noSets}>
               <LinkButton look="primary" href="#/">
                 {text.app.measure}
               </LinkButton>
@@ -41,7 +42,7 @@ export function CompareView({ kind }: { kind: string }) {
                 title={text.earlier.comparisons}
                 names={known}
                 row={({ first_set_id: first, second_set_id: second }) => ({
-                  name: second ? text.pair.title(known.set(first), known.set(second)) : known.set(first),
+                  name: second ? later.pair.title(known.set(first), known.set(second)) : known.set(first),
                 })}
               />
             </>

@@ -15,11 +15,12 @@ import { unsaid } from "../lib/said";
 import { link } from "../state/router";
 import { storedSet } from "../state/names";
 import { text } from "../i18n";
+import { later } from "../i18n/later";
 import { StiffnessFigure } from "./joint_table";
 import { VerdictCard } from "./verdict_card";
 
-const words = text.compare;
-const two = text.pair;
+const words = later.compare;
+const two = later.pair;
 type Result = NonNullable<Comparison["result"]>;
 type Avoided = NonNullable<Result["avoided"]>;
 /** Names of the sides: one set, or two. */

@@ -4,10 +4,10 @@ import { Select } from "../components/fields";
 import { SchemaFields, type Terms } from "../components/schema_form";
 import type { Fields } from "../lib/json";
 import { unreadIn } from "../lib/schema";
-import { text } from "../i18n";
+import { later } from "../i18n/later";
 import { useCatalogue } from "./catalogue";
 
-const words = text.robots;
+const words = later.robots;
 
 /** Model and joint map as they are typed, in SI; a map of null is none. */
 export interface DhTable {

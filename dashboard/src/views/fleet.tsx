@@ -3,12 +3,12 @@ import { api } from "../api/client";
 import type { FleetRow } from "../api/types";
 import { Badge } from "../components/badge";
 import { Name, Show, Title } from "../components/basics";
-import { RobotTabs, type Row, Rows } from "../components/list";
+import { type Row, Rows } from "../components/list";
 import { changeText } from "../lib/trend";
 import { useLoad } from "../state/load";
 import { link } from "../state/router";
 import { text } from "../i18n";
-import { NoRobots } from "./robots";
+import { NoRobots, RobotTabs } from "./robots";
 
 const words = text.fleet;
 

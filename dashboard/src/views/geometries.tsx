@@ -6,7 +6,6 @@ import { Arm } from "../components/arm";
 import { ActionButton, Facts, Title } from "../components/basics";
 import { Select } from "../components/fields";
 import { DropZone } from "../components/drop";
-import { RobotTabs } from "../components/list";
 import { DataTable } from "../components/table";
 import { fixed } from "../lib/format";
 import { contentKey } from "../lib/hash";
@@ -17,10 +16,12 @@ import { valueOf } from "../state/load";
 import { useNames } from "../state/names";
 import { link } from "../state/router";
 import { text } from "../i18n";
+import { later } from "../i18n/later";
 import { Refused } from "./file_drop";
 import { JobList } from "./job_list";
+import { RobotTabs } from "./robots";
 
-const words = text.geometry;
+const words = later.geometry;
 const FROM_FILE = "file";
 
 type Opened = { name: string; readings: Readings | null };

@@ -3,6 +3,7 @@ import type { Geometry, GeometryResult, RobotDocument, RobotRequest } from "../a
 import { JobTables } from "../components/job_tables";
 import { fixed, significant } from "../lib/format";
 import { text } from "../i18n";
+import { later } from "../i18n/later";
 import { useMemo, useState } from "preact/hooks";
 import { api } from "../api/client";
 import { Arm } from "../components/arm";
@@ -15,7 +16,7 @@ import { namesChanged } from "../state/names";
 import { link } from "../state/router";
 import { VerdictCard } from "./verdict_card";
 
-const words = text.geometry;
+const words = later.geometry;
 
 export function GeometryView({ id }: { id: string }) {
   return (

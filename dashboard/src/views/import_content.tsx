@@ -5,13 +5,13 @@ import { SchemaFields, type Terms } from "../components/schema_form";
 import { type ImportFault, meaningsFor } from "../lib/columns";
 import type { Fields } from "../lib/json";
 import { widthOf } from "../lib/lines";
-import { text } from "../i18n";
+import { later } from "../i18n/later";
 import { useMemo, useRef } from "preact/hooks";
 import { type Template, fits } from "../lib/template";
 import { keptTemplates } from "../state/templates";
 import { FaultList, ImportTable } from "./import_table";
 
-const words = text.imports;
+const words = later.imports;
 
 export function ImportContent({
   answer,
@@ -71,7 +71,7 @@ export function ImportContent({
   );
 }
 
-const readingWords = text.imports.reading;
+const readingWords = later.imports.reading;
 type Change = (options: ImportOptions) => void;
 
 /** How files are read where that is not plain: controls for the options that faults name, and for those that are set. */

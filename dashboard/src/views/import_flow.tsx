@@ -5,6 +5,7 @@ import type { ImportAnswer, ImportOptions, Problem, RobotSummary, Units } from "
 import { Busy, Button, Choice, LinkButton, ProblemNote } from "../components/basics";
 import { Fields, Select } from "../components/fields";
 import { text } from "../i18n";
+import { later } from "../i18n/later";
 import { Arm } from "../components/arm";
 import { save } from "../components/download";
 import { Findings, Preview } from "../components/findings";
@@ -28,7 +29,7 @@ import { FrameForm, ImportForm, sent } from "./import_form";
 import { ImportContent } from "./import_content";
 import { Advanced, useRunForm } from "./advanced";
 
-const words = text.imports;
+const words = later.imports;
 
 export function ImportFlow({
   opened: { files, template },
@@ -104,7 +105,7 @@ export function ImportFlow({
           <FrameForm frame={frame} change={setFrame} robot={robot} length={length} />
         </details>
         <details>
-          <summary>{text.metadata.title}</summary>
+          <summary>{later.metadata.title}</summary>
           <div class="import-form">
             <MetadataForm typed={typed} change={setTyped} />
           </div>
@@ -215,14 +216,14 @@ function RobotChoice({
           }}
           options={[
             ...few.map(({ id }) => ({ value: id, label: label(id) })),
-            ...(others ? [{ value: OTHERS, label: text.imports.otherRobot }] : []),
+            ...(others ? [{ value: OTHERS, label: later.imports.otherRobot }] : []),
           ]}
         />
       )}
       <div class="row">
         {inList && others && (
           <Select
-            label={text.imports.otherRobot}
+            label={later.imports.otherRobot}
             value={value}
             change={change}
             options={[
@@ -231,7 +232,7 @@ function RobotChoice({
             ]}
           />
         )}
-        <LinkButton href="#/robots/new">{text.robots.add}</LinkButton>
+        <LinkButton href="#/robots/new">{later.robots.add}</LinkButton>
       </div>
     </>
   );

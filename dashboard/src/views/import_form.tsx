@@ -10,8 +10,9 @@ import type { Fields } from "../lib/json";
 import { unreadIn } from "../lib/schema";
 import { useLoad, valueOf } from "../state/load";
 import { text } from "../i18n";
+import { later } from "../i18n/later";
 
-const words = text.imports;
+const words = later.imports;
 
 const GRAVITY = 9.80665; // m/s², standard gravity
 

@@ -19,10 +19,11 @@ import { type Line, linesOf } from "../lib/lines";
 import type { ImportOptions } from "../api/types";
 import { Faults } from "../components/fields";
 import { text } from "../i18n";
+import { later } from "../i18n/later";
 import { Button, Prose } from "../components/basics";
 import { Scroll } from "../components/table";
 
-const words = text.imports;
+const words = later.imports;
 
 interface Props {
   preview: FilePreview;

@@ -52,9 +52,10 @@ import { Viewer } from "../state/session";
 import { useSettings } from "../state/settings";
 import { toast } from "../state/toasts";
 import { text } from "../i18n";
+import { later } from "../i18n/later";
 import { loadOf, shownJoint } from "./plan_postures";
 
-const words = text.measure;
+const words = later.measure;
 const MAX_BYTES = 8 * 1024 * 1024;
 
 export function LiveView({ id }: { id: string }) {
@@ -440,7 +441,7 @@ async function readingsOf(file: File, stated: ImportOptions = {}): Promise<Recor
   if (file.size > MAX_BYTES) return text.files.faults.too_large.join(" ");
   if (!/\.json$/i.test(file.name)) {
     const { measurement_set: set, missing } = await api.importFiles([file], stated);
-    return set === null ? text.plan.missing(missing.join(", ")) : (set as unknown as Record<string, unknown>);
+    return set === null ? later.plan.missing(missing.join(", ")) : (set as unknown as Record<string, unknown>);
   }
   const understood = understand(await file.text());
   return typeof understood === "string" ? text.files.faults[understood].join(" ") : understood.set;
@@ -480,7 +481,7 @@ function Others({
     setFault(null);
     const read = await readingsOf(await filled(file), { encoders: set.encoders });
     const done = typeof read === "string" ? null : readSoFar(read);
-    if (!done) return setFault(typeof read === "string" ? read : text.plan.nothingRead);
+    if (!done) return setFault(typeof read === "string" ? read : later.plan.nothingRead);
     const { observations, units } = done.document as unknown as Pick<OpenSet, "observations" | "units">;
     const fresh = observations.filter(({ label }) => !taken.has(label));
     send(...fresh.map((one) => inUnits(one, units, set.units, kinds)));

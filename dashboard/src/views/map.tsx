@@ -33,9 +33,10 @@ import { link } from "../state/router";
 import { useWidth } from "../state/size";
 import { storedSet } from "../state/names";
 import { text } from "../i18n";
+import { later } from "../i18n/later";
 import { contextOfEnded, type RunContext } from "./run_context";
 
-const words = text.map;
+const words = later.map;
 const AXES = ["x", "y", "z"] as const;
 
 /** A map with what it is about; without places while it goes on. */

@@ -19,9 +19,10 @@ import { asking, useAction } from "../state/action";
 import { useDraft } from "../state/kept";
 import { link } from "../state/router";
 import { text } from "../i18n";
+import { later } from "../i18n/later";
 import { type RunContext, usePostures } from "./run_context";
 
-const words = text.map;
+const words = later.map;
 
 export function MapForm({ context }: { context: RunContext }) {
   const postures = usePostures(context.set, context.robot);
@@ -88,7 +89,7 @@ function proposal(set: RunContext["set"], postures: Posture[]): Document {
   };
 }
 
-const programWords = text.program;
+const programWords = later.program;
 const NOT_UNDERSTOOD = "urn:jointstiff:problem:invalid-file";
 const ACCURACY = ["", "off", "same_as_measured", "compensates_load"] as const;
 

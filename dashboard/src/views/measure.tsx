@@ -24,11 +24,12 @@ import { type Names, namesChanged, useNames, storedSet } from "../state/names";
 import { go, link } from "../state/router";
 import { factors } from "../lib/units";
 import { text } from "../i18n";
+import { later } from "../i18n/later";
 import { NOISE } from "./advanced";
 import { EQUIPMENT, Equipment, START } from "./plans";
 import { NoRobots } from "./robots";
 
-const words = text.measure;
+const words = later.measure;
 const SI = { length: "m", angle: "rad", force: "N" };
 
 export function MeasureView({ query }: { query: URLSearchParams }) {

@@ -9,10 +9,10 @@ import { fileName } from "../lib/csv";
 import { percent } from "../lib/format";
 import { link } from "../state/router";
 import { storedRobot, storedSet } from "../state/names";
-import { text } from "../i18n";
+import { later } from "../i18n/later";
 import { Postures } from "./plan_postures";
 
-const words = text.plan;
+const words = later.plan;
 
 export function PlanView({ id }: { id: string }) {
   return (
@@ -35,7 +35,7 @@ export function PlanView({ id }: { id: string }) {
         first: job.result && (
           <>
             <LinkButton look="primary" href={link(["measure"], { plan: id })}>
-              {text.measure.title}
+              {later.measure.title}
             </LinkButton>
             <Button
               onClick={() => {

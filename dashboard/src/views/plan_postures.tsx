@@ -12,9 +12,10 @@ import { ArmView, roomOf } from "../scene/view";
 import { useCached } from "../state/load";
 import { valueOf } from "../state/load";
 import { text } from "../i18n";
+import { later } from "../i18n/later";
 import { alongText } from "./next_measurement";
 
-const words = text.plan;
+const words = later.plan;
 
 export function Postures({ plan, result, robot }: { plan: Plan; result: PlanResult; robot: Robot }) {
   const [chosen, choose] = useState(0);

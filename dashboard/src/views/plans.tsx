@@ -14,10 +14,11 @@ import { useLoad, valueOf } from "../state/load";
 import { type Names, useNames, storedSet } from "../state/names";
 import { link } from "../state/router";
 import { text } from "../i18n";
+import { later } from "../i18n/later";
 import { JobList } from "./job_list";
 import { NoRobots } from "./robots";
 
-const words = text.plan;
+const words = later.plan;
 
 export const START: Fields = { sigma: 2e-5 };
 const WIDTH = { constant: 2e-5, per_distance: 0 };

@@ -17,10 +17,11 @@ import { ARM_ALONE } from "../scene/show";
 import { ArmView, roomOf } from "../scene/view";
 import { useAction } from "../state/action";
 import { text } from "../i18n";
+import { later } from "../i18n/later";
 import { type RunContext, usePostures } from "./run_context";
 import { VerdictCard } from "./verdict_card";
 
-const words = text.predict;
+const words = later.predict;
 const TYPED = "";
 
 interface PredictProps {
@@ -99,7 +100,7 @@ function Form({ context: { run, set, robot }, result, postures }: PredictProps &
           ]}
         />
         <TextField
-          label={text.map.angles}
+          label={later.map.angles}
           unit={kinds.includes("prismatic") ? kinds.map((kind) => positionUnit(kind).trim()).join(", ") : deg}
           value={joints}
           change={(typed) => {
@@ -108,7 +109,7 @@ function Form({ context: { run, set, robot }, result, postures }: PredictProps &
           }}
           aria-invalid={numbersIn(joints)?.length !== robot.joints.length}
         />
-        <VectorField label={text.imports.labels.force} unit={newton} value={force} change={setForce} />
+        <VectorField label={later.imports.labels.force} unit={newton} value={force} change={setForce} />
         <VectorField label={words.place} unit={mm} value={place} change={setPlace} />
         <ActionButton
           look="primary"
@@ -172,7 +173,7 @@ export function Answer({ answer: { assessment, cases, confidence, remarks } }: {
       {displacement && (
         <Facts
           facts={[
-            { label: text.map.deflection, value: <b>{`${length} ${micrometre}`}</b> },
+            { label: later.map.deflection, value: <b>{`${length} ${micrometre}`}</b> },
             ...(budget
               ? [{ label: words.expanded(level, factor), value: `± ${micro(budget.expanded_uncertainty)}` }]
               : []),

@@ -16,9 +16,10 @@ import { ArmView, roomOf } from "../scene/view";
 import { useKinematics } from "../state/posture";
 import { link } from "../state/router";
 import { text } from "../i18n";
+import { later } from "../i18n/later";
 import { contextOfEnded, type RunContext } from "./run_context";
 
-const words = text.program;
+const words = later.program;
 const MOST_DRAWN = 3_000;
 const FINEST = 150; // points side by side along the path: more are drawn over each other
 const COARSEST = 25;

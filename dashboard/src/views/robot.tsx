@@ -13,6 +13,7 @@ import { useLoad, valueOf } from "../state/load";
 import { useNames, storedRobot } from "../state/names";
 import { link } from "../state/router";
 import { text } from "../i18n";
+import { later } from "../i18n/later";
 import { JointMapTable, RowsTable } from "./robot_tables";
 import { Twins } from "./robot_twins";
 import { setRow, useRunsOf } from "./robots";
@@ -41,20 +42,20 @@ function RobotPage({ robot, changed }: { robot: Robot; changed: () => void }) {
         title={<Name>{robot.name}</Name>}
         about={
           <>
-            <span>{text.robots.joints(robot.joints.length)}</span>
-            {names && <span>{text.robots.setCount(sets.length)}</span>}
+            <span>{text.lists.jointCount(robot.joints.length)}</span>
+            {names && <span>{later.robots.setCount(sets.length)}</span>}
             {robot.archived && <span>{text.changes.archived}</span>}
           </>
         }
         first={
           <LinkButton look="primary" href={link([], { robot: robot.id })}>
-            {text.robots.use}
+            {later.robots.use}
           </LinkButton>
         }
       >
-        <LinkButton href={link(["measure"], { robot: robot.id })}>{text.measure.title}</LinkButton>
-        <LinkButton href={link(["plans"], { robot: robot.id })}>{text.plan.begin}</LinkButton>
-        <LinkButton href={link(["compare", "trend", robot.id])}>{text.robots.trend}</LinkButton>
+        <LinkButton href={link(["measure"], { robot: robot.id })}>{later.measure.title}</LinkButton>
+        <LinkButton href={link(["plans"], { robot: robot.id })}>{later.plan.begin}</LinkButton>
+        <LinkButton href={link(["compare", "trend", robot.id])}>{later.robots.trend}</LinkButton>
         <StoredActions of={robot} api={api.robots} list="#/robots" changed={changed} />
       </Head>
       <AlarmNote robot={robot.id} alarms={names?.robots.find(({ id }) => id === robot.id)?.alarms ?? robot.alarms} />
@@ -63,20 +64,20 @@ function RobotPage({ robot, changed }: { robot: Robot; changed: () => void }) {
           <Arm source={{ robot_id: robot.id }} start={null} />
         </section>
         <section class="card">
-          <h2>{text.robots.facts}</h2>
+          <h2>{later.robots.facts}</h2>
           <Kinematics robot={robot} />
         </section>
       </div>
       <Twins robot={robot} />
       <section class="list">
-        <h2>{text.robots.listOf}</h2>
+        <h2>{later.robots.listOf}</h2>
         {rows.length > 0 ? (
           <>
             <FilterBar filter={filter} change={change} judged />
             <Rows rows={chosen(rows, filter)} />
           </>
         ) : (
-          <Empty title={text.robots.setsNone} hint={text.robots.setsNoneHint} />
+          <Empty title={later.robots.setsNone} hint={later.robots.setsNoneHint} />
         )}
       </section>
     </>
@@ -86,7 +87,7 @@ function RobotPage({ robot, changed }: { robot: Robot; changed: () => void }) {
 function Kinematics({ robot }: { robot: Robot }) {
   const { wrist } = robot;
   const miss = wrist.miss_distance;
-  const words = text.robots;
+  const words = later.robots;
   const limit = (value: number | null, kind: JointKind) =>
     value === null ? words.unlimited : `${fixed(position(value, kind), 0)}${slides ? positionUnit(kind) : ""}`;
   const slides = robot.joints.some(({ kind }) => kind === "prismatic");

@@ -12,13 +12,14 @@ import { namesChanged } from "../state/names";
 import { keptFiles } from "../state/opened";
 import { link } from "../state/router";
 import { text } from "../i18n";
+import { later } from "../i18n/later";
 import { ArmChooser, ArmFacts } from "./catalogue";
 import { DhEditor, type DhTable, documentOf, newDh } from "./dh_editor";
 
 type Format = "catalogue" | "dh" | "urdf";
 
 export function RobotNewView() {
-  const words = text.robots;
+  const words = later.robots;
   const [name, setName] = useState("");
   const [format, setFormat] = useState<Format>("catalogue");
   const [arm, setArm] = useState<NominalArm | null>(null);
@@ -137,7 +138,7 @@ function linksOf(urdf: string): Links | null {
 }
 
 function UrdfEditor({ given, change }: { given: UrdfText; change: (given: UrdfText) => void }) {
-  const words = text.robots;
+  const words = later.robots;
   const links = useMemo(() => (given.urdf ? linksOf(given.urdf) : null), [given.urdf]);
   const take = (urdf: string) => {
     const found = urdf ? linksOf(urdf) : null;

@@ -4,17 +4,18 @@ import { alike, DataTable } from "../components/table";
 import { fixed } from "../lib/format";
 import { degrees, position, positionUnit } from "../lib/units";
 import { text } from "../i18n";
+import { later } from "../i18n/later";
 
 /** Millimetres and degrees without the noise of their factors. */
 const plain = (value: number): string => String(Number(value.toFixed(6))).replace("-", "\u2212");
 
 const limit = (value: number | null | undefined, kind: JointKind, unit: boolean): string =>
   value === null || value === undefined
-    ? text.robots.unknown
+    ? later.robots.unknown
     : `${fixed(position(value, kind), 0)}${unit ? positionUnit(kind) : ""}`;
 
 export function RowsTable({ model }: { model: DhModel }) {
-  const words = text.robots;
+  const words = later.robots;
   const { mm, deg } = text.units;
   const slides = model.rows.some(({ kind }) => kind === "prismatic");
   return (
@@ -44,7 +45,7 @@ export function RowsTable({ model }: { model: DhModel }) {
 }
 
 export function JointMapTable({ map, kinds }: { map: JointMap; kinds: JointKind[] }) {
-  const words = text.robots;
+  const words = later.robots;
   const joints = map.matrix.map((_, i) => ({ title: String(i + 1), show: plain }));
   return (
     <DataTable

@@ -5,6 +5,7 @@ import { dayText, LinkButton } from "../components/basics";
 import { useLoad, valueOf } from "../state/load";
 import { link } from "../state/router";
 import { text } from "../i18n";
+import { later } from "../i18n/later";
 import { MOST_RUNS } from "./runs";
 import { type RunColumn, RunsTable } from "./runs_table";
 
@@ -51,7 +52,7 @@ async function twinsOf(robot: Robot, signal: AbortSignal): Promise<RunColumn[]> 
 export function Twins({ robot }: { robot: Robot }) {
   const twins = valueOf(useLoad((signal) => twinsOf(robot, signal), [robot.id, robot.content_hash])) ?? [];
   if (twins.length < 2) return null;
-  const words = text.robots;
+  const words = later.robots;
   const ids = twins.slice(0, MOST_RUNS).map(({ run }) => run.id);
   return (
     <section class="card">

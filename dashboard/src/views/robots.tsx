@@ -3,16 +3,17 @@ import { useState } from "preact/hooks";
 import type { MeasurementSetSummary } from "../api/types";
 import { api, every } from "../api/client";
 import { AlarmState } from "../components/alarm";
-import { Empty, Head, LinkButton, Name, Show, Toggle } from "../components/basics";
+import { Empty, Head, LinkButton, Name, Show, Tabs, Toggle } from "../components/basics";
 import { TextField } from "../components/fields";
-import { FilterBar, RobotTabs, type Row, Rows, chosen, useFilter } from "../components/list";
+import { FilterBar, type Row, Rows, chosen, useFilter } from "../components/list";
 import { wasMeasured } from "../lib/metadata";
 import { type Names, useNames } from "../state/names";
 import { useLoad } from "../state/load";
 import { link } from "../state/router";
 import { text } from "../i18n";
+import { later } from "../i18n/later";
 
-const words = text.robots;
+const words = later.robots;
 
 export function RobotsView({ list }: { list: "robots" | "sets" }) {
   const title = list === "robots" ? words.title : words.sets;
@@ -48,7 +49,7 @@ function Stored({ list, names }: { list: "robots" | "sets"; names: Names }) {
   const day = (end: "from" | "to") => (
     <TextField
       type="date"
-      label={text.metadata[end]}
+      label={later.metadata[end]}
       value={days[end]}
       change={(typed) => setDays({ ...days, [end]: typed })}
     />
@@ -79,7 +80,7 @@ function Stored({ list, names }: { list: "robots" | "sets"; names: Names }) {
 function robotRow(robot: Names["robots"][number], names: Names): Row {
   const sets = [...names.sets, ...names.archived.sets].filter((set) => set.robot_id === robot.id);
   const toldApart = names.robot(robot.id).slice(robot.name.length); // serial number and date, where another has its name
-  const joints = words.joints(robot.joints.length) + (robot.nominal_arm ? `, ${words.nominal}` : "");
+  const joints = text.lists.jointCount(robot.joints.length) + (robot.nominal_arm ? `, ${words.nominal}` : "");
   return {
     id: robot.id,
     href: link(["robots", robot.id]),
@@ -133,4 +134,20 @@ const NoSets = () => (
 
 export function useRunsOf(filter: { robot_id?: string; measurement_set_id?: string }) {
   return useLoad((signal) => every(api.runs.list, filter, 100, signal), [filter.robot_id, filter.measurement_set_id]);
+}
+
+/** Robots, their sets and their geometries: three lists of one section. */
+export function RobotTabs({ current }: { current: "robots" | "sets" | "geometries" | "fleet" }) {
+  return (
+    <Tabs
+      label={later.robots.tabs}
+      current={current}
+      tabs={[
+        { id: "robots", label: later.robots.title, href: "#/robots" },
+        { id: "sets", label: later.robots.sets, href: "#/sets" },
+        { id: "geometries", label: later.geometry.title, href: "#/geometries" },
+        { id: "fleet", label: text.fleet.title, href: "#/fleet" },
+      ]}
+    />
+  );
 }

@@ -17,13 +17,12 @@ import { type RunContext, contextOf, elasticityOf, isElastic } from "./run_conte
 import { StiffnessPart } from "./run_stiffness";
 import { variantBy } from "./variants";
 
-const parts = text.run.views;
-const DeflectionPart = lazy(parts.deflection, async () => (await import("./run_deflection")).DeflectionPart);
-const RobotPart = lazy(parts.robot, async () => (await import("./run_robot")).RobotPart);
-const PredictPart = lazy(parts.predict, async () => (await import("./predict")).PredictPart);
-const MapForm = lazy(parts.map, async () => (await import("./map_form")).MapForm);
-const ProgramForm = lazy(parts.program, async () => (await import("./map_form")).ProgramForm);
-const RunFiles = lazy(parts.report, async () => (await import("./run_files")).RunFiles);
+const DeflectionPart = lazy(async () => (await import("./run_deflection")).DeflectionPart);
+const RobotPart = lazy(async () => (await import("./run_robot")).RobotPart);
+const PredictPart = lazy(async () => (await import("./predict")).PredictPart);
+const MapForm = lazy(async () => (await import("./map_form")).MapForm);
+const ProgramForm = lazy(async () => (await import("./map_form")).ProgramForm);
+const RunFiles = lazy(async () => (await import("./run_files")).RunFiles);
 
 export function RunView({ id, part, query }: { id: string; part: string; query: URLSearchParams }) {
   return (
@@ -127,7 +126,7 @@ function Parts({ context, part, query }: { context: RunContext; part: string; qu
             collection="maps"
             title={text.earlier.maps}
             about={{ robot_id: context.robot.id }}
-            row={({ name }) => ({ name: name ?? text.map.kind })}
+            row={({ name }) => ({ name: name ?? views.map })}
           />
         </>
       ) : part === "program" ? (
@@ -137,7 +136,7 @@ function Parts({ context, part, query }: { context: RunContext; part: string; qu
             collection="programs"
             title={text.earlier.programs}
             about={{ robot_id: context.robot.id }}
-            row={({ file_name: name }) => ({ name: name ?? text.program.kind })}
+            row={({ file_name: name }) => ({ name: name ?? views.program })}
           />
         </>
       ) : part === "report" ? (

@@ -7,8 +7,9 @@ import { TextField } from "../components/fields";
 import { useAction } from "../state/action";
 import { useLoad, valueOf } from "../state/load";
 import { text } from "../i18n";
+import { later } from "../i18n/later";
 
-const words = text.runFiles;
+const words = later.runFiles;
 
 export function RunFiles({ run, assessment }: { run: string; assessment: Assessment }) {
   const refused = assessment.verdict === "do_not_use";

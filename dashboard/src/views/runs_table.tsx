@@ -55,7 +55,7 @@ export function RunsTable({ columns, label }: { columns: RunColumn[]; label: str
             const share = run.result?.compensation ?? null;
             return share === null ? null : percent(share);
           })}
-          {row(text.compare.rms, ({ run }) => run.result && fixed(run.result.rms_residual * 1e3, 3), text.units.mm)}
+          {row(text.lists.rms, ({ run }) => run.result && fixed(run.result.rms_residual * 1e3, 3), text.units.mm)}
           {jointsOf(columns).map((name) =>
             row(
               name,

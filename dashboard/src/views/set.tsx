@@ -20,6 +20,7 @@ import { notedIn, typedOf } from "../lib/metadata";
 import { useAction } from "../state/action";
 import { namesChanged, useNames, storedSet } from "../state/names";
 import { text } from "../i18n";
+import { later } from "../i18n/later";
 import { StoredActions } from "../components/changes";
 import { Preview } from "../components/findings";
 import { factsOf } from "../lib/campaign";
@@ -62,7 +63,7 @@ function SetPage({ set, changed }: { set: MeasurementSet; changed: () => void })
         }
       >
         <LinkButton href={link(["compare", "methods"], { set: set.id })}>{text.sets.compare}</LinkButton>
-        <LinkButton href={link(["plans"], { set: set.id })}>{text.plan.goOn}</LinkButton>
+        <LinkButton href={link(["plans"], { set: set.id })}>{later.plan.goOn}</LinkButton>
         <StoredActions of={set} api={api.sets} list="#/sets" changed={changed} />
       </Head>
       <div class="flow">
@@ -88,7 +89,7 @@ function SetPage({ set, changed }: { set: MeasurementSet; changed: () => void })
 
 /** What people noted about a set, and the form to change it: the readings stay as they are. */
 export function SetMetadata({ set, changed }: { set: MeasurementSet; changed: () => void }) {
-  const words = text.metadata;
+  const words = later.metadata;
   const [typed, setTyped] = useState(() => typedOf(set));
   const [editing, setEditing] = useState(false);
   const viewer = forbidden(useContext(Viewer));

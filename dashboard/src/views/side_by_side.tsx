@@ -9,6 +9,7 @@ import { useLoad } from "../state/load";
 import { link } from "../state/router";
 import { storedSet } from "../state/names";
 import { text } from "../i18n";
+import { later } from "../i18n/later";
 import { StiffnessFigure } from "./joint_table";
 import { MOST_RUNS } from "./runs";
 import { type RunColumn, RunsTable } from "./runs_table";
@@ -51,7 +52,7 @@ function Page({ columns }: { columns: RunColumn[] }) {
   return (
     <>
       <Head
-        kind={text.compare.title}
+        kind={later.compare.title}
         plain={title}
         title={words.sideBySide(columns.length)}
         first={columns.length === 2 && <ActionButton action={pair}>{words.test}</ActionButton>}

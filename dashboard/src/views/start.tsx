@@ -9,6 +9,7 @@ import { useNames } from "../state/names";
 import { keepFiles, keptBefore, keptFiles, type Opened, open } from "../state/opened";
 import { go, link } from "../state/router";
 import { text } from "../i18n";
+import { later } from "../i18n/later";
 import { CampaignFlow } from "./campaign_flow";
 import { ImportFlow } from "./import_flow";
 import { OpenCampaigns, TrySimulated } from "./measure";
@@ -38,7 +39,7 @@ export function StartView({ query }: { query: URLSearchParams }) {
       <div class="head">
         <Title plain={text.app.measure}>{text.start.title}</Title>
         <div class="actions">
-          <LinkButton href={link(["measure"])}>{text.measure.title}</LinkButton>
+          <LinkButton href={link(["measure"])}>{later.measure.title}</LinkButton>
           <TrySimulated />
         </div>
       </div>

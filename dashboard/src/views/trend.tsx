@@ -17,9 +17,10 @@ import { link } from "../state/router";
 import { useSettings } from "../state/settings";
 import { storedRobot } from "../state/names";
 import { text } from "../i18n";
+import { later } from "../i18n/later";
 import { Alarms, NewBaseline } from "./trend_notes";
 
-const words = text.trend;
+const words = later.trend;
 type Encoders = NonNullable<Found["selection"]>["encoders"];
 const ENCODERS: Encoders[] = ["motor", "secondary"];
 const METHODS: Method[] = ["partial_pose", "decoupled_partial_pose", "complete_pose"];
@@ -31,11 +32,11 @@ export function TrendView({ robot: id, serial }: { robot: string; serial: string
   const asked = { method, encoders, serial_number: serial };
   const trend = useLoad((signal) => api.trend(id, asked, signal), [id, method, encoders, serial]);
   return (
-    <Show of={robot} title={text.compare.trend}>
+    <Show of={robot} title={later.compare.trend}>
       {({ name }) => (
         <>
           <Head
-            kind={text.compare.trend}
+            kind={later.compare.trend}
             plain={words.title(name)}
             title={<Name>{name}</Name>}
             about={

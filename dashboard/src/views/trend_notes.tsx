@@ -9,9 +9,9 @@ import { useAction } from "../state/action";
 import { namesChanged } from "../state/names";
 import { link } from "../state/router";
 import { Viewer } from "../state/session";
-import { text } from "../i18n";
+import { later } from "../i18n/later";
 
-const words = text.trend;
+const words = later.trend;
 const [LEAST, MOST] = [3, 20];
 
 interface Noted {

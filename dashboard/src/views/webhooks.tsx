@@ -9,8 +9,9 @@ import { TableCard } from "../components/table";
 import { useAction } from "../state/action";
 import { useLoad } from "../state/load";
 import { text } from "../i18n";
+import { later } from "../i18n/later";
 
-const words = text.webhooks;
+const words = later.webhooks;
 const EVENTS = ["run.succeeded", "run.failed", "alarm.raised", "worker.lost"] as const satisfies Webhook["events"];
 
 export function WebhooksView() {
