@@ -105,13 +105,12 @@ interface Looks {
 
 const classOf = (look?: string): string => (look ? `button ${look}` : "button");
 
-export const Button = ({ look, ...rest }: Looks & ComponentProps<"button">) => (
-  <button type="button" class={classOf(look)} {...rest} />
-);
-
-/** What a viewer may not do is disabled, and says why. */
-export const forbidden = (viewer: boolean): { disabled?: true; title?: string } =>
-  viewer ? { disabled: true, title: text.signIn.viewer } : {};
+/** What `acts` is disabled for a viewer, and says why. */
+export function Button({ look, acts, disabled, ...rest }: Looks & { acts?: boolean } & ComponentProps<"button">) {
+  const forbidden = useContext(Viewer) && acts === true;
+  const why = forbidden ? { title: text.signIn.viewer } : {};
+  return <button type="button" class={classOf(look)} disabled={Boolean(disabled) || forbidden} {...rest} {...why} />;
+}
 
 /** The button of an action: it waits while the action goes on, below what went wrong the last time. */
 export const ActionButton = ({
@@ -123,12 +122,7 @@ export const ActionButton = ({
 }: Omit<ComponentProps<typeof Button>, "action"> & { action: Action<[]>; going?: string }) => (
   <>
     {action.problem && <ProblemNote problem={action.problem} />}
-    <Button
-      disabled={action.busy || Boolean(disabled)}
-      onClick={action.run}
-      {...rest}
-      {...forbidden(useContext(Viewer))}
-    >
+    <Button acts disabled={action.busy || Boolean(disabled)} onClick={action.run} {...rest}>
       {action.busy && going ? going : children}
     </Button>
     {action.busy && <Waiting took={action.took ?? null} />}

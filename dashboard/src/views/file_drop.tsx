@@ -1,10 +1,8 @@
 /** The first step of a flow: where files are dropped, and why one was refused. */
 import type { Problem } from "../api/types";
-import { useContext } from "preact/hooks";
-import { Button, forbidden, ProblemNote } from "../components/basics";
+import { Button, ProblemNote } from "../components/basics";
 import { elsewhere } from "../lib/faults";
 import type { Action } from "../state/action";
-import { Viewer } from "../state/session";
 import { text } from "../i18n";
 import { SETTINGS_FIELDS } from "./advanced";
 import { DropZone } from "../components/drop";
@@ -46,12 +44,7 @@ export function GoBar({ action, ready, why }: { action: Action<[]>; ready: boole
     <div class={ready ? "gobar wide ready" : "gobar wide"}>
       {action.problem && <GoProblem problem={action.problem} />}
       <div class="go">
-        <Button
-          look="primary big"
-          disabled={!ready || action.busy}
-          onClick={action.run}
-          {...forbidden(useContext(Viewer))}
-        >
+        <Button acts look="primary big" disabled={!ready || action.busy} onClick={action.run}>
           {action.busy ? text.start.going : text.start.go}
         </Button>
         {!ready && why !== null && <span class="soft">{why}</span>}

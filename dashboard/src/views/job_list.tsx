@@ -1,12 +1,12 @@
 /** Jobs of a kind: listed page by page, filtered, followed, deleted with undo, brought back. */
 import type { ComponentChildren } from "preact";
-import { useContext, useEffect, useRef, useState } from "preact/hooks";
+import { useEffect, useRef, useState } from "preact/hooks";
 import { api, problemOf } from "../api/client";
 import { type Collection, follow, goesOn, type Standing } from "../api/events";
 import type { Page, Problem, RunState, RunSummary, Usability } from "../api/types";
 import { AlarmState } from "../components/alarm";
 import { Badge } from "../components/badge";
-import { Busy, Button, Empty, forbidden, LinkButton, Name, ProblemNote, State } from "../components/basics";
+import { Busy, Button, Empty, LinkButton, Name, ProblemNote, State } from "../components/basics";
 import { Select } from "../components/fields";
 import { Bar } from "../components/going";
 import { chosen, type Filter, FilterBar, type Row, Rows, useFilter } from "../components/list";
@@ -14,7 +14,6 @@ import { percent } from "../lib/format";
 import { whenSeen } from "../state/load";
 import type { Names } from "../state/names";
 import { link } from "../state/router";
-import { Viewer } from "../state/session";
 import { toast } from "../state/toasts";
 import { text } from "../i18n";
 
@@ -102,7 +101,6 @@ export function JobList<Of extends Collection>({
   const [filter, change] = useFilter(query);
   const [shown, setShown] = useState<Shown>((query?.get("state") as Shown | null) ?? "all");
   const deleted = shown === "deleted";
-  const viewer = forbidden(useContext(Viewer));
   const { items, more, problem, load, take, put } = usePages(collection, {
     ...about,
     ...(deleted ? { deleted: "true" } : shown === "all" ? {} : { state: shown }),
@@ -139,7 +137,7 @@ export function JobList<Of extends Collection>({
     const about = jobRow(collection, item, names, row(item), live.has(item));
     if (deleted) {
       const actions = (
-        <Button onClick={() => restore(item)} {...viewer}>
+        <Button onClick={() => restore(item)} acts>
           {text.lists.restore}
         </Button>
       );
@@ -211,13 +209,7 @@ function Nothing({
 }
 
 const DeleteIcon = ({ name, remove }: { name: string; remove: () => void }) => (
-  <Button
-    look="quiet icon"
-    aria-label={words.delete(name)}
-    title={text.run.delete}
-    onClick={remove}
-    {...forbidden(useContext(Viewer))}
-  >
+  <Button acts look="quiet icon" aria-label={words.delete(name)} title={text.run.delete} onClick={remove}>
     <svg viewBox="0 0 24 24" aria-hidden="true">
       <path d="M5 7h14M10 7V5h4v2M7 7l1 12h8l1-12M10.5 11v5M13.5 11v5" />
     </svg>

@@ -1,5 +1,5 @@
 /** A campaign while it is measured: one posture a screen, what the readings say so far, and doubts while the weight hangs. */
-import { useContext, useEffect, useMemo, useState } from "preact/hooks";
+import { useEffect, useMemo, useState } from "preact/hooks";
 import { api } from "../api/client";
 import type { ImportOptions, JointKind, LiveState, OpenSet, Robot } from "../api/types";
 import { Badge } from "../components/badge";
@@ -15,7 +15,6 @@ import {
   Show,
   Title,
   Warnings,
-  forbidden,
 } from "../components/basics";
 import { DropZone } from "../components/drop";
 import { Select, TextField, VectorField } from "../components/fields";
@@ -48,7 +47,6 @@ import { type Measuring, draftKey, useMeasuring } from "../state/measuring";
 import { namesChanged, storedRobot } from "../state/names";
 import { useKinematics } from "../state/posture";
 import { go, link } from "../state/router";
-import { Viewer } from "../state/session";
 import { useSettings } from "../state/settings";
 import { toast } from "../state/toasts";
 import { text } from "../i18n";
@@ -235,7 +233,6 @@ function Doubt({
   keepIt: () => void;
   busy: boolean;
 }) {
-  const viewer = forbidden(useContext(Viewer));
   return (
     <section class="note bad" role="alert" aria-label={words.doubtful(label)}>
       <h2>{words.doubtful(label)}</h2>
@@ -252,10 +249,10 @@ function Doubt({
         </ul>
       )}
       <div class="row">
-        <Button look="primary" disabled={busy} onClick={again} {...viewer}>
+        <Button look="primary" disabled={busy} onClick={again} acts>
           {words.again}
         </Button>
-        <Button disabled={busy} onClick={keepIt} {...viewer}>
+        <Button disabled={busy} onClick={keepIt} acts>
           {words.keep}
         </Button>
       </div>
@@ -283,7 +280,6 @@ interface PostureProps {
 
 /** One posture: the arm, its angles, the load, and the boxes for its readings. */
 function Posture({ set, robot, kinds, label, stand, state, simulated, isOwn, back, send, skip }: PostureProps) {
-  const viewer = forbidden(useContext(Viewer));
   const unloadedOnly = set.open.load?.kind === "own_weight";
   const targets = (Object.keys(set.open.targets).length > 0 ? set.open.targets : set.flange_targets) as Record<
     string,
@@ -359,11 +355,11 @@ function Posture({ set, robot, kinds, label, stand, state, simulated, isOwn, bac
         </div>
       )}
       <div class="go">
-        <Button look="primary big" disabled={lacking !== null} onClick={tell} {...viewer}>
+        <Button look="primary big" disabled={lacking !== null} onClick={tell} acts>
           {words.send}
         </Button>
         {skip && (
-          <Button look="quiet" onClick={skip} {...viewer}>
+          <Button look="quiet" onClick={skip} acts>
             {words.skip}
           </Button>
         )}
@@ -625,7 +621,6 @@ function Joints({ state, goal, read }: { state: LiveState; goal: number | null; 
 }
 
 function Record({ state, withdraw }: { state: LiveState; withdraw: (label: string, reason: string) => void }) {
-  const viewer = forbidden(useContext(Viewer));
   if (state.readings.length === 0) return null;
   const about = ({ innovation, held_out: held, reason }: Reading): string =>
     [
@@ -660,7 +655,7 @@ function Record({ state, withdraw }: { state: LiveState; withdraw: (label: strin
                     const reason = prompt(words.why_withdrawn(one.label));
                     if (reason?.trim()) withdraw(one.label, reason.trim());
                   }}
-                  {...viewer}
+                  acts
                 >
                   {words.withdraw}
                 </Button>

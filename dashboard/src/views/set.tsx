@@ -1,20 +1,8 @@
 /** One measurement set: what it says, its findings, what was made of it. */
-import { useContext, useState } from "preact/hooks";
+import { useState } from "preact/hooks";
 import { METADATA, type MeasurementSet } from "../api/types";
 import { api } from "../api/client";
-import {
-  NameLink,
-  Button,
-  Facts,
-  forbidden,
-  Form,
-  Head,
-  LinkButton,
-  Name,
-  Show,
-  Warnings,
-  When,
-} from "../components/basics";
+import { NameLink, Button, Facts, Form, Head, LinkButton, Name, Show, Warnings, When } from "../components/basics";
 import { MetadataForm } from "../components/metadata_form";
 import { notedIn, typedOf } from "../lib/metadata";
 import { useAction } from "../state/action";
@@ -26,7 +14,6 @@ import { Preview } from "../components/findings";
 import { factsOf } from "../lib/campaign";
 import { useLoad, valueOf } from "../state/load";
 import { link } from "../state/router";
-import { Viewer } from "../state/session";
 import { useRunsOf } from "./robots";
 import { RunList } from "./runs";
 
@@ -92,7 +79,6 @@ export function SetMetadata({ set, changed }: { set: MeasurementSet; changed: ()
   const words = later.metadata;
   const [typed, setTyped] = useState(() => typedOf(set));
   const [editing, setEditing] = useState(false);
-  const viewer = forbidden(useContext(Viewer));
   const save = useAction(async () => {
     const noted = notedIn(typed);
     if (noted === null) return;
@@ -109,9 +95,9 @@ export function SetMetadata({ set, changed }: { set: MeasurementSet; changed: ()
         <Form action={save} class="noting">
           <MetadataForm typed={typed} change={setTyped} />
           <div class="actions">
-            <button type="submit" class="button primary" disabled={save.busy || notedIn(typed) === null} {...viewer}>
+            <Button acts type="submit" look="primary" disabled={save.busy || notedIn(typed) === null}>
               {words.save}
-            </button>
+            </Button>
             <Button onClick={() => setEditing(false)}>{words.cancel}</Button>
           </div>
         </Form>
@@ -132,7 +118,7 @@ export function SetMetadata({ set, changed }: { set: MeasurementSet; changed: ()
               setTyped(typedOf(set));
               setEditing(true);
             }}
-            {...viewer}
+            acts
           >
             {known.length === 0 ? words.add : words.edit}
           </Button>

@@ -1,14 +1,13 @@
 /** What people note in a trend: alarms that were seen, and new baselines. */
-import { useContext, useState } from "preact/hooks";
+import { useState } from "preact/hooks";
 import { api } from "../api/client";
 import type { Trend, TrendAlarm } from "../api/types";
-import { dayText, Form, forbidden, Name, When } from "../components/basics";
+import { Button, dayText, Form, Name, When } from "../components/basics";
 import { TextField, Select } from "../components/fields";
 import { changedTogether } from "../lib/trend";
 import { useAction } from "../state/action";
 import { namesChanged } from "../state/names";
 import { link } from "../state/router";
-import { Viewer } from "../state/session";
 import { later } from "../i18n/later";
 
 const words = later.trend;
@@ -84,14 +83,9 @@ function Acknowledge({ robot, joint, run, reload }: { robot: string; joint: stri
   return (
     <Form action={send}>
       <TextField label={words.note} required maxLength={2000} value={note} change={setNote} />
-      <button
-        type="submit"
-        class="button"
-        disabled={send.busy || note.trim() === ""}
-        {...forbidden(useContext(Viewer))}
-      >
+      <Button acts type="submit" disabled={send.busy || note.trim() === ""}>
         {words.acknowledge}
-      </button>
+      </Button>
     </Form>
   );
 }
@@ -139,14 +133,9 @@ export function NewBaseline({ trend, reload }: Noted) {
           value={String(size)}
           change={(typed) => setSize(Number(typed))}
         />
-        <button
-          type="submit"
-          class="button"
-          disabled={send.busy || reason.trim() === ""}
-          {...forbidden(useContext(Viewer))}
-        >
+        <Button acts type="submit" disabled={send.busy || reason.trim() === ""}>
           {words.begin}
-        </button>
+        </Button>
       </Form>
     </details>
   );

@@ -2,7 +2,7 @@
 import { describe, expect, it, vi } from "vitest";
 import { api } from "../../src/api/client";
 import type { Catalogue, MeasurementSet, NominalArm, RunSummary } from "../../src/api/types";
-import { Changes } from "../../src/components/changes";
+import { StoredActions } from "../../src/components/changes";
 import { ArmChooser, ArmFacts, found } from "../../src/views/catalogue";
 import { newestOf } from "../../src/views/robot_twins";
 import { SetMetadata } from "../../src/views/set";
@@ -55,7 +55,14 @@ describe("names and the archive", () => {
   it("change, and blank or unchanged names do not", async () => {
     const change = vi.fn(async () => {});
     const changed = vi.fn();
-    const root = await drawn(<Changes name="cell 3" archived={false} change={change} changed={changed} />);
+    const root = await drawn(
+      <StoredActions
+        of={{ id: "r", name: "cell 3", archived: false }}
+        api={{ change, delete: change, restore: change }}
+        list="#/robots"
+        changed={changed}
+      />,
+    );
     for (const typed of [null, " ", "cell 3"]) {
       vi.stubGlobal("prompt", () => typed);
       await press(root, "Rename");
@@ -64,10 +71,10 @@ describe("names and the archive", () => {
     vi.stubGlobal("prompt", () => " cell 4 ");
     await press(root, "Rename");
     await settled(() => {});
-    expect(change).toHaveBeenLastCalledWith({ name: "cell 4" });
+    expect(change).toHaveBeenLastCalledWith("r", { name: "cell 4" });
     await press(root, "Archive");
     await settled(() => {});
-    expect(change).toHaveBeenLastCalledWith({ archived: true });
+    expect(change).toHaveBeenLastCalledWith("r", { archived: true });
     expect(changed).toHaveBeenCalledTimes(2);
   });
 });

@@ -1,7 +1,7 @@
 // @vitest-environment happy-dom
 import { describe, expect, it, vi } from "vitest";
 import { ApiError } from "../../src/api/client";
-import { DeleteButton } from "../../src/components/changes";
+import { StoredActions } from "../../src/components/changes";
 import { drawn, press, settled } from "./drawn";
 
 const refused = new ApiError({
@@ -17,7 +17,14 @@ const refused = new ApiError({
 
 describe("deletion of a robot or a set", () => {
   const asked = (remove: () => Promise<unknown>) =>
-    drawn(<DeleteButton name="KR 240" list="#/robots" remove={remove} restore={async () => {}} />);
+    drawn(
+      <StoredActions
+        of={{ id: "r", name: "KR 240", archived: false }}
+        api={{ change: remove, delete: remove, restore: async () => {} }}
+        list="#/robots"
+        changed={() => {}}
+      />,
+    );
 
   it("asks first", async () => {
     const remove = vi.fn(async () => {});
