@@ -7,7 +7,7 @@ import { fileName } from "../lib/csv";
 import { VerdictCard } from "../views/verdict_card";
 import { useDeletion } from "../state/deletion";
 import { useLoad } from "../state/load";
-import { toast } from "../state/toasts";
+import { copied } from "../state/toasts";
 import { text } from "../i18n";
 import { Badge } from "./badge";
 import { Download, ActionButton, Button, Head, Name, ProblemNote, Show, State, When } from "./basics";
@@ -123,10 +123,6 @@ function Carried({ collection, job }: { collection: Collection; job: Job }) {
 
 /** What can be done with any job: its link, its file, its report, its end. */
 function Actions({ collection, job, name, list }: { collection: Collection; job: Job; name: string; list: string }) {
-  const share = () => {
-    if (!navigator.clipboard) return void prompt(text.run.share, location.href); // plain http has no clipboard
-    void navigator.clipboard.writeText(location.href).then(() => toast(text.run.shared));
-  };
   const deletion = useDeletion({
     remove: () => api.jobs.delete(job.id),
     restore: () => api.jobs.restore(job.id),
@@ -140,7 +136,7 @@ function Actions({ collection, job, name, list }: { collection: Collection; job:
       {REPORTED.includes(collection) && job.result && (
         <Download href={api.jobs.file(job.id, "report.pdf")}>{text.run.report}</Download>
       )}
-      <Button onClick={share}>{text.run.share}</Button>
+      <Button onClick={() => copied(location.href, text.run.share, text.run.shared)}>{text.run.share}</Button>
       <Button title={text.run.downloadHint} onClick={download}>
         {text.run.download}
       </Button>

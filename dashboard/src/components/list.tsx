@@ -4,7 +4,7 @@ import { Folded, When } from "./basics";
 import type { ComponentChildren } from "preact";
 import { useState } from "preact/hooks";
 import type { Usability } from "../api/types";
-import type { Names } from "../state/names";
+import { type Names, robotOptions } from "../state/names";
 import { Select, TextField } from "./fields";
 
 const words = text.list;
@@ -89,7 +89,6 @@ export function FilterBar({
   label?: string;
   children?: ComponentChildren;
 }) {
-  const robots = names?.robots ?? [];
   return (
     <div class="filters">
       <TextField
@@ -100,15 +99,12 @@ export function FilterBar({
         change={(q) => change({ q })}
       />
       <Folded label={words.filter}>
-        {robots.length > 1 && (
+        {names && names.robots.length > 1 && (
           <Select
             label={text.lists.robot}
             value={filter.robot}
             change={(robot) => change({ robot })}
-            options={[
-              { value: "", label: text.app.all },
-              ...robots.map(({ id }) => ({ value: id, label: names?.robot(id) ?? id })),
-            ]}
+            options={robotOptions(names, { value: "", label: text.app.all })}
           />
         )}
         {judged && (

@@ -393,8 +393,11 @@ export const later = {
   predict: {
     title: "Predict the deflection",
     posture: "Posture",
-    typed: "typed",
-    place: "Load point and tool, x, y, z, flange frame",
+    labels: {
+      joints: "Joints as the controller shows them",
+      force: "Force on the robot, x, y, z, axes of R0",
+      load_point: "Load point and tool, x, y, z, flange frame",
+    },
     view: "Robot bent by the force. Arrow keys orbit, plus and minus zoom.",
     expanded: (level: string, factor: string) => `U, readings only (${level}, k = ${factor})`,
     expandedWithModel: (level: string, factor: string) => `U, with model error (${level}, k = ${factor})`,
@@ -581,7 +584,7 @@ export const later = {
     stored: (day: string) => `stored ${day}; the set has no date of measurement`,
     sinceBaseline: (change: string) => `latest campaign ${change} against the reference campaigns`,
     pair: (change: string, p: string) => `${change} from the first campaign to the latest, p = ${p}`,
-    leftOut: (count: number) => (count === 1 ? "1 campaign left out" : `${count} campaigns left out`),
+    leftOut: (count: number) => `${plural(count, "campaign", "campaigns")} left out`,
     ended: (count: number) => (count === 1 ? "1 alarm that ended" : `${count} alarms that ended`),
     together:
       "Most joints changed by a similar amount at one campaign: check its force, load point, units and robot model before the gearboxes.",
@@ -594,7 +597,7 @@ export const later = {
     baselines: (count: number) =>
       count === 1 ? "Reference campaigns, and new ones after a repair" : `Reference campaigns, begun ${count} times`,
     firstCampaigns: "the first campaigns",
-    takes: (count: number) => `${count} campaigns`,
+    takes: (count: number) => plural(count, "campaign", "campaigns"),
     from: "New reference campaigns from",
     reason: "Reason",
     reasonExample: "gearbox of joint 3 replaced",

@@ -35,7 +35,3 @@ export function vectorIn(text: string): [number, number, number] | null | undefi
   const three = values.length === 3 && values.every((value) => value !== null && Number.isFinite(value));
   return three ? [x as number, y as number, z as number] : undefined;
 }
-
-/** Numbers as they stand in a field, rounded. */
-export const typedOf = (values: readonly number[], digits: number): string =>
-  values.map((value) => Number(value.toFixed(digits))).join(", ");

@@ -93,3 +93,13 @@ export function toldApart(
     }),
   );
 }
+
+/** Robots to choose from, after a first option that is none or of a file. */
+export const robotOptions = (names: Names | null, ...first: { value: string; label: string }[]) => [
+  ...first,
+  ...(names?.robots ?? []).map(({ id }) => ({ value: id, label: names?.robot(id) ?? id })),
+];
+
+/** Sets to choose from, with their robots. */
+export const setOptions = (names: Names) =>
+  names.sets.map(({ id, robot_id: robot }) => ({ value: id, label: `${names.set(id)} (${names.robot(robot)})` }));

@@ -23,6 +23,12 @@ export function toast(message: string, action?: Toast["action"]): void {
   setTimeout(() => dismiss(id), action ? 20_000 : 5_000);
 }
 
+/** Copy a text, and say so; where there is no clipboard, as on plain http, it is shown to be copied. */
+export function copied(content: string, label: string, said: string): void {
+  if (!navigator.clipboard) prompt(label, content);
+  else void navigator.clipboard.writeText(content).then(() => toast(said));
+}
+
 export function dismiss(id: number): void {
   tell(toasts.filter((shown) => shown.id !== id));
 }

@@ -12,7 +12,7 @@ import type { Fields as Document } from "../lib/json";
 import { statesNoise } from "../lib/noise";
 import { useAction } from "../state/action";
 import { useLoad, valueOf } from "../state/load";
-import { namesChanged, useNames, storedSet } from "../state/names";
+import { namesChanged, robotOptions, setOptions, useNames, storedSet } from "../state/names";
 import type { Opened } from "../state/opened";
 import { link } from "../state/router";
 import { text } from "../i18n";
@@ -86,10 +86,7 @@ export function CampaignFlow({
             label={text.files.stored}
             value={storedId}
             change={setChosenSet}
-            options={[
-              { value: "", label: text.files.storedNone },
-              ...known.sets.map((s) => ({ value: s.id, label: `${known.set(s.id)} (${known.robot(s.robot_id)})` })),
-            ]}
+            options={[{ value: "", label: text.files.storedNone }, ...setOptions(known)]}
           />
         )}
         {opened?.kind === "fault" && <Refused file={opened.name} why={text.files.faults[opened.fault]} />}
@@ -121,13 +118,13 @@ export function CampaignFlow({
                   value={chosenRobot}
                   change={setRobot}
                   {...(campaign && !chosenRobot ? { help: text.start.needRobot } : {})}
-                  options={[
+                  options={robotOptions(
+                    known,
                     { value: "", label: text.start.pick },
                     ...(campaign?.robot
                       ? [{ value: FROM_FILE, label: text.start.fromFile(String(campaign.robot.name ?? "")) }]
                       : []),
-                    ...(known?.robots ?? []).map(({ id }) => ({ value: id, label: known?.robot(id) ?? id })),
-                  ]}
+                  )}
                 />
                 <LinkButton href="#/robots/new">{later.robots.add}</LinkButton>
               </div>

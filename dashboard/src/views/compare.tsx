@@ -7,7 +7,7 @@ import { Select } from "../components/fields";
 import { useAction } from "../state/action";
 import { compareMethods, compareSides, type SideOf } from "../state/comparing";
 import { useLoad, valueOf } from "../state/load";
-import { type Names, useNames } from "../state/names";
+import { type Names, setOptions, useNames } from "../state/names";
 import { link, parse } from "../state/router";
 import { text } from "../i18n";
 import { later } from "../i18n/later";
@@ -52,9 +52,6 @@ export function CompareView({ kind }: { kind: string }) {
     </>
   );
 }
-
-const setOptions = (names: Names) =>
-  names.sets.map((set) => ({ value: set.id, label: `${names.set(set.id)} (${names.robot(set.robot_id)})` }));
 
 function StartMethods({ names }: { names: Names }) {
   const [set, setSet] = useState(parse(location.hash).query.get("set") ?? names.sets[0]?.id ?? "");

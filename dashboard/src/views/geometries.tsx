@@ -13,7 +13,7 @@ import { type ReadingFacts, type Readings, readingsOf } from "../lib/sweeps";
 import { useAction } from "../state/action";
 import { takeHanded } from "../state/handed";
 import { valueOf } from "../state/load";
-import { useNames } from "../state/names";
+import { robotOptions, useNames } from "../state/names";
 import { link } from "../state/router";
 import { text } from "../i18n";
 import { later } from "../i18n/later";
@@ -112,13 +112,13 @@ function Start({ readings }: { readings: Readings }) {
         value={chosen}
         change={setChosen}
         help={words.nominalHint}
-        options={[
+        options={robotOptions(
+          known,
           { value: "", label: needed ? words.pickNominal : words.noNominal },
           ...(readings.robot
             ? [{ value: FROM_FILE, label: text.start.fromFile(String(readings.robot.name ?? "")) }]
             : []),
-          ...(known?.robots ?? []).map(({ id }) => ({ value: id, label: known?.robot(id) ?? id })),
-        ]}
+        )}
       />
       {source && <Arm key={chosen} source={source} start={null} sliders={false} />}
       <ActionButton look="primary big" action={start} disabled={needed && !source} going={words.going}>

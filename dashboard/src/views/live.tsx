@@ -131,16 +131,41 @@ function Campaign({ set, robot, first }: { set: OpenSet; robot: Robot; first: Li
       {simulated && <p class="note">{words.simulated}</p>}
       <Waits measuring={measuring} taken={taken} />
       {change.problem && <ProblemNote problem={change.problem} />}
-      {doubts.map((one) => (
-        <Doubt
-          reading={one}
-          again={() => void again(one.label)}
-          keepIt={() => change.run({ kept: [one.label] })}
-          busy={change.busy}
-        />
+      {doubts.map(({ label: doubted, innovation }) => (
+        <section class="note bad" role="alert" aria-label={words.doubtful(doubted)}>
+          <h2>{words.doubtful(doubted)}</h2>
+          <p>
+            <Prose text={innovation?.message ?? ""} />
+          </p>
+          <ul>
+            {innovation?.causes.map((cause) => (
+              <li>
+                <Prose text={cause} />
+              </li>
+            ))}
+          </ul>
+          <div class="row">
+            <Button acts look="primary" disabled={change.busy} onClick={() => void again(doubted)}>
+              {words.again}
+            </Button>
+            <Button acts disabled={change.busy} onClick={() => change.run({ kept: [doubted] })}>
+              {words.keep}
+            </Button>
+          </div>
+        </section>
       ))}
       {state.state === "closed" ? (
-        <Closed state={state} id={set.id} />
+        <section class="card">
+          <p class="note good">{words.closed}</p>
+          <div class="row">
+            {state.run_id && (
+              <LinkButton look="primary" href={link(["runs", state.run_id])}>
+                {words.closedRun}
+              </LinkButton>
+            )}
+            <LinkButton href={link(["sets", set.id])}>{words.closedSet}</LinkButton>
+          </div>
+        </section>
       ) : (
         <div class="flow">
           <div>
@@ -221,44 +246,6 @@ function Waits({ measuring: { away, waiting, resend }, taken }: { measuring: Mea
 }
 
 type Reading = LiveState["readings"][number];
-
-function Doubt({
-  reading: { label, innovation },
-  again,
-  keepIt,
-  busy,
-}: {
-  reading: Reading;
-  again: () => void;
-  keepIt: () => void;
-  busy: boolean;
-}) {
-  return (
-    <section class="note bad" role="alert" aria-label={words.doubtful(label)}>
-      <h2>{words.doubtful(label)}</h2>
-      <p>
-        <Prose text={innovation?.message ?? ""} />
-      </p>
-      {innovation && innovation.causes.length > 0 && (
-        <ul>
-          {innovation.causes.map((cause) => (
-            <li>
-              <Prose text={cause} />
-            </li>
-          ))}
-        </ul>
-      )}
-      <div class="row">
-        <Button look="primary" disabled={busy} onClick={again} acts>
-          {words.again}
-        </Button>
-        <Button disabled={busy} onClick={keepIt} acts>
-          {words.keep}
-        </Button>
-      </div>
-    </section>
-  );
-}
 
 /** The room of the drawing beside that of the arm: its labels are to be read. */
 const WITH_LABELS = 1.2;
@@ -688,17 +675,3 @@ function Code({ id }: { id: string }) {
     </section>
   );
 }
-
-const Closed = ({ state, id }: { state: LiveState; id: string }) => (
-  <section class="card">
-    <p class="note good">{words.closed}</p>
-    <div class="row">
-      {state.run_id && (
-        <LinkButton look="primary" href={link(["runs", state.run_id])}>
-          {words.closedRun}
-        </LinkButton>
-      )}
-      <LinkButton href={link(["sets", id])}>{words.closedSet}</LinkButton>
-    </div>
-  </section>
-);

@@ -20,7 +20,7 @@ import {
 } from "../lib/simulated";
 import { useAction } from "../state/action";
 import { useLoad, valueOf } from "../state/load";
-import { type Names, namesChanged, useNames, storedSet } from "../state/names";
+import { type Names, namesChanged, robotOptions, useNames, storedSet } from "../state/names";
 import { go, link } from "../state/router";
 import { factors } from "../lib/units";
 import { text } from "../i18n";
@@ -207,10 +207,7 @@ function Declaration({ names, robot: given, plan }: { names: Names; robot: strin
           label={words.robot}
           value={robot}
           change={setRobot}
-          options={[
-            { value: "", label: text.start.pick },
-            ...names.robots.map(({ id }) => ({ value: id, label: names.robot(id) })),
-          ]}
+          options={robotOptions(names, { value: "", label: text.start.pick })}
         />
       )}
       <Choice

@@ -9,7 +9,7 @@ import { norm, type Vector } from "../lib/vector";
 import { useCached } from "../state/load";
 import { valueOf } from "../state/load";
 import { link } from "../state/router";
-import { toast } from "../state/toasts";
+import { copied } from "../state/toasts";
 import { text } from "../i18n";
 import { Button, LinkButton } from "../components/basics";
 
@@ -78,8 +78,7 @@ function One({
   const angles = advice.joints.map((value, i) => fixed(position(value, kinds[i]), 1));
   const copy = () => {
     const plain = angles.map((angle, i) => `A${i + 1} ${angle.replace("\u2212", "-")}`).join(", ");
-    if (!navigator.clipboard) return void prompt(words.copy, plain); // plain http has no clipboard
-    void navigator.clipboard.writeText(plain).then(() => toast(words.copied));
+    copied(plain, words.copy, words.copied);
   };
   return (
     <div class="piece">

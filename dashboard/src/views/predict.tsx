@@ -3,14 +3,15 @@ import { useMemo, useState } from "preact/hooks";
 import { api } from "../api/client";
 import type { DeflectionResult, Posture, RunResult } from "../api/types";
 import { ActionButton, Busy, Button, Facts, Prose } from "../components/basics";
-import { Select, TextField, VectorField } from "../components/fields";
+import { Select } from "../components/fields";
+import { SchemaFields } from "../components/schema_form";
 import { bendOf } from "../lib/bend";
-import { typedOf, vectorIn } from "../lib/entered";
 import { decimalsFor, fixed, percent, significant } from "../lib/format";
+import type { Fields } from "../lib/json";
 import { loadOf } from "../lib/places";
-import { numbersIn } from "../lib/program";
 import { sentence } from "../lib/said";
 import { roundStep } from "../lib/scale";
+import { unreadIn } from "../lib/schema";
 import { factors, position, positionIn, positionUnit } from "../lib/units";
 import { type Vector, add, fromFlange, norm, times } from "../lib/vector";
 import { ARM_ALONE } from "../scene/show";
@@ -22,7 +23,6 @@ import { type RunContext, usePostures } from "./run_context";
 import { VerdictCard } from "./verdict_card";
 
 const words = later.predict;
-const TYPED = "";
 
 interface PredictProps {
   context: RunContext;
@@ -42,50 +42,46 @@ interface Predicted {
   answer: DeflectionResult;
 }
 
+const rounded = (values: readonly number[], digits: number): number[] =>
+  values.map((value) => Number(value.toFixed(digits)));
+
+/** A case in degrees, mm and N. */
+interface Case extends Fields {
+  joints: number[];
+  force: Vector;
+  load_point: Vector;
+}
+
 function Form({ context: { run, set, robot }, result, postures }: PredictProps & { postures: Posture[] }) {
   const unit = factors(set.units);
   const kinds = robot.joints.map(({ kind }) => kind);
-  const anglesAt = (i: number) =>
-    typedOf(
-      set.observations[i]?.joints.map((value, j) =>
-        position(value * (kinds[j] === "prismatic" ? unit.length : unit.angle), kinds[j]),
-      ) ?? [],
-      3,
-    );
-  const forceAt = (i: number) => {
+  const point = (set.load_point ?? set.observations[0]?.load_point ?? [0, 0, 0]) as Vector;
+  const measured = (i: number): Partial<Case> => {
     const [observation, posture] = [set.observations[i], postures[i]];
-    return observation && posture ? typedOf(loadOf(set, observation, posture).force, 1) : "";
+    if (!observation || !posture) return {};
+    const shown = (value: number, j: number) =>
+      position(value * (kinds[j] === "prismatic" ? unit.length : unit.angle), kinds[j]);
+    const force = rounded(loadOf(set, observation, posture).force, 1) as unknown as Vector;
+    return { joints: rounded(observation.joints.map(shown), 3), force };
   };
   const [chosen, setChosen] = useState("0");
-  const [joints, setJoints] = useState(anglesAt(0));
-  const [force, setForce] = useState(forceAt(0));
-  const [place, setPlace] = useState(
-    typedOf(times((set.load_point ?? set.observations[0]?.load_point ?? [0, 0, 0]) as Vector, 1e3 * unit.length), 3),
-  );
+  const [asked, setAsked] = useState<Fields>({
+    load_point: rounded(times(point, 1e3 * unit.length), 3),
+    ...measured(0),
+  });
   const [found, setFound] = useState<Predicted | null>(null);
   const predict = useAction(async () => {
-    const vector = (typed: string): Vector => vectorIn(typed) ?? [0, 0, 0];
-    const [angles, load, point] = [numbersIn(joints) ?? [], vector(force), vector(place)] as const;
-    const answer = await api.predict({
-      run_id: run.id,
-      units: { length: "mm", angle: "deg", force: "N" },
-      load_point: point,
-      cases: [{ joints: angles, force: load }],
-    });
-    const [posture] = (
-      await api.kinematics({ robot_id: robot.id }, [angles.map((shown, j) => positionIn(shown, kinds[j]))])
-    ).postures;
+    const { joints, force, load_point: place } = asked as Case;
+    const units = { length: "mm", angle: "deg", force: "N" };
+    const answer = await api.predict({ run_id: run.id, units, cases: [asked] });
+    const angles = joints.map((shown, j) => positionIn(shown, kinds[j]));
+    const [posture] = (await api.kinematics({ robot_id: robot.id }, [angles])).postures;
     if (!posture) return;
-    const inBase = fromFlange(posture.flange_origin, posture.flange_axes, times(point, 1e-3));
-    setFound({ posture, point: inBase, force: load, answer });
+    const inBase = fromFlange(posture.flange_origin, posture.flange_axes, times(place, 1e-3));
+    setFound({ posture, point: inBase, force, answer });
   });
-  const choose = (value: string) => {
-    setChosen(value);
-    if (value === TYPED) return;
-    setJoints(anglesAt(Number(value)));
-    setForce(forceAt(Number(value)));
-  };
   const { deg, newton, mm } = text.units;
+  const ofJoints = kinds.includes("prismatic") ? kinds.map((kind) => positionUnit(kind).trim()).join(", ") : deg;
   return (
     <div class="flow">
       <section class="card form">
@@ -93,28 +89,23 @@ function Form({ context: { run, set, robot }, result, postures }: PredictProps &
         <Select
           label={words.posture}
           value={chosen}
-          change={choose}
-          options={[
-            ...set.observations.map(({ label }, i) => ({ value: String(i), label })),
-            { value: TYPED, label: words.typed },
-          ]}
-        />
-        <TextField
-          label={later.map.angles}
-          unit={kinds.includes("prismatic") ? kinds.map((kind) => positionUnit(kind).trim()).join(", ") : deg}
-          value={joints}
-          change={(typed) => {
-            setChosen(TYPED);
-            setJoints(typed);
+          change={(value) => {
+            setChosen(value);
+            setAsked({ ...asked, ...measured(Number(value)) });
           }}
-          aria-invalid={numbersIn(joints)?.length !== robot.joints.length}
+          options={set.observations.map(({ label }, i) => ({ value: String(i), label }))}
         />
-        <VectorField label={later.imports.labels.force} unit={newton} value={force} change={setForce} />
-        <VectorField label={words.place} unit={mm} value={place} change={setPlace} />
+        <SchemaFields
+          of="LoadCase"
+          show={["joints", "force", "load_point"]}
+          value={asked}
+          change={setAsked}
+          terms={{ labels: words.labels, units: { joints: [ofJoints, 1], force: [newton, 1], load_point: [mm, 1] } }}
+        />
         <ActionButton
           look="primary"
           action={predict}
-          disabled={numbersIn(joints) === null || !vectorIn(force) || !vectorIn(place)}
+          disabled={unreadIn(asked) !== null || !asked["joints"] || !asked["force"] || !asked["load_point"]}
         >
           {text.run.views.predict}
         </ActionButton>
