@@ -84,6 +84,21 @@ class TestClosedForms:
 
 
 class TestIndependently:
+    def test_an_interval_holds_the_profiles_walds_and_the_estimate(self):
+        rng, others = np.random.default_rng(4), 0
+        for _ in range(20):
+            R, centre = rng.standard_normal((6, 3)), rng.standard_normal(3)
+            found, value = likelihood(R, centre), np.maximum(centre, 0.0)
+            half = RADII[0] * np.sqrt(np.diag(np.linalg.inv(R.T @ R)))
+            wald = np.maximum(centre[:, None] + half[:, None] * [-1.0, 1.0], 0.0)
+            profile = ends_of(found, positive(3), RADII[0])[0]
+            ends = module.interval_ends(found, positive(3), np.eye(3), RADII[:1], value, by_profile=True)[0]
+            parts = np.stack([wald, profile, np.stack([value, value], axis=1)])
+            np.testing.assert_allclose(ends[:, 0], parts[..., 0].min(axis=0), atol=1e-12)
+            np.testing.assert_allclose(ends[:, 1], parts[..., 1].max(axis=0), atol=1e-12)
+            others += int((np.abs(profile - wald) > 1e-3).sum())
+        assert others > 10
+
     def test_an_end_that_is_not_certified_is_an_error(self, monkeypatch):
         monkeypatch.setattr(module, "MOST_ROUNDS", 0)
         with pytest.raises(SolverError, match="end of a confidence interval"):

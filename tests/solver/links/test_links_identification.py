@@ -233,6 +233,24 @@ def test_residuals_that_vanish_leave_a_threshold_of_a_millionth_of_the_mean_defl
     assert threshold == pytest.approx(1e-6 * model.threshold * mean / np.sqrt(2.0), rel=1e-6)  # of a reading
 
 
+def test_the_squares_that_stand_for_a_robust_loss_have_its_optimum(elastic):
+    robot, measurements = elastic
+    wrong = measurements.deflection.copy()
+    wrong[::7, 1] += [5e-4, 0.0, -5e-4]
+    spoilt, model = (
+        replace(measurements, deflection=wrong),
+        ElasticModel("joints_and_links", COLUMNS, "huber"),
+    )
+    robust = formulate(elastic_rows(robot, spoilt, COLUMNS), model, VISIBLE, spoilt.sigma)
+    solution, threshold = robust.fit(model, 1e-3, gap=1e-8)
+    compliances = robust.compliances(solution.x)
+    squares, weight = robust.companion(model, compliances, 1e-3, threshold)
+    alike = squares.fit(ElasticModel("joints_and_links", COLUMNS), weight, gap=1e-6)[0]
+    rows = rows_of(robot, spoilt)
+    moved = rows @ (squares.compliances(alike.x) - compliances)
+    assert np.abs(moved).max() < 0.02 * measurements.sigma
+
+
 def test_losses_are_compared_in_sets_of_few_targets(elastic):
     measurements = elastic[1]
     assert compared_losses(measurements, LOSSES) == LOSSES

@@ -66,6 +66,9 @@ def test_uncertain_masses_leave_intervals_that_hold_the_truth(uncertain):
     assert np.ptp(intervals(uncertain)[1]) / 2.0 <= 0.2 * ARM.compliances[1]
     assert uncertain.certificate.gap <= 1e-8
     assert not uncertain.reasons
+    for joint in uncertain.joints[1:]:
+        determined = joint.compliance_interval[0] > 0.0
+        assert (joint.status == "identified") == (joint.reason is None) == determined
 
 
 def test_the_first_joint_of_a_floor_mounted_arm_cannot_be_told(uncertain):
