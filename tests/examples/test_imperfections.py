@@ -9,12 +9,9 @@ from hypothesis import strategies as st
 from support.examples import examples
 
 from jointstiff.simulator import default_arm
-from jointstiff.simulator.campaign import LOAD_POINT, TARGETS, SpringArm, deflections, random_configurations
+from jointstiff.simulator.campaign import LOAD_POINT, TARGETS, random_configurations
 from jointstiff.simulator.elastic_links import beam_compliance
 from jointstiff.simulator.imperfections import (
-    angles_with_elastic_links,
-    misplaced,
-    with_elastic_links,
     with_link_errors,
 )
 from jointstiff.simulator.own_weight import Balancer, default_bodies, energy, sag
@@ -22,11 +19,6 @@ from jointstiff.simulator.own_weight import Balancer, default_bodies, energy, sa
 POINTS = np.array(list(TARGETS.values()))
 NO_MOMENT = np.zeros(3)
 ARM = default_arm()
-
-
-def moved(arm: SpringArm, joints, force) -> np.ndarray:
-    unloaded, loaded = deflections(arm, joints, force, NO_MOMENT, LOAD_POINT, POINTS)
-    return loaded - unloaded
 
 
 @given(st.floats(0, 0.05), st.floats(0, 0.1), st.integers(0, 10**6))
@@ -47,52 +39,6 @@ def test_another_seed_errs_in_another_direction():
     first, second = (with_link_errors(ARM, length=1e-3, angle=1e-3, seed=seed) for seed in (0, 1))
     assert np.abs(first.axis_points - second.axis_points).max() > 1e-4
     assert np.abs(first.axis_directions - second.axis_directions).max() > 1e-4
-
-
-@given(st.floats(0, 0.05), st.floats(0, 0.5), st.integers(0, 10**6))
-@examples(100)
-def test_a_misplaced_plate_stays_rigid(length, angle, seed):
-    wrong = misplaced(POINTS, length=length, angle=angle, seed=seed)
-    sides = [np.linalg.norm(points - np.roll(points, 1, axis=0), axis=1) for points in (POINTS, wrong)]
-    np.testing.assert_allclose(*sides, atol=1e-15)
-    origin = misplaced(np.zeros(3), length=length, angle=angle, seed=seed)
-    np.testing.assert_allclose(np.linalg.norm(origin), length, atol=1e-15)
-    # Turned by `angle`: the rotation that takes three independent vectors along has trace 1 + 2 cos.
-    rotation = misplaced(np.eye(3), length=length, angle=angle, seed=seed) - origin
-    np.testing.assert_allclose(np.trace(rotation), 1.0 + 2.0 * np.cos(angle), atol=1e-14)
-
-
-class TestElasticLinks:
-    joints = random_configurations(ARM, 5, seed=1)
-    force = np.array([300.0, -800.0, -1200.0])
-
-    def test_rigid_ones_change_nothing(self):
-        arm = with_elastic_links(ARM, np.full(6, np.inf))
-        np.testing.assert_allclose(
-            moved(arm, angles_with_elastic_links(self.joints), self.force),
-            moved(ARM, self.joints, self.force),
-            atol=1e-15,
-        )
-
-    def test_more_flexible_links_give_way_more(self):
-        angles = angles_with_elastic_links(self.joints)
-        work = [
-            (moved(with_elastic_links(ARM, np.full(6, k)), angles, self.force) @ self.force).mean()
-            for k in (1e7, 3e6, 1e6)
-        ]
-        assert work == sorted(work)
-        assert work[0] > (moved(ARM, self.joints, self.force) @ self.force).mean()
-
-    def test_angles_of_the_springs_are_zero(self):
-        angles = angles_with_elastic_links(self.joints).reshape(5, 6, 3)
-        np.testing.assert_array_equal(angles[..., 0], self.joints)
-        assert not angles[..., 1:].any()
-
-    @pytest.mark.parametrize("direction", np.eye(3))
-    def test_the_springs_lie_across_the_axis_and_each_other(self, direction):
-        arm = SpringArm(np.zeros((1, 3)), direction[None], np.eye(3), np.ones(3), np.ones(1))
-        axes = with_elastic_links(arm, [2.0]).axis_directions
-        np.testing.assert_allclose(axes @ axes.T, np.eye(3), atol=1e-15)
 
 
 def test_a_beam_bends_as_the_tables_say():

@@ -5,15 +5,14 @@ from __future__ import annotations
 import datetime
 import io
 import re
-import subprocess
-import sys
 import time
 import zipfile
-from pathlib import Path
 
+import openpyxl
 import pytest
 from support import importing_samples as samples
 from support.importing_samples import CAMPAIGN, points_of, read, values_of
+from support.memory import peak_of
 from support.workbooks import SHEET, bomb, repacked, rows_of_values, workbook
 
 from jointstiff.service.importing.errors import ImportFileError
@@ -271,12 +270,27 @@ def test_small_files_that_unpack_to_much_are_refused_at_once(cells, reason):
 @pytest.mark.slow
 @pytest.mark.process
 def test_a_sheet_at_the_limits_takes_little_memory():
-    """Measured in a process of its own, above what the program itself takes."""
-    program = Path(__file__).parents[2] / "support" / "importing_memory.py"
-    done = subprocess.run([sys.executable, program], capture_output=True, text=True, check=True)
-    readings, megabytes = map(float, done.stdout.split())
-    assert readings == 57_600
-    assert megabytes < 256
+    """A list of points, of nearly as many cells as a sheet may have, and the postures."""
+    book = openpyxl.Workbook(write_only=True)
+    sheet = book.create_sheet()
+    for number in range(3_600 * 16 * 2):
+        label, target = divmod(number // 2, 16)
+        name = f"c{label:04d}_P{target}_{'loaded' if number % 2 else 'unloaded'}"
+        sheet.append([name, *(number * factor % 9973 / 10_000 for factor in (7, 11, 13))])
+    output = io.BytesIO()
+    book.save(output)
+    rows = (f"c{label:04d};{label % 90};{label % 77};0;0;-100" for label in range(3_600))
+    joints = "\n".join(["label;J1 [deg];J2 [deg];Fx [N];Fy [N];Fz [N]", *rows])
+    files = ("points.xlsx", output.getvalue()), ("joints.csv", joints)
+
+    def imported():
+        answer = samples.answered(*files, units=samples.MM, accept_unusual=True)
+        assert answer.preview.reading_count == 57_600
+        assert answer.measurement_set is not None
+
+    peak, outcome = peak_of(imported)
+    assert outcome == "taken"
+    assert peak < 256
 
 
 def test_expanding_entities():

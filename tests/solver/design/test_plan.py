@@ -161,6 +161,11 @@ TURNED = Surroundings(link_radius=0.0, facing=dict.fromkeys(TARGETS, (0.0, 0.0, 
 CABLE = equipment("cable", anchors=[[-3.0, 0.0, 1.2]])
 
 
+def box_aside(distance):
+    """A box that far to the side of where the flange is at zero; the links have their default radius."""
+    return Surroundings(obstacles=[np.add(BOX, [0.0, distance, 0.0]).tolist()])
+
+
 class TestFeasibility:
     @pytest.mark.parametrize(
         ("reason", "tools", "cell", "degrees", "direction"),
@@ -170,14 +175,8 @@ class TestFeasibility:
             ("floor_or_box", equipment(), Surroundings(floor=3.0), 0, None),
             ("floor_or_box", equipment(), Surroundings(obstacles=[BOX.tolist()]), 0, None),
             ("floor_or_box", equipment(), Surroundings(inside=(BOX + 9.0).tolist()), 0, None),
-            (
-                "floor_or_box",
-                equipment(),
-                Surroundings(obstacles=[(BOX + [0.0, 0.2, 0.0]).tolist()]),
-                0,
-                None,
-            ),
-            (None, equipment(), Surroundings(obstacles=[(BOX + [0.0, 0.4, 0.0]).tolist()]), 0, None),
+            ("floor_or_box", equipment(), box_aside(0.2), 0, None),
+            (None, equipment(), box_aside(0.4), 0, None),
             ("line_of_sight", equipment(instrument=BEHIND), Surroundings(link_radius=0.15), 0, None),
             ("reflector_acceptance", equipment(instrument=BEHIND), TURNED, 0, None),
             ("cable", CABLE, Surroundings(link_radius=0.15), 0, [[-1.0, 0.0, -0.2]]),
