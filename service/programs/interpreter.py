@@ -93,9 +93,7 @@ class Machine:
         self.numerals = [Numerals.of(source.text, language.number) for source in sources]
         self.columns = Columns(kind, sources, self.numerals)
         self.written: dict[str, str] = {}  # names of frames as the program writes them
-        # source, line, first number and scope of each op
-        self._places: list[tuple[int, int, int, Scope]] = []
-        self._ops: list[Op] = []
+        self._ops, self._places = list[Op](), list[Place]()
         self._scopes, self._closed = [Scope("")], Scope("")
         self._initial: dict[str, Held] = {}  # what names have before the program runs
         self._steady: set[str] = set()  # those that no other program changes
@@ -156,23 +154,22 @@ class Machine:
         self, ops: Iterable[tuple[int, Op]], source: int, line: int, number: int, declares: str
     ) -> None:
         for below, op in ops:
+            if isinstance(op, ir.Flow):
+                self._enter(op)
             scope = self._scopes[-1]
+            place = Place(source, line + below, number, self.numerals[source].values, scope)
             if isinstance(op, ir.Use):
-                self._used.update((scope.name(name), line + below) for name in op.names)
+                self._used.update((scope.name(name), place.line) for name in op.names)
             elif isinstance(op, ir.Local):
                 scope.names.update(op.names if scope.routine else ())
             elif isinstance(op, ir.Assign) and (declares or op.declares):
-                place = Place(source, line + below, number, self.numerals[source].values, scope)
                 self._declare(place, op, op.declares or declares)
             elif not declares:
-                self._enter(op)
-                self._places.append((source, line + below, number, self._scopes[-1]))
+                self._places.append(place)
                 self._ops.append(op)
 
-    def _enter(self, op: Op) -> None:
+    def _enter(self, op: ir.Flow) -> None:
         """Enter the scope of a routine, or leave it."""
-        if not isinstance(op, ir.Flow):
-            return
         if op.kind in {"routine", "aside"}:  # a handler has no name: it knows those of its routine
             self._scopes.append(Scope(str(op.name)) if op.name else self._closed)
         elif op.kind in {"if", "loop", "repeat"}:
@@ -192,26 +189,22 @@ class Machine:
         if kind == "constant":
             self._steady.add(name)
 
-    def _place(self, i: int) -> Place:
-        source, line, first, scope = self._places[i]
-        return Place(source, line, first, self.numerals[source].values, scope)
-
     # what holds for all of the program
 
     def _collect(self) -> None:
         """Find what may change names at all; a name that is changed is not what it was at first."""
-        for i, op in enumerate(self._ops):
+        steps = list(zip(self._places, self._ops, strict=True))
+        for place, op in steps:
             if isinstance(op, ir.Assign):
-                place = self._place(i)
                 name = place.name(op.name)
                 if "." in name:
                     self._parts[_whole(name)].add(name)
                 self._changes[name].append(place.cause(f"it gets numbers on line {place.line}"))
-        for i, op in enumerate(self._ops):
+        for place, op in steps:
             if isinstance(op, ir.Havoc):
-                self._collect_havoc(self._place(i), op)
+                self._collect_havoc(place, op)
             elif isinstance(op, ir.Call) and not (op.quiet and op.name not in self._ways.begins):
-                self._collect_call(self._place(i), op)
+                self._collect_call(place, op)
         self._summarise()
         for name in self._ways.aside:
             self._anytime.update(self._changed[name])
@@ -262,7 +255,7 @@ class Machine:
                 self._step(state, i)
             for name, (held, line) in state.items():
                 reason = f"{name} changes while the program runs"
-                cause = Cause(line, reason, "give it once, in numbers", self._places[i][0])
+                cause = Cause(line, reason, "give it once, in numbers", self._places[i].source)
                 self._changed[routine][name] = held if isinstance(held, Cause) else cause
         waiting = [*self._changed]
         while waiting:
@@ -366,7 +359,7 @@ class Machine:
 
     def _step(self, state: State, i: int) -> None:
         """Carry out an assignment, or what is not known."""
-        op, place = self._ops[i], self._place(i)
+        op, place = self._ops[i], self._places[i]
         if isinstance(op, ir.Assign):
             name = place.name(op.name)
             state[name] = self._value(place, name, op.value, state), place.line
@@ -445,14 +438,14 @@ class Machine:
             ProgramError: the text is not understood, or nothing of it is certain.
         """
         names = [
-            self._place(i).name(op.name) if isinstance(op, ir.Flow) else "" for i, op in enumerate(self._ops)
+            self._places[i].name(op.name) if isinstance(op, ir.Flow) else "" for i, op in enumerate(self._ops)
         ]
         try:
             self._ways = Ways(self._ops, names)
         except Stray as fault:
-            source, line, *_ = self._places[fault.place]
-            self.refuse(line, fault.reason, fault.remedy, source)
-        self._places += [(0, 0, 0, Scope(""))] * (len(self._ops) - len(self._places))
+            place = self._places[fault.place]
+            self.refuse(place.line, fault.reason, fault.remedy, place.source)
+        self._places += self._places[-1:] * (len(self._ops) - len(self._places))
         self._collect()
         self._enter_routines()
         acts = [i for i, op in enumerate(self._ops) if not isinstance(op, ir.Move | ir.Keep)]
@@ -465,7 +458,7 @@ class Machine:
 
     def _judge(self, op: ir.Move | ir.Keep, i: int, state: State | None) -> None:
         """Tell the columns what is known of a move: targets, frames, and why it is left."""
-        place = self._place(i)
+        place = self._places[i]
         if isinstance(op, ir.Keep):
             text = f"a move to {op.name}, a position stored in the controller"
             self.columns.remark(place.line, text, op.name)

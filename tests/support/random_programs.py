@@ -223,6 +223,7 @@ KRL_STATEMENTS = [
     lambda d: f"P{d.randint(1, 6)}={krl_pose(d)}",
     lambda d: f"P{d.randint(3, 6)}.X={x_of(d)}",
     lambda d: f"P{d.randint(3, 6)}=P{d.randint(1, 4)}",
+    lambda d: f"P{d.randint(5, 6)}={{X P{d.randint(1, 4)}.X,Y 2,Z 3,A 0,B 0,C 0}}",
     *[lambda d: f"$BASE=BASE_DATA[{d.randint(0, 3)}]"] * 3,
     *[lambda d: f"$TOOL=TOOL_DATA[{d.randint(0, 3)}]"] * 3,
     lambda d: f"$BASE={krl_pose(d)}",
@@ -273,8 +274,8 @@ def krl_act(cell, number, text, call):
     points, active = cell.points, cell.active
 
     def value(ref):
-        if ref.startswith("{"):
-            return float(re.search(rf"X ({NUMBER})", ref)[1])
+        if match := re.match(rf"\{{X (?:({NUMBER})|(\w+)\.X)", ref):
+            return float(match[1]) if match[1] else value(match[2])
         return 0.0 if ref in {"$NULLFRAME", "BASE_DATA[0]", "TOOL_DATA[0]"} else cell.value(ref)
 
     if match := re.fullmatch(r"DECL E6POS (P\d)", text):
