@@ -194,39 +194,6 @@ def _whole(fields: _Fields, others: tuple[int, ...]) -> Literal:
 _POINTS: Final = ir.Language(
     comment=r":[^:\[\]\r\n]*+(?=\])", text=r"(?!)", folded=False, rules=((r"(?s)[\s\S]*", _position),)
 )
-LANGUAGE: Final = ir.Language(
-    # what stands behind a number in brackets
-    comment=r":[^:\[\]\r\n]*+(?=\])|(?<=MESSAGE)\[[^\[\]\r\n]*+\]",
-    blank=r" ?;?:|^[ ;]+|[ ;]+$",
-    text=r"'[^'\r\n]*+'",
-    word=r"[$]?[^\W\d]\w*+",
-    folded=False,
-    operators="AND|OR|NOT|DIV|MOD",
-    reserved="JMP|CALL|RUN|LBL|IF|THEN|ELSE|ENDIF|FOR|TO|DOWNTO|ENDFOR|SELECT|INC|OFFSET|Offset|Skip|SKIP|VOFFSET|TOOL_OFFSET"
-    r"|P(?=\[)",
-    functions="WAIT|ABS|SQRT|SIN|COS|TAN|LN|EXP|ROUND|TRUNC|ATAN2|ASIN|ACOS|MOD",
-    motion=r"(?<![\w$.\[])[JLCAS]\s++PR?\s*+\[",
-    remedy=_REMEDY,
-    active={"UFRAME_NUM": "active UFRAME_NUM", "UTOOL_NUM": "active UTOOL_NUM"},
-    constants={"UF 0": np.eye(4), "UT 0": np.eye(4)},  # the robot's own frames: its base and its flange
-    is_frame=lambda name: name.startswith(("UF ", "UT ")),
-    rules=(
-        (r"(?P<letter>[JLCAS]) P\[\0\] ?(?P<second>P\[\0\] ?)?(?P<tail>.*)", _move),
-        (r"(?P<kind>UFRAME_NUM|UTOOL_NUM|\$MNUFRAMENUM\[\0\]|\$MNUTOOLNUM\[\0\])=(?P<number>\0)", _frame),
-        (r"IF ?(.+?) ?THEN", "if"),
-        (r"FOR R\[\0\]=(.+?)(?: TO| DOWNTO) ?(.+)", "loop"),
-        (r"ELSE", "turn"),
-        (r"ENDIF|ENDFOR", "close"),
-        (r"LBL ?\[(?P<name>\0)\]", lambda line: [ir.Flow("label", ("%s", line.number("name")))]),
-        (r"(?:WAIT ?(.+?) ?TIMEOUT,|JMP )LBL ?\[(?P<label>.*)\]", _jump),
-        (rf"(?:IF ?(.+?)|SELECT ?(?P<which>.+?)|=(.+?)|ELSE),{_LOGIC}", _leads),
-        (r"(?:CALL|RUN|MONITOR) (?P<name>\w++)(?:\((.*)\))?", lambda line: [ir.Call(line["name"])]),
-        (_QUIET, _quiet),
-        (r".*(?:UFRAME|UTOOL).*", _computed),
-        (r"P\[\0(?:,\0)?\]=.*", _changed),
-        (r"(?:(?!(?<!\w)P\[).)*P\[[^=]*=.*", lambda _: [ir.Call("P[...]", attached=True)]),
-    ),
-)
 _ORDER: Final = ("PROG", "ATTR", "APPL", "MN", "POS", "END")
 _SECTION: Final = re.compile(r"/(PROG|ATTR|APPL|MN|POS|END)\b.*+")
 _LINE: Final = re.compile(r"\s*+(\d*+)\s*+:")
@@ -288,3 +255,43 @@ def _positions(machine: Machine, source: Source, place: int, end: int) -> list[t
             machine.refuse(source.line(match.start()), reason, _AGAIN)
         spans.append(match.span())
     return spans
+
+
+LANGUAGE: Final = ir.Language(
+    suffixes=".ls",
+    pose=POSE,
+    remark="    :  !",
+    head="/MN",
+    read=read_fanuc,
+    # what stands behind a number in brackets
+    comment=r":[^:\[\]\r\n]*+(?=\])|(?<=MESSAGE)\[[^\[\]\r\n]*+\]",
+    blank=r" ?;?:|^[ ;]+|[ ;]+$",
+    text=r"'[^'\r\n]*+'",
+    word=r"[$]?[^\W\d]\w*+",
+    folded=False,
+    operators="AND|OR|NOT|DIV|MOD",
+    reserved="JMP|CALL|RUN|LBL|IF|THEN|ELSE|ENDIF|FOR|TO|DOWNTO|ENDFOR|SELECT|INC|OFFSET|Offset|Skip|SKIP|VOFFSET|TOOL_OFFSET"
+    r"|P(?=\[)",
+    functions="WAIT|ABS|SQRT|SIN|COS|TAN|LN|EXP|ROUND|TRUNC|ATAN2|ASIN|ACOS|MOD",
+    motion=r"(?<![\w$.\[])[JLCAS]\s++PR?\s*+\[",
+    remedy=_REMEDY,
+    active={"UFRAME_NUM": "active UFRAME_NUM", "UTOOL_NUM": "active UTOOL_NUM"},
+    constants={"UF 0": np.eye(4), "UT 0": np.eye(4)},  # the robot's own frames: its base and its flange
+    is_frame=lambda name: name.startswith(("UF ", "UT ")),
+    rules=(
+        (r"(?P<letter>[JLCAS]) P\[\0\] ?(?P<second>P\[\0\] ?)?(?P<tail>.*)", _move),
+        (r"(?P<kind>UFRAME_NUM|UTOOL_NUM|\$MNUFRAMENUM\[\0\]|\$MNUTOOLNUM\[\0\])=(?P<number>\0)", _frame),
+        (r"IF ?(.+?) ?THEN", "if"),
+        (r"FOR R\[\0\]=(.+?)(?: TO| DOWNTO) ?(.+)", "loop"),
+        (r"ELSE", "turn"),
+        (r"ENDIF|ENDFOR", "close"),
+        (r"LBL ?\[(?P<name>\0)\]", lambda line: [ir.Flow("label", ("%s", line.number("name")))]),
+        (r"(?:WAIT ?(.+?) ?TIMEOUT,|JMP )LBL ?\[(?P<label>.*)\]", _jump),
+        (rf"(?:IF ?(.+?)|SELECT ?(?P<which>.+?)|=(.+?)|ELSE),{_LOGIC}", _leads),
+        (r"(?:CALL|RUN|MONITOR) (?P<name>\w++)(?:\((.*)\))?", lambda line: [ir.Call(line["name"])]),
+        (_QUIET, _quiet),
+        (r".*(?:UFRAME|UTOOL).*", _computed),
+        (r"P\[\0(?:,\0)?\]=.*", _changed),
+        (r"(?:(?!(?<!\w)P\[).)*P\[[^=]*=.*", lambda _: [ir.Call("P[...]", attached=True)]),
+    ),
+)

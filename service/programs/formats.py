@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from datetime import date
 from pathlib import PurePath
 from types import MappingProxyType
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 
@@ -28,31 +28,13 @@ MARK: Final = "Jointstiff run "
 """Text by which a mark is known: a comment that keeps a compensated program from a second correction."""
 
 
-class _Format(NamedTuple):
-    read: Callable[[Machine, tuple[Source, ...]], None]
-    language: Language
-    suffixes: str
-    pose: Notation | None  # in which its users write frames; None for that of the program
-    comment: str = "#"
-    head: str = ""  # pattern of the beginning of the line behind which the mark stands; else it is the first
-
-
-FORMATS: Final[Mapping[str, _Format]] = MappingProxyType(
+FORMATS: Final[Mapping[str, Language]] = MappingProxyType(
     {
-        "csv": _Format(table.read_table, table.LANGUAGE, ".csv", None),
-        "krl": _Format(
-            krl.read_krl,
-            krl.LANGUAGE,
-            ".src .dat",
-            krl.POSE,
-            ";",
-            r"[ \t]*+(?i:(?:GLOBAL[ \t]++)?DEF(?:FCT)?\b)",
-        ),
-        "fanuc": _Format(fanuc.read_fanuc, fanuc.LANGUAGE, ".ls", fanuc.POSE, "    :  !", "/MN"),
-        "rapid": _Format(
-            rapid.read_rapid, rapid.LANGUAGE, ".mod .prg .modx", rapid.POSE, "!", r"[ \t]*+(?i:MODULE\b)"
-        ),
-        "ur": _Format(ur.read_ur, ur.LANGUAGE, ".script .urscript", ur.POSE),
+        "csv": table.LANGUAGE,
+        "krl": krl.LANGUAGE,
+        "fanuc": fanuc.LANGUAGE,
+        "rapid": rapid.LANGUAGE,
+        "ur": ur.LANGUAGE,
     }
 )
 
@@ -93,11 +75,8 @@ def read_program(
     ordered = sorted(files, key=lambda file: file[0].lower().endswith(".dat"))  # moves are of the first file
     sources = tuple(_source(name, content) for name, content in ordered)
     commas = chosen == "csv" and has_decimal_commas(sources[0].text)
-    machine = Machine(
-        chosen, sources, table.DECIMAL_COMMAS if commas else FORMATS[chosen].language, leave_alone
-    )
-    FORMATS[chosen].read(machine, sources)
-    program = machine.program()
+    language = table.DECIMAL_COMMAS if commas else FORMATS[chosen]
+    program = Machine(chosen, sources, language, leave_alone).program()
     if program.faults and not leave_others:
         raise ProgramError(program.faults, left=program.left)
     return program
@@ -186,9 +165,9 @@ def marked(
         [f"{moves - left} of {moves} corrected", f"{left} moves left"] if left and kind == "fanuc" else []
     )
     if kind == "fanuc":
-        lines = [f"{known.comment}{each} ;" for each in (f"{MARK}{run_id[:8]}", *words)]
+        lines = [f"{known.remark}{each} ;" for each in (f"{MARK}{run_id[:8]}", *words)]
     else:
-        lines = [f"{known.comment} {MARK}{run_id} {', '.join(words)}"]
+        lines = [f"{known.remark} {MARK}{run_id} {', '.join(words)}"]
     mark = "".join(line + end for line in lines).encode("ascii", "replace")
     line = rf"^{known.head}[^\r\n]*+(?:\r\n|\n|\r)".encode()
     head = re.search(line, content, re.MULTILINE) if known.head else None

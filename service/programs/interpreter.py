@@ -432,11 +432,15 @@ class Machine:
     # judgement
 
     def program(self) -> Program:
-        """Interpret the program; return what of it is certain, and what is left.
+        """Read and interpret the program; return what of it is certain, and what is left.
 
         Raises:
             ProgramError: the text is not understood, or nothing of it is certain.
         """
+        if self._language.read:
+            self._language.read(self, self.sources)
+        else:
+            self.add(0, self.sources[0].starts, self.sources[0].ends)
         names = [
             self._places[i].name(op.name) if isinstance(op, ir.Flow) else "" for i, op in enumerate(self._ops)
         ]

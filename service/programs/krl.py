@@ -237,7 +237,30 @@ def _bas(line: Line) -> list[Op]:
     return [*line.expression(argument), *_BAS[which]]
 
 
+def read_krl(machine: Machine, sources: tuple[Source, ...]) -> None:
+    """Read a .src, and the .dat files beside it."""
+    main = re.search(
+        rf"(?im)^[ \t]*+(?:GLOBAL[ \t]++)?DEF(?:FCT[ \t]++\w++)?[ \t]++({_NAME})", sources[0].text
+    )
+    for index, source in enumerate(sources):
+        is_config = source.name.lower().endswith("config.dat")
+        head = rf"(?im)^[ \t]*+DEFDAT[ \t]++({_NAME})([ \t]++PUBLIC\b)?"
+        data = re.search(head, source.text) if index else None
+        if main and data and not is_config and data[1].upper() != main[1].upper():
+            reason, remedy = f"it declares data of {data[1]}, not of {main[1]}", "send the .dat of the .src"
+            machine.refuse(source.line(data.start()), reason, remedy, index)
+        declares = source.name.lower().endswith(".dat") and len(sources) > 1
+        # no other program changes a .dat that is not public
+        kind = "shared" if is_config else "variable" if data and data[2] else "constant"
+        machine.add(index, source.starts, source.ends, declares=kind if declares else "")
+
+
 LANGUAGE: Final = ir.Language(
+    suffixes=".src .dat",
+    pose=POSE,
+    remark=";",
+    head=r"[ \t]*+(?i:(?:GLOBAL[ \t]++)?DEF(?:FCT)?\b)",
+    read=read_krl,
     comment=r";[^\r\n]*+|(?<![^\r\n])&[^\r\n]*+",
     text=r"\"[^\"\r\n]*+\"|#\w++|'[HD][0-9A-F]++'",
     word=r"\$?[^\W\d]\w*+",
@@ -308,21 +331,3 @@ LANGUAGE: Final = ir.Language(
         ),
     ),
 )
-
-
-def read_krl(machine: Machine, sources: tuple[Source, ...]) -> None:
-    """Read a .src, and the .dat files beside it."""
-    main = re.search(
-        rf"(?im)^[ \t]*+(?:GLOBAL[ \t]++)?DEF(?:FCT[ \t]++\w++)?[ \t]++({_NAME})", sources[0].text
-    )
-    for index, source in enumerate(sources):
-        is_config = source.name.lower().endswith("config.dat")
-        head = rf"(?im)^[ \t]*+DEFDAT[ \t]++({_NAME})([ \t]++PUBLIC\b)?"
-        data = re.search(head, source.text) if index else None
-        if main and data and not is_config and data[1].upper() != main[1].upper():
-            reason, remedy = f"it declares data of {data[1]}, not of {main[1]}", "send the .dat of the .src"
-            machine.refuse(source.line(data.start()), reason, remedy, index)
-        declares = source.name.lower().endswith(".dat") and len(sources) > 1
-        # no other program changes a .dat that is not public
-        kind = "shared" if is_config else "variable" if data and data[2] else "constant"
-        machine.add(index, source.starts, source.ends, declares=kind if declares else "")

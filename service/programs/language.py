@@ -12,10 +12,11 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import accumulate
-from typing import Final, NamedTuple, TypeAlias
+from typing import Any, Final, NamedTuple, TypeAlias
 
 from jointstiff.service.programs.errors import CONSTANT, shown
-from jointstiff.service.programs.program import Literal, Motion
+from jointstiff.service.programs.notation import Notation
+from jointstiff.service.programs.program import Literal, Motion, Source
 from jointstiff.solver.arrays import FloatArray
 
 _FRACTION: Final = r"(?:\.\d{0,20}+)?"
@@ -193,6 +194,11 @@ class Language:
     constants: Mapping[str, FloatArray] = field(default_factory=dict)  # frames that no program changes
     is_frame: Callable[[str], bool] = lambda _: False  # names of frames that have numbers elsewhere
     callers: bool = False  # whether other programs may call each of the routines
+    suffixes: str = ""  # of the names of its files
+    pose: Notation | None = None  # in which its users write frames; None for that of the program
+    remark: str = "#"  # begin of a remark
+    head: str = ""  # pattern of the beginning of the line behind which a mark stands; else it is the first
+    read: Callable[[Any, tuple[Source, ...]], None] | None = None  # how the files of a machine are divided
 
     @cached_property
     def numbers(self) -> re.Pattern[str]:

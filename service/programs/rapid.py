@@ -202,7 +202,44 @@ def _arguments(line: Line, start: int) -> tuple[list[tuple[int, int]], str, list
     return spans, frame, found
 
 
+_ENDS: Final = re.compile(
+    r"\"[^\"\r\n]*+\"|![^\r\n]*+|%%%[^%;!]*+%%%|(?i:(;|:(?!=)"
+    r"|\b(?:THEN|DO|ELSE|END(?:IF|FOR|WHILE|TEST|PROC|FUNC|TRAP|MODULE|RECORD))\b"
+    r"|(?<![\w\\.])(?:ERROR|UNDO|BACKWARD)\b(?!\s*+:?=)(?:\s*+\([^()]*\))?"
+    r"|\b(?:PROC|FUNC\s++\w++)\s++\w++\s*+\([^()]*\)|\bTRAP\s++\w++|\bMODULE\s++\w++(?:\s*+\([^()]*\))?))"
+)
+"""The end of a statement, and texts and comments, in which there is none."""
+_FRAMES: Final = re.compile(
+    rf"\b(?:tooldata|wobjdata)\s++({_WORD})|,\s*+({_WORD})\s*+\\\s*+WObj\s*+:=\s*+({_WORD})|,\s*+({_WORD})\s*+[;\\]",
+    re.IGNORECASE,
+)
+
+
+def read_rapid(machine: Machine, sources: tuple[Source, ...]) -> None:
+    """Read a module."""
+    text, place = sources[0].text, 0
+    for again in list(re.finditer(r"(?im)^[ \t]*+MODULE\b", text))[1:]:
+        machine.refuse(sources[0].line(again.start()), "a second module", "send one module")
+    starts, ends = [], []
+    for end in (*(match.end() for match in _ENDS.finditer(text) if match[1]), len(text)):
+        start = end - len(text[place:end].lstrip())
+        if start < end:
+            starts.append(start)
+            ends.append(end)
+        place = end
+    machine.written.update(WOBJ0="wobj0", TOOL0="tool0")
+    for match in _FRAMES.finditer(text):
+        for name in filter(None, match.groups()):
+            machine.written.setdefault(name.upper(), name)
+    machine.add(0, np.array(starts, dtype=np.intp), np.array(ends, dtype=np.intp))
+
+
 LANGUAGE: Final = ir.Language(
+    suffixes=".mod .prg .modx",
+    pose=POSE,
+    remark="!",
+    head=r"[ \t]*+(?i:MODULE\b)",
+    read=read_rapid,
     comment=r"![^\r\n]*+|(?<![^\r\n])%%%\s*+(?:(?:VERSION|LANGUAGE)\s*+:\s*+[\w\0]++\s*+)*%%%|;",
     text=r'"[^"\r\n]*+"(?:"[^"\r\n]*+")*',
     operators="AND|OR|XOR|NOT|DIV|MOD",
@@ -256,33 +293,3 @@ LANGUAGE: Final = ir.Language(
         (rf"(?P<name>{_WORD}) ?(?P<arguments>.*)", _other),
     ),
 )
-_ENDS: Final = re.compile(
-    r"\"[^\"\r\n]*+\"|![^\r\n]*+|%%%[^%;!]*+%%%|(?i:(;|:(?!=)"
-    r"|\b(?:THEN|DO|ELSE|END(?:IF|FOR|WHILE|TEST|PROC|FUNC|TRAP|MODULE|RECORD))\b"
-    r"|(?<![\w\\.])(?:ERROR|UNDO|BACKWARD)\b(?!\s*+:?=)(?:\s*+\([^()]*\))?"
-    r"|\b(?:PROC|FUNC\s++\w++)\s++\w++\s*+\([^()]*\)|\bTRAP\s++\w++|\bMODULE\s++\w++(?:\s*+\([^()]*\))?))"
-)
-"""The end of a statement, and texts and comments, in which there is none."""
-_FRAMES: Final = re.compile(
-    rf"\b(?:tooldata|wobjdata)\s++({_WORD})|,\s*+({_WORD})\s*+\\\s*+WObj\s*+:=\s*+({_WORD})|,\s*+({_WORD})\s*+[;\\]",
-    re.IGNORECASE,
-)
-
-
-def read_rapid(machine: Machine, sources: tuple[Source, ...]) -> None:
-    """Read a module."""
-    text, place = sources[0].text, 0
-    for again in list(re.finditer(r"(?im)^[ \t]*+MODULE\b", text))[1:]:
-        machine.refuse(sources[0].line(again.start()), "a second module", "send one module")
-    starts, ends = [], []
-    for end in (*(match.end() for match in _ENDS.finditer(text) if match[1]), len(text)):
-        start = end - len(text[place:end].lstrip())
-        if start < end:
-            starts.append(start)
-            ends.append(end)
-        place = end
-    machine.written.update(WOBJ0="wobj0", TOOL0="tool0")
-    for match in _FRAMES.finditer(text):
-        for name in filter(None, match.groups()):
-            machine.written.setdefault(name.upper(), name)
-    machine.add(0, np.array(starts, dtype=np.intp), np.array(ends, dtype=np.intp))

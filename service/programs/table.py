@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -130,5 +131,5 @@ def _numbers(
     return tuple(numbers), None
 
 
-LANGUAGE: Final = Language(comment=r"(?!)")
-DECIMAL_COMMAS: Final = Language(comment=r"(?!)", number=NUMBER.replace(r"\.", ",").replace("-.", "-,"))
+LANGUAGE: Final = Language(comment=r"(?!)", suffixes=".csv", read=read_table)
+DECIMAL_COMMAS: Final = replace(LANGUAGE, number=NUMBER.replace(r"\.", ",").replace("-.", "-,"))

@@ -8,10 +8,9 @@ from typing import Final
 import numpy as np
 
 from jointstiff.service.programs import language as ir
-from jointstiff.service.programs.interpreter import Machine
 from jointstiff.service.programs.language import Line, Misread, Op, parts
 from jointstiff.service.programs.notation import Notation, Orientation
-from jointstiff.service.programs.program import Literal, Motion, Source
+from jointstiff.service.programs.program import Literal, Motion
 
 POSE: Final = Notation(Orientation.ROTATION_VECTOR, length=1, angle=1, length_decimals=7, angle_decimals=7)
 JOINTS: Final = Notation(Orientation.JOINTS, length=1, angle=1, length_decimals=7, angle_decimals=7)
@@ -142,6 +141,8 @@ def _target(line: Line, start: int, end: int, found: list[Op]) -> tuple[Literal 
 
 
 LANGUAGE: Final = ir.Language(
+    suffixes=".script .urscript",
+    pose=POSE,
     comment=r"#[^\r\n]*+",
     folded=False,
     operators="and|or|xor|not|run",
@@ -175,8 +176,3 @@ LANGUAGE: Final = ir.Language(
         ),
     ),
 )
-
-
-def read_ur(machine: Machine, sources: tuple[Source, ...]) -> None:
-    """Read a script."""
-    machine.add(0, sources[0].starts, sources[0].ends)
