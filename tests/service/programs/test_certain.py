@@ -68,7 +68,6 @@ def test_krl_data_of_another_program_are_refused():
 
 
 RAPID = [
-    # local data of one name
     (f"PROC a()\nVAR robtarget p1:={ROB};\nMoveL p1,v1,z1,t1;\nENDPROC\nPROC b()\nCONST robtarget p1:={ROB};\nMoveL p1,v1,z1,t1;\nENDPROC", [5, 9], []),
     (f"PROC a()\nVAR robtarget p1:={ROB};\nMoveL p1,v1,z1,t1;\np1:=CRobT();\nENDPROC\nPROC b()\nCONST robtarget p1:={ROB};\nMoveL p1,v1,z1,t1;\nENDPROC", [10], [5]),
     (f"PROC a()\nVAR robtarget p1:={ROB};\nMoveL p1,v1,z1,t1;\nERROR\np1.trans.x:=5;\nRETRY;\nENDPROC", [], [5]),
@@ -108,12 +107,8 @@ UR = [
     ("movec(pose_to=p[1,0,0,0,0,0], pose_via=p[2,0,0,0,0,0])\nmovel(p[1,0,0,0,0,0])", [4], [3]),
     ("movec(pose_via=p[1,0,0,0,0,0], pose_to=p[2,0,0,0,0,0], a=1)\nmovej(q=[1,2,3,4,5,6])", [3, 4], []),
     ("movej(get_inverse_kin(p[1,0,0,0,0,0], tcp=p[0,0,0,0,0,0]))\nmovel(p[1,0,0,0,0,0])", [4], [3]),
-    (
-        "movej(get_inverse_kin(p[1,0,0,0,0,0], [0,0,0,0,0,0], 0.1, 0.1, p[0,0,0,0,0,0]))\nmovel(p[1,0,0,0,0,0])",
-        [4],
-        [3],
-    ),
-]
+    ("movej(get_inverse_kin(p[1,0,0,0,0,0], [0,0,0,0,0,0], 0.1, 0.1, p[0,0,0,0,0,0]))\nmovel(p[1,0,0,0,0,0])", [4], [3]),
+]  # fmt: skip
 
 
 @pytest.mark.parametrize(("text", "done", "left"), UR)

@@ -1,3 +1,4 @@
+# one case a line
 """Compensated programs beside springs that balance a load exactly, in every format."""
 
 from __future__ import annotations
@@ -168,26 +169,19 @@ def test_the_table_has_a_row_a_point():
     assert float(rows[0]["residual [mm]"]) > 1.0
 
 
-@pytest.mark.parametrize(
-    ("changes", "where", "words"),
-    [
-        ({"accuracy_option": "compensates_load"}, "accuracy_option", "twice"),
-        ({"tools": []}, "tools", "TOOL_DATA"),
-        ({"tools": [{"name": "TOOL_DATA[7]", "values": FRAMES["krl"][0]}]}, "tools", "TOOL_DATA"),
-        ({"tools": [{"values": [0.0] * 7}]}, "tools[0].values", "6 numbers"),
-        ({"start": None}, "'path.src', line 7", "configuration"),
-        ({"start": [0.0]}, "start", "1 joint angles"),
-        ({"bases": [{"values": [9e3, 0, 0, 0, 0, 0]}]}, "'path.src', line 7", "reach"),
-        (
-            {"load": None, "segments": [{"first_line": 1, "last_line": 2, "force": FORCE}]},
-            "segments",
-            "no move",
-        ),
-        ({"loads": "a.csv", "load": None}, "loads", "this file was not sent"),
-        ({"load": {"force": (0, 0, 0), "moment": (1, 0, 0)}}, "units.moment", "moment"),
-        ({"load": {"force": (0, 0, 1e9)}}, "'path.src', line 7", "balance"),
-    ],
-)
+@pytest.mark.parametrize(("changes", "where", "words"), [
+    ({"accuracy_option": "compensates_load"}, "accuracy_option", "twice"),
+    ({"tools": []}, "tools", "TOOL_DATA"),
+    ({"tools": [{"name": "TOOL_DATA[7]", "values": FRAMES["krl"][0]}]}, "tools", "TOOL_DATA"),
+    ({"tools": [{"values": [0.0] * 7}]}, "tools[0].values", "6 numbers"),
+    ({"start": None}, "'path.src', line 7", "configuration"),
+    ({"start": [0.0]}, "start", "1 joint angles"),
+    ({"bases": [{"values": [9e3, 0, 0, 0, 0, 0]}]}, "'path.src', line 7", "reach"),
+    ({"load": None, "segments": [{"first_line": 1, "last_line": 2, "force": FORCE}]}, "segments", "no move"),
+    ({"loads": "a.csv", "load": None}, "loads", "this file was not sent"),
+    ({"load": {"force": (0, 0, 0), "moment": (1, 0, 0)}}, "units.moment", "moment"),
+    ({"load": {"force": (0, 0, 1e9)}}, "'path.src', line 7", "balance"),
+])  # fmt: skip
 def test_what_is_missing_or_impossible_is_refused(changes, where, words):
     text = program_text("krl", tool_poses(path(5)), 4)
     with pytest.raises(RequestError) as caught:

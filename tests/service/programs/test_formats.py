@@ -1,3 +1,4 @@
+# ruff: noqa: E501  # one case a line
 """Robot programs: what is understood, what is refused by line, and that rewriting changes numbers only."""
 
 from __future__ import annotations
@@ -197,7 +198,7 @@ def test_ur_frames_of_pose_trans():
         ),
         (
             "a.mod",
-            "MODULE a\nPROC main()\nMoveL [[1,2,3],[0,0,0,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]],v10,fine,tool0;\nENDPROC\nENDMODULE",  # noqa: E501
+            "MODULE a\nPROC main()\nMoveL [[1,2,3],[0,0,0,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]],v10,fine,tool0;\nENDPROC\nENDMODULE",
             3,
             "quaternion",
         ),
@@ -294,7 +295,7 @@ LITERAL = "[[1,2,3],[1,0,0,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]]"
         ("a.src", f"DEF a()\n{POINT}\nLIN P1\nP1={{X 9,Y 2,Z 3,A 0,B 0,C 0}}\nEND", 3),
         ("a.src", f"DEF a()\n{POINT}\nLIN P1\nmove(P1)\nEND\nDEF move(p:OUT)\nEND", 3),
         ("a.script", "p1 = p[1,2,3,0,0,0]\ndef f(p1):\n  movel(p1)\nend\n", 3),
-        ("a.mod", f"MODULE a\nCONST robtarget p1:={LITERAL};\nPROC f(robtarget p1)\nMoveL p1,v10,fine,tool0;\nENDPROC\nENDMODULE", 4),  # noqa: E501
+        ("a.mod", f"MODULE a\nCONST robtarget p1:={LITERAL};\nPROC f(robtarget p1)\nMoveL p1,v10,fine,tool0;\nENDPROC\nENDMODULE", 4),
     ],
 )  # fmt: skip
 def test_what_the_program_changes_is_no_target(name, content, line):
@@ -305,41 +306,23 @@ FREE_FRAMES = "$TOOL=TOOL_DATA[1]\n$BASE=BASE_DATA[1]"
 LIN = "LIN {X 1,Y 2,Z 3,A 0,B 0,C 0}"
 
 
-@pytest.mark.parametrize(
-    ("name", "content", "line"),
-    [
-        (
-            "a.src",
-            f"DEF a()\n{FREE_FRAMES}\nIF x THEN\ns()\nENDIF\n{LIN}\nEND\nDEF s()\n$BASE=BASE_DATA[2]\nEND",
-            10,
-        ),
-        (
-            "a.src",
-            f"DEF a()\n{FREE_FRAMES}\nLOOP\n{LIN}\ns()\nENDLOOP\nEND\nDEF s()\n$BASE=BASE_DATA[2]\nEND",
-            10,
-        ),
-        ("a.src", f"DEF a()\n{FREE_FRAMES}\ns()\n$BASE=BASE_DATA[2]\ns()\nEND\nDEF s()\n{LIN}\nEND", 5),
-        ("a.src", f"DEF a()\n{LIN}\nEND\nDEF s()\n{LIN}\nEND", 5),
-        ("a.script", "def a():\n  movel(p[1,2,3,0,0,0])\nend\ndef b():\n  movel(p[1,2,3,0,0,0])\nend\n", 5),
-    ],
-)
+@pytest.mark.parametrize(("name", "content", "line"), [
+    ("a.src", f"DEF a()\n{FREE_FRAMES}\nIF x THEN\ns()\nENDIF\n{LIN}\nEND\nDEF s()\n$BASE=BASE_DATA[2]\nEND", 10),
+    ("a.src", f"DEF a()\n{FREE_FRAMES}\nLOOP\n{LIN}\ns()\nENDLOOP\nEND\nDEF s()\n$BASE=BASE_DATA[2]\nEND", 10),
+    ("a.src", f"DEF a()\n{FREE_FRAMES}\ns()\n$BASE=BASE_DATA[2]\ns()\nEND\nDEF s()\n{LIN}\nEND", 5),
+    ("a.src", f"DEF a()\n{LIN}\nEND\nDEF s()\n{LIN}\nEND", 5),
+    ("a.script", "def a():\n  movel(p[1,2,3,0,0,0])\nend\ndef b():\n  movel(p[1,2,3,0,0,0])\nend\n", 5),
+])  # fmt: skip
 def test_frames_that_depend_on_the_way_the_program_takes_are_refused(name, content, line):
     assert refusal(name, content).faults[0].line == line
 
 
-@pytest.mark.parametrize(
-    ("content", "bases"),
-    [
-        (f"DEF a()\n{FREE_FRAMES}\n{LIN}\ns()\n{LIN}\nEND\nDEF s()\n$BASE=BASE_DATA[2]\nEND", [1, 2]),
-        (f"DEF a()\ns()\n{FREE_FRAMES}\n{LIN}\nEND\nDEF s()\nEND", [1]),
-        (f"DEF a()\n{FREE_FRAMES}\nLOOP\n$BASE=BASE_DATA[2]\n{LIN}\nENDLOOP\nEND", [2]),
-        (
-            f"DEF a()\n{FREE_FRAMES}\nIF x THEN\n$BASE=BASE_DATA[2]\n{LIN}\n"
-            f"$BASE=BASE_DATA[1]\nENDIF\n{LIN}\nEND",
-            [2, 1],
-        ),
-    ],
-)
+@pytest.mark.parametrize(("content", "bases"), [
+    (f"DEF a()\n{FREE_FRAMES}\n{LIN}\ns()\n{LIN}\nEND\nDEF s()\n$BASE=BASE_DATA[2]\nEND", [1, 2]),
+    (f"DEF a()\ns()\n{FREE_FRAMES}\n{LIN}\nEND\nDEF s()\nEND", [1]),
+    (f"DEF a()\n{FREE_FRAMES}\nLOOP\n$BASE=BASE_DATA[2]\n{LIN}\nENDLOOP\nEND", [2]),
+    (f"DEF a()\n{FREE_FRAMES}\nIF x THEN\n$BASE=BASE_DATA[2]\n{LIN}\n" f"$BASE=BASE_DATA[1]\nENDIF\n{LIN}\nEND", [2, 1]),
+])  # fmt: skip
 def test_frames_are_followed_over_calls_and_loops(content, bases):
     program = read_program([("a.src", content.encode())])
     targets = targets_of(program)

@@ -1,3 +1,4 @@
+# ruff: noqa: E501  # one case a line
 """Programs in the forms of other people's post-processors: taken as they are meant, or refused."""
 
 from __future__ import annotations
@@ -75,31 +76,16 @@ def test_krl_of_a_post_processor():
 P = "{X 1,Y 2,Z 3,A 0,B 0,C 0}"
 
 
-@pytest.mark.parametrize(
-    ("lines", "base", "tool"),
-    [
-        ("$TOOL=TOOL_DATA[3]\n$BASE=BASE_DATA[3]\nBAS(#INITMOV,0)", "BASE_DATA[0]", "TOOL_DATA[1]"),
-        ("BAS(#INITMOV,0)\nBAS(#BASE,2)", "BASE_DATA[2]", "TOOL_DATA[1]"),
-        (
-            "$TOOL=TOOL_DATA[3]\n$BASE=BASE_DATA[3]\nFDAT_ACT={TOOL_NO 1,BASE_NO 2}",
-            "BASE_DATA[3]",
-            "TOOL_DATA[3]",
-        ),
-        ("FDAT_ACT={TOOL_NO 1,BASE_NO 2}\nBAS(#FRAMES)", "BASE_DATA[2]", "TOOL_DATA[1]"),
-        ("FDAT_ACT={TOOL_NO 1,BASE_NO 2}\nBAS (#FRAMES,0)", "BASE_DATA[2]", "TOOL_DATA[1]"),
-        (
-            "FDAT_ACT={TOOL_NO 1,BASE_NO 2}\nBAS(#INITMOV,0)\nBAS(#CP_PARAMS,0.1)",
-            "BASE_DATA[2]",
-            "TOOL_DATA[1]",
-        ),
-        ("FDAT_ACT={TOOL_NO 1,BASE_NO 2}\nBAS(#VEL_CP,1)\nBAS(#INITMOV,0)", "BASE_DATA[0]", "TOOL_DATA[1]"),
-        (
-            "FDAT_ACT={TOOL_NO 1,BASE_NO 2}\nBAS(#PTP_PARAMS,100)\n$BASE=BASE_DATA[5]",
-            "BASE_DATA[5]",
-            "TOOL_DATA[1]",
-        ),
-    ],
-)
+@pytest.mark.parametrize(("lines", "base", "tool"), [
+    ("$TOOL=TOOL_DATA[3]\n$BASE=BASE_DATA[3]\nBAS(#INITMOV,0)", "BASE_DATA[0]", "TOOL_DATA[1]"),
+    ("BAS(#INITMOV,0)\nBAS(#BASE,2)", "BASE_DATA[2]", "TOOL_DATA[1]"),
+    ("$TOOL=TOOL_DATA[3]\n$BASE=BASE_DATA[3]\nFDAT_ACT={TOOL_NO 1,BASE_NO 2}", "BASE_DATA[3]", "TOOL_DATA[3]"),
+    ("FDAT_ACT={TOOL_NO 1,BASE_NO 2}\nBAS(#FRAMES)", "BASE_DATA[2]", "TOOL_DATA[1]"),
+    ("FDAT_ACT={TOOL_NO 1,BASE_NO 2}\nBAS (#FRAMES,0)", "BASE_DATA[2]", "TOOL_DATA[1]"),
+    ("FDAT_ACT={TOOL_NO 1,BASE_NO 2}\nBAS(#INITMOV,0)\nBAS(#CP_PARAMS,0.1)", "BASE_DATA[2]", "TOOL_DATA[1]"),
+    ("FDAT_ACT={TOOL_NO 1,BASE_NO 2}\nBAS(#VEL_CP,1)\nBAS(#INITMOV,0)", "BASE_DATA[0]", "TOOL_DATA[1]"),
+    ("FDAT_ACT={TOOL_NO 1,BASE_NO 2}\nBAS(#PTP_PARAMS,100)\n$BASE=BASE_DATA[5]", "BASE_DATA[5]", "TOOL_DATA[1]"),
+])  # fmt: skip
 def test_krl_frames_change_where_bas_sets_them(lines, base, tool):
     program = read("a.src", f"DEF a()\n{lines}\nLIN {P}\nEND")
     assert frames(program) == [(base, tool)]
@@ -209,7 +195,7 @@ def test_rapid_tool_set_in_numbers_before_the_moves():
     ("body", "line", "words"),
     [
         (f"IF d=1 MoveL {POSE},v100,z1,t1;", 4, "after IF"),
-        (f"IF d=1 THEN\nt1 := [TRUE,[[0,0,9],[1,0,0,0]],[2,[0,0,1],[1,0,0,0],0,0,0]];\nENDIF\nMoveL {POSE},v1,z1,t1;", 5, "changes"),  # noqa: E501
+        (f"IF d=1 THEN\nt1 := [TRUE,[[0,0,9],[1,0,0,0]],[2,[0,0,1],[1,0,0,0],0,0,0]];\nENDIF\nMoveL {POSE},v1,z1,t1;", 5, "changes"),
         (f"MoveL {POSE},v1,z1,t1;\nt1.tframe := [[0,0,9],[1,0,0,0]];", 5, "changes"),
         (f"t1.tframe.trans := [0,0,9];\nMoveL {POSE},v1,z1,t1;", 4, "changes"),
         (f"t2 := t1;\nMoveL {POSE},v1,z1,t2;", 4, "changes"),

@@ -553,8 +553,7 @@ LAYOUTS = [
     f"IF n=1 THEN\nMoveL {ROB},v1,z1,t1;\nELSEIF n=2 THEN MoveL {ROB},v1,z1,t1;\nENDIF MoveL {ROB},v1,z1,t1;",
     f"FOR i FROM 1 TO 3 DO MoveL {ROB},v1,z1,t1; MoveL {ROB},v1,z1,t1; ENDFOR",
     f"FOR i\nFROM 1 TO 3\nSTEP 2 DO MoveL\n{ROB},\nv1,z1,t1\n; ENDFOR",
-    f"TEST n\nCASE 1: MoveL {ROB},v1,z1,t1;\nCASE 2,3: MoveJ {ROB},v1,z1,t1;\nDEFAULT: MoveL "
-    f"{ROB},v1,z1,t1;\nENDTEST",
+    f"TEST n\nCASE 1: MoveL {ROB},v1,z1,t1;\nCASE 2,3: MoveJ {ROB},v1,z1,t1;\nDEFAULT: MoveL {ROB},v1,z1,t1;\nENDTEST",
     f"WHILE n < 3 DO MoveL {ROB},v1,z1,t1; n := n + 1; ENDWHILE",
     f"l: MoveL {ROB},v1,z1,t1;",
     f"MoveL {ROB},v1,z1,t1;MoveL {ROB},v1,z1,t1; ! MoveL p9,v1,z1,t1;",
@@ -564,7 +563,7 @@ LAYOUTS = [
     f"MoveLDO {ROB},v1,z1,t1\\WObj:=wobj0,do1,1;",
     'TPWrite "MoveL; in a text ! no comment";',
     f"; MoveL {ROB},v1,z1,t1; ;",
-]
+]  # fmt: skip
 
 
 @pytest.mark.parametrize("body", LAYOUTS)
@@ -604,46 +603,11 @@ def motion_lines(kind, text):
 
 
 FRAGMENTS = {
-    "krl": [
-        f"LIN {POINT}",
-        "LIN P1",
-        "PTP HOME",
-        "IF x THEN",
-        "ENDIF",
-        "LOOP",
-        ";",
-        '"',
-        "x=1",
-        "C_DIS",
-        "\n",
-        "LIN_REL {X 1}",
-    ],
-    "rapid": [
-        f"MoveL {ROB},v1,z1,t1;",
-        "MoveJ p20,v1,z1,t1;",
-        "IF n=1 THEN",
-        "ENDIF",
-        "ELSE",
-        ";",
-        '"',
-        "!",
-        "\n",
-        "CASE 1:",
-    ],
-    "fanuc": [
-        "L P[1] 50mm/sec FINE",
-        "   9:J P[2] 5% FINE ;",
-        "!",
-        "'",
-        "\n",
-        ";",
-        "C P[1]",
-        ":",
-        "  9:  CALL X ;",
-        "RTCP",
-    ],
+    "krl": [f"LIN {POINT}", "LIN P1", "PTP HOME", "IF x THEN", "ENDIF", "LOOP", ";", '"', "x=1", "C_DIS", "\n", "LIN_REL {X 1}"],
+    "rapid": [f"MoveL {ROB},v1,z1,t1;", "MoveJ p20,v1,z1,t1;", "IF n=1 THEN", "ENDIF", "ELSE", ";", '"', "!", "\n", "CASE 1:"],
+    "fanuc": ["L P[1] 50mm/sec FINE", "   9:J P[2] 5% FINE ;", "!", "'", "\n", ";", "C P[1]", ":", "  9:  CALL X ;", "RTCP"],
     "ur": [f"movel({P})", "movej(p1)", "if x:", "end", "#", '"', "\n", "movel(p9)", "x = 1", "set_tcp(p1)"],
-}
+}  # fmt: skip
 
 
 def mutated(draw, kind, text):
