@@ -1,7 +1,7 @@
 /** The frame of the page: header, the view of the address, messages. */
 import { useEffect, useRef } from "preact/hooks";
 import { Tip } from "./charts/tip";
-import { Busy, Button, Choice, Empty, LinkButton, Title } from "./components/basics";
+import { Busy, Button, Choice, Empty, Icon, LinkButton, Title } from "./components/basics";
 import { Select } from "./components/fields";
 import { Boundary, lazy } from "./components/lazy";
 import { STIFFNESS_UNITS, type StiffnessUnit, UNIT_NAMES } from "./lib/units";
@@ -87,14 +87,13 @@ export function App() {
   );
 }
 
-const sectionOf = ({ parts: [first = ""] }: Route): string =>
-  first === "sets" || first === "fleet" || first === "plans" || first === "geometries"
-    ? "robots"
-    : first === "measure"
-      ? ""
-      : first === "maps" || first === "programs"
-        ? "runs"
-        : first;
+/** Sections of the views that are not called like theirs. */
+const WITHIN: Record<string, string> = {
+  ...{ sets: "robots", fleet: "robots", plans: "robots", geometries: "robots" },
+  ...{ measure: "", maps: "runs", programs: "runs" },
+};
+
+const sectionOf = ({ parts: [first = ""] }: Route): string => WITHIN[first] ?? first;
 
 /** Parts of one run are one view, which keeps what it has loaded. */
 const viewKey = ({ parts }: Route): string => (parts[0] === "runs" ? parts.slice(0, 2) : parts).join("/");
@@ -168,28 +167,17 @@ function Header({ section, settings, session }: { section: string; settings: Set
       <nav class="sections" aria-label={text.app.navigation}>
         {SECTIONS.map((item) => (
           <a href={`#/${item.id}`} aria-current={item.id === section ? "page" : undefined}>
-            <svg viewBox="0 0 24 24" aria-hidden="true">
-              <path d={item.icon} />
-            </svg>
+            <Icon d={item.icon} />
             <span>{item.label}</span>
           </a>
         ))}
       </nav>
-      <Documentation />
+      <a class="docs" href="docs/" aria-label={text.app.docs}>
+        <Icon d="M5 4h10a4 4 0 0 1 4 4v12H9a4 4 0 0 1-4-4zM9 9h6M9 13h6" />
+        <span>{text.app.docs}</span>
+      </a>
       <Display settings={settings} session={session} />
     </header>
-  );
-}
-
-/** The way to the documentation; a service that was installed without it says there how it is had. */
-function Documentation() {
-  return (
-    <a class="docs" href="docs/" aria-label={text.app.docs}>
-      <svg viewBox="0 0 24 24" aria-hidden="true">
-        <path d="M5 4h10a4 4 0 0 1 4 4v12H9a4 4 0 0 1-4-4zM9 9h6M9 13h6" />
-      </svg>
-      <span>{text.app.docs}</span>
-    </a>
   );
 }
 
@@ -203,23 +191,16 @@ function Display({ settings, session }: { settings: Settings; session: Standing 
       if (details.current && (escape || left || (event.type === "pointerdown" && outside)))
         details.current.open = false;
     };
-    addEventListener("pointerdown", close);
-    addEventListener("keydown", close);
-    addEventListener("hashchange", close);
+    const events = ["pointerdown", "keydown", "hashchange"];
+    for (const name of events) addEventListener(name, close);
     return () => {
-      removeEventListener("hashchange", close);
-      removeEventListener("pointerdown", close);
-      removeEventListener("keydown", close);
+      for (const name of events) removeEventListener(name, close);
     };
   }, []);
   return (
     <details class="display" ref={details}>
       <summary aria-label={text.app.settings}>
-        <svg viewBox="0 0 24 24" aria-hidden="true">
-          <path d="M4 7h10M18 7h2M4 17h2M10 17h10" />
-          <circle cx="16" cy="7" r="2.2" />
-          <circle cx="8" cy="17" r="2.2" />
-        </svg>
+        <Icon d="M4 7h10M18 7h2M4 17h2M10 17h10M13.8 7a2.2 2.2 0 1 0 4.4 0a2.2 2.2 0 1 0-4.4 0M5.8 17a2.2 2.2 0 1 0 4.4 0a2.2 2.2 0 1 0-4.4 0" />
         <span>{text.app.settings}</span>
       </summary>
       <div class="panel">

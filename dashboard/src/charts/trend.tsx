@@ -77,9 +77,31 @@ export function Trend({
           ground={ground}
         />
       ))}
-      {points.map((p) => (
-        <Point point={p} x={ground.x(p)} y={y} top={28} bottom={bottom} />
-      ))}
+      {points.map((point) => {
+        const { low, high, value, smoothed, title, open } = point;
+        if (low === null && (value === null || value <= 0)) return null;
+        const x = ground.x(point);
+        const end = high === null ? 28 : y(high);
+        const start = low === null ? null : low > 0 ? y(low) : bottom; // zero lies below any decade
+        const hidden = start !== null && start - end < 15 && value !== null;
+        const link = open && {
+          role: "link" as const,
+          tabindex: 0, // of an SVG element: its attributes keep their case
+          "aria-label": title.replaceAll("\n", ", "),
+          onKeyDown: (event: KeyboardEvent) => event.key === "Enter" && go(open),
+        };
+        return (
+          <g class={`interval ${point.mark}`} {...link} {...tip(title.split("\n"), open)}>
+            <rect class="hit" x={x - 12} width={24} y={28} height={Math.max(24, bottom - 28)} />
+            {start !== null && <line x1={x} x2={x} y1={start} y2={end} />}
+            {start !== null && !hidden && <line class="end" x1={x - 6} x2={x + 6} y1={start} y2={start} />}
+            {high !== null && low !== null && !hidden && <line class="end" x1={x - 6} x2={x + 6} y1={end} y2={end} />}
+            {high === null && low !== null && <path class="head" d={`M${x} 22 l-7 13 h14 z`} />}
+            {value !== null && value > 0 && <circle cx={x} cy={y(value)} r={6} />}
+            {point.alarm && smoothed !== null && <path class="alarm" d={`M${x} ${y(smoothed) - 9}l9 9l-9 9l-9 -9z`} />}
+          </g>
+        );
+      })}
       <g class="axis">
         {points.length > 0 &&
           [...new Set(times.map(dayText))].map((day, i) => (
@@ -132,47 +154,6 @@ function thread(
     })
     .map((place, i) => `${i ? "L" : "M"}${place}`)
     .join("");
-}
-
-function Point({
-  point,
-  x,
-  y,
-  top,
-  bottom,
-}: {
-  point: TrendPoint;
-  x: number;
-  y: (value: number) => number;
-  top: number;
-  bottom: number;
-}) {
-  if (point.low === null && (point.value === null || point.value <= 0)) return null;
-  const end = point.high === null ? top : y(point.high);
-  const start = point.low === null ? null : point.low > 0 ? y(point.low) : bottom; // zero lies below any decade
-  const hidden = start !== null && start - end < 15 && point.value !== null;
-  const { open } = point;
-  const link = open && {
-    role: "link" as const,
-    tabindex: 0, // of an SVG element: its attributes keep their case
-    "aria-label": point.title.replaceAll("\n", ", "),
-    onKeyDown: (event: KeyboardEvent) => event.key === "Enter" && go(open),
-  };
-  return (
-    <g class={`interval ${point.mark}`} {...link} {...tip(point.title.split("\n"), open)}>
-      <rect class="hit" x={x - 12} width={24} y={top} height={Math.max(24, bottom - top)} />
-      {start !== null && <line x1={x} x2={x} y1={start} y2={end} />}
-      {start !== null && !hidden && <line class="end" x1={x - 6} x2={x + 6} y1={start} y2={start} />}
-      {point.high !== null && point.low !== null && !hidden && (
-        <line class="end" x1={x - 6} x2={x + 6} y1={end} y2={end} />
-      )}
-      {point.high === null && point.low !== null && <path class="head" d={`M${x} ${top - 6} l-7 13 h14 z`} />}
-      {point.value !== null && point.value > 0 && <circle cx={x} cy={y(point.value)} r={6} />}
-      {point.alarm && point.smoothed !== null && (
-        <path class="alarm" d={`M${x} ${y(point.smoothed) - 9}l9 9l-9 9l-9 -9z`} />
-      )}
-    </g>
-  );
 }
 
 /** By time, but evenly where all are so close that they would cover each other. */

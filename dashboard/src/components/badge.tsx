@@ -1,6 +1,7 @@
 /** Whether a result may be used: icon, word and colour, so that none of them is needed alone. */
 import type { Usability } from "../api/types";
 import { text } from "../i18n";
+import { Icon } from "./basics";
 
 const ICONS: Record<Usability, string> = {
   use: "M5 12.5l4.5 4.5L19 7.5",
@@ -11,9 +12,7 @@ const ICONS: Record<Usability, string> = {
 export function Badge({ verdict, large = false }: { verdict: Usability; large?: boolean }) {
   return (
     <span class={`badge ${verdict}${large ? " large" : ""}`}>
-      <svg viewBox="0 0 24 24" aria-hidden="true">
-        <path d={ICONS[verdict]} />
-      </svg>
+      <Icon d={ICONS[verdict]} />
       {text.usability[verdict]}
     </span>
   );

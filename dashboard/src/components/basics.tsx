@@ -16,6 +16,13 @@ export function Name({ children }: { children: string }) {
   return <bdi class="name">{children}</bdi>;
 }
 
+/** A drawing of lines beside a word that says the same. */
+export const Icon = ({ d }: { d: string }) => (
+  <svg viewBox="0 0 24 24" aria-hidden="true">
+    <path d={d} />
+  </svg>
+);
+
 /** A name that leads to what has it. */
 export const NameLink = ({ to, children }: { to: string[]; children: string }) => (
   <a href={link(to)}>

@@ -3,7 +3,7 @@ import { type ComponentChildren, createContext } from "preact";
 import { useContext, useId } from "preact/hooks";
 import type { Problem } from "../api/types";
 import type { Action } from "../state/action";
-import { numberIn, vectorIn } from "../lib/entered";
+import { numberIn } from "../lib/entered";
 import { faultsAt } from "../lib/faults";
 import { type Options, optionsOf, Prose } from "./basics";
 
@@ -160,16 +160,6 @@ export function Select({ label, value, change, options, help, path }: Typed & { 
     </Field>
   );
 }
-
-/** One number. */
-export const NumberField = ({ value, ...rest }: Typed & Box) => (
-  <TextField inputMode="decimal" {...rest} value={value} aria-invalid={Number.isNaN(numberIn(value))} />
-);
-
-/** Three numbers along x, y and z in one box. */
-export const VectorField = ({ value, ...rest }: Typed & Box) => (
-  <TextField placeholder="0, 0, 0" {...rest} value={value} aria-invalid={vectorIn(value) === undefined} />
-);
 
 /** One place of many in a row, by a handle below its name. */
 export const Handle = ({

@@ -3,7 +3,7 @@ import { useState } from "preact/hooks";
 import { api } from "../api/client";
 import type { ImportAnswer, ImportOptions } from "../api/types";
 import { Prose } from "../components/basics";
-import { NumberField } from "../components/fields";
+import { TextField } from "../components/fields";
 import { SchemaFields, type Terms } from "../components/schema_form";
 import { posted } from "../lib/entered";
 import type { Fields } from "../lib/json";
@@ -68,7 +68,7 @@ export function ImportForm({
     <div class="import-form">
       <SchemaFields {...form} show={["encoders", ...ASKED.filter((name) => missing.has(name) || options[name])]} />
       {(missing.has("force") || mass) && (
-        <NumberField
+        <TextField
           label={words.mass}
           unit="kg"
           help={words.massHelp}

@@ -25,13 +25,16 @@ import { Scroll } from "../components/table";
 
 const words = later.imports;
 
-interface Props {
+interface Told {
+  options: ImportOptions;
+  change: (options: ImportOptions) => void;
+}
+
+interface Props extends Told {
   preview: FilePreview;
   /** As it was dropped, to show rows that the preview leaves out. */
   file: File | undefined;
   faults: ImportFault[];
-  options: ImportOptions;
-  change: (options: ImportOptions) => void;
   groups: MeaningGroup[];
 }
 
@@ -105,19 +108,13 @@ export function ImportTable({ preview, file, faults, options, change, groups }: 
 const IN_VIEW = 8;
 
 /** Columns that want a look, far to the right as they may be: a tap brings each into view. */
-function ToLookAt({
-  preview,
-  options,
-  change,
-  places,
-  table,
-}: {
+interface LookProps extends Told {
   preview: FilePreview;
-  options: ImportOptions;
-  change: (options: ImportOptions) => void;
   places: (string | null)[];
   table: string;
-}) {
+}
+
+function ToLookAt({ preview, options, change, places, table }: LookProps) {
   const faulty = new Set(places.flatMap((place) => (place === null ? [] : [Number(place.split(":")[1])])));
   const columns = preview.columns.filter(
     ({ column, guessed, meaning }) => faulty.has(column) || guessed || meaning === UNKNOWN,
@@ -172,21 +169,14 @@ export function FaultList({ faults }: { faults: ImportFault[] }) {
 }
 
 /** The head of a column: what it was taken for, to be changed, its unit, and what is wrong with it. */
-function ColumnHead({
-  column,
-  faults,
-  groups,
-  options,
-  mean,
-  change,
-}: {
+interface HeadProps extends Told {
   column: ColumnMeaning;
   faults: ImportFault[];
   groups: MeaningGroup[];
-  options: ImportOptions;
   mean: (meaning: string) => void;
-  change: (options: ImportOptions) => void;
-}) {
+}
+
+function ColumnHead({ column, faults, groups, options, mean, change }: HeadProps) {
   const header = writtenHeader(options, column) || words.columnNumber(column.column);
   const unknown = column.meaning === UNKNOWN;
   const listed = unknown || groups.some(({ meanings }) => meanings.includes(column.meaning));
@@ -236,17 +226,7 @@ function plainly(faults: ImportFault[], unknown: boolean): string | null {
 }
 
 /** The unit that the file says, or one to choose, which holds for all columns of its dimension. */
-function Unit({
-  column,
-  header,
-  options,
-  change,
-}: {
-  column: ColumnMeaning;
-  header: string;
-  options: ImportOptions;
-  change: (options: ImportOptions) => void;
-}) {
+function Unit({ column, header, options, change }: Told & { column: ColumnMeaning; header: string }) {
   const dimension = dimensionOf(column.meaning);
   if (dimension === null) return <span class="unit">{column.unit ?? ""}</span>;
   const stated = options.units?.[dimension] ?? null;

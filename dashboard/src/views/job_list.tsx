@@ -6,7 +6,7 @@ import { type Collection, follow, goesOn, type Standing } from "../api/events";
 import type { Page, Problem, RunState, RunSummary, Usability } from "../api/types";
 import { AlarmState } from "../components/alarm";
 import { Badge } from "../components/badge";
-import { Busy, Button, Empty, LinkButton, Name, ProblemNote, State } from "../components/basics";
+import { Busy, Button, Empty, Icon, LinkButton, Name, ProblemNote, State } from "../components/basics";
 import { Select } from "../components/fields";
 import { Bar } from "../components/going";
 import { chosen, type Filter, FilterBar, type Row, Rows, useFilter } from "../components/list";
@@ -143,7 +143,17 @@ export function JobList<Of extends Collection>({
       );
       return { ...about, href: undefined, actions };
     }
-    const actions = !goesOn(item.state) && <DeleteIcon name={about.name} remove={() => remove(item, about.name)} />;
+    const actions = !goesOn(item.state) && (
+      <Button
+        acts
+        look="quiet icon"
+        aria-label={words.delete(about.name)}
+        title={text.run.delete}
+        onClick={() => remove(item, about.name)}
+      >
+        <Icon d="M5 7h14M10 7V5h4v2M7 7l1 12h8l1-12M10.5 11v5M13.5 11v5" />
+      </Button>
+    );
     return { ...about, actions, pick: pick?.(item) };
   });
   const found = chosen(rows, filter);
@@ -207,14 +217,6 @@ function Nothing({
     </Empty>
   );
 }
-
-const DeleteIcon = ({ name, remove }: { name: string; remove: () => void }) => (
-  <Button acts look="quiet icon" aria-label={words.delete(name)} title={text.run.delete} onClick={remove}>
-    <svg viewBox="0 0 24 24" aria-hidden="true">
-      <path d="M5 7h14M10 7V5h4v2M7 7l1 12h8l1-12M10.5 11v5M13.5 11v5" />
-    </svg>
-  </Button>
-);
 
 /** Verdict, or state and progress, live while the job goes on and is followed. */
 function JobStanding({ job, live }: { job: Listed; live: boolean }) {

@@ -131,18 +131,54 @@ function Rows({
         <span role="columnheader">{words.verdict}</span>
         {shares && <span role="columnheader">{words.contribution}</span>}
       </div>
-      {joints.map((joint, i) => (
-        <Fragment key={joint.name}>
-          <Row
-            joint={joint}
-            unit={unit}
-            part={shares ? (parts.get(joint.name) ?? null) : undefined}
-            most={most}
-            bar={width > 0 && !bare && <RowMarks row={rows[i] as IntervalRow} axis={axis} width={width} />}
-          />
-          {after(joint)}
-        </Fragment>
-      ))}
+      {joints.map((joint, i) => {
+        const shown = shownStiffness(joint, unit);
+        const [verdict, cap, part] = [verdictOf(joint), capOf(joint), parts.get(joint.name)];
+        const limited = verdict === "lower_limit" && shown.limit !== null;
+        return (
+          <Fragment key={joint.name}>
+            <div class={`joint ${verdict}`} role="row">
+              <span role="rowheader">
+                <Name>{joint.name}</Name>
+              </span>
+              <div role="cell" class="bar">
+                {width > 0 && !bare && <RowMarks row={rows[i] as IntervalRow} axis={axis} width={width} />}
+              </div>
+              <span role="cell" class="number value">
+                <b>{verdict === "unobservable" ? "–" : limited ? shown.limit : (shown.value ?? "∞")}</b>
+                {!limited && shown.uncertainty !== null && <span class="soft"> ±&nbsp;{shown.uncertainty}</span>}
+                {verdict !== "unobservable" && joint.kind !== "prismatic" && (
+                  <small class="unit soft"> {unitOf(unit).label}</small>
+                )}
+              </span>
+              <span role="cell" class="number interval-text">
+                {shown.interval === null || limited ? "–" : `${shown.interval.low} … ${shown.interval.high ?? "∞"}`}
+              </span>
+              <span role="cell" class="verdict" title={text.verdictHints[verdict]}>
+                <span class={cap ? `lamp ${cap}` : "lamp"} aria-hidden="true" />
+                {cap ? text.usability[cap] : text.verdicts[verdict]}
+              </span>
+              {shares && part && part.mean !== 0 && (
+                <span role="cell" class="part">
+                  <svg width={SHARE_WIDTH} height={10} aria-hidden="true">
+                    <rect class="share-bar" width={(Math.abs(part.share) / most) * SHARE_WIDTH} height={10} rx={2} />
+                  </svg>
+                  <b>{percent(part.share)}</b>
+                  <span class="soft">
+                    {fixed(part.mean * 1e3, 3)} {text.units.mm}
+                  </span>
+                </span>
+              )}
+              {shares && !part?.mean && (
+                <span role="cell" class="part soft">
+                  –
+                </span>
+              )}
+            </div>
+            {after(joint)}
+          </Fragment>
+        );
+      })}
       {reasonsOf(joints).map(([reason, names]) => (
         <div class="reason soft" role="row">
           <span role="cell">
@@ -161,71 +197,7 @@ function reasonsOf(joints: JointResult[]): [string, string[]][] {
   return [...names];
 }
 
-function Row({
-  joint,
-  unit,
-  bar,
-  part,
-  most,
-}: {
-  joint: JointResult;
-  unit: StiffnessUnit;
-  bar: preact.ComponentChildren;
-  /** Undefined where no joint contributes. */
-  part: Contribution | null | undefined;
-  most: number;
-}) {
-  const shown = shownStiffness(joint, unit);
-  const verdict = verdictOf(joint);
-  const cap = capOf(joint);
-  const limited = verdict === "lower_limit" && shown.limit !== null;
-  const { interval } = shown;
-  return (
-    <div class={`joint ${verdict}`} role="row">
-      <span role="rowheader">
-        <Name>{joint.name}</Name>
-      </span>
-      <div role="cell" class="bar">
-        {bar}
-      </div>
-      <span role="cell" class="number value">
-        <b>{verdict === "unobservable" ? "–" : limited ? shown.limit : (shown.value ?? "∞")}</b>
-        {!limited && shown.uncertainty !== null && <span class="soft"> ±&nbsp;{shown.uncertainty}</span>}
-        {verdict !== "unobservable" && joint.kind !== "prismatic" && (
-          <small class="unit soft"> {unitOf(unit).label}</small>
-        )}
-      </span>
-      <span role="cell" class="number interval-text">
-        {interval === null || limited ? "–" : `${interval.low} … ${interval.high ?? "∞"}`}
-      </span>
-      <span role="cell" class="verdict" title={text.verdictHints[verdict]}>
-        <span class={cap ? `lamp ${cap}` : "lamp"} aria-hidden="true" />
-        {cap ? text.usability[cap] : text.verdicts[verdict]}
-      </span>
-      {part !== undefined && (
-        <span role="cell" class="part">
-          {part && part.mean !== 0 ? <Share part={part} most={most} /> : <span class="soft">–</span>}
-        </span>
-      )}
-    </div>
-  );
-}
-
 const SHARE_WIDTH = 64;
-
-function Share({ part: { share, mean }, most }: { part: Contribution; most: number }) {
-  return (
-    <>
-      <svg width={SHARE_WIDTH} height={10} aria-hidden="true">
-        <rect class="share-bar" width={most > 0 ? (Math.abs(share) / most) * SHARE_WIDTH : 0} height={10} rx={2} />
-      </svg>
-      <b>{percent(share)}</b>
-      <span class="soft">
-        {fixed(mean * 1e3, 3)} {text.units.mm}
-      </span>
-    </>
-  );
-}
 
 /** Stiffnesses of several fits beside each other. */
 export function StiffnessFigure({

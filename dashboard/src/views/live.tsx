@@ -17,7 +17,7 @@ import {
   Warnings,
 } from "../components/basics";
 import { DropZone } from "../components/drop";
-import { Select, TextField, VectorField } from "../components/fields";
+import { Select, TextField } from "../components/fields";
 import { understand } from "../lib/campaign";
 import { fixed, percent, significant } from "../lib/format";
 import {
@@ -496,7 +496,7 @@ function Others({
           value={joints}
           change={setJoints}
         />
-        <VectorField label={words.forceOf} unit={text.units.newton} value={force} change={setForce} />
+        <TextField label={words.forceOf} unit={text.units.newton} value={force} change={setForce} />
         <Button disabled={!typed} onClick={() => typed && use(typed)}>
           {words.use}
         </Button>

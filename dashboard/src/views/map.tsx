@@ -109,12 +109,13 @@ function Explorer({ own, other }: { own: Loaded; other: Loaded | null }) {
   const unit =
     quantity === "deflection" || quantity === "upper" ? text.units.micrometre : text.units.micrometrePerNewton;
   const height = fixed(1e3 * (own.places[chosen]?.position[across] ?? 0), 0);
+  const lookAt = (i: number): Look => ({ values: values[i] ?? [], scale, chosen, choose: setChosen, across, layer });
   return (
     <>
       <Counts loaded={own} />
       <section class="scene">
         <div class="view">
-          <Robot loaded={own} chosen={chosen} values={values[0] ?? []} scale={scale} />
+          <Robot loaded={own} look={lookAt(0)} />
         </div>
         <div class="controls">
           <Choice label={words.quantity} value={quantity} change={setQuantity} options={words.quantities} />
@@ -138,17 +139,7 @@ function Explorer({ own, other }: { own: Loaded; other: Loaded | null }) {
       </section>
       <div class="slices">
         {sides.map((side, i) => (
-          <Sliced
-            key={side.map.id}
-            loaded={side}
-            values={values[i] ?? []}
-            across={across}
-            layer={layer}
-            scale={scale}
-            chosen={chosen}
-            choose={setChosen}
-            label={words.slice(AXES[across], height)}
-          />
+          <Sliced key={side.map.id} loaded={side} look={lookAt(i)} label={words.slice(AXES[across], height)} />
         ))}
       </div>
     </>
@@ -179,17 +170,18 @@ function Counts({ loaded: { map } }: { loaded: Loaded }) {
   );
 }
 
-function Robot({
-  loaded: { places, set, map },
-  chosen,
-  values,
-  scale,
-}: {
-  loaded: Loaded;
-  chosen: number;
+/** What is looked at: values of all places with their colours, one place, and the slice that it is in. */
+interface Look {
   values: number[];
   scale: readonly [number, number];
-}) {
+  chosen: number;
+  choose: (place: number) => void;
+  across: Axis;
+  layer: number;
+}
+
+function Robot({ loaded: { places, set, map }, look }: { loaded: Loaded; look: Look }) {
+  const { chosen, values, scale } = look;
   const joints = places[chosen]?.joints ?? [];
   const last = useRef(joints); // where the robot does not reach, it stays
   if (joints.length > 0) last.current = joints;
@@ -225,25 +217,9 @@ function Robot({
   return <ArmView show={shown} room={room} label={words.view} />;
 }
 
-function Sliced({
-  loaded: { map, places, run, set },
-  values,
-  across,
-  layer,
-  scale,
-  chosen,
-  choose,
-  label,
-}: {
-  loaded: Loaded;
-  values: number[];
-  across: Axis;
-  layer: number;
-  scale: readonly [number, number];
-  chosen: number;
-  choose: (place: number) => void;
-  label: string;
-}) {
+function Sliced({ loaded, look, label }: { loaded: Loaded; look: Look; label: string }) {
+  const { map, places, run, set } = loaded;
+  const { across, layer, chosen } = look;
   const [box, width] = useWidth<HTMLDivElement>();
   const slice = useMemo(() => sliceOf(map.request.grid, across, layer), [map, across, layer]);
   const place = places[chosen];
@@ -253,9 +229,7 @@ function Sliced({
         <NameLink to={["runs", run.id]}>{set.name}</NameLink>{" "}
         <small class="soft">{text.methods[run.request.method]}</small>
       </h3>
-      <div ref={box}>
-        {width > 0 && <SliceChart {...{ slice, places, values, scale, chosen, choose, width, label }} />}
-      </div>
+      <div ref={box}>{width > 0 && <SliceChart {...look} {...{ slice, places, width, label }} />}</div>
       {place && <Numbers place={place} map={map} />}
     </section>
   );

@@ -1,7 +1,7 @@
 /** The postures of a plan: each with its angles, its load, and the arm drawn in it. */
 import { useMemo, useState } from "preact/hooks";
 import { api } from "../api/client";
-import type { JointKind, Plan, PlanResult, Posture, Robot } from "../api/types";
+import type { JointKind, Plan, PlanResult, Robot } from "../api/types";
 import { Busy, Button } from "../components/basics";
 import { fixed } from "../lib/format";
 import type { Planned } from "../lib/planned";
@@ -34,6 +34,19 @@ export function Postures({ plan, result, robot }: { plan: Plan; result: PlanResu
       Number.POSITIVE_INFINITY,
     ),
   );
+  const posture = drawn?.[chosen];
+  const room = useMemo(() => roomOf(drawn ?? []), [drawn]);
+  const show = useMemo(
+    () =>
+      posture &&
+      shown && {
+        posture,
+        ...ARM_ALONE,
+        load: { from: posture.flange_origin as Vector, along: shown.force as Vector },
+        names: robot.joints.map(({ name }) => name),
+      },
+    [posture, shown],
+  );
   return (
     <div class="flow">
       <section class="card" aria-labelledby="postures">
@@ -51,7 +64,28 @@ export function Postures({ plan, result, robot }: { plan: Plan; result: PlanResu
           ))}
         </ol>
       </section>
-      <div class="sticky">{shown && <Current reading={shown} robot={robot} postures={drawn} index={chosen} />}</div>
+      {shown && (
+        <section class="card sticky" aria-labelledby="current">
+          <h2 id="current">{words.posture(shown.label)}</h2>
+          {show ? (
+            <ArmView show={show} room={room} label={words.drawn(shown.label)} />
+          ) : (
+            <Busy label={text.scene.loading} />
+          )}
+          <p class="angles">
+            {shown.joints.map((angle, i) => (
+              <span>
+                <small class="soft">{robot.joints[i]?.name}</small> <b>{shownJoint(angle, robot.joints[i]?.kind, 1)}</b>
+              </span>
+            ))}
+          </p>
+          <p>
+            {text.next.load(loadOf(shown))}
+            {shown.direction && `; ${words.readAlong(shown.direction.map((part) => fixed(part, 2)).join(", "))}`}
+            {shown.validation && <span class="soft"> ({words.heldOut})</span>}
+          </p>
+        </section>
+      )}
     </div>
   );
 }
@@ -66,51 +100,4 @@ export function loadOf({ force, anchor }: { force: readonly number[]; anchor: nu
   const size = norm(force as unknown as Vector) || 1;
   const how = anchor === null ? alongText(force as unknown as Vector) : words.anchor(anchor + 1);
   return `${fixed(size, 0)} ${text.units.newton} ${how}`;
-}
-
-function Current({
-  reading,
-  robot,
-  postures,
-  index,
-}: {
-  reading: Planned;
-  robot: Robot;
-  postures: Posture[] | null;
-  index: number;
-}) {
-  const posture = postures?.[index];
-  const room = useMemo(() => roomOf(postures ?? []), [postures]);
-  const show = useMemo(
-    () =>
-      posture && {
-        posture,
-        ...ARM_ALONE,
-        load: { from: posture.flange_origin as Vector, along: reading.force as Vector },
-        names: robot.joints.map(({ name }) => name),
-      },
-    [posture, reading],
-  );
-  return (
-    <section class="card" aria-labelledby="current">
-      <h2 id="current">{words.posture(reading.label)}</h2>
-      {show ? (
-        <ArmView show={show} room={room} label={words.drawn(reading.label)} />
-      ) : (
-        <Busy label={text.scene.loading} />
-      )}
-      <p class="angles">
-        {reading.joints.map((angle, i) => (
-          <span>
-            <small class="soft">{robot.joints[i]?.name}</small> <b>{shownJoint(angle, robot.joints[i]?.kind, 1)}</b>
-          </span>
-        ))}
-      </p>
-      <p>
-        {text.next.load(loadOf(reading))}
-        {reading.direction && `; ${words.readAlong(reading.direction.map((part) => fixed(part, 2)).join(", "))}`}
-        {reading.validation && <span class="soft"> ({words.heldOut})</span>}
-      </p>
-    </section>
-  );
 }
