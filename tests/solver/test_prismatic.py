@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from support.campaigns import estimate
 from support.slides import arm_on_rail, scara
-from support.springs import SIGMA, SpringCampaign, robot_of
+from support.springs import SIGMA, SpringCampaign, load_cases, robot_of
 
 from jointstiff.simulator import equilibrium, torques
 from jointstiff.simulator.own_weight import Bodies, sag
 from jointstiff.solver.convex.solution import Bounds, Constraints
-from jointstiff.solver.predict.forward import LoadCases, compensate
+from jointstiff.solver.predict.forward import compensate
 from jointstiff.solver.predict.models import JointModel, OwnWeight
 from jointstiff.solver.robot.configuration import Configurations, find_wrist, joint_frames
 from jointstiff.solver.terms.block import whole_block
@@ -26,20 +26,6 @@ every_robot = pytest.mark.parametrize("arm", ROBOTS.values(), ids=ROBOTS.keys())
 def exact_readings(arm, *, configurations=24, seed=1, force=1500.0):
     campaign = SpringCampaign.of(arm, configurations=configurations, seed=seed, force=force)
     return robot_of(arm), campaign.measurements(campaign.unloaded, campaign.loaded, sigma=SIGMA)
-
-
-def load_cases(arm, count=6, *, force=800.0, moment=60.0, seed=2):
-    generator = np.random.default_rng(seed)
-    low, high = arm.limits.T
-    q = 0.5 * (low + high) + 0.25 * (high - low) * generator.uniform(-1, 1, (count, len(low)))
-    pull = generator.standard_normal((count, 3))
-    return LoadCases(
-        joints=q,
-        force=force * pull / np.linalg.norm(pull, axis=1, keepdims=True),
-        moment=moment * generator.standard_normal((count, 3)),
-        load_point=np.tile([0.0, 0.1, 0.15], (count, 1)),
-        place=np.tile([0.05, -0.08, 0.21], (count, 1)),
-    )
 
 
 def model_of(arm, weight=None):

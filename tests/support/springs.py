@@ -12,6 +12,7 @@ import numpy.typing as npt
 from jointstiff.simulator import TARGETS, SpringArm, deflections
 from jointstiff.simulator.campaign import Experiment, plan_experiment
 from jointstiff.simulator.urdf import BASE_LINK, FLANGE_LINK, urdf_text
+from jointstiff.solver.predict.forward import LoadCases
 from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.robot.model import Robot
 from jointstiff.solver.robot.urdf import read_urdf
@@ -81,3 +82,20 @@ class SpringCampaign:
         plan = self.experiment
         loads = (plan.joints, plan.forces, plan.load_points)
         return readings_of(*loads, unloaded, loaded - unloaded, moment=plan.moments, sigma=sigma)
+
+
+def load_cases(
+    arm: SpringArm, count: int = 6, *, force: float = 800.0, moment: float = 60.0, seed: int = 2
+) -> LoadCases:
+    """Loads in all directions in the middle half of each joint's range, at one place of the tool."""
+    generator = np.random.default_rng(seed)
+    low, high = arm.limits.T
+    q = 0.5 * (low + high) + 0.25 * (high - low) * generator.uniform(-1, 1, (count, len(low)))
+    pull = generator.standard_normal((count, 3))
+    return LoadCases(
+        joints=q,
+        force=force * pull / np.linalg.norm(pull, axis=1, keepdims=True),
+        moment=moment * generator.standard_normal((count, 3)),
+        load_point=np.tile([0.0, 0.1, 0.15], (count, 1)),
+        place=np.tile([0.05, -0.08, 0.21], (count, 1)),
+    )

@@ -15,6 +15,7 @@ from jointstiff.solver.errors import SolverError
 from jointstiff.solver.evidence import estimate as module
 from jointstiff.solver.evidence.estimate import profile_ends
 from jointstiff.solver.fitting.fit import Likelihood, rows_of
+from jointstiff.solver.readings.measurements import CommonUncertainty
 from jointstiff.solver.terms.block import regressor_blocks
 
 RADII = np.array([1.959963984540054, 1.6448536269514722])
@@ -149,3 +150,12 @@ class TestJoints:
         assert half == pytest.approx(2.6060, abs=1e-4)
         above = (joint.one_sided.compliance_at_most - joint.compliance) / joint.standard_uncertainty
         assert above == pytest.approx(2.3492, abs=1e-4)
+
+
+def test_an_error_that_moves_some_joints_alone_is_in_the_budget():
+    """A dead weight never twists joint 1: the scale of its force goes one to one into the others."""
+    robot, measurements = prepare(simulate_campaign(default_arm(), load="dead_weight", seed=1))
+    found = estimate(robot, replace(measurements, common_uncertainty=CommonUncertainty(scale=0.01)))
+    components = module.UncertaintyBudget.of(found, 0.95).components
+    (scale,) = [part for part in components if part.source == "force_scale"]
+    np.testing.assert_allclose(scale.uncertainty[1:], 0.01 * found.compliance[1:], rtol=1e-6)

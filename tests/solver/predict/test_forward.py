@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from support.calibrated_arms import arm
 from support.campaigns import estimate, prepare
-from support.springs import SIGMA, SpringCampaign, robot_of
+from support.springs import SIGMA, SpringCampaign, load_cases, robot_of
 
 from jointstiff.schemas.options import CrossValidation
 from jointstiff.schemas.robot import DhRow
@@ -38,18 +38,8 @@ MODEL = JointModel(ROBOT, ARM.compliances, None, POSITIVE)
 ANY = CorrectionLimits(1.0, 1.0)
 
 
-def cases(count=COUNT, *, force=1500.0, moment=0.0, seed=0):
-    generator = np.random.default_rng(seed)
-    low, high = ARM.limits.T
-    q = 0.5 * (low + high) + 0.25 * (high - low) * generator.uniform(-1, 1, (count, 6))
-    pull = generator.standard_normal((count, 3))
-    return LoadCases(
-        joints=q,
-        force=force * pull / np.linalg.norm(pull, axis=1, keepdims=True),
-        moment=moment * generator.standard_normal((count, 3)),
-        load_point=np.tile([0.0, 0.1, 0.15], (count, 1)),
-        place=np.tile([0.05, -0.08, 0.21], (count, 1)),
-    )
+def cases(count=COUNT, **options):
+    return load_cases(ARM, count, **{"force": 1500.0, "moment": 0.0, "seed": 0} | options)
 
 
 def exact_pose(joints, load, force, moment):
