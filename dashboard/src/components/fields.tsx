@@ -3,7 +3,6 @@ import { type ComponentChildren, createContext } from "preact";
 import { useContext, useId } from "preact/hooks";
 import type { Problem } from "../api/types";
 import type { Action } from "../state/action";
-import { numberIn } from "../lib/entered";
 import { faultsAt } from "../lib/faults";
 import { type Options, optionsOf, Prose } from "./basics";
 
@@ -194,30 +193,3 @@ export const Handle = ({
     />
   </label>
 );
-
-/** The box of a number: marked where it holds none. */
-export function NumberBox({
-  value,
-  change,
-  ...rest
-}: {
-  value: string;
-  change: (typed: string) => void;
-  id?: string;
-  placeholder?: string;
-  "aria-label"?: string;
-  "aria-describedby"?: string | undefined;
-  "aria-invalid"?: boolean;
-}) {
-  return (
-    <input
-      type="text"
-      inputMode="decimal"
-      autocomplete="off"
-      {...rest}
-      value={value}
-      aria-invalid={rest["aria-invalid"] || Number.isNaN(numberIn(value))}
-      onInput={(event) => change(event.currentTarget.value)}
-    />
-  );
-}

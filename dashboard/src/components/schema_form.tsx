@@ -11,7 +11,7 @@ import { useSettings } from "../state/settings";
 import { text } from "../i18n";
 import { later } from "../i18n/later";
 import { Button, Choice, type Options, Show, Toggle } from "./basics";
-import { Faults, FaultsAt, FormProblem, NumberBox, Select, TextField } from "./fields";
+import { Faults, FaultsAt, FormProblem, Select, TextField } from "./fields";
 import { faultsAt } from "../lib/faults";
 import { Scroll } from "./table";
 
@@ -381,9 +381,20 @@ function Cell({
   change: (value: unknown) => void;
 }) {
   const { typed, unread, type } = useTyped(codecOf(schema, {}, factor) ?? OF_TEXT, value, change);
-  if (!schema.enum) return <NumberBox value={typed} change={type} aria-label={label} aria-invalid={unread} />;
+  const set = (event: { currentTarget: { value: string } }) => type(event.currentTarget.value);
+  if (!schema.enum)
+    return (
+      <input
+        inputMode="decimal"
+        autocomplete="off"
+        aria-label={label}
+        aria-invalid={unread}
+        value={typed}
+        onInput={set}
+      />
+    );
   return (
-    <select aria-label={label} value={typed} onChange={(event) => type(event.currentTarget.value)}>
+    <select aria-label={label} value={typed} onChange={set}>
       {schema.enum.map((one) => (
         <option value={one} selected={one === typed}>
           {wordOf(one)}

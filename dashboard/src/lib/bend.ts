@@ -14,31 +14,30 @@ export function bendOf(posture: Posture, compliances: (number | null)[], { point
 
 const slides = (posture: Posture, j: number): boolean => posture.joint_kinds[j] === "prismatic";
 
-/** The posture after its joints have moved further [rad, m]: what a joint carries turns about its axis, or slides. */
+/** A point that the joints before `count` carry, after they have moved by [rad, m]: it turns about their axes, or slides. */
+export function carried(posture: Posture, angles: readonly number[], point: Vector, count: number): Vector {
+  let moved = point;
+  for (let j = count - 1; j >= 0; j--) {
+    const origin = posture.joint_origins[j] ?? [0, 0, 0];
+    const axis = posture.joint_axes[j] ?? [0, 0, 1];
+    moved = slides(posture, j)
+      ? add(moved, times(axis, angles[j] ?? 0))
+      : add(origin, rotated(subtract(moved, origin), axis, angles[j] ?? 0));
+  }
+  return moved;
+}
+
+/** The posture after its joints have moved further [rad, m]. */
 export function bent(posture: Posture, angles: number[]): Posture {
-  const about = (point: Vector, joints: number): Vector => {
-    let moved = point;
-    for (let j = joints - 1; j >= 0; j--) {
-      const origin = posture.joint_origins[j] ?? [0, 0, 0];
-      const axis = posture.joint_axes[j] ?? [0, 0, 1];
-      moved = slides(posture, j)
-        ? add(moved, times(axis, angles[j] ?? 0))
-        : add(origin, rotated(subtract(moved, origin), axis, angles[j] ?? 0));
-    }
-    return moved;
-  };
-  const along = (direction: Vector, joints: number): Vector => {
-    let turned = direction;
-    for (let j = joints - 1; j >= 0; j--)
-      if (!slides(posture, j)) turned = rotated(turned, posture.joint_axes[j] ?? [0, 0, 1], angles[j] ?? 0);
-    return turned;
-  };
-  const all = posture.joint_origins.length;
+  const moved = (point: Vector, count: number) =>
+    [...carried(posture, angles, point, count)] as [number, number, number];
+  const tip = (j: number) => add(posture.joint_origins[j] ?? [0, 0, 0], posture.joint_axes[j] ?? [0, 0, 1]);
+  const origins = posture.joint_origins.map((origin, j) => moved(origin, j));
   return {
     ...posture,
-    joint_origins: posture.joint_origins.map((origin, j) => [...about(origin, j)] as [number, number, number]),
-    joint_axes: posture.joint_axes.map((axis, j) => [...along(axis, j)] as [number, number, number]),
-    flange_origin: [...about(posture.flange_origin, all)] as [number, number, number],
+    joint_origins: origins,
+    joint_axes: origins.map((origin, j) => [...subtract(moved(tip(j), j), origin)] as [number, number, number]),
+    flange_origin: moved(posture.flange_origin, posture.joint_origins.length),
   };
 }
 

@@ -19,7 +19,7 @@ export function posted(text: string, factor = 1): number | string | null {
 }
 
 /** A product without the digits that only the factor's rounding brings: 0.86 · 1e6 is 860000. */
-const scaled = (value: number, factor: number): number =>
+export const scaled = (value: number, factor: number): number =>
   factor === 1 ? value : Number((value * factor).toPrecision(15));
 
 /** Three numbers, parted by semicolons, blanks or commas; null of an empty text, undefined of anything else. */

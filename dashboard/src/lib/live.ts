@@ -1,6 +1,6 @@
 /** One reading of a live campaign: from what is typed to what is posted. Lengths are typed in mm. */
 import type { JointKind, Observation, Units } from "../api/types";
-import { numberIn, vectorIn } from "./entered";
+import { numberIn, scaled, vectorIn } from "./entered";
 import { factors, positionIn } from "./units";
 import type { Vector } from "./vector";
 
@@ -18,9 +18,6 @@ export interface Typed {
 }
 
 export type Rows = Record<string, Typed>;
-
-/** A product without the digits that rounding adds. */
-const scaled = (value: number, factor: number): number => Number((value * factor).toPrecision(15));
 
 /** The factor from SI to a set's unit of a joint. */
 const perJoint = (units: Units, kind: JointKind | undefined): number => {

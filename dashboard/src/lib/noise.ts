@@ -1,5 +1,6 @@
 /** Noise of readings and load as people state it, in SI, and as a measurement set has it. */
 import type { MeasurementSet, Units } from "../api/types";
+import { scaled } from "./entered";
 import type { Fields } from "./json";
 import { factors } from "./units";
 
@@ -12,10 +13,12 @@ export type StatedNoise = Fields & { residuals?: boolean };
 export const statesNoise = (stated: StatedNoise): boolean => Object.values(stated).some(Boolean);
 
 /** Numbers times a factor; what is no number goes as it was typed. */
-function scaled(value: unknown, factor: number): unknown {
-  if (Array.isArray(value)) return value.map((part) => scaled(part, factor));
-  return typeof value === "number" ? Number((value * factor).toPrecision(15)) : value;
-}
+const sized = (value: unknown, factor: number): unknown =>
+  Array.isArray(value)
+    ? value.map((part) => sized(part, factor))
+    : typeof value === "number"
+      ? scaled(value, factor)
+      : value;
 
 /** The noise to post with a set in `units` that had the noise `before`. */
 export function noiseOf({ residuals, ...stated }: StatedNoise, before: Noise | null, units: Units): unknown {
@@ -23,20 +26,20 @@ export function noiseOf({ residuals, ...stated }: StatedNoise, before: Noise | n
   const { sigma, instrument, encoder_sigma: encoder, load_point: point, target_places: places, force } = stated;
   const { station, range, transverse } = (instrument ?? {}) as Record<string, Fields>;
   const part = (of: Fields | undefined) => ({
-    constant: scaled(of?.["constant"] ?? 0, 1 / length),
+    constant: sized(of?.["constant"] ?? 0, 1 / length),
     per_distance: of?.["per_distance"] ?? 0,
   });
   const noise = {
     ...before,
     ...(residuals || sigma || instrument ? { sigma: null, instrument: null } : {}),
     ...(sigma || instrument ? { refuted: null } : {}),
-    ...(sigma ? { sigma: scaled(sigma, 1 / length) } : {}),
+    ...(sigma ? { sigma: sized(sigma, 1 / length) } : {}),
     ...(instrument
-      ? { instrument: { station: scaled(station, 1 / length) ?? [], range: part(range), transverse: part(transverse) } }
+      ? { instrument: { station: sized(station, 1 / length) ?? [], range: part(range), transverse: part(transverse) } }
       : {}),
-    ...(encoder ? { encoder_sigma: scaled(encoder, 1 / angle) } : {}),
-    ...(point ? { load_point: scaled(point, 1 / length) } : {}),
-    ...(places ? { target_places: scaled(places, 1 / length) } : {}),
+    ...(encoder ? { encoder_sigma: sized(encoder, 1 / angle) } : {}),
+    ...(point ? { load_point: sized(point, 1 / length) } : {}),
+    ...(places ? { target_places: sized(places, 1 / length) } : {}),
     ...(force ? { force } : {}),
   };
   const said = Object.entries(noise).filter(([, value]) => value !== null && value !== undefined && value !== false);

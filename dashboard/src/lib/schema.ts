@@ -1,5 +1,5 @@
 /** Fields of requests as the service describes them, and how their values are typed: text to JSON and back. */
-import { numberIn } from "./entered";
+import { numberIn, scaled } from "./entered";
 
 export interface Schema {
   type?: string;
@@ -41,10 +41,6 @@ export interface Codec {
   /** Whether it takes several lines. */
   lines?: boolean;
 }
-
-/** A product without the digits that only the factor's rounding brings: 0.86 · 1e6 is 860000. */
-const scaled = (value: number, factor: number): number =>
-  factor === 1 ? value : Number((value * factor).toPrecision(15));
 
 const ofNumber = (factor: number): Codec => ({
   show: (value) => (typeof value === "number" ? String(scaled(value, 1 / factor)) : String(value ?? "")),

@@ -1,7 +1,8 @@
 /** An arm of springs that the page simulates, to try a live campaign without one. Units: m, rad, N. */
 import type { Posture } from "../api/types";
+import { carried } from "./bend";
 import type { Rows } from "./live";
-import { add, cross, dot, fromFlange, subtract, times, type Vector } from "./vector";
+import { add, cross, dot, fromFlange, subtract, type Vector } from "./vector";
 
 /** What a set says that was opened as a simulated one. */
 export const SIMULATED = "simulated by the page";
@@ -35,23 +36,6 @@ export function stiffnessesOf(seed: number): number[] {
 }
 
 export const seedOf = (notes: string | null | undefined): number => Number(/seed (\d+)/.exec(notes ?? "")?.[1] ?? 0);
-
-/** A vector turned about a unit axis (Rodrigues). */
-function about(axis: Vector, angle: number, v: Vector): Vector {
-  const [c, s] = [Math.cos(angle), Math.sin(angle)];
-  return add(add(times(v, c), times(cross(axis, v), s)), times(axis, dot(axis, v) * (1 - c)));
-}
-
-/** A point that the joints before `count` carry, after they gave way by `angles`. */
-function carried(posture: Posture, angles: number[], point: Vector, count: number): Vector {
-  let place = point;
-  for (let j = count - 1; j >= 0; j--) {
-    const origin = posture.joint_origins[j] as unknown as Vector;
-    const axis = posture.joint_axes[j] as unknown as Vector;
-    place = add(origin, about(axis, angles[j] ?? 0, subtract(place, origin)));
-  }
-  return place;
-}
 
 /**
  * Angles [rad] by which revolute joints give way until the springs balance a force [N] at a point of the flange:

@@ -17,7 +17,7 @@ import type { Opened } from "../state/opened";
 import { link } from "../state/router";
 import { text } from "../i18n";
 import { later } from "../i18n/later";
-import { FileDrop, GoBar, Refused } from "./file_drop";
+import { FileDrop, GoBar, Refused, Step } from "./file_drop";
 import { Advanced, useRunForm } from "./advanced";
 import { withNoise } from "./variants";
 
@@ -74,11 +74,7 @@ export function CampaignFlow({
 
   return (
     <Fields action={identify} look="flow">
-      <section class="card" aria-labelledby="step-file">
-        <h2 id="step-file">
-          <span class="step">1</span>
-          {text.files.title}
-        </h2>
+      <Step at={1} title={text.files.title}>
         <FileDrop again={opened !== null || storedId !== ""} take={take} />
         {opened?.kind === "template" && <p class="note good">{later.imports.templateFirst(opened.template.name)}</p>}
         {known && known.sets.length > 0 && opened === null && (
@@ -102,15 +98,11 @@ export function CampaignFlow({
         {stored.state === "failed" && <ProblemNote problem={stored.problem} />}
         {set && <Findings warnings={set.warnings} />}
         {set && campaign && <p class="soft">{text.start.readFindings}</p>}
-      </section>
+      </Step>
 
       {facts && (
         <>
-          <section class="card" aria-labelledby="step-robot">
-            <h2 id="step-robot">
-              <span class="step">2</span>
-              {text.start.robot}
-            </h2>
+          <Step at={2} title={text.start.robot}>
             {!storedId && (
               <div class="row">
                 <Select
@@ -134,7 +126,7 @@ export function CampaignFlow({
             ) : (
               <p class="stage blank">{text.start.armHere}</p>
             )}
-          </section>
+          </Step>
           <Advanced form={form} joints={ofRobot?.joints.map((joint) => joint.name) ?? []} />
         </>
       )}

@@ -1,5 +1,5 @@
 /** The first step of a flow: where files are dropped, and why one was refused. */
-import type { Problem } from "../api/types";
+import type { ComponentChildren } from "preact";
 import { Button, ProblemNote } from "../components/basics";
 import { elsewhere } from "../lib/faults";
 import type { Action } from "../state/action";
@@ -23,6 +23,24 @@ export function FileDrop({ again, take }: { again: boolean; take: (...files: Fil
   );
 }
 
+/** A step of a flow, with its number. */
+export const Step = ({ at, title, wide = false, children }: StepProps) => (
+  <section class={wide ? "card wide" : "card"} aria-labelledby={`step-${at}`}>
+    <h2 id={`step-${at}`}>
+      <span class="step">{at}</span>
+      {title}
+    </h2>
+    {children}
+  </section>
+);
+
+interface StepProps {
+  at: number;
+  title: string;
+  wide?: boolean;
+  children: ComponentChildren;
+}
+
 /** A file that is none of ours: what is wrong, and what to do. */
 export function Refused({ file, why: [title, remedy] }: { file: string; why: readonly string[] }) {
   return (
@@ -42,7 +60,7 @@ export function Refused({ file, why: [title, remedy] }: { file: string; why: rea
 export function GoBar({ action, ready, why }: { action: Action<[]>; ready: boolean; why: string | null }) {
   return (
     <div class={ready ? "gobar wide ready" : "gobar wide"}>
-      {action.problem && <GoProblem problem={action.problem} />}
+      {action.problem && <ProblemNote problem={elsewhere(action.problem, SETTINGS_FIELDS)} />}
       <div class="go">
         <Button acts look="primary big" disabled={!ready || action.busy} onClick={action.run}>
           {action.busy ? text.start.going : text.start.go}
@@ -52,5 +70,3 @@ export function GoBar({ action, ready, why }: { action: Action<[]>; ready: boole
     </div>
   );
 }
-
-const GoProblem = ({ problem }: { problem: Problem }) => <ProblemNote problem={elsewhere(problem, SETTINGS_FIELDS)} />;

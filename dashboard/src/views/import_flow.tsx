@@ -24,7 +24,7 @@ import { namesChanged, useNames } from "../state/names";
 import { type Opened, freshDraft, keepDraft, keepFiles, keptDraft } from "../state/opened";
 import { link } from "../state/router";
 import { keepTemplate } from "../state/templates";
-import { FileDrop, GoBar } from "./file_drop";
+import { FileDrop, GoBar, Step } from "./file_drop";
 import { FrameForm, ImportForm, sent } from "./import_form";
 import { ImportContent } from "./import_content";
 import { Advanced, useRunForm } from "./advanced";
@@ -79,11 +79,7 @@ export function ImportFlow({
 
   return (
     <Fields action={identify} look="flow">
-      <section class="card wide" aria-labelledby="step-file">
-        <h2 id="step-file">
-          <span class="step">1</span>
-          {text.files.title}
-        </h2>
+      <Step at={1} title={text.files.title} wide>
         <FileDrop again take={take} />
         {problem && <ProblemNote problem={problem} />}
         {answer ? (
@@ -91,13 +87,9 @@ export function ImportFlow({
         ) : (
           busy && <Busy label={words.readingFiles} />
         )}
-      </section>
+      </Step>
 
-      <section class="card" aria-labelledby="step-rest">
-        <h2 id="step-rest">
-          <span class="step">2</span>
-          {words.rest}
-        </h2>
+      <Step at={2} title={words.rest}>
         {answer && <ImportForm answer={answer} options={options} change={setOptions} />}
         <RobotChoice robots={robots} label={(id) => known?.robot(id) ?? id} value={robot} change={setChosen} />
         <details open={framed}>
@@ -111,13 +103,9 @@ export function ImportFlow({
           </div>
         </details>
         {known && robots.length === 0 && joints !== null && <p class="soft">{words.noRobot(joints)}</p>}
-      </section>
+      </Step>
 
-      <section class="card" aria-labelledby="step-preview">
-        <h2 id="step-preview">
-          <span class="step">3</span>
-          {words.understood}
-        </h2>
+      <Step at={3} title={words.understood}>
         {facts && <Preview facts={facts} />}
         {answer && answer.bodies.length > 0 && (
           <p>
@@ -141,7 +129,7 @@ export function ImportFlow({
             {words.saveTemplate}
           </Button>
         )}
-      </section>
+      </Step>
 
       <Advanced form={form} joints={robots.find(({ id }) => id === robot)?.joints.map((joint) => joint.name) ?? []} />
       <GoBar

@@ -9,7 +9,7 @@ import { Badge } from "../components/badge";
 import { Busy, Button, Empty, Icon, LinkButton, Name, ProblemNote, State } from "../components/basics";
 import { Select } from "../components/fields";
 import { Bar } from "../components/going";
-import { chosen, type Filter, FilterBar, type Row, Rows, useFilter } from "../components/list";
+import { chosen, FilterBar, type Row, Rows, useFilter } from "../components/list";
 import { percent } from "../lib/format";
 import { whenSeen } from "../state/load";
 import type { Names } from "../state/names";
@@ -184,37 +184,23 @@ export function JobList<Of extends Collection>({
           {members.length > 0 && <Rows rows={members} />}
         </section>
       ))}
-      {items && found.length === 0 && (
-        <Nothing of={collection} all={items.length === 0 && plain} deleted={deleted} change={change} />
+      {items && found.length === 0 && deleted && <Empty title={words.noneDeleted} hint={words.deletedHint} />}
+      {items?.length === 0 && plain && (
+        <Empty title={words.none} hint={collection === "runs" ? words.noneHint : words.noneAbove}>
+          {collection === "runs" && (
+            <LinkButton look="primary" href="#/">
+              {text.app.measure}
+            </LinkButton>
+          )}
+        </Empty>
+      )}
+      {items && found.length === 0 && !deleted && !(items.length === 0 && plain) && (
+        <Empty title={words.noMatch} hint={words.noMatchHint}>
+          <Button onClick={() => change({ q: "", robot: "", verdict: "" })}>{text.runs.clear}</Button>
+        </Empty>
       )}
       {more && <Button onClick={more}>{text.app.more}</Button>}
     </section>
-  );
-}
-
-function Nothing({
-  of,
-  all,
-  deleted,
-  change,
-}: {
-  of: Collection;
-  all: boolean;
-  deleted: boolean;
-  change: (part: Partial<Filter>) => void;
-}) {
-  if (deleted) return <Empty title={words.noneDeleted} hint={words.deletedHint} />;
-  if (all && of !== "runs") return <Empty title={words.none} hint={words.noneAbove} />;
-  return all ? (
-    <Empty title={words.none} hint={words.noneHint}>
-      <LinkButton look="primary" href="#/">
-        {text.app.measure}
-      </LinkButton>
-    </Empty>
-  ) : (
-    <Empty title={words.noMatch} hint={words.noMatchHint}>
-      <Button onClick={() => change({ q: "", robot: "", verdict: "" })}>{text.runs.clear}</Button>
-    </Empty>
   );
 }
 

@@ -9,6 +9,7 @@ import { RampLegend, share } from "../components/slice";
 import { JobTables } from "../components/job_tables";
 import { significant } from "../lib/format";
 import { type PathPoint, pointsOf, thinned } from "../lib/program";
+import { extent } from "../lib/scale";
 import { ARM_ALONE, type Show as Shown } from "../scene/show";
 import type { Arrow } from "../scene/arrows";
 import type { Vector } from "../lib/vector";
@@ -102,7 +103,7 @@ function Scene({ loaded: { points, robot } }: { loaded: Loaded }) {
   const { kinematics } = useKinematics(point ? { robot_id: robot.id } : null, point ? [point.joints] : []);
   const posture = kinematics?.postures[0];
   const size = useMemo(
-    () => extent(drawn.map((one) => one.place)) / Math.min(FINEST, Math.max(COARSEST, drawn.length)),
+    () => lengthOf(drawn.map((one) => one.place)) / Math.min(FINEST, Math.max(COARSEST, drawn.length)),
     [drawn],
   );
   const greatest = useMemo(
@@ -157,13 +158,7 @@ const tool = (from: Vector, to: Vector): Arrow => ({
 });
 
 /** Greatest length of a path along an axis, 0.1 m at least. */
-function extent(places: Vector[]): number {
-  const spans = [0, 1, 2].map((axis) => {
-    const values = places.map((place) => place[axis] ?? 0);
-    return (
-      values.reduce((most, value) => Math.max(most, value), -Infinity) -
-      values.reduce((least, value) => Math.min(least, value), Infinity)
-    );
-  });
-  return Math.max(0.1, ...spans);
+function lengthOf(places: Vector[]): number {
+  const ends = ([0, 1, 2] as const).map((axis) => extent(places.map((place) => place[axis])) ?? [0, 0]);
+  return Math.max(0.1, ...ends.map(([low = 0, high = 0]) => high - low));
 }

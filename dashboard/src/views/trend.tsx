@@ -13,7 +13,7 @@ import { pValue } from "../lib/format";
 import { bandsOf, changeText, pointsOf, worstFirst } from "../lib/trend";
 import { intervalIn, maybeInUnit, unitOf } from "../lib/units";
 import { useLoad } from "../state/load";
-import { link } from "../state/router";
+import { go, link } from "../state/router";
 import { useSettings } from "../state/settings";
 import { storedRobot } from "../state/names";
 import { text } from "../i18n";
@@ -62,7 +62,14 @@ export function TrendView({ robot: id, serial }: { robot: string; serial: string
                     change={(chosen) => setEncoders(chosen as Encoders)}
                     options={ENCODERS.map((value) => ({ value, label: text.files.encoders[value] }))}
                   />
-                  <Serials trend={found} />
+                  {serialsOf(found).length > 1 && (
+                    <Select
+                      label={words.serial}
+                      value={found.selection?.serial_number ?? ""}
+                      change={(chosen) => go(link(["compare", "trend", id], { serial: chosen }))}
+                      options={serialsOf(found)}
+                    />
+                  )}
                 </div>
                 <Charts robot={id} trend={found} reload={trend.reload} />
               </>
@@ -75,22 +82,10 @@ export function TrendView({ robot: id, serial }: { robot: string; serial: string
 }
 
 /** The serial numbers of the robot's sets, and that the chart shown is of sets without one. */
-function Serials({ trend }: { trend: Found }) {
-  const shown = trend.selection?.serial_number ?? "";
-  const known = trend.serial_numbers.map((value) => ({ value, label: value }));
-  const options = shown === "" ? [{ value: "", label: text.fleet.noSerial }, ...known] : known;
-  if (options.length < 2) return null;
-  return (
-    <Select
-      label={words.serial}
-      value={shown}
-      change={(serial) => {
-        location.hash = link(["compare", "trend", trend.robot_id], { serial });
-      }}
-      options={options}
-    />
-  );
-}
+const serialsOf = ({ selection, serial_numbers: serials }: Found) => [
+  ...(selection?.serial_number ? [] : [{ value: "", label: text.fleet.noSerial }]),
+  ...serials.map((value) => ({ value, label: value })),
+];
 
 function Charts({ robot, trend, reload }: { robot: Robot["id"]; trend: Found; reload: () => void }) {
   if (trend.campaigns.length === 0) {
@@ -125,29 +120,22 @@ function Charts({ robot, trend, reload }: { robot: Robot["id"]; trend: Found; re
           <JointTrend key={joint.name} joint={joint} trend={trend} />
         ))}
       </div>
-      <Campaigns trend={trend} />
+      <details open={trend.campaigns.some(({ assessment }) => assessment.verdict !== "use")}>
+        <summary>{words.takes(trend.campaigns.length)}</summary>
+        <Rows
+          rows={trend.campaigns.map(({ run_id: id, name, at, assessment }) => ({
+            id,
+            href: link(["runs", id]),
+            name,
+            what: <Name>{name}</Name>,
+            at,
+            standing: <Badge verdict={assessment.verdict} />,
+          }))}
+        />
+      </details>
       <NewBaseline trend={trend} reload={reload} />
       <LeftOut trend={trend} />
     </>
-  );
-}
-
-/** The campaigns of the trend, with the verdict on each one's run. */
-function Campaigns({ trend: { campaigns } }: { trend: Found }) {
-  return (
-    <details open={campaigns.some(({ assessment }) => assessment.verdict !== "use")}>
-      <summary>{words.takes(campaigns.length)}</summary>
-      <Rows
-        rows={campaigns.map(({ run_id: id, name, at, assessment }) => ({
-          id,
-          href: link(["runs", id]),
-          name,
-          what: <Name>{name}</Name>,
-          at,
-          standing: <Badge verdict={assessment.verdict} />,
-        }))}
-      />
-    </details>
   );
 }
 

@@ -47,6 +47,12 @@ export function Alarms({ trend, reload }: Noted) {
 
 function Alarm({ robot, raised: { joint, alarm }, reload }: { robot: string; raised: Raised; reload: () => void }) {
   const seen = alarm.acknowledgement;
+  const [note, setNote] = useState("");
+  const send = useAction(async () => {
+    await api.acknowledge(robot, { run_id: alarm.run_id, joint, note: note.trim() });
+    namesChanged();
+    reload();
+  });
   return (
     <section class={seen || alarm.until !== null ? "note warn" : "note bad"} aria-label={words.alarmOf(joint)}>
       <p>
@@ -67,26 +73,14 @@ function Alarm({ robot, raised: { joint, alarm }, reload }: { robot: string; rai
           <Name>{seen.note}</Name>
         </p>
       ) : (
-        <Acknowledge robot={robot} joint={joint} run={alarm.run_id} reload={reload} />
+        <Form action={send}>
+          <TextField label={words.note} required maxLength={2000} value={note} change={setNote} />
+          <Button acts type="submit" disabled={send.busy || note.trim() === ""}>
+            {words.acknowledge}
+          </Button>
+        </Form>
       )}
     </section>
-  );
-}
-
-function Acknowledge({ robot, joint, run, reload }: { robot: string; joint: string; run: string; reload: () => void }) {
-  const [note, setNote] = useState("");
-  const send = useAction(async () => {
-    await api.acknowledge(robot, { run_id: run, joint, note: note.trim() });
-    namesChanged();
-    reload();
-  });
-  return (
-    <Form action={send}>
-      <TextField label={words.note} required maxLength={2000} value={note} change={setNote} />
-      <Button acts type="submit" disabled={send.busy || note.trim() === ""}>
-        {words.acknowledge}
-      </Button>
-    </Form>
   );
 }
 
