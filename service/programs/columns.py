@@ -155,7 +155,7 @@ class Columns:
         """Add a target, or find it by the place of its numbers; in two frames it is in doubt."""
         literal = self._literals.setdefault(target.literal, len(self._literals))
         base, tool = (
-            (-1, -1) if frames is None else (self._frame("base", frames[0]), self._frame("tool", frames[1]))
+            self._frame(*each) for each in zip(("base", "tool"), frames or (None, None), strict=True)
         )
         index = self._placed.setdefault((target.source, target.first, literal), len(self._names))
         row = _WIDTH * index
@@ -172,8 +172,8 @@ class Columns:
             self._doubts.setdefault(index, Cause(used, f"target {shown(target.label)} is {other}", remedy))
         return index
 
-    def _frame(self, role: str, frame: FrameName | Cause) -> int:
-        if isinstance(frame, Cause):
+    def _frame(self, role: str, frame: FrameName | Cause | None) -> int:
+        if not isinstance(frame, FrameName):
             return -1
         key = role, frame.name if frame.pose is None else frame.pose.tobytes()
         return self._frames.setdefault(key, (len(self._frames), frame))[0]
@@ -199,27 +199,22 @@ class Columns:
         moves = Moves(*_columns(self._moves, 3), *_columns(self._visits, 1))
         kept = self._certain(targets, moves)
         left = sorted(self._left, key=lambda each: each[0].line)
-        faults = [
-            Fault(self._sources[cause.source].name, cause.line, cause.reason, cause.remedy)
-            for _, cause in left
-        ]
-        if not kept.any():
-            faults += [] if left else [Fault(self._sources[each.source].name, *each[:3]) for each in causes]
+        moved = tuple(each for each, _ in left)
+        faults = [self._fault(cause) for _, cause in left]
+        if not (faults or kept.any()):
             remedy = "send a program with moves to targets given by numbers"
-            faults += (
-                [] if faults else [Fault(self._sources[0].name, None, "the program has no target", remedy)]
-            )
-            raise ProgramError(
-                sorted(dict.fromkeys(faults), key=lambda each: each.line or 0),
-                left=[each for each, _ in left],
-            )
+            none = Fault(self._sources[0].name, None, "the program has no target", remedy)
+            faults = [self._fault(cause) for cause in causes] or [none]
+        faults = sorted(dict.fromkeys(faults), key=lambda each: each.line or 0)
+        if not kept.any():
+            raise ProgramError(faults, left=moved)
         if left:
             moves, targets = _kept(moves, targets, kept)
         remarks = tuple(sorted(self._remarks, key=lambda each: each.line))
-        refusal = tuple(sorted(dict.fromkeys(faults), key=lambda each: each.line or 0))
-        return Program(
-            self._format, self._sources, targets, moves, remarks, tuple(each for each, _ in left), refusal
-        )
+        return Program(self._format, self._sources, targets, moves, remarks, moved, tuple(faults))
+
+    def _fault(self, cause: Cause) -> Fault:
+        return Fault(self._sources[cause.source].name, cause.line, cause.reason, cause.remedy)
 
     def _certain(self, targets: Targets, moves: Moves) -> BoolArray:
         """Return which moves (k,) are corrected: none that shares numbers with one that is left."""

@@ -50,7 +50,7 @@ _OFFSETS: Final = (
 _OFFSET: Final = re.compile(rf"(?:^| ){_OFFSETS}(?: |$)")
 _ALL_OFFSETS: Final = re.compile(rf" ?{_OFFSETS}(?: {_OFFSETS})*")
 _REMEDY: Final = (
-    "write positions in numbers, in /POS: no PR[], no P[R[]]; choose frames by numbers, on lines of their own"
+    "write positions in numbers in /POS: no PR[], no P[R[]]; choose frames by numbers, line by line"
 )
 _AGAIN: Final = "record the position again"
 _FRAMES: Final = {
@@ -280,12 +280,12 @@ LANGUAGE: Final = ir.Language(
     is_frame=lambda name: name.startswith(("UF ", "UT ")),
     rules=(
         (r"(?P<letter>[JLCAS]) P\[\0\] ?(?P<second>P\[\0\] ?)?(?P<tail>.*)", _move),
-        (r"(?P<kind>UFRAME_NUM|UTOOL_NUM|\$MNUFRAMENUM\[\0\]|\$MNUTOOLNUM\[\0\])=(?P<number>\0)", _frame),
+        (r"(?P<kind>UFRAME_NUM|UTOOL_NUM|\$MNUFRAMENUM\[\0\]|\$MNUTOOLNUM\[\0\])=#{number}", _frame),
         (r"IF ?(.+?) ?THEN", "if"),
         (r"FOR R\[\0\]=(.+?)(?: TO| DOWNTO) ?(.+)", "loop"),
         (r"ELSE", "turn"),
         (r"ENDIF|ENDFOR", "close"),
-        (r"LBL ?\[(?P<name>\0)\]", lambda line: [ir.Flow("label", ("%s", line.number("name")))]),
+        (r"LBL ?\[#{name}\]", "label"),
         (r"(?:WAIT ?(.+?) ?TIMEOUT,|JMP )LBL ?\[(?P<label>.*)\]", _jump),
         (rf"(?:IF ?(.+?)|SELECT ?(?P<which>.+?)|=(.+?)|ELSE),{_LOGIC}", _leads),
         (r"(?:CALL|RUN|MONITOR) (?P<name>\w++)(?:\((.*)\))?", lambda line: [ir.Call(line["name"])]),

@@ -28,14 +28,9 @@ MARK: Final = "Jointstiff run "
 """Text by which a mark is known: a comment that keeps a compensated program from a second correction."""
 
 
+_MODULES: Final = {"csv": table, "krl": krl, "fanuc": fanuc, "rapid": rapid, "ur": ur}
 FORMATS: Final[Mapping[str, Language]] = MappingProxyType(
-    {
-        "csv": table.LANGUAGE,
-        "krl": krl.LANGUAGE,
-        "fanuc": fanuc.LANGUAGE,
-        "rapid": rapid.LANGUAGE,
-        "ur": ur.LANGUAGE,
-    }
+    {name: module.LANGUAGE for name, module in _MODULES.items()}
 )
 
 
@@ -118,15 +113,9 @@ def _source(name: str, content: bytes) -> Source:
         _refuse(name, None, f"more than {MAX_LINES:,} lines", "split the program")
     source = Source.of(name, content)
     if (place := source.text.find(MARK)) >= 0:
-        reason = (
-            "the program states that it was corrected already: a second correction would add to the first"
-        )
-        _refuse(
-            name,
-            source.line(place),
-            reason,
-            "send the original program; remove this line if it is wrong",
-        )
+        reason = "the program states that it was corrected already: a second correction would add to it"
+        remedy = "send the original program; remove this line if it is wrong"
+        _refuse(name, source.line(place), reason, remedy)
     for i in np.flatnonzero(source.ends - source.starts > MAX_LINE).tolist():
         if len(source.text[source.starts[i] : source.ends[i]].rstrip("\r\n")) > MAX_LINE:
             reason = f"a line of more than {MAX_LINE} characters"

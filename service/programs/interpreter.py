@@ -231,25 +231,27 @@ class Machine:
             if op.attached:
                 self._anytime[UNKNOWN] = unknown
         else:
-            said = (
-                f"{op.name} is called; the request states that it neither moves the robot nor changes frames"
-            )
-            self.columns.remark(place.line, said)
+            said = "the request states that it neither moves the robot nor changes frames"
+            self.columns.remark(place.line, f"{op.name} is called; {said}")
 
     def _unknown(self, place: Place, op: ir.Call) -> Cause | None:
         """Return why nothing is known behind a call of an unknown routine; None if vouched for."""
         name = place.name(op.name)
-        if name.upper() in self._allowed:
+        if op.quiet or name.upper() in self._allowed:
             return None
         reason = f"{shown(name)} is unknown: it may move the robot or change its frames"
         return place.cause(reason, f"if it does neither, name it in `leave_alone`: [{shown(name)}]")
+
+    def _is_own(self, op: ir.Call) -> bool:
+        """Return whether a routine of the program is called here."""
+        return op.name in self._ways.begins and not op.attached
 
     def _summarise(self) -> None:
         """Find what each routine, and those that it calls, may change."""
         callers = self._callers
         for i, op in enumerate(self._ops):
             routine, state = self._ways.routine[i], dict[str, tuple[Held, int]]()
-            if isinstance(op, ir.Call) and not op.attached and op.name in self._ways.begins:
+            if isinstance(op, ir.Call) and self._is_own(op):
                 callers[str(op.name)].add(routine)
             else:
                 self._step(state, i)
@@ -294,12 +296,7 @@ class Machine:
             self._toil(1)
             if isinstance(op, ir.Flow):
                 state = self._flow(op, i, state, outer)
-            elif (
-                state is not None
-                and isinstance(op, ir.Call)
-                and op.name in self._ways.begins
-                and not op.attached
-            ):
+            elif state is not None and isinstance(op, ir.Call) and self._is_own(op):
                 state = self._call(str(op.name), state)
             elif state is not None:
                 self._step(state, i)
@@ -369,11 +366,7 @@ class Machine:
                 self._forget(state, cause)
             for each in map(place.name, op.names):
                 state.update(dict.fromkeys({each} | self._parts.get(each, set()), (cause, place.line)))
-        elif (
-            isinstance(op, ir.Call)
-            and not (op.attached or op.quiet)
-            and (unknown := self._unknown(place, op))
-        ):
+        elif isinstance(op, ir.Call) and not op.attached and (unknown := self._unknown(place, op)):
             self._forget(state, unknown)
 
     def _forget(self, state: State, cause: Cause) -> None:
@@ -516,10 +509,8 @@ class Machine:
             reason = "it is declared where other programs use it, too"
         elif isinstance(held, Given):
             return held._replace(label=name)
-        reason = f"the target {shown(name)} is not given by constant numbers" + (
-            f": {reason}" if reason else ""
-        )
-        return place.cause(reason, self._language.remedy)
+        unknown = f"the target {shown(name)} is not given by constant numbers"
+        return place.cause(f"{unknown}: {reason}" if reason else unknown, self._language.remedy)
 
     def _frame(self, place: Place, value: Value | ir.Product, state: State) -> FrameName | Cause:
         """Return a frame; of several ones, each stands in the one before."""
@@ -549,13 +540,10 @@ class Machine:
         """Return the product (4, 4) [m] of poses in numbers; None if one is no pose."""
         poses = []
         for each in given:
-            notation, places = (
-                each.literal.notation,
-                each.first + np.array(each.literal.numbers, dtype=np.intp),
-            )
+            notation = each.literal.notation
+            values = self.numerals[each.source].values[each.first + np.array(each.literal.numbers)]
             if not notation.has_pose:
                 return None
-            values = self.numerals[each.source].values[places]
             if not (np.abs(values) <= MAX_VALUE).all() or not notation.states(values):
                 return None
             poses.append(notation.pose(values))

@@ -44,14 +44,10 @@ _RESERVED: Final = (
     r"|LOOP|REPEAT|UNTIL|SWITCH|CASE|DEFAULT|GOTO|WAIT|HALT|EXIT|RETURN|CONTINUE|TRIGGER|INTERRUPT|(?:PTP_)?SPLINE"
     r"|DECL|GLOBAL|SIGNAL|EXT|BRAKE|RESUME|WITH|DO|ANOUT|ANIN|BAS|C_(?:PTP|DIS|VEL|ORI|SPL)|\$BASE|\$TOOL"
 )
-_REMEDY: Final = (
-    "write all of X, Y, Z, A, B, C (or A1 ... A6) as numbers, and send the .dat that declares them"
-)
+_REMEDY: Final = "write X, Y, Z, A, B, C (or A1 ... A6) in numbers, and send the .dat that declares them"
 _FRAME_REMEDY: Final = "give the whole frame in numbers, or as BASE_DATA[i] or TOOL_DATA[i]"
 _NAME: Final = r"\$?[^\W\d]\w*+"
-_NOT_WHOLE: Final = (
-    "the target is not a whole pose or set of angles in numbers, or the text after it is unknown"
-)
+_NOT_WHOLE: Final = "the target is no whole pose or angles in numbers, or the text after it is unknown"
 _BLEND: Final = r"(?: ?C_(?:PTP|DIS|VEL|ORI|SPL))*"
 _FIELD: Final = re.compile(r"(\w+)(?:\[\])? ?(\0|TRUE|FALSE|\"[^\"]*\"|#\w+|'\w+')")
 _SEPARATED: Final = re.compile(r" (?=[\0\w\"#'$])|(?<=\w):|(?<=\])(?=[\0\w\"#'$ ])|(?<=\[)(?=\])")
@@ -277,10 +273,7 @@ LANGUAGE: Final = ir.Language(
     constants={name: np.eye(4) for name in ("$NULLFRAME", "BASE_DATA[0]", "TOOL_DATA[0]")},
     is_frame=lambda name: name.startswith(("BASE_DATA[", "TOOL_DATA[")),
     rules=(
-        (
-            rf"(?:GLOBAL )?DEF(?:FCT {_NAME}(?:\[\])?)? (?P<name>{_NAME})(?:\((?P<own>.*)\))?(?: ?PUBLIC)?",
-            _routine,
-        ),
+        (rf"(?:GLOBAL )?DEF(?:FCT {_NAME}(?:\[\])?)? @{{name}}(?:\((?P<own>.*)\))?(?: ?PUBLIC)?", _routine),
         (
             r"DEFDAT \w+(?: PUBLIC)?|ENDDAT|HALT|CONTINUE|ENDSPLINE.*|INTERRUPT (?:ON|OFF)|INTERRUPT OFF \0",
             "",
@@ -292,22 +285,19 @@ LANGUAGE: Final = ir.Language(
         (r"DEFAULT", "default"),
         (r"ENDIF|ENDSWITCH|ENDFOR|ENDWHILE|ENDLOOP|UNTIL ?(.+)", "close"),
         (r"WHILE ?(.+)", "loop"),
-        (
-            rf"FOR (?P<name>{_NAME})=(.+?) ?TO (.+?)(?: ?STEP (.+))?",
-            lambda line: ir.counted(line["name"], _REMEDY),
-        ),
+        (r"FOR @{name}=(.+?) ?TO (.+?)(?: ?STEP (.+))?", lambda line: ir.counted(line["name"], _REMEDY)),
         (r"LOOP|REPEAT", "repeat"),
         (r"EXIT", "leave"),
-        (rf"GOTO (?P<name>{_NAME})", lambda line: [ir.Flow("jump", line["name"])]),
-        (rf"(?P<name>{_NAME}):", lambda line: [ir.Flow("label", line["name"])]),
+        (r"GOTO @{name}", "jump"),
+        (r"@{name}:", "label"),
         (r"RETURN ?(.*)", "return"),
         (r"WAIT (?:SEC|FOR) ?(.+)|ANOUT (?:ON|OFF) ?(.+)|(PULSE\(.*\))", ""),
         (
-            rf"(?:GLOBAL )?INTERRUPT DECL (?P<number>\0) WHEN (?P<when>.+?) ?DO (?P<action>{_NAME}\(.*\))",
+            rf"(?:GLOBAL )?INTERRUPT DECL #{{number}} WHEN (?P<when>.+?) ?DO (?P<action>{_NAME}\(.*\))",
             _attached,
         ),
         (
-            r"INTERRUPT ON (?P<number>\0)",
+            r"INTERRUPT ON #{number}",
             lambda line: [ir.Call(("INTERRUPT %s", line.number("number")), attached=True)],
         ),
         (
@@ -322,8 +312,8 @@ LANGUAGE: Final = ir.Language(
             rf"|(?:E6)?(?:POS|AXIS)|[FPL]DAT|LOAD)) (?P<names>{_NAME}.*)",
             _declared,
         ),
-        (rf"(?P<name>{_NAME})\(.*\)", _called),
-        (rf"(?P<name>{_NAME})(?P<index>(?:\[[^\]=]*+\]|\.\w++)*)=(?!=)(?P<value>.+)", _assigned),
+        (r"@{name}\(.*\)", _called),
+        (r"@{name}(?P<index>(?:\[[^\]=]*+\]|\.\w++)*)=(?!=)(?P<value>.+)", _assigned),
         (
             rf"S?(?P<motion>PTP|LIN|CIRC|SPL)(?P<relative>_REL)?(?: |(?=\{{))(?P<targets>.+?){_BLEND}"
             rf"(?: ?WITH (?P<settings>.*?))?{_BLEND}",

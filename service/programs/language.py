@@ -170,7 +170,7 @@ class Line:
 
 
 Rule: TypeAlias = "str | Callable[[Line], list[Op]]"
-"""What a statement does beside its expressions: a kind of `Flow`, or a function of its line."""
+"""What a statement does beside its expressions: a kind of `Flow` with the name, or a function of its line."""
 
 
 @dataclass(frozen=True)
@@ -178,7 +178,8 @@ class Language:
     """Tokens of a language, its statements by their forms, and facts of its controller."""
 
     comment: str  # pattern of a comment
-    # forms of statements in normal form: groups with names are for the rule, others are expressions
+    # forms of statements in normal form: groups with names are for the rule, others are expressions;
+    # `@{name}` is a word of that name, `#{name}` a number
     rules: tuple[tuple[str, Rule], ...] = ()
     motion: str = r"(?!)"  # pattern of the words of moves
     remedy: str = CONSTANT  # what to do where a target is not understood
@@ -215,7 +216,11 @@ class Language:
 
     @cached_property
     def _rules(self) -> tuple[tuple[re.Pattern[str], Rule], ...]:
-        return tuple((re.compile(pattern), rule) for pattern, rule in self.rules)
+        words = {"@": self.word, "#": r"\0"}
+        return tuple(
+            (re.compile(_PART.sub(lambda match: f"(?P<{match[2]}>{words[match[1]]})", pattern)), rule)
+            for pattern, rule in self.rules
+        )
 
     @cached_property
     def _motion(self) -> re.Pattern[str]:
@@ -282,8 +287,10 @@ class Language:
                 found = [op for each in given for op in self.expression(each)]
                 if not isinstance(rule, str):
                     return [*found, *rule(replace(line, match=match))]
+                line = replace(line, match=match)
+                name = ("%s", line.number("name")) if line["name"] == "\0" else line["name"]
                 found = attached(found) if rule in {"turn", "loop"} else found
-                return [*found, *([Flow(rule)] if rule else [])]
+                return [*found, *([Flow(rule, name)] if rule else [])]
         raise Misread("the statement is unknown: it may move the robot, targets or frames")
 
     def _unknown(self, shape: str, line: Line, fault: Misread) -> list[tuple[int, Op]]:
@@ -380,6 +387,7 @@ def _balanced(text: str) -> bool:
 _MAX_DEPTH: Final = 16
 """Braces within one another; a controller's own structures have three."""
 _QUOTED: Final = re.compile(r'"[^"]*+"')
+_PART: Final = re.compile(r"([@#])\{(\w+)\}")
 _SIGN: Final = re.compile(r"[^\r\n]")
 _LINE_END: Final = re.compile(r"\r\n?|\n")
 

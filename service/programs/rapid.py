@@ -42,9 +42,7 @@ _FUNCTIONS: Final = (
     r"|(?:NUM|VAL|BYTE)TOSTR|STR(?:LEN|PART)|C(?:ROBT|JOINTT|POS|TOOL|WOBJ|DATE|TIME)|OPMODE|RUNMODE|OFFS|RELTOOL"
     r"|POSE(?:MULT|INV|VECT)|(?:ORIENT|EULER)ZYX|DISTANCE|MAXROBSPEED|IS(?:PERS|VAR)"
 )
-_REMEDY: Final = (
-    "write [[x, y, z], [q1 ... q4], [cf1, cf4, cf6, cfx], [external axes]] in numbers, or declare it so"
-)
+_REMEDY: Final = "write [[x, y, z], [q1 ... q4], [cf1 ... cfx], [external axes]] in numbers, or declare it so"
 _FRAME_REMEDY: Final = "declare the frame in numbers"
 _WORD: Final = r"[^\W\d]\w*+"
 _N3, _N4, _N6 = (rf"\[\0(?:,\0){{{n - 1}}}\]" for n in (3, 4, 6))
@@ -261,8 +259,8 @@ LANGUAGE: Final = ir.Language(
             rf"|(?:LOCAL )?RECORD {_WORD}(?: {_WORD} {_WORD})?",
             "",
         ),
-        (rf"(?:LOCAL )?(?:PROC|FUNC {_WORD}) (?P<name>{_WORD})\((?P<own>[^()]*)\)", _routine),
-        (rf"(?:LOCAL )?TRAP (?P<name>{_WORD})", lambda line: [ir.Flow("aside", line["name"])]),
+        (rf"(?:LOCAL )?(?:PROC|FUNC {_WORD}) @{{name}}\((?P<own>[^()]*)\)", _routine),
+        (r"(?:LOCAL )?TRAP @{name}", "aside"),
         (r"ENDPROC|ENDFUNC|ENDTRAP", "end"),
         (r"(?:ERROR|UNDO|BACKWARD)(?:\([^()]*\))?", lambda _: [ir.Flow("end"), ir.Flow("aside")]),
         (r"IF ?(.*?) ?THEN", "if"),
@@ -274,22 +272,22 @@ LANGUAGE: Final = ir.Language(
             _test,
         ),
         (
-            rf"FOR (?P<name>{_WORD}) FROM ?(.+?) ?TO ?(.+?)(?: ?STEP ?(.+))? ?DO",
+            r"FOR @{name} FROM ?(.+?) ?TO ?(.+?)(?: ?STEP ?(.+))? ?DO",
             lambda line: ir.counted(line["name"], _REMEDY),
         ),
         (r"WHILE ?(.+?) ?DO", "loop"),
         (r"ENDIF|ENDFOR|ENDWHILE|ENDTEST", "close"),
-        (rf"(?P<name>{_WORD}):", lambda line: [ir.Flow("label", line["name"])]),
+        (r"@{name}:", "label"),
         (
-            rf"(?:(?P<own>LOCAL|TASK) )?(?P<kind>CONST|PERS|VAR) (?P<type>{_WORD}) (?P<name>{_WORD})"
+            r"(?:(?P<own>LOCAL|TASK) )?(?P<kind>CONST|PERS|VAR) @{type} @{name}"
             r"(?P<array>\{[^=]*\})?(?::=(?P<value>.+))?",
             _declared,
         ),
-        (rf"(?P<name>{_WORD})(?P<part>(?:\{{[^{{}}:]*\}}|\.\w+)*):=(?P<value>.+)", _assigned),
+        (r"@{name}(?P<part>(?:\{[^{}:]*\}|\.\w+)*):=(?P<value>.+)", _assigned),
         (r"(?:RETURN|RAISE|RETRY|TRYNEXT|EXIT)(?:\b ?(.+))?", "return"),
-        (rf"GOTO (?P<name>{_WORD})", lambda line: [ir.Flow("jump", line["name"])]),
-        (rf"CONNECT {_WORD} WITH (?P<name>{_WORD})", lambda line: [ir.Call(line["name"], attached=True)]),
+        (r"GOTO @{name}", "jump"),
+        (rf"CONNECT {_WORD} WITH @{{name}}", lambda line: [ir.Call(line["name"], attached=True)]),
         (r"IF .*", _if),
-        (rf"(?P<name>{_WORD}) ?(?P<arguments>.*)", _other),
+        (r"@{name} ?(?P<arguments>.*)", _other),
     ),
 )

@@ -39,9 +39,7 @@ _RESERVED: Final = (
     r"def|sec|thread|end|if|elif|else|while|for|switch|case|default|return|break|continue|pass|global|local|kill"
     r"|join|set_tcp|move[jlpc]"
 )
-_REMEDY: Final = (
-    "write p[x, y, z, rx, ry, rz] or [q1, ..., q6] in numbers, or a variable that is given such numbers once"
-)
+_REMEDY: Final = "write p[x, y, z, rx, ry, rz] or [q1 ... q6] in numbers, or a variable that gets them once"
 _WORD: Final = r"[^\W\d]\w*+"
 _SIX: Final = r"\[\0(?:,\0){5}\]"
 _LITERALS: Final = ((POSE, re.compile(rf"p{_SIX}")), (JOINTS, re.compile(_SIX)))
@@ -154,7 +152,7 @@ LANGUAGE: Final = ir.Language(
     constants={"robot base": np.eye(4)},
     rules=(
         (r"\$ ?\0(?: ?\"[^\"]*\")*", ""),  # PolyScope numbers its nodes: $ 3 "Waypoint_1"
-        (rf"(?P<kind>def|sec|thread) (?P<name>{_WORD})\((?P<own>.*)\):", _routine),
+        (r"(?P<kind>def|sec|thread) @{name}\((?P<own>.*)\):", _routine),
         (r"end", "any"),
         (r"(?:if|switch) ?(.+):", "if"),
         (r"while ?(.+):", "loop"),
@@ -168,9 +166,9 @@ LANGUAGE: Final = ir.Language(
             lambda line: [ir.Assign("TCP", Literal(POSE, line.ordinals[:6]))],
         ),
         (r"(?P<motion>move[jlpc])\((?P<arguments>.*)\)", _move),
-        (rf"(?P<name>{_WORD})\(.*\)", _called),
+        (r"@{name}\(.*\)", _called),
         (
-            rf"(?:(?:global|(?P<local>local)) )?(?P<name>{_WORD})"
+            r"(?:(?:global|(?P<local>local)) )?@{name}"
             r"(?P<index>(?:\[[^\[\]]*\]|\.\w++)*)=(?!=)(?P<value>.+)",
             _assigned,
         ),
