@@ -101,9 +101,24 @@ def new_postgresql_database(postgresql_url: str) -> Callable[..., str]:
     return create
 
 
+ON_BOTH = ["sqlite", pytest.param("postgresql", marks=pytest.mark.slow)]
+"""By day what stands above the store runs on SQLite: its contract and `test_every_kind` ask PostgreSQL."""
+
+
 @pytest.fixture(params=["sqlite", "postgresql"])
 def database_url(request: pytest.FixtureRequest, tmp_path: Path) -> str:
-    """A fresh, empty database, one of each kind.
+    """A fresh, empty database, one of each kind: for the store's contract."""
+    return _fresh_database(request, tmp_path)
+
+
+@pytest.fixture(params=ON_BOTH)
+def either_database_url(request: pytest.FixtureRequest, tmp_path: Path) -> str:
+    """A fresh, empty database on SQLite, and each night on PostgreSQL: for what stands above the store."""
+    return _fresh_database(request, tmp_path)
+
+
+def _fresh_database(request: pytest.FixtureRequest, tmp_path: Path) -> str:
+    """Return the URL of a fresh, empty database.
 
     On PostgreSQL it is a schema of its own, the only one on the search path: a program sees no
     difference, and it is there in a millisecond instead of 150.
@@ -131,11 +146,9 @@ def _postgresql_binaries() -> Path:
 @pytest.fixture(scope="session")
 def openapi() -> dict[str, Any]:
     """The description of the API; no test may change it."""
-    from jointstiff.service.app import create_app
-    from jointstiff.service.store.store import Store
+    from support.in_process import description
 
-    with Store.open("sqlite://") as store:
-        return create_app(store).openapi()
+    return description()
 
 
 @pytest.fixture(scope="session")
@@ -210,7 +223,7 @@ def service(request: pytest.FixtureRequest) -> Service | InProcess:
     return request.getfixturevalue("services")(request.param)
 
 
-@pytest.fixture(params=["sqlite", "postgresql"])
+@pytest.fixture(params=ON_BOTH)
 def client_of_workers(
     request: pytest.FixtureRequest, services: Callable[[str], Service]
 ) -> Iterator[httpx2.Client]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from playwright.sync_api import expect
-from support.browsing import DASHBOARD, SIZES, VIEWS
+from support.browsing import DASHBOARD, VIEWS
 
 AXE = DASHBOARD / "node_modules" / "axe-core" / "axe.min.js"
 CHECK = """async (rules) => {
@@ -21,25 +21,13 @@ SMALL = """() => [...document.querySelectorAll("a, button, select, summary, inpu
   .map(([e, box]) => `${e.outerHTML.slice(0, 120)} ${box.width} x ${box.height}`)"""
 
 
-def too_wide(page):
-    """The sizes of screen that the view does not fit."""
-    found = []
-    for name, (width, height) in SIZES.items():
-        page.set_viewport_size({"width": width, "height": height})
-        wide = page.evaluate("document.documentElement.scrollWidth")
-        if wide > width:
-            found.append(f"{wide} px wide on the {name}")
-    page.set_viewport_size(dict(zip(("width", "height"), SIZES["tablet"], strict=True)))
-    return found
-
-
 def faults_of(page):
-    """What axe-core finds in light, and of the colours in dark; small targets; narrow screens."""
+    """What axe-core finds in light, and of the colours in dark; small targets."""
     page.emulate_media(color_scheme="light")
     faults = page.evaluate(CHECK, {})
     page.emulate_media(color_scheme="dark")
     faults += [f"dark: {fault}" for fault in page.evaluate(CHECK, COLOURS)]
-    return faults + page.evaluate(SMALL) + too_wide(page)
+    return faults + page.evaluate(SMALL)
 
 
 def test_every_view_is_accessible(visit, stored, node_modules):

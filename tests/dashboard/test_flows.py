@@ -17,7 +17,7 @@ def file_of(document, name="campaign.json"):
     return {"name": name, "mimeType": "application/json", "buffer": json.dumps(document).encode()}
 
 
-@pytest.mark.parametrize("size", ["tablet", "phone"])
+@pytest.mark.parametrize("size", [pytest.param("tablet", marks=pytest.mark.slow), "phone"])
 def test_from_a_robot_to_a_trend(visit, api, size):
     """Add a robot, drop readings, identify, look at all parts, compare methods and sets, see the trend."""
     visited = visit(size)
@@ -343,35 +343,29 @@ def test_selected_runs_stand_side_by_side(visit, api, stored):
     expect(page.get_by_role("row").filter(has_text="Verdict").first).to_contain_text("Use")
 
 
-def test_a_deleted_run_is_found_and_restored(visit, api, stored):
-    run = post(api, "/v1/runs", {"measurement_set_id": stored.other_set})["id"]
-    api.delete(f"/v1/jobs/{run}")
-    visited = visit("tablet")
-    visited.go("#/runs?state=deleted")
-    page = visited.page
-    deleted = page.get_by_role("button", name="Restore")
-    deleted.first.wait_for()
-    before = deleted.count()
-    deleted.first.click()  # the newest
-    expect(deleted).to_have_count(before - 1)
-    assert api.get(f"/v1/runs/{run}").json()["state"] == "succeeded"
-
-
-@pytest.mark.parametrize("kind", ["methods", "pairs"])
-def test_deleted_comparisons_are_found_and_restored(visit, api, stored, kind):
-    body = {"run_ids": api.get(f"/v1/comparisons/{stored.pair}").json()["request"]["run_ids"]}
-    path, made = "/v1/comparisons", post(api, "/v1/comparisons", body)["id"]
+@pytest.mark.parametrize(
+    ("collection", "view"), [("runs", "#/runs?state=deleted"), ("comparisons", "#/compare/methods")]
+)
+def test_what_was_deleted_is_found_and_restored(visit, api, stored, collection, view):
+    body = {"measurement_set_id": stored.other_set}
+    if collection == "comparisons":
+        body = {"run_ids": api.get(f"/v1/comparisons/{stored.pair}").json()["request"]["run_ids"]}
+    made = post(api, f"/v1/{collection}", body)["id"]
     api.delete(f"/v1/jobs/{made}")
     visited = visit("phone")
-    visited.go(f"#/compare/{kind}")
+    visited.go(view)
     page = visited.page
-    page.locator("summary", has_text="Filter and order").click()
-    page.get_by_label("State").select_option("deleted")
+    if "state" not in view:
+        page.locator("summary", has_text="Filter and order").click()
+        page.get_by_label("State").select_option("deleted")
     restore = page.get_by_role("button", name="Restore")
-    expect(restore).to_have_count(1)
-    restore.click()
-    expect(page.get_by_text("Nothing deleted")).to_be_visible()
-    assert api.get(f"{path}/{made}").json()["state"] == "succeeded"
+    restore.first.wait_for()
+    before = restore.count()
+    restore.first.click()  # the newest
+    expect(restore).to_have_count(before - 1)
+    if collection == "comparisons":  # it was the only one
+        expect(page.get_by_text("Nothing deleted")).to_be_visible()
+    assert api.get(f"/v1/{collection}/{made}").json()["state"] == "succeeded"
 
 
 def test_an_example_is_tried_where_there_is_nothing_yet(visit):

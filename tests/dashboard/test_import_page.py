@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from playwright.sync_api import expect
+from playwright.sync_api import Locator, expect
 from support.api import file_at
-from support.browsing import ROOT, post
+from support.browsing import ROOT, Visit, post
 
 from jointstiff.simulator import default_arm
 from jointstiff.simulator.document import robot_document
@@ -23,34 +23,43 @@ def with_load_point(text: str) -> str:
     return "\n".join([f"{head};{names}", *(f"{row};-60;20;180" for row in rows)])
 
 
+class Taps:
+    """Taps on an upright tablet from a view to the result of a file, counted."""
+
+    def __init__(self, visited: Visit, view: str, file: dict[str, object]) -> None:
+        self.page, self.count = visited.page, 1
+        visited.go(view)
+        with self.page.expect_file_chooser() as chooser:
+            self(self.page.get_by_text("Choose file"))  # one; choosing it is another
+        chooser.value.set_files(file)
+        self(self.page.get_by_role("radio", name="motor encoders"))
+
+    def __call__(self, locator: Locator) -> None:
+        self.count += 1
+        locator.tap()
+
+    def identify(self) -> None:
+        """Identify what passed the checks, and wait for the stiffnesses."""
+        expect(self.page.get_by_text("passed all integrity checks")).to_be_visible()
+        self(self.page.get_by_role("button", name="Identify"))
+        expect(self.page.get_by_role("table", name="Joint stiffness")).to_be_visible()
+
+
 def test_from_a_table_to_its_result_in_five_taps(visit, api, stored):
-    """On an upright tablet: five taps, nothing stored before the last; the next file is read alike."""
+    """Nothing is stored before the last tap; the next file is read alike."""
     post(api, "/v1/robots", {**robot_document(default_arm()), "name": "arm of the table"})
-    taps = 0
     visited = visit("tablet upright")
     page = visited.page
-
-    def tap(locator):
-        nonlocal taps
-        taps += 1
-        locator.tap()
 
     def sets() -> int:
         return len(api.get("/v1/measurement-sets?limit=100").json()["items"])
 
     before = sets()
-    visited.go("#/")
-    with page.expect_file_chooser() as chooser:
-        tap(page.get_by_text("Choose file"))
-    taps += 1  # choosing it
-    chooser.value.set_files(table("day 1.csv", with_load_point(READINGS)))
-    tap(page.get_by_role("radio", name="motor encoders"))
+    tap = Taps(visited, "#/", table("day 1.csv", with_load_point(READINGS)))
     tap(page.get_by_role("radio", name="arm of the table"))
-    expect(page.get_by_text("passed all integrity checks")).to_be_visible()
     assert sets() == before
-    tap(page.get_by_role("button", name="Identify"))
-    expect(page.get_by_role("table", name="Joint stiffness")).to_be_visible()
-    assert taps <= 5
+    tap.identify()
+    assert tap.count <= 5
     assert sets() == before + 1
 
     visited.go("#/")
@@ -71,33 +80,18 @@ def test_six_taps_among_several_robots(visit, api, stored):
     older, newer = (
         post(api, "/v1/robots", {**robot, "name": f"{age} of two arms"}) for age in ("older", "newer")
     )
+    text = READINGS.replace("unloaded", "before").replace("loaded", "after")
     visited = visit("tablet upright")
     page = visited.page
-    taps = 0
-
-    def tap(locator):
-        nonlocal taps
-        taps += 1
-        locator.tap()
-
-    visited.go("#/")
-    with page.expect_file_chooser() as chooser:
-        tap(page.get_by_text("Choose file"))
-    taps += 1  # choosing it
-    chooser.value.set_files(
-        table("day 6.csv", READINGS.replace("unloaded", "before").replace("loaded", "after"))
-    )
-    tap(page.get_by_role("radio", name="motor encoders"))
+    tap = Taps(visited, "#/", table("day 6.csv", text))
     tap(page.get_by_label("Load point, x, y, z"))
     page.keyboard.type("-60, 20, 180")
     expect(page.get_by_role("radio", name="newer of two arms")).not_to_be_checked()
     expect(page.get_by_role("button", name="Identify")).to_be_disabled()
     page.get_by_role("radio", name="older of two arms").tap()
     tap(page.get_by_role("radio", name="newer of two arms"))
-    expect(page.get_by_text("passed all integrity checks")).to_be_visible()
-    tap(page.get_by_role("button", name="Identify"))
-    expect(page.get_by_role("table", name="Joint stiffness")).to_be_visible()
-    assert taps <= 6
+    tap.identify()
+    assert tap.count <= 6
     page.get_by_role("link", name="Report", exact=True).tap()
     report = page.get_by_role("link", name="Report as PDF")
     expect(report).to_be_visible()
@@ -112,26 +106,11 @@ def test_five_taps_with_words_for_states_and_a_load_point(visit, api, stored):
     added = [post(api, "/v1/robots", {**robot, "joint_map": None}), post(api, "/v1/robots", robot)]
     text = READINGS.replace("unloaded", "before").replace("loaded", "after")
     visited = visit("tablet upright")
-    page = visited.page
-    taps = 0
-
-    def tap(locator):
-        nonlocal taps
-        taps += 1
-        locator.tap()
-
-    visited.go(f"#/?robot={added[0]['id']}")
-    with page.expect_file_chooser() as chooser:
-        tap(page.get_by_text("Choose file"))
-    taps += 1  # choosing it
-    chooser.value.set_files(table("day 4.csv", text))
-    tap(page.get_by_role("radio", name="motor encoders"))
-    tap(page.get_by_label("Load point, x, y, z"))
-    page.keyboard.type("-60, 20, 180")
-    expect(page.get_by_text("passed all integrity checks")).to_be_visible()
-    tap(page.get_by_role("button", name="Identify"))
-    expect(page.get_by_role("table", name="Joint stiffness")).to_be_visible()
-    assert taps <= 5
+    tap = Taps(visited, f"#/?robot={added[0]['id']}", table("day 4.csv", text))
+    tap(visited.page.get_by_label("Load point, x, y, z"))
+    visited.page.keyboard.type("-60, 20, 180")
+    tap.identify()
+    assert tap.count <= 5
 
 
 def test_words_that_may_be_states_are_one_question(visit, stored):

@@ -1,4 +1,7 @@
-"""Every view as eyes see it: at seven widths, in light, in dark, on paper; `seeing.js` has the faults."""
+"""Every view as eyes and fingers find it, at eight widths: in light, in dark, on paper; in few sizes of type.
+
+`seeing.js` has the faults of what is read.
+"""
 
 from __future__ import annotations
 
@@ -8,8 +11,10 @@ import pytest
 from support.browsing import VIEWS
 
 LOOK = Path(__file__).with_name("seeing.js").read_text(encoding="utf-8")
-WIDTHS = (360, 390, 650, 820, 1024, 1280, 1440)  # px
-MEDIA = {"light": ("screen", "light"), "dark": ("screen", "dark"), "print": ("print", "light")}
+WIDTHS = (360, 390, 650, 820, 960, 1024, 1280, 1440)  # px
+MEDIA = {"print": ("print", "light"), "dark": ("screen", "dark"), "light": ("screen", "light")}
+ENDS = (WIDTHS[0], WIDTHS[-1])
+"""Widths that are looked at in the dark, which changes colours only."""
 PHONE, PAPER, DESK = 400, 650, 1000
 """A phone is at most this wide, paper and a desk at least [px]."""
 ROW = {"phone": 72, "desk": 44}
@@ -68,27 +73,6 @@ def limits(view: str, width: int, media: str) -> list[float | bool]:
     return [False, row, FIRST if width <= PHONE and shows else 0]
 
 
-def test_every_view_can_be_read(visit, stored, long_names):
-    visited = visit("desktop")
-    page = visited.page
-    faults: dict[str, list[str]] = {}
-    for view in VIEWS:
-        page.emulate_media(media="screen", color_scheme="light")
-        page.set_viewport_size({"width": 1440, "height": 1000})
-        visited.go(view.format(**vars(stored)))
-        visited.settle()
-        page.evaluate("document.querySelectorAll('details:not(.display)').forEach((e) => { e.open = true; })")
-        page.evaluate(LOOK)
-        for width in WIDTHS:
-            page.set_viewport_size({"width": width, "height": 1000})
-            for media, (medium, scheme) in MEDIA.items():
-                page.emulate_media(media=medium, color_scheme=scheme)
-                page.evaluate(DRAWN)
-                for fault in page.evaluate("(limits) => seeing(...limits)", limits(view, width, media)):
-                    faults.setdefault(f"{view}: {fault}", []).append(f"{width} {media}")
-    assert not faults, "\n".join(f"{fault} at {at}" for fault, at in faults.items())
-
-
 WRONG = """
 <main><table>
 <thead><tr><th>Stiffness</th>
@@ -112,3 +96,85 @@ def test_faults_are_seen(visit):
     ):
         assert fault in found, found
     assert '"0.17"' not in found.split("overlap")[-1]  # its head has the unit
+
+
+MOST_PAIRS = 6  # of size and weight
+MOST_SIZES, MOST_WEIGHTS = 5, 3
+FAULTS = """() => {
+  const faults = [];
+  const wide = document.documentElement.scrollWidth;
+  if (wide > innerWidth) faults.push(`the view is ${wide} px wide`);
+  const title = document.querySelector("h1");
+  const room = title.getBoundingClientRect();
+  const lines = room.height / parseFloat(getComputedStyle(title).lineHeight);
+  if (lines > 3.1) faults.push(`the title has ${lines.toFixed(1)} lines`);
+  if (room.width < Math.min(300, innerWidth - 60)) faults.push(`the title is ${room.width} px wide`);
+  const scrolls = (element) => {
+    for (let box = element.parentElement; box; box = box.parentElement) {
+      if (["auto", "scroll"].includes(getComputedStyle(box).overflowX) && box !== document.body) return true;
+    }
+    return false;
+  };
+  const inLabel = "label.option, label.toggle, label.pick";
+  const all = `a, button, select, summary, textarea, input, ${inLabel}`;
+  for (const control of document.querySelectorAll(all)) {
+    if (!control.checkVisibility() || control.closest(".skip, .hidden")) continue;
+    if (control instanceof HTMLInputElement && control.closest(inLabel)) continue;
+    const {width, height, left, right} = control.getBoundingClientRect();
+    const name = control.outerHTML.slice(0, 120);
+    if (width < 39.5 || height < 39.5) faults.push(`${width} x ${height} px to tap: ${name}`);
+    const beyond = left < -0.5 || right > innerWidth + 0.5;
+    if (beyond && !scrolls(control)) faults.push(`beyond the screen: ${name}`);
+    const {scrollWidth, clientWidth, scrollHeight, clientHeight} = control;
+    const cut = scrollWidth > clientWidth + 1 || scrollHeight > clientHeight + 1;
+    const holds = ".button, .tabs a, .sections a, summary, label.option, label.toggle";
+    if (cut && control.matches(holds)) faults.push(`cut off: ${name}`);
+  }
+  for (const words of document.querySelectorAll("p, dd, h2, h3, td, .legend li, .angles span")) {
+    const apart = words.closest(".scroll, .hidden, .scene-labels");
+    if (apart || !words.checkVisibility() || words.getBoundingClientRect().right <= innerWidth + 1) continue;
+    faults.push(`words beyond the screen: ${words.outerHTML.slice(0, 120)}`);
+  }
+  return faults;
+}"""
+PAIRS = """() => {
+  const pairs = new Set();
+  const walker = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT);
+  while (walker.nextNode()) {
+    const element = walker.currentNode.parentElement;
+    if (!walker.currentNode.textContent.trim() || !element.checkVisibility()) continue;
+    const {fontSize, fontWeight} = getComputedStyle(element);
+    pairs.add(`${fontSize} ${fontWeight}`);
+  }
+  return [...pairs].sort();
+}"""
+
+
+def test_every_view_can_be_read_and_tapped_in_few_sizes_of_type(visit, stored, long_names):
+    visited = visit("desktop")  # a mouse: the smallest targets
+    page = visited.page
+    faults: dict[str, list[str]] = {}
+    pairs: dict[int, set[str]] = {width: set() for width in WIDTHS}
+    for view in VIEWS:
+        page.emulate_media(media="screen", color_scheme="light")
+        page.set_viewport_size({"width": 1440, "height": 1000})
+        visited.go(view.format(**vars(stored)))
+        visited.settle()
+        page.evaluate("document.querySelectorAll('details:not(.display)').forEach((e) => { e.open = true; })")
+        page.evaluate(LOOK)
+        for width in WIDTHS:
+            page.set_viewport_size({"width": width, "height": 1000})
+            for media, (medium, scheme) in MEDIA.items():
+                if media == "dark" and width not in ENDS:
+                    continue
+                page.emulate_media(media=medium, color_scheme=scheme)
+                page.evaluate(DRAWN)
+                seen = page.evaluate("(limits) => seeing(...limits)", limits(view, width, media))
+                for fault in seen + (page.evaluate(FAULTS) if media == "light" else []):
+                    faults.setdefault(f"{view}: {fault}", []).append(f"{width} {media}")
+            pairs[width] |= set(page.evaluate(PAIRS))
+    assert not faults, "\n".join(f"{fault} at {at}" for fault, at in faults.items())
+    for found in pairs.values():
+        assert len(found) <= MOST_PAIRS, sorted(found)
+        assert len({pair.split()[0] for pair in found}) <= MOST_SIZES
+        assert len({pair.split()[1] for pair in found}) <= MOST_WEIGHTS

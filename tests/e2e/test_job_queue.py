@@ -37,9 +37,9 @@ def rows_of(store, database):
 
 @pytest.mark.process
 @pytest.mark.usefixtures("postgresql_url")
-def test_a_run_ends_and_its_steps_are_removed_later(database_url):
+def test_a_run_ends_and_its_steps_are_removed_later(either_database_url):
     document = simulate_campaign(default_arm(), load="pull", configurations=40, seed=1)
-    with Store.open(database_url) as store, closing(JobQueue(store, database_url)) as queue:
+    with Store.open(either_database_url) as store, closing(JobQueue(store, either_database_url)) as queue:
         parts = Parts(store, queue.enqueue)
         robot = parts.robots.create(RobotDocument.model_validate(document["robot"]), None)
         readings = document["measurement_set"] | {"robot_id": robot.id}
@@ -47,12 +47,12 @@ def test_a_run_ends_and_its_steps_are_removed_later(database_url):
         body = {"measurement_set_id": stored.id, "resampling": {"size": 10, "repetitions": 40_000}}
         run = parts.jobs["run"].create(RunRequest.model_validate(body), None)
 
-        with working(database_url, "worker"):
+        with working(either_database_url, "worker"):
             until(lambda: not parts.jobs["run"].records.status(run.id).goes_on, seconds=60)
             until(lambda: queue.statuses([run.id])[run.id] == "SUCCESS")
             assert parts.jobs["run"].current(run.id).state == "succeeded"
             assert parts.jobs["run"].records.status(run.id).done == 40_000
-            workflows, steps = rows_of(store, database_url)
+            workflows, steps = rows_of(store, either_database_url)
             assert workflows > 1
             assert steps > workflows
 
@@ -60,6 +60,6 @@ def test_a_run_ends_and_its_steps_are_removed_later(database_url):
             time.sleep(0.01)
             before = parts.jobs["run"].document(run.id)
             assert queue.forget_ended(timedelta(0), 20) == [run.id]
-            assert rows_of(store, database_url) == (0, 0)
+            assert rows_of(store, either_database_url) == (0, 0)
             assert queue.forget_ended(timedelta(0), 20) == []
             assert parts.jobs["run"].document(run.id) == before

@@ -6,16 +6,32 @@ import socket
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import cache
 from typing import Any
 
 import anyio
 import httpx2
 import uvicorn
+from fastapi import FastAPI
 
 from jointstiff.service.api.connections import BoundedProtocol
 from jointstiff.service.app import create_app
 from jointstiff.service.security.admission import Posture
 from jointstiff.service.store.store import Store
+
+
+@cache
+def description() -> dict[str, Any]:
+    """The description of the API; no test may change it."""
+    with Store.open("sqlite://") as store:
+        return create_app(store).openapi()
+
+
+def composed(store: Store, posture: Posture | None = None) -> FastAPI:
+    """Compose an application that takes its description from the first one: it costs a second."""
+    app = create_app(store, posture=posture)
+    app.openapi = description
+    return app
 
 
 class Client:
@@ -28,7 +44,7 @@ class Client:
         host: str = "localhost:8000",
         address: str = "127.0.0.1",
     ) -> None:
-        self._app = create_app(store, posture=posture)
+        self._app = composed(store, posture)
         self._url = f"http://{host}"
         self._client = (address, 50_000)
 
@@ -52,7 +68,7 @@ def served(
     with socket.create_server(("127.0.0.1", 0)) as listener:
         listener.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)  # as `serve` does
         server = uvicorn.Server(
-            uvicorn.Config(create_app(store, posture=posture), log_level="critical", http=protocol, ws="none")
+            uvicorn.Config(composed(store, posture), log_level="critical", http=protocol, ws="none")
         )
         thread = threading.Thread(target=server.run, kwargs={"sockets": [listener]})
         thread.start()

@@ -1,4 +1,4 @@
-"""Deletion with undo: on both databases, over HTTP, and by the clock of the recovery."""
+"""Deletion with undo of jobs, robots and sets: on both databases, over HTTP, by the recovery's clock."""
 
 from __future__ import annotations
 
@@ -6,14 +6,21 @@ import dataclasses
 from datetime import UTC, datetime, timedelta
 
 import pytest
-from support.api import CANCEL, DELETE, RESTORE, job_at, posted_set
+from support.api import CANCEL, DELETE, RESTORE, job_at, posted, posted_set
+from support.in_process import Client
 from support.jobs import QueueEngine, request, runs_of, stored_set
 from support.records import RESOURCES, job_record
 
 from jointstiff.schemas.comparison import ComparisonRequest
 from jointstiff.schemas.finding import Problem
 from jointstiff.service.jobs import Parts
-from jointstiff.service.problems import DeletedError, NotEndedError, NotFoundError
+from jointstiff.service.problems import (
+    DeletedError,
+    NotEndedError,
+    NotFoundError,
+    QuotaError,
+    ReferencedError,
+)
 from jointstiff.service.store.collection import KEEP_DELETED
 from jointstiff.service.store.store import Store
 from jointstiff.service.store.tables import IdempotencyKey, MeasurementSetRecord, RobotRecord
@@ -27,8 +34,6 @@ RUN = job_record()
 RUNS = RESOURCES["run"]
 KEY = IdempotencyKey("a key", "hash of a body")
 
-jobs = pytest.mark.parametrize("job", [job_record(kind) for kind in RESOURCES.values()], ids=RESOURCES)
-
 
 @pytest.fixture
 def store(database_url):
@@ -38,61 +43,36 @@ def store(database_url):
         yield opened
 
 
-def listed(store, kind):
-    return [entry.id for entry in store.jobs(kind).page(limit=9).records]
-
-
 class TestStore:
-    @jobs
-    def test_hidden_and_brought_back_as_it_was(self, store, job):
-        kind = RESOURCES[job.kind]
-        others = [dataclasses.replace(job, id=name) for name in ("before", "after")]
-        for record in (others[0], job, others[1]):
-            store.jobs(kind).add(record)
-        deletions = store.jobs(kind)
-        for _ in range(2):
-            deletions.delete(job.id, TIME)
-            assert listed(store, kind) == ["after", "before"]
-            with pytest.raises(DeletedError, match=f"PATCH /v1/jobs/{job.id}"):
-                store.jobs(kind).get(job.id)
-            with pytest.raises(DeletedError):
-                deletions.refuse_deleted(job.id)
-        for _ in range(2):
-            deletions.restore(job.id)
-            assert store.jobs(kind).get(job.id) == job
-            assert listed(store, kind) == ["after", job.id, "before"]
-            deletions.refuse_deleted(job.id)
-
     @pytest.mark.parametrize("state", ["queued", "running"])
-    @jobs
-    def test_a_job_that_goes_on_stays(self, store, job, state):
-        store.jobs(RESOURCES[job.kind]).add(dataclasses.replace(job, state=state))
+    def test_a_job_that_goes_on_stays(self, store, state):
+        jobs = store.jobs(RUNS)
+        jobs.add(dataclasses.replace(RUN, state=state))
         with pytest.raises(NotEndedError) as caught:
-            store.jobs(RESOURCES[job.kind]).delete(job.id, TIME)
+            jobs.delete("u1", TIME)
         assert caught.value.remedy.startswith("cancel it first")
-        assert listed(store, RESOURCES[job.kind]) == [job.id]
+        assert [entry.id for entry in jobs.page(limit=9).records] == ["u1"]
 
-    @jobs
-    def test_purged_after_a_while_with_all_that_names_it(self, store, job):
-        kind = RESOURCES[job.kind]
-        other = dataclasses.replace(job, id="other")
-        store.jobs(kind).add(job, KEY)
-        store.jobs(kind).add(other, IdempotencyKey("another key", "hash"))
-        jobs = store.jobs(kind)
-        jobs.report(job.id, 0, 120)
-        jobs.delete(job.id, TIME)
-        jobs.delete(job.id, TIME + timedelta(days=20))  # which does not make it younger
+    def test_purged_after_a_while_with_all_that_names_it(self, store):
+        jobs, other = store.jobs(RUNS), dataclasses.replace(RUN, id="other")
+        jobs.add(RUN, KEY)
+        jobs.add(other, IdempotencyKey("another key", "hash"))
+        jobs.report("u1", 0, 120)
+        jobs.delete("u1", TIME)
+        with pytest.raises(DeletedError):
+            jobs.refuse_deleted("u1")
+        jobs.delete("u1", TIME + timedelta(days=20))  # which does not make it younger
         assert jobs.purge(TIME, 9) == []
-        assert jobs.purge(TIME + timedelta(seconds=1), 9) == [job.id]
-        for find in (lambda: jobs.get(job.id), lambda: jobs.restore(job.id)):
+        assert jobs.purge(TIME + timedelta(seconds=1), 9) == ["u1"]
+        for find in (jobs.get, jobs.restore):
             with pytest.raises(NotFoundError) as caught:
-                find()
+                find("u1")
             assert type(caught.value) is NotFoundError
-        assert store.jobs(kind).find(KEY) is None
-        assert store.jobs(kind).find(IdempotencyKey("another key", "hash")) == other
-        assert store.jobs(kind).add(dataclasses.replace(job, id="anew"), KEY).id == "anew"
-        jobs.add(job)
-        assert jobs.status(job.id).done == 0
+        assert jobs.find(KEY) is None
+        assert jobs.find(IdempotencyKey("another key", "hash")) == other
+        assert jobs.add(dataclasses.replace(RUN, id="anew"), KEY).id == "anew"
+        jobs.add(RUN)
+        assert jobs.status("u1").done == 0
 
     def test_what_is_brought_back_is_not_purged(self, store):
         store.jobs(RUNS).add(RUN)
@@ -131,12 +111,6 @@ class TestJobs:
         assert caught.value.where == "run_ids[1]"
         assert "restore" in caught.value.remedy
 
-    @pytest.mark.parametrize("odd", ["\x00", "é", "a\x1f", "\ud800"])
-    def test_odd_ids(self, runs, odd):
-        for act in (runs.records.delete, runs.records.restore):
-            with pytest.raises(NotFoundError):
-                act(odd)
-
     def test_the_janitor_removes_by_its_clock(self, store, runs):
         deleted, kept = (runs.create(request(stored_set(store), resampling=None), None) for _ in range(2))
         runs.records.delete(deleted.id)
@@ -151,6 +125,85 @@ class TestJobs:
             runs.records.restore(deleted.id)
         assert type(caught.value) is NotFoundError
         assert runs.document(kept.id) == kept.document
+
+
+class TestInputs:
+    def test_what_others_refer_to_stays(self, store):
+        runs, sets, robots = store.jobs(RUNS), store.sets, store.robots
+        runs.add(RUN)
+        with pytest.raises(ReferencedError, match="'s1' is used by run u1"):
+            sets.delete("s1", TIME)
+        with pytest.raises(ReferencedError, match="'r1' is used by measurement set s1, run u1"):
+            robots.delete("r1", TIME)
+        store.jobs(RUNS).delete("u1", TIME)
+        sets.delete("s1", TIME)
+        robots.delete("r1", TIME)
+        for collection, identifier in ((store.sets, "s1"), (store.robots, "r1")):
+            with pytest.raises(DeletedError):
+                collection.get(identifier)
+            assert collection.page(limit=9).records == ()
+            assert [entry.id for entry in collection.page(limit=9, deleted=True).records] == [identifier]
+
+    def test_nothing_refers_to_the_deleted(self, store):
+        sets, robots = store.sets, store.robots
+        sets.delete("s1", TIME)
+        with pytest.raises(DeletedError, match="measurement set 's1'"):
+            store.jobs(RUNS).add(RUN)
+        robots.delete("r1", TIME)
+        with pytest.raises(DeletedError, match="robot 'r1'"):
+            store.sets.add(dataclasses.replace(SET, id="s2"))
+        with pytest.raises(DeletedError, match="robot 'r1'"):
+            sets.restore("s1")
+        robots.restore("r1")
+        sets.restore("s1")
+        assert store.sets.get("s1") == SET
+        assert store.robots.get("r1") == ROBOT
+
+    def test_the_first_deletion_counts_and_odd_ids_are_not_there(self, store):
+        sets = store.sets
+        for hours in (0, 1):
+            sets.delete("s1", TIME + timedelta(hours=hours))
+        assert sets.purge(TIME + timedelta(minutes=1), 9) == ["s1"]
+        for odd in ("no such", "\x00", "\ud800"):
+            with pytest.raises(NotFoundError):
+                sets.delete(odd, TIME)
+            with pytest.raises(NotFoundError):
+                sets.restore(odd)
+
+    def test_purged_from_the_jobs_to_the_robot_with_their_keys(self, store):
+        key = IdempotencyKey("a key", "hash")
+        store.robots.add(dataclasses.replace(ROBOT, id="r2"), key)
+        store.jobs(RUNS).add(RUN)
+        runs, sets, robots = store.jobs(RUNS), store.sets, store.robots
+        runs.delete("u1", TIME + timedelta(days=1))
+        sets.delete("s1", TIME + timedelta(days=1))
+        robots.delete("r1", TIME + timedelta(days=1))
+        robots.delete("r2", TIME)
+        later = TIME + KEEP_DELETED + timedelta(hours=1)
+        assert robots.purge(later - KEEP_DELETED, 9) == ["r2"]
+        assert store.robots.find(key) is None
+        assert robots.purge(later + KEEP_DELETED, 9) == []  # the set refers to it
+        now = later + timedelta(days=1)
+        recovery = Recovery(store, {"run": runs_of(store)}, QueueEngine(), "alive", now=lambda: now)
+        recovery.look()
+        for collection, identifier in ((store.sets, "s1"), (store.robots, "r1")):
+            with pytest.raises(NotFoundError) as caught:
+                collection.get(identifier)
+            assert not isinstance(caught.value, DeletedError)
+
+
+def test_a_quota_refuses_what_is_new_and_keeps_the_rest(database_url):
+    with Store.open(database_url) as store:
+        store.robots.add(ROBOT)
+        used = store.quota.used()
+        assert used > 10_000
+    with Store.open(database_url, used) as store:
+        with pytest.raises(QuotaError, match="its quota is"):
+            store.robots.add(dataclasses.replace(ROBOT, id="r2"))
+        assert store.robots.get("r1") == ROBOT
+        store.robots.delete("r1", TIME)
+    with Store.open(database_url, 10 * used) as store:
+        store.robots.add(dataclasses.replace(ROBOT, id="r2"))
 
 
 CAMPAIGN = simulate_campaign(default_arm(), load="dead_weight", configurations=6, seed=5)
@@ -180,3 +233,34 @@ class TestHttp:
             cancelled = client.patch(job_at(address), json=CANCEL | DELETE)
             assert (cancelled.status_code, cancelled.json()["state"]) == (200, "cancelled")
         assert client.get(address).json()["type"].endswith(":deleted")
+
+    def test_a_campaign_is_deleted_from_its_end_and_brought_back(self):
+        document = simulate_campaign(default_arm(), load="pull", configurations=8, seed=1)
+        with Store.open("sqlite://") as opened:
+            client = Client(opened)
+            first = posted(client, document)
+            run, stored = first["id"], first["request"]["measurement_set_id"]
+            robot = client.get(f"/v1/measurement-sets/{stored}").json()["robot_id"]
+            addresses = [f"/v1/runs/{run}", f"/v1/measurement-sets/{stored}", f"/v1/robots/{robot}"]
+            for address in addresses[:0:-1]:
+                refused = client.request("PATCH", address, json=DELETE)
+                assert refused.status_code == 409
+                assert refused.json()["type"] == "urn:jointstiff:problem:referenced"
+            shown = [client.get(address).json() for address in addresses]
+            changed = [job_at(run), *addresses[1:]]
+            for address, at in zip(addresses, changed, strict=True):
+                answers = [client.request("PATCH", at, json=DELETE) for _ in range(2)]
+                assert [answer.status_code for answer in answers] == [200, 200]
+                assert answers[0].json() == answers[1].json()
+                assert client.request("PATCH", at, json=DELETE).status_code == 200
+                assert client.get(address).json()["type"] == "urn:jointstiff:problem:deleted"
+                listing = address.rpartition("/")[0]
+                assert client.get(listing).json()["items"] == []
+                assert len(client.get(listing, params={"deleted": True}).json()["items"]) == 1
+            gone = client.request("POST", "/v1/runs", json={"measurement_set_id": stored})
+            assert gone.status_code == 422
+            assert "was deleted" in gone.json()["detail"]
+            assert client.request("PATCH", job_at(run), json=RESTORE).status_code == 404
+            for address in reversed(changed):
+                assert client.request("PATCH", address, json=RESTORE).status_code == 200
+            assert [client.get(address).json() for address in addresses] == shown

@@ -1,10 +1,19 @@
-"""What jobs of all kinds share over HTTP: events, files and tags of documents that do not change."""
+"""What jobs of all kinds share over HTTP: files, tables, tags of documents; runs that leave readings out."""
 
 from __future__ import annotations
 
-import pytest
-from support.api import DELETE, file_at, job_at, posted
+import copy
+import csv
+import io
 
+import anyio
+import httpx2
+import numpy as np
+import pytest
+from support.api import DELETE, file_at, job_at, post, posted
+from support.kinds import posted_job
+
+from jointstiff.service.app import create_app
 from jointstiff.simulator import default_arm, simulate_campaign
 
 CAMPAIGN = simulate_campaign(default_arm(), load="pull", configurations=12, seed=1)
@@ -92,3 +101,72 @@ def test_reports_are_files_that_browsers_show(local, run):
         assert answer.content == local.get(file_at(run, f"report.{name}")).content
     policy = answer.headers["content-security-policy"]
     assert policy.startswith("default-src 'none'; img-src data:; frame-ancestors 'none'; style-src 'sha256-")
+
+
+@pytest.fixture(scope="module")
+def comparison(local, run):
+    """The address of a comparison of two sets."""
+    again = posted(local, simulate_campaign(default_arm(), load="pull", configurations=12, seed=2))
+    return posted_job(local, "comparison", run, again["id"]).headers["location"]
+
+
+def test_tables_wait_for_their_turn_and_leave_other_requests_theirs(memory, comparison):
+    """As files do: tables of many rows take seconds."""
+    app = create_app(memory)
+    turns = app.state.large_bodies
+
+    async def ask():
+        transport = httpx2.ASGITransport(app)
+        async with httpx2.AsyncClient(transport=transport, base_url="http://localhost:8000") as client:
+            for borrower in range(int(turns.total_tokens)):
+                await turns.acquire_on_behalf_of(borrower)
+            with anyio.move_on_after(2.0) as patience:
+                await client.get(file_at(comparison, "tables.json"))
+            assert patience.cancelled_caught
+            assert (await client.get(comparison)).status_code == 200
+            turns.release_on_behalf_of(0)
+            assert (await client.get(file_at(comparison, "tables.json"))).status_code == 200
+
+    anyio.run(ask)
+
+
+def test_two_sides_are_tables_and_pictures(local, comparison):
+    def rows(name):
+        return list(csv.DictReader(io.StringIO(local.get(file_at(comparison, name)).text)))
+
+    joints = local.get(comparison).json()["result"]["joints"]
+    for row, joint in zip(rows("ratios.csv"), joints, strict=True):
+        assert row["joint"] == joint["name"]
+        assert float(row["ratio of stiffnesses, second to first [1]"]) == joint["ratio"]
+    assert len(rows("configurations.csv")) == 2 * 12
+    assert local.get(file_at(comparison, "report.html")).text.count("<svg") == 3
+
+
+def test_a_run_without_an_observation_is_that_of_a_set_without_it(local, run):
+    """A target is bumped in the fifth observation."""
+    measured = local.get(f"/v1/measurement-sets/{run['request']['measurement_set_id']}").json()
+    observations = copy.deepcopy(CAMPAIGN["measurement_set"]["observations"])
+    label = observations[4]["label"]
+    observations[4]["readings"][0]["loaded"][0] += 2e-3
+    body = CAMPAIGN["measurement_set"] | {"robot_id": measured["robot_id"]}
+    bumped, shorter = (
+        post(local, "/v1/measurement-sets", body | {"observations": each})["id"]
+        for each in (observations, observations[:4] + observations[5:])
+    )
+    left = post(local, "/v1/runs", {"measurement_set_id": bumped, "leave_out": [label]})
+    other = post(local, "/v1/runs", {"measurement_set_id": shorter})
+    compliance = [[j["compliance"] or 0.0 for j in r["result"]["joints"]] for r in (left, other)]
+    np.testing.assert_allclose(compliance[0], compliance[1], rtol=1e-12)
+    assert left["provenance"]["input_hash"] == other["provenance"]["input_hash"]
+    assert label not in {residual["observation"] for residual in left["result"]["residuals"]}
+    assert label not in str(left["result"]["warnings"])
+
+
+@pytest.mark.parametrize(
+    "left", [["no such label"], [each["label"] for each in CAMPAIGN["measurement_set"]["observations"]]]
+)
+def test_what_cannot_be_left_out_is_refused(local, run, left):
+    body = {"measurement_set_id": run["request"]["measurement_set_id"], "leave_out": left}
+    problem = post(local, "/v1/runs", body, 422)
+    assert problem["where"] == "leave_out"
+    assert problem["remedy"]

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import io
+import json
 import uuid
 
+import httpx2
+import pypdf
 import pytest
 from rich.console import Console
 from support.api import BOTH_DATABASES, CANCEL, RESTORE, file_at, job_at, posted
@@ -16,15 +19,28 @@ from jointstiff.service.reports.job import job_report
 from jointstiff.simulator import default_arm, simulate_campaign
 
 CAMPAIGN = simulate_campaign(default_arm(), load="pull", configurations=12, seed=1)
+HOSTILE = '[bold red]=1+1 #read("/etc/passwd") <script>'
+"""Name of the robot's first joint, which is text wherever it stands."""
 
 pytestmark = BOTH_DATABASES
 kinds = pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.name)
 
 
+@pytest.fixture(scope="module")
+def runs(service):
+    """Return two runs of one measurement set, of which all jobs are made."""
+    model = CAMPAIGN["robot"]["model"]
+    escaped = HOSTILE.replace("<", "&lt;").replace('"', "&quot;")
+    urdf = model["urdf"].replace('name="joint_1"', f'name="{escaped}"')
+    hostile = CAMPAIGN | {"robot": CAMPAIGN["robot"] | {"model": model | {"urdf": urdf}}}
+    with httpx2.Client(base_url=service.url, timeout=60.0) as client:
+        return [posted(client, hostile, positive=positive) for positive in (True, False)]
+
+
 @pytest.fixture
-def post(client):
+def post(client, runs):
     """Post a job of a kind, always made of the same runs."""
-    run, other = (posted(client, CAMPAIGN, positive=positive) for positive in (True, False))
+    run, other = runs
 
     def post(kind, **more):
         return posted_job(client, kind.name, run, other["id"], **more)
@@ -86,6 +102,7 @@ def test_it_has_an_end_files_and_a_place_in_the_terminal(client, post, kind):
     for odd in ({"cancelled": False}, {"deleted": "x"}, {"state": "running"}):
         assert client.patch(job_at(job), json=odd).status_code == 422
     assert client.patch(f"{job_at(job)}x", json=CANCEL).status_code == 404
+    assert client.get(f"{job_at(job)}x/events").status_code == 404
     for file in kind.files:
         answer = client.get(file_at(job, file.name))
         assert answer.status_code == 200, answer.text
@@ -95,6 +112,39 @@ def test_it_has_an_end_files_and_a_place_in_the_terminal(client, post, kind):
     console = Console(file=io.StringIO(), width=120)
     console.print(job_report(kind, kind.message.model_validate(job)))
     assert len(console.file.getvalue().splitlines()) > 5
+
+
+@kinds
+def test_it_has_a_report_and_its_tables(client, post, kind):
+    job = post(kind).json()
+    answer = client.get(file_at(job, "tables.json?unit=kNm/deg")).json()
+    assert answer["assessment"] == job["result"].get("assessment")
+    assert answer["tables"]
+    for table in answer["tables"]:
+        assert table["rows"]
+        assert all(len(row) == len(table["head"]) for row in table["rows"])
+        assert set(table["texts"]) <= set(range(len(table["head"])))
+    if kind.name in {"run", "comparison"}:
+        assert "kN·m/°" in answer["tables"][0]["title"] + answer["tables"][0]["caption"]
+    assert client.get(file_at(job, "tables.json?unit=furlong")).status_code == 422
+    assert client.get(file_at(f"{job['id'][:-3]}xyz", "tables.json")).status_code == 404
+    if not kind.reported:
+        return
+    report = client.get(file_at(job, "report.pdf"))
+    assert report.status_code == 200, report.text
+    reader = pypdf.PdfReader(io.BytesIO(report.content))
+    text = " ".join(" ".join(page.extract_text().split()) for page in reader.pages)
+    assert job["provenance"]["input_hash"] in text
+    assert f"End of report {job['id']}" in text
+    assert "not a test of static compliance after ISO 9283" in text
+    assert "DRAFT" not in text
+    assert json.loads(reader.attachments[f"{kind.name}.json"][0]) == job
+    assert report.content == client.get(file_at(job, "report.pdf")).content
+    page = client.get(file_at(job, "report.html")).text
+    assert "<table>" in page
+    assert "<script" not in page
+    if kind.name in {"comparison", "plan"}:
+        assert "[bold red]=1+1 #read(&quot;/etc/passwd&quot;) &lt;script&gt;" in page
 
 
 @kinds

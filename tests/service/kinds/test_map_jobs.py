@@ -8,7 +8,7 @@ import json
 
 import numpy as np
 import pytest
-from support.api import file_at
+from support.api import file_at, post, posted
 from typer.testing import CliRunner
 
 from jointstiff.service.cli.app import app
@@ -24,22 +24,14 @@ AREA = {
 }
 
 
-def posted(local, path, document):
-    answer = local.request("POST", f"/v1/{path}", json=document)
-    assert answer.status_code == 201, answer.text
-    return answer.json()
-
-
 @pytest.fixture(scope="module")
 def run_id(local):
-    robot = posted(local, "robots", CAMPAIGN["robot"])["id"]
-    set_id = posted(local, "measurement-sets", CAMPAIGN["measurement_set"] | {"robot_id": robot})["id"]
-    return posted(local, "runs", {"measurement_set_id": set_id, "method": "partial_pose"})["id"]
+    return posted(local, CAMPAIGN, method="partial_pose")["id"]
 
 
 @pytest.fixture(scope="module")
 def made(local, run_id):
-    return posted(local, "maps", AREA | {"run_id": run_id, "name": "plate"})
+    return post(local, "/v1/maps", AREA | {"run_id": run_id, "name": "plate"})
 
 
 def rows_of(local, found):
@@ -81,9 +73,7 @@ class TestDownloads:
     ],
 )
 def test_refused_with_place_and_remedy(local, run_id, changes, where, message):
-    answer = local.request("POST", "/v1/maps", json=AREA | {"run_id": run_id} | changes)
-    assert answer.status_code == 422
-    problem = answer.json()
+    problem = post(local, "/v1/maps", AREA | {"run_id": run_id} | changes, 422)
     assert problem["where"] == where
     assert message in problem["detail"]
     assert problem["remedy"]
@@ -92,8 +82,8 @@ def test_refused_with_place_and_remedy(local, run_id, changes, where, message):
 def test_a_run_of_elastic_links_maps_as_it_predicts(local, run_id):
     asked = local.get(f"/v1/runs/{run_id}").json()["request"]["measurement_set_id"]
     options = {"measurement_set_id": asked, "elasticity": "joints_and_links", "link_penalty": 1e-3}
-    elastic = posted(local, "runs", options)["id"]
-    made = posted(local, "maps", AREA | {"run_id": elastic})
+    elastic = post(local, "/v1/runs", options)["id"]
+    made = post(local, "/v1/maps", AREA | {"run_id": elastic})
     assert "first order" in made["result"]["remarks"][0]
     worst = made["result"]["worst"]
     cases = [{"joints": worst["joints"], "force": AREA["force"]}]

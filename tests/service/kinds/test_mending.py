@@ -347,8 +347,11 @@ def test_the_command_writes_the_mended_campaign_beside_the_old_one(clean, tmp_pa
     assert "exchange_columns" in refused.output
 
 
-@pytest.mark.parametrize("mistake", MISTAKES, ids=lambda mistake: mistake.__name__)
+@pytest.mark.parametrize(
+    "mistake", [degrees_as_radians, columns_exchanged, zero_elsewhere], ids=lambda mistake: mistake.__name__
+)
 def test_the_service_stores_and_identifies_the_mended_set(local, clean, mistake):
+    """One that changes units, one that changes readings, one that changes the robot."""
     document = planted(clean, mistake)
     robot = post(local, "/v1/robots", document["robot"])["id"]
     old = post(local, "/v1/measurement-sets", document["measurement_set"] | {"robot_id": robot})

@@ -13,8 +13,8 @@ from jointstiff.solver.errors import RequestError, UnsupportedMethodError
 
 
 @pytest.fixture
-def store(database_url):
-    with Store.open(database_url) as opened:
+def store(either_database_url):
+    with Store.open(either_database_url) as opened:
         yield opened
 
 

@@ -9,6 +9,7 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from support.programs import FORCE, TOOL, path, request
 from support.slides import arm_on_rail, scara
 
@@ -21,6 +22,7 @@ from jointstiff.service.kinds.plan import readings_sheet
 from jointstiff.service.kinds.program_work import ProgramWork, unpacked
 from jointstiff.service.kinds.run import RUN
 from jointstiff.service.programs.errors import ProgramError
+from jointstiff.service.reports.exports import ExportedModel, joints_table
 from jointstiff.service.reports.job import job_parts
 from jointstiff.service.resources.imports import ImportRefusedError, import_files
 from jointstiff.service.tables.files import csv_text
@@ -92,12 +94,8 @@ def test_the_slide_is_in_newtons_per_metre_and_shown_in_newtons_per_micron(name,
 
 
 def test_the_table_of_joints_says_both_units():
-    text = run("SCARA").joints_csv() if hasattr(run("SCARA"), "joints_csv") else None
-    from jointstiff.service.reports.exports import ExportedModel, joints_table
-
     robot = prepare_robot(Campaign.model_validate(campaign("SCARA")).robot).robot
     sheet = joints_table(ExportedModel.of(run("SCARA"), robot, "SCARA"))
-    assert text is None or "N/m" in text
     assert sheet.columns["kind"] == ["revolute", "revolute", "prismatic", "revolute"]
     assert "stiffness [N.m/rad, prismatic N/m]" in sheet.columns
     assert "compliance [rad/(N.m), prismatic m/N]" in sheet.columns
@@ -117,49 +115,27 @@ def test_a_map_holds_the_rail_still_and_a_scara_has_none():
         js.map(run("SCARA"), **options)
 
 
-def test_a_prediction_takes_lengths_from_a_table():
+def test_a_prediction_takes_lengths_from_a_table(tmp_path):
     table = "label,J1 [mm],J2 [deg],J3 [deg],J4 [deg],J5 [deg],J6 [deg],J7 [deg],Fx [N],Fy [N],Fz [N]\n"
     joints = [RAIL, *path(1)[0]]
     cells = [1e3 * RAIL, *np.degrees(joints[1:])]
     row = ",".join(map(str, ["a", *cells, *FORCE]))
     si = {"length": "m", "angle": "rad", "force": "N"}
+    (tmp_path / "cases.csv").write_text(table + row)
     answers = [
         js.predict(run("rail"), cases, load_point=tuple(TOOL), units=si)
-        for cases in (_written(table + row), [{"joints": joints, "force": FORCE}])
+        for cases in (tmp_path / "cases.csv", [{"joints": joints, "force": FORCE}])
     ]
     first, second = (answer.cases[0].displacement for answer in answers)
     np.testing.assert_allclose(first, second, rtol=1e-9)
+    (tmp_path / "wrong.csv").write_text(table.replace("J1 [mm]", "J1 [deg]") + row)
     with pytest.raises(js.CampaignError, match="the unit deg"):
-        js.predict(
-            run("rail"),
-            _written(table.replace("J1 [mm]", "J1 [deg]") + row),
-            load_point=(0, 0, 0.1),
-            units=si,
-        )
-
-
-def _written(text, folder=[]):  # noqa: B006 - one folder for all
-    import tempfile
-    from pathlib import Path
-
-    if not folder:
-        folder.append(Path(tempfile.mkdtemp()))
-    file = folder[0] / f"{abs(hash(text))}.csv"
-    file.write_text(text, encoding="utf-8")
-    return file
-
-
-def planned():
-    return js.plan(
-        campaign("rail"),
-        readings=10,
-        load={"kind": "any_direction", "force": 1500.0},
-        candidates=300,
-    )
+        js.predict(run("rail"), tmp_path / "wrong.csv", load_point=(0, 0, 0.1), units=si)
 
 
 def test_a_plan_has_lengths_and_comes_back_as_a_campaign():
-    plan = planned()
+    load = {"kind": "any_direction", "force": 1500.0}
+    plan = js.plan(campaign("rail"), readings=10, load=load, candidates=300)
     sheet = readings_sheet(plan)
     assert list(sheet.columns)[1:3] == ["joint_1 [mm]", "joint_2 [deg]"]
     first = plan.result.readings[0]
@@ -250,6 +226,16 @@ def on_rail(count):
     return np.column_stack([np.full(len(arm), RAIL), arm])
 
 
+def off_path(commanded, wanted):
+    """How far the tool is off its path [m] if an arm on exact springs, its rail still, is so commanded."""
+    commands = np.column_stack([np.full(len(commanded), RAIL), commanded])
+    force = np.broadcast_to(FORCE, (len(commands), 3))
+    tool = np.tile(TOOL, (len(commands), 1))
+    bent = commands + equilibrium(arm_on_rail(), commands, force, np.zeros_like(force), tool)
+    off = tool_poses(bent)[:, :3, 3] - tool_poses(wanted)[:, :3, 3]
+    return np.linalg.norm(off, axis=1).max()
+
+
 def start():
     return [1e3 * RAIL, *np.degrees(path(1)[0]).tolist()]
 
@@ -263,19 +249,11 @@ def test_a_program_is_compensated_with_the_rail_standing_still():
     assert result.corrected == 9
     assert result.deflection.median > 5e-4
     assert result.residual.greatest < 1e-6
-    # What is written, carried out by an arm on exact springs whose rail stands where it stood
     written = unpacked(result.files[0]).decode("latin-1")
     poses = np.array([pose_of(line) for line in written.splitlines() if line.startswith("LIN")])
     commanded, reached = InverseKinematics(robot, wanted[0]).polished(flange_of(poses), wanted[:, 1:])
     assert reached.all()
-    commands = np.column_stack([np.full(9, RAIL), commanded])
-    shape = (9, 3)
-    arm = arm_on_rail()
-    bent = commands + equilibrium(
-        arm, commands, np.broadcast_to(FORCE, shape), np.zeros(shape), np.tile(TOOL, (9, 1))
-    )
-    off = tool_poses(bent)[:, :3, 3] - tool_poses(wanted)[:, :3, 3]
-    assert np.linalg.norm(off, axis=1).max() < 2e-6
+    assert off_path(commanded, wanted) < 2e-6
     with pytest.raises((RequestError, ProgramError), match="where the linear axis joint_1 stands"):
         ProgramWork(robot, "robot", known, request("krl", text, start=None)).conclude(())
 
@@ -283,8 +261,6 @@ def test_a_program_is_compensated_with_the_rail_standing_still():
 def pose_of(line):
     """Pose of a KRL frame: Z-Y-X angles."""
     x, y, z, a, b, c = (float(re.search(rf"{key} (-?[0-9.]+)", line)[1]) for key in "XYZABC")
-    from scipy.spatial.transform import Rotation
-
     pose = np.eye(4)
     pose[:3, :3] = Rotation.from_euler("ZYX", [a, b, c], degrees=True).as_matrix()
     pose[:3, 3] = np.array([x, y, z]) / 1e3
@@ -315,14 +291,7 @@ def test_joint_targets_are_compensated_by_the_arm_alone():
     assert written.count(f"E1 {1e3 * RAIL:.3f}") == 5
     moves = [line for line in written.splitlines() if "PTP" in line]
     numbers = [[float(re.search(rf"A{j} (-?[0-9.]+)", line)[1]) for j in range(1, 7)] for line in moves]
-    commands = np.column_stack([np.full(5, RAIL), np.radians(numbers)])
-    shape = (5, 3)
-    arm = arm_on_rail()
-    bent = commands + equilibrium(
-        arm, commands, np.broadcast_to(FORCE, shape), np.zeros(shape), np.tile(TOOL, (5, 1))
-    )
-    off = tool_poses(bent)[:, :3, 3] - tool_poses(wanted)[:, :3, 3]
-    assert np.linalg.norm(off, axis=1).max() < 2e-6
+    assert off_path(np.radians(numbers), wanted) < 2e-6
 
 
 def test_the_arm_of_a_robot_on_a_rail():

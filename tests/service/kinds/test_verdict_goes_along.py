@@ -1,4 +1,4 @@
-"""The verdict of a run in all that is made from it; nothing acts on a robot by a run not to be used."""
+"""The verdict of a run in all that is made from it: nothing acts on a robot by it, nothing absurd is used."""
 
 from __future__ import annotations
 
@@ -9,11 +9,13 @@ import json
 import pytest
 from rich.console import Console
 from support.api import file_at, posted
+from support.guide_files import ROOT
 from support.kinds import MAP, PLAN, TEXT, posted_job
 from support.programs import options
 from typer.testing import CliRunner
 
 import jointstiff
+import jointstiff as js
 from jointstiff.service.cli.app import app
 from jointstiff.service.kinds.registry import KINDS
 from jointstiff.service.reports.exports import FORMATS
@@ -49,38 +51,25 @@ def post(local, runs):
     return lambda kind, **more: posted_job(local, kind, runs[0], runs[1]["id"], **more)
 
 
-@pytest.fixture(scope="module", params=[kind.name for kind in KINDS if kind.name != "geometry"])
-def made(request, post):
-    """Return each kind with a job of it that is made from the run."""
-    kind = next(kind for kind in KINDS if kind.name == request.param)
+@pytest.mark.parametrize(
+    "kind", [kind for kind in KINDS if kind.name != "geometry"], ids=lambda kind: kind.name
+)
+def test_every_kind_says_it_first_in_the_terminal_in_its_report_and_in_its_tables(kind, local, post):
     answer = post(kind.name, **(ACCEPTED if kind.name in REFUSED else {}))
     assert answer.status_code == 201, answer.text
-    return kind, answer.json()
-
-
-class TestEveryKind:
-    def test_says_it_first_in_the_terminal(self, made):
-        kind, job = made
-        console = Console(file=io.StringIO(), width=120)
-        console.print(job_report(kind, kind.message.model_validate(job)))
-        first, *rest = console.file.getvalue().splitlines()
-        assert first.startswith(HEADLINE)
-        assert any("despite this verdict" in line for line in rest) == (kind.name in REFUSED)
-
-    def test_has_it_in_its_report(self, made, local):
-        _, job = made
-        page = local.get(file_at(job, "report.html")).text
-        assert "do not use" in page.lower()
-
-    def test_has_it_in_its_tables(self, made, local):
-        kind, job = made
-        names = [file.name for file in kind.files if file.suffix == "csv"]
-        names += ["model.csv?accept_verdict=do_not_use"] if kind.name == "run" else []
-        assert names
-        for name in names:
-            text = local.get(file_at(job, name)).text
-            rows = list(csv.DictReader(io.StringIO(text)))
-            assert {row["overall verdict"] for row in rows} == {"do_not_use"}
+    job = answer.json()
+    console = Console(file=io.StringIO(), width=120)
+    console.print(job_report(kind, kind.message.model_validate(job)))
+    first, *rest = console.file.getvalue().splitlines()
+    assert first.startswith(HEADLINE)
+    assert any("despite this verdict" in line for line in rest) == (kind.name in REFUSED)
+    assert "do not use" in local.get(file_at(job, "report.html")).text.lower()
+    names = [file.name for file in kind.files if file.suffix == "csv"]
+    names += ["model.csv?accept_verdict=do_not_use"] if kind.name == "run" else []
+    assert names
+    for name in names:
+        rows = list(csv.DictReader(io.StringIO(local.get(file_at(job, name)).text)))
+        assert {row["overall verdict"] for row in rows} == {"do_not_use"}
 
 
 @pytest.mark.parametrize("kind", REFUSED)
@@ -174,3 +163,86 @@ def test_a_plan_goes_on_from_too_few_readings(local):
     answer = posted_job(local, "plan", run)
     assert answer.status_code == 201, answer.text
     assert answer.json()["result"]["assessment"]["verdict"] != "use"
+
+
+DOCUMENT = simulate_campaign(default_arm(), load="pull", configurations=19, seed=1)
+WEIGHTS = simulate_campaign(default_arm(), configurations=19, seed=1)
+POCKET = ROOT / "examples" / "pocket.src"
+POSTURE = [[0, -20, 30, 0, 45, 0]]
+POINT = (0, 0, 0.12)
+AREA = {"area": [[1.4, -0.2, 0.6], [1.8, 0.2, 0.6]], "grid": (3, 3, 1), "place": (0, 0, 0.25)}
+FAR = AREA | {"area": [[14.0, -2.0, 6.0], [18.0, 2.0, 6.0]]}
+MILLING = {"accuracy_option": "off"}
+
+
+@pytest.fixture(scope="module")
+def run():
+    return js.identify(DOCUMENT)
+
+
+@pytest.fixture(scope="module")
+def by_weights():
+    run = js.identify(WEIGHTS)
+    assert run.joints["joint_1"].stiffness is None
+    return run
+
+
+KILONEWTONS = (0, 0, -500_000)
+ABSURD = {
+    "prediction, kN for N": lambda run, _: run.predict(POSTURE, KILONEWTONS, at=POINT),
+    "prediction, mm for m in the load point": lambda run, _: run.predict(
+        POSTURE, (0, 0, -500), load_point=(0, 0, 120), place=POINT
+    ),
+    "prediction, mm for m in the place": lambda run, _: run.predict(
+        POSTURE, (0, 0, -500), load_point=POINT, place=(0, 0, 120)
+    ),
+    "prediction, a few metres": lambda run, _: run.predict(POSTURE, (0, 0, -500), at=(0, 0, 4.0)),
+    "prediction, joint without a number": lambda _, less: less.predict(POSTURE, (0, 500, 0), at=POINT),
+    "map, kN for N": lambda run, _: js.map(run, force=KILONEWTONS, **AREA),
+    "map, mm for m": lambda run, _: js.map(run, force=(0, 0, -500), **AREA | {"place": (0, 0, 250)}),
+    "map, no place reached": lambda run, _: js.map(run, force=(0, 0, -500), **FAR),
+    "map, joint without a number": lambda _, less: js.map(less, force=(0, 500, 0), **AREA),
+    "program, kN for N": lambda run, _: js.compensate(run, POCKET, force=KILONEWTONS, **MILLING),
+    "program, all capped": lambda run, _: js.compensate(
+        run, POCKET, force=(0, 0, -500), limits={"displacement": 1e-4}, **MILLING
+    ),
+    "program, all capped, accepted": lambda run, _: js.compensate(
+        run, POCKET, force=(0, 0, -500), limits={"displacement": 1e-4}, **MILLING, **ACCEPTED
+    ),
+    "program, nothing to correct": lambda run, _: js.compensate(run, POCKET, force=(0, 0, 0), **MILLING),
+    "plan, joint without a load": lambda *_: js.plan(WEIGHTS, readings=4, candidates=100),
+    "run, joint without a number": lambda _, less: less,
+}
+
+
+@pytest.mark.parametrize("name", ABSURD)
+def test_no_head_says_use(name, run, by_weights):
+    try:
+        result = ABSURD[name](run, by_weights)
+    except js.CampaignError as refused:
+        assert refused.problem.remedy  # noqa: PT017 - one of two outcomes
+        return
+    head = str(result).splitlines()[0]
+    if name.startswith("run"):
+        assert head.startswith("Use 5 of 6 joints: the others have no number")
+        return
+    assert head.startswith(("Do not use this", "Use this")), head
+    assert "Do not use" in head or "with care" in head, head
+
+
+def test_a_program_with_a_capped_point_needs_a_confirmation(run):
+    with pytest.raises(js.CampaignError, match="do not use") as refused:
+        ABSURD["program, all capped"](run, None)
+    assert "limits reduce the corrections of 4 of 4" in str(refused.value.problem.errors)
+    program = ABSURD["program, all capped, accepted"](run, None)
+    assert program.result.assessment.verdict == "do_not_use"
+    assert "limits reduce the corrections" in program.result.assessment.reasons[0].message
+
+
+def test_what_is_sound_says_of_what_it_is(run):
+    prediction = run.predict(POSTURE, (0, 0, -500), at=POINT)
+    area = js.map(run, force=(0, 0, -500), **AREA)
+    program = js.compensate(run, POCKET, force=(0, 0, -500), **MILLING)
+    for name, result in (("prediction", prediction), ("map", area.result), ("program", program.result)):
+        words = f"Use this {name}: nothing speaks against it; all 6 joints of its run passed the checks"
+        assert result.assessment.headline == words

@@ -31,12 +31,13 @@ def test_the_stub_is_made_of_the_messages():
 
 @pytest.mark.process
 def test_a_type_checker_finds_a_wrong_name_and_a_wrong_value(tmp_path):
-    found = {}
+    files = {name: tmp_path / f"{name}.py" for name in ("wrong", "right")}
     for name, arguments in (("wrong", MISTAKES), ("right", RIGHT)):
-        path = tmp_path / f"{name}.py"
-        path.write_text(WRONG.format(**arguments))
-        command = [sys.executable, "-m", "mypy", "--config-file", "", "--ignore-missing-imports", str(path)]
-        done = subprocess.run(command, capture_output=True, text=True, cwd=FILE.parents[2], check=False)
-        found[name] = [line for line in done.stdout.splitlines() if ": error:" in line and name in line]
+        files[name].write_text(WRONG.format(**arguments))
+    command = [sys.executable, "-m", "mypy", "--config-file", "", "--ignore-missing-imports"]
+    command += map(str, files.values())
+    done = subprocess.run(command, capture_output=True, text=True, cwd=FILE.parents[2], check=False)
+    errors = [line for line in done.stdout.splitlines() if ": error:" in line]
+    found = {name: [line for line in errors if file.name in line] for name, file in files.items()}
     assert found["right"] == []
     assert len(found["wrong"]) == len(MISTAKES), found["wrong"]

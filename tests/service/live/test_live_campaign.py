@@ -45,26 +45,24 @@ def read(following: Answer, seed: int = 0, **changes: object) -> Answer:
 
 
 @pytest.fixture
-def service(database_url: str) -> Iterator[TestClient]:
+def service(either_database_url: str) -> Iterator[TestClient]:
     with (
-        Store.open(database_url) as store,
+        Store.open(either_database_url) as store,
         TestClient(create_app(store), base_url="http://127.0.0.1") as client,
     ):
         yield client
 
 
+def body_of(service: TestClient, options: Answer, length: str = "m", **more: object) -> Answer:
+    """An open set of a new robot, as it is posted, which states neither noise nor load point."""
+    robot = service.post("/v1/robots", json=robot_document(ARM)).json()["id"]
+    units = {"length": length, "angle": "rad", "force": "N"}
+    return {"robot_id": robot, "name": "live", "units": units, "encoders": "motor", "open": options} | more
+
+
 def declared(service: TestClient, **changes: object) -> str:
     """The address of an open set."""
-    robot = service.post("/v1/robots", json=robot_document(ARM)).json()["id"]
-    body = {
-        "robot_id": robot,
-        "name": "live",
-        "units": {"length": "m", "angle": "rad", "force": "N"},
-        "encoders": "motor",
-        "noise": EXACT,
-        "load_point": list(LOAD_POINT),
-        "open": OPEN | changes,
-    }
+    body = body_of(service, OPEN | changes, noise=EXACT, load_point=list(LOAD_POINT))
     answer = service.post("/v1/measurement-sets", json=body)
     assert answer.status_code == 201, answer.text
     return str(answer.headers["Location"])
@@ -242,15 +240,7 @@ def test_a_deflection_in_a_work_area_is_a_goal_and_a_decision(service):
     ],
 )
 def test_what_cannot_be_measured_is_refused_before_the_first_reading(service, changes, where):
-    robot = service.post("/v1/robots", json=robot_document(ARM)).json()["id"]
-    body = {
-        "robot_id": robot,
-        "name": "live",
-        "units": {"length": "m", "angle": "rad", "force": "N"},
-        "encoders": "motor",
-        "open": {**OPEN, **changes},
-    }
-    answer = service.post("/v1/measurement-sets", json=body)
+    answer = service.post("/v1/measurement-sets", json=body_of(service, OPEN | changes))
     assert (answer.status_code, answer.json()["where"]) == (422, where)
     assert service.get("/v1/measurement-sets", params={"open": True}).json()["items"] == []
 
@@ -271,14 +261,7 @@ def test_open_sets_are_listed_deleted_and_restored_and_no_run_takes_one(service)
 
 
 def test_a_load_point_among_the_options_is_that_of_the_set_in_its_unit(service):
-    robot = service.post("/v1/robots", json=robot_document(ARM)).json()["id"]
-    body = {
-        "robot_id": robot,
-        "name": "live",
-        "units": {"length": "mm", "angle": "rad", "force": "N"},
-        "encoders": "motor",
-        "open": {**OPEN, "load_point": list(LOAD_POINT)},
-    }
+    body = body_of(service, OPEN | {"load_point": list(LOAD_POINT)}, "mm")
     address = service.post("/v1/measurement-sets", json=body).headers["Location"]
     assert service.get(address).json()["load_point"] == pytest.approx([1e3 * part for part in LOAD_POINT])
     sent = read(service.get(f"{address}/next").json()["next"])
@@ -335,20 +318,12 @@ def test_followers_are_told_of_each_change(service):
 
 
 def test_a_plan_that_goes_on_lends_the_load_of_its_campaign(service):
-    robot = service.post("/v1/robots", json=robot_document(ARM)).json()["id"]
+    body = body_of(service, {"goal": OPEN["goal"]}, load_point=list(LOAD_POINT))
     campaign = simulate_campaign(ARM, configurations=12, load="dead_weight", force=900.0, seed=2)
-    body = {**campaign["measurement_set"], "robot_id": robot}
-    stored = service.post("/v1/measurement-sets", json=body).json()["id"]
+    readings = {**campaign["measurement_set"], "robot_id": body["robot_id"]}
+    stored = service.post("/v1/measurement-sets", json=readings).json()["id"]
     asked = {"measurement_set_id": stored, "readings": 6, "joints": ["joint_2", "joint_3"]}
-    plan = service.post("/v1/plans?wait=10", json=asked).json()["id"]
-    body = {
-        "robot_id": robot,
-        "name": "live",
-        "units": {"length": "m", "angle": "rad", "force": "N"},
-        "encoders": "motor",
-        "load_point": list(LOAD_POINT),
-        "open": {"goal": OPEN["goal"], "plan_id": plan},
-    }
+    body["open"]["plan_id"] = service.post("/v1/plans?wait=10", json=asked).json()["id"]
     answer = service.post("/v1/measurement-sets", json=body)
     assert answer.status_code == 201, answer.text
     assert answer.json()["live"]["next"]["force"] == pytest.approx([0.0, 0.0, -900.0])
@@ -389,15 +364,12 @@ def test_a_reading_that_comes_while_the_set_closes_is_in_it(service, monkeypatch
     assert "6 readings" in closed["message"]
 
 
-def test_a_record_with_its_load_point_in_one_place_is_completed(database_url, monkeypatch):
+def test_a_record_with_its_load_point_in_one_place_is_completed(either_database_url, monkeypatch):
     """An open set that was declared before both places were filled in."""
     monkeypatch.setattr(stored, "completed", lambda post, options: post.model_copy(update={"open": options}))
-    with Store.open(database_url) as store:
+    with Store.open(either_database_url) as store:
         with TestClient(create_app(store), base_url="http://127.0.0.1") as first:
-            robot = first.post("/v1/robots", json=robot_document(ARM)).json()["id"]
-            units = {"length": "mm", "angle": "rad", "force": "N"}
-            body = {"robot_id": robot, "name": "live", "units": units, "encoders": "motor"}
-            body |= {"open": {**OPEN, "load_point": list(LOAD_POINT)}}
+            body = body_of(first, OPEN | {"load_point": list(LOAD_POINT)}, "mm")
             address = first.post("/v1/measurement-sets", json=body).headers["Location"]
         monkeypatch.undo()
         with TestClient(create_app(store), base_url="http://127.0.0.1") as second:

@@ -1,9 +1,13 @@
-"""Measuring live from Python and the terminal: an exact simulated arm, sources that fail, goals in words."""
+"""Measuring live from Python and the terminal: an exact arm, goals in words, sources over real lines."""
 
 from __future__ import annotations
 
 import asyncio
 import json
+import os
+import socket
+import threading
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -14,11 +18,11 @@ from typer.testing import CliRunner
 import jointstiff
 from jointstiff.schemas.plan import DecisionGoal, DeflectionGoal, JointsGoal
 from jointstiff.schemas.robot import RobotDocument
-from jointstiff.service.app import create_app
 from jointstiff.service.cli.app import app
 from jointstiff.service.conversion.prepared import prepare_robot
+from jointstiff.service.live import sources
 from jointstiff.service.live.declaration import goal_of
-from jointstiff.service.live.sources import Setting, Simulated, Stand
+from jointstiff.service.live.sources import Checked, Lines, Setting, Simulated, SourceError, Stand, source_of
 from jointstiff.simulator import (
     LOAD_POINT,
     TARGETS,
@@ -38,6 +42,7 @@ def campaign():
 
 
 def setting(sigma=2e-5):
+    """Where a source reads."""
     robot = prepare_robot(RobotDocument.model_validate(robot_document(ARM))).robot
     return Setting(robot, {name: tuple(place) for name, place in TARGETS.items()}, tuple(LOAD_POINT), sigma)
 
@@ -102,25 +107,6 @@ def test_a_robot_of_the_catalogue_needs_load_and_targets():
         assert live.count == 3
 
 
-def test_the_same_over_a_service(campaign, database_url):
-    """The same calls, numbers and record; the closed set is an ordinary one of the service."""
-    from fastapi.testclient import TestClient
-
-    from jointstiff.service.store.store import Store
-
-    with (
-        Store.open(database_url) as store,
-        TestClient(create_app(store), base_url="http://127.0.0.1") as service,
-    ):
-        client = jointstiff.Client("http://127.0.0.1", transport=service._transport)
-        with (
-            jointstiff.measure(campaign, goal="15 %", source="simulated:1") as here,
-            client.measure(campaign, goal="15 %", source="simulated:1") as there,
-        ):
-            assert here.run_source().readings == there.run_source().readings
-            assert there.close().result.joints == here.close().result.joints
-
-
 def test_the_command_prints_one_document(campaign, tmp_path):
     path, saved = tmp_path / "campaign.json", tmp_path / "closed.json"
     path.write_text(json.dumps(campaign))
@@ -142,3 +128,251 @@ def test_the_command_prints_one_document(campaign, tmp_path):
     assert "every joint that the load can twist is known to ± 15 %" in notes
     again = CliRunner().invoke(app, ["identify", str(saved), "--json"])
     assert json.loads(again.stdout)["result"]["joints"] == document["result"]["joints"]
+
+
+ARM = default_arm()
+STAND = Stand("m01", (0.3, 0.2, -0.4, 0.5, 0.8, -1.0), (0.0, 0.0, -1500.0), loaded=False)
+ASK = "{state} {target} {joints} {force}"
+Answer = Callable[[int, str], str]
+
+
+class Tracker:
+    """A laser tracker beside an exact arm: answers a line for each request over TCP."""
+
+    def __init__(self, spoilt: Answer = lambda _, line: line) -> None:
+        self._spoilt, self._asked = spoilt, 0
+        self._socket = socket.create_server(("127.0.0.1", 0))
+        self.port = self._socket.getsockname()[1]
+        self._thread = threading.Thread(target=self._serve, daemon=True)
+        self._thread.start()
+
+    def __enter__(self) -> Tracker:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._socket.shutdown(socket.SHUT_RDWR)  # which wakes who accepts; closing alone would not
+        self._thread.join()
+        self._socket.close()
+
+    def _serve(self) -> None:
+        while True:
+            try:
+                connection, _ = self._socket.accept()
+            except OSError:
+                return
+            with connection, connection.makefile("rw", encoding="utf-8") as lines:
+                for line in lines:
+                    answer = self._answer(line)
+                    if answer == "end":
+                        break
+                    lines.write(answer)
+                    lines.flush()
+
+    def _answer(self, line: str) -> str:
+        state, target, *numbers = line.split()
+        values = [float(number) for number in numbers]
+        place = (
+            1e3
+            * positions(ARM, values[:6], values[6:], sigma=2e-5, seed=self._asked)[state][
+                list(TARGETS).index(target)
+            ]
+        )
+        self._asked += 1
+        return self._spoilt(self._asked, f"{target}; {place[0]:.9f}; {place[1]:.9f}; {place[2]:.9f}\n")
+
+
+@pytest.mark.parametrize(
+    "options",
+    [{}, {"columns": "target,x,y,z"}, {"pattern": r"(?P<target>\w+); (?P<x>\S+); (?P<y>\S+); (?P<z>\S+)"}],
+)
+def test_a_tracker_is_read_over_tcp_until_the_goal_is_reached(campaign, options):
+    with Tracker() as tracker:
+        lines = options | {"request": ASK}
+        source = f"lines:tcp://127.0.0.1:{tracker.port}"
+        with jointstiff.measure(campaign, "15 %", source, source_options=lines) as live:
+            assert live.run_source().state == "reached"
+            for joint, stiffness in zip(live.state.joints, ARM.stiffnesses, strict=True):
+                if joint.relative is not None:
+                    assert abs(joint.stiffness / stiffness - 1.0) <= 2.0 * joint.relative_with_assumed
+
+
+def repeating() -> Answer:
+    first: list[str] = []
+
+    def answer(count: int, line: str) -> str:
+        first.append(line)
+        return line if count <= 6 else f"{line.split(';')[0]};{first[0].split(';', 1)[1]}"
+
+    return answer
+
+
+def jumping(count: int, line: str) -> str:
+    name, x, y, z = line.split(";")
+    return line if count <= 6 else f"{name}; {float(x) + 300.0}; {y}; {z}"
+
+
+def in_metres(_: int, line: str) -> str:
+    name, *places = line.split(";")
+    return "; ".join([name, *(repr(1e-3 * float(place)) for place in places)]) + "\n"
+
+
+SPOILT: dict[str, tuple[Answer, str]] = {
+    "stops": (lambda count, line: line if count <= 6 else "", "sent nothing for 1 s"),
+    "ends": (lambda count, line: line if count <= 6 else "end", "stopped"),
+    "repeats": (repeating(), "repeats an earlier reading"),
+    "jumps": (jumping, "jumped"),
+    "rubbish": (lambda count, line: line if count <= 6 else "ERR 17\n" * 20, "no readings"),
+    "unit": (in_metres, "jumped"),
+    "exchanged": (lambda count, line: line.replace("P10", "P1X") if count > 6 else line, "sent nothing"),
+    "binary": (lambda count, line: line if count <= 6 else "\x00\x1b[2J\ufffd\n" * 20, "no readings"),
+}
+
+
+@pytest.mark.parametrize("spoilt", SPOILT)
+def test_what_is_no_reading_is_said_and_does_not_count(campaign, spoilt):
+    answer, words = SPOILT[spoilt]
+    with Tracker(answer) as tracker:
+        source = f"lines:tcp://127.0.0.1:{tracker.port}"
+        lines = {"request": ASK, "sample": False}
+        with jointstiff.measure(campaign, "15 %", source, timeout=1.0, source_options=lines) as live:
+            with pytest.raises(SourceError, match=words):
+                live.run_source()
+            assert live.count == (0 if spoilt == "unit" else 1)
+            assert all(each.state == "counts" for each in live.state.readings)
+
+
+def test_a_line_among_rubbish_is_read_and_the_rubbish_said(campaign):
+    said: list[str] = []
+    with Tracker(lambda count, line: f"# {count}\n{line}") as tracker:
+        lines = {"request": ASK, "warn": said.append}
+        source = f"lines:tcp://127.0.0.1:{tracker.port}"
+        with jointstiff.measure(campaign, "15 %", source, source_options=lines) as live:
+            live.run_source(most=1)
+            assert live.count == 1
+    assert len(said) == 6
+    assert "'# 1' is no reading" in said[0]
+
+
+def test_udp_is_listened_to_and_what_came_before_does_not_count():
+    """Datagrams of an earlier posture are forgotten; of another sender they never count."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
+        taken.bind(("127.0.0.1", 0))
+        port = taken.getsockname()[1]
+    places = positions(ARM, STAND.joints, STAND.force, sigma=2e-5)["unloaded"]
+
+    async def read():
+        source = Lines(f"udp://127.0.0.1:{port}", sample=False, columns="target,x,y,z", source_unit="m")
+        checked = Checked(source, setting(), 5.0)
+        await checked.open()
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+            send = lambda text: sender.sendto(text.encode(), ("127.0.0.1", port))  # noqa: E731
+            for name in TARGETS:
+                send(f"{name} 9 9 9")
+            await asyncio.sleep(0.1)
+            reading = asyncio.ensure_future(checked.read(STAND))
+            await asyncio.sleep(0.1)
+            for name, place in reversed(list(zip(TARGETS, places.tolist(), strict=True))):
+                send(f"{name},{place[0]!r},{place[1]!r},{place[2]!r}")
+            points = await reading
+        await checked.close()
+        return points
+
+    points = asyncio.run(read())
+    assert {name: place for name, (place, _) in points.items()} == {
+        name: tuple(place) for name, place in zip(TARGETS, places.tolist(), strict=True)
+    }
+
+
+def test_a_serial_line_is_read_and_hangs_up():
+    master, slave = os.openpty()
+    places = positions(ARM, STAND.joints, STAND.force, sigma=2e-5)["unloaded"]
+
+    async def read():
+        checked = Checked(Lines(os.ttyname(slave), sample=False, columns="x,y,z,sigma"), setting(), 5.0)
+        await checked.open()
+        reading = asyncio.ensure_future(checked.read(STAND))
+        await asyncio.sleep(0.1)
+        for place in places:
+            os.write(master, (" ".join(f"{1e3 * part:.6f}" for part in place) + " 0.03\r\n").encode())
+        points = await reading
+        os.close(slave)
+        os.close(master)
+        with pytest.raises(SourceError, match=r"stopped|reached"):
+            await checked.read(STAND)
+        await checked.close()
+        return points
+
+    points = asyncio.run(read())
+    assert np.allclose([place for place, _ in points.values()], places, atol=1e-9)
+    assert [sigma for _, sigma in points.values()] == pytest.approx([3e-5] * len(TARGETS))
+
+
+@pytest.mark.parametrize(
+    ("text", "options", "words"),
+    [
+        ("radar:1", {}, "no source 'radar'"),
+        ("simulated:x", {}, "no seed"),
+        ("simulated:1", {"columns": "x,y,z"}, "takes no `columns`"),
+        ("lines:", {}, "no address"),
+        ("lines:tcp://nowhere", {}, "no address"),
+        ("lines:udp://:4000", {"request": "READ"}, "only listened to"),
+        ("lines:/dev/ttyS9", {"columns": "x,y"}, "do not name x, y and z"),
+        ("lines:/dev/ttyS9", {"pattern": "(?P<x>.*"}, "no regular expression"),
+        ("lines:/dev/ttyS9", {"source_unit": "ell"}, "no unit"),
+    ],
+)
+def test_what_is_no_source_is_refused(text, options, words):
+    with pytest.raises(RequestError, match=words):
+        source_of(text, options)
+
+
+def test_a_source_is_one_class_with_one_method(campaign, monkeypatch):
+    """Entry points name it; `point` is all that must be there."""
+
+    class Still:
+        def __init__(self, address: str) -> None:
+            self.address = address
+
+        async def point(self, _: str):
+            return (1.0, 2.0, float("nan")), None
+
+    class Entry:
+        name = "still"
+
+        def load(self):
+            return Still
+
+    monkeypatch.setattr(sources, "entry_points", lambda group: [Entry()] if group == sources.GROUP else [])
+    with (
+        jointstiff.measure(campaign, "15 %", "still:here") as live,
+        pytest.raises(SourceError, match="no position of a target"),
+    ):
+        live.run_source()
+
+
+def test_the_profile_is_shown_and_confirmed(campaign, tmp_path):
+    path = tmp_path / "campaign.json"
+    path.write_text(json.dumps(campaign))
+    with Tracker() as tracker:
+        source = f"lines:tcp://127.0.0.1:{tracker.port}"
+        arguments = [
+            str(path),
+            "--goal",
+            "15 %",
+            "--source",
+            source,
+            "--request",
+            ASK,
+            "--json",
+            "--most",
+            "2",
+        ]
+        unanswered = CliRunner().invoke(app, ["measure", *arguments])
+        assert unanswered.exit_code == 2
+        assert "confirm" in unanswered.stderr
+        assert "as [target] x y z, lengths in mm" in unanswered.stderr
+        assert not unanswered.stdout
+        confirmed = CliRunner().invoke(app, ["measure", *arguments], input="y\n")
+        assert confirmed.exit_code == 0, confirmed.stderr
+        assert json.loads(confirmed.stdout)["readings"] == 2
+        assert CliRunner().invoke(app, ["measure", *arguments, "--yes"]).exit_code == 0

@@ -17,10 +17,10 @@ from jointstiff.service.workers.doctor import examine
 
 
 @pytest.fixture
-def url(database_url):
-    with Store.open(database_url) as store:
+def url(either_database_url):
+    with Store.open(either_database_url) as store:
         runs_of(store).create(request(stored_set(store)), None)
-    return database_url
+    return either_database_url
 
 
 def planted(url, *statements):

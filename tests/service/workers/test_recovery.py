@@ -22,8 +22,8 @@ SILENCE = timedelta(seconds=30)
 
 
 @pytest.fixture
-def store(database_url):
-    with Store.open(database_url) as opened:
+def store(either_database_url):
+    with Store.open(either_database_url) as opened:
         yield opened
 
 
@@ -76,10 +76,10 @@ def test_work_that_a_living_worker_has_lost_is_taken_up_at_the_second_look(store
     assert engine.resumed == [("part-1", "part")]
 
 
-@pytest.mark.parametrize("status", ["ERROR", "MAX_RECOVERY_ATTEMPTS_EXCEEDED", "SUCCESS"])
-def test_a_run_that_the_engine_gave_up_fails(store, runs, engine, status):
+@pytest.mark.parametrize("status", ["ERROR", "MAX_RECOVERY_ATTEMPTS_EXCEEDED", "SUCCESS", None])
+def test_a_run_that_the_engine_gave_up_or_does_not_know_fails(store, runs, engine, status):
     run = runs.create(request(stored_set(store)), None)
-    engine.ended = {run.id: status}
+    engine.ended = {run.id: status} if status else {}
     recovery = recovery_of(store, runs, engine)
     recovery.look()
     assert runs.current(run.id).state == "queued"
@@ -87,16 +87,6 @@ def test_a_run_that_the_engine_gave_up_fails(store, runs, engine, status):
     ended = runs.current(run.id)
     assert (ended.state, ended.error.type) == ("failed", "urn:jointstiff:problem:worker-lost")
     assert "send it again" in ended.error.remedy
-
-
-def test_a_run_that_the_engine_does_not_know_fails(store, runs, engine):
-    run = runs.create(request(stored_set(store)), None)
-    recovery = recovery_of(store, runs, engine)
-    recovery.look()
-    assert runs.current(run.id).state == "queued"
-    recovery.look()
-    ended = runs.current(run.id)
-    assert (ended.state, ended.error.type) == ("failed", "urn:jointstiff:problem:worker-lost")
 
 
 def test_a_run_that_too_many_workers_died_over_fails_and_those_that_they_waited_for_do_not(
@@ -192,8 +182,9 @@ def test_a_worker_that_ends_hands_its_work_over(store, runs, engine):
 
 
 @pytest.fixture
-def beats_at(store, database_url):
-    """Call it for the heartbeats of the store as they are at a time."""
+def beats_at(database_url):
+    """Call it for the heartbeats of a store as they are at a time."""
+    Store.open(database_url).close()
     with closing(Database.open(database_url)) as database:
         yield lambda time: Heartbeats(database, lambda _: time)
 

@@ -68,13 +68,13 @@ def test_a_refusal_comes_back_as_what_it_was_and_anything_else_as_its_words():
 
 @pytest.mark.process
 @pytest.mark.usefixtures("postgresql_url")
-def test_a_pickle_planted_in_the_database_is_not_run_and_its_job_ends(database_url, tmp_path):
-    with Store.open(database_url) as store, closing(JobQueue(store, database_url)) as queue:
+def test_a_pickle_planted_in_the_database_is_not_run_and_its_job_ends(either_database_url, tmp_path):
+    with Store.open(either_database_url) as store, closing(JobQueue(store, either_database_url)) as queue:
         runs = Parts(store, queue.enqueue).jobs["run"]
         stored = stored_set(store)
         planted, other = (runs.create(request(stored), None) for _ in range(2))
-        engine = create_engine(engine_url(database_url).replace("postgresql:", "postgresql+psycopg:"))
-        tables = MetaData(schema=schema_of(store) if database_url.startswith("postgresql") else None)
+        engine = create_engine(engine_url(either_database_url).replace("postgresql:", "postgresql+psycopg:"))
+        tables = MetaData(schema=schema_of(store) if either_database_url.startswith("postgresql") else None)
         tables.reflect(engine, only=["workflow_status"])
         (workflows,) = tables.tables.values()
         mine = workflows.c.workflow_uuid == planted.id
@@ -86,7 +86,7 @@ def test_a_pickle_planted_in_the_database_is_not_run_and_its_job_ends(database_u
             )
         engine.dispose()
         assert names == {"jointstiff_json"}
-        with working(database_url, "worker"):
+        with working(either_database_url, "worker"):
             until(lambda: not runs.records.status(planted.id).goes_on, seconds=60)
             until(lambda: not runs.records.status(other.id).goes_on, seconds=60)
         assert runs.records.status(planted.id).state == "failed"

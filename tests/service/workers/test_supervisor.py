@@ -11,6 +11,7 @@ import pytest
 from support.processes import Service, ready, working
 
 from jointstiff.service.library.client import Client
+from jointstiff.service.workers import supervisor as supervisor_module
 from jointstiff.service.workers.supervisor import Supervisor, pause_after
 from jointstiff.simulator import default_arm, simulate_campaign
 
@@ -20,8 +21,9 @@ def test_pauses_double_up_to_a_minute():
 
 
 @pytest.mark.process
-def test_a_worker_that_cannot_start_is_said_and_is_not_living(tmp_path):
+def test_a_worker_that_cannot_start_is_said_and_is_not_living(tmp_path, monkeypatch):
     """Its database is a folder, which no SQLite opens."""
+    monkeypatch.setattr(supervisor_module, "pause_after", lambda _lives: 0.1)
     forgotten: list[str] = []
     twice = threading.Event()
 
