@@ -6,6 +6,7 @@ import json
 import re
 
 from playwright.sync_api import expect
+from support.api import posted
 from support.browsing import campaign, post
 
 NAMES = [
@@ -131,12 +132,10 @@ def test_hostile_file_names_and_contents_are_shown_as_text(visit, stored):
 
 def test_downloads_guard_against_formulas(visit, api, tmp_path):
     document = campaign(configurations=6, load="dead_weight")
-    robot = post(api, "/v1/robots", document["robot"])["id"]
     labels = ["=1+1", "+1", "-1", "@x", '"quoted", twice', "<svg onload=window.hacked=1>"]
     for label, observation in zip(labels, document["measurement_set"]["observations"], strict=True):
         observation["label"] = label
-    set_id = post(api, "/v1/measurement-sets", {**document["measurement_set"], "robot_id": robot})["id"]
-    run = post(api, "/v1/runs", {"measurement_set_id": set_id})["id"]
+    run = posted(api, document)["id"]
     visited = visit("tablet")
     visited.go(f"#/runs/{run}/deflection")
     page = visited.page

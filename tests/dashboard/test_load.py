@@ -1,6 +1,9 @@
-"""What the page weighs, and whom it asks."""
+"""What the page weighs, and whom it asks; its types, made from the service as it is now."""
 
 from __future__ import annotations
+
+import pytest
+from support.browsing import DASHBOARD, run_npm
 
 FIRST_BUDGET = 90_000
 """Bytes over the wire, bodies and headers, of all that the first look at a result loads."""
@@ -39,3 +42,13 @@ def test_first_load_of_a_result_is_small_and_asks_no_one_else(visit, stored):
     assert 60_000 < plain <= FIRST_BUDGET
     assert plain + 100_000 < total <= BUDGET
     assert policy_breaches == []
+
+
+@pytest.mark.slow
+def test_types_of_the_api_are_made_anew(node_modules):
+    """`scripts/check` compiles them."""
+    types = DASHBOARD / "src" / "api" / "schema.d.ts"
+    types.write_text("export interface components { schemas: {} }", encoding="utf-8")  # of another service
+    done = run_npm("run", "--silent", "precheck")
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "MeasurementSet" in types.read_text(encoding="utf-8")

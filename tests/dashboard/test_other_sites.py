@@ -9,7 +9,7 @@ from urllib.parse import urlsplit
 
 import httpx2
 import pytest
-from support.browsing import post
+from support.api import posted
 
 from jointstiff.service.api.bodies import EXAMPLES
 from jointstiff.simulator import default_arm, simulate_campaign
@@ -61,16 +61,9 @@ def api(services):
         yield session
 
 
-def stored_run(api):
-    campaign = simulate_campaign(default_arm(), configurations=6)
-    robot = post(api, "/v1/robots", campaign["robot"])["id"]
-    readings = post(api, "/v1/measurement-sets", campaign["measurement_set"] | {"robot_id": robot})["id"]
-    return post(api, "/v1/runs", {"measurement_set_id": readings})["id"]
-
-
 @pytest.mark.parametrize("origin", ["another site", "no origin", "rebound name"])
 def test_nothing_is_read_posted_or_deleted(origin, browser, api, other_site):
-    run, page = stored_run(api), browser.new_page()
+    run, page = posted(api, simulate_campaign(default_arm(), configurations=6))["id"], browser.new_page()
     service = str(api.base_url).rstrip("/")
     before = [api.get(f"/v1/runs/{run}").json(), api.get("/v1/robots").json()]
     if origin == "rebound name":  # a name of the attacker's that points to this machine

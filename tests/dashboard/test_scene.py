@@ -59,6 +59,7 @@ def test_a_device_without_3d_graphics_gets_drawings(visit, stored):
     visited.faults.clear()  # three says so on the console
 
 
+@pytest.mark.slow
 def test_changes_of_3d_views_leave_nothing_behind(visit, stored):
     """Heap, nodes and listeners after 50 changes to and from 3D are at most 1.2 times the first."""
     visited = visit("tablet")

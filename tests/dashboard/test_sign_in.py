@@ -9,7 +9,7 @@ import httpx2
 import pytest
 from playwright.sync_api import expect
 from sqlalchemy import insert
-from support.browsing import post
+from support.api import posted
 from support.processes import Service
 
 from jointstiff.service.security.keys import digest, mint, mint_token
@@ -52,10 +52,7 @@ def site(bundle, database):
 def run(site):
     headers = {"Authorization": f"Bearer {KEY.text}"}
     with httpx2.Client(base_url=site.url, headers=headers, timeout=60.0) as api:
-        campaign = simulate_campaign(default_arm(), configurations=6)
-        robot = post(api, "/v1/robots", campaign["robot"])["id"]
-        readings = post(api, "/v1/measurement-sets", campaign["measurement_set"] | {"robot_id": robot})["id"]
-        return post(api, "/v1/runs", {"measurement_set_id": readings})["id"]
+        return posted(api, simulate_campaign(default_arm(), configurations=6))["id"]
 
 
 def test_a_key_is_entered_once_and_the_page_works_until_sign_out(visit, run):

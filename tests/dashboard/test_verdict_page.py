@@ -6,19 +6,18 @@ import re
 
 import pytest
 from playwright.sync_api import expect
-from support.browsing import campaign, post
+from support.api import posted
+from support.browsing import campaign
 
 
 @pytest.fixture(scope="module")
 def unusable(api):
     """A run whose columns of two joints are exchanged, on a robot of its own."""
     document = campaign(load="pull", configurations=12, seed=8)
-    robot, readings = post(api, "/v1/robots", document["robot"])["id"], document["measurement_set"]
-    for observation in readings["observations"]:
+    for observation in document["measurement_set"]["observations"]:
         joints = observation["joints"]
         joints[1], joints[2] = joints[2], joints[1]
-    measured = post(api, "/v1/measurement-sets", readings | {"name": "exchanged", "robot_id": robot})
-    return post(api, "/v1/runs", {"measurement_set_id": measured["id"]})["id"]
+    return posted(api, document)["id"]
 
 
 def test_the_page_asks_before_it_maps(visit, unusable, tmp_path):

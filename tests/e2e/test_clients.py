@@ -96,6 +96,7 @@ def run(*command, folder):
     assert done.returncode == 0, done.stdout + done.stderr
 
 
+@pytest.mark.slow
 def test_python_client(url, bodies, tmp_path):
     """openapi-python-client: no warning, mypy --strict, and every body is accepted."""
     httpx2.get(f"{url}/openapi.json", timeout=100.0)

@@ -45,6 +45,7 @@ def test_the_wheel_holds_one_package(built_wheel):
     assert {"jointstiff/__init__.py", "jointstiff/service/static/index.html"} <= set(names)
 
 
+@pytest.mark.slow
 def test_a_campaign_over_http_beside_packages_of_our_folders_names(built_wheel, tmp_path):
     python = tmp_path / "environment" / "bin" / "python"
     run(uv(), "venv", "--quiet", str(python.parents[1]))

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 import pytest
 from support.in_process import Client
 
+from jointstiff.service.jobs import Parts
 from jointstiff.service.store.store import Store
 
 
@@ -15,6 +16,12 @@ def memory() -> Iterator[Store]:
     """A store in memory."""
     with Store.open("sqlite://") as store:
         yield store
+
+
+@pytest.fixture(scope="module")
+def parts(memory: Store) -> Parts:
+    """What is stored there and made of it, without an application."""
+    return Parts(memory)
 
 
 @pytest.fixture(scope="module")

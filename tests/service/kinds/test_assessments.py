@@ -111,6 +111,7 @@ def test_a_sigma_of_zero_says_what_to_do(clean):
         of(document)
 
 
+@pytest.mark.slow
 def test_a_penalty_under_which_no_link_bends_is_noted(clean):
     document = deepcopy(clean)
     del document["measurement_set"]["observations"][12:]

@@ -5,21 +5,18 @@ from __future__ import annotations
 import csv
 import io
 import json
-from functools import lru_cache
 
 import pytest
 from pydantic import ValidationError
 from rich.console import Console
+from support.jobs import set_of
 from support.shared_data import shared
 from typer.testing import CliRunner
 
 import jointstiff
 from jointstiff.schemas.comparison import CampaignComparison, ComparedMethod, Comparison, ComparisonRequest
-from jointstiff.schemas.measurement import MeasurementSetRequest
-from jointstiff.schemas.robot import RobotDocument
 from jointstiff.schemas.run import RunRequest
 from jointstiff.service.cli.app import app
-from jointstiff.service.jobs import Parts
 from jointstiff.service.kinds.comparison import (
     COMPARISON,
     configurations_sheet,
@@ -28,7 +25,6 @@ from jointstiff.service.kinds.comparison import (
 )
 from jointstiff.service.library.errors import CampaignError
 from jointstiff.service.reports.job import job_report
-from jointstiff.service.store.store import Store
 from jointstiff.service.tables.files import csv_text
 from jointstiff.service.tables.table import Sheet
 from jointstiff.simulator import default_arm, simulate_campaign
@@ -37,23 +33,9 @@ from jointstiff.solver.errors import RequestError
 PULL = {"load": "pull", "seed": 3}
 
 
-@pytest.fixture(scope="module")
-def memory():
-    with Store.open("sqlite://") as store:
-        yield Parts(store)
-
-
-@lru_cache
-def robot_of(parts, document):
-    return parts.robots.create(RobotDocument.model_validate_json(document), None).id
-
-
 def stored(parts, document, **options):
     """Store robot and set of a campaign, and a run; return the run's id."""
-    robot = robot_of(parts, json.dumps(document["robot"]))
-    readings = json.dumps(document["measurement_set"] | {"robot_id": robot})
-    set_id = parts.sets.create(MeasurementSetRequest.model_validate_json(readings), None).id
-    return identified(parts, set_id, **options)
+    return identified(parts, set_of(parts, document), **options)
 
 
 def identified(parts, set_id, **options):
@@ -61,7 +43,7 @@ def identified(parts, set_id, **options):
     return parts.jobs["run"].create(RunRequest.model_validate(body), None).id
 
 
-def set_of(parts, run_id):
+def set_of_run(parts, run_id):
     return parts.jobs["run"].current(run_id).request.measurement_set_id
 
 
@@ -80,21 +62,17 @@ def made(parts, *run_ids, **options):
     return parts.jobs["comparison"].current(parts.jobs["comparison"].create(body, None).id)
 
 
-def compared(*documents, **options):
-    return jointstiff.compare(*documents, **options)
-
-
 class TestRunsOfOneSet:
-    def test_a_configuration_that_a_run_leaves_out_has_no_rest(self, memory):
-        run = stored(memory, simulate_campaign(default_arm(), **PULL))
-        other = identified(memory, set_of(memory, run), leave_out=["c03"])
-        result = made(memory, other, run).result
+    def test_a_configuration_that_a_run_leaves_out_has_no_rest(self, parts):
+        run = stored(parts, simulate_campaign(default_arm(), **PULL))
+        other = identified(parts, set_of_run(parts, run), leave_out=["c03"])
+        result = made(parts, other, run).result
         assert [entry.left.count(None) for entry in result.entries] == [1, 0]
         assert None not in result.sides[0].deflection
 
 
 class TestTwoSets:
-    def test_a_joint_at_its_bound_takes_its_ratio_from_the_run_without_constraints(self, memory):
+    def test_a_joint_at_its_bound_takes_its_ratio_from_the_run_without_constraints(self, parts):
         """The door makes that run; without it the estimate that the run's model keeps is nearly the same."""
         documents = [simulate_campaign(default_arm(), load="pull", seed=seed) for seed in (1, 2)]
         for document in documents:
@@ -105,26 +83,26 @@ class TestTwoSets:
         for joint, other in zip(pair.result.joints, free.joints, strict=True):
             assert joint.ratio == pytest.approx(other.ratio)
             assert joint.p_value == pytest.approx(other.p_value)
-        runs = [stored(memory, document, **document["run"]) for document in documents]
-        held = made(memory, *runs).result
+        runs = [stored(parts, document, **document["run"]) for document in documents]
+        held = made(parts, *runs).result
         for joint, other in zip(held.joints, free.joints, strict=True):
             assert joint.ratio == pytest.approx(other.ratio, rel=1e-3)
         assert 1 / pair.result.ordered.joints[2].compliance_first == pytest.approx(3e6)
 
-    def test_units_a_and_b_are_two_robots(self, memory):
+    def test_units_a_and_b_are_two_robots(self, parts):
         document = simulate_campaign(default_arm(), **PULL)
-        first = stored(memory, document)
+        first = stored(parts, document)
         document["robot"]["name"] = "another"
-        assert not made(memory, first, stored(memory, document)).result.warnings
-        other = stored(memory, simulate_campaign(default_arm(wrist_offset=0.02), **PULL))
-        (warning,) = made(memory, first, other).result.warnings
+        assert not made(parts, first, stored(parts, document)).result.warnings
+        other = stored(parts, simulate_campaign(default_arm(wrist_offset=0.02), **PULL))
+        (warning,) = made(parts, first, other).result.warnings
         assert warning.code == "robot_models_differ"
 
-    def test_warnings_say_which_side(self, memory):
+    def test_warnings_say_which_side(self, parts):
         document = simulate_campaign(default_arm(), **PULL)
-        first = stored(memory, document)
+        first = stored(parts, document)
         document["measurement_set"]["observations"][4]["force"] = [0.0, 0.0, 0.0]
-        result = made(memory, first, stored(memory, document)).result
+        result = made(parts, first, stored(parts, document)).result
         places = {(warning.code, warning.where[:23]) for warning in result.warnings if warning.where}
         assert ("zero_load", "second.observations[4]."[:23]) in places or any(
             code == "zero_load" and where.startswith("second.observations[4]") for code, where in places
@@ -139,25 +117,25 @@ class TestTwoSets:
         ({"elasticity": "diagonal_links", "link_penalty": 0.1, "loss": "squared"}, "joints only"),
     ],
 )
-def test_runs_that_cannot_be_two_sides_are_refused(memory, options, reason):
-    first, second = two_encoders(memory)
-    other = identified(memory, set_of(memory, first), **options)
+def test_runs_that_cannot_be_two_sides_are_refused(parts, options, reason):
+    first, second = two_encoders(parts)
+    other = identified(parts, set_of_run(parts, first), **options)
     with pytest.raises(RequestError, match=reason):
-        made(memory, other, second)
+        made(parts, other, second)
 
 
-def test_what_cannot_be_compared_is_refused_with_its_place(memory):
+def test_what_cannot_be_compared_is_refused_with_its_place(parts):
     document = simulate_campaign(default_arm(), **PULL)
-    first = stored(memory, document)
+    first = stored(parts, document)
     with pytest.raises(RequestError) as refused:
-        made(memory, first, "nobody")
+        made(parts, first, "nobody")
     assert refused.value.where == "run_ids[1]"
-    others = [stored(memory, simulate_campaign(default_arm(), load="pull", seed=seed)) for seed in (4, 5)]
+    others = [stored(parts, simulate_campaign(default_arm(), load="pull", seed=seed)) for seed in (4, 5)]
     with pytest.raises(RequestError, match="3 measurement sets"):
-        made(memory, first, *others)
+        made(parts, first, *others)
     document["robot"]["model"]["urdf"] = document["robot"]["model"]["urdf"].replace("joint_3", "elbow")
     with pytest.raises(RequestError, match="have different joints"):
-        made(memory, first, stored(memory, document))
+        made(parts, first, stored(parts, document))
 
 
 @pytest.mark.parametrize("run_ids", [[], ["a"], ["a", "a"], [str(i) for i in range(49)]])
@@ -185,7 +163,7 @@ def test_options_that_make_no_sense(options):
 class TestCampaigns:
     def test_a_method_that_the_readings_cannot_support_is_an_entry_without_numbers(self):
         document = simulate_campaign(default_arm(), **PULL, targets={"P10": (0.1, 0.1, 0.0)})
-        found = compared(document)
+        found = jointstiff.compare(document)
         for entry in found.result.entries:
             if entry.method == "partial_pose":
                 assert entry.error is None
@@ -200,12 +178,12 @@ class TestCampaigns:
     def test_draws_that_cannot_be_made_are_refused(self):
         document = simulate_campaign(default_arm(), configurations=8, **PULL)
         with pytest.raises(CampaignError, match="a draw of 13 configurations"):
-            compared(document, resampling={"size": 13})
+            jointstiff.compare(document, resampling={"size": 13})
 
     def test_table_two_and_the_figures_of_two_campaigns(self):
         """The paper in one piece: three methods and encoders off and on, draws, shares, what is left."""
         documents = [shared(f"simulated/dead_weight_{name}") for name in ("motor", "secondary")]
-        found = compared(*documents, resampling={"size": 10, "repetitions": 50})
+        found = jointstiff.compare(*documents, resampling={"size": 10, "repetitions": 50})
         assert len(found.result.entries) == 16
         text = shown(found)
         assert max(map(len, text.splitlines())) <= 80
@@ -220,7 +198,9 @@ class TestCampaigns:
 
 @pytest.fixture(scope="module")
 def comparison():
-    return compared(shared("simulated/dead_weight_motor"), resampling={"size": 10, "repetitions": 200})
+    return jointstiff.compare(
+        shared("simulated/dead_weight_motor"), resampling={"size": 10, "repetitions": 200}
+    )
 
 
 def read(text):

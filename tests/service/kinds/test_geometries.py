@@ -22,7 +22,6 @@ from jointstiff.service.cli.app import app
 from jointstiff.service.jobs import Parts
 from jointstiff.service.kinds.geometry import GEOMETRY
 from jointstiff.service.problems import DeletedError
-from jointstiff.service.store.store import Store
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.document import robot_document
 from jointstiff.simulator.sweeps import HOME, SWEEPS, TrackedArm, imperfect_arm, rotation_by
@@ -34,12 +33,6 @@ FANUC = np.diag([1.0, 1.0, -1.0, -1.0, -1.0, -1.0])
 FANUC[2, 1] = -1.0
 BASE_TARGETS = {"B1": [0.5, 0.6, 0.1], "B2": [-0.5, 0.5, 0.0], "B3": [0.1, -0.6, 0.2], "B4": [0.6, -0.4, 0.4]}
 UNITS = {"length": "m", "angle": "rad"}
-
-
-@pytest.fixture(scope="module")
-def memory():
-    with Store.open("sqlite://") as store:
-        yield Parts(store)
 
 
 @lru_cache
@@ -127,17 +120,17 @@ def across(error, direction):
 class TestSharedSweeps:
     """Issue 5: within 4 of their own standard uncertainties of truth.json, over HTTP."""
 
-    def test_stiffness_as_with_the_nominal_model(self, memory):
+    def test_stiffness_as_with_the_nominal_model(self, parts):
         """The same readings, once in R0 with the nominal robot, once in the tracker's frame as identified."""
         campaign = shared("simulated/dead_weight_motor")
         truth = shared("simulated/truth")["sweeps"]["tracker_from_base"]
-        nominal = memory.robots.create(RobotDocument.model_validate(campaign["robot"]), None).id
-        geometry = made(memory, shared("simulated/sweeps"), robot_id=nominal)
-        identified = memory.robots.create(from_geometry(geometry.id), None).id
+        nominal = parts.robots.create(RobotDocument.model_validate(campaign["robot"]), None).id
+        geometry = made(parts, shared("simulated/sweeps"), robot_id=nominal)
+        identified = parts.robots.create(from_geometry(geometry.id), None).id
         tracked = in_tracker(campaign["measurement_set"], np.array(truth["rotation"]), truth["translation"])
         frame = {"geometry_id": geometry.id}
-        expected = run(memory, stored(memory, campaign["measurement_set"], nominal))
-        found = run(memory, stored(memory, tracked | {"frame": frame}, identified))
+        expected = run(parts, stored(parts, campaign["measurement_set"], nominal))
+        found = run(parts, stored(parts, tracked | {"frame": frame}, identified))
         assert [joint.status for joint in found] == [joint.status for joint in expected]
         for one, other in zip(found, expected, strict=True):
             if other.compliance is not None:
@@ -173,19 +166,19 @@ def run(parts, set_id, **options):
 
 
 class TestRobots:
-    def test_coupled_axes_give_a_robot_that_predicts_the_tracker(self, memory):
+    def test_coupled_axes_give_a_robot_that_predicts_the_tracker(self, parts):
         """A FANUC's joint map; the stored robot, asked elsewhere than it was measured, is where it is."""
         cell = TrackedArm(imperfect_arm(3), matrix=FANUC)
-        nominal = robot_id(memory, tuple(map(tuple, FANUC)))
-        geometry = made(memory, sweeps(cell), robot_id=nominal)
+        nominal = robot_id(parts, tuple(map(tuple, FANUC)))
+        geometry = made(parts, sweeps(cell), robot_id=nominal)
         result = geometry.result
         assert [sweep.turned for sweep in result.sweeps][1] == ["joint_2", "joint_3"]
         assert result.sweeps[1].targets[0].radius is None
-        record = memory.robots.create(from_geometry(geometry.id), None)
-        robot = memory.robots.load(record.id)[0]
+        record = parts.robots.create(from_geometry(geometry.id), None)
+        robot = parts.robots.load(record.id)[0]
         assert json.loads(record.document)["geometry_id"] == geometry.id
         assert robot.joint_map.matrix == pytest.approx(FANUC)
-        assert memory.robots.create(RobotDocument.model_validate(result.robot.model_dump()), None)
+        assert parts.robots.create(RobotDocument.model_validate(result.robot.model_dump()), None)
         angles = np.random.default_rng(0).uniform(-0.5, 0.5, (20, 6))
         read = cell.readings(angles)
         T = result.base_frame.transform_tracker_to_base
@@ -197,10 +190,10 @@ class TestRobots:
         assert np.abs(gap).max() < 150e-6
         assert np.sqrt(np.mean(gap**2)) < 40e-6
 
-    def test_without_a_nominal_model(self, memory):
+    def test_without_a_nominal_model(self, parts):
         cell = TrackedArm()
         flange = {"by": "targets", "targets": ["P11", "P10", "P12"]}
-        result = made(memory, sweeps(cell), base={"by": "axes", "height": 0.78}, flange=flange).result
+        result = made(parts, sweeps(cell), base={"by": "axes", "height": 0.78}, flange=flange).result
         assert result.links == []
         assert result.flange == "targets"
         second = {target.name: target.position for target in result.targets}
@@ -209,14 +202,14 @@ class TestRobots:
         R = np.array(result.base_frame.transform_tracker_to_base.rotation)
         assert R @ cell.rotation == pytest.approx(np.eye(3), abs=3e-4)
 
-    def test_a_geometry_that_is_not_there_makes_no_robot(self, memory):
+    def test_a_geometry_that_is_not_there_makes_no_robot(self, parts):
         with pytest.raises(RequestError) as caught:
-            memory.robots.create(from_geometry("nobody"), None)
+            parts.robots.create(from_geometry("nobody"), None)
         assert caught.value.where == "model.geometry_id"
 
 
 class TestFindings:
-    def test_bumps_of_other_sweeps_do_not_hide_one(self, memory):
+    def test_bumps_of_other_sweeps_do_not_hide_one(self, parts):
         """A millimetre in four of six sweeps; their residuals are not those of the model."""
         document, rng = sweeps(TrackedArm(), seed=4), np.random.default_rng(1)
         for j in (0, 1, 2, 4):
@@ -224,12 +217,12 @@ class TestFindings:
             step *= 1e-3 / np.linalg.norm(step)
             for position in document["sweeps"][j]["observations"][7:]:
                 position["targets"] = {name: list(p + step) for name, p in position["targets"].items()}
-        found = made(memory, document).result.findings
+        found = made(parts, document).result.findings
         bumps = [finding for finding in found if finding.code == "tracker_bumped"]
         places = [f"sweep of joint_{j + 1}, position 8" for j in (0, 1, 2, 4)]
         assert [(bump.weight, bump.where) for bump in bumps] == [("do_not_use", place) for place in places]
 
-    def test_joints_that_do_not_repeat_make_sweeps_disagree(self, memory):
+    def test_joints_that_do_not_repeat_make_sweeps_disagree(self, parts):
         cell, rng = TrackedArm(), np.random.default_rng(5)
         document = sweeps(cell, seed=5)
         for j, sweep in enumerate(document["sweeps"]):
@@ -238,17 +231,17 @@ class TestFindings:
                 one | {"joints": shown["joints"]}
                 for one, shown in zip(positions(cell, real, rng), sweep["observations"], strict=True)
             ]
-        together = made(memory, document).result
+        together = made(parts, document).result
         assert "sweeps_disagree" in {finding.code for finding in together.findings}
         assert together.goodness.agreement_probability < 1e-6
         assert together.fit == "one_by_one"
-        alone = made(memory, document, fit="one_by_one").result
+        alone = made(parts, document, fit="one_by_one").result
         assert alone.goodness.agreement_probability is None
         assert {finding.code for finding in alone.findings} == {"wrist_centres_disagree"}
         assert together.axes == alone.axes
         assert together.base_frame == alone.base_frame
 
-    def test_an_instruments_sheet_weighs_readings(self, memory):
+    def test_an_instruments_sheet_weighs_readings(self, parts):
         """Noise across the line of sight four times that along it: χ² is right, and the axes are better."""
         cell, rng = TrackedArm(), np.random.default_rng(8)
         document = sweeps(cell, seed=8, sigma=1e-12)
@@ -265,14 +258,14 @@ class TestFindings:
             "range": {"constant": 10e-6, "per_distance": 0.0},
             "transverse": {"constant": 40e-6, "per_distance": 0.0},
         }
-        goodness = made(memory, document, noise={"instrument": sheet}).result.goodness
+        goodness = made(parts, document, noise={"instrument": sheet}).result.goodness
         assert goodness.variance_factor == pytest.approx(1.0, abs=0.2)
         assert goodness.sigma == pytest.approx(np.sqrt((2 * 40**2 + 10**2) / 3) * 1e-6, rel=1e-6)
 
 
 class TestPoses:
-    def test_a_joint_that_never_turned_is_named(self, memory):
-        result = made(memory, poses(TrackedArm(), still=3), robot_id=robot_id(memory)).result
+    def test_a_joint_that_never_turned_is_named(self, parts):
+        result = made(parts, poses(TrackedArm(), still=3), robot_id=robot_id(parts)).result
         assert result.poses.determined == 29
         assert all(names[0].startswith("axis 4") for names in result.poses.only_together)
         assert {finding.code for finding in result.findings} == {"parameters_not_identified"}
@@ -290,24 +283,24 @@ class TestPoses:
 class TestDrift:
     MOTION = rotation_by([0.3, 0.2, 1.0], 120e-6), np.array([0.0, 4e-4, -2e-4])
 
-    def test_within_the_sweeps(self, memory):
+    def test_within_the_sweeps(self, parts):
         cell, rng = TrackedArm(), np.random.default_rng(2)
         before = base_readings(cell, rng)
-        still = made(memory, sweeps(cell), base_targets={"before": before, "after": base_readings(cell, rng)})
+        still = made(parts, sweeps(cell), base_targets={"before": before, "after": base_readings(cell, rng)})
         assert not still.result.drift.significant
         moved = base_readings(cell, rng, self.MOTION)
         moved["B4"] = [moved["B4"][0] + 1e-3, *moved["B4"][1:]]
-        drift = made(memory, sweeps(cell), base_targets={"before": before, "after": moved}).result
+        drift = made(parts, sweeps(cell), base_targets={"before": before, "after": moved}).result
         assert drift.drift.significant
         assert drift.drift.moved_targets == ["B4"]
         codes = {finding.code: finding.where for finding in drift.findings}
         assert codes == {"base_drifted": "base_targets", "base_target_moved": "base_targets.after.B4"}
 
-    def test_is_removed_from_a_later_set(self, memory):
+    def test_is_removed_from_a_later_set(self, parts):
         cell, rng = TrackedArm(), np.random.default_rng(3)
-        nominal = robot_id(memory)
+        nominal = robot_id(parts)
         geometry = made(
-            memory, sweeps(cell), robot_id=nominal, base_targets={"before": base_readings(cell, rng)}
+            parts, sweeps(cell), robot_id=nominal, base_targets={"before": base_readings(cell, rng)}
         )
         assert geometry.result.drift is None
         document = simulate_campaign(default_arm(), load="pull", sigma=1e-9, seed=3)["measurement_set"]
@@ -317,22 +310,21 @@ class TestDrift:
         later = base_readings(cell, rng, self.MOTION)
         frame = {"geometry_id": geometry.id, "base_targets": later}
         sets = [
-            stored(memory, tracked | {"frame": frame | kept}, nominal)
-            for kept in ({}, {"base_targets": None})
+            stored(parts, tracked | {"frame": frame | kept}, nominal) for kept in ({}, {"base_targets": None})
         ]
-        truth = memory.sets.prepared(stored(memory, document, nominal)).measurements.position
-        gaps = [np.abs(memory.sets.prepared(one).measurements.position - truth).max() for one in sets]
+        truth = parts.sets.prepared(stored(parts, document, nominal)).measurements.position
+        gaps = [np.abs(parts.sets.prepared(one).measurements.position - truth).max() for one in sets]
         assert gaps[0] < 120e-6 < 250e-6 < gaps[1]
-        warnings = memory.sets.document(sets[0]).warnings
+        warnings = parts.sets.document(sets[0]).warnings
         assert "base_drifted" in {warning.code for warning in warnings}
 
-    def test_that_cannot_be_compared(self, memory):
+    def test_that_cannot_be_compared(self, parts):
         cell, rng = TrackedArm(), np.random.default_rng(4)
-        geometry = made(memory, sweeps(cell), robot_id=robot_id(memory))
+        geometry = made(parts, sweeps(cell), robot_id=robot_id(parts))
         document = simulate_campaign(default_arm(), seed=3, configurations=4)["measurement_set"]
         frame = {"geometry_id": geometry.id, "base_targets": base_readings(cell, rng)}
         with pytest.raises(MeasurementError) as caught:
-            stored(memory, document | {"frame": frame}, robot_id(memory))
+            stored(parts, document | {"frame": frame}, robot_id(parts))
         assert caught.value.where == "frame.base_targets"
 
 
@@ -345,7 +337,7 @@ class TestFrames:
     @pytest.mark.parametrize("kind", ["positions", "deflections"])
     @pytest.mark.parametrize("length", ["m", "mm"])
     @pytest.mark.parametrize("noise", ["sigma", "covariance", "instrument"])
-    def test_the_same_set_in_another_frame(self, memory, kind, length, noise):
+    def test_the_same_set_in_another_frame(self, parts, kind, length, noise):
         """Everything that the solver is given is as if it had been posted in R0."""
         units = {"length": length, "angle": "deg", "force": "N"}
         document = simulate_campaign(
@@ -354,7 +346,7 @@ class TestFrames:
         unit = {"m": 1.0, "mm": 1e3}[length]
         with_noise(document, noise, unit)
         tracked = self.turned(document, unit, noise)
-        expected, found = self.prepared(memory, document), self.prepared(memory, tracked)
+        expected, found = self.prepared(parts, document), self.prepared(parts, tracked)
         assert found.sigma == pytest.approx(expected.sigma, rel=1e-9)
         for name in ("position", "deflection", "force", "moment", "load_point"):
             assert getattr(found, name) == pytest.approx(getattr(expected, name), abs=1e-9)
@@ -382,19 +374,19 @@ class TestFrames:
             out["noise"]["instrument"]["station"] = (R.T @ (station - t)).tolist()
         return out
 
-    def test_forces_stay_in_r0_unless_said_otherwise(self, memory):
+    def test_forces_stay_in_r0_unless_said_otherwise(self, parts):
         document = simulate_campaign(default_arm(), seed=1, configurations=4)["measurement_set"]
         frame = {"rotation": self.R.tolist(), "translation": self.T.tolist()}
         plain, turned = (
-            self.prepared(memory, document | {"frame": frame | more}) for more in ({}, {"forces": "tracker"})
+            self.prepared(parts, document | {"frame": frame | more}) for more in ({}, {"forces": "tracker"})
         )
-        assert plain.force == pytest.approx(self.prepared(memory, document).force)
+        assert plain.force == pytest.approx(self.prepared(parts, document).force)
         assert turned.force == pytest.approx(plain.force @ self.R.T)
 
-    def test_targets_of_the_geometry_stand_in(self, memory):
+    def test_targets_of_the_geometry_stand_in(self, parts):
         """Deflections of targets that the set does not place; not where the flange frame is another."""
         cell = TrackedArm()
-        geometry = made(memory, sweeps(cell), robot_id=robot_id(memory))
+        geometry = made(parts, sweeps(cell), robot_id=robot_id(parts))
         document = simulate_campaign(
             default_arm(), load="pull", seed=1, configurations=4, readings="deflections"
         )["measurement_set"]
@@ -403,30 +395,30 @@ class TestFrames:
             for name, reading in zip(("P10", "P11", "P12"), observation["readings"], strict=False):
                 reading["target"] = name
         framed = document | {"frame": {"geometry_id": geometry.id}}
-        identified = memory.robots.create(from_geometry(geometry.id), None).id
-        for robot in (robot_id(memory), identified):
-            set_id = stored(memory, framed, robot)
-            places = memory.sets.prepared(set_id).measurements.position[0]
+        identified = parts.robots.create(from_geometry(geometry.id), None).id
+        for robot in (robot_id(parts), identified):
+            set_id = stored(parts, framed, robot)
+            places = parts.sets.prepared(set_id).measurements.position[0]
             assert places == pytest.approx(cell.targets[: len(places)], abs=30e-6)
-        other = memory.robots.create(RobotDocument.model_validate(robot_document(default_arm())), None).id
+        other = parts.robots.create(RobotDocument.model_validate(robot_document(default_arm())), None).id
         with pytest.raises(MeasurementError, match="no position in the flange frame"):
-            stored(memory, framed, other)
+            stored(parts, framed, other)
 
-    def test_a_set_outlives_its_geometry(self, memory):
+    def test_a_set_outlives_its_geometry(self, parts):
         cell = TrackedArm()
-        geometry = made(memory, sweeps(cell), robot_id=robot_id(memory), name="to be deleted")
+        geometry = made(parts, sweeps(cell), robot_id=robot_id(parts), name="to be deleted")
         document = simulate_campaign(default_arm(), seed=2, configurations=4)["measurement_set"]
         tracked = in_tracker(document, cell.rotation, cell.translation)
         frame = {"geometry_id": geometry.id}
-        set_id = stored(memory, tracked | {"frame": frame}, robot_id(memory))
-        memory.jobs["geometry"].records.delete(geometry.id)
+        set_id = stored(parts, tracked | {"frame": frame}, robot_id(parts))
+        parts.jobs["geometry"].records.delete(geometry.id)
         with pytest.raises(DeletedError):
-            memory.jobs["geometry"].current(geometry.id)
-        assert Parts(memory.store).sets.prepared(set_id).measurements.position == pytest.approx(
-            self.prepared(memory, document).position, abs=200e-6
+            parts.jobs["geometry"].current(geometry.id)
+        assert Parts(parts.store).sets.prepared(set_id).measurements.position == pytest.approx(
+            self.prepared(parts, document).position, abs=200e-6
         )
         with pytest.raises(RequestError) as caught:
-            stored(memory, tracked | {"frame": frame}, robot_id(memory))
+            stored(parts, tracked | {"frame": frame}, robot_id(parts))
         assert caught.value.where == "frame.geometry_id"
 
     @pytest.mark.parametrize(
@@ -575,16 +567,16 @@ def test_what_cannot_be_used_is_refused_with_its_place(client, name):
         assert problem["where"] == where
 
 
-def test_targets_that_say_nothing_new_are_no_fault(memory):
+def test_targets_that_say_nothing_new_are_no_fault(parts):
     """Three names of one target: no triangle, so that nothing is trilaterated."""
     document = sweeps(TrackedArm(), count=8)
     alike(document)
-    result = made(memory, document).result
+    result = made(parts, document).result
     assert "trilateration" not in {estimate.way for estimate in result.wrist.estimates}
 
 
 @pytest.mark.slow
-def test_a_thousand_circle_points_with_sweeps_of_the_first_axes(memory):
+def test_a_thousand_circle_points_with_sweeps_of_the_first_axes(parts):
     """As the paper measured: within the limits of a body, of memory and of the time of a request."""
     arm, rng, counts = TrackedArm(), np.random.default_rng(1), (100, 100, 100, 15, 500, 500)
     document = sweeps(arm)
@@ -592,7 +584,7 @@ def test_a_thousand_circle_points_with_sweeps_of_the_first_axes(memory):
         angles = arm.sweep(j, np.linspace(*SWEEPS[j], count))
         sweep["observations"] = positions(arm, angles, rng, SIGMA)
     assert len(json.dumps(document)) < GEOMETRY.max_bytes
-    estimates = made(memory, document).result.wrist.estimates
+    estimates = made(parts, document).result.wrist.estimates
     assert {estimate.way for estimate in estimates} == {"sphere", "axes", "trilateration"}
 
 

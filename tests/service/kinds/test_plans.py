@@ -18,13 +18,11 @@ from jointstiff.schemas.plan import MAX_CANDIDATES, Plan, PlanRequest
 from jointstiff.schemas.robot import RobotDocument
 from jointstiff.service.cli.app import app
 from jointstiff.service.importing.reading import SourceFile
-from jointstiff.service.jobs import Parts
 from jointstiff.service.kinds.plan import PLAN, readings_sheet
 from jointstiff.service.reports.job import job_document
 from jointstiff.service.reports.laboratory import LaboratorySettings
 from jointstiff.service.reports.rendering import report_page, report_pdf
 from jointstiff.service.resources.imports import import_files
-from jointstiff.service.store.store import Store
 from jointstiff.service.tables.files import csv_text
 from jointstiff.simulator import TARGETS, default_arm, robot_document, simulate_campaign
 from jointstiff.simulator.equilibrium import deflections
@@ -41,12 +39,6 @@ BEGIN = {
 
 
 @pytest.fixture(scope="module")
-def parts():
-    with Store.open("sqlite://") as store:
-        yield Parts(store)
-
-
-@pytest.fixture(scope="module")
 def robot(parts):
     return parts.robots.create(RobotDocument.model_validate(robot_document(default_arm())), None).id
 
@@ -56,15 +48,10 @@ def plan_of(parts, **options) -> Plan:
     return Plan.model_validate_json(record.document)
 
 
-@pytest.fixture(scope="module")
-def another(parts):
-    return parts.robots.create(RobotDocument.model_validate(robot_document(default_arm())), None).id
-
-
-def test_the_list_is_filled_in_and_dropped_back(parts, another):
+def test_the_list_is_filled_in_and_dropped_back(parts, robot):
     """A weight and all joints, as the form has it: joint_1 is left out, and the CSV is imported."""
     load = {"kind": "dead_weight", "force": 900.0}
-    plan = plan_of(parts, robot_id=another, **BEGIN | {"load": load, "readings": 12})
+    plan = plan_of(parts, robot_id=robot, **BEGIN | {"load": load, "readings": 12})
     assert plan.state == "succeeded", plan.error
     assert plan.result.left_out == ["joint_1"]
     rows = list(csv.DictReader(io.StringIO(csv_text(readings_sheet(plan)))))
@@ -103,9 +90,9 @@ def test_the_list_is_filled_in_and_dropped_back(parts, another):
         assert 0.9 * low < truth[joint.name] < 1.1 * (high or np.inf)
 
 
-def test_on_paper_each_posture_has_its_row(parts, another):
+def test_on_paper_each_posture_has_its_row(parts, robot):
     load = {"kind": "cable", "force": 500.0, "anchors": [[3.0, 0.0, 0.0], [0.0, 3.0, 0.5]]}
-    plan = plan_of(parts, robot_id=another, **BEGIN | {"load": load})
+    plan = plan_of(parts, robot_id=robot, **BEGIN | {"load": load})
     assert plan.state == "succeeded", plan.error
     report = job_document(PLAN, plan, plan.model_dump_json(), LaboratorySettings())
     page = report_page(report).decode()

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from fastapi.testclient import TestClient
+from support.api import post
 from support.live import observation
 
 from jointstiff.schemas.run import JointResult
@@ -64,9 +65,7 @@ def service():
 
 
 def posted(client, collection, body):
-    answer = client.post(f"/v1/{collection}", json=body)
-    assert answer.status_code == 201, answer.text
-    return answer.json()["id"]
+    return post(client, f"/v1/{collection}", body)["id"]
 
 
 def measured(client, own, prior):
@@ -109,16 +108,10 @@ def test_a_joint_that_deviates_is_found_and_not_pulled_to_the_mean(service):
 
 
 def test_a_fleet_of_three_other_arms_at_least(service):
-    other = robot_document(ARM) | {"name": "lone"}
-    other["joints"] = [joint | {"name": f"axis_{j}"} for j, joint in enumerate(other.get("joints", []))]
-    lone = posted(
-        service,
-        "robots",
-        {"name": "lone", "model": {"format": "catalogue", "arm": "KUKA KR 210 R2700 extra"}},
-    )
+    model = {"format": "catalogue", "arm": "KUKA KR 210 R2700 extra"}
+    lone = posted(service, "robots", {"name": "lone", "model": model})
     body = LIVE | {"robot_id": lone, "open": LIVE["open"] | {"prior": "fleet"}}
-    answer = service.post("/v1/measurement-sets", json=body)
-    assert (answer.status_code, answer.json()["where"]) == (422, "open.prior")
+    assert post(service, "/v1/measurement-sets", body, 422)["where"] == "open.prior"
 
 
 def test_only_independent_runs_of_other_arms_are_sisters():
