@@ -5,14 +5,18 @@ from __future__ import annotations
 import json
 import logging
 import socket
+from types import SimpleNamespace
 
 import httpx2
 import pytest
-from support.in_process import served
+from support.in_process import composed, served
+from support.jobs import request, runs_of, stored_set
 from support.processes import Service
 
 from jointstiff.service.api.answers import ANSWER_HEADERS
+from jointstiff.service.problems import StoreUnavailableError
 from jointstiff.service.process import ACCESS_LOGGER, JsonFormatter, LogFormat, set_log_format
+from jointstiff.service.server import _state
 from jointstiff.service.store.store import Store
 
 
@@ -48,6 +52,41 @@ def test_metrics_are_shown_on_a_port_of_their_own_alone(tmp_path):
         assert httpx2.get(f"{service.url}/metrics").status_code == 404
     finally:
         service.stop()
+
+
+class Away(Store):
+    """A store whose database does not answer."""
+
+    def ping(self):
+        raise StoreUnavailableError("away", "wait")
+
+
+def test_the_gauges_are_of_the_last_look_and_of_what_waits():
+    """What no look has seen is not said; of a database that is away only that it is."""
+    connected = SimpleNamespace(server_state=SimpleNamespace(connections={1, 2}))
+
+    def state(app):
+        return _state(app, connected)
+
+    with Store.open("sqlite://", 10_000_000) as store:
+        app = composed(store)
+        assert state(app) == {
+            "database_up": False,
+            "failing_workers": 0,
+            "connections": 2,
+            "held_body_bytes": 0,
+            "quota_bytes": 10_000_000,
+        }
+        runs_of(store, lambda *_: None).create(request(stored_set(store)), None)
+        with app.state.watch:
+            seen = state(app)
+            assert (seen["database_up"], seen["workers"], seen["unfinished_jobs"]) == (True, 0, 1)
+            assert seen["stored_bytes"] > 10_000
+    with Away.open("sqlite://") as store:
+        app = composed(store)
+        with app.state.watch:
+            assert state(app)["database_up"] is False
+            assert not {"workers", "unfinished_jobs", "quota_bytes"} & state(app).keys()
 
 
 def test_logs_as_json_have_exceptions_and_warnings(monkeypatch, capsys):

@@ -176,6 +176,13 @@ def run(store, set_id):
     return runs_of(store).create(request(set_id, resampling=None), None)
 
 
+def due(store, receiver, clock, kind=Patient):
+    """A sender that has to tell a receiver of one run."""
+    told_of(store, receiver, events=["run.succeeded"])
+    run(store, stored_set(store))
+    return sender_of(store, clock, kind)
+
+
 def looks(sender, clock, **total):
     """Look every second of a time, jumping to what is due."""
     end = clock.time + timedelta(**total)
@@ -251,11 +258,9 @@ def test_the_terminal_makes_lists_and_deletes_them(store, receiver, monkeypatch)
 
 
 def test_a_receiver_that_answers_500_or_redirects_gets_the_same_id_again(store, receiver, clock):
-    told_of(store, receiver, events=["run.succeeded"])
-    run(store, stored_set(store))
+    sender = due(store, receiver, clock)
     receiver.answers = {1: 500, 2: 503, 3: 302}
     receiver.location = f"http://127.0.0.1:{receiver.port}/elsewhere"
-    sender = sender_of(store, clock)
     with receiver.up():
         sender.look()
         assert outcome(store)["undelivered"][0]["error"] == "answered 500"
@@ -268,10 +273,8 @@ def test_a_receiver_that_answers_500_or_redirects_gets_the_same_id_again(store, 
 
 
 def test_a_slow_receiver_and_a_sender_that_is_killed_repeat_the_same_id(store, receiver, clock, monkeypatch):
-    told_of(store, receiver, events=["run.succeeded"])
-    run(store, stored_set(store))
+    sender = due(store, receiver, clock)
     monkeypatch.setattr(webhooks, "TIMEOUT_SECONDS", 0.1)
-    sender = sender_of(store, clock)
     with receiver.up():
         receiver.pause = 0.4
         sender.look()
@@ -371,9 +374,7 @@ def test_what_a_thread_without_memory_left_is_sent_at_the_next_look(store, recei
                 raise MemoryError
             super()._send_due(webhook)
 
-    told_of(store, receiver, events=["run.succeeded"])
-    run(store, stored_set(store))
-    sender = sender_of(store, clock, Short)
+    sender = due(store, receiver, clock, Short)
     with pytest.raises(MemoryError):  # a worker ends then, and its supervisor starts another one
         sender.look()
     sender.short = False
@@ -410,21 +411,18 @@ def test_few_senders_use_the_database_at_once_however_many_receivers(store, cloc
 
 
 def test_an_answer_that_drips_has_its_time_as_a_whole(store, receiver, clock, monkeypatch):
-    told_of(store, receiver, events=["run.succeeded"])
-    run(store, stored_set(store))
+    sender = due(store, receiver, clock)
     monkeypatch.setattr(webhooks, "TIMEOUT_SECONDS", 0.3)
     receiver.drips = 1
     with receiver.up():
-        sender_of(store, clock).look()
+        sender.look()
         assert 3 < receiver.drips < 100
         assert "timed out" in outcome(store)["undelivered"][0]["error"]
         receiver.drips = 0
 
 
 def test_what_does_not_arrive_in_a_day_is_dead_and_shown(store, receiver, clock):
-    told_of(store, receiver, events=["run.succeeded"])
-    run(store, stored_set(store))
-    sender = sender_of(store, clock)
+    sender = due(store, receiver, clock)
     for _ in range(25):
         sender.look()
         clock.go_on(hours=1)
