@@ -95,17 +95,16 @@ def browser() -> Iterator[Browser]:
 
 @pytest.fixture
 def visit(site: Any, browser: Browser) -> Iterator[Callable[..., Visit]]:
-    """Call it for a page of a size and theme; at the end no script may have failed, no policy been broken."""
+    """Call it for a page of a size and theme, at a view; no script may have failed, no policy been broken."""
     contexts, visits = [], []
 
-    def open_page(size: str = "tablet", theme: str = "light", **options: Any) -> Visit:
+    def open_page(size: str = "tablet", theme: str = "light", view: str = "") -> Visit:
         width, height = SIZES[size]
         context = browser.new_context(
             viewport={"width": width, "height": height},
             color_scheme=theme,
             has_touch=size != "desktop",
             base_url=site.url,
-            **options,
         )
         context.set_default_timeout(30_000)
         contexts.append(context)
@@ -114,6 +113,8 @@ def visit(site: Any, browser: Browser) -> Iterator[Callable[..., Visit]]:
         visited.page.on("pageerror", lambda error: visited.faults.append(str(error)))
         visited.page.on("console", visited.note)
         visited.page.on("request", lambda request: visited.requests.append(request.url))
+        if view:
+            visited.go(view)
         return visited
 
     yield open_page

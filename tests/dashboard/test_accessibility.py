@@ -47,8 +47,7 @@ def test_every_view_is_accessible(visit, stored, node_modules):
 
 
 def test_the_page_follows_the_switch_and_remembers_it(visit, stored):
-    visited = visit("tablet", "light")
-    visited.go("#/runs")
+    visited = visit("tablet", "light", view="#/runs")
     page = visited.page
     ground = "getComputedStyle(document.body).backgroundColor"
     light = page.evaluate(ground)

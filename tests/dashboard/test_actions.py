@@ -61,9 +61,7 @@ def runs(api, stored, readings):
 @pytest.mark.parametrize("button", list(CASES))
 def test_a_button_does_what_the_reason_advises(visit, api, runs, button):
     before, options = runs[button], CASES[button][1]
-    visited = visit("desktop")
-    visited.go(f"#/runs/{before['id']}")
-    page = visited.page
+    page = visit("desktop", view=f"#/runs/{before['id']}").page
     page.get_by_role("region", name="Assessment").get_by_role("button", name=button).click()
     beside = page.get_by_role("region", name="Before and after")
     expect(beside).to_be_visible()
@@ -82,9 +80,7 @@ def test_a_button_does_what_the_reason_advises(visit, api, runs, button):
 
 def test_a_reason_shows_its_posture_in_3d_and_leads_back(visit, runs):
     run = runs["Repeat with Huber loss"]["id"]
-    visited = visit("desktop")
-    visited.go(f"#/runs/{run}")
-    page = visited.page
+    page = visit("desktop", view=f"#/runs/{run}").page
     page.get_by_role("region", name="Assessment").get_by_role("link", name="Show c05 in 3D").first.click()
     page.locator("canvas[data-ready=true]").wait_for()
     expect(page.get_by_text("5 of 19")).to_be_visible()

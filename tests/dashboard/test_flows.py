@@ -94,9 +94,7 @@ def test_from_a_robot_to_a_trend(visit, api, size):
 
 
 def test_three_taps_from_a_file_to_its_result(visit):
-    visited = visit("tablet")
-    visited.go("#/")
-    page = visited.page
+    page = visit("tablet", view="#/").page
     with page.expect_file_chooser() as chooser:
         page.get_by_text("Choose file").tap()  # one; choosing it is the second
     chooser.value.set_files(file_of(campaign(load="pull", seed=31)))
@@ -106,9 +104,7 @@ def test_three_taps_from_a_file_to_its_result(visit):
 
 
 def test_the_options_in_a_file_are_taken_and_shown(visit, api):
-    visited = visit("phone")
-    visited.go("#/")
-    page = visited.page
+    page = visit("phone", view="#/").page
     expect(page.get_by_label("Robot", exact=True)).to_have_count(0)  # nothing is asked before a file
     document = campaign(load="pull", seed=32)
     document["run"] = {"positive": False, "stiffness_order": [["joint_2", "joint_4"]], "confidence": 0.9}
@@ -124,9 +120,7 @@ def test_the_options_in_a_file_are_taken_and_shown(visit, api):
 
 def test_by_keyboard_only(visit, stored):
     """From the list of sets to a result in 3D, without a pointer."""
-    visited = visit("tablet")
-    visited.go(f"#/?set={stored.set}")
-    page = visited.page
+    page = visit("tablet", view=f"#/?set={stored.set}").page
     expect(page.get_by_text("passed all integrity checks")).to_be_visible()
 
     def tab_to(locator):
@@ -159,9 +153,7 @@ def test_by_keyboard_only(visit, stored):
 
 def test_contributions_add_up_to_what_the_service_predicts(visit, api, stored):
     """The numbers on the page against the predicted deflections of the same run."""
-    visited = visit("desktop")
-    visited.go(f"#/runs/{stored.run}")
-    page = visited.page
+    page = visit("desktop", view=f"#/runs/{stored.run}").page
     figure = page.locator("figure", has=page.get_by_role("heading", name="Joint stiffness"))
     figure.get_by_text("Table, CSV, SVG").click()
     cells = figure.locator("tbody tr td:last-child").all_inner_texts()
@@ -174,9 +166,7 @@ def test_contributions_add_up_to_what_the_service_predicts(visit, api, stored):
 def test_a_long_run_shows_its_progress_and_is_cancelled(visit, api, stored):
     document = campaign(configurations=2_000, load="dead_weight", seed=23)["measurement_set"]
     large = post(api, "/v1/measurement-sets", {**document, "robot_id": stored.robot})["id"]
-    visited = visit("phone")
-    visited.go(f"#/?set={large}")
-    page = visited.page
+    page = visit("phone", view=f"#/?set={large}").page
     page.get_by_text("Advanced").click()
     page.get_by_label("Repeat on random draws").check()
     page.get_by_label("Draws", exact=True).fill("100000")
@@ -194,9 +184,7 @@ def test_a_long_run_shows_its_progress_and_is_cancelled(visit, api, stored):
 
 
 def test_a_run_is_repeated_with_the_same_numbers(visit, api, stored):
-    visited = visit("phone")
-    visited.go(f"#/runs/{stored.run}")
-    page = visited.page
+    page = visit("phone", view=f"#/runs/{stored.run}").page
     page.locator("summary", has_text="More").click()
     page.get_by_role("button", name="Repeat").click()
     page.wait_for_url(lambda url: "#/runs/" in url and stored.run not in url)
@@ -207,8 +195,7 @@ def test_a_run_is_repeated_with_the_same_numbers(visit, api, stored):
 
 
 def test_refusals_say_what_to_do(visit, stored):
-    visited = visit("tablet")
-    visited.go("#/")
+    visited = visit("tablet", view="#/")
     page = visited.page
     document = campaign(load="dead_weight", seed=41)
     document["measurement_set"]["observations"][3]["joints"] = [0.1, 0.2]
@@ -223,9 +210,7 @@ def test_refusals_say_what_to_do(visit, stored):
 
 def test_findings_are_shown_before_and_after(visit):
     """Forces the wrong way round are stored with a finding: the first tap shows it, the next identifies."""
-    visited = visit("tablet")
-    visited.go("#/")
-    page = visited.page
+    page = visit("tablet", view="#/").page
     document = campaign(load="dead_weight", seed=42)
     for observation in document["measurement_set"]["observations"]:
         observation["force"] = [0, 0, -observation["force"][2]]  # the wrong way round
@@ -241,9 +226,7 @@ def test_findings_are_shown_before_and_after(visit):
 
 
 def test_runs_are_searched_by_link(visit, api, stored):
-    visited = visit("tablet")
-    visited.go("#/runs?q=secondary")
-    page = visited.page
+    page = visit("tablet", view="#/runs?q=secondary").page
     expect(page.get_by_label("Search")).to_have_value("secondary")
     shown = page.locator("ul.rows li")
     expect(shown.first).to_be_visible()
@@ -254,9 +237,7 @@ def test_runs_are_searched_by_link(visit, api, stored):
 
 def test_a_run_is_deleted_and_brought_back(visit, api, stored):
     run = post(api, "/v1/runs", {"measurement_set_id": stored.set, "method": "complete_pose"})["id"]
-    visited = visit("phone")
-    visited.go("#/runs")
-    page = visited.page
+    page = visit("phone", view="#/runs").page
     link = page.locator(f"a[href='#/runs/{run}']")
     link.locator("..").get_by_role("button", name="Delete").click()
     expect(link).to_have_count(0)
@@ -272,9 +253,7 @@ def test_a_run_is_deleted_and_brought_back(visit, api, stored):
 @pytest.mark.parametrize("size", ["tablet", "desktop"])
 def test_a_bar_says_its_values_and_opens_its_posture(visit, stored, size):
     """By finger the values come first, with a link; by mouse a click opens the posture. Both come back."""
-    visited = visit(size)
-    visited.go(f"#/runs/{stored.run}/deflection")
-    page = visited.page
+    page = visit(size, view=f"#/runs/{stored.run}/deflection").page
     column = page.locator("svg.chart").first.locator(".hit").nth(4)
     tip = page.locator(".tip")
     if size == "tablet":
@@ -292,9 +271,7 @@ def test_a_bar_says_its_values_and_opens_its_posture(visit, stored, size):
 
 
 def test_units_change_all_numbers(visit, stored):
-    visited = visit("desktop")
-    visited.go(f"#/runs/{stored.run}")
-    page = visited.page
+    page = visit("desktop", view=f"#/runs/{stored.run}").page
     row = page.locator(".joint", has_text="joint_2")
     expect(row).to_contain_text(re.compile(r"3\.\d+ ±"))
     page.get_by_label("Display").click()
@@ -311,9 +288,7 @@ def test_a_reason_is_acted_on_and_shown_beside_what_was_before(visit, api, store
     document["observations"][4]["readings"][0]["loaded"][0] += shift
     set_id = post(api, "/v1/measurement-sets", {**document, "name": "bumped", "robot_id": stored.robot})["id"]
     first = post(api, "/v1/runs", {"measurement_set_id": set_id})["id"]
-    visited = visit("desktop")
-    visited.go(f"#/runs/{first}")
-    page = visited.page
+    page = visit("desktop", view=f"#/runs/{first}").page
     verdict = page.get_by_role("region", name="Assessment")
     expect(verdict).to_contain_text("Do not use")
     verdict.get_by_role("button", name="Omit c05 and repeat").first.click()
@@ -331,9 +306,7 @@ def test_a_reason_is_acted_on_and_shown_beside_what_was_before(visit, api, store
 def test_selected_runs_stand_side_by_side(visit, api, stored):
     for set_id in (stored.set, stored.other_set):
         post(api, "/v1/runs", {"measurement_set_id": set_id})
-    visited = visit("desktop")
-    visited.go("#/runs")
-    page = visited.page
+    page = visit("desktop", view="#/runs").page
     boxes = page.get_by_role("checkbox", name=re.compile("^Select "))
     boxes.nth(0).check()
     expect(page.get_by_role("button", name="Compare", exact=True)).to_be_disabled()
@@ -352,9 +325,7 @@ def test_what_was_deleted_is_found_and_restored(visit, api, stored, collection, 
         body = {"run_ids": api.get(f"/v1/comparisons/{stored.pair}").json()["request"]["run_ids"]}
     made = post(api, f"/v1/{collection}", body)["id"]
     api.delete(f"/v1/jobs/{made}")
-    visited = visit("phone")
-    visited.go(view)
-    page = visited.page
+    page = visit("phone", view=view).page
     if "state" not in view:
         page.locator("summary", has_text="Filter and order").click()
         page.get_by_label("State").select_option("deleted")
@@ -382,9 +353,8 @@ def test_an_example_is_tried_where_there_is_nothing_yet(visit):
 
 def test_what_was_begun_survives_a_reload(visit, stored):
     """Dropped files with what was said of them, and a form that is half filled in."""
-    visited = visit("tablet")
+    visited = visit("tablet", view="#/")
     page = visited.page
-    visited.go("#/")
     page.locator("input[type=file]").set_input_files(ROOT / "examples" / "readings.csv")
     secondary = page.get_by_role("radio", name="secondary encoders")
     secondary.check(force=True)

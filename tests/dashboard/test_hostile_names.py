@@ -109,9 +109,7 @@ def test_forty_hostile_names_are_shown_as_text(visit, api):
 
 
 def test_hostile_file_names_and_contents_are_shown_as_text(visit, stored):
-    visited = visit("tablet")
-    visited.go("#/")
-    page = visited.page
+    page = visit("tablet", view="#/").page
     file = page.locator("input[type=file]")
     for name in NAMES:
         file_name = re.sub(r"[/\0]", "_", name)[:60] + ".json"
@@ -136,9 +134,7 @@ def test_downloads_guard_against_formulas(visit, api, tmp_path):
     for label, observation in zip(labels, document["measurement_set"]["observations"], strict=True):
         observation["label"] = label
     run = posted(api, document)["id"]
-    visited = visit("tablet")
-    visited.go(f"#/runs/{run}/deflection")
-    page = visited.page
+    page = visit("tablet", view=f"#/runs/{run}/deflection").page
     page.locator("figure", has_text="Residuals").last.get_by_text("Table, CSV, SVG").click()
     with page.expect_download() as table:
         page.get_by_role("button", name="Download CSV of “Residuals”").click()

@@ -115,9 +115,7 @@ def test_five_taps_with_words_for_states_and_a_load_point(visit, api, stored):
 
 def test_words_that_may_be_states_are_one_question(visit, stored):
     text = READINGS.replace("unloaded", "pre").replace("loaded", "post")
-    visited = visit("tablet upright")
-    page = visited.page
-    visited.go("#/")
+    page = visit("tablet upright", view="#/").page
     page.locator("input[type=file]").set_input_files(table("day 5.csv", text))
     expect(page.get_by_text("may be states, but are not known")).to_have_count(1)
     expect(page.get_by_text("1 fault must be corrected first")).to_be_visible()
@@ -127,9 +125,7 @@ def test_words_that_may_be_states_are_one_question(visit, stored):
 
 
 def test_a_number_that_is_not_finite_names_its_field(visit, stored):
-    visited = visit("tablet")
-    page = visited.page
-    visited.go("#/")
+    page = visit("tablet", view="#/").page
     content = '{"measurement_set": {"observations": [], "noise": {"sigma": NaN}}}'
     page.locator("input[type=file]").set_input_files(table("campaign.json", content))
     expect(page.get_by_text("NaN in measurement_set.noise.sigma")).to_be_visible()

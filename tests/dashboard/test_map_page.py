@@ -13,9 +13,7 @@ from jointstiff.simulator.programs import program_text
 
 
 def test_from_a_run_to_the_numbers_of_a_place(visit, stored, api):
-    visited = visit("tablet")
-    page = visited.page
-    visited.go(f"#/runs/{stored.run}/map")
+    page = visit("tablet", view=f"#/runs/{stored.run}/map").page
     expect(page.get_by_label("Process force on the robot [N]")).not_to_have_value("")
     page.get_by_label("Places along x, y, z").fill("5, 15, 2")
     page.get_by_role("button", name="Make the map").click()
@@ -27,9 +25,7 @@ def test_from_a_run_to_the_numbers_of_a_place(visit, stored, api):
 
 
 def test_a_map_is_downloaded_and_a_place_tapped_and_compared_with_another_run(visit, stored, api):
-    visited = visit("tablet")
-    page = visited.page
-    visited.go(f"#/maps/{stored.map}")
+    page = visit("tablet", view=f"#/maps/{stored.map}").page
     for extension in ("csv", "npz"):
         with page.expect_download() as download:
             page.get_by_role("link", name=extension, exact=False).click()
@@ -72,9 +68,8 @@ def fill_in_frames(page):
 
 
 def test_from_a_run_to_the_corrected_file(visit, stored, api):
-    visited = visit("tablet")
+    visited = visit("tablet", view=f"#/runs/{stored.run}/program")
     page = visited.page
-    visited.go(f"#/runs/{stored.run}/program")
     content = program_text("krl", tool_poses(path(6)), 4).encode()
     make = dropped(page, content)
     make.click()
@@ -104,9 +99,7 @@ def test_from_a_run_to_the_corrected_file(visit, stored, api):
 
 
 def test_moves_that_are_not_certain_are_left_after_a_confirmation(visit, stored):
-    visited = visit("tablet")
-    page = visited.page
-    visited.go(f"#/runs/{stored.run}/program")
+    page = visit("tablet", view=f"#/runs/{stored.run}/program").page
     head, _, tail = program_text("krl", tool_poses(path(6)), 4).rpartition("END")
     make = dropped(page, f"{head}LIN_REL {{X 5}}\nEND{tail}".encode())
     fill_in_frames(page)

@@ -11,9 +11,7 @@ from jointstiff.simulator import LOAD_POINT, TARGETS
 
 def test_from_a_robot_to_postures(visit, api, stored):
     """Fill in the form, plan, and look at a posture; *Measure* takes the plan along."""
-    visited = visit("tablet")
-    page = visited.page
-    visited.go(f"#/robots/{stored.robot}")
+    page = visit("tablet", view=f"#/robots/{stored.robot}").page
     page.get_by_role("link", name="Plan a campaign").click()
     in_mm = "\n".join(f"{name} {' '.join(f'{1e3 * x:g}' for x in place)}" for name, place in TARGETS.items())
     page.get_by_label("Targets:").fill("P1 one two")
@@ -38,9 +36,7 @@ def test_from_a_robot_to_postures(visit, api, stored):
 
 def test_a_campaign_goes_on(visit, stored):
     """Plan from a set: what is left empty is the campaign's, and the file to fill in has its readings."""
-    visited = visit("phone")
-    page = visited.page
-    visited.go(f"#/sets/{stored.set}")
+    page = visit("phone", view=f"#/sets/{stored.set}").page
     page.locator("summary", has_text="More").click()
     page.get_by_role("link", name="Plan next readings").click()
     page.get_by_label("Number of readings").fill("4")
@@ -56,9 +52,7 @@ def test_a_campaign_goes_on(visit, stored):
 
 
 def test_a_weight_plans_what_it_twists_and_a_refusal_says_what_to_change(visit, stored):
-    visited = visit("tablet")
-    page = visited.page
-    visited.go("#/plans")
+    page = visit("tablet", view="#/plans").page
     expect(page.get_by_role("button", name="Plan", exact=True)).to_be_disabled()
     page.get_by_label("Robot or measurement set").select_option(f"robot:{stored.robot}")
     expect(page.get_by_label("Force [N]")).to_have_value("1500")  # as in the robot's newest campaign

@@ -12,9 +12,8 @@ from support.browsing import campaign, post
 
 def test_a_nominal_arm_is_found_named_archived_and_taken_back(visit):
     """Search the catalogue, save, look at table and map, rename, archive; note who measured, and find it."""
-    visited = visit("tablet")
+    visited = visit("tablet", view="#/robots/new")
     page = visited.page
-    visited.go("#/robots/new")
     page.get_by_label("Search").fill("kr210")
     page.get_by_role("radio", name="KUKA KR 210 R2700 extra").check(force=True)
     expect(page.get_by_text("Nominal values of the maker")).to_be_visible()
@@ -68,9 +67,8 @@ EXAMPLE = Path(__file__).parents[2] / "examples" / "sweeps.json"
 
 
 def test_from_dropped_sweeps_to_a_robot(visit, api):
-    visited = visit("tablet")
+    visited = visit("tablet", view="#/")
     page = visited.page
-    visited.go("#/")
     page.locator("input[type=file]").first.set_input_files(EXAMPLE)
     expect(page).to_have_url(re.compile("#/geometries$"))
     expect(page.get_by_role("table", name="Sweeps").locator("tbody tr")).to_have_count(6)

@@ -21,9 +21,7 @@ def large_run(api, stored):
 
 
 def test_a_frame_of_200_configurations_takes_little_script(visit, large_run):
-    visited = visit("tablet")
-    visited.go(f"#/runs/{large_run}/robot")
-    page = visited.page
+    page = visit("tablet", view=f"#/runs/{large_run}/robot").page
     canvas = page.locator("canvas[data-ready=true]")
     canvas.wait_for()
     expect(page.get_by_text("1 of 200")).to_be_visible()

@@ -123,9 +123,7 @@ def test_a_link_signs_in_once_and_leaves_the_address(visit, run, database):
 
 
 def test_an_admin_adds_a_webhook_sees_what_did_not_arrive_and_deletes_it(visit, database):
-    visited = visit("phone")
-    page = visited.page
-    visited.go("#/runs")
+    page = visit("phone", view="#/runs").page
     page.get_by_label("Key").fill(ADMIN.text)
     page.get_by_role("button", name="Sign in").click()
     expect(page.locator("h1")).not_to_have_text("Sign in")

@@ -20,7 +20,7 @@ def unusable(api):
     return posted(api, document)["id"]
 
 
-def test_the_page_asks_before_it_maps(visit, unusable, tmp_path):
+def test_the_page_asks_before_it_maps(visit, unusable):
     visited = visit("tablet")
     page, said = visited.page, []
     answers = iter([False, True])
@@ -42,7 +42,6 @@ def test_the_page_asks_before_it_maps(visit, unusable, tmp_path):
     expect(page.locator(".head .badge")).to_have_text("Do not use")
     expect(page.get_by_role("region", name="Assessment")).to_contain_text("joint_2")
     expect(page.get_by_text("Computed despite this verdict.")).to_be_visible()
-    page.screenshot(path=tmp_path / "map.png")
     visited.go(f"#/runs/{unusable}/map")
     listed = page.locator(".list")
     expect(listed.locator(".badge.do_not_use")).to_have_count(1)
@@ -70,9 +69,7 @@ def test_carried_verdicts_stand_on_their_pages(visit, stored, api):
 
 
 def test_runs_are_filtered_by_verdict(visit, unusable):
-    visited = visit("desktop")
-    visited.go("#/runs")
-    page = visited.page
+    page = visit("desktop", view="#/runs").page
     page.get_by_label("Verdict").select_option("do_not_use")
     expect(page.locator(".badge.do_not_use").first).to_be_visible()
     expect(page.locator(".badge.use")).to_have_count(0)

@@ -6,7 +6,7 @@ import dataclasses
 from datetime import UTC, datetime, timedelta
 
 import pytest
-from support.api import CANCEL, DELETE, RESTORE, job_at, posted, posted_set
+from support.api import CANCEL, DELETE, RESTORE, job_at, post, posted, posted_set
 from support.in_process import Client
 from support.jobs import QueueEngine, request, runs_of, stored_set
 from support.records import RESOURCES, job_record
@@ -257,9 +257,8 @@ class TestHttp:
                 listing = address.rpartition("/")[0]
                 assert client.get(listing).json()["items"] == []
                 assert len(client.get(listing, params={"deleted": True}).json()["items"]) == 1
-            gone = client.request("POST", "/v1/runs", json={"measurement_set_id": stored})
-            assert gone.status_code == 422
-            assert "was deleted" in gone.json()["detail"]
+            gone = post(client, "/v1/runs", {"measurement_set_id": stored}, 422)
+            assert "was deleted" in gone["detail"]
             assert client.request("PATCH", job_at(run), json=RESTORE).status_code == 404
             for address in reversed(changed):
                 assert client.request("PATCH", address, json=RESTORE).status_code == 200

@@ -10,7 +10,7 @@ import tracemalloc
 import pytest
 from fastapi import HTTPException
 from fastapi.exceptions import RequestValidationError
-from support.api import EITHER_DATABASE
+from support.api import EITHER_DATABASE, post
 
 from jointstiff.schemas.geometry import GeometryRequest
 from jointstiff.schemas.measurement import MeasurementSetRequest
@@ -168,8 +168,7 @@ def test_numbers_at_the_edge_of_what_is_allowed(client):
             "rows": [{"a": 1e-300, "alpha": 0.0, "d": 100.0, "theta": 6.0}] * 32,
         },
     }
-    created = client.post("/v1/robots", json=robot)
-    assert created.status_code == 201, created.text
+    created = post(client, "/v1/robots", robot)
     for force, sigma, shift in [
         (1e12, 1e-9, 1e12),
         (1e-300, 1e3, 1e-300),
@@ -177,7 +176,7 @@ def test_numbers_at_the_edge_of_what_is_allowed(client):
         (1e-160, 1e-9, 1e-3),
     ]:
         document = {
-            "robot_id": created.json()["id"],
+            "robot_id": created["id"],
             "name": "edge",
             "units": {"length": "m", "angle": "rad", "force": "kN"},
             "encoders": "motor",

@@ -57,9 +57,8 @@ class TestCampaigns:
         ],
     )
     def test_refused_with_the_place_in_the_file(self, local, change, where):
-        answer = local.request("POST", "/v1/campaigns", json=CAMPAIGN | change)
-        assert answer.status_code == 422, answer.text
-        assert answer.json()["where"].startswith(where), answer.json()
+        answer = post(local, "/v1/campaigns", CAMPAIGN | change, 422)
+        assert answer["where"].startswith(where), answer
 
 
 @pytest.mark.parametrize(

@@ -11,6 +11,7 @@ from functools import lru_cache
 import numpy as np
 import pytest
 from scipy import stats
+from support.api import post
 from support.shared_data import shared
 from typer.testing import CliRunner
 
@@ -439,9 +440,8 @@ class TestFrames:
     )
     def test_frames_that_are_none(self, client, frame, where):
         robot = client.post("/v1/robots", json=LEVER).json()["id"]
-        answer = client.post("/v1/measurement-sets", json=LEVER_SET | {"robot_id": robot, "frame": frame})
-        assert answer.status_code == 422
-        assert answer.json()["where"] == where
+        answer = post(client, "/v1/measurement-sets", LEVER_SET | {"robot_id": robot, "frame": frame}, 422)
+        assert answer["where"] == where
 
 
 LEVER = {
@@ -559,9 +559,7 @@ def test_what_cannot_be_used_is_refused_with_its_place(client, name):
     change, where = HOSTILE[name]
     document = sweeps(TrackedArm(), count=8)
     change(document)
-    answer = client.post("/v1/geometries", json=document)
-    assert answer.status_code == 422, answer.text[:500]
-    problem = answer.json()
+    problem = post(client, "/v1/geometries", document, 422)
     assert problem["remedy"]
     if where is not None:
         assert problem["where"] == where

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from support.api import file_at, posted
+from support.api import file_at, post, posted
 
 import jointstiff
 from jointstiff.schemas.measurement import Reading
@@ -126,9 +126,7 @@ def test_sag_of_joints_without_a_number_counts(client):
     found = client.get(f"/v1/runs/{run_id}").json()["result"]["joints"]
     assert {joint["status"] for joint in found[2:]} == {"not_observable"}
     q = random_configurations(ARM, 20, seed=91)
-    answer = client.post("/v1/deflections", json=still(run_id, q))
-    assert answer.status_code == 200, answer.text
-    predicted = answer.json()["cases"]
+    predicted = post(client, "/v1/deflections", still(run_id, q), 200)["cases"]
     moved = np.array([case["displacement"] for case in predicted])
     interval = np.array([case["readings_only"]["displacement"] for case in predicted])
     truth = true_sag(replace(default_bodies(), masses=masses), q)
@@ -144,9 +142,7 @@ def test_plans_tell_joints_apart_from_geometry_and_masses(client, document):
     del known["measurement_set"]["observations"][25:]
     run = posted(client, known, weight={})
     asked = {"measurement_set_id": run["request"]["measurement_set_id"], "readings": 5, "validation": 0.0}
-    answer = client.post("/v1/plans", json={**asked, "candidates": 600})
-    assert answer.status_code == 201, answer.text
-    plan = answer.json()["result"]
+    plan = post(client, "/v1/plans", {**asked, "candidates": 600})["result"]
     assert plan["left_out"] == ["joint_1"]
     assert plan["random_efficiency"] < 0.9
     assert all(reading["force"] == [0.0, 0.0, 0.0] for reading in plan["readings"])
@@ -219,9 +215,8 @@ def test_plans_take_the_gravity_of_the_cell_and_refuse_balancers(client, documen
     wall = {"kind": "own_weight", "gravity": [9.80665, 0.0, 0.0]}
     asked = {"robot_id": robot["id"], "targets": {"a": [0.1, 0.0, 0.1], "b": [0.0, 0.1, 0.1]}}
     guess = {"stiffness": dict.fromkeys(ARM.joint_names, 1e6), "readings": 12, "candidates": 40}
-    answer = client.post("/v1/plans", json={**asked, **guess, "load": wall})
-    assert answer.status_code == 201, answer.text
-    assert "joint_1" not in answer.json()["result"]["left_out"]
+    answer = post(client, "/v1/plans", {**asked, **guess, "load": wall})
+    assert "joint_1" not in answer["result"]["left_out"]
     refused = client.post("/v1/plans", json={**asked, **guess, "load": {**wall, "estimate_gravity": True}})
     assert refused.status_code == 422
     assert "no balancers" in refused.text

@@ -5,6 +5,7 @@ from __future__ import annotations
 import httpx2
 import numpy as np
 import pytest
+from support.api import post
 from support.encoders import with_encoders
 
 from jointstiff.simulator import default_arm, simulate_campaign
@@ -74,7 +75,6 @@ def test_a_wrong_sign_is_a_warning(client, robot_id):
 )
 def test_refusals_say_where_and_how_to_mend_it(client, robot_id, change, where):
     body = campaign()["measurement_set"] | {"robot_id": robot_id} | change
-    answer = client.post("/v1/measurement-sets", json=body)
-    assert answer.status_code == 422
-    assert answer.json()["where"] == where
-    assert answer.json()["remedy"]
+    answer = post(client, "/v1/measurement-sets", body, 422)
+    assert answer["where"] == where
+    assert answer["remedy"]

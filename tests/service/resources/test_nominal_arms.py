@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from reference.published_arms import ARMS, UR_ORIGINS, ur_flange_at
+from support.api import post
 
 from jointstiff.service.conversion.prepared import prepare_robot
 from jointstiff.service.conversion.robots import to_kinematics
@@ -58,9 +59,7 @@ def test_over_the_api(local):
     presets = {each["id"]: each for each in listed["joint_maps"]}
     assert presets[arm["joint_map_preset"]]["joint_map"] == arm["joint_map"]
     body = {"name": "cell 3", "model": {"format": "catalogue", "arm": "M-20iD"}}
-    answer = local.request("POST", "/v1/robots", json=body)
-    assert answer.status_code == 201, answer.text
-    robot = answer.json()
+    robot = post(local, "/v1/robots", body)
     assert robot["nominal_arm"] == "FANUC M-20iD/25"
     assert robot["model"] == arm["model"]
     assert robot["joint_map"] == arm["joint_map"]
@@ -75,6 +74,5 @@ def test_over_the_api(local):
     own = {"matrix": np.eye(6).tolist(), "offset": [0.0] * 6}
     mapped = local.request("POST", "/v1/robots", json=body | {"joint_map": own}).json()
     assert mapped["joint_map"] == own
-    refused = local.request("POST", "/v1/robots", json=body | {"model": {"format": "catalogue", "arm": "X1"}})
-    assert refused.status_code == 422
-    assert refused.json()["where"] == "model.arm"
+    refused = post(local, "/v1/robots", body | {"model": {"format": "catalogue", "arm": "X1"}}, 422)
+    assert refused["where"] == "model.arm"
