@@ -48,15 +48,17 @@ def bomb(size, name=SHEET, parts=1):
 
 
 def table_of(campaign):
-    """The readings of a campaign document as a table, in its units: m, rad, N."""
-    readings = campaign["measurement_set"]
-    targets = [reading["target"] for reading in readings["observations"][0]["readings"]]
-    header = ["label", *(f"J{i} [rad]" for i in range(1, 7)), *(f"F{axis} [N]" for axis in "xyz")]
-    header += [f"{t} {s} {axis} [m]" for t in targets for s in ("unloaded", "loaded") for axis in "xyz"]
+    """The readings of a campaign document as a table in m, rad and N; forces where a load was read."""
+    observations = campaign["measurement_set"]["observations"]
+    targets = [reading["target"] for reading in observations[0]["readings"]]
+    states = [state for state in ("unloaded", "loaded") if state in observations[0]["readings"][0]]
+    header = ["label", *(f"J{i} [rad]" for i in range(1, 7))]
+    header += [f"F{axis} [N]" for axis in "xyz"] if "loaded" in states else []
+    header += [f"{t} {s} {axis} [m]" for t in targets for s in states for axis in "xyz"]
     rows = [header]
-    for one in readings["observations"]:
-        numbers = [*one["joints"], *one["force"]]
+    for one in observations:
+        numbers = [*one["joints"], *(one["force"] if "loaded" in states else ())]
         for reading in one["readings"]:
-            numbers += [*reading["unloaded"], *reading["loaded"]]
+            numbers += [number for state in states for number in reading[state]]
         rows.append([one["label"], *map(repr, numbers)])
     return "\n".join(";".join(row) for row in rows).encode()

@@ -228,14 +228,7 @@ def test_unloaded_positions_and_masses_are_a_campaign_for_own_weight(folder):
     rows = ["body,joint,mass [kg],± [%],centre x [m],centre y [m],centre z [m]"]
     rows += [f"{b['name']},{b['joint']},{b['mass']},10,{','.join(map(str, b['centre']))}" for b in bodies]
     (folder / "masses.csv").write_text("\n".join(rows) + "\n")
-    observations = campaign["measurement_set"]["observations"]
-    head = ["label", *(f"J{j} [rad]" for j in range(1, 7))]
-    head += [f"{one['target']} unloaded {axis} [m]" for one in observations[0]["readings"] for axis in "xyz"]
-    lines = [
-        [one["label"], *one["joints"], *(x for reading in one["readings"] for x in reading["unloaded"])]
-        for one in observations
-    ]
-    (folder / "grid.csv").write_text("\n".join(",".join(map(str, line)) for line in [head, *lines]) + "\n")
+    (folder / "grid.csv").write_bytes(table_of(campaign) + b"\n")
     arguments = ("grid.csv", "masses.csv", "--encoders", "motor", "--sigma", "0.03", "--robot", "arm.json")
     shown = run(*arguments, "-o", "own.json")
     assert shown.exit_code == 0, shown.output

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import numpy as np
 import pytest
 from support.importing_samples import faults, sources_of
+from support.workbooks import table_of
 
 import jointstiff
 from jointstiff.schemas.imports import ImportRequest
@@ -15,23 +15,8 @@ from jointstiff.simulator import default_arm
 from jointstiff.simulator.own_weight import unloaded_campaign
 
 CAMPAIGN = unloaded_campaign(default_arm(), configurations=30, seed=4)
+POSITIONS = "grid.csv", table_of(CAMPAIGN) + b"\n"
 BARE = {name: value for name, value in CAMPAIGN["robot"].items() if name != "bodies"}
-
-
-def positions():
-    """Write the unloaded positions as a table, in mm and degrees."""
-    observations = CAMPAIGN["measurement_set"]["observations"]
-    targets = [reading["target"] for reading in observations[0]["readings"]]
-    joints = len(observations[0]["joints"])
-    header = ["label", *(f"J{j + 1} [deg]" for j in range(joints))]
-    header += [f"{target} unloaded {axis} [mm]" for target in targets for axis in "xyz"]
-    rows = [
-        [one["label"], *np.rad2deg(one["joints"]).tolist()]
-        + [1e3 * number for reading in one["readings"] for number in reading["unloaded"]]
-        for one in observations
-    ]
-    lines = [";".join(map(str, row)) for row in [header, *rows]]
-    return "grid.csv", "\n".join(lines) + "\n"
 
 
 def masses(*, joint="{name}", bound="± [%]", scale=100.0):
@@ -51,7 +36,7 @@ def prepared(document):
 def test_a_robot_with_masses_makes_a_set_that_is_identified_without_an_option(tmp_path):
     """The numbers are those of the campaign as it was simulated; nothing says `weight`."""
     table = tmp_path / "grid.csv"
-    table.write_text(positions()[1])
+    table.write_bytes(POSITIONS[1])
     options = {"encoders": "motor", "noise": {"sigma": 0.03}, "length_unit": "mm"}
     answer = jointstiff.import_files(table, robot=CAMPAIGN["robot"], **options)
     assert (answer.missing, answer.findings) == ([], [])
@@ -75,7 +60,7 @@ def test_a_robot_with_masses_makes_a_set_that_is_identified_without_an_option(tm
 )
 def test_a_table_of_masses_gives_the_bodies(table):
     answer = import_files(
-        sources_of(positions(), masses(**table)), ImportRequest(encoders="motor"), prepared(BARE)
+        sources_of(POSITIONS, masses(**table)), ImportRequest(encoders="motor"), prepared(BARE)
     )
     assert answer.measurement_set is not None
     for body, stated in zip(answer.bodies, CAMPAIGN["robot"]["bodies"], strict=True):
@@ -99,7 +84,7 @@ def test_a_table_of_masses_gives_the_bodies(table):
 def test_a_table_of_masses_that_is_not_clear_is_refused(old, new, reason):
     name, content = masses()
     assert old in content
-    found = faults(positions(), (name, content.replace(old, new, 1)))
+    found = faults(POSITIONS, (name, content.replace(old, new, 1)))
     assert reason in found[0].reason
     assert found[0].place.file == name
 
@@ -108,5 +93,5 @@ def test_masses_alone_or_of_another_robot_are_refused():
     assert "no readings" in faults(masses())[0].reason
     with pytest.raises(Exception, match="no joint 'elbow'"):
         import_files(
-            sources_of(positions(), masses(joint="elbow")), ImportRequest(encoders="motor"), prepared(BARE)
+            sources_of(POSITIONS, masses(joint="elbow")), ImportRequest(encoders="motor"), prepared(BARE)
         )
