@@ -9,7 +9,7 @@ import {
   withMeaning,
   withoutColumns,
 } from "../src/lib/columns";
-import { linesOf, widthOf } from "../src/lib/lines";
+import { linesOf, widthOf } from "../src/lib/columns";
 import { Unread } from "../src/lib/schema";
 import { sent, withStated } from "../src/views/import_form";
 import { fits, templateIn, templatesIn, withTemplate } from "../src/lib/template";

@@ -1,7 +1,8 @@
 /** The small parts all views are made of. */
 import type { ComponentChildren, ComponentProps } from "preact";
 import { useContext, useEffect, useId, useRef, useState } from "preact/hooks";
-import type { Problem, Finding, RunState } from "../api/types";
+import type { Problem, Finding, RunState, Usability } from "../api/types";
+import { tip } from "../charts/tip";
 import type { Action } from "../state/action";
 import type { Loading } from "../state/load";
 import { hasNavigated, link } from "../state/router";
@@ -431,5 +432,31 @@ export function When({ time }: { time: string }) {
       {day}
       <span class="hour">{timeText(time).slice(day.length)}</span>
     </time>
+  );
+}
+
+const ICONS: Record<Usability, string> = {
+  use: "M5 12.5l4.5 4.5L19 7.5",
+  use_with_care: "M12 4L2.8 20h18.4zM12 10v4.5M12 17.2v.3",
+  do_not_use: "M6 6l12 12M18 6L6 18",
+};
+
+export function Badge({ verdict, large = false }: { verdict: Usability; large?: boolean }) {
+  return (
+    <span class={`badge ${verdict}${large ? " large" : ""}`}>
+      <Icon d={ICONS[verdict]} />
+      {text.usability[verdict]}
+    </span>
+  );
+}
+
+type Known = keyof typeof text.glossary;
+
+export function Term({ of, children }: { of: Known; children?: string }) {
+  const shown = children ?? text.glossary[of][0];
+  return (
+    <span class="term" tabIndex={0} {...tip([...text.glossary[of]])}>
+      {shown}
+    </span>
   );
 }

@@ -1,6 +1,5 @@
 /** Rename, archive or delete a robot or a measurement set: nothing is computed from either. */
-import { useAction } from "../state/action";
-import { useDeletion } from "../state/deletion";
+import { useAction, useDeletion } from "../state/action";
 import { namesChanged } from "../state/names";
 import { toast } from "../state/toasts";
 import { text } from "../i18n";

@@ -5,12 +5,11 @@ import { type Collection, goesOn } from "../api/events";
 import type { Assessment, Problem, Progress, RunState, Usability } from "../api/types";
 import { fileName } from "../lib/csv";
 import { VerdictCard } from "../views/verdict_card";
-import { useDeletion } from "../state/deletion";
+import { useDeletion } from "../state/action";
 import { useLoad } from "../state/load";
 import { copied } from "../state/toasts";
 import { text } from "../i18n";
-import { Badge } from "./badge";
-import { Download, ActionButton, Button, Head, Name, ProblemNote, Show, State, When } from "./basics";
+import { Badge, Download, ActionButton, Button, Head, Name, ProblemNote, Show, State, When } from "./basics";
 import { save } from "./download";
 import { Cancelled, Going } from "./going";
 

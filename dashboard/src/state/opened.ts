@@ -3,9 +3,9 @@ import type { ImportOptions } from "../api/types";
 import { type Campaign, notFinite, understand } from "../lib/campaign";
 import type { Fields } from "../lib/json";
 import { type Typed, typedOf } from "../lib/metadata";
-import { type Template, templateIn } from "../lib/template";
+import { type Template, templateIn, templatesIn, withTemplate } from "../lib/template";
 import type { FileFault } from "../i18n";
-import { keep, kept } from "./kept";
+import { keep, kept, recalled, remember } from "./kept";
 
 const MAX_BYTES = 8 * 1024 * 1024;
 
@@ -81,3 +81,20 @@ export async function open(files: File[], before: Opened | null): Promise<Opened
 
 const isJson = async (file: File): Promise<boolean> =>
   /\.json$/i.test(file.name) || /^\ufeff?\s*[{[]/.test(await file.slice(0, 200).text());
+
+let handed: File | null = null;
+
+export function handOver(file: File): void {
+  handed = file;
+}
+
+/** The file, once. */
+export function takeHanded(): File | null {
+  const file = handed;
+  handed = null;
+  return file;
+}
+
+export const keptTemplates = (): Template[] => templatesIn(recalled("templates"));
+export const keepTemplate = (template: Template): void =>
+  remember("templates", withTemplate(keptTemplates(), template));

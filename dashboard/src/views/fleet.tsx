@@ -1,8 +1,7 @@
 /** All robots at a glance: one row a robot and serial number, its worst joint, those in alarm first. */
 import { api } from "../api/client";
 import type { FleetRow } from "../api/types";
-import { Badge } from "../components/badge";
-import { Name, Show, Title } from "../components/basics";
+import { Badge, Name, Show, Title } from "../components/basics";
 import { type Row, Rows } from "../components/list";
 import { changeText } from "../lib/trend";
 import { useLoad } from "../state/load";

@@ -11,7 +11,7 @@ import { fixed } from "../lib/format";
 import { contentKey } from "../lib/hash";
 import { type ReadingFacts, type Readings, readingsOf } from "../lib/sweeps";
 import { useAction } from "../state/action";
-import { takeHanded } from "../state/handed";
+import { takeHanded } from "../state/opened";
 import { valueOf } from "../state/load";
 import { robotOptions, useNames } from "../state/names";
 import { link } from "../state/router";

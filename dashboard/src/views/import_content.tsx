@@ -2,13 +2,12 @@
 import type { ImportAnswer, ImportOptions } from "../api/types";
 import { Button, Choice } from "../components/basics";
 import { SchemaFields, type Terms } from "../components/schema_form";
-import { type ImportFault, meaningsFor } from "../lib/columns";
+import { type ImportFault, meaningsFor, widthOf } from "../lib/columns";
 import type { Fields } from "../lib/json";
-import { widthOf } from "../lib/lines";
 import { later } from "../i18n/later";
 import { useMemo, useRef } from "preact/hooks";
 import { type Template, fits } from "../lib/template";
-import { keptTemplates } from "../state/templates";
+import { keptTemplates } from "../state/opened";
 import { FaultList, ImportTable } from "./import_table";
 
 const words = later.imports;

@@ -15,7 +15,7 @@ import {
   withoutColumns,
   writtenHeader,
 } from "../lib/columns";
-import { type Line, linesOf } from "../lib/lines";
+import { type Line, linesOf } from "../lib/columns";
 import type { ImportOptions } from "../api/types";
 import { Faults } from "../components/fields";
 import { text } from "../i18n";

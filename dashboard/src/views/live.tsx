@@ -2,18 +2,18 @@
 import { useEffect, useMemo, useState } from "preact/hooks";
 import { api } from "../api/client";
 import type { ImportOptions, JointKind, LiveState, OpenSet, Robot } from "../api/types";
-import { Badge } from "../components/badge";
+import { Badge } from "../components/basics";
 import {
   ActionButton,
   Busy,
   Button,
+  Head,
   LinkButton,
   Name,
   NameLink,
   ProblemNote,
   Prose,
   Show,
-  Title,
   Warnings,
 } from "../components/basics";
 import { DropZone } from "../components/drop";
@@ -118,16 +118,18 @@ function Campaign({ set, robot, first }: { set: OpenSet; robot: Robot; first: Li
   );
   return (
     <>
-      <div class="head">
-        <Title kind={words.kind} plain={set.name}>
-          <Name>{set.name}</Name>
-        </Title>
-        <p class="meta">
-          <NameLink to={["robots", robot.id]}>{robot.name}</NameLink>
-          <span>{state.goal}</span>
-        </p>
-        <div class="actions">{state.state !== "closed" && !(reached && !own) && closing(false)}</div>
-      </div>
+      <Head
+        kind={words.kind}
+        plain={set.name}
+        title={<Name>{set.name}</Name>}
+        about={
+          <>
+            <NameLink to={["robots", robot.id]}>{robot.name}</NameLink>
+            <span>{state.goal}</span>
+          </>
+        }
+        first={state.state !== "closed" && !(reached && !own) && closing(false)}
+      />
       {simulated && <p class="note">{words.simulated}</p>}
       <Waits measuring={measuring} taken={taken} />
       {change.problem && <ProblemNote problem={change.problem} />}

@@ -2,7 +2,7 @@
 import { useEffect, useState } from "preact/hooks";
 import { api } from "../api/client";
 import type { MeasurementSetSummary, Plan } from "../api/types";
-import { ActionButton, Choice, Name, NameLink, Show, Title } from "../components/basics";
+import { ActionButton, Choice, Head, Name, NameLink, Show } from "../components/basics";
 import { Fields as Form, Select, TextField } from "../components/fields";
 import { SchemaFields, type Terms } from "../components/schema_form";
 import { freshKey } from "../lib/hash";
@@ -38,12 +38,7 @@ export function MeasureView({ query }: { query: URLSearchParams }) {
   const plan = useLoad(async (signal) => (planId ? await api.plans.one(planId, signal) : null), [planId]);
   return (
     <>
-      <div class="head">
-        <Title plain={words.title}>{words.title}</Title>
-        <div class="actions">
-          <TrySimulated />
-        </div>
-      </div>
+      <Head plain={words.title} first={<TrySimulated />} />
       <OpenCampaigns />
       <Show of={names}>
         {(known) => (

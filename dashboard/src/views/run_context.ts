@@ -4,8 +4,7 @@ import { useMemo } from "preact/hooks";
 import { api } from "../api/client";
 import type { Elasticity, MeasurementSet, Posture, Robot, Run } from "../api/types";
 import { factors } from "../lib/units";
-import { cached, useCached } from "../state/load";
-import { valueOf } from "../state/load";
+import { cached, useCached, valueOf } from "../state/load";
 
 /** A run with what it is about. */
 export interface RunContext {

@@ -1,8 +1,7 @@
 /** Why the numbers can be trusted: what the joints are seen by, the certificate, what the service says, provenance. */
 import type { RunResult } from "../api/types";
-import { Facts, Name, NameLink, When } from "../components/basics";
+import { Facts, Name, NameLink, When, Term } from "../components/basics";
 import { JobEvidence } from "../components/job_tables";
-import { Term } from "../components/term";
 import { significant } from "../lib/format";
 import { text } from "../i18n";
 import { useState } from "preact/hooks";

@@ -1,7 +1,6 @@
 /** Runs as columns of a table: what each explains, its verdict, and each joint. */
 import type { Run } from "../api/types";
-import { Badge } from "../components/badge";
-import { NameLink, Name } from "../components/basics";
+import { Badge, NameLink, Name } from "../components/basics";
 import { Scroll } from "../components/table";
 import { fixed, percent } from "../lib/format";
 import { shownStiffness } from "../lib/stiffness";

@@ -2,11 +2,10 @@
 import { useEffect, useState } from "preact/hooks";
 import { api } from "../api/client";
 import { AlarmNote } from "../components/alarm";
-import { Busy, Button, Empty, LinkButton, ProblemNote, Title } from "../components/basics";
-import { handOver } from "../state/handed";
+import { Busy, Button, Empty, Head, LinkButton, ProblemNote } from "../components/basics";
+import { handOver, keepFiles, keptBefore, keptFiles, type Opened, open } from "../state/opened";
 import { useLoad, valueOf } from "../state/load";
 import { useNames } from "../state/names";
-import { keepFiles, keptBefore, keptFiles, type Opened, open } from "../state/opened";
 import { go, link } from "../state/router";
 import { text } from "../i18n";
 import { later } from "../i18n/later";
@@ -36,13 +35,16 @@ export function StartView({ query }: { query: URLSearchParams }) {
   const names = valueOf(useNames());
   return (
     <>
-      <div class="head">
-        <Title plain={text.app.measure}>{text.start.title}</Title>
-        <div class="actions">
-          <LinkButton href={link(["measure"])}>{later.measure.title}</LinkButton>
-          <TrySimulated />
-        </div>
-      </div>
+      <Head
+        plain={text.app.measure}
+        title={text.start.title}
+        first={
+          <>
+            <LinkButton href={link(["measure"])}>{later.measure.title}</LinkButton>
+            <TrySimulated />
+          </>
+        }
+      />
       <OpenCampaigns />
       {names?.robots.map(({ id, alarms }) => (
         <AlarmNote key={id} robot={id} name={names.robot(id)} alarms={alarms} />

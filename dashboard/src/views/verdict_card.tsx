@@ -1,7 +1,6 @@
 /** The verdict on a run, on top of it: one sentence, its reasons, and a button for each thing that can be done. */
 import type { Action, Assessment, Finding, Usability } from "../api/types";
-import { Badge } from "../components/badge";
-import { ActionButton, LinkButton, Prose, Seen } from "../components/basics";
+import { Badge, ActionButton, LinkButton, Prose, Seen } from "../components/basics";
 import { sentence } from "../lib/said";
 import { useAction } from "../state/action";
 import { link } from "../state/router";
