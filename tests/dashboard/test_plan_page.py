@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 
 from playwright.sync_api import expect
+from support.browsing import post
 
 from jointstiff.simulator import LOAD_POINT, TARGETS
 
@@ -49,6 +50,20 @@ def test_a_campaign_goes_on(visit, stored):
     assert len(observations) == 12 + 4
     assert observations[0]["readings"][0]["loaded"] is not None
     assert observations[-1]["readings"][0]["loaded"] is None
+
+
+def test_a_plan_after_a_run_omits_what_the_run_omits(visit, api, stored):
+    run = post(api, "/v1/runs", {"measurement_set_id": stored.set, "leave_out": ["c03"]})["id"]
+    visited = visit("tablet")
+    page = visited.page
+    visited.go(f"#/plans?set={stored.set}&run={run}")
+    expect(page.get_by_text("As in the run so far: without c03.")).to_be_visible()
+    page.get_by_label("Number of readings").fill("4")
+    page.get_by_label("joint_1").uncheck()
+    page.get_by_role("button", name="Plan", exact=True).click()
+    expect(page.get_by_text("Certified: the list has at least")).to_be_visible()
+    plan = api.get(f"/v1/plans/{page.url.rsplit('/', 1)[1]}").json()
+    assert plan["request"]["leave_out"] == ["c03"]
 
 
 def test_a_weight_plans_what_it_twists_and_a_refusal_says_what_to_change(visit, stored):

@@ -26,7 +26,8 @@ export function Figure({
   title: string;
   note?: string;
   legend?: LegendItem[];
-  table: Table;
+  /** What is drawn, where no table of the page has its numbers. */
+  table?: Table;
   /** Draws the chart for a width in pixels. */
   children: (width: number) => ComponentChildren;
   tools?: ComponentChildren;
@@ -42,7 +43,11 @@ export function Figure({
     if (svg) save(standalone(svg, title), "image/svg+xml", fileName(title, "svg"));
     drawn?.remove();
   };
-  const saveCsv = () => save(csv(table.columns.map(heading), table.rows), "text/csv", fileName(title, "csv"));
+  const svg = (
+    <Button look="quiet" onClick={saveSvg} aria-label={text.figure.download("SVG", title)}>
+      {text.figure.svg}
+    </Button>
+  );
   return (
     <figure class="figure" ref={figure}>
       <figcaption>
@@ -56,18 +61,24 @@ export function Figure({
       </div>
       {legend.length > 0 && <Legend items={legend} />}
       {note !== undefined && <p class="soft">{note}</p>}
-      <details onToggle={(event) => setOpen(event.currentTarget.open)}>
-        <summary>{text.figure.table}</summary>
-        {open && <DataTable table={table} caption={title} />}
-        <div class="actions">
-          <Button onClick={saveCsv} aria-label={text.figure.download("CSV", title)}>
-            {text.figure.csv}
-          </Button>
-          <Button onClick={saveSvg} aria-label={text.figure.download("SVG", title)}>
-            {text.figure.svg}
-          </Button>
-        </div>
-      </details>
+      {table ? (
+        <details onToggle={(event) => setOpen(event.currentTarget.open)}>
+          <summary>{text.figure.table}</summary>
+          {open && <DataTable table={table} caption={title} />}
+          <div class="actions">
+            <Button
+              look="quiet"
+              onClick={() => save(csv(table.columns.map(heading), table.rows), "text/csv", fileName(title, "csv"))}
+              aria-label={text.figure.download("CSV", title)}
+            >
+              {text.figure.csv}
+            </Button>
+            {svg}
+          </div>
+        </details>
+      ) : (
+        <div class="actions">{svg}</div>
+      )}
     </figure>
   );
 }

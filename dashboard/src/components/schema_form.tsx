@@ -385,6 +385,7 @@ function Cell({
   if (!schema.enum)
     return (
       <input
+        type="text"
         inputMode="decimal"
         autocomplete="off"
         aria-label={label}

@@ -262,12 +262,9 @@ export const en = {
     contribution: "Contributes",
     interval: (level: string) => `${level} interval`,
     verdict: "Verdict",
-    standardUncertainty: "standard uncertainty",
     low: "low",
     high: "high",
     negative: "negative",
-    contributionMean: "mean part",
-    contributionShare: "share",
   },
   /** Terms and their definitions. */
   glossary: {
@@ -410,7 +407,6 @@ export const en = {
     elements: "Contribution of each part that bends",
     elementsNote:
       "Shares of the squared deflection; with the unexplained share they sum to 100 %. What the run explains of the mean deflection is a share of lengths.",
-    element: "Element",
     kinds: { coupling: "coupling", joint: "joint", link: "link", base: "base" } satisfies Record<ElementKind, string>,
     link: (joint: string) => `link ${joint}`,
     unexplained: "unexplained",
@@ -488,7 +484,6 @@ export const en = {
       active_set: "exact active set",
       least_distance: "least distance",
     } satisfies Record<Solver, string>,
-    pValue: "p value",
     provenance: "Provenance",
     created: "Created",
     input: "Input hash",

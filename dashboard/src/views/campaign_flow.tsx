@@ -9,7 +9,7 @@ import { Findings, Preview } from "../components/findings";
 import { type Campaign, factsOf } from "../lib/campaign";
 import { contentKey, freshKey } from "../lib/hash";
 import type { Fields as Document } from "../lib/json";
-import { statesNoise } from "../lib/noise";
+import { noiseOf, type StatedNoise, statesNoise } from "../lib/noise";
 import { useAction } from "../state/action";
 import { useLoad, valueOf } from "../state/load";
 import { namesChanged, robotOptions, setOptions, useNames, storedSet } from "../state/names";
@@ -19,7 +19,6 @@ import { text } from "../i18n";
 import { later } from "../i18n/later";
 import { FileDrop, GoBar, Refused, Step } from "./file_drop";
 import { Advanced, useRunForm } from "./advanced";
-import { withNoise } from "./variants";
 
 const FROM_FILE = "file";
 
@@ -149,4 +148,28 @@ async function store(campaign: Campaign, robot: string): Promise<MeasurementSet>
   const set = await api.sets.add(document, contentKey("set", document));
   namesChanged();
   return set;
+}
+
+/** The set with another noise, stored as a set of its own. */
+async function withNoise(set: MeasurementSet, noise: StatedNoise): Promise<MeasurementSet> {
+  const name = `${set.name} (${text.assessment.noiseStated})`;
+  const document = { ...bare(set), name, noise: noiseOf(noise, set.noise, set.units) };
+  const added = await api.sets.add(document, contentKey("set", document));
+  namesChanged();
+  return added;
+}
+
+type Bare = Omit<MeasurementSet, "id" | "warnings" | "archived" | "content_hash" | "created_at" | "resolved_frame">;
+
+/** A set as it was posted. */
+function bare({
+  id: _,
+  warnings: _w,
+  archived: _a,
+  content_hash: _h,
+  created_at: _c,
+  resolved_frame: _f,
+  ...document
+}: MeasurementSet): Bare {
+  return document;
 }

@@ -9,8 +9,7 @@ import { Choice, Download, LinkButton, Name, NameLink, Prose } from "../componen
 import { Further } from "../components/findings";
 import { JobPage } from "../components/job_page";
 import { JobTables } from "../components/job_tables";
-import { alike } from "../components/table";
-import { pValue, percent, significant } from "../lib/format";
+import { percent, significant } from "../lib/format";
 import { unsaid } from "../lib/said";
 import { link } from "../state/router";
 import { storedSet } from "../state/names";
@@ -89,7 +88,7 @@ function ComparisonPage({ id, result, sides }: { id: string; result: Result; sid
           }))}
         />
       )}
-      <JobTables collection="comparisons" id={id} from={paired ? 1 : 0} />
+      <JobTables collection="comparisons" id={id} />
       {entries.map(
         (fit) =>
           fit.error && (
@@ -136,27 +135,7 @@ function Ratios({ result, sides, level }: { result: Result; sides: Sides; level:
   const title = two.ratioOf(sides[0] ?? "", sides[1] ?? "");
   const show = (v: number) => significant(v, 3);
   return (
-    <Figure
-      title={title}
-      note={two.ratioNote(level)}
-      table={{
-        columns: [
-          text.run.joint,
-          { title, show },
-          ...alike([text.run.low, text.run.high], undefined, show),
-          { title: text.evidence.pValue, show: pValue },
-          text.run.verdict,
-        ],
-        rows: result.joints.map((joint) => [
-          joint.name,
-          joint.ratio,
-          joint.ratio_interval?.[0],
-          joint.ratio_interval?.[1],
-          joint.p_value,
-          verdict(joint.p_value, joint.reason),
-        ]),
-      }}
-    >
+    <Figure title={title} note={two.ratioNote(level)}>
       {(width) => (
         <Intervals
           rows={result.joints.map((joint) => ({
@@ -184,8 +163,6 @@ function Ratios({ result, sides, level }: { result: Result; sides: Sides; level:
 }
 
 const changed = (p: number | null): boolean => p !== null && p < 0.05;
-const verdict = (p: number | null, reason: string | null): string =>
-  p === null ? (reason ?? "–") : changed(p) ? two.changed : two.unchanged;
 
 /** A name that tells an entry from the others. */
 function entryName(fit: ComparedRun): string {

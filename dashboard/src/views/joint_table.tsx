@@ -6,8 +6,8 @@ import { Figure } from "../charts/figure";
 import { Name, Prose, Term } from "../components/basics";
 import { fixed, percent } from "../lib/format";
 import { axisStiffness, shownStiffness } from "../lib/stiffness";
-import { STIFFNESS_UNITS, type StiffnessUnit, changeIn, inUnit, intervalIn, labelOf, unitOf } from "../lib/units";
-import { capOf, stiffnessUncertainty, verdictOf } from "../lib/verdict";
+import { STIFFNESS_UNITS, type StiffnessUnit, unitOf } from "../lib/units";
+import { capOf, verdictOf } from "../lib/verdict";
 import { useWidth } from "../state/size";
 import { useSettings } from "../state/settings";
 import { text } from "../i18n";
@@ -58,14 +58,6 @@ export function JointTable({
       legend={legend}
       tools={tools}
       drawing={chart}
-      table={stiffnessTable(
-        [
-          [words.other(positive), result.joints],
-          ...(beside?.result ? [[words.other(!positive), beside.result.joints] as [string, JointResult[]]] : []),
-        ],
-        unit,
-        new Map(result.contributions.map((one) => [one.joint, one])),
-      )}
     >
       {() => (
         <Rows
@@ -219,55 +211,9 @@ export function StiffnessFigure({
       joints.filter((joint) => joint.name === name).map((joint) => markOf(joint, mark, unit)),
     ),
   }));
-  const table = stiffnessTable(
-    series.map(({ label, joints }) => [label, joints]),
-    unit,
-  );
   return (
-    <Figure title={title} note={words.stiffnessNote(level)} legend={series} table={table} tools={tools}>
+    <Figure title={title} note={words.stiffnessNote(level)} legend={series} tools={tools}>
       {(width) => <StiffnessIntervals {...{ rows, width, unit, label: title }} />}
     </Figure>
   );
-}
-
-function stiffnessTable(
-  sets: [string, JointResult[]][],
-  unit: StiffnessUnit,
-  parts: Map<string, Contribution> = new Map(),
-) {
-  const kinds = sets.flatMap(([, joints]) => joints.map(({ kind }) => kind));
-  const u = { unit: labelOf(unit, kinds, "column") };
-  return {
-    columns: [
-      words.joint,
-      words.verdict,
-      text.options.constrained,
-      { title: words.quantity(unit === "compliance"), ...u },
-      { title: words.standardUncertainty, ...u },
-      { title: words.low, ...u },
-      { title: words.high, ...u },
-      ...(parts.size > 0
-        ? [
-            { title: words.contributionShare, show: percent },
-            { title: words.contributionMean, unit: text.units.mm },
-          ]
-        : []),
-    ],
-    rows: sets.flatMap(([name, joints]) =>
-      joints.map((joint) => {
-        const k = joint.stiffness;
-        const change = stiffnessUncertainty(joint);
-        const part = parts.get(joint.name);
-        return [
-          kinds.includes("prismatic") ? `${joint.name} [${unitOf(unit, joint.kind).column}]` : joint.name,
-          text.verdicts[verdictOf(joint)],
-          name,
-          k === null ? null : inUnit(k, unit, joint.kind),
-          k === null || change === null ? null : changeIn(change, k, unit, joint.kind),
-          ...intervalIn(joint.stiffness_interval, unit, joint.kind),
-          ...(part ? [part.share, part.mean * 1e3] : []),
-        ];
-      }),
-    ),
-  };
 }

@@ -15,7 +15,7 @@ import { text } from "../i18n";
 import { JobList } from "./job_list";
 import { type RunContext, contextOf, elasticityOf, isElastic } from "./run_context";
 import { StiffnessPart } from "./run_stiffness";
-import { variantBy } from "./variants";
+import { variantBy } from "./verdict_card";
 
 const DeflectionPart = lazy(async () => (await import("./run_deflection")).DeflectionPart);
 const RobotPart = lazy(async () => (await import("./run_robot")).RobotPart);

@@ -158,10 +158,6 @@ function ElementShares({ links }: { links: Links }) {
         `${text.losses[links.loss]} ${linksWords.sources[links.loss_source]}`,
         `${significant(links.penalty, 2)} ${linksWords.sources[links.penalty_source]}`,
       )}`}
-      table={{
-        columns: [linksWords.element, { title: text.run.contributionShare, show: percent }],
-        rows: rows.map(({ name, share }) => [name, share]),
-      }}
     >
       {(width) => <Shares shares={rows} width={width} label={linksWords.elements} />}
     </Figure>

@@ -1,12 +1,13 @@
 /** The verdict on a run, on top of it: one sentence, its reasons, and a button for each thing that can be done. */
-import type { Action, Assessment, Finding, Usability } from "../api/types";
+import { api } from "../api/client";
+import type { Action, Assessment, Finding, Run, Usability } from "../api/types";
 import { Badge, ActionButton, LinkButton, Prose, Seen } from "../components/basics";
 import { sentence } from "../lib/said";
 import { useAction } from "../state/action";
+import { namesChanged } from "../state/names";
 import { link } from "../state/router";
 import { text } from "../i18n";
 import type { RunContext } from "./run_context";
-import { variantBy } from "./variants";
 
 const words = text.assessment;
 
@@ -108,4 +109,11 @@ function ActionButtons({ action, context }: { action: Action; context: RunContex
       )}
     </>
   );
+}
+
+/** Carry out an action; pressed twice it gives the same run. */
+export async function variantBy(run: Run, action: Action): Promise<Run> {
+  const made = await api.apply(run.id, action);
+  namesChanged();
+  return made;
 }
