@@ -54,9 +54,7 @@ def test_a_campaign_goes_on(visit, stored):
 
 def test_a_plan_after_a_run_omits_what_the_run_omits(visit, api, stored):
     run = post(api, "/v1/runs", {"measurement_set_id": stored.set, "leave_out": ["c03"]})["id"]
-    visited = visit("tablet")
-    page = visited.page
-    visited.go(f"#/plans?set={stored.set}&run={run}")
+    page = visit("tablet", view=f"#/plans?set={stored.set}&run={run}").page
     expect(page.get_by_text("As in the run so far: without c03.")).to_be_visible()
     page.get_by_label("Number of readings").fill("4")
     page.get_by_label("joint_1").uncheck()
