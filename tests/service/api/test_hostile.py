@@ -1,4 +1,4 @@
-"""Bodies that mean harm: refused by status and in few bytes, and the service stays up."""
+"""Bodies that mean harm, URDFs among them: refused by status and in few bytes, and the service stays up."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import pytest
 from fastapi import HTTPException
 from fastapi.exceptions import RequestValidationError
 from support.api import EITHER_DATABASE, post
+from support.hostile_urdfs import HOSTILE, LARGE
 
 from jointstiff.schemas.geometry import GeometryRequest
 from jointstiff.schemas.measurement import MeasurementSetRequest
@@ -205,3 +206,35 @@ def test_numbers_at_the_edge_of_what_is_allowed(client):
             assert run.status_code in {201, 422}, run.text
             document = json.loads(run.text, parse_constant=pytest.fail)
             assert "unexpectedly" not in run.text, document
+
+
+def posted_urdf(client, text):
+    model = {"format": "urdf", "urdf": text, "base": "a", "flange": "b"}
+    return send(client, "/v1/robots", json.dumps({"name": "r", "model": model}))
+
+
+NOT_JSON = {"lone surrogate"}  # refused before it is a URDF
+
+
+@pytest.mark.parametrize("name", sorted(HOSTILE.keys() - NOT_JSON))
+def test_hostile_documents(client, name):
+    text, where, _reason = HOSTILE[name]
+    answer = posted_urdf(client, text)
+    if len(answer.request.content) > 4 << 20:
+        assert answer.status_code == 413
+        return
+    assert answer.status_code == 422
+    assert answer.headers["content-type"] == "application/problem+json"
+    assert len(answer.content) <= MAX_PROBLEM_BYTES
+    problem = answer.json()
+    assert problem["where"] in {"model.urdf", f"model.urdf: {where}"}
+    assert problem["detail"]
+    assert problem["remedy"]
+
+
+@pytest.mark.parametrize("name", LARGE)
+def test_large_documents(client, name):
+    answer = posted_urdf(client, LARGE[name])
+    assert answer.status_code in {413, 422}
+    assert answer.json()["detail"]
+    assert client.get("/health").is_success
