@@ -11,6 +11,7 @@ from collections import defaultdict
 from collections.abc import Collection, Iterable
 from dataclasses import dataclass, field
 from functools import reduce
+from operator import itemgetter
 from typing import Final, NoReturn, TypeAlias
 
 import numpy as np
@@ -29,6 +30,8 @@ _MAX_SHAPES: Final = 10_000
 _MAX_STATEMENT: Final = 16_384
 _MAX_WORK: Final = 10_000_000
 """Steps, and names in states that are joined: beyond it, a program is not one that people wrote."""
+_MAX_CALLS: Final = 200
+"""Routines within one another that are passed through at once; deeper ones wait for the next pass."""
 UNKNOWN: Final = "\0everything"
 """Name that has a cause behind an unknown call: nothing that it may have changed is known then."""
 
@@ -110,7 +113,10 @@ class Machine:
         self._callers: dict[str, set[str]] = defaultdict(set)  # routines that call others
         self._incoming: dict[int, State] = {}  # what is led to a place, beside what stands before it
         self._exits: dict[str, State | None] = {}  # what names have at the ends of routines
-        self._moved = False  # whether a state has changed in this pass
+        self._acts: dict[str, list[int]] = {}  # what routines do, but for moves
+        self._open: list[str] = []  # routines that are passed through
+        self._moved = True  # whether a state has changed in this pass
+        self._verdicts: list[tuple[int, tuple[ir.Move, int, list[Given], list[Frames], Cause | None]]] = []
         self._poses: dict[tuple[Given, ...], FloatArray | None] = {}
         self._last: tuple[ir.Move, list[Frames], Cause | None] | None = None
         self._work = 0
@@ -283,10 +289,11 @@ class Machine:
                 cause = Cause(0, reason, "set the frames in the routine, before its moves")
                 self._incoming[begin] = {UNKNOWN: (cause, 0)}
 
-    def _pass(self, indices: Iterable[int]) -> None:
-        """Carry states through the text once; judge the moves that are among the indices."""
+    def _pass(self, routine: str, indices: Iterable[int]) -> None:
+        """Carry states through a routine once; judge the moves that are among the indices."""
         state: State | None = {}
-        outer: list[State | None] = []  # states before the routines that are open
+        shared = False  # whether the state is kept elsewhere, too
+        self._open.append(routine)
         for i in indices:
             op = self._ops[i]
             if isinstance(op, ir.Move | ir.Keep):
@@ -295,49 +302,53 @@ class Machine:
             self._last = None
             self._toil(1)
             if isinstance(op, ir.Flow):
-                state = self._flow(op, i, state, outer)
+                state, shared = self._flow(op, i, state), True
             elif state is not None and isinstance(op, ir.Call) and self._is_own(op):
-                state = self._call(str(op.name), state)
+                state, shared = self._call(str(op.name), state), True
             elif state is not None:
+                if shared:
+                    self._toil(len(state))
+                    state, shared = dict(state), False
                 self._step(state, i)
+        self._open.pop()
+        self._moved |= self._exits.get(routine) != state
+        self._exits[routine] = state
 
-    def _flow(self, op: ir.Flow, i: int, state: State | None, outer: list[State | None]) -> State | None:
+    def _flow(self, op: ir.Flow, i: int, state: State | None) -> State | None:
         """Lead a state to where the program may go on; return the one behind a place."""
         for place in self._ways.leads.get(i, ()):
             self._lead(place, state)
-        if op.kind in {"routine", "aside"}:
-            outer.append(state)
         if op.kind in {"routine", "aside", "turn", "default"}:
             state = None
-        state = self._joined(state, self._incoming.get(i))
-        if i in self._ways.ends:
-            name = self._ways.ends[i]
-            self._moved |= self._exits.get(name) != state
-            self._exits[name], state = state, outer.pop()
-        return state
+        return self._joined(self._incoming.get(i), state)
 
     def _call(self, routine: str, state: State) -> State | None:
         """Return the state behind a call; None if no way leads back yet."""
-        self._lead(self._ways.begins[routine], state)
+        is_new = self._lead(self._ways.begins[routine], state)
+        if is_new and routine not in self._open and len(self._open) < _MAX_CALLS:
+            self._pass(routine, self._acts[routine])
         returned, changed = self._exits.get(routine), self._changed[routine]
         if returned is None:
             return None
         if UNKNOWN in changed:
-            return dict(returned)
+            return returned
+        self._toil(len(changed))
         return {**state, **{name: self._look(returned, name) for name in changed}}
 
-    def _lead(self, place: int, state: State | None) -> None:
-        """Join a state into what is led to a place."""
+    def _lead(self, place: int, state: State | None) -> bool:
+        """Join a state into what is led to a place; return whether that is new."""
         known = self._incoming.get(place)
         joined = self._joined(known, state)
-        if joined is not None and joined != known:
-            self._incoming[place] = joined
-            self._moved = True
+        if joined is None or joined is known:
+            return False
+        self._incoming[place] = joined
+        self._moved = True
+        return True
 
     def _joined(self, known: State | None, state: State | None) -> State | None:
         """Return what names have, whichever way was taken."""
-        if known is None or state is None:
-            return known if state is None else dict(state)
+        if known is None or state is None or known == state:
+            return state if known is None else known
         joined = dict(known)
         self._toil(len(state) + len(known))
         for name in {**known, **state}:
@@ -347,7 +358,7 @@ class Machine:
                 reason = f"{what} changes while the program runs: by a branch, a loop or a call"
                 cause = Cause(max(line, later), reason, "set it once, before branches, loops and calls")
                 joined[name] = other if isinstance(other, Cause) else cause, cause.line
-        return joined
+        return known if joined == known else joined
 
     def _toil(self, names: int) -> None:
         self._work += names
@@ -445,12 +456,19 @@ class Machine:
         self._places += self._places[-1:] * (len(self._ops) - len(self._places))
         self._collect()
         self._enter_routines()
-        acts = [i for i, op in enumerate(self._ops) if not isinstance(op, ir.Move | ir.Keep)]
-        self._moved = True
+        bodies = self._ways.bodies
+        for name, body in bodies.items():
+            self._acts[name] = [i for i in body if not isinstance(self._ops[i], ir.Move | ir.Keep)]
+        order = list(bodies)
         while self._moved:
             self._moved = False
-            self._pass(acts)
-        self._pass(range(len(self._ops)))
+            for name in order:
+                self._pass(name, self._acts[name])
+            order.reverse()  # what routines return goes up in one pass, what they are given down
+        for name, body in bodies.items():
+            self._pass(name, body)
+        for _, verdict in sorted(self._verdicts, key=itemgetter(0)):
+            self.columns.move(*verdict)
         return self.columns.program(self._used, self._causes)
 
     def _judge(self, op: ir.Move | ir.Keep, i: int, state: State | None) -> None:
@@ -477,7 +495,8 @@ class Machine:
                 (place.name(name), place.line) for name in op.targets if not isinstance(name, Literal)
             )
             cause = cause if cause.line else cause._replace(line=place.line, source=place.source)
-        self.columns.move(op, place.line, [each for each in held if isinstance(each, Given)], frames, cause)
+        given = [each for each in held if isinstance(each, Given)]
+        self._verdicts.append((i, (op, place.line, given, frames, cause)))
 
     def _why_left(self, place: Place, op: ir.Move, frames: list[Frames], state: State) -> Cause | None:
         """Return why a move is left whatever its targets are."""

@@ -59,13 +59,16 @@ class Ways:
         for i, op in enumerate(ops):
             if isinstance(op, Flow):
                 self._take(i, op)
-            self.routine.append(self._open[-1])
+            self.routine.append(self.ends.get(i, self._open[-1]))
         while self._nests:
             if self._nests[-1].kind != "routine":
                 raise Stray(self._nests[-1].begin, "a branch or a loop has no end", "write its end")
             ops.append(Flow("end"))
             self._end(len(ops) - 1, "end")
-            self.routine.append("")
+            self.routine.append(self.ends[len(ops) - 1])
+        self.bodies: defaultdict[str, list[int]] = defaultdict(list)  # what routines do
+        for i, name in enumerate(self.routine):
+            self.bodies[name].append(i)
         for i in self._jumps:  # one that is computed leads to all labels of its routine
             labels = self._labels[self.routine[i]]
             places = [labels[names[i]]] if names[i] in labels else [*labels.values()]

@@ -380,6 +380,19 @@ def test_large_files_of_nothing_are_refused_soon(name, content):
     assert len(str(error)) < 8000
 
 
+def test_many_routines_and_names_are_followed_soon():
+    """Of 2,000 routines that call one another, that are called in turn, and of 2,000 branches over as many names."""
+    some = range(2000)
+    chain = (
+        "r0()\nEND\n" + "".join(f"DEF r{i}()\n{LIN}\nr{i + 1}()\nEND\n" for i in some) + "DEF r2000()\nEND"
+    )
+    turns = "".join(f"r{i}()\n" for i in some) + "END\n" + "".join(f"DEF r{i}()\n{LIN}\nEND\n" for i in some)
+    names = "".join(f"P{i}={PLACE}\nIF x THEN\nLIN P{i}\nENDIF\n" for i in some) + "END"
+    for body in (chain, turns, names):
+        program = read_program([("a.src", f"DEF a()\n{FREE_FRAMES}\n{body}".encode())])
+        assert len(program.moves) == 2000
+
+
 @pytest.mark.parametrize("number", ["1e400", "1.5"])
 def test_the_number_of_a_frame_is_whole(number):
     text = f"DEF a()\nFDAT_ACT={{TOOL_NO {number},BASE_NO 1}}\nBAS(#FRAMES)\n{LIN}\nEND"
