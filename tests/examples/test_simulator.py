@@ -208,13 +208,6 @@ class TestEquilibrium:
         actual = equilibrium(planar_arm(stiffnesses), q, NOTHING, (250.0, -90.0, moment), (0.3, 0.1, 0.2))
         assert actual == pytest.approx(moment / np.array(stiffnesses), rel=1e-14)
 
-    @every_arm
-    def test_no_load_no_deflection(self, arm):
-        q = random_configurations(arm, 4)
-        assert not equilibrium(arm, q, NOTHING, NOTHING, LOAD_POINT).any()
-        unloaded, loaded = deflections(arm, q, NOTHING, NOTHING, LOAD_POINT, POINTS)
-        assert np.array_equal(unloaded, loaded)
-
     def test_rigid_joints_do_not_move(self):
         soft = skew_arm()
         stiffnesses = soft.stiffnesses.copy()

@@ -177,6 +177,7 @@ def archive(*names):
     [
         (b"%PDF-1.7", "a PDF document"),
         (b"\xff\xd8\xff\xe0", "a picture (JPEG)"),
+        (b"\x89PNG\r\n\x1a\n", "a picture (PNG)"),
         (b"\0\0\0\x18ftypheic", "a picture (HEIC)"),
         (b"\xd0\xcf\x11\xe0\xa1", "an old Office document (such as .xls)"),
         (archive("mimetype", "content.xml"), "an OpenDocument file (such as .ods)"),

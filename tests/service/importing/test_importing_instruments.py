@@ -149,15 +149,6 @@ def test_unknown_words_for_states_are_asked_about_once():
 # ---- headers as a whole, files that were cut off, values far from all others
 
 
-def test_a_stated_header_is_taken_as_a_whole():
-    content = CAMPAIGN.replace("P10 unloaded x [mm]", "x_t").replace("P10 loaded x [mm]", "pos_rad")
-    columns = {"x_t": "P10 unloaded x [mm]", "pos_rad": "P10 loaded x [mm]"}
-    assert points_of(read(("a.csv", content), columns=columns)) == points_of(read(("a.csv", CAMPAIGN)))
-    (fault,) = faults(("a.csv", CAMPAIGN.replace("P10 unloaded x [mm]", "shift_mm")),
-                      columns={"shift_mm": "P10 unloaded x [m]"})  # fmt: skip
-    assert "is in mm, but" in fault.reason
-
-
 def test_rows_by_order_beside_deleted_ones_are_refused():
     """What is left of a file without some rows would be paired with other postures."""
     table = "x [mm];y [mm];z [mm];Delete\n1.5;0;0;0\n2.5;0;0;{}\n3.5;0;0;{}\n4.5;0;0;0\n"
