@@ -81,7 +81,7 @@ def mirror(count: int) -> float:
 
 
 def timing(robot: Robot, count: int) -> list[tuple[str, float]]:
-    """Return seconds of the processor for a bare loop of EAIK's calls, and of the parts of a compensated program."""
+    """Return processor seconds of a bare loop of EAIK's calls, and of the parts of a compensated program."""
     poses = flange_poses(robot, robot.joint_map.model_angles(path(count)))
     solver = InverseKinematics(robot)._solver
     text = program_text("csv", tool_poses(path(count)), 4)
