@@ -56,7 +56,7 @@ export function useDraft<Values extends object>(
   name: string,
   start: Values,
 ): [Values, (part: Partial<Values> | ((before: Values) => Partial<Values>)) => void] {
-  const key = `draft.${name}`;
+  const key = `form.${name}`; // what an older page kept under `draft.` had other fields
   const [values, set] = useState<Values>(() => ({ ...start, ...(recalled(key, "sessionStorage") as Values | null) }));
   useEffect(() => remember(key, values, "sessionStorage"), [key, values]);
   return [values, (part) => set((before) => ({ ...before, ...(typeof part === "function" ? part(before) : part) }))];

@@ -30,7 +30,8 @@ export const freshDraft = (options: ImportOptions): Draft => ({ options, frame: 
 
 /** Tables that were not identified yet, with what was said of them: one may add a robot meanwhile, or come back. */
 let begun: { opened: Opened; draft: Draft | null } | null = null;
-const NAME = "tables";
+/** Where they are kept; what an older page kept as `tables` had other fields. */
+const NAME = "files";
 
 export const keptDraft = (files: File[]): Draft | null =>
   begun?.opened.kind === "tables" && begun.opened.files === files ? begun.draft : null;

@@ -31,6 +31,6 @@ export function useSession(): [Standing, (session: Session) => void] {
 /** End the session of this device, and forget all that was shown. */
 export async function signOut(): Promise<void> {
   await api.signOut();
-  await keep("tables", null);
+  await keep("files", null);
   location.reload();
 }
