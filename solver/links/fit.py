@@ -26,6 +26,7 @@ from jointstiff.schemas.model import (
 )
 from jointstiff.solver.arrays import FloatArray, IndexArray
 from jointstiff.solver.convex.conic import (
+    LeastSquares,
     diagonal,
     effective_freedom,
     entries,
@@ -334,6 +335,10 @@ _LIGHTER: Final = 0.3
 its bias is no smaller than its dispersion; under a lighter one dispersion outweighs bias (undersmoothing)."""
 _NOTHING: Final = 1e-4
 """Least lower end relative to the upper: cone programs stop short of zero."""
+_UNSEEN: Final = 1e-10
+"""Singular value beside the greatest that is rounding of columns that depend on each other."""
+_OPEN: Final = 1e-6
+"""Share of a function outside of what the readings see that is rounding."""
 _GAP: Final = 1e-4
 """Gap of the point in whose neighbourhood the intervals lie, relative to the readings."""
 
@@ -376,6 +381,9 @@ def effective_compliances(
 ) -> EffectiveCompliances:
     """Find the range of each where the objective is near its least, under a lighter penalty.
 
+    All readings see a base, so that squares alone determine it beside the joints. The range then holds
+    theirs, too, which neither the penalty nor the cone, on whose face a real base lies, has moved.
+
     Args:
         robot: n joints.
         elastic: with links; the intervals contain its effective compliances in any case.
@@ -383,7 +391,8 @@ def effective_compliances(
         widest: richest model compared, with the same columns, whose range it is; the same estimate if None.
         with_ends: whether prediction chose the penalty; of one that was given no ends are quoted.
     """
-    companion = (widest or elastic).companion
+    widest = widest or elastic
+    companion = widest.companion
     rows = effective_rows(robot, elastic.model.columns)
     effective, ends = rows @ elastic.entries, np.full((robot.n, 2), np.nan)
     quantile = student_quantile(0.5 * (1.0 + confidence), companion.degrees_of_freedom)
@@ -392,8 +401,11 @@ def effective_compliances(
         program = form.program(_LIGHTER * companion.weight)
         with suppress(SolverError):
             x = solve_cone(program, gap=_GAP).x
-            rise = (quantile * companion.sigma / form.size) ** 2
-            ends = penalised_range(program, x, rise, rows[:, form.columns] * form.unit)
+            size, functions = quantile * companion.sigma / form.size, rows[:, form.columns] * form.unit
+            ends = penalised_range(program, x, size**2, functions)
+            if widest.model.name == "joints_and_base":
+                least, greatest = range_of_squares(form.squares, functions, size).T
+                ends = np.column_stack([np.fmin(ends[:, 0], least), np.fmax(ends[:, 1], greatest)])
     ends[:, 0] = np.minimum(np.maximum(ends[:, 0], 0.0), effective)
     ends[:, 1] = np.maximum(ends[:, 1], effective)
     ends[ends[:, 0] < _NOTHING * ends[:, 1], 0] = 0.0
@@ -402,6 +414,26 @@ def effective_compliances(
         ends=ends if with_ends else np.full_like(ends, np.nan),
         uncertainty=0.5 * (ends[:, 1] - ends[:, 0]) / quantile,
     )
+
+
+def range_of_squares(squares: LeastSquares, functions: FloatArray, radius: float) -> FloatArray:
+    """Return the range of linear functions where ``‖R x − z‖²`` exceeds its least by a square at most.
+
+    Args:
+        squares: of p parameters.
+        functions: (K, p).
+        radius: root of that excess.
+
+    Returns:
+        (K, 2); NaN where the squares leave a function open.
+    """
+    left, singular, right = np.linalg.svd(squares.R, full_matrices=False)
+    seen = singular > _UNSEEN * singular[0]
+    right, inverse = right[seen], functions @ (right[seen].T / singular[seen])
+    middle, half = inverse @ (left[:, seen].T @ squares.z), radius * np.linalg.norm(inverse, axis=1)
+    outside = np.linalg.norm(functions - functions @ right.T @ right, axis=1)
+    half[outside > _OPEN * np.linalg.norm(functions, axis=1)] = np.nan
+    return np.column_stack([middle - half, middle + half])
 
 
 LARGEST_UNCERTAINTY: Final = 0.5

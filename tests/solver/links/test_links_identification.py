@@ -12,7 +12,7 @@ from support.shared_data import shared
 from jointstiff.schemas.options import CrossValidation
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.elastic_links import beam_arm, elastic_campaign
-from jointstiff.solver.convex.conic import to_vector
+from jointstiff.solver.convex.conic import LeastSquares, to_vector
 from jointstiff.solver.convex.solution import Bounds
 from jointstiff.solver.errors import UnsupportedMethodError
 from jointstiff.solver.fitting.method import Settings
@@ -37,6 +37,7 @@ from jointstiff.solver.links.fit import (
     effective_rows,
     estimate_elastic,
     first_certified,
+    range_of_squares,
     refuse_unsupported_elastic,
 )
 from jointstiff.solver.links.model import (
@@ -199,6 +200,17 @@ def test_effective_compliance_about_each_axis_is_found_where_the_joint_alone_is_
     wider = effective_compliances(robot, estimated, 0.99)
     assert np.all(wider.uncertainty * 2.5758 > intervals.uncertainty * 1.96)
     assert np.abs(estimated.compliance / arm.arm.compliances - 1.0).max() > 0.25
+
+
+def test_squares_alone_range_as_far_as_their_ellipsoid_reaches():
+    """Of an ellipsoid with half-axes 1/2 and 1/5 about (1, 2), a third parameter in no reading."""
+    squares = LeastSquares(
+        np.array([[2.0, 0.0, 0.0], [0.0, 5.0, 0.0], [0.0, 0.0, 0.0]]), np.array([2.0, 10.0, 0.0])
+    )
+    functions = np.array([[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [3.0, 4.0, 0.0], [0.0, 0.0, 1.0]])
+    reach = 0.1 * np.hypot(3.0 / 2.0, 4.0 / 5.0)
+    expected = [[0.95, 1.05], [-2.02, -1.98], [11.0 - reach, 11.0 + reach], [np.nan, np.nan]]
+    np.testing.assert_allclose(range_of_squares(squares, functions, 0.1), expected, rtol=1e-12)
 
 
 def test_effective_compliance_is_the_rotation_about_an_axis_of_any_direction(elastic):
