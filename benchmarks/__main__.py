@@ -46,6 +46,7 @@ BENCHMARKS = {
     "maps": Benchmark("performance.maps", "beside a loop of Pinocchio calls"),
     "exactness": Benchmark("studies.exactness", "against exact rational arithmetic", always=True),
     "coverage": Benchmark("studies.coverage", "how often intervals hold the truth; some minutes"),
+    "prismatic": Benchmark("studies.prismatic", "a SCARA and an arm on a rail beside exact springs"),
     "causes": Benchmark("studies.causes", "planted, named and mended; clean ones", in_parts=True),
     "base": Benchmark("studies.base", "pedestals that bend, and clean arms; an hour", in_parts=True),
     "live": Benchmark("studies.live", "readings until a goal is met; mistakes at the reading", in_parts=True),
@@ -60,6 +61,7 @@ BENCHMARKS = {
         "studies.own_weight", "stiffness without a load; docs/without-a-load.md", in_parts=True
     ),
     "programs": Benchmark("studies.programs", "on exact springs, beside a loop of EAIK; docs/compensate.md"),
+    "plan_nuisance": Benchmark("studies.plan_nuisance", "elastic links as nuisance; docs/plan.md"),
     "mutants": Benchmark("studies.mutants", "small changes of solver and service; an hour", in_parts=True),
     "attacks": Benchmark(
         "attacks.attacks", "hostile bodies, connections, many posts; a quarter of an hour", in_parts=True
