@@ -154,3 +154,10 @@ describe("templates", () => {
       expect(templateIn("t.json", other)).toBeNull();
   });
 });
+
+describe("a template's noise", () => {
+  it("keeps its unit beside a load point that is stated", () => {
+    const template = { units: { length: "m" }, noise: { sigma: 2e-5 } } as ImportOptions;
+    expect(withStated(template, { ...template, load_point: [0, 0, 0.12] })).toMatchObject({ length_unit: "m" });
+  });
+});

@@ -59,6 +59,11 @@ describe("request of a run", () => {
       huber_threshold: 2,
     });
     expect(requestOf("s", { huber_threshold: 2, characteristic_length: 1.5 })).toEqual({ measurement_set_id: "s" });
+    expect(requestOf("s", { cross_validation: { folds: null }, stiffness_bounds: { a: [1, null] } })).toEqual({
+      measurement_set_id: "s",
+      cross_validation: {},
+      stiffness_bounds: { a: [1, null] },
+    });
   });
 });
 

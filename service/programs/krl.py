@@ -211,7 +211,7 @@ def _called(line: Line) -> list[Op]:
 
 def _attached(line: Line) -> list[Op]:
     """Take an interrupt or a trigger: what it calls may run at any time."""
-    action = line["action"].replace(" PRIO=", "+").replace("=", "+", 1)
+    action = re.sub(r" ?\bPRIO=", "+", line["action"]).replace("=", "+", 1)
     found = [*line.expression(line["when"]), *line.expression(action)]
     # BAS: IR_STOPM waits
     found = ir.attached([op for op in found if not (isinstance(op, ir.Call) and op.name == "IR_STOPM")])

@@ -14,6 +14,8 @@ from jointstiff.service.programs.program import Literal, Motion
 
 POSE: Final = Notation(Orientation.ROTATION_VECTOR, length=1, angle=1, length_decimals=7, angle_decimals=7)
 JOINTS: Final = Notation(Orientation.JOINTS, length=1, angle=1, length_decimals=7, angle_decimals=7)
+_ACTIVE: Final = "active TCP"
+"""The controller's tool, by a name that no variable of a program can have."""
 _MOTIONS: Final = {
     "movej": Motion.JOINT, "movel": Motion.LINEAR, "movep": Motion.LINEAR, "movec": Motion.CIRCULAR
 }  # fmt: skip
@@ -111,7 +113,7 @@ def _move(line: Line) -> list[Op]:
         found += line.expression(re.sub("^(?:a|v|t|r|mode)=", "", line.text[start:stop]))
     if ir.calls(found):
         raise Misread("the move calls a routine")
-    return [*found, ir.Move(motion, tuple(targets), tuple(bases), (ir.Copy("TCP"),) * len(slots))]
+    return [*found, ir.Move(motion, tuple(targets), tuple(bases), (ir.Copy(_ACTIVE),) * len(slots))]
 
 
 def _target(line: Line, start: int, end: int, found: list[Op]) -> tuple[Literal | ir.Name, ir.Value]:
@@ -148,7 +150,7 @@ LANGUAGE: Final = ir.Language(
     functions=_QUIET,
     motion=r"\bmove[jlpc]\b",
     remedy=_REMEDY,
-    active={"TCP": "active TCP"},
+    active={_ACTIVE: "active TCP"},
     constants={"robot base": np.eye(4)},
     rules=(
         (r"\$ ?\0(?: ?\"[^\"]*\")*", ""),  # PolyScope numbers its nodes: $ 3 "Waypoint_1"
@@ -163,7 +165,7 @@ LANGUAGE: Final = ir.Language(
         (r"return ?(.*)", "return"),
         (
             rf"set_tcp\((?:pose=)?p{_SIX}(?:,.*)?\)",
-            lambda line: [ir.Assign("TCP", Literal(POSE, line.ordinals[:6]))],
+            lambda line: [ir.Assign(_ACTIVE, Literal(POSE, line.ordinals[:6]))],
         ),
         (r"(?P<motion>move[jlpc])\((?P<arguments>.*)\)", _move),
         (r"@{name}\(.*\)", _called),

@@ -224,7 +224,7 @@ const WORDS: Record<string, string> = {
 /** A word for a value of the API. */
 const wordOf = (value: string): string => WORDS[value] ?? value.replaceAll("_", " ");
 
-/** What is typed for a value; a change from elsewhere takes its place. */
+/** What is typed for a value; a change from elsewhere, or of the unit, takes its place. */
 function useTyped(codec: Codec, value: unknown, change: (value: unknown) => void) {
   const valueOf = (typed: string) => {
     const read = codec.read(typed);
@@ -233,7 +233,7 @@ function useTyped(codec: Codec, value: unknown, change: (value: unknown) => void
   const [typed, set] = useState(() => codec.show(value));
   useEffect(() => {
     if (JSON.stringify(valueOf(typed)) !== JSON.stringify(value ?? null)) set(codec.show(value));
-  }, [JSON.stringify(value)]);
+  }, [JSON.stringify(value), codec.show(value)]);
   return {
     typed,
     unread: codec.read(typed) === undefined,

@@ -14,6 +14,16 @@ export function parsed(content: string): unknown {
 export const isFields = (value: unknown): value is Fields =>
   typeof value === "object" && value !== null && !Array.isArray(value);
 
+/** A document without fields that state nothing, at any depth; lists keep their parts. */
+export const stated = (value: unknown): unknown =>
+  isFields(value) && value.constructor === Object
+    ? Object.fromEntries(
+        Object.entries(value)
+          .filter(([, part]) => (part ?? "") !== "")
+          .map(([name, part]) => [name, stated(part)]),
+      )
+    : value;
+
 export const entriesOf = <Key extends string, Value>(of: { [key in Key]: Value }): [Key, Value][] =>
   Object.entries(of) as [Key, Value][];
 

@@ -1,7 +1,7 @@
 /** Noise of readings and load as people state it, in SI, and as a measurement set has it. */
 import type { MeasurementSet, Units } from "../api/types";
 import { scaled } from "./entered";
-import type { Fields } from "./json";
+import { type Fields, stated } from "./json";
 import { factors } from "./units";
 
 type Noise = NonNullable<MeasurementSet["noise"]>;
@@ -10,7 +10,7 @@ type Noise = NonNullable<MeasurementSet["noise"]>;
 export type StatedNoise = Fields & { residuals?: boolean };
 
 /** Whether anything is stated that the readings do not say. */
-export const statesNoise = (stated: StatedNoise): boolean => Object.values(stated).some(Boolean);
+export const statesNoise = (noise: StatedNoise): boolean => Object.values(noise).some(Boolean);
 
 /** Numbers times a factor; what is no number goes as it was typed. */
 const sized = (value: unknown, factor: number): unknown =>
@@ -21,9 +21,9 @@ const sized = (value: unknown, factor: number): unknown =>
       : value;
 
 /** The noise to post with a set in `units` that had the noise `before`. */
-export function noiseOf({ residuals, ...stated }: StatedNoise, before: Noise | null, units: Units): unknown {
+export function noiseOf({ residuals, ...asked }: StatedNoise, before: Noise | null, units: Units): unknown {
   const { length, angle } = factors(units);
-  const { sigma, instrument, encoder_sigma: encoder, load_point: point, target_places: places, force } = stated;
+  const { sigma, instrument, encoder_sigma: encoder, load_point: point, target_places: places, force } = asked;
   const { station, range, transverse } = (instrument ?? {}) as Record<string, Fields>;
   const part = (of: Fields | undefined) => ({
     constant: sized(of?.["constant"] ?? 0, 1 / length),
@@ -40,7 +40,7 @@ export function noiseOf({ residuals, ...stated }: StatedNoise, before: Noise | n
     ...(encoder ? { encoder_sigma: sized(encoder, 1 / angle) } : {}),
     ...(point ? { load_point: sized(point, 1 / length) } : {}),
     ...(places ? { target_places: sized(places, 1 / length) } : {}),
-    ...(force ? { force } : {}),
+    ...(force ? { force: stated(force) } : {}),
   };
   const said = Object.entries(noise).filter(([, value]) => value !== null && value !== undefined && value !== false);
   return said.length === 0 ? null : Object.fromEntries(said);

@@ -4,7 +4,7 @@ import { Toggle } from "../components/basics";
 import { FormProblem } from "../components/fields";
 import { SchemaFields, type Terms } from "../components/schema_form";
 import { faultsAt } from "../lib/faults";
-import type { Fields } from "../lib/json";
+import { type Fields, stated } from "../lib/json";
 import type { StatedNoise } from "../lib/noise";
 import { text } from "../i18n";
 import { later } from "../i18n/later";
@@ -36,7 +36,7 @@ const isUsed = (run: Fields) => (name: string) => USED[name]?.(run) ?? true;
 /** The request of a run: what was stated, and is used. */
 export const requestOf = (set: string, run: Fields): Fields => ({
   measurement_set_id: set,
-  ...Object.fromEntries(Object.entries(run).filter(([name, value]) => isUsed(run)(name) && (value ?? "") !== "")),
+  ...(stated(Object.fromEntries(Object.entries(run).filter(([name]) => isUsed(run)(name)))) as Fields),
 });
 
 const SEEDS = { resampling: { size: 10, seed: 1 } };

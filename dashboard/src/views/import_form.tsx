@@ -17,8 +17,14 @@ const words = later.imports;
 const GRAVITY = 9.80665; // m/s², standard gravity
 
 /** The unit of what is stated: that of a template, else mm, whatever the files have. */
-const lengthOf = ({ length_unit: unit, load_point: point, flange_targets: targets, units }: ImportOptions): string =>
-  unit ?? (point || targets ? units?.length : null) ?? text.units.mm;
+/** Unit of the lengths that are stated: that of a template that has some, its noise among them. */
+const lengthOf = ({
+  length_unit: unit,
+  load_point: point,
+  flange_targets: targets,
+  noise,
+  units,
+}: ImportOptions): string => unit ?? (point || targets || noise ? units?.length : null) ?? text.units.mm;
 
 const termsOf = (options: ImportOptions): Terms => ({
   labels: words.labels,

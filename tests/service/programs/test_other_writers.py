@@ -138,6 +138,12 @@ def test_krl_spline_inline_forms_have_frames_of_their_own():
     assert frames(program) == [("BASE_DATA[2]", "TOOL_DATA[1]"), ("active $BASE", "active $TOOL")]
 
 
+def test_krl_trigger_of_a_routine_has_a_priority():
+    lines = "$TOOL=TOOL_DATA[3]\n$BASE=BASE_DATA[2]\nTRIGGER WHEN DISTANCE=0 DELAY=0 DO lamp() PRIO=-1"
+    program = read("a.src", f"DEF a()\n{lines}\nLIN {P}\nEND\nDEF lamp()\n$OUT[3]=TRUE\nEND\n")
+    assert frames(program) == [("BASE_DATA[2]", "TOOL_DATA[3]")]
+
+
 def test_krl_status_of_recorded_points():
     """As controllers record them, bit 2 of S goes with the sign of A5 in T: S 6, T 19 and S 2, T 35."""
     for point, below in (("S 6,T 19", True), ("S 2,T 35", False), ("S 22,T 50", True)):
@@ -237,6 +243,12 @@ def test_ur_frames_that_are_set_one_after_the_other():
         0.5,
         0.7,
     ]
+
+
+def test_ur_variables_are_not_the_tool_of_the_controller_whatever_their_name():
+    moved = "  set_tcp(p[0,0,0.1,0,0,0])\n  TCP=p[0,0,0.5,0,0,0]\n  movel(p[0.1,0.2,0.3,0,0,0])\n"
+    program = read("a.script", f"def a():\n{moved}end\na()\n")
+    assert [targets_of(program)[move.targets[0]].tool.pose[2, 3] for move in moves_of(program)] == [0.1]
 
 
 def test_ur_frames_that_a_loop_sets_are_refused():
