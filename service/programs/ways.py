@@ -69,12 +69,24 @@ class Ways:
         self.bodies: defaultdict[str, list[int]] = defaultdict(list)  # what routines do
         for i, name in enumerate(self.routine):
             self.bodies[name].append(i)
-        for i in self._jumps:  # one that is computed leads to all labels of its routine
+        self._jump(names)
+        if any(not names[self.begins[handler]] for handler in self.aside):
+            self._fail()
+
+    def _jump(self, names: list[str]) -> None:
+        """Let jumps lead to their labels; one that is computed leads to all labels of its routine."""
+        for i in self._jumps:
             labels = self._labels[self.routine[i]]
             places = [labels[names[i]]] if names[i] in labels else [*labels.values()]
             if not places:
                 raise Stray(i, "a jump to a label that is nowhere", "write the label")
             self.leads[i] += places
+
+    def _fail(self) -> None:
+        """Let an error leave each routine anywhere: a handler of its caller may go on behind the call."""
+        for end, name in self.ends.items():
+            for i in self.bodies[name][:-1]:
+                self.leads[i].append(end)
 
     def _take(self, i: int, op: Flow) -> None:
         if op.kind in {"routine", "aside", "if", "loop", "repeat"}:

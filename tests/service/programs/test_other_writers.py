@@ -213,6 +213,23 @@ def test_rapid_frames_and_moves_in_branches_are_refused(body, line, words):
     assert words in fault.reason
 
 
+@pytest.mark.parametrize("handler", ["ERROR\n  TRYNEXT;\n", ""])
+def test_rapid_errors_leave_a_called_routine_anywhere(handler):
+    """The wait may fail: its caller then goes on behind the call with the frame that was set first."""
+    text = (
+        'MODULE m\nLOCAL PERS wobjdata w1:=[FALSE,TRUE,"",[[5,0,0],[1,0,0,0]],[[0,0,0],[1,0,0,0]]];\n'
+        "LOCAL PERS tooldata t1:=[TRUE,[[0,0,100],[1,0,0,0]],[1,[0,0,1],[1,0,0,0],0,0,0]];\n"
+        "PROC a()\n  b;\n  MoveL [[100,0,0],[1,0,0,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]],v1,z1,t1\\WObj:=w1;\n"
+        f"{handler}ENDPROC\nPROC b()\n  w1.uframe:=[[100,0,0],[1,0,0,0]];\n  WaitDI di1,1\\MaxTime:=2;\n"
+        "  w1.uframe:=[[9,0,0],[1,0,0,0]];\nENDPROC\nENDMODULE\n"
+    )
+    if handler:
+        with pytest.raises(ProgramError, match="changes while the program runs"):
+            read("a.mod", text)
+    else:
+        assert frames(read("a.mod", text)) == [("w1", "t1")]
+
+
 def test_rapid_arguments_behind_the_tool_and_units():
     last = f"MoveL {POSE}\\ID:=1,[20,500,5000,1000],z1,t1 \\WObj:=wobj0;"
     body = f"ActUnit STN1;\nMoveLDO {POSE},v100,z1,t1,do1,1;\n{last}"
