@@ -70,6 +70,7 @@ describe("request of a run", () => {
 describe("noise of a set", () => {
   const units = { length: "mm", angle: "deg", force: "N" } as const;
   it("is stated in SI and posted in the units of the set", () => {
+    expect(noiseOf({ force: { scale: null } }, null, units as never)).toBeNull();
     expect(noiseOf({ sigma: 2e-5, force: { scale: 0.01 } }, null, units as never)).toEqual({
       sigma: 0.02,
       force: { scale: 0.01 },

@@ -56,6 +56,10 @@ _ROUNDING: Final = 1e-12
 """Tolerance relative to the largest entry: a smaller eigenvalue counts as zero."""
 _RIDGE: Final = 1e-13
 """Regularisation of the Hessian, relative to its largest diagonal entry: undetermined directions stay put."""
+_UNSEEN: Final = 1e-10
+"""Singular value beside the greatest that is rounding of columns that depend on each other."""
+_OPEN: Final = 1e-6
+"""Share of a function outside of what the readings see that is rounding."""
 _LEAST_RADIUS: Final = 1e-6
 """Radius of the ball of `weighed_ends`, beside ‖b‖, below which Clarabel's rounding shows: exact readings."""
 
@@ -448,6 +452,26 @@ def penalised_range(
             point = stated.solve({"a": (1.0, -1.0)[side] * a / size}, *_END_LADDER)
             ends[number, side] = np.nan if point is None else a @ point
     return ends
+
+
+def range_of_squares(squares: LeastSquares, functions: FloatArray, radius: float) -> FloatArray:
+    """Return the range of linear functions where ``‖R x − z‖²`` exceeds its least by a square at most.
+
+    Args:
+        squares: of p parameters.
+        functions: (K, p).
+        radius: root of that excess.
+
+    Returns:
+        (K, 2); NaN where the squares leave a function open.
+    """
+    left, singular, right = np.linalg.svd(squares.R, full_matrices=False)
+    seen = singular > _UNSEEN * singular[0]
+    right, inverse = right[seen], functions @ (right[seen].T / singular[seen])
+    middle, half = inverse @ (left[:, seen].T @ squares.z), radius * np.linalg.norm(inverse, axis=1)
+    outside = np.linalg.norm(functions - functions @ right.T @ right, axis=1)
+    half[outside > _OPEN * np.linalg.norm(functions, axis=1)] = np.nan
+    return np.column_stack([middle - half, middle + half])
 
 
 @dataclass(frozen=True, eq=False)

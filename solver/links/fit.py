@@ -26,12 +26,12 @@ from jointstiff.schemas.model import (
 )
 from jointstiff.solver.arrays import FloatArray, IndexArray
 from jointstiff.solver.convex.conic import (
-    LeastSquares,
     diagonal,
     effective_freedom,
     entries,
     penalised_range,
     raised,
+    range_of_squares,
     solve_cone,
     to_matrix,
     weights,
@@ -335,10 +335,6 @@ _LIGHTER: Final = 0.3
 its bias is no smaller than its dispersion; under a lighter one dispersion outweighs bias (undersmoothing)."""
 _NOTHING: Final = 1e-4
 """Least lower end relative to the upper: cone programs stop short of zero."""
-_UNSEEN: Final = 1e-10
-"""Singular value beside the greatest that is rounding of columns that depend on each other."""
-_OPEN: Final = 1e-6
-"""Share of a function outside of what the readings see that is rounding."""
 _GAP: Final = 1e-4
 """Gap of the point in whose neighbourhood the intervals lie, relative to the readings."""
 
@@ -414,26 +410,6 @@ def effective_compliances(
         ends=ends if with_ends else np.full_like(ends, np.nan),
         uncertainty=0.5 * (ends[:, 1] - ends[:, 0]) / quantile,
     )
-
-
-def range_of_squares(squares: LeastSquares, functions: FloatArray, radius: float) -> FloatArray:
-    """Return the range of linear functions where ``‖R x − z‖²`` exceeds its least by a square at most.
-
-    Args:
-        squares: of p parameters.
-        functions: (K, p).
-        radius: root of that excess.
-
-    Returns:
-        (K, 2); NaN where the squares leave a function open.
-    """
-    left, singular, right = np.linalg.svd(squares.R, full_matrices=False)
-    seen = singular > _UNSEEN * singular[0]
-    right, inverse = right[seen], functions @ (right[seen].T / singular[seen])
-    middle, half = inverse @ (left[:, seen].T @ squares.z), radius * np.linalg.norm(inverse, axis=1)
-    outside = np.linalg.norm(functions - functions @ right.T @ right, axis=1)
-    half[outside > _OPEN * np.linalg.norm(functions, axis=1)] = np.nan
-    return np.column_stack([middle - half, middle + half])
 
 
 LARGEST_UNCERTAINTY: Final = 0.5

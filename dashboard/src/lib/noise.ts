@@ -1,7 +1,7 @@
 /** Noise of readings and load as people state it, in SI, and as a measurement set has it. */
 import type { MeasurementSet, Units } from "../api/types";
 import { scaled } from "./entered";
-import { type Fields, stated } from "./json";
+import { type Fields, isFields, stated } from "./json";
 import { factors } from "./units";
 
 type Noise = NonNullable<MeasurementSet["noise"]>;
@@ -24,6 +24,7 @@ const sized = (value: unknown, factor: number): unknown =>
 export function noiseOf({ residuals, ...asked }: StatedNoise, before: Noise | null, units: Units): unknown {
   const { length, angle } = factors(units);
   const { sigma, instrument, encoder_sigma: encoder, load_point: point, target_places: places, force } = asked;
+  const load = stated(force);
   const { station, range, transverse } = (instrument ?? {}) as Record<string, Fields>;
   const part = (of: Fields | undefined) => ({
     constant: sized(of?.["constant"] ?? 0, 1 / length),
@@ -40,7 +41,7 @@ export function noiseOf({ residuals, ...asked }: StatedNoise, before: Noise | nu
     ...(encoder ? { encoder_sigma: sized(encoder, 1 / angle) } : {}),
     ...(point ? { load_point: sized(point, 1 / length) } : {}),
     ...(places ? { target_places: sized(places, 1 / length) } : {}),
-    ...(force ? { force: stated(force) } : {}),
+    ...(isFields(load) && Object.keys(load).length > 0 ? { force: load } : {}),
   };
   const said = Object.entries(noise).filter(([, value]) => value !== null && value !== undefined && value !== false);
   return said.length === 0 ? null : Object.fromEntries(said);

@@ -12,7 +12,7 @@ from support.shared_data import shared
 from jointstiff.schemas.options import CrossValidation
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.elastic_links import beam_arm, elastic_campaign
-from jointstiff.solver.convex.conic import LeastSquares, to_vector
+from jointstiff.solver.convex.conic import LeastSquares, range_of_squares, to_vector
 from jointstiff.solver.convex.solution import Bounds
 from jointstiff.solver.errors import UnsupportedMethodError
 from jointstiff.solver.fitting.method import Settings
@@ -37,7 +37,6 @@ from jointstiff.solver.links.fit import (
     effective_rows,
     estimate_elastic,
     first_certified,
-    range_of_squares,
     refuse_unsupported_elastic,
 )
 from jointstiff.solver.links.model import (
