@@ -27,6 +27,11 @@ RequestError of the numerical core
 └── ItemsError                 a request with several faults
     ├── FilesError             files that were not understood: mend them
     └── VerdictError           a result that is not to be used: mend the readings, or accept its verdict
+
+ProblemError                   a problem document as an exception, for programs and commands
+├── CampaignError              a campaign that cannot be identified: correct it
+└── RefusedError               the service refused: see the remedy
+    └── AwayError              the service does not answer now: try again
 """
 
 from __future__ import annotations
@@ -491,3 +496,25 @@ def _fields() -> tuple[str, ...]:
         names |= set(message.model_fields)
         waiting += message.__subclasses__()
     return tuple(sorted(names))
+
+
+class ProblemError(Exception):
+    """An error with its problem; its text says what is wrong, where, and how to mend it."""
+
+    def __init__(self, problem: Problem) -> None:
+        place = f"{problem.where}: " if problem.where and problem.where not in problem.detail else ""
+        remedy = f"; remedy: {problem.remedy}" if problem.remedy else ""
+        super().__init__(f"{place}{problem.detail}{remedy}")
+        self.problem = problem  #: as the API would answer it
+
+
+class CampaignError(ProblemError):
+    """A campaign that cannot be identified."""
+
+
+class RefusedError(ProblemError):
+    """The service refused, or did not answer."""
+
+
+class AwayError(RefusedError):
+    """The service does not answer now, and may later."""

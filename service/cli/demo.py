@@ -133,7 +133,7 @@ def _tour(address: str, *, once: bool) -> int:
     from jointstiff.service.kinds.comparison import COMPARISON
     from jointstiff.service.kinds.run import RUN
     from jointstiff.service.library.client import Client
-    from jointstiff.service.library.errors import RefusedError
+    from jointstiff.service.problems import RefusedError
     from jointstiff.service.reports.job import job_parts
     from jointstiff.service.tables.table import Line
     from jointstiff.service.tables.terminal import console, printed, problem_text

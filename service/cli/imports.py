@@ -253,8 +253,7 @@ def _understood(
 @contextmanager
 def _as_options() -> Iterator[None]:
     """Name options in place of fields where files or options are refused."""
-    from jointstiff.service.library.errors import CampaignError
-    from jointstiff.service.problems import FilesError, problem_of
+    from jointstiff.service.problems import CampaignError, FilesError, problem_of
 
     try:
         yield
@@ -295,8 +294,8 @@ def _notes(texts: Sequence[str]) -> dict[str, Any]:
     Raises:
         CampaignError: a key or a value is none.
     """
-    from jointstiff.service.library.errors import CampaignError
     from jointstiff.service.library.files import parse_document
+    from jointstiff.service.problems import CampaignError
 
     pairs = (text.partition("=") for text in texts)
     try:

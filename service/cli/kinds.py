@@ -177,9 +177,9 @@ def predict_command() -> Callable[..., None]:
 def _done(kind: AnyKind, sources: list[Any], stated: dict[str, Any], values: _Values) -> Job:
     """Carry the work out, as `import jointstiff` does."""
     from jointstiff.schemas.run import Run
-    from jointstiff.service.library.errors import CampaignError
     from jointstiff.service.library.files import campaign_of, read_document, read_object
     from jointstiff.service.library.here import function_of, run_of
+    from jointstiff.service.problems import CampaignError
     from jointstiff.service.tables.terminal import progress_bar
 
     if values["options"] is not None:
@@ -425,8 +425,7 @@ def _outputs(values: _Values, sources: Sequence[Any]) -> dict[str, Path]:
 
 def _explain(values: _Values, sources: Sequence[Any]) -> bool:
     """Print how the moves of a program are understood, if that is what is wanted."""
-    from jointstiff.service.library.errors import CampaignError
-    from jointstiff.service.problems import FilesError, problem_of
+    from jointstiff.service.problems import CampaignError, FilesError, problem_of
     from jointstiff.service.programs.formats import explained
 
     if not values["explain"]:

@@ -60,8 +60,8 @@ def report(
     overwrite: cli.Overwrite = False,
 ) -> None:
     """Write a draft report on a campaign or a result."""
-    from jointstiff.service.library.errors import CampaignError
     from jointstiff.service.library.here import read_job
+    from jointstiff.service.problems import CampaignError
 
     if output.suffix.lower() not in _REPORTS:
         raise typer.BadParameter(f"ends in one of {', '.join(_REPORTS)}", param_hint="--output")

@@ -126,8 +126,7 @@ def refusal_of(error: Exception) -> typer.Exit | None:
         return failed(f"cannot write {error.filename}: {error.strerror}", "choose another path")
     if not type(error).__module__.startswith("jointstiff."):
         return None
-    from jointstiff.service.library.errors import ProblemError
-    from jointstiff.service.problems import ServiceError
+    from jointstiff.service.problems import ProblemError, ServiceError
 
     if isinstance(error, ProblemError):
         return refused(error.problem)

@@ -90,8 +90,8 @@ def post(
 
 def _post_all(client: Client, folder: Path) -> int:
     """Post the campaigns and robots of a folder, each once; return the exit status."""
-    from jointstiff.service.library.errors import ProblemError
     from jointstiff.service.library.files import read_object
+    from jointstiff.service.problems import ProblemError
 
     refused = 0
     for path in sorted(folder.glob("*.json")):

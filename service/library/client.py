@@ -1,11 +1,13 @@
-"""A client of the service, for notebooks and the command line: verbs, and collections of resources."""
+"""Clients of the service, for notebooks and the command line, and for programs that await."""
 
 from __future__ import annotations
 
+import asyncio
 import json
 import os
+import threading
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import AsyncIterator, Callable, Iterator, Mapping
 from os import PathLike
 from pathlib import Path
 from types import MappingProxyType
@@ -28,7 +30,6 @@ from jointstiff.service.kinds.rooms import ROOMS, kind_of
 from jointstiff.service.library import results
 from jointstiff.service.library.campaigns import Campaign
 from jointstiff.service.library.cases import AnyPostures, load_cases
-from jointstiff.service.library.errors import AwayError, RefusedError
 from jointstiff.service.library.files import (
     AnyCampaign,
     as_campaign_error,
@@ -36,11 +37,9 @@ from jointstiff.service.library.files import (
     json_text,
     parse_document,
 )
-from jointstiff.service.library.follow import Cancel, Follow, OnProgress
-from jointstiff.service.library.results import Prediction, TabledRun, shown
-from jointstiff.service.library.trends import RobotTrend
-from jointstiff.service.library.verbs import Verb, options_of, verb_of
-from jointstiff.service.problems import http_problem
+from jointstiff.service.library.results import Prediction, RobotTrend, TabledRun, shown
+from jointstiff.service.library.verbs import Cancel, Follow, OnProgress, Verb, options_of, verb_of
+from jointstiff.service.problems import AwayError, RefusedError, http_problem
 from jointstiff.service.tables.table import Sheet
 from jointstiff.solver.errors import RequestError
 
@@ -65,6 +64,7 @@ _WAIT: Final = MappingProxyType({"wait": "1"})
 Document = Message | Mapping[str, Any]
 Resource = TypeVar("Resource", bound=Message)
 Summary = TypeVar("Summary", bound=Message)
+Value = TypeVar("Value")
 
 
 def plain(document: Document) -> dict[str, Any]:
@@ -75,9 +75,15 @@ def plain(document: Document) -> dict[str, Any]:
 
 
 if TYPE_CHECKING:
-    from jointstiff.service.library.typed import IdentifyFields, ImportFields, PredictFields, Verbs
+    from jointstiff.service.library.typed import (
+        AsyncVerbs,
+        IdentifyFields,
+        ImportFields,
+        PredictFields,
+        Verbs,
+    )
 else:
-    Verbs = object
+    Verbs = AsyncVerbs = object
 
 
 class Client(Verbs):
@@ -551,3 +557,73 @@ def _printable(value: Any) -> Any:  # noqa: ANN401 - any JSON
     if isinstance(value, dict):
         return {_printable(name): _printable(item) for name, item in value.items()}
     return value
+
+
+class AsyncClient(AsyncVerbs):
+    """A service whose verbs and collections are awaited: `run = await client.identify("campaign.json")`.
+
+    Its arguments and methods are those of `Client`; `list` of a collection is iterated by `async for`. Where
+    a task is cancelled while it awaits a verb, the job is cancelled in the service, too. `on_progress` is
+    called in another thread. What a result does over the network, such as a report, is awaited by
+    `client.call(run.report, "report.pdf")`.
+    """
+
+    def __init__(self, url: str, key: str | None = None, **options: Any) -> None:  # noqa: ANN401 - of Client
+        """Make a client; arguments as of `Client`."""
+        self._client = Client(url, key, **options)
+
+    async def __aenter__(self) -> AsyncClient:
+        return self
+
+    async def __aexit__(self, *_: object) -> None:
+        self._client.close()
+
+    async def call(
+        self,
+        function: Callable[..., Value],
+        *arguments: Any,  # noqa: ANN401 - of the function
+        **options: Any,  # noqa: ANN401 - of the function
+    ) -> Value:
+        """Await a function that works over the network."""
+        return await asyncio.to_thread(function, *arguments, **options)
+
+    def __getattr__(self, name: str) -> Any:  # noqa: ANN401 - of Client
+        """Return a method or a collection of the client, to be awaited."""
+        value = getattr(self._client, name)
+        if isinstance(value, Collection):
+            return _AsyncCollection(value)
+        stepped = any(room.command == name for room in ROOMS.values())
+        return _awaited(value, stepped=stepped) if callable(value) else value
+
+
+class _AsyncCollection:
+    """Resources of one kind, whose methods are awaited."""
+
+    def __init__(self, collection: Collection[Any, Any]) -> None:
+        self._collection = collection
+
+    async def list(self, **filters: str) -> AsyncIterator[Any]:
+        """Yield summaries of the resources, newest first."""
+        summaries, end = self._collection.list(**filters), object()
+        while (summary := await asyncio.to_thread(next, summaries, end)) is not end:
+            yield summary
+
+    def __getattr__(self, name: str) -> Any:  # noqa: ANN401 - of the collection
+        return _awaited(getattr(self._collection, name), stepped=False)
+
+
+def _awaited(function: Callable[..., Any], *, stepped: bool) -> Callable[..., Any]:
+    """Return a function that is awaited; one that takes steps ends if its task is cancelled."""
+
+    async def call(*arguments: Any, **options: Any) -> Any:  # noqa: ANN401 - of the function
+        ended = threading.Event()
+        if stepped:
+            options.setdefault("cancel", ended.is_set)
+        try:
+            return await asyncio.to_thread(function, *arguments, **options)
+        except asyncio.CancelledError:
+            ended.set()
+            raise
+
+    call.__name__, call.__doc__ = getattr(function, "__name__", "call"), function.__doc__
+    return call

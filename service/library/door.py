@@ -26,14 +26,13 @@ if TYPE_CHECKING:
     from jointstiff.schemas.plan import PlanOptions
     from jointstiff.schemas.program import ProgramOptions
     from jointstiff.schemas.robot import RobotDocument
-    from jointstiff.service.library.async_client import AsyncClient
     from jointstiff.service.library.campaigns import Campaign
-    from jointstiff.service.library.client import Client
-    from jointstiff.service.library.errors import CampaignError, RefusedError
+    from jointstiff.service.library.client import AsyncClient, Client
     from jointstiff.service.library.measure import measure
     from jointstiff.service.library.results import Prediction, TabledRun
     from jointstiff.service.library.robots import robot
     from jointstiff.service.library.typed import Verbs
+    from jointstiff.service.problems import CampaignError, RefusedError
 
     _here = Verbs()
     identify = _here.identify
@@ -46,10 +45,10 @@ if TYPE_CHECKING:
     import_files = _here.import_files
 
 _HOMES = {
-    "AsyncClient": "service.library.async_client",
+    "AsyncClient": "service.library.client",
     "Campaign": "service.library.campaigns",
     "CampaignComparison": "schemas.comparison",
-    "CampaignError": "service.library.errors",
+    "CampaignError": "service.problems",
     "Client": "service.library.client",
     "DeflectionOptions": "schemas.deflection",
     "GeometryRequest": "schemas.geometry",
@@ -59,7 +58,7 @@ _HOMES = {
     "PlanOptions": "schemas.plan",
     "Prediction": "service.library.results",
     "ProgramOptions": "schemas.program",
-    "RefusedError": "service.library.errors",
+    "RefusedError": "service.problems",
     "RobotDocument": "schemas.robot",
     "RunOptions": "schemas.options",
     "TabledRun": "service.library.results",

@@ -16,8 +16,7 @@ from jointstiff.schemas.finding import Problem
 from jointstiff.schemas.robot import RobotDocument
 from jointstiff.schemas.run import Campaign
 from jointstiff.service.conversion.parsing import MAX_SET_BYTES, NOT_JSON, MalformedError, parse
-from jointstiff.service.library.errors import CampaignError
-from jointstiff.service.problems import http_problem, invalid_request, problem_of
+from jointstiff.service.problems import CampaignError, http_problem, invalid_request, problem_of
 from jointstiff.solver.errors import JointstiffError, RequestError
 
 Document = TypeVar("Document", bound=BaseModel)

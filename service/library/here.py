@@ -18,7 +18,6 @@ from jointstiff.service.kinds.rooms import ROOMS, kind_of
 from jointstiff.service.kinds.work import QuickWork, carry_out, new_job
 from jointstiff.service.library import results
 from jointstiff.service.library.cases import AnyPostures, load_cases
-from jointstiff.service.library.errors import CampaignError
 from jointstiff.service.library.files import (
     AnyCampaign,
     as_campaign_error,
@@ -27,10 +26,9 @@ from jointstiff.service.library.files import (
     read_document,
     read_robot,
 )
-from jointstiff.service.library.follow import Follow
 from jointstiff.service.library.results import Prediction, TabledRun, shown
-from jointstiff.service.library.verbs import Verb, options_of, verb_of
-from jointstiff.service.problems import http_problem, problem_of
+from jointstiff.service.library.verbs import Follow, Verb, options_of, verb_of
+from jointstiff.service.problems import CampaignError, http_problem, problem_of
 from jointstiff.service.reports.job import job_sheet
 from jointstiff.service.resources.inputs import FromFile
 from jointstiff.service.tables.files import written

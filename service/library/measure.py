@@ -28,7 +28,6 @@ from jointstiff.schemas.run import CampaignRun
 from jointstiff.service.conversion.prepared import PreparedRobot, prepare_robot, stated_transform, to_resolved
 from jointstiff.service.conversion.units import LENGTH
 from jointstiff.service.library.campaigns import Campaign
-from jointstiff.service.library.errors import AwayError, CampaignError, ProblemError
 from jointstiff.service.library.files import as_campaign_error, parse_document, read_planned
 from jointstiff.service.live.campaign import MOST_READINGS, Declared, Entry, LiveCampaign
 from jointstiff.service.live.declaration import Scales, declared, goal_of
@@ -42,7 +41,7 @@ from jointstiff.service.live.sources import (
     Stand,
     source_of,
 )
-from jointstiff.service.problems import http_problem
+from jointstiff.service.problems import AwayError, CampaignError, ProblemError, http_problem
 from jointstiff.solver.errors import RequestError
 
 if TYPE_CHECKING:

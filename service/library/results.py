@@ -18,11 +18,13 @@ from jointstiff.schemas.deflection import DeflectionResult
 from jointstiff.schemas.fields import Message
 from jointstiff.schemas.job import Job
 from jointstiff.schemas.run import JointResult, Run, RunRequest, RunResult
+from jointstiff.schemas.trend import Trend
 from jointstiff.service.kinds.kind import AnyJob, File, Kind
 from jointstiff.service.kinds.rooms import kind_of
 from jointstiff.service.library.campaigns import Campaign
 from jointstiff.service.tables.files import frame_of, written, xlsx_bytes
-from jointstiff.service.tables.table import Line, Part, Sheet
+from jointstiff.service.tables.stiffness import DEFAULT_UNIT, UNITS
+from jointstiff.service.tables.table import NO_NUMBER, Chart, Line, Part, Sheet, figure, text_table
 from jointstiff.service.tables.terminal import printed
 from jointstiff.solver.errors import RequestError
 
@@ -34,8 +36,8 @@ if TYPE_CHECKING:
     from jointstiff.schemas.run import CampaignRun
     from jointstiff.service.library.campaigns import Numbers
     from jointstiff.service.library.cases import AnyPostures
-    from jointstiff.service.library.follow import Follow
     from jointstiff.service.library.typed import PredictFields
+    from jointstiff.service.library.verbs import Follow
     from jointstiff.solver.arrays import FloatArray
 
 _WIDTH = 100
@@ -459,6 +461,71 @@ class Prediction(Presented, DeflectionResult):  # type: ignore[misc]  # `summary
         from jointstiff.service.reports.plots import figure_of
 
         return figure_of(f"Predicted deflection: {self._headline()}", prediction_charts(self))
+
+
+class RobotTrend(Presented, Trend):
+    """Stiffness of a robot's joints over its campaigns, with alarms; it shows itself."""
+
+    def _parts(self) -> Sequence[Part]:
+        states = [joint.state for joint in self.joints]
+        alarms = [alarm.message for joint in self.joints for alarm in joint.alarms if alarm.until is None]
+        head = f"{len(self.campaigns)} campaigns: {states.count('alarm')} of {len(states)} joints in alarm"
+        rows = []
+        for joint in self.joints:
+            change = joint.latest if joint.pair is None else joint.pair.change
+            shown = NO_NUMBER
+            if change is not None:
+                size, u = (
+                    figure(100 * each, ".2g") for each in (change.relative, change.standard_uncertainty)
+                )
+                shown = f"{size} ± {u} %"
+            rows.append([joint.name, joint.state.replace("_", " "), shown])
+        lines = [Line(head), *map(Line, alarms), *([Line(self.note)] if self.note else [])]
+        return [*lines, text_table(["joint", "state", "latest change, ± u"], rows, texts=[0, 1])]
+
+    def _sheets(self) -> Mapping[str, Callable[[], Sheet]]:
+        return {"points": self._points}
+
+    def _points(self) -> Sheet:
+        """Return a row for each joint and campaign, in SI units."""
+        pairs = [
+            (joint, campaign, point)
+            for joint in self.joints
+            for campaign, point in zip(self.campaigns, joint.points, strict=True)
+        ]
+        limits = [point.interval or (None, None) for _, _, point in pairs]
+        columns = {
+            "joint": [joint.name for joint, _, _ in pairs],
+            "campaign": [campaign.name for _, campaign, _ in pairs],
+            "at": [campaign.at.isoformat() for _, campaign, _ in pairs],
+            "stiffness [N.m/rad]": [point.stiffness for _, _, point in pairs],
+            "lower [N.m/rad]": [low for low, _ in limits],
+            "upper [N.m/rad]": [high for _, high in limits],
+            "EWMA [N.m/rad]": [point.smoothed for _, _, point in pairs],
+            "lower limit [N.m/rad]": [point.lower_limit for _, _, point in pairs],
+            "upper limit [N.m/rad]": [point.upper_limit for _, _, point in pairs],
+        }
+        sheet = Sheet(columns, frozenset(["joint", "campaign", "at"]))
+        return Sheet.of_joints(sheet, [joint.kind for joint, _, _ in pairs])
+
+    def _figure(self) -> Figure:
+        from jointstiff.service.reports.plots import figure_of
+
+        names = [f"{campaign.at:%Y-%m-%d}" for campaign in self.campaigns]
+        charts = []
+        for joint in self.joints:
+            unit = UNITS[DEFAULT_UNIT].of(joint.kind)
+            series = {
+                "stiffness": [point.stiffness for point in joint.points],
+                "EWMA": [point.smoothed for point in joint.points],
+                "lower limit": [point.lower_limit for point in joint.points],
+                "upper limit": [point.upper_limit for point in joint.points],
+            }
+            ends = {"stiffness": [point.interval for point in joint.points]}
+            known = {name: values for name, values in series.items() if any(v is not None for v in values)}
+            title = f"{joint.name}: {joint.state.replace('_', ' ')}"
+            charts.append(Chart(title, names, known, unit.factor, unit.label, "campaigns", ends, True))
+        return figure_of(f"Trend: {self._headline()}", charts)
 
 
 @cache

@@ -49,8 +49,8 @@ from jointstiff.schemas.program import (
 from jointstiff.schemas.robot import JointMap, RobotDocument
 from jointstiff.service.library.campaigns import Numbers
 from jointstiff.service.library.cases import AnyPostures
-from jointstiff.service.library.follow import Cancel, OnProgress
 from jointstiff.service.library.results import Prediction, TabledRun
+from jointstiff.service.library.verbs import Cancel, OnProgress
 
 File = str | PathLike[str]
 Source = File | Mapping[str, Any] | messages.Campaign | messages.Run

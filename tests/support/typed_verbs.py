@@ -50,7 +50,7 @@ from jointstiff.schemas.fields import Message
 {imports}
 from jointstiff.service.library.campaigns import Campaign, Numbers
 from jointstiff.service.library.cases import AnyPostures
-from jointstiff.service.library.follow import Cancel, OnProgress
+from jointstiff.service.library.verbs import Cancel, OnProgress
 from jointstiff.service.library.results import Prediction, TabledRun
 
 File = str | PathLike[str]

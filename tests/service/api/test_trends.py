@@ -15,7 +15,7 @@ from jointstiff.schemas.run import JointResult
 from jointstiff.schemas.trend import AcknowledgementRequest, BaselineRequest, TrendSelection
 from jointstiff.service.kinds.trend import Campaign, ReadRun, Trends, acknowledgements_of, note_of
 from jointstiff.service.kinds.trend import trend_of as charts_of
-from jointstiff.service.library.trends import RobotTrend
+from jointstiff.service.library.results import RobotTrend
 from jointstiff.service.store.tables import MeasurementSetEntry
 from jointstiff.simulator import default_arm, simulate_campaign
 

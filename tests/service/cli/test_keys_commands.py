@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 
 from jointstiff.service.cli.app import app
 from jointstiff.service.library.client import Client
-from jointstiff.service.library.errors import RefusedError
+from jointstiff.service.problems import RefusedError
 from jointstiff.service.security.keys import Keyring, digest
 from jointstiff.service.store.store import Store
 

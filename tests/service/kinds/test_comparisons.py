@@ -23,7 +23,7 @@ from jointstiff.service.kinds.comparison import (
     entries_sheet,
     ratios_sheet,
 )
-from jointstiff.service.library.errors import CampaignError
+from jointstiff.service.problems import CampaignError
 from jointstiff.service.reports.job import job_report
 from jointstiff.service.tables.files import csv_text
 from jointstiff.service.tables.table import Sheet

@@ -16,7 +16,7 @@ from jointstiff.schemas.run import Campaign, RunRequest
 from jointstiff.service.conversion.prepared import prepare_robot
 from jointstiff.service.conversion.readings import ReadingArrays
 from jointstiff.service.kinds.identification import identification
-from jointstiff.service.library.errors import CampaignError
+from jointstiff.service.problems import CampaignError
 from jointstiff.service.resources.inputs import FromFile
 from jointstiff.simulator import TARGETS, default_arm, random_configurations, simulate_campaign
 from jointstiff.simulator.own_weight import default_bodies, sag, unloaded_campaign

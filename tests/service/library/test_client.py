@@ -19,7 +19,7 @@ from jointstiff.schemas.measurement import SetChange
 from jointstiff.schemas.run import Campaign
 from jointstiff.service.library import client as module
 from jointstiff.service.library.client import Client
-from jointstiff.service.library.errors import RefusedError
+from jointstiff.service.problems import RefusedError
 from jointstiff.simulator import default_arm, simulate_campaign
 
 

@@ -15,8 +15,8 @@ from jointstiff.schemas.measurement import MeasurementSetRequest
 from jointstiff.schemas.options import RunOptions
 from jointstiff.schemas.run import Campaign, RunRequest
 from jointstiff.service.jobs import Parts
-from jointstiff.service.library.errors import CampaignError
 from jointstiff.service.library.here import run_of
+from jointstiff.service.problems import CampaignError
 from jointstiff.service.store.store import Store
 from jointstiff.simulator import default_arm, simulate_campaign
 

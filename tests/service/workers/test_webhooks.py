@@ -25,8 +25,7 @@ from typer.testing import CliRunner
 from jointstiff.service.cli.app import app
 from jointstiff.service.jobs import Parts
 from jointstiff.service.library.client import problem_in
-from jointstiff.service.library.errors import RefusedError
-from jointstiff.service.problems import WorkerLostError
+from jointstiff.service.problems import RefusedError, WorkerLostError
 from jointstiff.service.security.admission import Posture
 from jointstiff.service.security.keys import mint
 from jointstiff.service.security.receivers import ALLOWED_VARIABLE, signature
