@@ -62,7 +62,7 @@ BENCHMARKS = {
     ),
     "programs": Benchmark("studies.programs", "on exact springs, beside a loop of EAIK; docs/compensate.md"),
     "plan_nuisance": Benchmark("studies.plan_nuisance", "elastic links as nuisance; docs/plan.md"),
-    "mutants": Benchmark("studies.mutants", "small changes of solver and service; an hour", in_parts=True),
+    "mutants": Benchmark("studies.mutants", "small changes of both houses; half an hour", in_parts=True),
     "attacks": Benchmark(
         "attacks.attacks", "hostile bodies, connections, many posts; a quarter of an hour", in_parts=True
     ),

@@ -1,7 +1,11 @@
-"""Small changes of the solver and the service, one at a time: does the daily lane of the room notice each?
+"""Small changes of the solver and the service, one at a time: does the daily lane notice each?
+
+The daily lane runs once with coverage, which tells for each line the tests that reach it, wherever they
+stand; a change is judged by those alone. A file whose fixtures reach the line is run whole, for its tests
+share them.
 
 A change is drawn from the expressions of a house: an operator becomes its opposite, a comparison turns
-round, a sign goes, a least becomes a greatest. It is made in a copy of the sources; the project's files stay
+round, a sign goes, a least becomes a greatest. It is made in the memory of a fork; the project's files stay
 as they are. Messages are left alone. A change that lives is listed with its place: either a test is missing
 there, or the change changes nothing.
 """
@@ -9,28 +13,26 @@ there, or the change changes nothing.
 from __future__ import annotations
 
 import ast
+import json
 import os
-import shutil
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
-from queue import SimpleQueue
 from tempfile import TemporaryDirectory
 
 import numpy as np
+from coverage import CoverageData
 
 from benchmarks.report import Figure, Part, Section
+from benchmarks.studies.forks import CHANGES
 
-__all__ = ["Mutant", "mutants_of", "run"]
+__all__ = ["Judged", "Lane", "Mutant", "drawn", "judged", "measured_lane", "mutants_of", "run"]
 
 MUTANTS = {"solver": 60, "service": 30}
-SEED = 31
-TIME_LIMIT = 900.0
-"""Seconds for the tests of a room; a change that lets them run on is noticed."""
+SEED = 53
+LANE = ("-m", "not process and not slow")
 ROOT = Path(__file__).parents[2]
 OPPOSITE = {
     ast.Add: ast.Sub,
@@ -56,23 +58,61 @@ class Mutant:
 
     path: Path  # with the house first
     line: int
-    source: str  # of the whole module
+    lines: frozenset[int]  # that run with it: its own, and the first of its statement
+    source: str = field(repr=False)  # of the whole module
     before: str
     after: str
 
-    @property
-    def tests(self) -> list[str]:
-        """Return the tests of its room: of this house, else of the other, else all of this house."""
-        house, room = ROOT / "tests" / self.path.parts[0], Path(self.path.parts[1]).stem
-        places = [house / room, *sorted((ROOT / "tests").glob(f"*/{room}")), house]
-        return [str(next(place for place in places if place.is_dir()))]
+
+@dataclass(frozen=True)
+class Judged:
+    """A change, and what the tests that reach it say."""
+
+    mutant: Mutant
+    noticed: bool
+    seconds: float
+    tests: int  # how many reach it
+
+
+class Lane:
+    """The daily lane: which of its tests reach a line."""
+
+    def __init__(self, data: Path) -> None:
+        """Read what coverage measured with the contexts of pytest-cov.
+
+        Args:
+            data: coverage's file.
+        """
+        self._data = CoverageData(str(data))
+        self._data.read()
+        self._reached = dict[str, int]()
+        for path in self._data.measured_files():
+            for contexts in self._data.contexts_by_lineno(path).values():
+                for context in contexts:
+                    test = context.rpartition("|")[0]
+                    self._reached[test] = self._reached.get(test, 0) + 1
+
+    def tests(self, mutant: Mutant) -> tuple[list[str], list[str]]:
+        """Return the tests that reach a change, those that reach the fewest lines first, and whole files."""
+        by_line = self._data.contexts_by_lineno(str((ROOT / mutant.path).resolve()))
+        contexts = {each for line in mutant.lines for each in by_line.get(line, ()) if each}
+        files = {each.partition("::")[0] for each in contexts if each.endswith("|setup")}
+        tests = {each.rpartition("|")[0] for each in contexts}
+        return sorted(tests, key=lambda test: (self._reached[test], test)), sorted(files)
 
 
 class _Changes(ast.NodeVisitor):
     """Expressions that can be changed, each with what it becomes; none within messages."""
 
     def __init__(self) -> None:
-        self.found = list[tuple[ast.expr, ast.expr]]()
+        self.found = list[tuple[ast.expr, ast.expr, ast.stmt]]()
+        self._statement: ast.stmt
+
+    def visit(self, node: ast.AST) -> None:
+        """Keep the statement that is visited."""
+        if isinstance(node, ast.stmt):
+            self._statement = node
+        super().visit(node)
 
     def visit_JoinedStr(self, node: ast.JoinedStr) -> None:
         """Leave texts alone."""
@@ -86,27 +126,30 @@ class _Changes(ast.NodeVisitor):
             self.visit(node.value)
 
     def visit_FunctionDef(self, node: ast.FunctionDef) -> None:
-        """Pass over annotations."""
-        for statement in node.body:
-            self.visit(statement)
+        """Leave functions within this one alone: they are visited by themselves."""
+
+    def visit_AsyncFunctionDef(self, node: ast.AsyncFunctionDef) -> None:
+        """Leave functions within this one alone: they are visited by themselves."""
 
     def generic_visit(self, node: ast.AST) -> None:
         """Take the changes of an expression."""
         if isinstance(node, ast.BinOp) and type(node.op) in OPPOSITE:
-            other = ast.BinOp(node.left, OPPOSITE[type(node.op)](), node.right)  # type: ignore[arg-type]
-            self.found.append((node, other))
+            self._found(node, ast.BinOp(node.left, OPPOSITE[type(node.op)](), node.right))  # type: ignore[arg-type]
         elif isinstance(node, ast.BoolOp):
-            self.found.append((node, ast.BoolOp(OPPOSITE[type(node.op)](), node.values)))  # type: ignore[arg-type]
+            self._found(node, ast.BoolOp(OPPOSITE[type(node.op)](), node.values))  # type: ignore[arg-type]
         elif isinstance(node, ast.Compare) and type(node.ops[0]) in OPPOSITE:
             ops = [OPPOSITE[type(node.ops[0])](), *node.ops[1:]]
-            self.found.append((node, ast.Compare(node.left, ops, node.comparators)))  # type: ignore[arg-type]
+            self._found(node, ast.Compare(node.left, ops, node.comparators))  # type: ignore[arg-type]
         elif isinstance(node, ast.UnaryOp) and isinstance(node.op, (ast.USub, ast.Not, ast.Invert)):
-            self.found.append((node, node.operand))
+            self._found(node, node.operand)
         elif isinstance(node, ast.Attribute) and node.attr in OTHER:
-            self.found.append((node, ast.Attribute(node.value, OTHER[node.attr], node.ctx)))
+            self._found(node, ast.Attribute(node.value, OTHER[node.attr], node.ctx))
         elif isinstance(node, ast.Name) and node.id in OTHER:
-            self.found.append((node, ast.Name(OTHER[node.id], node.ctx)))
+            self._found(node, ast.Name(OTHER[node.id], node.ctx))
         super().generic_visit(node)
+
+    def _found(self, node: ast.expr, other: ast.expr) -> None:
+        self.found.append((node, other, self._statement))
 
 
 def mutants_of(path: Path, root: Path) -> Iterator[Mutant]:
@@ -120,110 +163,107 @@ def mutants_of(path: Path, root: Path) -> Iterator[Mutant]:
     lines = text.encode().splitlines(keepends=True)
     starts = np.r_[0, np.cumsum([len(line) for line in lines])]
     for function in ast.walk(ast.parse(text)):
-        if not isinstance(function, ast.FunctionDef):
+        if not isinstance(function, (ast.FunctionDef, ast.AsyncFunctionDef)):
             continue
         changes = _Changes()
-        changes.visit(function)
-        for node, other in changes.found:
+        for statement in function.body:
+            changes.visit(statement)
+        for node, other, statement in changes.found:
             if node.end_lineno is None or node.end_col_offset is None:
                 continue
+            reached = frozenset({statement.lineno, *range(node.lineno, node.end_lineno + 1)})
             start = int(starts[node.lineno - 1]) + node.col_offset
             end = int(starts[node.end_lineno - 1]) + node.end_col_offset
             after = f"({ast.unparse(other)})"
             source = text.encode()[:start] + after.encode() + text.encode()[end:]
-            yield Mutant(path.relative_to(root), node.lineno, source.decode(), ast.unparse(node), after)
+            before, place = ast.unparse(node), path.relative_to(root)
+            yield Mutant(place, node.lineno, reached, source.decode(), before, after)
 
 
 def run(*, quick: bool, part: Part) -> list[Section]:
-    """Draw changes, make each in a copy, and run the tests of its room."""
-    workers = max(1, (os.cpu_count() or 1) - 1)
-    with TemporaryDirectory() as folder, ThreadPoolExecutor(workers) as pool:
-        copies = SimpleQueue[Path]()
-        for number in range(workers):
-            copies.put(_copy(Path(folder) / str(number)))
-        return [_of_house(house, pool, copies, quick=quick, part=part) for house in MUTANTS]
+    """Draw changes, and judge each by the tests that reach it."""
+    with TemporaryDirectory() as folder:
+        lane = measured_lane(Path(folder), quick=quick)
+        sections = []
+        for house in MUTANTS:
+            chosen, total = drawn(house, part)
+            sections.append(
+                _section(house, total, judged(chosen[: 1 if quick else None], lane, Path(folder)))
+            )
+        return sections
 
 
-def _of_house(
-    house: str, pool: ThreadPoolExecutor, copies: SimpleQueue[Path], *, quick: bool, part: Part
-) -> Section:
+def measured_lane(folder: Path, *, quick: bool = False) -> Lane:
+    """Run the daily lane once with coverage, which must be green, and return the tests of each line.
+
+    Args:
+        folder: of coverage's file.
+        quick: only the tests of this study.
+    """
+    data = folder / "coverage"
+    options = ["--cov=jointstiff", "--cov-context=test", "--cov-report=", "-n", "auto"]
+    tests = ["tests/studies"] if quick else []
+    _pytest([*options, *tests], COVERAGE_FILE=str(data))
+    return Lane(data)
+
+
+def drawn(house: str, part: Part) -> tuple[list[Mutant], int]:
+    """Return the changes of this part, and the number of changes that they are drawn from."""
     every = [m for path in sorted((ROOT / house).rglob("*.py")) for m in mutants_of(path, ROOT)]
-    drawn = np.random.default_rng(SEED).choice(len(every), MUTANTS[house], replace=False)
-    chosen = [every[int(drawn[number])] for number in part.of(MUTANTS[house])][: 1 if quick else None]
-    green = {room: pool.submit(_fails, list(room), copies) for room in {tuple(m.tests) for m in chosen}}
-    for room, outcome in green.items():
-        if outcome.result():
-            raise RuntimeError(f"tests fail without a change, too: {', '.join(room)}")
-    outcomes = list(pool.map(lambda mutant: _noticed(mutant, copies), chosen))
+    chosen = np.random.default_rng(SEED).choice(len(every), MUTANTS[house], replace=False)
+    return [every[int(chosen[number])] for number in part.of(MUTANTS[house])], len(every)
+
+
+def judged(chosen: list[Mutant], lane: Lane, folder: Path) -> list[Judged]:
+    """Run the tests that reach each change, in a fork that has it in memory.
+
+    Args:
+        chosen: the changes.
+        lane: the daily lane.
+        folder: of the file that tells the forks what to do.
+    """
+    changes = []
+    for number, mutant in enumerate(chosen):
+        tests, files = lane.tests(mutant)
+        path = str(ROOT / mutant.path)
+        change = {"name": number, "path": path, "source": mutant.source, "tests": tests, "files": files}
+        changes.append(change)
+    file = folder / "changes.json"
+    file.write_text(json.dumps(changes), encoding="utf-8")
+    _pytest(["-n", "0", "-p", "no:cacheprovider", "-p", "benchmarks.studies.forks"], **{CHANGES: str(file)})
+    outcomes = json.loads(file.read_text(encoding="utf-8"))
+    return [
+        Judged(mutant, outcome["noticed"], outcome["seconds"], len(outcome["tests"]))
+        for mutant, outcome in zip(chosen, outcomes, strict=True)
+    ]
+
+
+def _pytest(options: list[str], **environment: str) -> None:
+    command = [sys.executable, "-m", "pytest", "-q", *LANE, *options]
+    done = subprocess.run(command, cwd=ROOT, env=os.environ | environment, capture_output=True, check=False)
+    if done.returncode:
+        raise RuntimeError(f"tests fail without a change, too: {done.stdout.decode()[-2000:]}")
+
+
+def _section(house: str, total: int, changes: list[Judged]) -> Section:
     rows = [
         (
-            f"{m.path}:{m.line}",
-            m.before[:40],
-            m.after[:40],
-            "noticed" if seen else "lived",
-            f"{seconds:.0f} s",
+            f"{each.mutant.path}:{each.mutant.line}",
+            each.mutant.before[:40],
+            each.mutant.after[:40],
+            str(each.tests),
+            "noticed" if each.noticed else "lived",
+            f"{each.seconds:.0f} s",
         )
-        for m, (seen, seconds) in zip(chosen, outcomes, strict=True)
+        for each in changes
     ]
-    share = 100.0 * float(np.mean([noticed for noticed, _ in outcomes]))
+    share = 100.0 * float(np.mean([each.noticed for each in changes]))
     return Section(
-        f"{len(chosen)} small changes of the {house}, one at a time",
-        ("place", "before", "after", "daily lane of its room", "time"),
-        tuple(sorted(rows, key=lambda row: row[3])),
+        f"{len(changes)} small changes of the {house}, one at a time",
+        ("place", "before", "after", "tests that reach it", "daily lane", "time"),
+        tuple(sorted(rows, key=lambda row: row[4])),
         figures=(
-            Figure(
-                f"changes of the {house} that its room's daily lane notices", share, "at least", 95.0, "%"
-            ),
+            Figure(f"changes of the {house} that the daily lane notices", share, "at least", 95.0, "%"),
         ),
-        notes=(f"drawn from {len(every)} places with seed {SEED}",),
+        notes=(f"drawn from {total} places with seed {SEED}; judged by the tests that reach the place",),
     )
-
-
-def _copy(folder: Path) -> Path:
-    """Lay out the package with houses of its own, and return its folder."""
-    package = folder / "jointstiff"
-    package.mkdir(parents=True)
-    for link in (ROOT / ".dev" / "jointstiff").iterdir():
-        if link.name in MUTANTS:
-            ignored = shutil.ignore_patterns("__pycache__", "static*")
-            shutil.copytree(ROOT / link.name, package / link.name, ignore=ignored)
-            for built in (ROOT / link.name).glob("static*"):
-                (package / link.name / built.name).symlink_to(built)
-        elif link.name != "__pycache__":
-            (package / link.name).symlink_to(link.resolve())
-    return package
-
-
-def _noticed(mutant: Mutant, copies: SimpleQueue[Path]) -> tuple[bool, float]:
-    """Return whether a test fails with the change, and the seconds until then."""
-    start = time.perf_counter()
-    return _fails(mutant.tests, copies, mutant), time.perf_counter() - start
-
-
-def _fails(tests: list[str], copies: SimpleQueue[Path], mutant: Mutant | None = None) -> bool:
-    """Return whether a test fails, or does not end."""
-    package = copies.get()
-    environment = os.environ | {"PYTHONPATH": str(package.parent), "PYTHONDONTWRITEBYTECODE": "1"}
-    command = [sys.executable, "-m", "pytest", "-q", "-x", "-n", "0", "-p", "no:cacheprovider"]
-    path = package / mutant.path if mutant else None
-    original = path.read_bytes() if path else b""
-    try:
-        if path and mutant:
-            path.write_text(mutant.source, encoding="utf-8")
-        done = subprocess.run(
-            [*command, "-m", "not process and not slow", *tests],
-            cwd=ROOT,
-            env=environment,
-            capture_output=True,
-            timeout=TIME_LIMIT,
-            check=False,
-        )
-    except subprocess.TimeoutExpired:
-        return True
-    finally:
-        if path:
-            path.write_bytes(original)
-        copies.put(package)
-    if done.returncode not in (0, 1, 2):  # 2: not even collected
-        raise RuntimeError(f"the tests were not run: {done.stdout.decode()[-500:]}")
-    return done.returncode != 0
