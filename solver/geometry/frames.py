@@ -44,7 +44,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import combinations, pairwise
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -52,12 +52,12 @@ import pinocchio as pin
 from scipy import special
 from scipy.spatial.transform import Rotation
 
-from jointstiff.schemas import geometry as results
 from jointstiff.schemas.geometry import (
     IdentifiedDh,
     LinkComparison,
     NearlyParallel,
     Rigid,
+    WristCentre,
     WristDistance,
     WristEstimate,
     WristResult,
@@ -267,70 +267,18 @@ class BaseTargets:
         )
 
 
-CentreWay = Literal["sphere", "axes", "trilateration", "combined"]
+CentreWay = Literal["sphere", "axes", "trilateration"]
 
 
-@dataclass(frozen=True, eq=False)
-class CentreEstimate:
-    """The wrist centre by one estimate."""
-
-    way: CentreWay  #: which
-    centre: FloatArray  #: (3,) tracker's frame, arm as in the wrist's sweeps [m]
-    influence: FloatArray  #: (3, m) derivative by the whitened readings, in units of sigma
-    covariance: FloatArray  #: (3, 3) [m²]
-    weight: float  #: its weight in the combination, mean over three directions; the weights add up to 1
-
-
-@dataclass(frozen=True, eq=False)
-class WristCentre:
-    """The wrist centre of the sweeps."""
-
-    estimates: tuple[CentreEstimate, ...]  #: estimates by each way that was possible
-    combined: CentreEstimate  #: their weighted mean
-    distances: tuple[WristDistance, ...]  #: distances of each two of them
-    posture: FloatArray  #: (n,) model angles of the arm; those of the wrist, here zero, do not matter [rad]
-    miss_distance: float  #: greatest distance of one of the last axes from the point nearest to them [m]
-    #: of that [m]; where the distance is not beyond it, it says how large the miss may be
-    miss_uncertainty: float
-    miss_probability: float  #: probability that axes which do meet are found so far apart
-
-    @property
-    def decoupled_method(self) -> bool:
-        """Return whether the axes meet within `Wrist.TOLERANCE`, which the decoupled method needs."""
-        return self.miss_distance <= Wrist.TOLERANCE
-
-    def result(self, base: BaseFrame, identified: IdentifiedAxes) -> WristResult:
-        """Return all estimates, in the tracker's frame and in R0."""
-
-        def centre(estimate: CentreEstimate) -> dict[str, object]:
-            in_base, covariance = self.in_base(estimate, base, identified)
-            tracker = {"tracker": estimate.centre, "tracker_covariance": estimate.covariance}
-            return {**tracker, "base": in_base, "base_covariance": covariance}
-
-        return message(
-            WristResult,
-            self,
-            estimates=[message(WristEstimate, way, **centre(way)) for way in self.estimates],
-            combined=message(results.WristCentre, self.combined, **centre(self.combined)),
-        )
-
-    def in_base(
-        self, estimate: CentreEstimate, base: BaseFrame, identified: IdentifiedAxes
-    ) -> tuple[FloatArray, FloatArray]:
-        """A centre (3,) in R0 [m] and its covariance (3, 3), relation of centre and base frame included."""
-        T = base.transform_tracker_to_base
-        centre = transformed(T, estimate.centre)
-        # The influence on R0 may have further columns, of angles at rest
-        influence = by_small_motion(centre) @ base.jacobian @ identified.influence
-        influence[:, : estimate.influence.shape[1]] += T.rotation @ estimate.influence
-        return centre, identified.sigma**2 * influence @ influence.T
-
-
-def find_wrist_centre(identified: IdentifiedAxes) -> WristCentre:
+def find_wrist_centre(identified: IdentifiedAxes, base: BaseFrame) -> WristResult:
     """Find the wrist centre by each way that the readings allow: by the axes alone where there is no sweep.
 
     Args:
         identified: at least three axes.
+        base: where R0 is by the same readings.
+
+    Returns:
+        All estimates, their combination and distances, in the tracker's frame and in R0.
 
     Raises:
         MeasurementError: fewer than three axes, or the last three are nearly parallel.
@@ -341,7 +289,7 @@ def find_wrist_centre(identified: IdentifiedAxes) -> WristCentre:
             where="sweeps",
             remedy="sweep all joints of the robot",
         )
-    posture = np.zeros(identified.n)
+    posture, T, sigma = np.zeros(identified.n), base.transform_tracker_to_base, identified.sigma
     if isinstance(identified, SweptAxes):  # where the last sweep has the arm
         posture[:-WRIST_JOINTS] = identified.sweeps.postures[-1, :-WRIST_JOINTS]
     by_axes, *miss = _nearest_to_axes(identified, posture)
@@ -351,31 +299,49 @@ def find_wrist_centre(identified: IdentifiedAxes) -> WristCentre:
         trilaterated = _by_trilateration(identified, *sphere[1:], near=by_axes[0])
         if trilaterated is not None:
             ways.append(("trilateration", *trilaterated))
-    covariances = [identified.sigma**2 * influence @ influence.T for _, _, influence in ways]
-    informations = [np.linalg.inv(covariance) for covariance in covariances]
+
+    def placed(centre: FloatArray, influence: FloatArray) -> dict[str, Any]:
+        """Return a centre (3,) with its derivative (3, m) by the whitened readings in both frames."""
+        there = transformed(T, centre)
+        # The influence on R0 may have further columns, of angles at rest
+        of_both = by_small_motion(there) @ base.jacobian @ base.identified.influence
+        of_both[:, : influence.shape[1]] += T.rotation @ influence
+        return {
+            "tracker": centre.tolist(),
+            "tracker_covariance": (sigma**2 * influence @ influence.T).tolist(),
+            "base": there.tolist(),
+            "base_covariance": (sigma**2 * of_both @ of_both.T).tolist(),
+        }
+
+    informations = [np.linalg.inv(sigma**2 * influence @ influence.T) for _, _, influence in ways]
     weights = np.linalg.inv(np.sum(informations, axis=0)) @ informations  # they add up to the unit matrix
-    estimates = tuple(
-        CentreEstimate(*way, covariance, float(np.trace(weight) / 3.0))
-        for way, covariance, weight in zip(ways, covariances, weights, strict=True)
-    )
-    centre = np.sum([W @ each.centre for W, each in zip(weights, estimates, strict=True)], axis=0)
-    influence = np.sum([W @ each.influence for W, each in zip(weights, estimates, strict=True)], axis=0)
-    combined = CentreEstimate(
-        "combined", centre, influence, identified.sigma**2 * influence @ influence.T, 1.0
-    )
+    weighed = list(zip(weights, ways, strict=True))
+    estimates = [
+        WristEstimate(way=way, weight=float(np.trace(W) / 3.0), **placed(centre, influence))
+        for W, (way, centre, influence) in weighed
+    ]
+    combined = (np.sum([W @ way[i] for W, way in weighed], axis=0) for i in (1, 2))
     distances = []
-    for first, second in combinations(estimates, 2):
-        gap = first.centre - second.centre
-        difference = identified.sigma * (first.influence - second.influence)
+    for (first, *one), (second, *other) in combinations(ways, 2):
+        gap, difference = one[0] - other[0], sigma * (one[1] - other[1])
         U, singular, _ = np.linalg.svd(difference, full_matrices=False)
         seen = singular > 1e-6 * max(singular[0], 1e-300)
         statistic = float(np.sum(((U.T @ gap)[seen] / singular[seen]) ** 2))
         probability = float(special.chdtrc(int(seen.sum()), statistic))
         distance = float(np.linalg.norm(gap))
         distances.append(
-            WristDistance(first=first.way, second=second.way, distance=distance, probability=probability)
+            WristDistance(first=first, second=second, distance=distance, probability=probability)
         )
-    return WristCentre(estimates, combined, tuple(distances), posture, *miss)
+    return WristResult(
+        estimates=estimates,
+        combined=WristCentre(**placed(*combined)),
+        distances=distances,
+        posture=posture.tolist(),
+        miss_distance=miss[0],
+        miss_uncertainty=miss[1],
+        miss_probability=miss[2],
+        decoupled_method=miss[0] <= Wrist.TOLERANCE,
+    )
 
 
 def _nearest_to_axes(
@@ -385,7 +351,8 @@ def _nearest_to_axes(
 
     Returns:
         The point (3,) in the tracker's frame [m] with its derivative (3, m) by the whitened readings in units
-        of sigma; and by how much the axes miss it, as in `WristCentre`.
+        of sigma; and the greatest distance of one of the axes from it [m], the uncertainty of that [m], and
+        the probability that axes which do meet are found so far apart.
 
     Raises:
         MeasurementError: the axes are nearly parallel.

@@ -35,7 +35,6 @@ from jointstiff.solver.geometry.frames import (
     BaseFrame,
     BaseTargets,
     FlangeConvention,
-    WristCentre,
     dh_table,
     find_base_frame,
     find_wrist_centre,
@@ -339,7 +338,7 @@ def calibration_findings(calibrated: CalibratedAxes) -> Iterator[Finding]:
         )
 
 
-def wrist_findings(wrist: WristCentre) -> Iterator[Finding]:
+def wrist_findings(wrist: results.WristResult) -> Iterator[Finding]:
     """Report ways to the wrist centre that contradict each other beyond noise."""
     for pair in wrist.distances:
         if pair.probability < CENTRES_DISAGREE:
@@ -554,9 +553,8 @@ def _result(
         no_wrist = "the poses do not determine all axes"
     else:
         try:
-            centre = find_wrist_centre(wrist_axes)
-            listed += wrist_findings(centre)
-            wrist = centre.result(base, identified)
+            wrist = find_wrist_centre(wrist_axes, base)
+            listed += wrist_findings(wrist)
         except InputError as error:
             no_wrist = error.reason
         except np.linalg.LinAlgError:

@@ -93,19 +93,17 @@ class TestSharedSweeps:
         """
         found, truth, R, t = shared(way)
         base = find_base_frame(found, shared_chain())
-        wrist = find_wrist_centre(found)
+        wrist = find_wrist_centre(found, base)
         true = np.array(truth["wrist_centre_in_base_at_home"])
         assert [estimate.way for estimate in wrist.estimates] == ["axes", "sphere", "trilateration"]
         for estimate in (*wrist.estimates, wrist.combined):
-            within(estimate.centre - (R @ true + t), estimate.covariance)
-            centre, covariance = wrist.in_base(estimate, base, found)
-            within(centre - true, covariance)
-            assert np.linalg.norm(estimate.centre - (R @ true + t)) < 20e-6
+            within(estimate.tracker - (R @ true + t), np.array(estimate.tracker_covariance))
+            within(estimate.base - true, np.array(estimate.base_covariance))
+            assert np.linalg.norm(estimate.tracker - (R @ true + t)) < 20e-6
         assert list(wrist_findings(wrist)) == []
         assert wrist.miss_probability > 0.01
-        centre, _ = wrist.in_base(wrist.combined, base, found)
         bound = dict(zip(WAYS, (40e-6, 24e-6, 20e-6), strict=True))
-        assert np.linalg.norm(centre - true) < bound[way]
+        assert np.linalg.norm(wrist.combined.base - true) < bound[way]
 
     def test_nothing_is_flagged(self, way):
         found, *_ = shared(way)
