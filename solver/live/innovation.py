@@ -176,25 +176,16 @@ class Expectation:
         return float(special.fdtrc(count, self.freedom, square / count))
 
 
-def innovation(
-    robot: Robot,
-    measurements: Measurements,
-    compliance: FloatArray,
-    *,
-    row: int = -1,
-) -> Innovation:
-    """Compare a reading with what the others let expect, and look for the mistake if it is doubtful.
+def innovation(robot: Robot, measurements: Measurements, compliance: FloatArray) -> Innovation:
+    """Compare the last reading with what the others let expect, and look for the mistake if it is doubtful.
 
     Args:
         robot: n joints.
-        measurements: N observations, this one among them.
+        measurements: N observations.
         compliance: (n,) by a fit to the others [rad/(N·m)].
-        row: of the reading.
     """
-    here = row % len(measurements)
-    label = measurements.labels[here]
-    others = measurements[np.delete(np.arange(len(measurements)), here)] if len(measurements) > 1 else None
-    reading = measurements[np.array([here])]
+    label, reading = measurements.labels[-1], measurements[-1:]
+    others = measurements[:-1] if len(measurements) > 1 else None
     try:
         expected = None if others is None else Expectation.of(robot, others, compliance)
         if others is None or expected is None:

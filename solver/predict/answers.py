@@ -40,7 +40,7 @@ from jointstiff.solver.predict.models import (
     OwnWeight,
 )
 from jointstiff.solver.readings.measurements import Measurements
-from jointstiff.solver.robot.configuration import InverseKinematics, apart, wrapped
+from jointstiff.solver.robot.configuration import InverseKinematics, apart, in_ranges
 from jointstiff.solver.robot.model import Robot
 
 PlaceStatus = Literal["reached", "out_of_reach", "joint_limits", "unseen_joint", "overloaded", "not_followed"]
@@ -133,29 +133,15 @@ def postures_within_limits(
         solutions[rows] = np.nan
         solutions[rows[known], 0] = followed[known]
         lost = np.unique(rows[~known] // count)
-    angles = arm.joint_map.controller_angles(solutions)
-    pose, branch = np.nonzero(np.isfinite(angles).all(axis=2))
-    joints = inverse.whole(_turned(angles[pose, branch], arm, of_arm))
+    pose, branch = np.nonzero(np.isfinite(solutions).all(axis=2))
+    limits = inverse.of_arm(task.limits.T).T
+    kept, angles = in_ranges(arm, solutions[pose, branch], limits, of_arm)
+    joints = inverse.whole(angles)
     place, orientation = np.divmod(pose, count)
-    kept = ((joints >= task.limits[:, 0]) & (joints <= task.limits[:, 1])).all(axis=1)
+    kept &= ((joints >= task.limits[:, 0]) & (joints <= task.limits[:, 1])).all(axis=1)
     model_angles = robot.joint_map.model_angles(joints)
     kept &= ((model_angles >= robot.limits[:, 0]) & (model_angles <= robot.limits[:, 1])).all(axis=1)
     return place[kept], orientation[kept], joints[kept], np.unique(place), lost
-
-
-def _turned(angles: FloatArray, arm: Robot, posture: FloatArray | None) -> FloatArray:
-    """Return controller's angles (K, 6), model's angles turned fully towards the limits or a posture (6,).
-
-    A joint that the map couples to others is turned in the model, where a full turn is one.
-    """
-    joint_map, limits = arm.joint_map, arm.limits
-    q = joint_map.model_angles(angles)
-    near = np.clip(0.0, *limits.T) if posture is None else joint_map.model_angles(posture[None])[0]
-    q = near - wrapped(near - q)
-    with np.errstate(invalid="ignore"):
-        up = np.where(q < limits[:, 0], np.ceil((limits[:, 0] - q) / _FULL_TURN), 0.0)
-        down = np.where(q > limits[:, 1], np.ceil((q - limits[:, 1]) / _FULL_TURN), 0.0)
-    return joint_map.controller_angles(q + _FULL_TURN * (up - down))
 
 
 @dataclass(frozen=True, eq=False)
@@ -729,33 +715,26 @@ def to_budget(
     """Return the budget of the joints that have an estimate; None for none."""
     if budget is None:
         return None
-    shown, total = budget.joints, budget.total()
+    shown, total, factor = budget.joints, budget.total(), budget.coverage_factor
     square = np.ix_(shown, shown)
-    return run.Budget(
+    return message(
+        run.Budget,
+        budget,
         joints=[names[j] for j in shown],
-        components=[
-            run.BudgetComponent(
-                source=part.source,
-                evaluation=part.evaluation,
-                included=part.included,
-                degrees_of_freedom=part.degrees_of_freedom,
-                contributions=part.uncertainty[shown].tolist(),
-                correlation=part.correlation[square].tolist(),
-            )
-            for part in budget.components
-        ],
-        standard_uncertainty=total.uncertainty[shown].tolist(),
-        correlation=total.correlation[square].tolist(),
-        probability=budget.probability,
-        coverage_factor=budget.coverage_factor,
-        expanded_uncertainty=(budget.coverage_factor * total.uncertainty[shown]).tolist(),
+        components=messages_of(
+            run.BudgetComponent,
+            budget.components,
+            contributions=[part.uncertainty[shown] for part in budget.components],
+            correlation=[part.correlation[square] for part in budget.components],
+        ),
+        standard_uncertainty=total.uncertainty[shown],
+        correlation=total.correlation[square],
+        expanded_uncertainty=factor * total.uncertainty[shown],
         missing=[
             *([] if any(part.source == "model_error" for part in budget.components) else ["model_error"]),
             *([] if _LACK_OF_FIT.isdisjoint(reasons) else ["lack_of_fit"]),
         ],
-        expanded_with_model_error=(
-            budget.coverage_factor * budget.total(whole=True).uncertainty[shown]
-        ).tolist(),
+        expanded_with_model_error=factor * budget.total(whole=True).uncertainty[shown],
     )
 
 
@@ -775,10 +754,11 @@ def to_joint_budgets(budget: UncertaintyBudget | None, count: int) -> list[run.U
 
 def to_assessment(judgement: Assessment, joints: Sequence[JointCompliance]) -> finding.Assessment:
     """Return verdict and reasons of an identification, and how many of its joints have a number."""
-    return finding.Assessment(
-        verdict=judgement.verdict,
-        joints_identified=sum(joint.status == "identified" for joint in joints),
+    identified = sum(joint.status == "identified" for joint in joints)
+    return message(
+        finding.Assessment,
+        judgement,
+        joints_identified=identified,
         joint_count=len(joints),
-        reasons=list(judgement.reasons),
-        notes=list(judgement.notes),
+        headline=None,
     )

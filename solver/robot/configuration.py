@@ -636,7 +636,7 @@ class _Choice:
 
     def as_stated(self, i: int, previous: FloatArray | None) -> tuple[FloatArray, Unreached]:
         """Return the controller's angles (6,) of one pose, and why there are none."""
-        fits, angles = _in_ranges(self._robot, self._branches[i], self._stated[i], previous)
+        fits, angles = in_ranges(self._robot, self._branches[i], self._stated[i], previous)
         found = angles[fits]
         if not len(found):
             return np.full(6, np.nan), Unreached.NOT_AS_STATED
@@ -693,12 +693,18 @@ def wrapped(angle: FloatArray) -> FloatArray:
     return angle - _TURN * np.round(angle / _TURN)
 
 
-def _in_ranges(
+def in_ranges(
     robot: Robot, solutions: FloatArray, stated: FloatArray, previous: FloatArray | None
 ) -> tuple[BoolArray, FloatArray]:
     """Add full turns to solutions (b, 6), so that the controller's angles are in their ranges.
 
     Joint by joint from the base on, as a controller's angle depends on those before it at most.
+
+    Args:
+        robot: six revolute joints.
+        solutions: angles of the model [rad]; NaN where there is none.
+        stated: (6, 2) least and greatest controller's angles [rad]; ∓inf where nothing is stated.
+        previous: (6,) controller's angles to which the nearest are taken; None for zero.
 
     Returns:
         (b,) whether all are in them, and the controller's angles (b, 6) [rad].
