@@ -41,7 +41,7 @@ _STANDS: Final = 2e-3
 _NO_AXIS: Final = 8e9
 """Value of an external axis that is none, and more."""
 _MAX_AXES: Final = 24
-"""Most external axes that are looked at."""
+"""Most external axes that are looked at; a target with more is left."""
 _MOTIONS: Final = {motion: i for i, motion in enumerate(Motion)}
 _WIDTH: Final = 7
 """Columns of a target."""
@@ -127,26 +127,28 @@ class Columns:
             if target.label:
                 self._doubts.setdefault(self._target(target, None, line), cause)
 
-    def block(
-        self, motion: Motion, lines: IndexArray, first: IndexArray, literal: Literal, frames: Frames
-    ) -> None:
-        """Take moves that differ in their numbers only, of one target each.
+    def block(self, op: Move, source: int, lines: IndexArray, first: IndexArray, frames: Frames) -> None:
+        """Take k moves that differ in the numbers of their one target only.
 
         Args:
-            motion: that of all.
+            op: the move.
+            source: index of their file.
             lines: (k,) lines of the moves.
-            first: (k,) places of their first numbers.
-            literal: their notation.
+            first: (k,) places of the first numbers of their statements.
             frames: base and tool of all.
         """
-        if len(self._names) + len(lines) > MAX_TARGETS:
+        index = len(self._names) + np.arange(len(lines))
+        if index[-1] >= MAX_TARGETS:
             self._refuse(int(lines[0]), f"more than {MAX_TARGETS} targets", _WRITE_ANEW)
+        ends = len(self._visits) + 1 + np.arange(len(lines))
+        if ends[-1] > MAX_VISITS:
+            self._refuse(int(lines[0]), f"more than {MAX_VISITS} targets of moves", "split the program")
+        (literal,) = (each for each in op.targets if isinstance(each, Literal))
         known = self._literals.setdefault(literal, len(self._literals))
         base, tool = self._frame("base", frames[0]), self._frame("tool", frames[1])
-        index = len(self._names) + np.arange(len(lines))
-        columns = np.broadcast_arrays(0, lines, first, lines, known, base, tool)
+        columns = np.broadcast_arrays(source, lines, first, lines, known, base, tool)
         self._targets.frombytes(np.stack(columns, axis=1).tobytes())
-        moves = np.broadcast_arrays(lines, _MOTIONS[motion], len(self._visits) + 1 + np.arange(len(lines)))
+        moves = np.broadcast_arrays(lines, _MOTIONS[op.motion], ends)
         self._moves.frombytes(np.stack(moves, axis=1).tobytes())
         self._visits.frombytes(index.tobytes())
         self._names += [""] * len(lines)
@@ -254,6 +256,7 @@ class Columns:
             np.full((count, _STATED), np.nan), np.full((count, _STATED, 2), -1, dtype=np.int32),
         )  # fmt: skip
         out, unlike, moved = np.zeros((3, count), dtype=np.bool_)
+        crowded = np.array([len(each.external) > _MAX_AXES for each in literals], dtype=np.bool_)
         still: FloatArray | None = None
         for start in range(0, count, BLOCK):
             for file in np.unique(source[start : start + BLOCK]).tolist():
@@ -271,7 +274,7 @@ class Columns:
                 axes = read[:, _STATED:]
                 axes = np.where(np.isnan(axes) | (axes > _NO_AXIS), 0.0, axes)
                 still = axes[0] if still is None else still
-                moved[block] = (~(np.abs(axes - still) <= _STANDS)).any(axis=1)
+                moved[block] = (~(np.abs(axes - still) <= _STANDS)).any(axis=1) | crowded[known[block]]
         for faults, reason, remedy in (
             (out, f"a number of a target is out of range, beyond {MAX_VALUE:g}", _WRITE_ANEW),
             (unlike, "a quaternion or an axis is not of unit length", _WRITE_ANEW),

@@ -220,7 +220,7 @@ def read_fanuc(machine: Machine, sources: tuple[Source, ...]) -> None:
         machine.refuse(None, "the file has no /MN and /POS", remedy)
     end = sections["END"] - len("/END") if "END" in sections else len(source.text)
     positions = _positions(machine, source, sections["POS"], end)
-    machine.add(0, *_columns(positions), language=_POINTS)
+    machine.add(0, *_columns(positions), translate=_POINTS.translate)
     machine.add(0, *_columns(spans))
 
 

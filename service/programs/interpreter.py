@@ -7,10 +7,11 @@ Where ways meet, what differs is not known. The program is passed through until 
 from __future__ import annotations
 
 import re
+from array import array
 from collections import defaultdict
-from collections.abc import Collection, Iterable
-from dataclasses import dataclass, field
-from functools import reduce
+from collections.abc import Callable, Collection, Iterable
+from dataclasses import dataclass, field, replace
+from functools import partial, reduce
 from operator import itemgetter
 from typing import Final, NoReturn, TypeAlias
 
@@ -116,9 +117,9 @@ class Machine:
         self._acts: dict[str, list[int]] = {}  # what routines do, but for moves
         self._open: list[str] = []  # routines that are passed through
         self._moved = True  # whether a state has changed in this pass
-        self._verdicts: list[tuple[int, tuple[ir.Move, int, list[Given], list[Frames], Cause | None]]] = []
+        self._repeats: dict[int, array[int]] = defaultdict(partial(array, "q"))  # lines and first numbers
+        self._verdicts: list[tuple[int, Callable[[], None]]] = []
         self._poses: dict[tuple[Given, ...], FloatArray | None] = {}
-        self._last: tuple[ir.Move, list[Frames], Cause | None] | None = None
         self._work = 0
 
     # reading
@@ -134,27 +135,33 @@ class Machine:
         ends: IndexArray,
         *,
         declares: str = "",
-        language: Language | None = None,
+        translate: Callable[[str], list[tuple[int, Op]]] | None = None,
     ) -> None:
         """Translate parts of a file; what a file of declarations assigns, names have from the beginning."""
         self._scopes = [Scope("")]
-        language = language or self._language
+        translate = translate or self._language.translate
         lines = np.searchsorted(self.sources[source].starts, starts, side="right")
         shapes, first = self.numerals[source].shapes(starts, ends)
         if (long := np.flatnonzero(ends - starts > _MAX_STATEMENT)).size:
             reason = f"a statement of more than {_MAX_STATEMENT} characters"
             self.refuse(int(lines[long[0]]), reason, "split it", source)
         known: dict[str, list[tuple[int, Op]]] = {}
+        last: list[tuple[int, Op]] | None = None  # a move before, that others may repeat
         for shape, line, number in zip(shapes, lines.tolist(), first.tolist(), strict=True):
             ops = known.get(shape)
             if ops is None:
                 try:
-                    ops = language.translate(shape)
+                    ops = translate(shape)
                 except Misread as fault:
                     self.refuse(line, fault.reason, fault.remedy, source)
                 if len(known) < _MAX_SHAPES:
                     known[shape] = ops
+            if ops is last:
+                self._repeats[len(self._ops) - 1].extend((line + ops[0][0], number))
+                continue
             self._take(ops, source, line, number, declares)
+            moves = [op for _, op in ops if isinstance(op, ir.Move)]
+            last = ops if len(ops) == 1 and moves and moves[0].repeats and not declares else None
 
     def _take(
         self, ops: Iterable[tuple[int, Op]], source: int, line: int, number: int, declares: str
@@ -299,7 +306,6 @@ class Machine:
             if isinstance(op, ir.Move | ir.Keep):
                 self._judge(op, i, state)
                 continue
-            self._last = None
             self._toil(1)
             if isinstance(op, ir.Flow):
                 state, shared = self._flow(op, i, state), True
@@ -468,7 +474,7 @@ class Machine:
         for name, body in bodies.items():
             self._pass(name, body)
         for _, verdict in sorted(self._verdicts, key=itemgetter(0)):
-            self.columns.move(*verdict)
+            verdict()
         return self.columns.program(self._used, self._causes)
 
     def _judge(self, op: ir.Move | ir.Keep, i: int, state: State | None) -> None:
@@ -480,14 +486,28 @@ class Machine:
             return
         if state is None:
             state = {UNKNOWN: (Cause(0, "no way that the program takes leads here", "omit the move"), 0)}
-        if self._last is None or self._last[0] is not op or not op.steady:
-            frames = [
-                (self._frame(place, base, state), self._frame(place, tool, state))
-                for base, tool in zip(op.bases, op.tools, strict=True)
-            ]
-            cause = self._why_left(place, op, frames, state)
-            self._last = op, frames, cause and (cause._replace(line=0) if cause.line == place.line else cause)
-        _, frames, cause = self._last
+        frames = [
+            (self._frame(place, base, state), self._frame(place, tool, state))
+            for base, tool in zip(op.bases, op.tools, strict=True)
+        ]
+        cause = self._why_left(place, op, frames, state)
+        repeats = np.asarray(self._repeats.get(i, ()), dtype=np.intp).reshape(-1, 2)
+        if len(repeats) and cause is None:
+            lines, first = np.vstack([[place.line, place.first], repeats]).T
+            verdict = partial(self.columns.block, op, place.source, lines, first, frames[0])
+            self._verdicts.append((i, verdict))
+            return
+        at = place.line, place.source
+        here = cause is not None and (not cause.line or (cause.line, cause.source) == at)
+        for line, first in [(place.line, place.first), *repeats.tolist()]:
+            own = replace(place, line=line, first=first)
+            left = cause._replace(line=line, source=place.source) if cause and here else cause
+            self._verdicts.append((i, self._verdict(op, own, left, frames, state)))
+
+    def _verdict(
+        self, op: ir.Move, place: Place, cause: Cause | None, frames: list[Frames], state: State
+    ) -> Callable[[], None]:
+        """Return what the columns are told of one move."""
         held = [self._target(place, each, state) for each in op.targets]
         cause = cause or next((each for each in held if isinstance(each, Cause)), None)
         if cause is not None:
@@ -496,7 +516,7 @@ class Machine:
             )
             cause = cause if cause.line else cause._replace(line=place.line, source=place.source)
         given = [each for each in held if isinstance(each, Given)]
-        self._verdicts.append((i, (op, place.line, given, frames, cause)))
+        return partial(self.columns.move, op, place.line, given, frames, cause)
 
     def _why_left(self, place: Place, op: ir.Move, frames: list[Frames], state: State) -> Cause | None:
         """Return why a move is left whatever its targets are."""

@@ -103,9 +103,12 @@ class Move(NamedTuple):
     remedy: str = ""
 
     @property
-    def steady(self) -> bool:
-        """True if its frames and its reason hang on no number of the statement."""
-        return not (self.agree or self.reason or any(isinstance(base, Literal) for base in self.bases))
+    def repeats(self) -> bool:
+        """True if a move of the same shape differs from it in the numbers of its one target only."""
+        own = isinstance(self.targets[0], Literal) if len(self.targets) == 1 else False
+        return own and not (
+            self.agree or self.reason or any(isinstance(base, Literal) for base in self.bases)
+        )
 
 
 class Keep(NamedTuple):
@@ -295,10 +298,8 @@ class Language:
 
     def _unknown(self, shape: str, line: Line, fault: Misread) -> list[tuple[int, Op]]:
         """Return what a statement may do that is not understood: all, and each word of a motion is a move."""
-        ordinals, text = iter(line.ordinals), line.text
-        quoted = re.sub("@#@", lambda _: f"\0{next(ordinals)}\0", shown(text.replace("\0", "@#@")))
-        reason, remedy = f"{quoted}: {fault.reason}", fault.remedy or self.remedy
-        names = _NAME.findall(_QUOTED.sub("_", text))
+        reason = f"{quoted(line.text, line.ordinals)}: {fault.reason}"
+        remedy, names = fault.remedy or self.remedy, _NAME.findall(_QUOTED.sub("_", line.text))
         ops: list[tuple[int, Op]] = [
             (line.below, Havoc(frozenset(), reason, remedy)),
             (line.below, Havoc(frozenset([*names, "_"]), reason, remedy)),
@@ -332,6 +333,12 @@ class Language:
             # It may be passed over, and of several ones any may be the first.
             ops += [call] if quiet or whole else [Flow("if"), call, Flow("close")]
         return ops
+
+
+def quoted(text: str, ordinals: Iterable[int]) -> str:
+    """Return a text without its numbers as a reason shows it, which quotes them by their ordinals."""
+    numbers = iter(ordinals)
+    return re.sub("@#@", lambda _: f"\0{next(numbers)}\0", shown(text.replace("\0", "@#@")))
 
 
 def calls(ops: list[Op]) -> bool:

@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
-from typing import Final
+from functools import partial
+from itertools import accumulate
+from typing import Final, NamedTuple
 
 import numpy as np
 
-from jointstiff.service.programs.columns import Cause, Given
+from jointstiff.service.programs import language as ir
 from jointstiff.service.programs.errors import shown
 from jointstiff.service.programs.interpreter import Machine
-from jointstiff.service.programs.language import NUMBER, Language, Move
+from jointstiff.service.programs.language import Op
 from jointstiff.service.programs.notation import DEGREE, MM, Notation, Orientation
-from jointstiff.service.programs.program import FrameName, Literal, Motion, Source
+from jointstiff.service.programs.program import Literal, Motion, Source
 
 _KINDS: Final = {
     "x y z a b c": (Orientation.EULER_ZYX, "lllaaa"),
@@ -34,6 +36,8 @@ _LENGTHS: Final = {"mm": MM, "m": 1.0}
 _ANGLES: Final = {"deg": DEGREE, "degree": DEGREE, "\xb0": DEGREE, "rad": 1.0}
 _HELD: Final = re.compile(r"\W*+(?:u?tool|tcp|u?frame|base|wobj|uf|ut|(?:e|ext)_?\d)\b", re.IGNORECASE)
 """Names of columns that say which frames a target is in, or where external axes stand."""
+_NUMBER: Final = re.compile(r"\s*+\"?\s*+\0\s*+\"?\s*+")
+"""A cell with a number."""
 _REMEDY: Final = (
     "name columns x, y, z and a, b, c (or w, p, r; qw ... qz; rx, ry, rz; i, j, k), "
     "or j1 ... j6, with units as in `x [mm]`"
@@ -42,48 +46,58 @@ _REMEDY: Final = (
 
 def read_table(machine: Machine, sources: tuple[Source, ...]) -> None:
     """Read a table of targets."""
-    source, numerals = sources[0], machine.numerals[0]
-    shapes, first = numerals.shapes(source.starts, source.ends)
-    known: dict[str, int] = {}
-    of_line = np.fromiter((known.setdefault(shape, len(known)) for shape in shapes), dtype=np.intp)
-    texts = list(known)
-    says = [bool(shape.strip()) and not shape.lstrip().startswith("#") for shape in texts]
-    rows = np.flatnonzero(np.array(says)[of_line])
-    if not len(rows):
-        return
-    header = source.text[source.starts[rows[0]] : source.ends[rows[0]]]
+    source, shapes = sources[0], machine.numerals[0].shapes(sources[0].starts, sources[0].ends)[0]
+    rows = ((i, shape) for i, shape in enumerate(shapes) if _is_row(shape))
+    (head, _), (_, first) = next(rows, (0, "")), next(rows, (0, ""))
+    if first:
+        header = source.text[source.starts[head] : source.ends[head]]
+        translate = partial(_move, _columns(machine, head + 1, header, first))
+        machine.add(0, source.starts[head + 1 :], source.ends[head + 1 :], translate=translate)
+
+
+def _is_row(shape: str) -> bool:
+    return bool(shape.strip()) and not shape.lstrip().startswith("#")
+
+
+class _Columns(NamedTuple):
+    """Columns of a table."""
+
+    delimiter: str
+    width: int  # how many there are
+    notation: Notation  # meaning of the targets
+    places: list[int]  # indices of the columns of their numbers, in order
+    held: dict[int, str]  # what other columns say of tool, base and external axes, by their indices
+
+
+def _move(columns: _Columns, shape: str) -> list[tuple[int, Op]]:
+    """Return the move of a row without its numbers; it is left where a cell is none, or a tool changes."""
+    if not _is_row(shape):
+        return []
+    cells, reason, remedy = shape.split(columns.delimiter), "", ""
+    ends = [0, *accumulate(cell.count("\0") for cell in cells)]
+    wrong = next((k for k in columns.places if k < len(cells) and not _NUMBER.fullmatch(cells[k])), None)
+    if len(cells) != columns.width:
+        reason = f"{len(cells)} columns instead of {columns.width}"
+        remedy = "give every row as many columns as the header"
+    elif wrong is not None:
+        cell = ir.quoted(cells[wrong], range(ends[wrong], ends[-1]))
+        reason = f"{cell} in column {wrong + 1} is no number"
+        remedy = "write numbers with decimal points" if "," in cell else "write a number"
+    elif any(cells[k].strip() != text for k, text in columns.held.items()):
+        reason, remedy = "tool, base or an external axis changes", "send a table for each of them"
+    numbers = () if reason else tuple(ends[k] for k in columns.places)
+    stated = () if reason else tuple(i for k in columns.held for i in range(ends[k], ends[k + 1]))
+    target = Literal(columns.notation, numbers, stated)
+    motion, base = (Motion.JOINT, "base") if columns.notation.is_joints else (Motion.LINEAR, "part")
+    frames = (ir.Named(base),), (ir.Named("tool"),), ()
+    return [(0, ir.Move(motion, (target,), *frames, reason, remedy))]
+
+
+def _columns(machine: Machine, line: int, header: str, first: str) -> _Columns:
+    """Return the columns of a table by its header and its first row without numbers."""
     delimiter = max(";\t,", key=header.count)
-    notation, places, width = _columns(machine, int(rows[0]) + 1, header, delimiter)
-    frames = FrameName("base", np.eye(4)) if notation.is_joints else FrameName("part"), FrameName("tool")
-    motion = Motion.JOINT if notation.is_joints else Motion.LINEAR
-    held = [k for k, cell in enumerate(header.split(delimiter)) if _HELD.match(cell)]
-    stands: list[str] | None = None
-    of_row, begin = rows[1:], 0
-    while begin < len(of_row):
-        i, shape = int(of_row[begin]), texts[of_line[of_row[begin]]]
-        text = source.text[source.starts[i] : source.ends[i]]
-        numbers, cause = _numbers(i + 1, text, shape, delimiter, places, width)
-        cells = text.split(delimiter)
-        stated = [cells[k].strip() for k in held if k < len(cells)]
-        stands = stated if stands is None else stands
-        if stated != stands:
-            reason = "tool, base or an external axis changes"
-            cause = Cause(i + 1, reason, "send a table for each of them")
-        end = begin + 1
-        while not held and cause is None and end < len(of_row) and of_line[of_row[end]] == of_line[i]:
-            end += 1
-        own, literal = of_row[begin:end], Literal(notation, numbers)
-        if cause is None:
-            machine.columns.block(motion, own + 1, first[own], literal, frames)
-        else:
-            given = [Given("", 0, i + 1, int(first[i]), literal)]
-            machine.columns.move(Move(motion, ("",)), i + 1, given, [frames], cause)
-        begin = end
-
-
-def _columns(machine: Machine, line: int, header: str, delimiter: str) -> tuple[Notation, list[int], int]:
-    """Return the notation, the columns of its numbers in order, and the number of columns."""
-    cells = [cell.strip().strip('"').strip().removeprefix("\xef\xbb\xbf") for cell in header.split(delimiter)]
+    texts = header.split(delimiter)
+    cells = [cell.strip().strip('"').strip().removeprefix("\xef\xbb\xbf") for cell in texts]
     named = [_HEADER.fullmatch(cell) for cell in cells]
     names = {m[1].lower(): i for i, m in enumerate(named) if m}
     units = {m[1].lower(): (m[2] or "").lower() for m in named if m}
@@ -99,7 +113,9 @@ def _columns(machine: Machine, line: int, header: str, delimiter: str) -> tuple[
     if notation is None:
         reason = "the columns of the targets have no units, different ones, or those of another quantity"
         machine.refuse(line, reason, _REMEDY)
-    return notation, [names[name] for name in kinds[0].split()], len(cells)
+    stated = dict(enumerate(cell.strip() for cell in first.split(delimiter)))
+    held = {k: stated.get(k, "") for k, text in enumerate(texts) if _HELD.match(text)}
+    return _Columns(delimiter, len(cells), notation, [names[name] for name in kinds[0].split()], held)
 
 
 def _notation(orientation: Orientation, quantities: str, units: list[str]) -> Notation | None:
@@ -114,22 +130,7 @@ def _notation(orientation: Orientation, quantities: str, units: list[str]) -> No
     return Notation(orientation, length, angle, 6 if lengths == {"mm"} else 9, 9)
 
 
-def _numbers(
-    line: int, text: str, shape: str, delimiter: str, places: list[int], width: int
-) -> tuple[tuple[int, ...], Cause | None]:
-    """Return which of a row's numbers stand in the columns of the targets, and why the row is left."""
-    cells, numbers = shape.split(delimiter), []
-    if len(cells) != width:
-        reason = f"{len(cells)} columns instead of {width}"
-        return (), Cause(line, reason, "give every row as many columns as the header")
-    for place in places:
-        if cells[place].strip().strip('"').strip() != "\0":
-            cell = text.split(delimiter)[place]
-            remedy = "write numbers with decimal points" if "," in cell else "write a number"
-            return (), Cause(line, f"{shown(cell)} in column {place + 1} is no number", remedy)
-        numbers.append(delimiter.join(cells[:place]).count("\0"))
-    return tuple(numbers), None
-
-
-LANGUAGE: Final = Language(comment=r"(?!)", suffixes=".csv", read=read_table)
-DECIMAL_COMMAS: Final = replace(LANGUAGE, number=NUMBER.replace(r"\.", ",").replace("-.", "-,"))
+LANGUAGE: Final = ir.Language(
+    comment=r"(?!)", suffixes=".csv", read=read_table, constants={"base": np.eye(4)}
+)
+DECIMAL_COMMAS: Final = replace(LANGUAGE, number=ir.NUMBER.replace(r"\.", ",").replace("-.", "-,"))

@@ -127,3 +127,18 @@ def test_every_move_is_explained():
         (6, "", "", "", False),
         (8, "in numbers", "", "", False),
     ]
+
+
+MOVE = f"LIN {P}"
+REPEATED = [
+    ("a.src", f"DEF a()\n{MOVE}\n{FRAMES}\n{MOVE}\n{MOVE}\n{MOVE}\nother()\n{MOVE}\n{MOVE}\nEND", [2, 5, 6, 7], [9, 10]),
+    ("a.src", f"DEF a()\n{FRAMES}\n{MOVE}\n\n; a remark\n{MOVE}\n{MOVE} C_DIS\nEND", [4, 7, 8], []),
+    ("a.csv", "x [mm],y [mm],z [mm],tool,e1\n1,2,3,T1,5\n1,2,4,T1,5\n1,2,5,T2,5\n1,2,6,T1,6\n1,2,7,T1,5\n", [2, 3, 6], [4, 5]),
+    ("a.csv", "x [mm],y [mm],z [mm]\n1,2,3\n1,2,4\n\n1,2,x\n# a remark\n1,2,5\n1,2,2e6\n", [2, 3, 7], [5, 8]),
+    ("a.csv", f"x [mm],y [mm],z [mm],{','.join(f'e1 {i}!' for i in range(30))}\n1,2,3{',5' * 30}\n1,2,4{',5' * 29},6\n", [], [2, 3]),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("name", "text", "done", "left"), REPEATED)
+def test_moves_that_differ_in_numbers_only_are_judged_each_by_its_own(name, text, done, left):
+    assert corrected(name, text) == (done, left)
