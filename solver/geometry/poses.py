@@ -662,6 +662,12 @@ class IdentifiedAxes:
         return covariances
 
 
+def differences(quantity: Callable[[FloatArray], FloatArray], count: int) -> FloatArray:
+    """Derivative (k, count) of a quantity by small steps (count,) from zero, by central differences."""
+    steps = _STEP * np.eye(count)
+    return np.stack([(quantity(step) - quantity(-step)) / (2.0 * _STEP) for step in steps], axis=1)
+
+
 def derivative(axes: Sequence[Axis], targets: FloatArray, geometry: Geometry) -> FloatArray:
     """Derivative (k, 4 n + 3 T) of a quantity by charts and targets (T, 3), by central differences."""
 
@@ -670,8 +676,7 @@ def derivative(axes: Sequence[Axis], targets: FloatArray, geometry: Geometry) ->
         moved = [a.displaced(chart) if chart.any() else a for a, chart in zip(axes, charts, strict=True)]
         return geometry(moved, targets + step[CHART_SIZE * len(axes) :].reshape(targets.shape))
 
-    steps = _STEP * np.eye(CHART_SIZE * len(axes) + targets.size)
-    return np.stack([(at(step) - at(-step)) / (2.0 * _STEP) for step in steps], axis=1)
+    return differences(at, CHART_SIZE * len(axes) + targets.size)
 
 
 def chain_axes(chain: KinematicChain) -> tuple[tuple[Axis, ...], pin.SE3]:

@@ -52,6 +52,7 @@ from jointstiff.solver.geometry.poses import (
     PoseState,
     TrackedReadings,
     derivative,
+    differences,
     fit_poses,
     refuse_other_units,
     transformed,
@@ -77,8 +78,6 @@ DISAGREEMENT = 1e-6
 
 UNEVEN = 0.01
 """p-value of the controller's angles below which gears are off by more than noise."""
-
-_STEP = 1e-6  # of the difference quotients [rad]
 
 
 @dataclass(frozen=True, eq=False)
@@ -594,8 +593,7 @@ def resting_angles(swept: SweptAxes) -> tuple[FloatArray, list[int]]:
     def moved(step: FloatArray) -> FloatArray:
         return _charts_at_zero(swept.axes, at_sweep, points, sweeps.postures + step.reshape(n, n))
 
-    steps = _STEP * np.eye(n * n)  # by joint of the sweep, then by the angle that changes
-    by_posture = np.stack([(moved(step) - moved(-step)) / (2.0 * _STEP) for step in steps], axis=1)
+    by_posture = differences(moved, n * n)  # by joint of the sweep, then by the angle that changes
     columns, joints = [np.zeros((len(by_posture), 0))], []
     for fit in sorted(swept.fits, key=lambda fit: -fit.sweep.joint):
         joint = fit.sweep.joint

@@ -108,8 +108,7 @@ class CartesianCompliance:
         first = unit_vectors(np.cross(direction, helper))
         plane = np.stack([first, np.cross(direction, first)], axis=1)  # (B, 2, 3)
         form = plane @ self.translation @ plane.transpose(0, 2, 1)
-        mean, half = 0.5 * (form[:, 0, 0] + form[:, 1, 1]), 0.5 * (form[:, 0, 0] - form[:, 1, 1])
-        return np.asarray(mean + np.hypot(half, 0.5 * (form[:, 0, 1] + form[:, 1, 0])))
+        return np.asarray(np.linalg.eigvalsh(0.5 * (form + form.transpose(0, 2, 1)))[:, -1])
 
     def stiffness_lateral_free(self, direction: FloatArray) -> FloatArray:
         """(B,) ``1/(uᵀ C_tt u)`` [N/m]: force per displacement along u, motion across u left free."""

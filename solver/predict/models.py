@@ -287,17 +287,10 @@ class JointModel(ForwardModel):
     def overloaded(self, cases: LoadCases, unloaded: Configurations) -> BoolArray:
         """Return whether the loads (B,) turn a joint, or soften it, beyond what springs describe."""
         jacobian, torque = unloaded.load(cases.load_point, cases.force, cases.moment)
-        turned = np.asarray((np.abs(self.compliance * torque) > LARGEST_TURN).any(axis=1))
-        force, moment = (np.linalg.norm(part, axis=1) for part in (cases.force, cases.moment))
-        lever = np.sqrt(np.square(jacobian).sum(axis=1).max(axis=1))
-        # No entry of K_c is greater than |F| |v| + |M|: far below the limit, there is no need of entries.
-        some = np.flatnonzero(
-            ~turned & (self.compliance.max() * self.robot.n * (force * lever + moment) > _SOFTEST)
-        )
-        axes, loads = unloaded.angular_jacobian[some], (cases.force[some], cases.moment[some])
-        softening = self.compliance * np.abs(wrench_stiffness(axes, jacobian[some], *loads)).sum(axis=2)
-        turned[some] = (softening > _SOFTEST).any(axis=1)
-        return turned
+        turned = np.abs(self.compliance * torque) > LARGEST_TURN
+        stiffness = wrench_stiffness(unloaded.angular_jacobian, jacobian, cases.force, cases.moment)
+        softened = self.compliance * np.abs(stiffness).sum(axis=2) > _SOFTEST
+        return np.asarray((turned | softened).any(axis=1))
 
     @cached_property
     def _unseen_directions(self) -> FloatArray:

@@ -51,6 +51,7 @@ from jointstiff.solver.geometry.poses import (
     PoseState,
     calibrate,
     chain_axes,
+    differences,
     transformed,
 )
 from jointstiff.solver.predict.models import STANDARD_GRAVITY, IdentifiedWeight, unit_levers
@@ -356,8 +357,6 @@ _NOTHING: Final = 1e-10
 """Singular value beside the greatest that is rounding of columns that depend on each other."""
 _LEAST_SIGMA: Final = 1e-15
 """Rounding: no reading is better."""
-_STEP: Final = 1e-6
-"""Step of difference quotients [rad]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -870,15 +869,11 @@ def identify_weight(
     sagging = replace(whitened, angles=whitened.angles + fit.sag)
     bent = fit.state.motion(sagging).points
     bent = bent + base_motion(fit.rows.torques, bent) @ fit.base
-    # Largest |∂τ_i/∂θ_j| c_i in the postures that sag, by central differences
-    largest = 0.0
-    for step in _STEP * np.eye(robot.n):
-        ahead, behind = (
-            torques_of(robot, readings, fit.state.motion(replace(sagging, angles=sagging.angles + turn)))
-            for turn in (step, -step)
-        )
-        change = np.abs(ahead.known - behind.known) / (2.0 * _STEP)
-        largest = max(largest, float((change * fit.compliance).max()))
+
+    def torque(turn: FloatArray) -> FloatArray:
+        motion = fit.state.motion(replace(sagging, angles=sagging.angles + turn))
+        return fit.compliance * torques_of(robot, readings, motion).known
+
     return WeightEstimate(
         joints=joints,
         shares=shares,
@@ -896,5 +891,5 @@ def identify_weight(
         residual=np.where(poses.present[..., None], whitened.points - bent, 0.0),
         certificate=fit.optimum.certificate,
         weight=identified_weight(readings.burden, fit, scale, uncertainty),
-        largest_stiffness_ratio=largest,
+        largest_stiffness_ratio=float(np.abs(differences(torque, robot.n)).max()),
     )
