@@ -16,7 +16,7 @@ from jointstiff.schemas import measurement as messages
 from jointstiff.schemas import robot as robots
 from jointstiff.schemas.fields import ResourceChange, Vector3
 from jointstiff.schemas.finding import Finding, FindingCode
-from jointstiff.schemas.geometry import Geometry, GeometryRequest, GeometryResult
+from jointstiff.schemas.geometry import Drift, Geometry, GeometryRequest, GeometryResult, Rigid
 from jointstiff.schemas.job import Job
 from jointstiff.schemas.measurement import Frame, MeasurementSetRequest, ResolvedFrame, SetMetadata
 from jointstiff.schemas.run import Run
@@ -48,7 +48,6 @@ from jointstiff.service.store.tables import (
     RobotRecord,
 )
 from jointstiff.solver.errors import MeasurementError, RequestError
-from jointstiff.solver.geometry.frames import BaseDrift
 from jointstiff.solver.geometry.identification import drift_findings
 from jointstiff.solver.robot.model import Robot
 
@@ -399,13 +398,16 @@ def resolve_frame(store: Store, request: MeasurementSetRequest) -> tuple[Resolve
     if frame.geometry_id is None:
         return to_resolved(stated_transform(frame, length)), []
     geometry, result = succeeded_geometry(store, frame.geometry_id, "frame.geometry_id")
-    stated = result.base_frame.transform_tracker_to_base
-    transform = pin.SE3(np.array(stated.rotation), np.array(stated.translation))
+    transform = _rigid_motion(result.base_frame.transform_tracker_to_base)
     warnings: list[Finding] = []
     if frame.base_targets is not None:
         drift, warnings = _drift(geometry.request, result, request, frame.base_targets)
-        transform = transform * drift.transform_after_to_before
+        transform = transform * _rigid_motion(drift.transform_after_to_before)
     return to_resolved(transform, _flange_targets(store, frame, request.robot_id, geometry, result)), warnings
+
+
+def _rigid_motion(stated: Rigid) -> pin.SE3:
+    return pin.SE3(np.array(stated.rotation), np.array(stated.translation))
 
 
 def _drift(
@@ -413,7 +415,7 @@ def _drift(
     result: GeometryResult,
     request: MeasurementSetRequest,
     after: Mapping[str, Vector3],
-) -> tuple[BaseDrift, list[Finding]]:
+) -> tuple[Drift, list[Finding]]:
     """Return what moved between the geometry and the set."""
     factor = LENGTH[request.units.length] / LENGTH[geometry.units.length]
     later = {name: (factor * x, factor * y, factor * z) for name, (x, y, z) in after.items()}
@@ -437,7 +439,7 @@ def _drift(
         )
         if finding.code == "base_drifted"
         else finding
-        for finding in drift_findings(drift)
+        for finding in drift_findings(drift, read)
     ]
     return drift, warnings
 

@@ -53,6 +53,7 @@ from scipy import special
 from scipy.spatial.transform import Rotation
 
 from jointstiff.schemas.geometry import (
+    Drift,
     IdentifiedDh,
     LinkComparison,
     NearlyParallel,
@@ -76,7 +77,7 @@ from jointstiff.solver.geometry.poses import (
     transformed,
 )
 from jointstiff.solver.geometry.sweeps import STILL, SweptAxes
-from jointstiff.solver.messages import message, rows
+from jointstiff.solver.messages import message, point, rows
 from jointstiff.solver.robot.configuration import WRIST_JOINTS, Wrist
 from jointstiff.solver.robot.model import ChainJoint, Convention, KinematicChain
 from jointstiff.solver.triangle import whitener
@@ -186,26 +187,6 @@ def find_base_frame(
 
 
 @dataclass(frozen=True, eq=False)
-class BaseDrift:
-    """Motion of the base between two readings of its targets, as the tracker sees it."""
-
-    transform_after_to_before: pin.SE3  #: brings later readings back; apply it to remove the drift
-    displacement: FloatArray  #: (3,) of the point asked for, later less earlier, tracker's frame [m]
-    displacement_covariance: FloatArray  #: (3, 3) [m²]
-    rotation: FloatArray  #: (3,) rotation vector, tracker's frame [rad]
-    probability: float  #: probability that tracker noise alone does this
-    deformation_probability: float  #: that noise alone leaves these residuals to a rigid motion
-    residuals: FloatArray  #: (B, 3) later reading less the moved earlier one [m]
-    moved_targets: tuple[str, ...]  #: targets that moved on the base, each tested alone: their names
-    names: tuple[str, ...]
-
-    @property
-    def significant(self) -> bool:
-        """Return whether there is a drift beyond noise."""
-        return self.probability < SIGNIFICANCE
-
-
-@dataclass(frozen=True, eq=False)
 class BaseTargets:
     """Three or more targets on the robot's base, read twice."""
 
@@ -214,7 +195,7 @@ class BaseTargets:
     covariance: FloatArray  #: (3, 3) or (B, 3, 3) of one reading in units of sigma²
     names: tuple[str, ...]  #: (B,) names of the targets
 
-    def drift(self, sigma: float, at: FloatArray) -> BaseDrift:
+    def drift(self, sigma: float, at: FloatArray) -> Drift:
         """Fit the rigid motion ``after = R before + t`` of the base by maximum likelihood.
 
         Args:
@@ -242,8 +223,8 @@ class BaseTargets:
             lambda motion, step: pin.exp6(step) * motion,
             where="base_targets",
         )
-        left, residuals = linear.residual, after - transformed(motion, before)
-        unmoved = (W @ (after - before)[..., None]).ravel()
+        left, unmoved = linear.residual, (W @ (after - before)[..., None]).ravel()
+        probability = float(special.chdtrc(6, unmoved @ unmoved - linear.rss))
         S = by_small_motion(at)
         # Test each target alone: what leaving it out takes off the sum of squares, χ² with three numbers.
         # With three targets a rigid motion leaves three numbers, which do not tell which one moved.
@@ -254,16 +235,15 @@ class BaseTargets:
             gain = float(left[rows] @ np.linalg.lstsq(free, left[rows], rcond=1e-9)[0])
             if special.chdtrc(3, gain) * len(before) < SIGNIFICANCE:
                 moved.append((gain, self.names[target]))
-        return BaseDrift(
-            transform_after_to_before=motion.inverse(),
-            displacement=transformed(motion, at) - at,
-            displacement_covariance=S @ linear.covariance @ S.T,
-            rotation=Rotation.from_matrix(motion.rotation).as_rotvec(),
-            probability=float(special.chdtrc(6, unmoved @ unmoved - linear.rss)),
+        return Drift(
+            transform_after_to_before=message(Rigid, motion.inverse()),
+            displacement=point(transformed(motion, at) - at),
+            displacement_covariance=(S @ linear.covariance @ S.T).tolist(),
+            rotation=point(Rotation.from_matrix(motion.rotation).as_rotvec()),
+            probability=probability,
             deformation_probability=float(special.chdtrc(left.size - 6, linear.rss)),
-            residuals=residuals,
-            moved_targets=(max(moved)[1],) if moved else (),
-            names=self.names,
+            significant=probability < SIGNIFICANCE,
+            moved_targets=[max(moved)[1]] if moved else [],
         )
 
 

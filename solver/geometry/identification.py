@@ -31,7 +31,6 @@ from jointstiff.schemas.robot import RobotDocument, UrdfModel
 from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.errors import InputError, MeasurementError
 from jointstiff.solver.geometry.frames import (
-    BaseDrift,
     BaseFrame,
     BaseTargets,
     FlangeConvention,
@@ -351,11 +350,11 @@ def wrist_findings(wrist: results.WristResult) -> Iterator[Finding]:
             )
 
 
-def drift_findings(drift: BaseDrift) -> Iterator[Finding]:
+def drift_findings(drift: results.Drift, targets: BaseTargets) -> Iterator[Finding]:
     """Report motion between tracker and base beyond noise, and base targets that moved on their own."""
     if drift.significant:
         size = float(np.linalg.norm(drift.displacement))
-        direction = drift.displacement / max(size, 1e-300)
+        direction = np.array(drift.displacement) / max(size, 1e-300)
         spread = float(np.sqrt(direction @ drift.displacement_covariance @ direction))
         yield _finding(
             "base_drifted",
@@ -366,7 +365,9 @@ def drift_findings(drift: BaseDrift) -> Iterator[Finding]:
             "correct later readings with the given transform, or measure again",
         )
     for target in drift.moved_targets:
-        left = float(np.linalg.norm(drift.residuals[drift.names.index(target)]))
+        back, which = drift.transform_after_to_before, targets.names.index(target)
+        returned = np.array(back.rotation) @ targets.after[which] + back.translation
+        left = float(np.linalg.norm(returned - targets.before[which]))
         yield _finding(
             "base_target_moved",
             f"base_targets.after.{target}",
@@ -560,9 +561,8 @@ def _result(
         except np.linalg.LinAlgError:
             no_wrist = "its uncertainty is too large"
     if base_targets is not None:
-        moved = base_targets.drift(identified.sigma, identified.targets.mean(axis=0))
-        listed += drift_findings(moved)
-        drift = message(results.Drift, moved)
+        drift = base_targets.drift(identified.sigma, identified.targets.mean(axis=0))
+        listed += drift_findings(drift, base_targets)
     listed += model_findings(model.chain.joint_names, tables[0], links)
     reasons = [finding for finding in listed if finding.weight != "use"]
     calibrated = identified if isinstance(identified, CalibratedAxes) else None

@@ -16,7 +16,6 @@ from jointstiff.simulator import default_arm
 from jointstiff.solver.errors import MeasurementError
 from jointstiff.solver.geometry.frames import BaseTargets, find_base_frame, find_wrist_centre, trilaterate
 from jointstiff.solver.geometry.identification import drift_findings, wrist_findings
-from jointstiff.solver.geometry.poses import transformed
 from jointstiff.solver.geometry.sweeps import identify_axes
 
 coordinates = st.tuples(*[st.floats(-1.0, 1.0)] * 3)
@@ -107,28 +106,30 @@ def drift(seed, *, moved, off=0.0, along=2, count=5):
     after[1, along] += off
     before, after = (points + rng.normal(0.0, SIGMA, points.shape) for points in (BASE[:count], after))
     names = tuple(str(number + 1) for number in range(count))
-    return BaseTargets(before, after, np.eye(3), names).drift(SIGMA, AT)
+    targets = BaseTargets(before, after, np.eye(3), names)
+    return targets.drift(SIGMA, AT), targets
 
 
 def test_a_drift_is_found_with_its_figure_and_can_be_removed():
     squares = []
     for seed in range(200):
-        found = drift(seed, moved=True)
+        found, targets = drift(seed, moved=True)
         assert found.significant
         error = found.displacement - (TURN @ AT + SHIFT - AT)
-        squares.append(chi_square(error, found.displacement_covariance))
-        point = transformed(found.transform_after_to_before, TURN @ AT + SHIFT)
-        assert chi_square(point - AT, found.displacement_covariance) < 30.0
+        covariance, back = np.array(found.displacement_covariance), found.transform_after_to_before
+        squares.append(chi_square(error, covariance))
+        point = np.array(back.rotation) @ (TURN @ AT + SHIFT) + back.translation
+        assert chi_square(point - AT, covariance) < 30.0
     assert np.mean(squares) == pytest.approx(3.0, rel=0.25)
-    (finding,) = drift_findings(found)
+    (finding,) = drift_findings(found, targets)
     assert finding.code == "base_drifted"
     assert length_in(finding.message) == pytest.approx(np.linalg.norm(TURN @ AT + SHIFT - AT), abs=60e-6)
 
 
 def test_one_base_target_that_moved_is_named_and_the_rest_is_no_drift_of_its_own():
-    found = drift(3, moved=False, off=4e-4)
-    assert found.moved_targets == ("2",)
-    assert "base_target_moved" in {finding.code for finding in drift_findings(found)}
+    found, targets = drift(3, moved=False, off=4e-4)
+    assert found.moved_targets == ["2"]
+    assert "base_target_moved" in {finding.code for finding in drift_findings(found, targets)}
     assert found.deformation_probability < 1e-6
 
 
