@@ -71,6 +71,11 @@ class Likelihood:
         """(k, p) R."""
         return rows_of(self.covariance) if self.given_rows is None else self.given_rows
 
+    def inflated(self, factor: float) -> Likelihood:
+        """The same centre, its variance greater by a factor."""
+        rows = None if self.given_rows is None else self.given_rows / np.sqrt(factor)
+        return Likelihood(self.joints, self.centre, factor * self.covariance, rows)
+
     def with_common(self, responses: FloatArray) -> Likelihood:
         """The same centre with covariance ``C + S Sᵀ``, which takes ``RᵀR`` to ``Rᵀ(I + (R S)(R S)ᵀ)⁻¹R``.
 
@@ -115,11 +120,7 @@ class Fit:
 
     def inflated(self, factor: float) -> Fit:
         """The same estimate, its variance greater by a factor."""
-        if factor == 1.0:
-            return self
-        of = self.likelihood
-        rows = None if of.given_rows is None else of.given_rows / np.sqrt(factor)
-        wider = Likelihood(of.joints, of.centre, factor * of.covariance, rows)
+        wider = self.likelihood.inflated(factor)
         return replace(self, covariance=factor * self.covariance, likelihood=wider)
 
     def with_common(self, responses: FloatArray) -> Fit:

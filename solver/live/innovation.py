@@ -19,9 +19,10 @@ from scipy import special
 from jointstiff.schemas.live import HeldOut, Innovation
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import SolverError
+from jointstiff.solver.integrity.values import View
 from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.robot.model import Robot
-from jointstiff.solver.terms.block import Term, regressor_blocks, unloaded_configurations, whitened_rows
+from jointstiff.solver.terms.block import Term, regressor_blocks, whitened_rows
 from jointstiff.solver.terms.errors import FORCE_SCALE, SHIFT, TERMS
 from jointstiff.solver.terms.springs import JOINTS
 from jointstiff.solver.text import length_text
@@ -156,7 +157,7 @@ class Expectation:
 
     def misplaced(self, reading: Measurements) -> tuple[float, float]:
         """Return the squared distance of unloaded targets from where the model has them, and its p-value."""
-        places = _in_flange(self.robot, reading)[0]
+        places = View(self.robot, reading).places[0]
         off = (places - self.places)[np.isfinite(places - self.places).all(axis=1)] / self.spread
         square = float(np.square(off).sum())
         return square, float(special.chdtrc(off.size, square)) if off.size else 1.0
@@ -358,17 +359,9 @@ def _rows(
     return np.concatenate(parts), widths
 
 
-def _in_flange(robot: Robot, measurements: Measurements) -> FloatArray:
-    """Return places (N, T, 3) of targets in the flange frame by unloaded readings [m]; NaN where unknown."""
-    now = unloaded_configurations(robot, measurements)
-    places = (measurements.position - now.flange_translation[:, None]) @ now.flange_rotation
-    known = measurements.present & ~measurements.in_flange
-    return np.where(known[..., None], places, np.nan)
-
-
 def _places(robot: Robot, others: Measurements) -> tuple[FloatArray, float]:
     """Return the median places (T, 3) of targets in the flange frame, and their spread [m]."""
-    places = _in_flange(robot, others)
+    places = View(robot, others).places
     if len(others) < _FEWEST or np.isnan(places).all():
         return np.full(places.shape[1:], np.nan), _PLACE
     with np.errstate(all="ignore"):

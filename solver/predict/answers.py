@@ -37,11 +37,11 @@ from jointstiff.solver.predict.models import (
     JointModel,
     ModelError,
     ModelErrorBound,
-    OwnWeight,
 )
 from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.robot.configuration import InverseKinematics, apart, in_ranges
 from jointstiff.solver.robot.model import Robot
+from jointstiff.solver.terms.block import OwnWeight
 
 PlaceStatus = Literal["reached", "out_of_reach", "joint_limits", "unseen_joint", "overloaded", "not_followed"]
 STATUSES: Final[tuple[PlaceStatus, ...]] = get_args(PlaceStatus)

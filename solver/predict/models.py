@@ -50,12 +50,10 @@ from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.resampling import fit_subsets, gram_blocks
 from jointstiff.solver.robot.configuration import Configurations, joint_frames, rotation_vectors, skew
 from jointstiff.solver.robot.model import Robot
-from jointstiff.solver.terms.block import Balance, balance, wrench_stiffness
+from jointstiff.solver.terms.block import Balance, OwnWeight, balance, wrench_stiffness
 from jointstiff.solver.terms.springs import products, spring_frames
 from jointstiff.solver.triangle import whitened
 
-STANDARD_GRAVITY: FloatArray = np.array([0.0, 0.0, -9.80665])
-"""In R0, z upwards [m/s²]."""
 _UNSEEN: Final = 1e-9
 """Share of a row in what the readings do not determine, below which it is rounding."""
 _BLOCK: Final = 500
@@ -79,72 +77,6 @@ _NEWTON_STEPS: Final = 20
 _REACHED: Final = 1e-12
 """Distance [m] and angle [rad] from the wanted pose that is rounding."""
 _DAMPING: Final = 1e-12
-
-
-@dataclass(frozen=True, eq=False)
-class OwnWeight:
-    """Masses of the n links, each carried by a joint; a tool and its payload belong to the last.
-
-    Raises:
-        RequestError: a mass is negative, or a number is not finite.
-    """
-
-    absolute: ClassVar[bool] = False
-    """Whether deflections are from the arm that does not bend; else from where the weight alone takes it."""
-
-    #: (n,) [kg], zero for a link whose weight is left out; or (n, n), row j as the torque of joint j has them
-    mass: FloatArray
-    #: (n, 3) centres of mass in the frames that move with the joints [m]; or (n, n, 3) likewise
-    centre: FloatArray
-    gravity: FloatArray = field(default_factory=lambda: STANDARD_GRAVITY)  #: (3,) in R0 [m/s²]
-
-    def __post_init__(self) -> None:
-        finite = all(np.isfinite(array).all() for array in (self.mass, self.centre, self.gravity))
-        if not finite or (self.mass < 0.0).any() or self.centre.shape != (*self.mass.shape, 3):
-            raise RequestError(
-                "a mass is negative, or a number is not finite",
-                where="own_weight",
-                remedy="give each link a mass in kg and its centre in m",
-            )
-
-    def torque_and_stiffness(
-        self, robot: Robot, configurations: Configurations
-    ) -> tuple[FloatArray, FloatArray]:
-        """Return the torques g(q) and ``∂g/∂q`` of the weights (method.md §9).
-
-        Joint j carries the links behind it: ``g_j = a_j · (S_j × γ)``, a its axis, γ gravity, S their first
-        moment about it; a prismatic joint carries the part of their weight along its axis. An angle behind j
-        moves the moment of the links behind that angle, one before it turns all that j carries, which is to
-        turn gravity back.
-
-        Returns:
-            (B, n) [N·m] and (B, n, n) [N·m/rad].
-        """
-        n = robot.n
-        rotation, origin = joint_frames(robot, configurations.q)
-        axes = configurations.angular_jacobian.transpose(0, 2, 1)  # zero for a prismatic joint
-        mass = np.triu(np.broadcast_to(self.mass, (n, n)))
-        centre = (mass[..., None] * self.centre).transpose(1, 2, 0)  # (l, 3, j)
-        moments = mass[..., None] * origin[:, None] + (rotation @ centre).transpose(0, 3, 1, 2)
-        behind = moments[:, :, ::-1].cumsum(axis=2)[:, :, ::-1]  # (B, j, k, 3), of the links from k on
-        carried = mass[:, ::-1].cumsum(axis=1)[:, ::-1]  # (j, k) [kg]
-        behind = behind - carried[..., None] * origin[:, None]
-        own = np.einsum("bjji->bji", behind)
-        torque = np.einsum("bji,bji->bj", axes, np.cross(own, self.gravity))
-        moves = np.cross(axes[:, None], behind)  # (B, j, k, 3), of that moment by joint k
-        if robot.prismatic.any():
-            slides = np.where(robot.prismatic, configurations.jacobian[:, :3], 0.0).transpose(0, 2, 1)
-            pulled = np.diag(carried)[:, None] * slides
-            torque += pulled @ self.gravity
-            moves += carried[..., None] * slides[:, None]
-        later = np.cross(moves, self.gravity)
-        sooner = -np.cross(own[:, :, None], np.cross(axes, self.gravity)[:, None])
-        before = np.tri(n, k=-1, dtype=np.bool_)
-        moved = np.where(before[..., None], sooner, later)
-        stiffness = np.einsum("bji,bjki->bjk", axes, moved)
-        if robot.prismatic.any():
-            stiffness -= before * (pulled @ np.cross(axes, self.gravity).transpose(0, 2, 1))
-        return torque, stiffness
 
 
 def unit_levers(
@@ -212,11 +144,7 @@ class JointModel(ForwardModel):
         """Take over what an identification found."""
         likelihood = estimate.likelihood if estimate.covariance is not None else None
         if likelihood is not None:
-            sigma = max(float(estimate.sigma or 0.0), _LEAST_SIGMA)
-            rows = None if likelihood.given_rows is None else likelihood.given_rows / sigma
-            likelihood = Likelihood(
-                likelihood.joints, likelihood.centre, sigma**2 * likelihood.covariance, rows
-            )
+            likelihood = likelihood.inflated(max(float(estimate.sigma or 0.0), _LEAST_SIGMA) ** 2)
         freedom = None if estimate.sigma_given else estimate.degrees_of_freedom
         return cls(robot, estimate.compliance, likelihood, constraints, degrees_of_freedom=freedom)
 

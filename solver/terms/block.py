@@ -9,8 +9,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass
-from typing import Any, Final, NamedTuple, Protocol
+from dataclasses import dataclass, field
+from typing import Any, ClassVar, Final, NamedTuple, Protocol
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -18,7 +18,7 @@ import numpy as np
 from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.errors import RequestError, SolverError
 from jointstiff.solver.readings.measurements import CommonUncertainty, Measurements
-from jointstiff.solver.robot.configuration import Configurations
+from jointstiff.solver.robot.configuration import Configurations, joint_frames
 from jointstiff.solver.robot.model import Robot
 from jointstiff.solver.triangle import whitened
 
@@ -46,17 +46,74 @@ class Loads(Protocol):
         """(B, 3) where the force acts, flange frame [m]."""
 
 
-class Weight(Protocol):
-    """Own weight of the links."""
+STANDARD_GRAVITY: FloatArray = np.array([0.0, 0.0, -9.80665])
+"""In R0, z upwards [m/s²]."""
 
-    @property
-    def absolute(self) -> bool:
-        """Return true if deflections are from the arm that does not bend: the sag is part of them."""
+
+@dataclass(frozen=True, eq=False)
+class OwnWeight:
+    """Masses of the n links, each carried by a joint; a tool and its payload belong to the last.
+
+    Raises:
+        RequestError: a mass is negative, or a number is not finite.
+    """
+
+    absolute: ClassVar[bool] = False
+    """Whether deflections are from the arm that does not bend; else from where the weight alone takes it."""
+
+    #: (n,) [kg], zero for a link whose weight is left out; or (n, n), row j as the torque of joint j has them
+    mass: FloatArray
+    #: (n, 3) centres of mass in the frames that move with the joints [m]; or (n, n, 3) likewise
+    centre: FloatArray
+    gravity: FloatArray = field(default_factory=lambda: STANDARD_GRAVITY)  #: (3,) in R0 [m/s²]
+
+    def __post_init__(self) -> None:
+        finite = all(np.isfinite(array).all() for array in (self.mass, self.centre, self.gravity))
+        if not finite or (self.mass < 0.0).any() or self.centre.shape != (*self.mass.shape, 3):
+            raise RequestError(
+                "a mass is negative, or a number is not finite",
+                where="own_weight",
+                remedy="give each link a mass in kg and its centre in m",
+            )
 
     def torque_and_stiffness(
         self, robot: Robot, configurations: Configurations
     ) -> tuple[FloatArray, FloatArray]:
-        """Return the torques g(q) (B, n) [N·m] and ``∂g/∂q`` (B, n, n) [N·m/rad]."""
+        """Return the torques g(q) and ``∂g/∂q`` of the weights (method.md §9).
+
+        Joint j carries the links behind it: ``g_j = a_j · (S_j × γ)``, a its axis, γ gravity, S their first
+        moment about it; a prismatic joint carries the part of their weight along its axis. An angle behind j
+        moves the moment of the links behind that angle, one before it turns all that j carries, which is to
+        turn gravity back.
+
+        Returns:
+            (B, n) [N·m] and (B, n, n) [N·m/rad].
+        """
+        n = robot.n
+        rotation, origin = joint_frames(robot, configurations.q)
+        axes = configurations.angular_jacobian.transpose(0, 2, 1)  # zero for a prismatic joint
+        mass = np.triu(np.broadcast_to(self.mass, (n, n)))
+        centre = (mass[..., None] * self.centre).transpose(1, 2, 0)  # (l, 3, j)
+        moments = mass[..., None] * origin[:, None] + (rotation @ centre).transpose(0, 3, 1, 2)
+        behind = moments[:, :, ::-1].cumsum(axis=2)[:, :, ::-1]  # (B, j, k, 3), of the links from k on
+        carried = mass[:, ::-1].cumsum(axis=1)[:, ::-1]  # (j, k) [kg]
+        behind = behind - carried[..., None] * origin[:, None]
+        own = np.einsum("bjji->bji", behind)
+        torque = np.einsum("bji,bji->bj", axes, np.cross(own, self.gravity))
+        moves = np.cross(axes[:, None], behind)  # (B, j, k, 3), of that moment by joint k
+        if robot.prismatic.any():
+            slides = np.where(robot.prismatic, configurations.jacobian[:, :3], 0.0).transpose(0, 2, 1)
+            pulled = np.diag(carried)[:, None] * slides
+            torque += pulled @ self.gravity
+            moves += carried[..., None] * slides[:, None]
+        later = np.cross(moves, self.gravity)
+        sooner = -np.cross(own[:, :, None], np.cross(axes, self.gravity)[:, None])
+        before = np.tri(n, k=-1, dtype=np.bool_)
+        moved = np.where(before[..., None], sooner, later)
+        stiffness = np.einsum("bji,bjki->bjk", axes, moved)
+        if robot.prismatic.any():
+            stiffness -= before * (pulled @ np.cross(axes, self.gravity).transpose(0, 2, 1))
+        return torque, stiffness
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +135,7 @@ def balance(
     robot: Robot,
     compliance: FloatArray,
     cases: Loads,
-    weight: Weight | None,
+    weight: OwnWeight | None,
     unloaded: Configurations,
     near: Configurations,
 ) -> Balance:

@@ -54,11 +54,11 @@ from jointstiff.solver.geometry.poses import (
     differences,
     transformed,
 )
-from jointstiff.solver.predict.models import STANDARD_GRAVITY, IdentifiedWeight, unit_levers
+from jointstiff.solver.predict.models import IdentifiedWeight, unit_levers
 from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.robot.configuration import Configurations, joint_frames
 from jointstiff.solver.robot.model import Body, Robot
-from jointstiff.solver.terms.block import regressor_blocks, whitened_rows
+from jointstiff.solver.terms.block import STANDARD_GRAVITY, regressor_blocks, whitened_rows
 from jointstiff.solver.terms.springs import JOINTS
 from jointstiff.solver.text import length_text
 from jointstiff.solver.triangle import Triangle, triangle_of

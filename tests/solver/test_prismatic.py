@@ -14,9 +14,9 @@ from jointstiff.simulator import equilibrium, torques
 from jointstiff.simulator.own_weight import Bodies, sag
 from jointstiff.solver.convex.solution import Bounds, Constraints
 from jointstiff.solver.predict.forward import compensate
-from jointstiff.solver.predict.models import JointModel, OwnWeight
+from jointstiff.solver.predict.models import JointModel
 from jointstiff.solver.robot.configuration import Configurations, find_wrist, joint_frames
-from jointstiff.solver.terms.block import whole_block
+from jointstiff.solver.terms.block import OwnWeight, whole_block
 from jointstiff.solver.terms.springs import complementary_stiffness
 
 ROBOTS = {"SCARA": scara(), "arm on a rail": arm_on_rail()}

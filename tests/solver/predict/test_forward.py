@@ -21,7 +21,7 @@ from jointstiff.solver.links.fit import estimate_elastic
 from jointstiff.solver.links.model import ElasticColumns, ElasticModel
 from jointstiff.solver.predict.answers import STATUSES, MapTask, map_places, tool_rotations
 from jointstiff.solver.predict.forward import CorrectionLimits, LoadCases, compensate, ramp_shares
-from jointstiff.solver.predict.models import ElasticPredictor, JointModel, OwnWeight
+from jointstiff.solver.predict.models import ElasticPredictor, JointModel
 from jointstiff.solver.robot.configuration import (
     Configurations,
     InverseKinematics,
@@ -29,6 +29,7 @@ from jointstiff.solver.robot.configuration import (
     joint_frames,
 )
 from jointstiff.solver.robot.model import Robot, dh_chain
+from jointstiff.solver.terms.block import OwnWeight
 
 ARM = default_arm()
 ROBOT = robot_of(ARM)

@@ -28,9 +28,10 @@ from jointstiff.solver.convex.solution import Bounds, Constraints
 from jointstiff.solver.errors import MeasurementError, NotObservableError, RequestError
 from jointstiff.solver.geometry.poses import PoseState, chain_axes, transformed
 from jointstiff.solver.predict.forward import CorrectionLimits, LoadCases, compensate
-from jointstiff.solver.predict.models import JointModel, OwnWeight
+from jointstiff.solver.predict.models import JointModel
 from jointstiff.solver.robot.configuration import Configurations
 from jointstiff.solver.robot.model import Body
+from jointstiff.solver.terms.block import OwnWeight
 from jointstiff.solver.weight.identification import Burden, identify_weight, rows_at
 from jointstiff.solver.weight.masses import contradicted, freed_masses
 
