@@ -342,15 +342,16 @@ def _suspects(
         known = [first for first in firsts if first in labels]
         found += [_since(term, labels, first) for term in later for first in known]
     else:
-        found = [
-            replace(each, least_p=_Parts(block, each.term, compliance, before).least_p(0)) for each in found
-        ]
+        rows = _Rows(block, [each.term for each in found], compliance, before)
+        found = [replace(each, least_p=_Parts(rows, each.name).least_p(0)) for each in found]
         tried = len(part) - 2 * _LEAST_PART + 1
-        for term in later if tried > 0 else ():
-            parts = _Parts(block, term, compliance, before)
-            row = parts.came_about()
-            suspect = _since(term, labels, parts.labels[row])
-            found.append(replace(suspect, tried=tried, least_p=parts.least_p(row)))
+        if tried > 0:
+            rows = _Rows(block, later, compliance, before)
+            for term in later:
+                parts = _Parts(rows, term.name)
+                row = parts.came_about()
+                suspect = _since(term, labels, part.labels[row])
+                found.append(replace(suspect, tried=tried, least_p=parts.least_p(row)))
     return [suspect for suspect in found if suspect.term.name not in {term.name for term in before}]
 
 
@@ -375,22 +376,32 @@ def _distinct_loads(measurements: Measurements) -> list[list[str]]:
     return [[measurements.labels[i] for i in group.tolist()] for group in groups]
 
 
+class _Rows:
+    """Whitened rows of a block: what the joints and other terms leave of the readings, and terms' columns."""
+
+    def __init__(
+        self, block: RegressorBlock, terms: Sequence[Term], compliance: FloatArray, before: Sequence[Term]
+    ) -> None:
+        """Project the readings."""
+        rows = whitened_rows(block, [JOINTS, *before, *terms], compliance)
+        flat = rows.targets.reshape(-1, rows.targets.shape[-1])
+        columns = np.split(unit_columns(flat[:, :-1])[0], np.cumsum(list(rows.widths.values()))[:-1], axis=1)
+        self.coordinates = block.measurements.coordinates.sum(axis=1)
+        #: (3 T N, k) columns of each term, of unit length
+        self.columns = dict(zip(rows.widths, columns, strict=True))
+        self.known = basis(np.hstack(columns[: 1 + len(before)]))
+        self.left = flat[:, -1] - self.known @ (self.known.T @ flat[:, -1])
+
+
 class _Parts:
     """Parts that a term explains of each observation of a block, beside the joints and other terms."""
 
-    def __init__(
-        self, block: RegressorBlock, term: Term, compliance: FloatArray, before: Sequence[Term]
-    ) -> None:
-        """Project the term's columns and the readings; sums run from the last observation to the first."""
-        rows = whitened_rows(block, [JOINTS, *before, term], compliance)
-        self.labels, self.width = block.measurements.labels, rows.widths[term.name]
-        self._coordinates = block.measurements.coordinates.sum(axis=1)
-        flat = rows.targets.reshape(-1, rows.targets.shape[-1])
-        known = basis(unit_columns(flat[:, : -self.width - 1])[0])
-        left = flat[:, -1] - known @ (known.T @ flat[:, -1])
-        parts = (unit_columns(flat[:, -self.width - 1 : -1])[0], known, left)
-        count = len(self.labels)
-        self._X, self._known, self._left = (each.reshape(count, len(flat) // count, -1) for each in parts)
+    def __init__(self, rows: _Rows, name: str) -> None:
+        """Project the term's columns; sums run from the last observation to the first."""
+        self._coordinates, count = rows.coordinates, len(rows.coordinates)
+        parts = (rows.columns[name], rows.known, rows.left)
+        self._X, self._known, self._left = (each.reshape(count, len(each) // count, -1) for each in parts)
+        self.width = self._X.shape[-1]
         turned = self._X.transpose(0, 2, 1)
         shared = _after(self._known.transpose(0, 2, 1) @ self._X)
         alone = _after(turned @ self._X) - shared.transpose(0, 2, 1) @ shared
