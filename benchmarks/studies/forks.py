@@ -7,6 +7,7 @@ computes when it is imported stays as it was.
 from __future__ import annotations
 
 import gc
+import importlib
 import json
 import os
 import signal
@@ -24,8 +25,8 @@ __all__ = ["CHANGES", "replace_code"]
 CHANGES = "JOINTSTIFF_CHANGES"
 """Environment variable: the path of a JSON file with a list of changes.
 
-A change has a `name`, its `path`, the `source` of the whole module with it, and the `tests` and whole `files`
-to be run; `noticed` and `seconds` are added to it.
+A change has the name of its `module`, its `path` and the `source` of the whole module with it, and the
+`tests` and whole `files` to be run; `noticed` and `seconds` are added to it.
 """
 TIME_LIMIT = 900.0
 """Seconds for the tests of a change; one that lets them run on is noticed."""
@@ -55,7 +56,7 @@ def pytest_runtestloop(session: pytest.Session) -> bool:
                 os.waitpid(pid, 0)
             del running[pid]
             if ended and os.waitstatus_to_exitcode(status) == _NO_CHANGE:
-                raise RuntimeError(f"no function of {change['path']} has this change: {change['name']}")
+                raise RuntimeError(f"no function of {change['path']} has this change")
             change |= {"noticed": not ended or status != 0, "seconds": seconds}
             file.write_text(json.dumps(changes), encoding="utf-8")
         time.sleep(0.05)
@@ -71,7 +72,9 @@ def _fork(session: pytest.Session, change: dict[str, Any]) -> int:
         silence = os.open(os.devnull, os.O_WRONLY)
         os.dup2(silence, 1)
         os.dup2(silence, 2)
+        importlib.import_module(change["module"])  # some are imported when they are first needed
         replace_code(Path(change["path"]), change["source"])
+        gc.freeze()
         code = _FAILED
         session.items[:] = _in_order(session.items, change["tests"], set(change["files"]))
         session.config.option.maxfail = 1

@@ -223,11 +223,11 @@ def judged(chosen: list[Mutant], lane: Lane, folder: Path) -> list[Judged]:
         folder: of the file that tells the forks what to do.
     """
     changes = []
-    for number, mutant in enumerate(chosen):
+    for mutant in chosen:
         tests, files = lane.tests(mutant)
-        path = str(ROOT / mutant.path)
-        change = {"name": number, "path": path, "source": mutant.source, "tests": tests, "files": files}
-        changes.append(change)
+        module = ".".join(("jointstiff", *mutant.path.with_suffix("").parts))
+        change = {"module": module, "path": str(ROOT / mutant.path), "source": mutant.source}
+        changes.append(change | {"tests": tests, "files": files})
     file = folder / "changes.json"
     file.write_text(json.dumps(changes), encoding="utf-8")
     _pytest(["-n", "0", "-p", "no:cacheprovider", "-p", "benchmarks.studies.forks"], **{CHANGES: str(file)})

@@ -238,3 +238,14 @@ def test_large_documents(client, name):
     assert answer.status_code in {413, 422}
     assert answer.json()["detail"]
     assert client.get("/health").is_success
+
+
+@pytest.mark.parametrize("length", [10, 100, 300, 900])
+def test_a_body_with_many_faults_has_as_many_named_as_fit(client, length):
+    """Twenty, or as many as the limit allows; one more would not fit."""
+    fields = {f"{number:02d}" + "é" * length: 1 for number in range(30)}
+    answer = send(client, "/v1/robots", json.dumps(fields).encode())
+    problem = answer.json()
+    assert len(answer.content) <= MAX_PROBLEM_BYTES
+    size = max(len(json.dumps(each, ensure_ascii=False).encode()) for each in problem["errors"])
+    assert len(problem["errors"]) == 20 or len(answer.content) + 2 * size > MAX_PROBLEM_BYTES

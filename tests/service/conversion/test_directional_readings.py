@@ -88,6 +88,19 @@ def test_directions_turn_with_the_tracker_frame():
         assert other.compliance == pytest.approx(one.compliance, rel=1e-9)
 
 
+def test_gauges_along_the_axes_are_the_deflections_themselves():
+    """Directions with zeros in them are directions: the same stiffnesses as of whole vectors."""
+    document, _ = gauges(configurations=12, sigma=0.0)
+    axes = by_gauges(document, np.tile(2.0 * np.eye(3), (12, 1, 1)))
+    whole, taken_apart = (
+        identify(measured(each, noise=None), elasticity="joints").result.joints for each in (document, axes)
+    )
+    for one, other in zip(whole, taken_apart, strict=True):
+        assert other.compliance == pytest.approx(one.compliance, rel=1e-6)
+    posted = MeasurementSetDocument.model_validate_json(json.dumps(axes["measurement_set"]))
+    assert ReadingArrays.from_observations(posted.observations).directions.present.all()
+
+
 class TestNoise:
     """A gauge has noise of its own, beside the tracker's in any form."""
 

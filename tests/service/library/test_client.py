@@ -17,6 +17,7 @@ import jointstiff
 from jointstiff.schemas.finding import Problem
 from jointstiff.schemas.measurement import SetChange
 from jointstiff.schemas.run import Campaign
+from jointstiff.service.kinds.rooms import kind_of
 from jointstiff.service.library import client as module
 from jointstiff.service.library.client import Client
 from jointstiff.service.problems import RefusedError
@@ -293,3 +294,22 @@ def test_the_trend_of_a_robot(service):
         assert len(trends[0].joints) == 6
         with pytest.raises(jointstiff.RefusedError):
             client.trend("nobody")
+
+
+def test_a_downloaded_column_is_text_where_any_of_its_cells_is(monkeypatch):
+    """A map's places that are out of reach have words, and no numbers, in some cells."""
+    columns = [
+        {"name": "x", "unit": "m", "values": [1.0, 2.0]},
+        {"name": "state", "unit": "", "values": ["reached", "out of reach"]},
+        {"name": "remark", "unit": "", "values": [None, "at a limit"]},
+    ]
+    monkeypatch.setattr(Client, "file", lambda *_: json.dumps({"columns": columns}).encode())
+    kind = kind_of("map")
+    file = next(each for each in kind.files if each.suffix == "csv")
+    sheet = object.__new__(Client).sheet(SimpleNamespace(kind="map", id="m"), file)
+    assert sheet.columns == {
+        "x [m]": [1.0, 2.0],
+        "state": columns[1]["values"],
+        "remark": columns[2]["values"],
+    }
+    assert sheet.texts == {"state", "remark"}

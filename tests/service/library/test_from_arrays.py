@@ -137,6 +137,25 @@ def test_what_does_not_fit_is_refused_by_name(changes, where):
     assert refused.value.problem.remedy
 
 
+@pytest.mark.parametrize("row", [0, 4, 11])
+@pytest.mark.parametrize(("field", "size"), [("unloaded", 60.0), ("loaded", 60.0), ("deflections", 6.0)])
+def test_the_row_of_a_number_that_no_arm_reaches_is_named(field, size, row):
+    """One coordinate of one target, in m beside numbers in mm."""
+    changes = {"units": "mm, deg, N, N·mm"}
+    if field == "deflections":
+        places = {name: [0.0, 30.0 * t, 100.0] for t, name in enumerate(TARGETS)}
+        values = positions("loaded") - positions("unloaded")
+        changes |= {"unloaded": None, "loaded": None, "targets": places}
+    else:
+        values = positions(field)
+    values[row, 1, 2] = 1e3 * size
+    with pytest.raises(js.CampaignError) as refused:
+        js.Campaign.from_arrays(**arrays(**changes, **{field: values}))
+    assert (refused.value.problem.where or "").endswith(
+        f"loaded[{row}]" if "loaded" in field else f"{field}[{row}]"
+    )
+
+
 def chain_of(robot):
     return prepare_robot(robot).robot
 
@@ -156,6 +175,35 @@ def test_robots_of_a_name_of_rows_of_a_urdf_and_of_pinocchio_are_the_same_arm(tm
         for angles, pose in zip(q, flange_poses(chain_of(arm), q), strict=True):
             by_name = dict(zip(chain_of(arms[0]).joint_names, angles, strict=True))
             np.testing.assert_allclose(pose, flange_by_pinocchio(urdf, by_name, *ends), atol=1e-12)
+
+
+def test_the_flange_of_a_model_of_pinocchio_is_its_last_frame_or_the_one_that_is_named():
+    bare = pin.buildModelFromXML(default_arm_urdf())
+    last = bare.njoints - 1
+    (name,) = [f.name for f in bare.frames if f.parentJoint == last and f.name == "flange"]
+    q = np.random.default_rng(2).uniform(-1, 1, (5, 6))
+    named, whole = (flange_poses(chain_of(js.robot(bare, **each)), q) for each in ({"flange": name}, {}))
+    np.testing.assert_allclose(named, whole, atol=1e-12)
+    with pytest.raises(js.CampaignError, match="'tool' is no frame behind the last joint"):
+        js.robot(bare, flange="tool")
+    flange = bare.getFrameId(name)
+    for end in ("one", "two"):
+        place = bare.frames[flange].placement
+        bare.addFrame(pin.Frame(end, last, flange, place, pin.FrameType.OP_FRAME))
+    with pytest.raises(js.CampaignError, match="several frames may be the flange"):
+        js.robot(bare)
+    np.testing.assert_allclose(flange_poses(chain_of(js.robot(bare, flange="two")), q), whole, atol=1e-12)
+
+
+def test_a_model_without_frames_ends_at_its_last_joint():
+    model = pin.Model()
+    for number in range(2):
+        place = pin.SE3(np.eye(3), np.array([0.0, 0.0, 0.5]))
+        model.addJoint(number, pin.JointModelRY(), place, f"joint_{number + 1}")
+    (pose,) = flange_poses(chain_of(js.robot(model)), np.zeros((1, 2)))
+    np.testing.assert_allclose(pose, pin.SE3(np.eye(3), np.array([0.0, 0.0, 1.0])).homogeneous, atol=1e-12)
+    with pytest.raises(js.CampaignError, match="'tool' is no frame"):
+        js.robot(model, flange="tool")
 
 
 def default_arm_urdf():

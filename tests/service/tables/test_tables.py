@@ -91,3 +91,43 @@ def test_links_explain_what_joints_alone_call_outliers():
         shared("simulated/flexible_links_20"), elasticity="joints_and_links", link_penalty=1e-3
     ).result
     assert "residual_outlier" not in {warning.code for warning in result.warnings}
+
+
+@pytest.mark.parametrize("unit", UNITS)
+@pytest.mark.parametrize(
+    ("ends", "shown"),
+    [
+        (None, []),
+        ((0.0, 0.0), []),
+        ((2e-7, 5e-7), [2e6, 5e6]),
+        ((0.0, 5e-7), [2e6, None]),
+        ((-1e-7, 4e-7), [2.5e6, None]),
+    ],
+)
+def test_intervals_without_a_number_are_open(unit, ends, shown):
+    """The ends in the unit itself, a stiffness without a limit where the compliance may be zero."""
+    kind = UNITS[unit]
+    text = kind.bare_interval(ends)
+    if not shown:
+        assert text == "—"
+        return
+    factor = {value: kind.value(1.0 / value) for value in shown if value}
+    if kind.inverse:
+        low, high = (float(part) for part in text.split(" … "))
+        assert high == pytest.approx(kind.factor * ends[1], rel=1e-2)
+        assert low == pytest.approx(kind.factor * ends[0], rel=1e-2)
+        return
+    low, high = text.replace(" · 10⁶", "e6").split(" … ")
+    assert float(low) == pytest.approx(factor[shown[0]], rel=1e-2)
+    assert (high == "no limit") == (shown[1] is None)
+    assert shown[1] is None or float(high) == pytest.approx(factor[shown[1]], rel=1e-2)
+
+
+@pytest.mark.parametrize("stated", [True, False])
+def test_chi_square_is_shown_where_there_is_a_sigma_to_test(document, stated):
+    noise = {} if stated else {"noise": None}
+    measured = document["measurement_set"] | noise
+    found = identified(document | {"measurement_set": measured})
+    goodness = found.result.goodness
+    assert goodness.sigma_source == ("given" if stated else "residuals")
+    assert ("χ²/dof" in printed(job_report(RUN, found, details=True))) == stated

@@ -607,3 +607,19 @@ def test_only_admins_see_them_and_the_secret_is_shown_once(store, receiver):
         assert ask(store, "POST", "/v1/webhooks", json=body).status_code == 422
     assert ask(store, "DELETE", f"/v1/webhooks/{made['id']}").status_code == 204
     assert ask(store, "DELETE", f"/v1/webhooks/{made['id']}").status_code == 404
+
+
+def test_settled_messages_are_shown_for_a_month_and_pending_ones_stay(store, receiver, clock):
+    sender = due(store, receiver, clock)
+    for _ in range(25):
+        sender.look()
+        clock.go_on(hours=1)
+    told = datetime.now(UTC)
+    shown = {29: 1, 31: 0}
+    for days, left in shown.items():
+        store.webhooks.forget(told + timedelta(days=days))
+        assert len(outcome(store)["undelivered"]) == left, f"after {days} days"
+    run(store, stored_set(store))
+    store.webhooks.forget(told + timedelta(days=400))
+    (pending,) = outcome(store)["undelivered"]
+    assert pending["state"] == "pending"

@@ -382,3 +382,35 @@ def test_an_order_that_the_readings_contradict(method):
         merged = np.column_stack([block.A[..., :4].reshape(-1, 4), block.A[..., 4:].sum(axis=-1).ravel()])
         expected = np.linalg.lstsq(merged, measurements.deflection.ravel(), rcond=None)[0]
         np.testing.assert_allclose(held.compliance[:5], expected, rtol=1e-8)
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_a_certificate_measures_the_projected_gradient_at_any_point(seed):
+    """‖x − clip(x − g)‖∞ at a feasible point, each coordinate for itself; how far others are outside."""
+    rng = np.random.default_rng(seed)
+    A, b, n = rng.standard_normal((6, 4)), rng.standard_normal(6), 4
+    lower, width = rng.uniform(-2.0, 0.0, n), rng.uniform(0.5, 2.0, n)
+    lower[rng.random(n) < 0.2] = -np.inf
+    upper = np.where(rng.random(n) < 0.3, np.inf, np.maximum(lower, -2.0) + width)
+    problem = IdentificationProblem(A, b, Bounds(lower, upper))
+    scaled, norms, size = module.Scaled.of(problem), np.linalg.norm(A, axis=0), np.linalg.norm(b)
+    low, high = scaled.bounds.lower, scaled.bounds.upper
+    np.testing.assert_allclose([low, high], [lower * norms / size, upper * norms / size])
+    best = solve(problem)
+    x = np.select([best.active < 0, best.active > 0], [low, high], best.compliance * norms / size)
+    assert module.certify(scaled, x, "pivoting").is_optimal()
+    x[seed % n] += 0.1 * (-1.0) ** (seed // n)  # of one alone
+    inside = np.clip(x, low, high)
+    g = (A / norms).T @ (A / norms @ inside - b / size)
+    found = module.certify(scaled, inside, "pivoting")
+    away = np.abs(inside - np.clip(inside - g, low, high)).max()
+    assert (found.primal, found.gap) == (0.0, pytest.approx(away, abs=1e-12))
+    pulls = [
+        -g if v <= a else g if v >= c else abs(g) for v, a, c, g in zip(inside, low, high, g, strict=True)
+    ]
+    assert found.dual == pytest.approx(max(*pulls, 0.0), abs=1e-12)
+    assert found.is_optimal() == (away < 1e-9)
+    beyond = np.abs(x - inside).max()
+    outside = module.certify(scaled, x, "pivoting")
+    assert outside.primal == pytest.approx(beyond, abs=1e-12)
+    assert not outside.is_optimal()

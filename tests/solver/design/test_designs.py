@@ -3,10 +3,15 @@
 from __future__ import annotations
 
 import itertools
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.optimize import lsq_linear
+from support.campaigns import ARM
+from support.springs import robot_of
 
+from jointstiff.solver.design.candidates import Equipment, Loads, segment_distance
 from jointstiff.solver.design.optimum import (
     AOptimality,
     Candidates,
@@ -15,6 +20,7 @@ from jointstiff.solver.design.optimum import (
     EOptimality,
     GOptimality,
     optimise,
+    uncertainty_of,
 )
 from jointstiff.solver.design.plan import Distinct, exact_design
 from jointstiff.solver.errors import RequestError
@@ -206,3 +212,54 @@ def test_a_matrix_that_is_positive_definite_by_rounding_informs_of_nothing(rank)
     for _ in range(200):
         rows = draws.standard_normal((rank, 6)) * 10.0 ** draws.uniform(-3, 3, 6)
         assert AOptimality(np.eye(6)).information(rows.T @ rows) == 0.0
+
+
+@pytest.mark.parametrize("seed", range(30))
+def test_distances_of_segments_are_those_of_bounded_least_squares(seed):
+    """Segments by chance, parallel ones, points, and such that meet."""
+    rng = np.random.default_rng(seed)
+    p, q, r, s = rng.uniform(-1.0, 1.0, (4, 6, 3))
+    q[1] = p[1]
+    s[2] = r[2]
+    q[3], s[3] = p[3], r[3]
+    s[4] = r[4] + 0.7 * (q[4] - p[4])
+    r[5] = 0.3 * p[5] + 0.7 * q[5]
+    columns = np.stack([q - p, r - s], axis=2)
+    expected = [
+        np.sqrt(2.0 * lsq_linear(A, d, bounds=(0.0, 1.0), method="bvls", tol=1e-14).cost)
+        for A, d in zip(columns, r - p, strict=True)
+    ]
+    np.testing.assert_allclose(segment_distance(p, q, r, s), expected, atol=1e-7)
+
+
+def test_the_greatest_force_turns_no_joint_beyond_its_limit_in_any_direction():
+    """By the simulator's axes: one joint is at its limit in its worst direction, or the force is whole."""
+    robot, point = robot_of(ARM), np.array([0.1, 0.05, 0.2])
+    rng = np.random.default_rng(0)
+    joints = rng.uniform(-1.5, 1.5, (40, 6))
+    limit = np.array([900.0, 1200.0, 800.0, 250.0, 250.0, 120.0])
+    equipment = Equipment(np.zeros((1, 3)), point, Loads("any_direction", 1500.0, limit), 1e-5)
+    force = equipment.strength(robot, joints)
+    share = []
+    for q in joints:
+        posture = ARM.posture(q)
+        arms = np.cross(posture.axis_directions, posture.point_to_base(point) - posture.axis_points)
+        share.append((np.linalg.norm(arms, axis=1) / limit).max())
+    np.testing.assert_allclose(force, np.minimum(1500.0, 1.0 / np.array(share)), rtol=1e-9)
+    assert (force < 1500.0).sum() > 0
+    free = replace(equipment, loads=replace(equipment.loads, torque_limit=np.full(6, np.inf)))
+    np.testing.assert_array_equal(free.strength(robot, joints), 1500.0)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_uncertainties_are_those_of_the_inverse_in_any_units(seed):
+    """Units over sixteen decades; a parameter that no reading shows is unknown, and it alone."""
+    rng = np.random.default_rng(seed)
+    M = information(rng.standard_normal((6, 2, P))).sum(axis=0)
+    unit = 10.0 ** rng.uniform(-8, 8, P)
+    scaled = M * np.outer(unit, unit)
+    expected = np.sqrt(np.diag(np.linalg.inv(M))) / unit
+    np.testing.assert_allclose(uncertainty_of(scaled, P), expected, rtol=1e-9)
+    np.testing.assert_allclose(uncertainty_of(np.stack([scaled, 4.0 * scaled]), 2)[1], expected[:2] / 2.0)
+    scaled[seed % P] = scaled[:, seed % P] = 0.0
+    assert np.flatnonzero(np.isinf(uncertainty_of(scaled, P))).tolist() == [seed % P]

@@ -17,11 +17,12 @@ from jointstiff.service.resources.catalogue import find_arm, nominal_robot
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.campaign import TARGETS
 from jointstiff.solver.estimate import identify
-from jointstiff.solver.evidence.assessment import assess
+from jointstiff.solver.evidence.assessment import assess, implausible_joints
 from jointstiff.solver.evidence.causes import better_alternative
-from jointstiff.solver.evidence.estimate import predict
+from jointstiff.solver.evidence.estimate import JointCompliance, predict
 from jointstiff.solver.fitting.method import Prior
 from jointstiff.solver.integrity import inspect
+from jointstiff.solver.readings.measurements import CommonUncertainty
 from jointstiff.solver.robot.model import JointMap, Robot
 
 TRUTH = default_arm().compliances
@@ -344,3 +345,49 @@ def test_a_joint_less_certain_than_its_size_is_used_with_care_at_best():
         number, unit = joint.reason.removeprefix("stiffer than ").split(" at ")[0].split(" ", 1)
         stated = float(number) * {"N·m/rad": 1.0, "· 10⁶ N·m/rad": 1e6}[unit]
         assert 0.9 / joint.one_sided.compliance_at_most < stated <= 1 / joint.one_sided.compliance_at_most
+
+
+@pytest.mark.parametrize(
+    ("stiffnesses", "named", "remedy"),
+    [
+        ([1e6, 2e6, -3e6], "", ""),
+        ([1e6, 2e6, -30.0], "joint_3", "set non_negative"),
+        ([1e6, 2e6, 30.0], "joint_3", "the other joints are plausible"),
+        ([1e2, 2e2, 30.0], "joint_1 joint_2 joint_3", "check the units of force, length and moment"),
+        ([1e10, 2e6, 3e6], "joint_1", "the other joints are plausible"),
+        ([1e2, 2e2, -30.0], "joint_3", "set non_negative"),
+    ],
+)
+def test_the_remedy_of_an_implausible_stiffness(stiffnesses, named, remedy):
+    """A sign is the order or the map, one joint its own column, all joints together a unit."""
+    joints = [
+        JointCompliance(f"joint_{number}", "revolute", "identified", 1.0 / stiffness, 1e-9)
+        for number, stiffness in enumerate(stiffnesses, 1)
+    ]
+    joints.append(JointCompliance("joint_4", "revolute", "not_observable", reason="never twists"))
+    found = list(implausible_joints(joints))
+    assert set(named.split()) <= {finding.where for finding in found}
+    assert bool(named) == bool(found)
+    for finding in found:
+        assert finding.where is not None
+        if finding.where in named:
+            assert remedy in finding.remedy
+
+
+@pytest.mark.parametrize(
+    ("offset", "stated", "weight"),
+    [(0.02, None, "use_with_care"), (0.05, None, "do_not_use"), (0.02, 1e-4, "do_not_use")],
+)
+def test_a_load_point_elsewhere_does_harm_beyond_what_the_intervals_hold(pulls, offset, stated, weight):
+    """An assumed load point may be 10 mm off; one that was stated to 0.1 mm may not."""
+    robot, measurements = pulls
+    assumed = frozenset(() if stated else ("load_point",))
+    common = CommonUncertainty(load_point=stated or 0.01, assumed=assumed)
+    wrong = replace(
+        measurements,
+        load_point=np.add(measurements.load_point, [offset, 0.0, 0.0]),
+        common_uncertainty=common,
+    )
+    reason = reason_of(assessed(robot, wrong, findings=())[0], "alternative_explains_better")
+    assert [cause.name for cause in reason.action.causes] == ["load_point"]
+    assert reason.weight == weight

@@ -82,7 +82,10 @@ def bumped(measurements, row):
         ({"position": bumped(CAMPAIGN, 14)}, "targets_not_rigid do_not_use c15 "),
         # Drifts by 500 µm
         ({"position": POSITION + DRIFT}, "drift_in_time use_with_care None .*drifted by 5"),
-        ({"force": -FORCE}, "force_sign_suspect do_not_use None .*of 15 observations"),
+        (
+            {"force": -FORCE},
+            "force_sign_suspect do_not_use None .*against the force in 15 of 15 observations",
+        ),
         ({"force": with_part(FORCE, 3, -2.0 * FORCE[3])}, "deflection_against_force do_not_use c04 "),
         ({"force": with_part(FORCE, 7, -FORCE[7])}, "zero_load use c08 "),
         (
