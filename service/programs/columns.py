@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from array import array
 from collections.abc import Mapping, Sequence
 from typing import Final, NamedTuple, TypeAlias
@@ -35,6 +36,10 @@ MAX_VALUE: Final = 1e6
 """Magnitude of a number of a target: a kilometre in mm, 2,777 turns in degrees."""
 OF: Final = " of routine "
 """Text between a name and the routine that it belongs to."""
+_NEAR: Final = 1000
+"""Characters behind the begin of a line in which a name is looked for."""
+_SAID: Final = re.compile(r"'[^']*'|\b[A-Z_][A-Z0-9_]*\b")
+_PART: Final = re.compile(rf"(?:\.(?:BASE|TOOL|[UOT]FRAME|UF|UT))?{OF}\w+|\.(?:BASE|TOOL|[UOT]FRAME|UF|UT)\b")
 _WRITE_ANEW: Final = "write all of its numbers anew, or split the program"
 _STANDS: Final = 2e-3
 """Difference of an external axis [mm, °] that is rounding."""
@@ -75,9 +80,12 @@ Frames: TypeAlias = tuple[FrameName | Cause, FrameName | Cause]
 class Columns:
     """Targets, moves and what is left of a program, in the order of its moves."""
 
-    def __init__(self, kind: str, sources: tuple[Source, ...], numerals: Sequence[Numerals]) -> None:
+    def __init__(
+        self, kind: str, sources: tuple[Source, ...], numerals: Sequence[Numerals], *, folded: bool
+    ) -> None:
         """Begin with nothing."""
-        self._format, self._sources, self._numerals = kind, sources, numerals
+        self._format, self._sources, self._numerals, self._folded = kind, sources, numerals, folded
+        self.spelled: dict[str, str] = {}  # names as the program writes them
         self._remarks: list[Remark] = []
         self._left: list[tuple[ReadMove, Cause]] = []
         self._placed: dict[tuple[int, int, int], int] = {}  # targets by the place of their numbers
@@ -90,6 +98,20 @@ class Columns:
         self._moves = array("q")  # rows of line, motion, count of visits up to the end
         self._visits = array("q")
         self._doubts: dict[int, Cause] = {}  # targets whose numbers have to stay, and why
+
+    def said(self, text: str, source: int, line: int) -> str:
+        """Return a text that is no quotation, with names as the program writes them behind a line."""
+
+        def spelled(match: re.Match[str]) -> str:
+            name = match[0]
+            if name[0] != "'" and self._folded and name not in self.spelled:
+                start = self._sources[source].starts[max(line - 1, 0)]
+                near = self._sources[source].text[start : start + _NEAR]
+                own = re.search(rf"(?<!\w){name}(?!\w)", near, re.IGNORECASE)
+                self.spelled[name] = own[0] if own else name
+            return self.spelled.get(name, name)
+
+        return _SAID.sub(spelled, _PART.sub("", text))
 
     def remark(self, line: int, text: str, target: str = "") -> None:
         """Note what is left as it is, and needs no decision."""
@@ -121,8 +143,9 @@ class Columns:
             self._moves.extend((line, _MOTIONS[op.motion], len(self._visits)))
             return
         names = ", ".join(each.label.partition(OF)[0] or "in numbers" for each in targets)
-        base, tool = map(_name, frames[-1]) if frames else ("", "")
-        self._left.append((ReadMove(line, names, base, tool, cause.reason, cause.remedy), cause))
+        base, tool = (self.said(_name(each), 0, line) for each in frames[-1]) if frames else ("", "")
+        reason = self.said(cause.reason, 0, line)
+        self._left.append((ReadMove(line, names, base, tool, reason, cause.remedy), cause))
         for target in targets:
             if target.label:
                 self._doubts.setdefault(self._target(target, None, line), cause)
@@ -216,7 +239,8 @@ class Columns:
         return Program(self._format, self._sources, targets, moves, remarks, moved, tuple(faults))
 
     def _fault(self, cause: Cause) -> Fault:
-        return Fault(self._sources[cause.source].name, cause.line, cause.reason, cause.remedy)
+        reason = self.said(cause.reason, cause.source, cause.line)
+        return Fault(self._sources[cause.source].name, cause.line, reason, cause.remedy)
 
     def _certain(self, targets: Targets, moves: Moves) -> BoolArray:
         """Return which moves (k,) are corrected: none that shares numbers with one that is left."""
@@ -234,7 +258,9 @@ class Columns:
         for i in np.flatnonzero(left).tolist():
             own, line = moves.visits[begins[i] : moves.ends[i]].tolist(), int(moves.line[i])
             known = next((self._doubts[each] for each in own if each in self._doubts), None)
-            reason = known.reason if known else "a target of it is used by a move that is left"
+            reason = (
+                self.said(known.reason, 0, line) if known else "a target of it is used by a move that is left"
+            )
             remedy = known.remedy if known else "use a separate target"
             base, tool = (targets.frames[axis[own[-1]]].name for axis in (targets.base, targets.tool))
             cause = known if known and known.line else Cause(line, reason, remedy)

@@ -95,8 +95,7 @@ class Machine:
         self.sources, self._language = sources, language
         self._allowed = frozenset(each.upper() for each in allowed)
         self.numerals = [Numerals.of(source.text, language.number) for source in sources]
-        self.columns = Columns(kind, sources, self.numerals)
-        self.written: dict[str, str] = {}  # names of frames as the program writes them
+        self.columns = Columns(kind, sources, self.numerals, folded=language.folded)
         self._ops, self._places = list[Op](), list[Place]()
         self._scopes, self._closed = [Scope("")], Scope("")
         self._initial: dict[str, Held] = {}  # what names have before the program runs
@@ -157,11 +156,12 @@ class Machine:
                 if len(known) < _MAX_SHAPES:
                     known[shape] = ops
             if ops is last:
-                self._repeats[len(self._ops) - 1].extend((line + ops[0][0], number))
+                self._repeats[len(self._ops) - 1].extend((line + ops[-1][0], number))
                 continue
             self._take(ops, source, line, number, declares)
-            moves = [op for _, op in ops if isinstance(op, ir.Move)]
-            last = ops if len(ops) == 1 and moves and moves[0].repeats and not declares else None
+            acts = [op for _, op in ops if not isinstance(op, ir.Use)]
+            alike = len(acts) == 1 and isinstance(acts[0], ir.Move) and acts[0].repeats
+            last = ops if alike and not declares else None
 
     def _take(
         self, ops: Iterable[tuple[int, Op]], source: int, line: int, number: int, declares: str
@@ -422,7 +422,7 @@ class Machine:
             held = state[UNKNOWN][0]
         held = held or self._at_first(name, steady=steady)
         if isinstance(held, Cause) and self._language.is_frame(name):
-            held = held._replace(shows=self.written.get(name, name))
+            held = held._replace(shows=name)
         return held, held.line if isinstance(held, Cause) else 0
 
     def _at_first(self, name: str, *, steady: bool) -> Held:
@@ -564,7 +564,7 @@ class Machine:
             if given or len(names) > 1:
                 return place.cause("a frame has numbers in part", "give the whole frame in numbers")
             name = names.pop()
-            return FrameName(self.written.get(name, name), self._language.constants.get(name))
+            return FrameName(self._said(place, name), self._language.constants.get(name))
         if given not in self._poses:
             self._poses[given] = self._pose(given)
         first, pose = given[0], self._poses[given]
@@ -572,8 +572,10 @@ class Machine:
         if pose is None:
             reason = f"{label} is no whole frame in numbers"
             return Cause(first.line, reason, "give the whole frame in numbers", first.source)
-        label = _whole(label.partition(OF)[0])
-        return FrameName(self.written.get(label, label), pose)
+        return FrameName(self._said(place, label), pose)
+
+    def _said(self, place: Place, name: str) -> str:
+        return self.columns.said(name, place.source, place.line)
 
     def _pose(self, given: Iterable[Given]) -> FloatArray | None:
         """Return the product (4, 4) [m] of poses in numbers; None if one is no pose."""

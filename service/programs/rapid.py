@@ -207,10 +207,6 @@ _ENDS: Final = re.compile(
     r"|\b(?:PROC|FUNC\s++\w++)\s++\w++\s*+\([^()]*\)|\bTRAP\s++\w++|\bMODULE\s++\w++(?:\s*+\([^()]*\))?))"
 )
 """The end of a statement, and texts and comments, in which there is none."""
-_FRAMES: Final = re.compile(
-    rf"\b(?:tooldata|wobjdata)\s++({_WORD})|,\s*+({_WORD})\s*+\\\s*+WObj\s*+:=\s*+({_WORD})|,\s*+({_WORD})\s*+[;\\]",
-    re.IGNORECASE,
-)
 
 
 def read_rapid(machine: Machine, sources: tuple[Source, ...]) -> None:
@@ -225,10 +221,7 @@ def read_rapid(machine: Machine, sources: tuple[Source, ...]) -> None:
             starts.append(start)
             ends.append(end)
         place = end
-    machine.written.update(WOBJ0="wobj0", TOOL0="tool0")
-    for match in _FRAMES.finditer(text):
-        for name in filter(None, match.groups()):
-            machine.written.setdefault(name.upper(), name)
+    machine.columns.spelled.update(WOBJ0="wobj0", TOOL0="tool0")
     machine.add(0, np.array(starts, dtype=np.intp), np.array(ends, dtype=np.intp))
 
 

@@ -142,3 +142,13 @@ REPEATED = [
 @pytest.mark.parametrize(("name", "text", "done", "left"), REPEATED)
 def test_moves_that_differ_in_numbers_only_are_judged_each_by_its_own(name, text, done, left):
     assert corrected(name, text) == (done, left)
+
+
+def test_refusals_name_frames_as_the_program_writes_them():
+    wobj = f"PERS wobjdata Table:={WOBJ};"
+    move = f"MoveL {ROB},v1,z1,t1\\WObj:=Table;"
+    body = f"IF n=1 THEN\nTable.uframe:=[[1,2,3],[1,0,0,0]];\nENDIF\n{move}"
+    text = f"MODULE M\n{TOOL}\n{wobj}\nVAR num n;\nPROC main()\n{body}\nENDPROC\nENDMODULE"
+    (row,) = explained([("a.mod", text.encode())])
+    assert row.base == "Table"
+    assert row.reason.startswith("Table changes while the program runs")
