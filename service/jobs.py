@@ -24,6 +24,7 @@ from jointstiff.service.kinds.work import (
     final_state,
     new_job,
     outcome_of,
+    pack,
     unexpected_failure,
     unpack,
 )
@@ -31,6 +32,7 @@ from jointstiff.service.live.stored import OpenSets
 from jointstiff.service.problems import NotFoundError, Resource, TooManyJobsError, WorkerLostError, problem_of
 from jointstiff.service.process import versions
 from jointstiff.service.resources.stored import Resources
+from jointstiff.service.store.jobs import PLAN, Step
 from jointstiff.service.store.store import Store
 from jointstiff.service.store.tables import OPEN_STATES, IdempotencyKey, JobRecord
 from jointstiff.solver.errors import JointstiffError
@@ -56,8 +58,8 @@ _NONE: Final[Mapping[str, object]] = MappingProxyType({})
 
 _logger = logging.getLogger(__name__)
 
-Enqueue = Callable[[Connection, str, str], object]
-"""Leaves a job (kind, id) to workers, in the transaction that stores it."""
+Enqueue = Callable[[Connection, str], object]
+"""Leaves a job to workers by its id, in the transaction that stores it."""
 
 
 class Jobs:
@@ -103,7 +105,7 @@ class Jobs:
         return self.records.add(
             record_of(self.kind, job, work.robot_id),
             key,
-            lambda connection: enqueue(connection, self.kind.name, job.id),
+            lambda connection: enqueue(connection, job.id),
         )
 
     def current(self, job_id: str) -> Job:
@@ -156,10 +158,27 @@ class Jobs:
         job = job.model_copy(update={"state": "running", "provenance": started})
         self.records.start(job_id, self._changes(job, record.robot_id))
 
-    def conclude(self, job_id: str, computed: Sequence[str]) -> None:
-        """Put a job together from the encoded results of all its steps, in order, and end it."""
+    def carry_out(self, step: Step) -> None:
+        """Carry out a step that a worker has taken, and keep what it computes.
+
+        Raises:
+            JointstiffError: the job is to fail.
+            NotFoundError: it is no more.
+        """
+        steps, work = self._inputs.store.steps, self.work(step.job_id)
+        if step.start == PLAN:
+            self.start(step.job_id)
+            steps.share_out(step.job_id, work.steps())
+        elif step.is_last:
+            self.conclude(step.job_id, steps.results(step.job_id))
+        else:
+            span = step.start, step.start + step.units
+            steps.keep(step.job_id, step.start, pack(work.compute(span)))
+
+    def conclude(self, job_id: str, computed: Sequence[bytes]) -> None:
+        """Put a job together from the results of all its steps, in order, and end it."""
         work = self.work(job_id)
-        result, error = outcome_of(lambda: work.conclude([unpack(text) for text in computed]))
+        result, error = outcome_of(lambda: work.conclude([unpack(content) for content in computed]))
         provenance = {"versions": dict(versions())}
         self._end(job_id, final_state(error), {"result": result, "error": error}, provenance)
 
@@ -173,11 +192,6 @@ class Jobs:
             _logger.error("a %s failed unexpectedly", self.kind.name, exc_info=failure)
             error = unexpected_failure()
         self._end(job_id, "failed", {"error": error})
-
-    def is_computed(self, job_id: str) -> bool:
-        """Return whether all steps of an open job are done, and its result is being put together."""
-        progress = self.current(job_id).progress
-        return progress is not None and progress.done >= progress.total
 
     def _as_now(self, record: JobRecord) -> Job:
         job = self._read(record)

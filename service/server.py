@@ -30,9 +30,9 @@ from jointstiff.service.reports.laboratory import LaboratorySettings, read_labor
 from jointstiff.service.security.admission import Posture
 from jointstiff.service.security.keys import Keyring
 from jointstiff.service.settings import Settings
+from jointstiff.service.store.database import refuse_in_memory
 from jointstiff.service.store.store import Store
 from jointstiff.service.tables.terminal import console
-from jointstiff.service.workers.engine import JobQueue
 from jointstiff.service.workers.supervisor import SILENCE_SECONDS, Supervisor
 
 _GOODBYE_SECONDS: Final = 5
@@ -92,9 +92,9 @@ def run_server(settings: Settings, then: Callable[[str], object] | None = None) 
             options = "--metrics-port or --metrics-host"
             shown = listen(settings.metrics_host, settings.metrics_port, options)
             listeners.append(stack.enter_context(shown))
+        refuse_in_memory(database)
         store = stack.enter_context(Store.open(database, quota))
         keyring = _keyring(store, posture, settings)
-        queue = stack.enter_context(closing(JobQueue(store, database)))
         # The workers of one store have other names than those of another, the same at each start.
         mark = hashlib.sha256(_shown(database).encode()).hexdigest()[:8]
         prefix = f"{socket.gethostname()}-{port}-{mark}"
@@ -110,7 +110,7 @@ def run_server(settings: Settings, then: Callable[[str], object] | None = None) 
         )
         if posture.access == "none":
             console(stderr=True).print(_UNCONTROLLED, markup=False, soft_wrap=True)
-        app = create_app(store, queue.enqueue, posture, keyring, laboratory)
+        app = create_app(store, store.steps.announce, posture, keyring, laboratory)
         app.state.answer_elsewhere = stack.enter_context(closing(LimitedChild(database, quota))).answer
         app.state.failing_workers = lambda: supervisor.failing
         ports = [listener.getsockname()[1] for listener in listeners]

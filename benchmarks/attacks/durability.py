@@ -89,7 +89,7 @@ def _options(*, quick: bool) -> tuple[int, dict[str, int]]:
 
 
 def _undisturbed(*, quick: bool) -> dict[str, Any]:
-    """The same run in this process, without engine and workers."""
+    """The same run in this process, without workers."""
     configurations, resampling = _options(quick=quick)
     document = small_campaign(configurations=configurations).document | {"run": {"resampling": resampling}}
     campaign = Campaign.model_validate_json(json.dumps(document))
@@ -159,20 +159,21 @@ def _ended(client: httpx2.Client, address: str, outcome: Outcome) -> dict[str, A
 def _count(database: str, outcome: Outcome) -> None:
     with closing(Database.open(database)) as opened, opened.reading() as connection:
         outcome.rows = connection.execute(select(func.count()).select_from(jobs)).scalar_one()
-        steps = connection.execute(select(func.count(), func.sum(job_steps.c.done))).one()
-    outcome.steps, outcome.done = int(steps[0]), int(steps[1])
+        outcome.steps = connection.execute(select(func.count()).select_from(job_steps)).scalar_one()
+    outcome.done = int(outcome.run["progress"]["done"])
 
 
 def _run_section(runs: dict[str, Outcome], undisturbed: dict[str, Any], kills: int) -> Section:
     def faults(outcome: Outcome) -> int:
         different = numbers(outcome.run) != undisturbed
         duplicates = outcome.rows != 1 or outcome.done != undisturbed["progress"]["total"]
+        duplicates = duplicates or outcome.steps > 0
         return sum([outcome.run["state"] != "succeeded", different, duplicates, outcome.repeated > 0])
 
     rows = tuple(
         (
             kind,
-            f"{found.kills} in {found.steps} steps",
+            f"{found.kills}, {found.steps} steps left",
             found.run["state"],
             "the same" if numbers(found.run) == undisturbed else "DIFFERENT",
             f"{found.rows}, {found.done:,} draws",
@@ -195,8 +196,8 @@ def _run_section(runs: dict[str, Outcome], undisturbed: dict[str, Any], kills: i
                 ),
             )
         ),
-        notes=("the undisturbed run was carried out in one process, without engine and workers",),
-        data={kind: {"kills": found.kills, "steps": found.steps} for kind, found in runs.items()},
+        notes=("the undisturbed run was carried out in one process, without workers",),
+        data={kind: {"kills": found.kills} for kind, found in runs.items()},
     )
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import io
 import logging
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -26,7 +25,7 @@ from jointstiff.solver.errors import InputError, JointstiffError, NotObservableE
 Span = tuple[int, int]
 """First unit of a job's work, and one past the last."""
 Arrays: TypeAlias = Mapping[str, npt.NDArray[Any]]
-"""What a step computes: arrays by name, which an engine can keep as text."""
+"""What a step computes: arrays by name, which a store can keep."""
 AnyJob = TypeVar("AnyJob", bound=Job)
 OnProgress = Callable[[Progress], object]
 _logger = logging.getLogger(__name__)
@@ -91,16 +90,16 @@ def joined(parts: Iterable[Arrays]) -> dict[str, npt.NDArray[Any]]:
     return {name: np.concatenate([part[name] for part in listed]) for name in listed[0]}
 
 
-def pack(arrays: Arrays) -> str:
-    """Return what a step computed as text."""
+def pack(arrays: Arrays) -> bytes:
+    """Return what a step computed as the store keeps it."""
     buffer = io.BytesIO()
     np.savez(buffer, allow_pickle=False, **arrays)  # random digits: zlib costs more than it saves
-    return base64.b64encode(buffer.getvalue()).decode("ascii")
+    return buffer.getvalue()
 
 
-def unpack(text: str) -> dict[str, npt.NDArray[Any]]:
+def unpack(content: bytes) -> dict[str, npt.NDArray[Any]]:
     """Return the arrays that `pack` wrote."""
-    with np.load(io.BytesIO(base64.b64decode(text)), allow_pickle=False) as archive:
+    with np.load(io.BytesIO(content), allow_pickle=False) as archive:
         return dict(archive)
 
 

@@ -1,7 +1,7 @@
 """Copies of a whole database while others write it, and the way back.
 
 A backup is a folder: the database (an SQLite file, or the archive of pg_dump) and `manifest.json`, which says
-what it holds. It has the tables of the job engine as well, so that unfinished jobs go on after a restoration.
+what it holds. It has the steps of unfinished jobs as well, so that they go on after a restoration.
 """
 
 from __future__ import annotations
@@ -148,7 +148,7 @@ def _copy(url: str, folder: Path) -> tuple[Dialect, str, dict[str, TableContent]
             tables = content_of(connection)
             snapshot = str(connection.execute(sa.text("SELECT pg_export_snapshot()")).scalar_one())
             schema = str(connection.execute(sa.text("SELECT current_schema()")).scalar_one())
-            schemas = [] if schema == "public" else [f"--schema={schema}", f"--schema=dbos_{schema}"]
+            schemas = [] if schema == "public" else [f"--schema={schema}"]
             _run(url, "pg_dump", "--format=custom", f"--snapshot={snapshot}", *schemas, f"--file={copy}")
     return dialect, revision, tables
 

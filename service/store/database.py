@@ -133,13 +133,6 @@ class Database:
         now: datetime = connection.execute(sa.select(sa.func.now())).scalar_one()
         return now
 
-    def schema(self) -> str | None:
-        """Return the schema that tables are looked for in on PostgreSQL, None on SQLite."""
-        if self.dialect == "sqlite":
-            return None
-        with self.reading() as connection:
-            return str(connection.execute(sa.select(sa.func.current_schema())).scalar_one())
-
     @contextmanager
     def _errors_translated(self) -> Iterator[None]:
         """Let broken constraints pass, which the store explains; the rest is the database's."""
@@ -182,6 +175,20 @@ def open_existing(url: str) -> Database:
 
 def _is_in_memory(url: sa.URL) -> bool:
     return url.database in {None, "", ":memory:"}
+
+
+def refuse_in_memory(url: str) -> None:
+    """Refuse a database in the memory of one process, as workers are others.
+
+    Raises:
+        StoreError: it is one.
+    """
+    parsed = _parse(url)
+    if _DIALECTS[parsed.drivername] == "sqlite" and _is_in_memory(parsed):
+        raise StoreError(
+            "an in-memory database cannot be shared with workers",
+            "use a file: --database sqlite:///jointstiff.db",
+        )
 
 
 def path_of(url: sa.URL) -> Path:

@@ -1,15 +1,13 @@
-"""Jobs: records that change until they end, with the steps that are done; and the workers that live."""
+"""Jobs: records that change until they end; the steps that workers carry out; and the workers that live."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 from typing import Any, Final
 
 import sqlalchemy as sa
-from sqlalchemy.exc import IntegrityError
 
 from jointstiff.service.problems import AuthorisedError, Resource
 from jointstiff.service.store.collection import Collection
@@ -29,8 +27,8 @@ JobChanges = Mapping[str, Any]
 """Columns of a job that change until it ends: `state`, `summary` and `document`."""
 
 _done: Final = (
-    sa.select(sa.func.coalesce(sa.func.sum(job_steps.c.done), 0))
-    .where(job_steps.c.job_id == jobs.c.id)
+    sa.select(sa.func.coalesce(sa.func.sum(job_steps.c.units), 0))
+    .where(job_steps.c.job_id == jobs.c.id, job_steps.c.result.is_not(None))
     .scalar_subquery()
     .label("done")
 )
@@ -111,36 +109,9 @@ class JobRecords(Collection[JobRecord, JobEntry]):
                 *before, done = connection.execute(last).one()
                 final = changes(JobRecord(*before), int(done))
                 connection.execute(sa.update(jobs).where(*mine).values(**final))
+                connection.execute(sa.delete(job_steps).where(job_steps.c.job_id == job_id))
                 also(connection)
         return ended
-
-    def report(self, job_id: str, start: int, stop: int) -> None:
-        """Write that the units from start to stop of a job are done; to do so again changes nothing.
-
-        Deaths that were counted before are forgotten: the job goes on.
-        """
-        step = sa.insert(job_steps).values(job_id=job_id, start=start, done=stop - start)
-        with suppress(IntegrityError):
-            self._database.change(
-                step, sa.update(jobs).where(*self._is(job_id), jobs.c.deaths > 0).values(deaths=0)
-            )
-
-    def died(self, job_id: str) -> int:
-        """Count a worker that died over a job.
-
-        Returns:
-            How many have by now.
-        """
-        with self._database.writing() as connection:
-            dying = sa.update(jobs).where(*self._is(job_id)).values(deaths=jobs.c.deaths + 1)
-            return int(connection.execute(dying.returning(jobs.c.deaths)).scalar_one())
-
-    def forget_steps(self, job_ids: Sequence[str]) -> None:
-        """Remove what was reported of some jobs."""
-        steps = sa.delete(job_steps).where(job_steps.c.job_id.in_(job_ids))
-        self._database.change(
-            steps, sa.update(jobs).where(self._kind, jobs.c.id.in_(job_ids)).values(deaths=0)
-        )
 
     def _refuse_referenced(self, connection: sa.Connection, identifier: str) -> None:
         """Refuse to delete a run whose report was authorised."""
@@ -148,8 +119,127 @@ class JobRecords(Collection[JobRecord, JobEntry]):
         if connection.execute(own).one_or_none() is not None:
             raise AuthorisedError(identifier)
 
-    def _forget(self, connection: sa.Connection, gone: Sequence[str]) -> None:
-        connection.execute(sa.delete(job_steps).where(job_steps.c.job_id.in_(gone)))
+
+PLAN: Final = -1
+"""Start of the step that cuts a job into the others."""
+_SAME_TURN: Final = 4  # steps of a job that are one after the other, a second: then others have their turn
+_LAST_TURN: Final = 8  # of a long job, from which on it waits for no jobs that came later
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """A step of a job that is left to workers. The first one cuts the job, the last one puts it together."""
+
+    kind: str  # name of the kind of the job
+    job_id: str
+    start: int  # its first unit; `PLAN` of the first step
+    units: int  # none of the first and of the last step
+
+    @property
+    def is_last(self) -> bool:
+        """Return whether it puts the job together."""
+        return self.units == 0 and self.start != PLAN
+
+
+class Steps:
+    """The steps of all jobs that are left to workers. Safe to use from several threads and processes.
+
+    Each is taken by one worker, and what it computes is kept. One may be carried out twice, as when a worker
+    is silent for a while: the numbers are the same, and the first ones stay. They go with the end of the job.
+    """
+
+    def __init__(self, database: Database) -> None:
+        self._database = database
+        step, others = job_steps.c, job_steps.alias().c
+        taken = sa.bindparam("executor", type_=sa.String)
+        waits = sa.exists().where(others.job_id == step.job_id, others.units > 0, others.result.is_(None))
+        self._next = (
+            sa.select(jobs.c.kind, step.job_id, step.start, step.units)
+            .join_from(job_steps, jobs, jobs.c.id == step.job_id)
+            .where(step.result.is_(None), sa.or_(step.executor.is_(None), step.executor == taken))
+            .where(sa.or_(step.units > 0, step.start == PLAN, ~waits))
+            .order_by(step.turn, jobs.c.sequence, step.start)
+            .limit(1)
+        )
+
+    def announce(self, connection: sa.Connection, job_id: str) -> None:
+        """Leave a job to workers, in the transaction that stores it."""
+        connection.execute(sa.insert(job_steps).values(job_id=job_id, start=PLAN, units=0, turn=0))
+
+    def take(self, executor: str) -> Step | None:
+        """Take the next step; None if there is none. What was taken before and is not done may come again."""
+        asked = {"executor": executor}
+        if not self._database.rows(self._next, asked):
+            return None  # who only looks does not take the writer's turn
+        with self._database.writing() as connection:
+            locked = self._next.with_for_update(of=job_steps, skip_locked=True)
+            row = connection.execute(locked, asked).one_or_none()
+            if row is None:
+                return None
+            step = Step(*row)
+            connection.execute(self._change(step.job_id, step.start).values(executor=executor))
+        return step
+
+    def share_out(self, job_id: str, spans: Sequence[tuple[int, int]]) -> None:
+        """Put the steps of a job, and the one that puts it together, in the place of the first one."""
+        steps = [
+            {"start": start, "units": stop - start, "turn": 1 + min(place // _SAME_TURN, _LAST_TURN)}
+            for place, (start, stop) in enumerate(spans)
+        ]
+        steps.append({"start": spans[-1][1] if spans else 0, "units": 0, "turn": 0})
+        mine = job_steps.c.job_id == job_id
+        with self._database.writing() as connection:
+            first = connection.execute(sa.delete(job_steps).where(mine, job_steps.c.start == PLAN))
+            if first.rowcount == 1:  # nobody else has, and the job has not ended
+                connection.execute(sa.insert(job_steps), [{"job_id": job_id, **step} for step in steps])
+
+    def keep(self, job_id: str, start: int, result: bytes) -> None:
+        """Keep what a step computed, unless something is kept, or the job has ended."""
+        self._database.change(self._change(job_id, start).values(result=result, executor=None))
+
+    def results(self, job_id: str) -> list[bytes]:
+        """Return what the steps of a job computed, in order."""
+        step = job_steps.c
+        mine = sa.select(step.result).where(step.job_id == job_id, step.result.is_not(None))
+        return [bytes(row.result) for row in self._database.rows(mine.order_by(step.start))]
+
+    def leave(self, executor: str) -> None:
+        """Leave to others what a worker that ends has begun."""
+        mine = sa.update(job_steps).where(job_steps.c.executor == executor)
+        self._database.change(mine.values(executor=None))
+
+    def count_death(self, executor: str) -> dict[str, int]:
+        """Leave to others what a worker died over, as `count_deaths` does."""
+        return self._count(job_steps.c.executor == executor)
+
+    def count_deaths(self, living: Sequence[str]) -> dict[str, int]:
+        """Leave to others what workers died over; return how many did by now over a step of each job.
+
+        Args:
+            living: names of all workers that live.
+        """
+        return self._count(job_steps.c.executor.not_in(living))
+
+    def forgotten(self) -> dict[str, str]:
+        """Return the jobs that have not ended, and have no step that will end them: id → name of the kind."""
+        known = sa.exists().where(job_steps.c.job_id == jobs.c.id)
+        lost = self._database.rows(sa.select(jobs.c.id, jobs.c.kind).where(_open, ~known))
+        return {str(row.id): str(row.kind) for row in lost}
+
+    def _change(self, job_id: str, start: int) -> sa.Update:
+        step = job_steps.c
+        return sa.update(job_steps).where(step.job_id == job_id, step.start == start, step.result.is_(None))
+
+    def _count(self, *dead: sa.ColumnElement[bool]) -> dict[str, int]:
+        if not self._database.rows(sa.select(job_steps.c.job_id).where(*dead).limit(1)):
+            return {}
+        step = job_steps.c
+        dying = sa.update(job_steps).where(*dead).values(executor=None, deaths=step.deaths + 1)
+        with self._database.writing() as connection:
+            rows = connection.execute(dying.returning(step.job_id, step.deaths)).all()
+        return {
+            str(row.job_id): max(each.deaths for each in rows if each.job_id == row.job_id) for row in rows
+        }
 
 
 SILENT: Final = timedelta(seconds=30)
@@ -159,10 +249,7 @@ _FORGET: Final = 100  # silences after which the row of an executor is removed
 
 
 class Heartbeats:
-    """Signs of life of the workers of a store.
-
-    DBOS has none: by itself it goes on only with what a process of the same name left behind.
-    """
+    """Signs of life of the workers of a store."""
 
     def __init__(self, database: Database, clock: Callable[[sa.Connection], datetime] | None = None) -> None:
         """Keep the beats in a database; its own clock tells the time unless another is given."""

@@ -25,7 +25,7 @@ from jointstiff.service.store.collection import (
     is_indexable,
 )
 from jointstiff.service.store.database import Database, Dialect, Quota
-from jointstiff.service.store.jobs import Heartbeats, JobRecords
+from jointstiff.service.store.jobs import Heartbeats, JobRecords, Steps
 from jointstiff.service.store.tables import (
     AuditEntry,
     AuthorisationRecord,
@@ -76,6 +76,7 @@ class Store:
         self.jobs: Callable[[Resource], JobRecords] = cache(
             lambda kind: JobRecords(database, kind, self.quota)
         )
+        self.steps = Steps(database)  # of those that are left to workers
         self.heartbeats = Heartbeats(database)  # of the workers
         self.keys = AccessKeys(database)  # that let their holders in
         # of browsers that signed in with a key
@@ -152,10 +153,6 @@ class Store:
                 for row in connection.execute(query):
                     marks[str(row[0])].append(str(row))
         return {robot: hashlib.sha256("".join(rows).encode()).hexdigest() for robot, rows in marks.items()}
-
-    def schema(self) -> str | None:
-        """Return the schema of its tables on PostgreSQL, None on SQLite."""
-        return self._database.schema()
 
     def ping(self) -> Dialect:
         """Ask the database for something of ours.

@@ -245,7 +245,7 @@ class RecordPage(Generic[Row]):
     next: str | None  # cursor of the following page; none on the last one
 
 
-LAYOUT: Final = "0006_open_sets"
+LAYOUT: Final = "0007_steps"
 """Name of the tables as they are here, and of what the documents in them hold; another one with each change.
 
 Nothing was released: one layout is made and read, and all others are refused.
@@ -386,7 +386,6 @@ jobs = _numbered(
     "jobs",
     JobRecord,
     _deleted_at(),
-    sa.Column("deaths", sa.Integer, nullable=False, server_default="0"),  # of workers over it
     references={
         "measurement_set_id": "measurement_sets.id",
         "first_set_id": "measurement_sets.id",
@@ -425,9 +424,14 @@ job_steps = sa.Table(
     "job_steps",
     metadata,
     sa.Column("job_id", sa.String, primary_key=True),
-    sa.Column("start", sa.Integer, primary_key=True, autoincrement=False),
-    sa.Column("done", sa.Integer, nullable=False),
+    sa.Column("start", sa.Integer, primary_key=True, autoincrement=False),  # its first unit
+    sa.Column("units", sa.Integer, nullable=False),
+    sa.Column("turn", sa.Integer, nullable=False),  # the least goes first
+    sa.Column("executor", sa.String, nullable=True),  # worker that carries it out
+    sa.Column("deaths", sa.Integer, nullable=False, server_default="0"),  # of workers over it
+    sa.Column("result", sa.LargeBinary, nullable=True),  # none while it is to be done
 )
+sa.Index(None, job_steps.c.executor)
 
 heartbeats = sa.Table(
     "heartbeats",

@@ -9,7 +9,6 @@ from types import MappingProxyType
 from typing import Any, Final
 
 import sqlalchemy as sa
-from sqlalchemy.exc import NoSuchTableError
 
 from jointstiff.schemas import measurement as messages
 from jointstiff.schemas.robot import Robot, RobotDocument
@@ -20,6 +19,7 @@ from jointstiff.service.kinds.registry import KINDS
 from jointstiff.service.problems import StoreError, StoreUnavailableError
 from jointstiff.service.store.collection import MEASUREMENT_SET, ROBOT
 from jointstiff.service.store.database import Database, open_existing
+from jointstiff.service.store.jobs import Steps
 from jointstiff.service.store.tables import (
     OPEN_STATES,
     AnyRecord,
@@ -34,7 +34,6 @@ from jointstiff.service.store.tables import (
     of_records,
     robots,
 )
-from jointstiff.service.workers.engine import is_ended, schema_of
 
 _SHOWN: Final = 20
 _AT_ONCE: Final = 50
@@ -81,14 +80,11 @@ def examine(url: str) -> Examination:
             examination.faults += look(database)
             if examination.faults:  # what is read from a damaged file, or other tables, says nothing
                 return examination
-        examination.faults += [*_orphans(database), *_pickles(database)]
-        workflows = _workflows(database)
+        examination.faults += [*_orphans(database), *_endless(database)]
         for record in _records(database):
             name = record.kind if isinstance(record, JobRecord) else _NAMES[type(record)]
             examination.counted[name] = examination.counted.get(name, 0) + 1
             examination.faults += _faults_of(record, name)
-            if isinstance(record, JobRecord) and record.state in OPEN_STATES:
-                examination.faults += _endless(record, workflows)
     return examination
 
 
@@ -126,6 +122,13 @@ def _orphans(database: Database) -> list[Fault]:
         ]
 
 
+def _endless(database: Database) -> list[Fault]:
+    """Return jobs that nobody will end."""
+    reason, remedy = "it has not ended, and no step is left of it", "start a worker, which will end it"
+    lost = Steps(database).forgotten()
+    return [Fault("endless", f"{kind} {job_id}", reason, remedy) for job_id, kind in lost.items()]
+
+
 def _orphan_queries() -> Iterator[tuple[str, str, sa.Select[Any]]]:
     """Yield name of the table, what is missing, and the query for the rows' ids."""
     for table, _ in _TABLES:
@@ -161,40 +164,6 @@ def _records(database: Database) -> Iterator[AnyRecord]:
             yield from (record(**row) for row in rows)
 
 
-def _workflows(database: Database) -> dict[str, str]:
-    """Return the state of each workflow of the engine by its id."""
-    table = _engine_table(database, "workflow_status")
-    if table is None:
-        return {}
-    with database.reading() as connection:
-        rows = connection.execute(sa.select(table.c.workflow_uuid, table.c.status))
-        return {row[0]: row[1] for row in rows}
-
-
-def _pickles(database: Database) -> Iterator[Fault]:
-    """Yield a fault if rows of the engine hold a pickled object."""
-    count = 0
-    for name in ("workflow_status", "operation_outputs"):
-        table = _engine_table(database, name)
-        if table is not None:
-            query = sa.select(sa.func.count()).select_from(table).where(table.c.serialization == "py_pickle")
-            with database.reading() as connection:
-                count += int(connection.execute(query).scalar_one())
-    if count:
-        reason = f"{count} rows have a pickled object, which is never read"
-        remedy = "this may be an attack: find out who writes to this table"
-        yield Fault("pickle", "the engine's tables", reason, remedy)
-
-
-def _engine_table(database: Database, name: str) -> sa.Table | None:
-    schema = None if database.dialect == "sqlite" else schema_of(database)
-    with database.reading() as connection:
-        try:
-            return sa.Table(name, sa.MetaData(schema=schema), autoload_with=connection)
-        except NoSuchTableError:
-            return None
-
-
 def _faults_of(record: RobotRecord | MeasurementSetRecord | JobRecord, name: str) -> Iterator[Fault]:
     where = f"{name} {record.id}"
     try:
@@ -224,13 +193,3 @@ def _job_faults(record: JobRecord, where: str) -> Iterator[Fault]:
         yield Fault("state", where, f"its row says {record.state}, its document {job.state}", _RESTORE)
     if record.state == "succeeded" and job.result is None:
         yield Fault("result", where, "it succeeded, but has no result", _RESTORE)
-
-
-def _endless(record: JobRecord, workflows: Mapping[str, str]) -> Iterator[Fault]:
-    """Yield a fault if nobody will end a job."""
-    state = workflows.get(record.id)
-    where, remedy = f"{record.kind} {record.id}", "start a worker, which will finish it"
-    if state is None:
-        yield Fault("endless", where, f"it is {record.state}, but the job engine does not know it", remedy)
-    elif is_ended(state):
-        yield Fault("endless", where, f"it is {record.state}, but its workflow has ended ({state})", remedy)

@@ -1,4 +1,4 @@
-"""Runs on a store, and an engine that is a queue."""
+"""Runs on a store."""
 
 from __future__ import annotations
 
@@ -31,34 +31,3 @@ def set_of(parts, document):
 def request(set_id, **changes):
     resampling = {"size": 8, "repetitions": 300, "seed": 4}
     return RunRequest.model_validate({"measurement_set_id": set_id, "resampling": resampling} | changes)
-
-
-class QueueEngine:
-    """An engine that is a queue: what is pending, with whom, and what became of jobs."""
-
-    def __init__(self):
-        self.queue = self
-        self.active = []
-        self.inherited = {}
-        self.taken = {}
-        self.ended = {}
-        self.resumed = []
-        self.forgotten = []
-        self.shared_out = set()
-
-    def has_parts(self, job_id):
-        return job_id in self.shared_out
-
-    def pending(self):
-        return dict(self.taken)
-
-    def resume(self, workflows):
-        for name, kind in workflows:
-            self.resumed.append((name, kind))
-            self.taken.pop(name)
-
-    def statuses(self, job_ids):
-        return {name: status for name, status in self.ended.items() if name in job_ids}
-
-    def forget_ended(self, _age, limit):
-        return self.forgotten[:limit]

@@ -51,7 +51,7 @@ class Guard:
 
 
 def asks_for_the_platform() -> bool:
-    """Tell whether the standard library asks what machine this is, as it does when the engine is imported."""
+    """Tell whether the standard library asks what machine this is, as libraries do on import."""
     frame = sys._getframe(1)
     while frame is not None and frame.f_globals.get("__name__") != "platform":
         frame = frame.f_back

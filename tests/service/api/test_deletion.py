@@ -8,7 +8,7 @@ from datetime import UTC, datetime, timedelta
 import pytest
 from support.api import CANCEL, DELETE, RESTORE, job_at, post, posted, posted_set
 from support.in_process import Client
-from support.jobs import QueueEngine, request, runs_of, stored_set
+from support.jobs import request, runs_of, stored_set
 from support.records import RESOURCES, job_record
 
 from jointstiff.schemas.comparison import ComparisonRequest
@@ -57,7 +57,6 @@ class TestStore:
         jobs, other = store.jobs(RUNS), dataclasses.replace(RUN, id="other")
         jobs.add(RUN, KEY)
         jobs.add(other, IdempotencyKey("another key", "hash"))
-        jobs.report("u1", 0, 120)
         jobs.delete("u1", TIME)
         with pytest.raises(DeletedError):
             jobs.refuse_deleted("u1")
@@ -86,7 +85,7 @@ class TestStore:
 class TestJobs:
     @pytest.fixture
     def runs(self, store):
-        return runs_of(store, lambda _connection, _kind, _run_id: None)
+        return runs_of(store, store.steps.announce)
 
     def test_a_run_is_cancelled_then_deleted_and_its_late_work_does_nothing(self, store, runs):
         run = runs.create(request(stored_set(store)), None)
@@ -115,7 +114,7 @@ class TestJobs:
         deleted, kept = (runs.create(request(stored_set(store), resampling=None), None) for _ in range(2))
         runs.records.delete(deleted.id)
         clock = [datetime.now(UTC) + KEEP_DELETED - timedelta(hours=1)]
-        recovery = Recovery(store, {"run": runs}, QueueEngine(), "alive", now=lambda: clock[0])
+        recovery = Recovery(store, lambda _: runs, "alive", now=lambda: clock[0])
         recovery.look()
         runs.records.restore(deleted.id)
         runs.records.delete(deleted.id)
@@ -184,7 +183,7 @@ class TestInputs:
         assert store.robots.find(key) is None
         assert robots.purge(later + KEEP_DELETED, 9) == []  # the set refers to it
         now = later + timedelta(days=1)
-        recovery = Recovery(store, {"run": runs_of(store)}, QueueEngine(), "alive", now=lambda: now)
+        recovery = Recovery(store, lambda _: runs_of(store), "alive", now=lambda: now)
         recovery.look()
         for collection, identifier in ((store.sets, "s1"), (store.robots, "r1")):
             with pytest.raises(NotFoundError) as caught:

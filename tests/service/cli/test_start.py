@@ -15,7 +15,7 @@ from jointstiff.service.cli.app import app
 pytestmark = pytest.mark.process
 
 NUMERICS = {"numpy", "scipy", "pinocchio", "cvxpy", "clarabel"}
-DATABASE = {"sqlalchemy", "psycopg", "dbos"}
+DATABASE = {"sqlalchemy", "psycopg"}
 WEB = {"fastapi", "starlette", "uvicorn"}
 OTHERS = {"httpx2", "rich"}
 COMMANDS = (

@@ -155,9 +155,9 @@ def test_coupled_joints_come_as_one_matrix(memory, set_id):
 
 
 def test_cross_validation_is_a_durable_job_with_the_numbers_of_one_go(memory, set_id):
-    """A worker computes each step from the stored request, and its result travels as text."""
+    """A worker computes each step from the stored request, and its result travels as bytes."""
     enqueued = []
-    parts = Parts(memory, lambda _, kind, job_id: enqueued.append((kind, job_id)))
+    parts = Parts(memory, lambda _, job_id: enqueued.append(job_id))
     jobs = parts.jobs["run"]
     request = RunRequest.model_validate(
         {
@@ -168,7 +168,7 @@ def test_cross_validation_is_a_durable_job_with_the_numbers_of_one_go(memory, se
         }
     )
     record = jobs.create(request, None)
-    assert enqueued == [("run", record.id)]
+    assert enqueued == [record.id]
     queued = jobs.current(record.id)
     assert (queued.state, queued.progress.unit) == ("queued", "penalties")
     assert queued.progress.total == 4 * 2 * 7

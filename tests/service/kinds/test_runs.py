@@ -1,4 +1,4 @@
-"""Long runs without an engine: the service's side of them, and what a worker does with them."""
+"""Long runs without workers: the service's side of them, and what a worker does with them."""
 
 from __future__ import annotations
 
@@ -25,8 +25,13 @@ def enqueued():
 
 @pytest.fixture
 def runs(store, enqueued):
-    """Runs whose long ones are enqueued to a list instead of an engine."""
-    return runs_of(store, lambda _connection, kind, run_id: enqueued.append((kind, run_id)))
+    """Runs whose long ones are left to workers, and listed."""
+
+    def enqueue(connection, run_id):
+        enqueued.append(run_id)
+        store.steps.announce(connection, run_id)
+
+    return runs_of(store, enqueue)
 
 
 def test_steps_in_any_order_make_the_run_that_one_process_makes(store, runs, enqueued):
@@ -36,11 +41,13 @@ def test_steps_in_any_order_make_the_run_that_one_process_makes(store, runs, enq
     spans = [(0, 1), (1, 170), (170, 300)]
     computed = {span: pack(work.compute(span)) for span in reversed(spans)}
     runs.start(run.id)
-    for span in [*spans, spans[1]]:  # one of them twice, as an engine may
-        runs.records.report(run.id, *span)
+    for _ in range(2):  # as two workers may
+        store.steps.share_out(run.id, spans)
+    for start, stop in [*reversed(spans), spans[1]]:  # one of them twice, as workers may
+        store.steps.keep(run.id, start, computed[start, stop])
     assert runs.current(run.id).state == "running"
     assert runs.current(run.id).progress.done == 300
-    runs.conclude(run.id, [computed[span] for span in spans])
+    runs.conclude(run.id, store.steps.results(run.id))
     at_once = runs_of(store).create(request(set_id), None)
     assert runs.current(run.id).result == runs.current(at_once.id).result
     assert runs.current(run.id).result.resampling.repetitions == 300
@@ -49,7 +56,8 @@ def test_steps_in_any_order_make_the_run_that_one_process_makes(store, runs, enq
 
 def test_a_run_ends_once(store, runs):
     run = runs.create(request(stored_set(store)), None)
-    runs.records.report(run.id, 0, 120)
+    store.steps.share_out(run.id, [(0, 120), (120, 300)])
+    store.steps.keep(run.id, 0, b"")
     cancelled = runs.cancel(run.id)
     assert (cancelled.state, cancelled.progress.done) == ("cancelled", 120)
     work = runs.work(run.id)

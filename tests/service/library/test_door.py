@@ -20,7 +20,7 @@ from jointstiff.service.problems import CampaignError
 from jointstiff.service.store.store import Store
 from jointstiff.simulator import default_arm, simulate_campaign
 
-SERVICE = ("sqlalchemy", "psycopg", "dbos", "fastapi", "starlette", "uvicorn")
+SERVICE = ("sqlalchemy", "psycopg", "fastapi", "starlette", "uvicorn")
 HEAVY = {
     "jointstiff": ("numpy", "pinocchio", "cvxpy", "pydantic", "httpx2", "rich", *SERVICE),
     "jointstiff.service.library.here": SERVICE,

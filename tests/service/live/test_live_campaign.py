@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 from fastapi.testclient import TestClient
 from support.api import post
-from support.jobs import QueueEngine
 from support.live import observation
 
 from jointstiff.schemas.run import JointResult
@@ -292,9 +291,8 @@ def test_a_robot_goes_after_its_closed_set_and_comes_back_before_it(service):
     assert len(service.get(f"{address}/next").json()["readings"]) == 6
     for at in (address, robot):
         assert service.patch(at, json={"deleted": True}).status_code == 200, at
-    jobs = {"run": service.app.state.parts.jobs["run"]}
     later = datetime.now(UTC) + 2 * KEEP_DELETED
-    Recovery(store, jobs, QueueEngine(), "alive", now=lambda: later).look()
+    Recovery(store, service.app.state.parts.jobs_of, "alive", now=lambda: later).look()
     assert service.patch(robot, json={"deleted": False}).status_code == 404
     assert store.live_entries.of(set_id=address.rpartition("/")[2]) == []
 
@@ -307,7 +305,7 @@ def test_a_deleted_open_set_is_purged_with_what_was_read(service):
     assert service.patch(address, json={"deleted": True}).status_code == 200
     assert service.patch(f"/v1/robots/{robot}", json={"deleted": True}).status_code == 200
     later = datetime.now(UTC) + 2 * KEEP_DELETED
-    Recovery(store, {}, QueueEngine(), "alive", now=lambda: later).look()
+    Recovery(store, service.app.state.parts.jobs_of, "alive", now=lambda: later).look()
     assert service.patch(address, json={"deleted": False}).status_code == 404
     with pytest.raises(NotFoundError):
         store.robots.get(robot, hidden=True)

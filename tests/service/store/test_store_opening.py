@@ -60,8 +60,8 @@ def test_other_tables_are_another_layout() -> None:
     dialect = sqlite_dialect.dialect()
     tables = "".join(str(CreateTable(table).compile(dialect=dialect)) for table in metadata.sorted_tables)
     assert (LAYOUT, hashlib.sha256(tables.encode()).hexdigest()[:16]) == (
-        "0006_open_sets",
-        "1bcab4b2bb083c98",
+        "0007_steps",
+        "c4c274003869426d",
     )
 
 
@@ -88,7 +88,7 @@ def test_documents_of_another_shape_are_another_layout() -> None:
     documents = [Robot, StoredMeasurementSet, *(kind.message for kind in KINDS)]
     shapes = [shape(each.model_json_schema(mode="serialization")) for each in documents]
     digest = hashlib.sha256(json.dumps(shapes, sort_keys=True).encode()).hexdigest()[:16]
-    assert (LAYOUT, digest) == ("0006_open_sets", "3e0b81339c47cacc")
+    assert (LAYOUT, digest) == ("0007_steps", "3e0b81339c47cacc")
 
 
 def test_tables_that_cannot_be_made_leave_nothing(database_url: str) -> None:

@@ -9,14 +9,15 @@ from contextlib import closing
 from datetime import UTC, datetime, timedelta
 
 import pytest
-from support.jobs import QueueEngine, request, runs_of, stored_set
+from support.jobs import request, runs_of, stored_set
 
+from jointstiff.service.kinds.identification import ByJoints
 from jointstiff.service.problems import StoreUnavailableError
 from jointstiff.service.store.database import Database
 from jointstiff.service.store.jobs import Heartbeats
 from jointstiff.service.store.store import Store
-from jointstiff.service.workers.engine import _patient, _until_ended
-from jointstiff.service.workers.worker import Recovery
+from jointstiff.service.workers.worker import Recovery, _patiently, carry_out_next
+from jointstiff.solver.errors import SolverError
 
 SILENCE = timedelta(seconds=30)
 
@@ -29,156 +30,187 @@ def store(either_database_url):
 
 @pytest.fixture
 def runs(store):
-    return runs_of(store, lambda _connection, _kind, _run_id: None)
+    return runs_of(store, store.steps.announce)
+
+
+SPANS = [(0, 100), (100, 200), (200, 300)]
 
 
 @pytest.fixture
-def engine():
-    return QueueEngine()
+def shared(store, runs):
+    """Call it for a run that was posted and cut into steps of 100 draws."""
+
+    def make():
+        run = runs.create(request(stored_set(store)), None)
+        runs.start(run.id)
+        store.steps.share_out(run.id, SPANS)
+        return run
+
+    return make
 
 
-def recovery_of(store, runs, engine, executor="alive"):
-    return Recovery(store, {"run": runs}, engine, executor)
+def recovery_of(store, runs, executor="alive"):
+    return Recovery(store, lambda _: runs, executor)
 
 
-def test_what_a_dead_worker_left_is_shared_out(store, runs, engine):
-    recovery = recovery_of(store, runs, engine)
-    engine.taken = {"job-1": ("job", "dead"), "part-1": ("part", "dead"), "part-2": ("part", "alive")}
-    engine.active = ["part-2"]
-    recovery.look()
-    assert sorted(engine.resumed) == [("job-1", "job"), ("part-1", "part")]
+def all_done(store, runs, executor):
+    """Carry out all steps that are left, as a worker does."""
+    while carry_out_next(store, lambda _: runs, executor):
+        pass
 
 
-def test_it_does_not_matter_who_noticed_first_and_died(store, runs, engine):
-    """Nothing is forgotten on the way: whoever looks next finds the same."""
-    engine.taken = {"job-1": ("job", "dead")}
-    store.heartbeats.forget("dead")
-    recovery_of(store, runs, engine, "another").look()
-    assert engine.resumed == [("job-1", "job")]
-
-
-def test_the_living_are_left_alone(store, runs, engine):
-    first, second = (recovery_of(store, runs, engine, name) for name in ("a", "b"))
-    first.look()
-    engine.taken = {"job-1": ("job", "b")}
-    engine.active = ["job-1"]
-    second.look()
-    first.look()
-    assert engine.resumed == []
-
-
-def test_work_that_a_living_worker_has_lost_is_taken_up_at_the_second_look(store, runs, engine):
-    recovery = recovery_of(store, runs, engine)
-    engine.taken = {"part-1": ("part", "alive")}
-    recovery.look()
-    assert engine.resumed == []  # it may be about to begin
-    recovery.look()
-    assert engine.resumed == [("part-1", "part")]
-
-
-@pytest.mark.parametrize("status", ["ERROR", "MAX_RECOVERY_ATTEMPTS_EXCEEDED", "SUCCESS", None])
-def test_a_run_that_the_engine_gave_up_or_does_not_know_fails(store, runs, engine, status):
+def test_a_run_is_cut_carried_out_and_put_together(store, runs):
     run = runs.create(request(stored_set(store)), None)
-    engine.ended = {run.id: status} if status else {}
-    recovery = recovery_of(store, runs, engine)
-    recovery.look()
     assert runs.current(run.id).state == "queued"
+    all_done(store, runs, "worker")
+    ended = runs.current(run.id)
+    assert (ended.state, ended.progress.done) == ("succeeded", 300)
+    at_once = runs_of(store).create(request(run.measurement_set_id), None)
+    assert ended.result == runs_of(store).current(at_once.id).result
+
+
+def test_each_step_is_taken_by_one_worker_and_the_last_one_when_all_others_are_done(store, shared):
+    run = shared()
+    taken = [store.steps.take(name) for name in ("a", "b", "c")]
+    assert [(step.start, step.units) for step in taken] == [(0, 100), (100, 100), (200, 100)]
+    assert store.steps.take("d") is None
+    assert store.steps.take("b") == taken[1], "what it has begun and not done comes again"
+    for step in taken:
+        assert store.steps.take("d") is None
+        store.steps.keep(run.id, step.start, b"computed")
+    last = store.steps.take("d")
+    assert (last.start, last.is_last) == (300, True)
+    assert store.steps.take("a") is None
+
+
+def test_small_runs_do_not_wait_for_the_rest_of_large_ones(store, runs):
+    large, small = (runs.create(request(stored_set(store)), None) for _ in range(2))
+    store.steps.share_out(large.id, [(i, i + 1) for i in range(300)])
+    store.steps.share_out(small.id, [(0, 300)])
+    names = (f"worker {i}" for i in range(300))
+    ids = [store.steps.take(next(names)).job_id for _ in range(6)]
+    assert ids == [large.id] * 4 + [small.id, large.id]
+
+
+def test_a_step_that_two_workers_carried_out_is_kept_once(store, runs, shared):
+    run = shared()
+    for result in (b"first", b"second"):
+        store.steps.keep(run.id, 0, result)
+    store.steps.share_out(run.id, [(0, 300)])
+    assert store.steps.results(run.id)[:1] == [b"first"]
+    assert runs.records.status(run.id).done == 100
+
+
+def test_the_steps_of_ended_runs_are_removed_and_their_results_stay(store, runs, shared):
+    ended, goes_on = shared(), shared()
+    for run in (ended, goes_on):
+        store.steps.keep(run.id, 0, b"computed")
+    step = store.steps.take("worker")
+    assert step.job_id == ended.id
+    cancelled = runs.cancel(ended.id)
+    assert cancelled.progress.done == 100
+    store.steps.keep(ended.id, step.start, b"late")
+    store.steps.share_out(ended.id, SPANS)
+    assert store.steps.results(ended.id) == []
+    assert [runs.records.status(each.id).done for each in (ended, goes_on)] == [0, 100]
+    assert store.steps.take("worker").job_id == goes_on.id
+    assert runs.current(ended.id) == cancelled
+
+
+def test_what_a_dead_worker_left_is_taken_by_others(store, runs, shared):
+    shared()
+    lost = store.steps.take("dead")
+    mine = store.steps.take("alive")
+    recovery_of(store, runs).look()
+    assert store.steps.take("another") == lost
+    assert store.steps.take("alive") == mine, "the living are left alone"
+
+
+def test_it_does_not_matter_who_noticed_first_and_died(store, runs, shared):
+    """Nothing is forgotten on the way: whoever looks next finds the same."""
+    shared()
+    lost = store.steps.take("dead")
+    store.heartbeats.forget("dead")
+    recovery_of(store, runs, "another").look()
+    assert store.steps.take("alive") == lost
+
+
+def test_a_worker_that_ends_hands_its_work_over(store, runs, shared):
+    shared()
+    recovery = recovery_of(store, runs)
     recovery.look()
+    left, others = store.steps.take("alive"), store.steps.take("other")
+    recovery.hand_over()
+    assert store.steps.take("another") == left
+    assert store.steps.take("other") == others
+    assert store.heartbeats.living(SILENCE) == []
+
+
+def test_a_run_without_a_step_that_would_end_it_fails(store, runs):
+    run = runs_of(store, lambda _connection, _run_id: None).create(request(stored_set(store)), None)
+    waiting = runs.create(request(stored_set(store)), None)
+    recovery_of(store, runs).look()
     ended = runs.current(run.id)
     assert (ended.state, ended.error.type) == ("failed", "urn:jointstiff:problem:worker-lost")
     assert "send it again" in ended.error.remedy
+    assert runs.current(waiting.id).state == "queued"
 
 
-def test_a_run_that_too_many_workers_died_over_fails_and_those_that_they_waited_for_do_not(
-    store, runs, engine, monkeypatch
-):
-    monkeypatch.setattr("jointstiff.service.workers.worker.ATTEMPTS", 3)
-    poison, waiting, heavy = (runs.create(request(stored_set(store)), None) for _ in range(3))
-    runs.records.report(heavy.id, 0, runs.current(heavy.id).progress.total)
-    runs.records.report(waiting.id, 0, 120)
-    engine.shared_out = {poison.id, waiting.id, heavy.id}
-    recovery = recovery_of(store, runs, engine)
-    for number in range(3):
-        assert {runs.current(run.id).state for run in (poison, waiting, heavy)} == {"queued"}
-        dead = f"dead-{number}"
-        engine.taken = {run.id: ("job", dead) for run in (poison, waiting, heavy)}
-        engine.taken[f"{poison.id}-1"] = ("part", dead)
-        engine.ended = {run.id: "PENDING" for run in (poison, waiting, heavy)}
-        recovery.look()
-    assert [runs.current(run.id).state for run in (poison, waiting, heavy)] == ["failed", "queued", "failed"]
-
-
-def test_a_run_that_workers_die_over_before_it_is_shared_out_fails(store, runs, engine, monkeypatch):
+@pytest.mark.parametrize("step", ["first", "other", "last"])
+def test_a_run_that_too_many_workers_die_over_fails_and_others_do_not(store, runs, monkeypatch, step):
     monkeypatch.setattr("jointstiff.service.workers.worker.ATTEMPTS", 3)
     poison = runs.create(request(stored_set(store)), None)
-    engine.ended = {poison.id: "PENDING"}
-    engine.inherited = {poison.id: ("job", "alive")}
-    for state in ("queued", "queued", "failed"):
-        recovery_of(store, runs, engine).count_own_deaths()
-        assert runs.current(poison.id).state == state
+    if step != "first":
+        store.steps.share_out(poison.id, [(0, 300)])
+    if step == "last":
+        store.steps.keep(poison.id, 0, b"computed")
+    recovery = recovery_of(store, runs)
+    store.steps.take("dead-1")
+    waiting = runs.create(request(stored_set(store)), None)
+    assert store.steps.take("alive").job_id == waiting.id
+    recovery.look()
+    for name in ("dead-2", "dead-3"):
+        assert {runs.current(run.id).state for run in (poison, waiting)} == {"queued"}
+        assert store.steps.take(name).job_id == poison.id
+        recovery.look()
+    assert [runs.current(run.id).state for run in (poison, waiting)] == ["failed", "queued"]
 
 
-def test_a_worker_that_starts_again_counts_the_death_of_the_one_before(store, runs, engine, monkeypatch):
+def test_a_worker_that_starts_again_counts_the_death_of_the_one_before(store, runs, monkeypatch):
     """The only worker takes its own name again: nobody else would count."""
     monkeypatch.setattr("jointstiff.service.workers.worker.ATTEMPTS", 3)
     poison = runs.create(request(stored_set(store)), None)
-    engine.ended = {poison.id: "PENDING"}
-    engine.inherited = {poison.id: ("job", "alive"), f"{poison.id}-1": ("part", "alive")}
-    for _ in range(2):
-        recovery = recovery_of(store, runs, engine)
-        for _look in range(3):  # it is counted once
-            recovery.look()
-        assert runs.current(poison.id).state == "queued"
-    runs.records.report(poison.id, 0, 120)
     for state in ("queued", "queued", "failed"):
-        recovery_of(store, runs, engine).look()
+        store.steps.take("alive")
+        recovery = recovery_of(store, runs)
+        recovery.count_own_death()
+        for _ in range(3):  # it is counted once
+            recovery.look()
+            recovery.count_own_death()
         assert runs.current(poison.id).state == state
 
 
-def test_a_duty_that_fails_does_not_keep_the_janitor_from_the_others(store, runs, engine, monkeypatch):
-    def refuse(_workflows):
+def test_a_duty_that_fails_does_not_keep_the_janitor_from_the_others(store, runs, monkeypatch):
+    def refuse(_living):
         raise KeyError("odd")
 
-    monkeypatch.setattr(engine, "resume", refuse)
-    run = runs.create(request(stored_set(store)), None)
-    engine.ended = {run.id: "ERROR"}
-    engine.taken = {"part-1": ("part", "dead")}
-    recovery = recovery_of(store, runs, engine)
-    for _ in range(2):
-        with pytest.raises(KeyError, match="odd"):
-            recovery.look()
+    monkeypatch.setattr(store.steps, "count_deaths", refuse)
+    run = runs_of(store, lambda _connection, _run_id: None).create(request(stored_set(store)), None)
+    with pytest.raises(KeyError, match="odd"):
+        recovery_of(store, runs).look()
     assert runs.current(run.id).state == "failed"
 
 
-@pytest.mark.parametrize("status", ["ENQUEUED", "PENDING"])
-def test_a_run_that_goes_on_goes_on(store, runs, engine, status):
+def test_a_step_that_fails_ends_its_run_with_the_reason(store, runs, monkeypatch):
     run = runs.create(request(stored_set(store)), None)
-    engine.ended = {run.id: status}
-    recovery = recovery_of(store, runs, engine)
-    for _ in range(3):
-        recovery.look()
-    assert runs.current(run.id).state == "queued"
 
+    def refuse(_self, _span):
+        raise SolverError("no optimum", remedy="measure again")
 
-def test_the_steps_of_ended_runs_are_removed_and_their_results_stay(store, runs, engine):
-    ended, goes_on = (runs.create(request(stored_set(store)), None) for _ in range(2))
-    for run in (ended, goes_on):
-        runs.records.report(run.id, 0, 120)
-        engine.ended[run.id] = "PENDING"
-    runs.cancel(ended.id)
-    before = runs.document(ended.id)
-    engine.forgotten = [ended.id]
-    recovery_of(store, runs, engine).look()
-    assert [runs.records.status(each.id).done for each in (ended, goes_on)] == [0, 120]
-    assert runs.document(ended.id) == before
-
-
-def test_a_worker_that_ends_hands_its_work_over(store, runs, engine):
-    recovery = recovery_of(store, runs, engine)
-    recovery.look()
-    engine.taken = {"part-1": ("part", "alive"), "part-2": ("part", "other")}
-    recovery.hand_over()
-    assert engine.resumed == [("part-1", "part")]
+    monkeypatch.setattr(ByJoints, "compute", refuse)
+    all_done(store, runs, "worker")
+    ended = runs.current(run.id)
+    assert (ended.state, ended.error.detail, ended.error.remedy) == ("failed", "no optimum", "measure again")
 
 
 @pytest.fixture
@@ -206,39 +238,28 @@ def test_the_living_are_counted_by_their_beats(beats_at):
     assert beats_at(NOW).living(SILENCE) == ["a", "b"], "a proof is no worker"
 
 
-def test_of_a_part_no_step_is_carried_out_after_one_that_finds_the_job_ended():
-    asked = []
-
-    def compute(span):
-        asked.append(span)
-        return "" if span[0] == 2 else "computed"
-
-    spans = [(i, i + 1) for i in range(1000)]
-    assert _until_ended(compute, spans) == ["computed", "computed", ""]
-    assert asked == spans[:3]
-    assert _until_ended(compute, spans[3:]) == ["computed"] * 997
-
-
 def test_a_step_waits_for_the_database(monkeypatch):
     """An outage is no result of a step."""
-    monkeypatch.setattr("jointstiff.service.workers.engine.time.sleep", lambda _: None)
+    monkeypatch.setattr("jointstiff.service.workers.worker.time.sleep", lambda _: None)
     failures = iter([StoreUnavailableError("away", "wait")] * 50)
 
-    @_patient
-    def step(value):
+    def step():
         for failure in failures:
             raise failure
-        return value
+        return True
 
-    assert step(3) == 3
+    assert _patiently(step)
 
 
-def test_a_process_without_memory_ends_and_its_step_has_no_result(monkeypatch):
+def test_a_process_without_memory_ends_and_its_step_has_no_result(store, runs, monkeypatch):
     monkeypatch.setattr("os.kill", lambda pid, sign: sys.exit(f"{pid} {sign}"))
+    run = runs.create(request(stored_set(store)), None)
 
-    @_patient
-    def step():
+    def exhaust(_self, _span):
         raise MemoryError
 
+    monkeypatch.setattr(ByJoints, "compute", exhaust)
     with pytest.raises(SystemExit, match=f"^{os.getpid()} {signal.SIGKILL}$"):
-        step()
+        _patiently(lambda: all_done(store, runs, "worker"))
+    assert runs.current(run.id).state == "running"
+    assert runs.records.status(run.id).done == 0

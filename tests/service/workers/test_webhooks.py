@@ -18,7 +18,7 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 import httpx2
 import pytest
 from support.in_process import Client
-from support.jobs import QueueEngine, request, runs_of, stored_set
+from support.jobs import request, runs_of, stored_set
 from support.processes import Service, until
 from typer.testing import CliRunner
 
@@ -452,7 +452,7 @@ def test_failed_runs_and_lost_workers_are_told(store, receiver, clock):
     jobs.fail(record.id, WorkerLostError("five workers died"))
     jobs.fail(record.id, WorkerLostError("and again"))
     beats = Heartbeats(store._database, lambda _: clock.time)
-    recovery = Recovery(store, {"run": jobs}, QueueEngine(), "alive", heartbeats=beats)
+    recovery = Recovery(store, lambda _: jobs, "alive", heartbeats=beats)
     beats.beat("gone")
     clock.go_on(seconds=31)
     with receiver.up():
