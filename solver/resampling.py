@@ -19,7 +19,7 @@ import numpy as np
 from jointstiff.schemas.joints import JointKind
 from jointstiff.schemas.options import Resampling
 from jointstiff.schemas.run import ResampledCompensation, ResampledJoint, ResamplingResult
-from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray, Support
+from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.convex.solution import Bounds, IdentificationProblem, solve_batch, solve_step
 from jointstiff.solver.errors import UnsupportedMethodError
 from jointstiff.solver.evidence.estimate import Estimate
@@ -193,22 +193,15 @@ class Resamples:
     """
 
     compliance: FloatArray  #: (K, n) optimum [rad/(N·m)]; NaN where undetermined
-    active: Support  #: (K, n) -1 or 1 at a lower or upper bound, else 0
     #: (K,) ``1 − mean‖δp − δp̂‖ / mean‖δp‖`` over all N configurations, drawn or not; NaN where a joint
     #: that they show is undetermined
     compensation: FloatArray
-
-    @property
-    def undetermined(self) -> BoolArray:
-        """(K, n) joints of which a draw says nothing."""
-        return np.isnan(self.compliance)
 
     @classmethod
     def concatenate(cls, parts: Sequence[Resamples]) -> Resamples:
         """Join parts, at least one, in the given order."""
         return cls(
             np.concatenate([part.compliance for part in parts]),
-            np.concatenate([part.active for part in parts]),
             np.concatenate([part.compensation for part in parts]),
         )
 
@@ -240,12 +233,12 @@ def resample(
         shape = len(drawn), len(blocks)
         places = np.arange(len(drawn))[:, None] * len(blocks) + drawn
         counts = np.bincount(places.ravel(), minlength=shape[0] * shape[1]).reshape(shape).astype(np.float64)
-        compliance, active = fit_subsets(blocks, counts, bounds)
-        parts.append(Resamples(compliance, active, blocks.compensation(compliance)))
+        compliance = fit_subsets(blocks, counts, bounds)
+        parts.append(Resamples(compliance, blocks.compensation(compliance)))
     return Resamples.concatenate(parts)
 
 
-def fit_subsets(blocks: GramBlocks, weights: FloatArray, bounds: Bounds) -> tuple[FloatArray, Support]:
+def fit_subsets(blocks: GramBlocks, weights: FloatArray, bounds: Bounds) -> FloatArray:
     """Fit subsets of the configurations, stage by stage.
 
     Args:
@@ -254,23 +247,19 @@ def fit_subsets(blocks: GramBlocks, weights: FloatArray, bounds: Bounds) -> tupl
         bounds: on all n compliances.
 
     Returns:
-        (K, n) compliances [rad/(N·m)], NaN where undetermined, and the bounds that hold them.
+        (K, n) compliances [rad/(N·m)], NaN where undetermined.
 
     Raises:
         SolverError: if optimality of an estimate could not be certified.
     """
     compliance = np.full((len(weights), blocks.parameters), np.nan)
-    active = np.zeros(compliance.shape, dtype=np.int8)
     for stage in blocks.stages:
-        known = compliance[:, stage.known]
-        solved = _solve_stage(stage, weights, known, bounds.select(stage.joints))
-        compliance[:, stage.joints], active[:, stage.joints] = solved
-    return compliance, active
+        known, own = compliance[:, stage.known], bounds.select(stage.joints)
+        compliance[:, stage.joints] = _solve_stage(stage, weights, known, own)
+    return compliance
 
 
-def _solve_stage(
-    stage: StageBlocks, weights: FloatArray, known: FloatArray, bounds: Bounds
-) -> tuple[FloatArray, Support]:
+def _solve_stage(stage: StageBlocks, weights: FloatArray, known: FloatArray, bounds: Bounds) -> FloatArray:
     """Compliances (K, p) of a stage's joints, given those that are known (K, q) [rad/(N·m)].
 
     ``h = A_jᵀ d − A_jᵀ A_k c_k``, with A_j the columns of the joints and A_k those of the known ones.
@@ -284,40 +273,37 @@ def _solve_stage(
     seen = (np.diagonal(gram, axis1=1, axis2=2) > NULL_COLUMN**2).all(axis=1)
     fit = np.flatnonzero(seen & np.isfinite(offset).all(axis=1))
     solution = solve_batch(gram[fit], moment[fit], box)
-    x, active = np.full(moment.shape, np.nan), np.zeros(moment.shape, dtype=np.int8)
-    x[fit], active[fit] = solution.compliance, solution.active
+    x = np.full(moment.shape, np.nan)
+    x[fit] = solution.compliance
     pending = np.ones(len(weights), dtype=np.bool_)
     pending[fit] = ~solution.certified
     for k in np.flatnonzero(pending):
         drawn = np.repeat(np.arange(weights.shape[1]), weights[k].astype(np.intp))
-        x[k], active[k] = _solve_rows(stage, drawn, offset[k], box)
-    return bounds.hold_exactly(x * unit, active), active
+        x[k] = _solve_rows(stage, drawn, offset[k], box)
+    return bounds.hold_exactly(x * unit, box.support_at(x))
 
 
-def _solve_rows(
-    stage: StageBlocks, drawn: IndexArray, offset: FloatArray, box: Bounds
-) -> tuple[FloatArray, Support]:
+def _solve_rows(stage: StageBlocks, drawn: IndexArray, offset: FloatArray, box: Bounds) -> FloatArray:
     """One repetition from its rows, as `solver.fitting.fit` would: QR, rank, `solve_step`.
 
     Returns:
-        (p,) scaled parameters, NaN where undetermined, and (p,) their bounds.
+        (p,) scaled parameters, NaN where undetermined.
     """
     p = len(stage.joints)
-    x, active = np.full(p, np.nan), np.zeros(p, dtype=np.int8)
+    x = np.full(p, np.nan)
     triangle = triangle_of(stage.rows[drawn].reshape(-1, stage.rows.shape[2]))
     null = np.linalg.norm(triangle, axis=0) <= NULL_COLUMN
     # What is not known of an earlier joint does no harm where that joint leaves no trace, either.
     offset = np.where(null[p:-1] & np.isnan(offset), 0.0, offset)
     columns = np.flatnonzero(~null[:p])
     if np.isnan(offset).any() or not len(columns):
-        return x, active
+        return x
     R, z = triangle[:, columns], triangle[:, -1] - triangle[:, p:-1] @ offset
     spectrum = Spectrum(R)
     solution = solve_step(IdentificationProblem(spectrum.determined, z, box.select(columns)))
     combined = np.isin(columns, list(analyse(spectrum, columns).combined))
     x[columns] = np.where(combined, np.nan, solution.compliance)
-    active[columns] = np.where(combined, 0, solution.active)
-    return x, active
+    return x
 
 
 def summarise(

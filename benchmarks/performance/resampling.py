@@ -62,7 +62,7 @@ def _section(method: Method, campaign: Campaign, plan: Resampling, rounds: int) 
     found: Resamples = times.results[OURS]
     columns, rows = times_table(times, OURS, [("from ours", _differences(times, blocks))])
     what = f"{plan.repetitions:,} × {DRAWN} of {CONFIGURATIONS}, {method}"
-    at_bound = int((found.active != 0).any(axis=1).sum())
+    at_bound = int((found.compliance == 0.0).any(axis=1).sum())
     return Section(
         title=f"Resampling: {what}, positive",
         columns=columns,

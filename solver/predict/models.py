@@ -673,7 +673,7 @@ def leave_postures_out(
         measurements = estimate.robust.weigh(measurements)
     plain = replace(settings, loss="squared", prior=None, order=())
     blocks = gram_blocks(robot, measurements, plain, estimate)
-    fits = fit_subsets(blocks, (posture != groups[:, None]).astype(np.float64), plain.bounds)[0]
+    fits = fit_subsets(blocks, (posture != groups[:, None]).astype(np.float64), plain.bounds)
     of_reading = posture[np.nonzero(measurements.present)[0]]
     left_out = np.isin(of_reading, groups)
     compliance = np.zeros((len(of_reading), len(blocks.visible)))

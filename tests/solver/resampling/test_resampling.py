@@ -96,9 +96,9 @@ class TestAgainstIdentify:
                 for found in (by_squares, by_rows):
                     np.testing.assert_allclose(found.compliance[k], expected.compliance, rtol=1e-8)
                     assert found.compensation[k] == pytest.approx(prediction.compensation, rel=1e-9)
-                    np.testing.assert_array_equal(found.active[k] != 0, at_bound)
+                    np.testing.assert_array_equal(_held(found, bounds)[k], at_bound)
             for found in (by_squares, by_rows):
-                assert bounds is FREE or (found.active != 0).any()
+                assert bounds is FREE or _held(found, bounds).any()
                 assert ((bounds.lower <= found.compliance) & (found.compliance <= bounds.upper)).all()
 
     @pytest.mark.parametrize("method", METHODS)
@@ -111,7 +111,7 @@ class TestAgainstIdentify:
             measurements = with_targets(measurements, present)
         plan, options = plan_of(10, 5, 3), settings(method)
         found = resample(blocks_of_set(robot, measurements, options), plan, POSITIVE)
-        assert found.undetermined[:, 0].all()
+        assert np.isnan(found.compliance[:, 0]).all()
         for k, drawn in enumerate(draws_of(plan, len(measurements), 0, 5)):
             expected = identify(robot, measurements[drawn], options)
             np.testing.assert_allclose(found.compliance[k, 1:], expected.compliance[1:], rtol=1e-8)
@@ -124,8 +124,7 @@ class TestUndetermined:
         robot, measurements = noisy
         one = replace(measurements, present=np.arange(3) == np.zeros((19, 1)))
         found = resample(blocks_of_set(robot, one, settings("partial_pose")), plan_of(1, 10, 0), FREE)
-        assert found.undetermined.all()
-        assert (found.active == 0).all()
+        assert np.isnan(found.compliance).all()
 
     @pytest.mark.parametrize("case", ["combined", "null", "null_at_targets", "determined"])
     def test_wrist_behind_an_arm_that_is_not_determined(self, case):
@@ -144,7 +143,7 @@ class TestUndetermined:
         blocks = GramBlocks(5, stages, np.arange(5), rng.standard_normal((5, 3, 6)), np.ones((3, 6)))
         found = resample(blocks, plan_of(1, 1, 0), Bounds.unconstrained(5))
         unknown = {"combined": [0, 1, 3, 4], "null": [0, 3, 4], "null_at_targets": [0], "determined": []}
-        np.testing.assert_array_equal(np.flatnonzero(found.undetermined[0]), unknown[case])
+        np.testing.assert_array_equal(np.flatnonzero(np.isnan(found.compliance[0])), unknown[case])
         if case in {"null_at_targets", "determined"}:
             rows = targets[draws_of(plan_of(1, 1, 0), 2, 0, 1)[0, 0]]
             left = rows[:, 5] - rows[:, 2:5] @ np.nan_to_num(found.compliance[0, :3])
@@ -190,7 +189,7 @@ class TestSameNumbers:
         blocks = blocks_of_set(*rarely_twisted, settings(method))
         plan = plan_of(7, 50, 9, replacement=replacement)
         whole = resample(blocks, plan, POSITIVE)
-        assert whole.undetermined.any()
+        assert np.isnan(whole.compliance).any()
         cuts = [0, 1, 2, 13, 13, 40, 50]
         parts = [resample(blocks, plan, POSITIVE, *cut) for cut in pairwise(cuts)]
         assert _bytes(Resamples.concatenate(parts)) == _bytes(whole)
@@ -215,8 +214,7 @@ class TestSummary:
     def test_of_numbers_that_are_known(self):
         nan = np.nan
         compliance = np.array([[1.0, -2.0, nan], [2.0, 0.0, nan], [4.0, 2.0, nan], [nan, 4.0, nan]])
-        active = np.array([[0, 0, 0], [0, -1, 0], [1, 0, 0], [0, 0, 0]], dtype=np.int8)
-        draws = Resamples(compliance, active, np.array([0.5, 0.7, 0.9, nan]))
+        draws = Resamples(compliance, np.array([0.5, 0.7, 0.9, nan]))
         found = summarise(draws, ["a", "b", "c"], confidence=0.5)
         a, b, c = found.joints
         assert (a.compliance_mean, b.compliance_mean) == pytest.approx((7 / 3, 1.0))
@@ -262,7 +260,11 @@ def digest():
 
 
 def _bytes(resamples):
-    return b"".join(a.tobytes() for a in (resamples.compliance, resamples.active, resamples.compensation))
+    return b"".join(a.tobytes() for a in (resamples.compliance, resamples.compensation))
+
+
+def _held(resamples, bounds):
+    return (resamples.compliance == bounds.lower) | (resamples.compliance == bounds.upper)
 
 
 def _stage(rows, joints, known):
