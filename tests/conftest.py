@@ -20,6 +20,7 @@ import httpcore2
 import httpx2
 import psycopg
 import pytest
+from support import examples as examples  # registers the profile of --hypothesis-profile=full
 from support import lanes, wheel
 from support.processes import Service
 

@@ -195,22 +195,6 @@ def test_a_run_survives_statements_that_are_cancelled(
         assert numbers(client.get(address).json()) == undisturbed
 
 
-@pytest.mark.slow
-def test_a_worker_adopts_what_another_one_left(
-    new_database: Callable[[], str], campaign: dict[str, Any], undisturbed: dict[str, Any]
-) -> None:
-    database = new_database()
-    with serving(database, 0, free_port()) as service, connected(ready(service)) as client:
-        address = post_run(client, post_campaign(client, campaign), RESAMPLING).headers["location"]
-        with working(database, "first") as first:
-            further(client, address, 0)
-            first.kill()
-            first.wait()
-        with working(database, "second"):
-            until(lambda: client.get(address).json()["state"] not in OPEN, seconds=90)
-        assert numbers(client.get(address).json()) == undisturbed
-
-
 # Requests
 
 

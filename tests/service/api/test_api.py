@@ -82,12 +82,6 @@ class TestRobots:
         assert problem.where == where
         assert problem.remedy
 
-    def test_a_flange_that_is_not_there(self, client, campaign):
-        robot = copy.deepcopy(campaign["robot"])
-        robot["model"]["flange"] = "nothing"
-        problem = post(client, "/v1/robots", robot, 422)
-        assert "nothing" in problem["detail"] + problem["where"]
-
 
 def _edit(path, value):
     def change(document):
@@ -196,14 +190,6 @@ class TestRuns:
         assert problem["where"] == where
         assert problem["remedy"]
         assert client.get("/v1/runs", params={"measurement_set_id": set_id}).json()["items"] == []
-
-    def test_too_few_targets_for_the_method(self, client, readings):
-        for observation in readings["observations"]:
-            del observation["readings"][2]
-        set_id = post(client, "/v1/measurement-sets", readings)["id"]
-        problem = post(client, "/v1/runs", {"measurement_set_id": set_id, "method": "complete_pose"}, 422)
-        assert problem["type"].endswith("unsupported-method")
-        assert "needs 3 targets" in problem["detail"]
 
 
 @EITHER_DATABASE

@@ -160,23 +160,6 @@ def test_an_issued_report_stays_byte_for_byte(ask, runs, store, monkeypatch, tmp
     assert ask("GET", file_at(path, "issued-1.pdf")).content == first
 
 
-def test_a_superseded_report_states_what_it_stated(ask, runs):
-    measured, _ = runs
-    first, second = (
-        ask("POST", "/v1/runs", json={"measurement_set_id": measured}).json()["id"] for _ in range(2)
-    )
-    ask("PATCH", f"/v1/measurement-sets/{measured}", json={"operator": "The first operator"})
-    ask("POST", f"/v1/runs/{first}/authorisations", "admin", json={"received_on": "2026-01-02"})
-    ask("PATCH", f"/v1/measurement-sets/{measured}", json={"operator": "The second operator"})
-    ask("POST", f"/v1/runs/{second}/authorisations", "admin", json={"supersedes": first})
-    shown = page(ask, first, settings=LaboratorySettings(Laboratory(name="Another Lab")))
-    assert ">superseded<" in shown
-    for words in ("The first operator", "Metrology Lab", "2026-01-02"):
-        assert words in shown
-    assert "The second operator" not in shown
-    assert "Another Lab" not in shown
-
-
 @pytest.mark.parametrize(
     "body", [{"received_on": "yesterday"}, {"customer": {}}, {"customer": {"name": "\u0000"}}, {"number": 7}]
 )

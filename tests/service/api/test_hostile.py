@@ -11,7 +11,7 @@ import pytest
 from fastapi import HTTPException
 from fastapi.exceptions import RequestValidationError
 from support.api import EITHER_DATABASE, post
-from support.hostile_urdfs import HOSTILE, LARGE
+from support.hostile_urdfs import HOSTILE
 
 from jointstiff.schemas.geometry import GeometryRequest
 from jointstiff.schemas.measurement import MeasurementSetRequest
@@ -230,14 +230,6 @@ def test_hostile_documents(client, name):
     assert problem["where"] in {"model.urdf", f"model.urdf: {where}"}
     assert problem["detail"]
     assert problem["remedy"]
-
-
-@pytest.mark.parametrize("name", LARGE)
-def test_large_documents(client, name):
-    answer = posted_urdf(client, LARGE[name])
-    assert answer.status_code in {413, 422}
-    assert answer.json()["detail"]
-    assert client.get("/health").is_success
 
 
 @pytest.mark.parametrize("length", [10, 100, 300, 900])

@@ -15,12 +15,11 @@ from hypothesis import strategies as st
 from starlette.datastructures import UploadFile
 from support.examples import examples
 from support.importing_samples import CAMPAIGN
-from support.workbooks import SHEET, bomb, repacked, table_of, workbook
+from support.workbooks import table_of
 
 from jointstiff.schemas.finding import Problem
 from jointstiff.schemas.imports import ImportAnswer
 from jointstiff.service.api.bodies import MAX_FILES, read_form
-from jointstiff.service.importing.excel import MAX_UNPACKED_BYTES
 from jointstiff.service.problems import MAX_PROBLEM_BYTES
 from jointstiff.service.security.admission import SMALL_BYTES
 from jointstiff.simulator import default_arm, simulate_campaign
@@ -100,21 +99,6 @@ class TestAnswers:
         problem = refused(send(client, ("a.csv", CAMPAIGN.encode()), **template), 422)
         assert "does not fit the template" in problem.detail
 
-    @pytest.mark.parametrize(
-        ("text", "where", "reason"),
-        [
-            (CAMPAIGN.replace("-20.25", "x"), "a.csv:3:3", "not a number"),
-            (CAMPAIGN.replace("[N]", "[kg]", 1), "a.csv:2:5", "kg"),
-            ("", "a.csv", "empty"),
-        ],
-    )
-    def test_a_wrong_file_gets_its_place_and_the_remedy(self, client, text, where, reason):
-        problem = refused(send(client, ("a.csv", text.encode())), 422)
-        assert problem.type.endswith(":invalid-file")
-        assert problem.where == where
-        assert reason in problem.detail
-        assert problem.remedy
-
     def test_fields(self, client):
         def post(*form):
             return client.post("/v1/imports", files=list(form))
@@ -157,20 +141,6 @@ class TestHostileForms:
         refused(answer, 413, 422)
         assert "\x07" not in answer.text
         assert client.get("/health").is_success
-
-    @pytest.mark.parametrize(
-        "content",
-        [
-            bomb(MAX_UNPACKED_BYTES + 1),
-            bomb(1, parts=1001),
-            repacked(workbook(), SHEET, lambda _: b"<a>" * 5_000_000),
-            repacked(workbook(), SHEET, lambda data: b'<!DOCTYPE a [<!ENTITY b "c">]>' + data),
-            b"PK\x03\x04" + b"\xff" * 10_000,
-        ],
-        ids=["unpacked", "parts", "tags", "entities", "noise"],
-    )
-    def test_excel_bombs(self, client, content):
-        assert refused(send(client, ("a.xlsx", content)), 422).where.startswith("a.xlsx")
 
     def test_too_large(self, client):
         problem = refused(send(client, ("a.csv", b"1;2\n" * (2 << 20))), 413)
@@ -260,30 +230,6 @@ def test_options_may_come_as_a_file():
     assert read(TYPE, options + END) == [("options", None, "1;2")]
     with pytest.raises(RequestError, match="UTF-8"):
         read(TYPE, options.replace(b"1;2", b"\xff") + END)
-
-
-@pytest.mark.parametrize(
-    "body",
-    [
-        b"",
-        PART,
-        PART + PART[:-20],
-        (PART + END)[:-5],
-        PART.replace(b"\r\n", b"\n") + END,
-        b"--XyZ\r\n\r\n1;2\r\n" + END,
-        PART.replace(b'name="files"', b'name=""') + END,
-        PART.replace(b'name="files"; ', b"") + END,
-        PART.replace(b"\r\n\r\n", b"\r\nContent-Transfer-Encoding: base64\r\n\r\n") + END,
-        PART.replace(b"\r\n\r\n", b"\r\n folded\r\n\r\n") + END,
-        PART.replace(b"\r\n\r\n", b"\r\nX: " + b"y" * 5_000 + b"\r\n\r\n") + END,
-        PART.replace(b'"files"', b'"other"') + END,
-        PART.replace(b'"files"', b'"options"') * 2 + END,
-    ],
-)
-def test_refused(body):
-    with pytest.raises(RequestError) as caught:
-        read(TYPE, body)
-    assert caught.value.remedy
 
 
 @pytest.mark.parametrize("boundary", ["x" * 257, None])

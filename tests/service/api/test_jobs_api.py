@@ -11,7 +11,7 @@ import anyio
 import httpx2
 import numpy as np
 import pytest
-from support.api import DELETE, file_at, job_at, post, posted
+from support.api import file_at, post, posted
 from support.kinds import posted_job
 from support.programs import options, path, tool_poses
 
@@ -32,16 +32,6 @@ def run(local):
 
 
 class TestCampaigns:
-    def test_parts_that_were_deleted_are_stored_anew(self, local):
-        named = CAMPAIGN | {"measurement_set": CAMPAIGN["measurement_set"] | {"name": "to be deleted"}}
-        first = local.request("POST", "/v1/campaigns", json=named).json()
-        before = first["request"]["measurement_set_id"]
-        for address in (job_at(first), f"/v1/measurement-sets/{before}"):
-            assert local.request("PATCH", address, json=DELETE).status_code == 200
-        again = local.request("POST", "/v1/campaigns", json=named).json()
-        assert again["request"]["measurement_set_id"] != before
-        assert again["result"] == first["result"]
-
     @pytest.mark.parametrize(
         ("change", "where"),
         [

@@ -5,29 +5,6 @@ from __future__ import annotations
 import math
 
 import pytest
-from support.api import post
-
-from jointstiff.simulator import default_arm, simulate_campaign
-
-
-@pytest.fixture(scope="module")
-def campaign():
-    return simulate_campaign(default_arm(), load="pull", configurations=7, seed=1)
-
-
-@pytest.fixture
-def robot(local, campaign):
-    return post(local, "/v1/robots", campaign["robot"])
-
-
-def changed(local, path, **change):
-    answer = local.request("PATCH", path, json=change)
-    assert answer.status_code == 200, answer.text
-    return answer.json()
-
-
-def listed(local, path, **query):
-    return [item["id"] for item in local.get(path, params=query).json()["items"]]
 
 
 @pytest.mark.parametrize(
@@ -52,7 +29,7 @@ def listed(local, path, **query):
         ({"archived": "perhaps"}, "true or false"),
     ],
 )
-def test_what_cannot_be_metadata_is_refused(local, campaign, robot, change, reason):
+def test_what_cannot_be_metadata_is_refused(local, change, reason):
     answer = local.request("PATCH", "/v1/measurement-sets/none", json=change)
     assert answer.status_code == 422
     assert reason in answer.text

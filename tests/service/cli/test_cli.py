@@ -51,15 +51,6 @@ def test_units_and_details_are_options_of_every_table(run, campaign):
     assert "docs/glossary.md" in run("identify", "--help").stdout
 
 
-def test_compare_says_why_a_method_is_missing(run, tmp_path):
-    path = tmp_path / "fanuc.json"
-    path.write_text(json.dumps(shared("fanuc_r2000ic/campaign")))
-    shown = run("compare", path)
-    assert shown.exit_code == 0
-    assert "needs 3 targets" in shown.stdout
-    assert "81.0 %" in shown.stdout
-
-
 def test_negative_stiffness_is_shown_as_what_it_is(run, tmp_path):
     document = shared("fanuc_r2000ic/campaign")
     del document["robot"]["joint_map"]
@@ -123,12 +114,6 @@ def test_resampling_shows_how_far_the_choice_of_configurations_decides(run, camp
     for joint, whole in zip(joints[1:], found.result.joints[1:], strict=True):
         assert abs(joint.compliance_mean - whole.compliance) < 3 * whole.standard_uncertainty
     assert found.progress.done == found.progress.total == 200
-
-
-def test_draws_larger_than_the_set_are_refused(run, campaign):
-    shown = run("identify", campaign, "--resample", 20)
-    assert shown.exit_code == 2
-    assert "run.resampling.size" in shown.stderr
 
 
 def test_post_follows_a_long_run(run, campaign, service):

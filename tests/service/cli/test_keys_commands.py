@@ -5,13 +5,10 @@ from __future__ import annotations
 import re
 from datetime import UTC, datetime, timedelta
 
-import httpx2
 import pytest
 from typer.testing import CliRunner
 
 from jointstiff.service.cli.app import app
-from jointstiff.service.library.client import Client
-from jointstiff.service.problems import RefusedError
 from jointstiff.service.security.keys import Keyring, digest
 from jointstiff.service.store.store import Store
 
@@ -82,32 +79,6 @@ def test_a_link_has_its_secret_after_the_number_sign_and_begins_a_session(comman
     now = datetime.now(UTC)
     with Store.open("sqlite:///jointstiff.db") as store:
         assert store.sessions.redeem(digest(token), now + timedelta(minutes=9)) == key_id
-
-
-def sent_by(**options):
-    heard = []
-
-    def answer(request):
-        heard.append(request.headers.get("Authorization"))
-        return httpx2.Response(200, json={})
-
-    Client("http://service", transport=httpx2.MockTransport(answer), **options).ping()
-    return heard[0]
-
-
-def test_programs_send_the_key_that_they_are_given_or_that_of_the_environment(monkeypatch):
-    assert sent_by() is None
-    assert sent_by(key="jst_given\n") == "Bearer jst_given"
-    monkeypatch.setenv("JOINTSTIFF_KEY", "jst_environment")
-    assert sent_by() == "Bearer jst_environment"
-    assert sent_by(key="jst_given") == "Bearer jst_given"
-
-
-@pytest.mark.parametrize("key", ["jst_two\nlines", "jst_☃"])
-def test_what_cannot_be_sent_is_refused_without_being_shown(key):
-    with pytest.raises(RefusedError) as caught:
-        Client("http://service", key=key)
-    assert "jst_" not in str(caught.value)
 
 
 @pytest.mark.parametrize("arguments", [["list"], ["revoke", "x"], ["link", "x"]])

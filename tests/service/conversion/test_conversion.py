@@ -20,6 +20,18 @@ vector = st.lists(coordinate, min_size=3, max_size=3)
 square = [[4e-10, 1e-10, 0.0], [1e-10, 4e-10, 0.0], [0.0, 0.0, 9e-10]]
 noise = st.sampled_from([{}, {"sigma": 1e-5}, {"unloaded_covariance": square, "loaded_covariance": square}])
 text = st.text(st.characters(categories=["L", "N", "P", "S"]), min_size=1, max_size=12)
+reading = st.one_of(
+    st.fixed_dictionaries({"unloaded": vector, "loaded": vector}),
+    st.fixed_dictionaries({"deflection": vector}),
+    st.fixed_dictionaries({"unloaded": vector}),
+    st.fixed_dictionaries({"displacement": coordinate, "direction": st.just([0.6, 0.0, -0.8])}),
+    st.fixed_dictionaries({"displacement": coordinate, "flange_direction": st.just([0.0, 1.0, 0.0])}),
+)
+
+
+def with_noise(read, stated):
+    """The reading with what is stated of it: a gauge has no covariance."""
+    return read | (stated if "sigma" in stated or "displacement" not in read else {})
 
 
 @st.composite
@@ -33,18 +45,8 @@ def observations(draw):
             "force": draw(vector),
             **draw(st.fixed_dictionaries({}, optional={"moment": vector, "load_point": vector})),
             "readings": [
-                {"target": target, **reading, **stated}
-                for target, reading in draw(
-                    st.dictionaries(
-                        text,
-                        st.one_of(
-                            st.fixed_dictionaries({"unloaded": vector, "loaded": vector}),
-                            st.fixed_dictionaries({"deflection": vector}),
-                        ),
-                        min_size=1,
-                        max_size=3,
-                    )
-                ).items()
+                {"target": target} | with_noise(read, stated)
+                for target, read in draw(st.dictionaries(text, reading, min_size=1, max_size=3)).items()
             ],
         }
         for label in labels
@@ -57,6 +59,7 @@ def test_what_is_stored_comes_back_bit_for_bit(sent):
     arrays = ReadingArrays.from_observations([Observation.model_validate(o) for o in sent])
     restored = ReadingArrays.unpack(arrays.pack())
     assert restored.digest() == arrays.digest()
+    assert restored.observations() == arrays.observations()
     for given_, kept in zip(sent, restored.observations(), strict=True):
         dumped = json.loads(kept.model_dump_json(exclude_none=True))
         by_target = {reading["target"]: reading for reading in dumped.pop("readings")}

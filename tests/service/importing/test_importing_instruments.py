@@ -62,18 +62,6 @@ def test_uncertainties_of_coordinates_become_covariances():
     assert answer.measurement_set.measured_at == datetime(2022, 11, 8, 16, 10, 28, 353_000, UTC)
 
 
-def test_the_points_uncertainty_only_where_its_coordinates_have_none():
-    axes = [header for header in HEADERS if re.match(r"U\(95\) [XYZ]", header)]
-    answer = answered(("joints.csv", JOINTS), ("tracker.csv", leica(without=axes)))
-    sigma = float(f"{sum(u * u for u in U95) ** 0.5:.6f}") / (1.96 * 3**0.5)
-    assert answer.measurement_set.observations[1].readings[0].sigma == pytest.approx(sigma, rel=1e-12)
-    assert answer.preview.uncertainty == "point"
-    assert any("σ = U/(1.96 √3)" in note for note in answer.preview.assumptions)
-    neither = answered(("joints.csv", JOINTS), ("tracker.csv", leica(without=[*axes, "U(95)  [mm]"])))
-    assert neither.measurement_set.observations[0].readings[0].sigma is None
-    assert neither.preview.uncertainty is None
-
-
 def test_rows_marked_delete_are_left_out_and_counted():
     imported = read(("tracker.csv", leica(deleted=(2, 3))))
     assert {label for label, _, _ in points_of(imported)} == {"c01"}

@@ -23,7 +23,6 @@ from jointstiff.service.kinds.comparison import (
     entries_sheet,
     ratios_sheet,
 )
-from jointstiff.service.problems import CampaignError
 from jointstiff.service.reports.job import job_report
 from jointstiff.service.tables.files import csv_text
 from jointstiff.service.tables.table import Sheet
@@ -174,11 +173,6 @@ class TestCampaigns:
         assert [row["joint"] != "" for row in rows] == [False] * 4 + [True] * 12 + [False] * 2
         assert all(("needs 3 targets" in row["error"]) == (row["joint"] == "") for row in rows)
         assert "no complete pose, decoupled partial pose" in shown(found, 200)
-
-    def test_draws_that_cannot_be_made_are_refused(self):
-        document = simulate_campaign(default_arm(), configurations=8, **PULL)
-        with pytest.raises(CampaignError, match="a draw of 13 configurations"):
-            jointstiff.compare(document, resampling={"size": 13})
 
     def test_table_two_and_the_figures_of_two_campaigns(self):
         """The paper in one piece: three methods and encoders off and on, draws, shares, what is left."""

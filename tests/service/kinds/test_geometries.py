@@ -10,7 +10,6 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
-from scipy import stats
 from support.api import post
 from support.shared_data import shared
 from typer.testing import CliRunner
@@ -70,12 +69,10 @@ def sweeps(cell, seed=0, count=15, sigma=SIGMA):
     }
 
 
-def poses(cell, seed=0, count=30, still=None):
+def poses(cell, seed=0, count=30):
     rng = np.random.default_rng([seed, 52])
     limits = default_arm().limits
     angles = 0.6 * rng.uniform(limits[:, 0], limits[:, 1], (count, 6)) @ np.linalg.inv(cell.matrix).T
-    if still is not None:
-        angles[:, still] = 0.3
     return {"units": UNITS, "noise": {"sigma": SIGMA}, "poses": positions(cell, angles, rng)}
 
 
@@ -101,21 +98,6 @@ def base_readings(cell, rng, moved=None):
         point = cell.rotation @ place + cell.translation
         out[name] = (R @ point + t + rng.normal(0.0, SIGMA, 3)).tolist()
     return out
-
-
-def within(error, covariance, most=4.0):
-    """Whether no component, and not all of them together, are beyond `most` standard uncertainties."""
-    error, C = np.asarray(error, dtype=float), np.asarray(covariance)
-    values, vectors = np.linalg.eigh(C)
-    seen = values > 1e-6 * values[-1]  # across an axis only
-    square = float(np.sum((vectors.T @ error)[seen] ** 2 / values[seen]))
-    good = np.all(np.abs(error) <= most * np.sqrt(np.diag(C)) + 1e-12)
-    return good and stats.chi2.sf(square, int(seen.sum())) > 2 * stats.norm.sf(most)
-
-
-def across(error, direction):
-    direction = np.asarray(direction)
-    return error - direction * (error @ direction)
 
 
 class TestSharedSweeps:
@@ -191,18 +173,6 @@ class TestRobots:
         assert np.abs(gap).max() < 150e-6
         assert np.sqrt(np.mean(gap**2)) < 40e-6
 
-    def test_without_a_nominal_model(self, parts):
-        cell = TrackedArm()
-        flange = {"by": "targets", "targets": ["P11", "P10", "P12"]}
-        result = made(parts, sweeps(cell), base={"by": "axes", "height": 0.78}, flange=flange).result
-        assert result.links == []
-        assert result.flange == "targets"
-        second = {target.name: target.position for target in result.targets}
-        assert second["P11"] == pytest.approx((0.0, 0.0, 0.0), abs=1e-9)
-        assert second["P10"][1:] == pytest.approx((0.0, 0.0), abs=1e-9)
-        R = np.array(result.base_frame.transform_tracker_to_base.rotation)
-        assert R @ cell.rotation == pytest.approx(np.eye(3), abs=3e-4)
-
     def test_a_geometry_that_is_not_there_makes_no_robot(self, parts):
         with pytest.raises(RequestError) as caught:
             parts.robots.create(from_geometry("nobody"), None)
@@ -262,23 +232,6 @@ class TestFindings:
         goodness = made(parts, document, noise={"instrument": sheet}).result.goodness
         assert goodness.variance_factor == pytest.approx(1.0, abs=0.2)
         assert goodness.sigma == pytest.approx(np.sqrt((2 * 40**2 + 10**2) / 3) * 1e-6, rel=1e-6)
-
-
-class TestPoses:
-    def test_a_joint_that_never_turned_is_named(self, parts):
-        result = made(parts, poses(TrackedArm(), still=3), robot_id=robot_id(parts)).result
-        assert result.poses.determined == 29
-        assert all(names[0].startswith("axis 4") for names in result.poses.only_together)
-        assert {finding.code for finding in result.findings} == {"parameters_not_identified"}
-        assert result.axes[3].position_uncertainty is None
-        assert result.axes[3].base.point_covariance is None
-        assert result.axes[1].position_uncertainty < 100e-6
-        assert result.base_frame.covariance is not None
-        assert result.wrist is None
-        assert result.no_wrist
-        unknown = {(link.quantity, link.joint) for link in result.links if link.standard_uncertainty is None}
-        assert ("a", "joint_4") in unknown
-        assert ("a", "joint_2") not in unknown
 
 
 class TestDrift:

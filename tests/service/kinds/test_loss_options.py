@@ -7,16 +7,12 @@ import json
 import numpy as np
 import pytest
 from pydantic import ValidationError
-from support.campaigns import prepare
 from typer.testing import CliRunner
 
 import jointstiff
 from jointstiff.schemas.measurement import Noise
-from jointstiff.schemas.options import RunOptions
-from jointstiff.schemas.run import Run, RunResult
+from jointstiff.schemas.run import Run
 from jointstiff.service.cli.app import app
-from jointstiff.service.conversion.prepared import PreparedSet
-from jointstiff.service.kinds.identification import ByJoints
 from jointstiff.simulator import default_arm, simulate_campaign
 
 
@@ -41,20 +37,6 @@ def command(monkeypatch, tmp_path, document):
     return invoke
 
 
-def result(document, **options) -> RunResult:
-    robot, measurements = prepare(document)
-    prepared = PreparedSet(robot, measurements, [], "robot", "hash")
-    return ByJoints(prepared, RunOptions(**options), "").conclude(())
-
-
-def test_huber_is_nearer_the_truth_than_the_squared_loss(document):
-    errors = []
-    for loss in ("huber", "squared"):
-        pairs = zip(result(document, loss=loss).joints, default_arm().stiffnesses, strict=True)
-        errors.append(max(abs(j.compliance * k - 1) for j, k in pairs if j.compliance is not None))
-    assert errors[0] < 0.5 * errors[1]
-
-
 def test_readings_without_a_balance_are_identified_without_it():
     """Deflections a thousand times too large: joints as soft as they say would not carry the load."""
     wrong = simulate_campaign(default_arm(), load="pull", seed=2)
@@ -62,7 +44,7 @@ def test_readings_without_a_balance_are_identified_without_it():
         for reading in observation["readings"]:
             moved = np.subtract(reading["loaded"], reading["unloaded"])
             reading["loaded"] = (reading["unloaded"] + 1e3 * moved).tolist()
-    found = result(wrong)
+    found = jointstiff.identify(wrong, elasticity="joints").result
     size = found.complementary_stiffness
     assert (size.included, size.iterations) == (False, 0)
     (reason,) = (each for each in found.assessment.reasons if each.code == "complementary_stiffness_matters")
@@ -92,15 +74,8 @@ def test_table_tells_both(command):
     assert "complementary stiffness neglected" in shown
 
 
-def test_resampling_is_refused_in_words(command):
-    refused = command("--resample", "10:5", "--loss", "huber")
-    assert refused.exit_code != 0
-    assert "resampling" in refused.output
-    assert "remedy" in refused.output
-
-
-def identified(noise):
-    document = simulate_campaign(default_arm(), configurations=8, load="pull")
+def identified(noise, **options):
+    document = simulate_campaign(default_arm(), configurations=8, load="pull", **options)
     document["measurement_set"]["noise"] = noise
     return jointstiff.identify(document)
 
@@ -145,33 +120,12 @@ def test_a_stated_direction_of_the_force_says_nothing_of_its_size():
 
 
 def test_lengths_are_in_the_units_of_the_set():
+    places = {"load_point": 0.5, "target_places": 0.5, "axes": {"position": 0.1, "direction": 1e-4}}
     metres = identified(ALL).result.budget
-    document = simulate_campaign(default_arm(), configurations=8, load="pull")
-    document["measurement_set"] = in_millimetres(document["measurement_set"], ALL)
-    millimetres = jointstiff.identify(document).result.budget
+    in_mm = {"length": "mm", "angle": "rad", "force": "N"}
+    millimetres = identified(ALL | {"sigma": 0.02} | places, units=in_mm).result.budget
     for one, other in zip(metres.components, millimetres.components, strict=True):
         assert one.contributions == pytest.approx(other.contributions, rel=1e-6)
-
-
-def in_millimetres(document, noise):
-    """Return a set with its lengths in mm, and the same noise."""
-
-    def scaled(value):
-        return [scaled(item) for item in value] if isinstance(value, list) else 1e3 * value
-
-    out = json.loads(json.dumps(document))
-    out["units"] |= {"length": "mm", "moment": "N.m"}
-    for observation in out["observations"]:
-        if "load_point" in observation:
-            observation["load_point"] = scaled(observation["load_point"])
-        for reading in observation["readings"]:
-            for name in ("unloaded", "loaded", "deflection"):
-                if name in reading:
-                    reading[name] = scaled(reading[name])
-    if "load_point" in out:
-        out["load_point"] = scaled(out["load_point"])
-    places = {"load_point": 0.5, "target_places": 0.5, "axes": {"position": 0.1, "direction": 1e-4}}
-    return out | {"noise": noise | {"sigma": 0.02} | places}
 
 
 def test_intervals_hold_the_truth_where_the_load_point_is_10_mm_off():

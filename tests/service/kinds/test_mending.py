@@ -162,17 +162,12 @@ def test_the_action_of_a_proved_mistake_leads_to_a_run_for_use(clean, mistake):
     assert changed.name.endswith(")")
 
 
-@pytest.mark.parametrize(
-    "mistake", [load_point_far_elsewhere, load_point_at_the_flange], ids=lambda mistake: mistake.__name__
-)
-def test_a_load_point_further_off_is_judged_no_milder(clean, mistake):
-    assert jointstiff.identify(planted(clean, mistake)).result.assessment.verdict == "do_not_use"
-
-
 @pytest.mark.parametrize("mistake", CAUSES, ids=lambda mistake: mistake.__name__)
 def test_a_cause_is_fitted_beside_the_joints_and_the_numbers_stay(clean, mistake):
     """What was stated stays refuted: the run is for use with care, and its intervals hold the truth."""
     before = jointstiff.identify(planted(clean, mistake))
+    if mistake in {load_point_far_elsewhere, load_point_at_the_flange}:  # judged no milder than nearer ones
+        assert before.result.assessment.verdict == "do_not_use"
     after = before.apply("fit_causes")
     assert [cause.name for cause in after.request.causes] == [CAUSES[mistake]]
     assert after.campaign.measurement_set == before.campaign.measurement_set
@@ -313,13 +308,6 @@ def test_since_when_a_tracker_stood_elsewhere_is_said_by_any_label(clean):
     assert [(cause.name, cause.first) for cause in after.request.causes] == [("shift", "{9}")]
     for run in (before, after):
         assert "since observation '{9}'" in run.result.assessment.reasons[0].message
-
-
-def test_an_action_that_no_reason_advises(clean):
-    run = jointstiff.identify(planted(clean, columns_exchanged))
-    with pytest.raises(jointstiff.CampaignError, match="does not advise") as caught:
-        run.apply("convert_units")
-    assert "exchange_columns" in caught.value.problem.remedy
 
 
 def test_the_command_writes_the_mended_campaign_beside_the_old_one(clean, tmp_path, monkeypatch):

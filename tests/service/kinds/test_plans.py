@@ -181,13 +181,6 @@ class TestCommand:
         assert table[0].startswith("label,joint_1 [deg],")
         assert len(table) == 6
 
-    def test_of_a_robot_without_a_load(self, tmp_path):
-        file = tmp_path / "robot.json"
-        file.write_text(json.dumps(robot_document(default_arm())))
-        refused = CliRunner().invoke(app, ["plan", str(file)])
-        assert refused.exit_code == 2
-        assert "remedy" in refused.output
-
 
 @pytest.mark.parametrize(
     ("goal", "changes"),

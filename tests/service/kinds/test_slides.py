@@ -32,7 +32,7 @@ from jointstiff.service.tables.table import Table
 from jointstiff.simulator import equilibrium, simulate_campaign
 from jointstiff.simulator.programs import program_text
 from jointstiff.solver.errors import MeasurementError, RequestError, RobotError
-from jointstiff.solver.robot.configuration import Configurations, InverseKinematics
+from jointstiff.solver.robot.configuration import InverseKinematics
 
 MILLIMETRES = {"length": "mm", "angle": "deg", "force": "N"}
 RAIL = 1.25
@@ -292,18 +292,3 @@ def test_joint_targets_are_compensated_by_the_arm_alone():
     moves = [line for line in written.splitlines() if "PTP" in line]
     numbers = [[float(re.search(rf"A{j} (-?[0-9.]+)", line)[1]) for j in range(1, 7)] for line in moves]
     assert off_path(np.radians(numbers), wanted) < 2e-6
-
-
-def test_the_arm_of_a_robot_on_a_rail():
-    robot, _ = exact_rail()
-    wanted = on_rail(4)
-    inverse = InverseKinematics(robot, wanted[0])
-    poses = Configurations(robot, wanted).flange_pose
-    solutions, complete = inverse.solutions(poses)
-    assert complete.all()
-    for own, q in zip(solutions, wanted, strict=True):
-        apart = np.abs(np.angle(np.exp(1j * (own - q[1:])))).max(axis=1)
-        assert np.nanmin(apart) < 1e-9
-    np.testing.assert_array_equal(inverse.whole(wanted[:, 1:]), wanted)
-    with pytest.raises(RobotError, match="where the linear axis joint_1 stands"):
-        InverseKinematics(robot)

@@ -14,7 +14,6 @@ from jointstiff.schemas.measurement import Reading
 from jointstiff.schemas.options import RunOptions
 from jointstiff.schemas.run import Campaign, RunRequest
 from jointstiff.service.conversion.prepared import prepare_robot
-from jointstiff.service.conversion.readings import ReadingArrays
 from jointstiff.service.kinds.identification import identification
 from jointstiff.service.problems import CampaignError
 from jointstiff.service.resources.inputs import FromFile
@@ -253,15 +252,6 @@ def test_deflections_beside_loaded_positions_leave_these_as_positions():
     found = identified(both)
     assert found.goodness.chi_square < 1.1 * alone.goodness.chi_square
     assert found.assessment.verdict == "use"
-
-
-def test_positions_without_a_load_come_back_as_they_were_sent(document):
-    observations = Campaign.model_validate(document).measurement_set.observations
-    arrays = ReadingArrays.unpack(ReadingArrays.from_observations(observations).pack())
-    assert [each.model_dump() for each in arrays.observations()] == [
-        each.model_dump() for each in observations
-    ]
-    assert arrays.unloaded_only.all()
 
 
 def test_other_work_refuses_a_set_without_loads(document):

@@ -238,8 +238,18 @@ def test_the_same_campaign_is_stored_once_and_again_where_it_was_deleted(service
         assert [each.id for each in client.measurement_sets.list(robot_id=stored.robot_id)] == [anew.id]
 
 
-@pytest.mark.parametrize(("key", "sent"), [("k-1", "Bearer k-1"), (None, None)])
-def test_a_key_is_sent_as_a_bearer_token(key, sent):
+@pytest.mark.parametrize(
+    ("key", "environment", "sent"),
+    [
+        ("jst_given\n", None, "Bearer jst_given"),
+        ("jst_given", "jst_environment", "Bearer jst_given"),
+        (None, "jst_environment", "Bearer jst_environment"),
+        (None, None, None),
+    ],
+)
+def test_a_key_that_is_given_or_that_of_the_environment_is_sent(key, environment, sent, monkeypatch):
+    if environment:
+        monkeypatch.setenv("JOINTSTIFF_KEY", environment)
     seen = []
 
     def answer(request):
@@ -249,6 +259,13 @@ def test_a_key_is_sent_as_a_bearer_token(key, sent):
     with Client("http://nowhere", key, transport=httpx2.MockTransport(answer)) as client:
         client.ping()
     assert seen == [sent]
+
+
+@pytest.mark.parametrize("key", ["jst_two\nlines", "jst_☃"])
+def test_a_key_that_cannot_be_sent_is_refused_without_being_shown(key):
+    with pytest.raises(RefusedError) as caught:
+        Client("http://nowhere", key)
+    assert "jst_" not in str(caught.value)
 
 
 @pytest.mark.parametrize("address", ["127.0.0.1:9199", "localhost", "ftp://localhost", ""])

@@ -148,14 +148,6 @@ def test_what_the_run_of_a_file_leaves_out_is_left_out_of_all_that_is_made_of_th
     assert given.result.joints == jointstiff.identify(less).result.joints
 
 
-def test_a_job_is_the_message_of_a_service():
-    found = jointstiff.compare(campaign())
-    assert found.state == "succeeded"
-    assert found.id != found.request.run_ids[0]
-    assert type(found).model_validate_json(found.model_dump_json()) == found
-    assert found.provenance.created_at <= found.provenance.ended_at
-
-
 def test_a_run_of_other_readings_does_not_predict(tmp_path):
     """Its robot has the same joints."""
     table = tmp_path / "postures.csv"

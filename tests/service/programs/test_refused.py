@@ -512,13 +512,6 @@ HOSTILE = [
 ]
 
 
-BASE_2 = [("BASE_DATA[1]", "TOOL_DATA[1]"), *[("BASE_DATA[2]", "TOOL_DATA[1]")] * 2]
-UNDERSTOOD = [
-    *((krl(begin, "$BASE=BASE_DATA[2]", end), BASE_2)
-      for begin, end in (("LOOP", "ENDLOOP"), ("REPEAT", "UNTIL x"), ("L:", "GOTO L"), ("IF x THEN\nENDIF", ""))),
-]  # fmt: skip
-
-
 def test_the_frame_of_each_construct_is_understood():
     for name, text in PLAIN:
         assert len(read_program([(name, text.encode())]).moves) >= 2
@@ -535,17 +528,6 @@ def test_constructs_that_may_act_are_refused_by_line(program, kind):
     with pytest.raises(ProgramError) as caught:
         read_program([(name, text.encode())])
     assert all(fault.line and fault.remedy for fault in caught.value.faults), caught.value
-
-
-@pytest.mark.parametrize(("program", "frames"), UNDERSTOOD)
-def test_what_is_certain_by_now_is_corrected(program, frames):
-    """Refused once: frames over loops, jumps and calls of the program's own."""
-    name, text = program
-    targets = read_program([(name, text.encode())]).targets
-    assert [
-        (targets.frames[b].name, targets.frames[t].name)
-        for b, t in zip(targets.base, targets.tool, strict=True)
-    ] == frames
 
 
 LAYOUTS = [

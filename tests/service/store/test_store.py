@@ -177,14 +177,6 @@ class TestIdempotency:
             found = store.robots.page(limit=50).records
             assert (found[0], len(found)) == (answers[0], attempt + 1)
 
-    def test_simultaneous_posts_through_separate_stores(self, database_url: str) -> None:
-        def post(number: int) -> RobotRecord:
-            with Store.open(database_url) as store:
-                return store.robots.add(robot(f"r{number}"), self.KEY)
-
-        answers = together(6, post)
-        assert len(set(answers)) == 1
-
     def test_simultaneous_posts_of_different_bodies(self, store: Store) -> None:
         def post(number: int) -> RobotRecord | None:
             key = IdempotencyKey("a key", f"body {number}")

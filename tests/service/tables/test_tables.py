@@ -10,7 +10,6 @@ from typing import get_args
 
 import pytest
 from rich.console import Console
-from support.shared_data import shared
 
 import jointstiff
 from jointstiff.schemas.options import RunOptions
@@ -84,13 +83,6 @@ def test_at_most_three_things_to_do_and_nothing_twice(bumped):
     for reason in bumped.result.assessment.reasons[:3]:
         assert text.count(reason.message) == 1
         assert text.count(reason.remedy) <= 1
-
-
-def test_links_explain_what_joints_alone_call_outliers():
-    result = identified(
-        shared("simulated/flexible_links_20"), elasticity="joints_and_links", link_penalty=1e-3
-    ).result
-    assert "residual_outlier" not in {warning.code for warning in result.warnings}
 
 
 @pytest.mark.parametrize("unit", UNITS)
