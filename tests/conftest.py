@@ -1,7 +1,5 @@
 """Fixtures that several packages' tests share: databases, real ones."""
 
-from __future__ import annotations
-
 import fcntl
 import gc
 import hashlib

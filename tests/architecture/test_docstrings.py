@@ -1,7 +1,5 @@
 """Docstrings begin with a verb or a noun, never with a relative clause or a genitive."""
 
-from __future__ import annotations
-
 import ast
 from collections.abc import Iterator
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The lanes of the suite: no test can forget its marker."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 

@@ -1,7 +1,5 @@
 """Works of others that are distributed are named with their licences."""
 
-from __future__ import annotations
-
 import json
 import re
 from importlib.metadata import distribution, distributions

@@ -1,7 +1,5 @@
 """The shape of the house: no room is crowded, and every package says what it is for."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """The shape of the tests: what they share lies in support/ and reference/."""
 
-from __future__ import annotations
-
 import ast
 from collections import Counter
 from functools import cache

@@ -1,7 +1,5 @@
 """One place whitens readings and compresses rows: solver/triangle.py."""
 
-from __future__ import annotations
-
 import ast
 from pathlib import Path
 

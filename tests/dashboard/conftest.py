@@ -1,7 +1,5 @@
 """The page in a real browser against a real service: what its tests share."""
 
-from __future__ import annotations
-
 import json
 import math
 import os

@@ -1,7 +1,5 @@
 """Every view by axe-core, in light and dark: nothing serious, nothing critical; touch targets of 44 px."""
 
-from __future__ import annotations
-
 from playwright.sync_api import expect
 from support.browsing import DASHBOARD, VIEWS
 

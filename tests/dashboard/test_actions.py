@@ -1,7 +1,5 @@
 """What an assessment advises is one button away: it does that and nothing else, and shows what came of it."""
 
-from __future__ import annotations
-
 import math
 import re
 from copy import deepcopy

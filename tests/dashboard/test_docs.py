@@ -1,7 +1,5 @@
 """The documentation in a real browser, as the service serves it: search works, the policy is kept."""
 
-from __future__ import annotations
-
 import pytest
 from playwright.sync_api import expect
 from support.browsing import ROOT

@@ -1,7 +1,5 @@
 """The page from end to end: from a robot and a file to a result, compared, followed, repeated."""
 
-from __future__ import annotations
-
 import json
 import re
 

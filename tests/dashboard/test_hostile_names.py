@@ -1,7 +1,5 @@
 """Names and file names that would like to be more than text."""
 
-from __future__ import annotations
-
 import json
 import re
 

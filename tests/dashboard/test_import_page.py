@@ -1,7 +1,5 @@
 """Tables of readings on the page: dropped, understood, mended, identified."""
 
-from __future__ import annotations
-
 from playwright.sync_api import Locator, expect
 from support.api import file_at
 from support.browsing import ROOT, Visit, post

@@ -1,7 +1,5 @@
 """What the page weighs, and whom it asks; its types, made from the service as it is now."""
 
-from __future__ import annotations
-
 import pytest
 from support.browsing import DASHBOARD, run_npm
 

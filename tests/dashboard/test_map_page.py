@@ -1,7 +1,5 @@
 """Maps and programs on the page: made from a run, looked at, downloaded."""
 
-from __future__ import annotations
-
 import re
 
 from playwright.sync_api import expect

@@ -1,7 +1,5 @@
 """A live campaign on the page: to its run, with a doubtful reading, away from the service, by two tablets."""
 
-from __future__ import annotations
-
 import json
 import math
 import re

@@ -1,7 +1,5 @@
 """Pages of other sites, in a real browser: they read, post and delete nothing."""
 
-from __future__ import annotations
-
 import json
 import threading
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer

@@ -1,7 +1,5 @@
 """A campaign planned on the page, its postures, and the file to fill in."""
 
-from __future__ import annotations
-
 import json
 
 from playwright.sync_api import expect

@@ -1,7 +1,5 @@
 """Robots in Chromium: from the catalogue or from sweeps, renamed, archived and taken back; notes on a set."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The 3D view: what a frame costs in script, and that nothing is drawn when nothing happens."""
 
-from __future__ import annotations
-
 import statistics
 
 import pytest

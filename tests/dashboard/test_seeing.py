@@ -3,8 +3,6 @@
 `seeing.js` has the faults of what is read.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

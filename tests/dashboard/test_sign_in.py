@@ -1,7 +1,5 @@
 """Signing in on the page, in a real browser: with a key, with a one-time link, and out again."""
 
-from __future__ import annotations
-
 from dataclasses import asdict
 from datetime import UTC, datetime, timedelta
 

@@ -1,7 +1,5 @@
 """From the fleet to an alarm that is acknowledged, and to the run of a point by keyboard."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 

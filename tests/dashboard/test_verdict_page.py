@@ -1,7 +1,5 @@
 """The verdict of a run on the pages and in the lists of what is made from it; the page asks first."""
 
-from __future__ import annotations
-
 import re
 
 import pytest

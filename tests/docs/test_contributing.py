@@ -1,7 +1,5 @@
 """The recipes of CONTRIBUTING: their files exist, their code works, and a reader finds what they promise."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator
 from dataclasses import replace

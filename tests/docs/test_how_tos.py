@@ -4,8 +4,6 @@ from an empty folder at 80 columns, by the package of the wheel.
 `guide_runner` has imported everything and runs `jointstiff` commands and Python; the shell runs the rest.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import re

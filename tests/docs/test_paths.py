@@ -1,7 +1,5 @@
 """Files that the guides name exist."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The documentation site: its reference covers the API, and its pages hold no inline code."""
 
-from __future__ import annotations
-
 import importlib
 import sys
 from pathlib import Path

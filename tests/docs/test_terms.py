@@ -1,7 +1,5 @@
 """Terms that the glossary retires are in no text that people read: one word for one thing."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Typed clients: generated from the OpenAPI description, type-checked, they post what the docs post."""
 
-from __future__ import annotations
-
 import json
 import os
 import re

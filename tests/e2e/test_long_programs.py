@@ -1,7 +1,5 @@
 """Programs through a service and its workers: a long one in steps, a hostile one that holds up nobody."""
 
-from __future__ import annotations
-
 import json
 import signal
 import threading

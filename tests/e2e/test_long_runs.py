@@ -3,8 +3,6 @@
 Whatever happens on the way, a run has the numbers of the same run carried out at once in one process.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import signal

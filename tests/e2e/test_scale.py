@@ -1,7 +1,5 @@
 """Two services and two workers on one PostgreSQL, one of each killed: every run is carried out once."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, closing

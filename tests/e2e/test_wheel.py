@@ -1,7 +1,5 @@
 """The wheel in an empty environment: one package, beside others' that have our folders' names."""
 
-from __future__ import annotations
-
 import os
 import zipfile
 

@@ -1,7 +1,5 @@
 """Arms that differ from their models: by the stated sizes, and bending as springs across the axes must."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given

@@ -1,7 +1,5 @@
 """The simulator against physics that it does not contain: energy, closed forms, pinocchio."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 

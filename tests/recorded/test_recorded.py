@@ -1,7 +1,5 @@
 """Every recorded answer is given again; the slow ones each night."""
 
-from __future__ import annotations
-
 import pytest
 from support.recorded_answers import OF_SHARED_DATA, differences, recorded
 from support.shared_data import MISSING, SHARED

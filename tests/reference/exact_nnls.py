@@ -1,7 +1,5 @@
 """Non-negative least squares in rational arithmetic: the reference that has no rounding."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 from flint import fmpq, fmpq_mat

@@ -1,7 +1,5 @@
 """Random problems of non-negative least squares for exact arithmetic: the optimum is drawn first."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Kinematics by matrices from the textbooks, by a product of exponentials, and as Pinocchio reads URDFs."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

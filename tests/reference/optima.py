@@ -1,7 +1,5 @@
 """Optima as others find them: by cone programs, bounded least squares, enumeration."""
 
-from __future__ import annotations
-
 import warnings
 from itertools import product
 

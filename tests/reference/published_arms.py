@@ -4,8 +4,6 @@ From the URDF macros that `service/resources/arms.json` names: origin [mm] and a
 frame of the one before, then the flange. The kinematics here share no code with the solver.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

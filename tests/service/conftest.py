@@ -1,7 +1,5 @@
 """An application of our own in this process, for tests that need no other database and no socket."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import pytest

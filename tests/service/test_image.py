@@ -1,7 +1,5 @@
 """What the package is built from reaches the image; Docker leaves out what `.dockerignore` does not name."""
 
-from __future__ import annotations
-
 import json
 import re
 import tomllib

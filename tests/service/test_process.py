@@ -1,7 +1,5 @@
 """Linear algebra has one thread in every process that we start."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

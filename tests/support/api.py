@@ -1,7 +1,5 @@
 """Addresses and bodies of the API that jobs of all kinds share."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pytest

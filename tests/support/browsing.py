@@ -1,7 +1,5 @@
 """Looking at the page: sizes, views, and a visit that notes what goes on beneath the page."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 from dataclasses import dataclass, field

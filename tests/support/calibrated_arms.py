@@ -1,8 +1,6 @@
 # ruff: noqa: E501
 """Arms of published dimensions as calibration finds them: every number a little off."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

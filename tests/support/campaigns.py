@@ -1,7 +1,5 @@
 """Campaigns for tests: the shared data, our simulator, and what the numerical core makes of them."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable, Iterable
 from dataclasses import replace

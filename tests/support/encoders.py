@@ -1,7 +1,5 @@
 """Campaigns with secondary encoders for tests: their readings by exact springs, not by our model."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """How many examples Hypothesis draws: a share by default, all of them under `--hypothesis-profile=full`."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from hypothesis import settings

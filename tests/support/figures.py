@@ -1,7 +1,5 @@
 """Figures of sentences that people read."""
 
-from __future__ import annotations
-
 import re
 
 _METRES = {"m": 1.0, "mm": 1e-3, "µm": 1e-6, "nm": 1e-9}

@@ -1,7 +1,5 @@
 """Campaigns read by dial gauges: a tracker's deflections, taken apart along directions."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

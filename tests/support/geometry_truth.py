@@ -3,8 +3,6 @@
 The readings are those of `jointstiff.simulator.sweeps`, which shares no code with the solver.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any

@@ -1,7 +1,5 @@
 """The commands of the guides, as they stand in the Markdown."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

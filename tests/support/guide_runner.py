@@ -5,8 +5,6 @@ is a JSON object with `folder`, `environment`, `log`, and `command` (arguments o
 answers each with the exit status.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import sys

@@ -1,7 +1,5 @@
 """URDF documents that must be refused, and documents as large as the limits let them be."""
 
-from __future__ import annotations
-
 from support.urdf_documents import JOINT, LINKS, SMALL, changed, joint, robot_of, serial
 
 from jointstiff.solver.robot.urdf import MAX_ATTRIBUTE_LENGTH, MAX_BYTES, MAX_DEPTH, MAX_ELEMENTS

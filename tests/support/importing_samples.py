@@ -1,7 +1,5 @@
 """Files of readings as people and tracker software write them, and the numbers that are in them."""
 
-from __future__ import annotations
-
 import csv
 import io
 from dataclasses import dataclass

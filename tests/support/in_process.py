@@ -1,7 +1,5 @@
 """An application in this process: asked without a socket, or served by a thread."""
 
-from __future__ import annotations
-
 import socket
 import threading
 from collections.abc import Iterator

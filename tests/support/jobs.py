@@ -1,7 +1,5 @@
 """Runs on a store."""
 
-from __future__ import annotations
-
 import json
 
 from jointstiff.schemas.measurement import MeasurementSetRequest

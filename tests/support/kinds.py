@@ -1,7 +1,5 @@
 """A job of each kind, as it is posted."""
 
-from __future__ import annotations
-
 import json
 from typing import Any
 

@@ -4,8 +4,6 @@ Registered as a plugin by `tests/conftest.py`. A test that asks for a fixture of
 that starts a process by itself must say `@pytest.mark.process`, else the start is refused.
 """
 
-from __future__ import annotations
-
 import gc
 import sys
 from collections.abc import Iterator

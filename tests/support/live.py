@@ -1,7 +1,5 @@
 """Readings of a live campaign, by springs that share no code with the product."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

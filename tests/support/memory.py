@@ -1,7 +1,5 @@
 """Memory of what is done in a fork."""
 
-from __future__ import annotations
-
 import json
 import os
 from collections.abc import Callable

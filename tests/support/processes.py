@@ -1,7 +1,5 @@
 """Services and workers as processes of our own."""
 
-from __future__ import annotations
-
 import os
 import re
 import socket

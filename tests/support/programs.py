@@ -1,7 +1,5 @@
 """Programs over the simulated arm: paths, the exact run, and what is made of them."""
 
-from __future__ import annotations
-
 import json
 from functools import lru_cache
 from typing import Any

@@ -5,8 +5,6 @@ Each line is one statement of a small part of its language. Whatever the program
 unknown routines change, when interrupts come) is drawn.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable
 from dataclasses import dataclass, field

@@ -7,8 +7,6 @@ A number may differ by a thousandth of its standard uncertainty, where it is an 
 itself; verdicts, reasons, statuses and choices are equal.
 """
 
-from __future__ import annotations
-
 import gzip
 import json
 import math

@@ -1,7 +1,5 @@
 """Records of jobs for tests of the store, and where a record belongs."""
 
-from __future__ import annotations
-
 import dataclasses
 from datetime import UTC, datetime
 from typing import Any

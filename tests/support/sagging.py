@@ -1,7 +1,5 @@
 """Campaigns of an arm that bends under its own weight, as the solver takes them."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 

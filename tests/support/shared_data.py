@@ -1,7 +1,5 @@
 """Published and recorded data beside the checkout, which not every machine has."""
 
-from __future__ import annotations
-
 import json
 from functools import lru_cache
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Robots with prismatic joints for the simulator: a SCARA with its z, and a six-axis arm on a rail."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from jointstiff.simulator import SpringArm, default_arm

@@ -1,7 +1,5 @@
 """Campaigns on arms of exact springs, as the solver takes them: exact once, with noise again and again."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, Self

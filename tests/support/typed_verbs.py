@@ -5,8 +5,6 @@
 writes `service/library/typed.pyi`, which only editors and type checkers read; a test compares it.
 """
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from datetime import datetime

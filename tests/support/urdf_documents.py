@@ -1,7 +1,5 @@
 """URDF documents that several tests share."""
 
-from __future__ import annotations
-
 # A branched robot: a world above the base, origins with all three angles, a fixed joint within, a
 # continuous joint, an axis that is not quite a unit vector, a flange with a gripper that mimics.
 BRANCHED = """<?xml version="1.0" encoding="UTF-8"?>

@@ -1,7 +1,5 @@
 """The wheel of this repository, and an environment that has the package from it and nowhere else."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import subprocess

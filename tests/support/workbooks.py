@@ -1,7 +1,5 @@
 """Workbooks and tables to import: ordinary ones, and archives that mean harm."""
 
-from __future__ import annotations
-
 import io
 import zipfile
 

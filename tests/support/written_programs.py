@@ -1,7 +1,5 @@
 """Targets and moves of a program as objects, and the program with other numbers."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

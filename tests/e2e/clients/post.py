@@ -1,7 +1,5 @@
 """Post every documented body with the generated Python client; types are checked before it runs."""
 
-from __future__ import annotations
-
 import json
 import sys
 from http import HTTPStatus

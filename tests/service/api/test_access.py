@@ -1,7 +1,5 @@
 """Access by keys: role and operation, sessions of browsers, wrong keys, and the audit."""
 
-from __future__ import annotations
-
 import csv
 import io
 import logging

@@ -1,7 +1,5 @@
 """The API as a client sees it: real process, real socket, both databases."""
 
-from __future__ import annotations
-
 import copy
 import time
 import uuid

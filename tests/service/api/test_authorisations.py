@@ -1,7 +1,5 @@
 """Authorisations of reports: under a named key, of what it stated, never changed."""
 
-from __future__ import annotations
-
 import hashlib
 import io
 import threading

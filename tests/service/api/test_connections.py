@@ -1,7 +1,5 @@
 """Connections that stop half-way: closed by themselves, while others are answered."""
 
-from __future__ import annotations
-
 import json
 import logging
 import select

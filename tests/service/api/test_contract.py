@@ -3,8 +3,6 @@
 Each part takes every `PARTS`th operation; its cases are made when it runs. PostgreSQL has them each night.
 """
 
-from __future__ import annotations
-
 import pytest
 from hypothesis import HealthCheck, Phase
 from support.examples import examples

@@ -1,7 +1,5 @@
 """Deletion with undo of jobs, robots and sets: on both databases, over HTTP, by the recovery's clock."""
 
-from __future__ import annotations
-
 import dataclasses
 from datetime import UTC, datetime, timedelta
 

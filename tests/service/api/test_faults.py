@@ -1,7 +1,5 @@
 """Faults below the store: a coded answer, nothing half-stored, and all goes on once they are over."""
 
-from __future__ import annotations
-
 import resource
 from contextlib import contextmanager
 from inspect import iscoroutinefunction

@@ -1,7 +1,5 @@
 """Health whatever others ask for, what every answer says, and what is counted and logged of a request."""
 
-from __future__ import annotations
-
 import json
 import logging
 import shutil

@@ -1,7 +1,5 @@
 """Bodies that mean harm, URDFs among them: refused by status and in few bytes, and the service stays up."""
 
-from __future__ import annotations
-
 import json
 import socket
 import time

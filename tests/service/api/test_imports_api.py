@@ -1,7 +1,5 @@
 """Imports over HTTP: a preview, a set that can be posted; forms, hostile ones and those of any library."""
 
-from __future__ import annotations
-
 import asyncio
 import gzip
 import json

@@ -1,7 +1,5 @@
 """Jobs over HTTP: files, tables, tags of documents; runs that leave readings out; programs as forms."""
 
-from __future__ import annotations
-
 import copy
 import csv
 import io

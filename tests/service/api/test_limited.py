@@ -1,7 +1,5 @@
 """Large bodies are answered by a child process, as the service itself would, within limits."""
 
-from __future__ import annotations
-
 import io
 import json
 import zipfile

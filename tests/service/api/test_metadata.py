@@ -1,7 +1,5 @@
 """Metadata, names and archived of sets and robots; kinematics for those who draw a robot."""
 
-from __future__ import annotations
-
 import math
 
 import pytest

@@ -1,7 +1,5 @@
 """The OpenAPI description: names, units, examples that hold; HEAD, OPTIONS and Allow as it says."""
 
-from __future__ import annotations
-
 import re
 
 import httpx2

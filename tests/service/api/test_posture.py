@@ -1,18 +1,15 @@
 """Who is answered: own names only, and no change that another site's page asks for."""
 
-from __future__ import annotations
-
 from datetime import UTC, datetime
 
 import anyio
 import httpx2
 import pytest
 from support.in_process import Client
-from typer.testing import CliRunner
+from support.terminal import terminal
 
 from jointstiff.schemas.finding import Problem
 from jointstiff.service.api.bodies import EXAMPLES
-from jointstiff.service.cli.app import app as command
 from jointstiff.service.process import LogFormat
 from jointstiff.service.security.admission import Posture
 from jointstiff.service.security.keys import mint
@@ -132,7 +129,7 @@ def test_on_a_loopback_address_no_sign_stands_for_any_name():
 )
 def test_the_service_does_not_start_where_nothing_controls_who_is_answered(options, reason, tmp_path):
     database = f"sqlite:///{tmp_path / 'jointstiff.db'}"
-    ended = CliRunner().invoke(command, ["serve", "--port", "0", "--database", database, *options])
+    ended = terminal("serve", "--port", "0", "--database", database, *options)
     assert ended.exit_code == 2
     assert reason in ended.output
     assert "remedy" in ended.output

@@ -1,7 +1,5 @@
 """Events of jobs: one task looks at all jobs that are followed, for all who follow them."""
 
-from __future__ import annotations
-
 import asyncio
 import json
 import time

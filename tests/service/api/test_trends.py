@@ -1,7 +1,5 @@
 """Trends: exact springs of which one softens, alarms and baselines over HTTP; what campaigns share."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta

@@ -1,41 +1,30 @@
 """The command line as a newcomer uses it."""
 
-from __future__ import annotations
-
 import json
 import os
 import signal
 import socket
 import subprocess
 import sys
+from functools import partial
 
 import pytest
 from support.shared_data import shared
-from typer.testing import CliRunner
+from support.terminal import terminal
 
 from jointstiff.schemas.run import Run
-from jointstiff.service.cli.app import app
+
+run = partial(terminal, width=120)
 
 
 @pytest.fixture
-def run(monkeypatch):
-    monkeypatch.setenv("COLUMNS", "120")
-    monkeypatch.setenv("NO_COLOR", "1")
-
-    def invoke(*arguments):
-        return CliRunner().invoke(app, [str(argument) for argument in arguments])
-
-    return invoke
-
-
-@pytest.fixture
-def campaign(run, tmp_path):
+def campaign(tmp_path):
     path = tmp_path / "campaign.json"
     assert run("simulate", path, "--load", "dead_weight", "--seed", 2).exit_code == 0
     return path
 
 
-def test_help_names_every_command_and_where_to_start(run):
+def test_help_names_every_command_and_where_to_start():
     shown = run("--help").output
     for command in ("identify", "compare", "import", "serve", "worker", "simulate", "post", "demo"):
         assert command in shown
@@ -43,7 +32,7 @@ def test_help_names_every_command_and_where_to_start(run):
     assert "jointstiff simulate campaign.json" in shown
 
 
-def test_units_and_details_are_options_of_every_table(run, campaign):
+def test_units_and_details_are_options_of_every_table(campaign):
     for command in (("identify", campaign), ("compare", campaign), ("compare", campaign, campaign)):
         shown = run(*command, "--unit", "nm/arcmin", "--details")
         assert shown.exit_code == 0, shown.output
@@ -51,7 +40,7 @@ def test_units_and_details_are_options_of_every_table(run, campaign):
     assert "docs/glossary.md" in run("identify", "--help").stdout
 
 
-def test_negative_stiffness_is_shown_as_what_it_is(run, tmp_path):
+def test_negative_stiffness_is_shown_as_what_it_is(tmp_path):
     document = shared("fanuc_r2000ic/campaign")
     del document["robot"]["joint_map"]
     path = tmp_path / "fanuc.json"
@@ -62,7 +51,7 @@ def test_negative_stiffness_is_shown_as_what_it_is(run, tmp_path):
     assert "cannot distinguish it from a rigid" in constrained
 
 
-def test_faults_in_the_readings_name_the_place(run, campaign):
+def test_faults_in_the_readings_name_the_place(campaign):
     document = json.loads(campaign.read_text())
     document["measurement_set"]["observations"][4]["joints"].pop()
     campaign.write_text(json.dumps(document))
@@ -72,7 +61,7 @@ def test_faults_in_the_readings_name_the_place(run, campaign):
     assert "remedy" in shown.stderr
 
 
-def test_simulate_does_not_overwrite(run, campaign):
+def test_simulate_does_not_overwrite(campaign):
     before = campaign.read_bytes()
     assert run("simulate", campaign).exit_code == 2
     assert campaign.read_bytes() == before
@@ -81,13 +70,13 @@ def test_simulate_does_not_overwrite(run, campaign):
 
 
 @pytest.mark.parametrize("url", ["mysql://x/y", "nonsense", "sqlite:////proc/nothing/x.db"])
-def test_serve_with_a_database_that_cannot_be(run, url):
+def test_serve_with_a_database_that_cannot_be(url):
     shown = run("serve", "--database", url, "--port", "0")
     assert shown.exit_code == 2
     assert "remedy" in shown.stderr
 
 
-def test_serve_on_a_port_in_use(run, tmp_path):
+def test_serve_on_a_port_in_use(tmp_path):
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
         shown = run("serve", "--port", port, "--database", f"sqlite:///{tmp_path / 'x.db'}")
@@ -95,7 +84,7 @@ def test_serve_on_a_port_in_use(run, tmp_path):
     assert f"cannot listen on 127.0.0.1:{port}" in shown.stderr
 
 
-def test_compare_shows_the_warnings_of_the_set(run, campaign):
+def test_compare_shows_the_warnings_of_the_set(campaign):
     document = json.loads(campaign.read_text())
     for observation in document["measurement_set"]["observations"]:
         observation["force"] = [-f for f in observation["force"]]
@@ -104,7 +93,7 @@ def test_compare_shows_the_warnings_of_the_set(run, campaign):
         assert "moved against" in " ".join(run(command, campaign).stdout.split())
 
 
-def test_resampling_shows_how_far_the_choice_of_configurations_decides(run, campaign):
+def test_resampling_shows_how_far_the_choice_of_configurations_decides(campaign):
     shown = run("identify", campaign, "--resample", "10:200")
     assert shown.exit_code == 0, shown.output
     assert "200 fits of 10 configurations drawn at random" in shown.stdout
@@ -116,7 +105,7 @@ def test_resampling_shows_how_far_the_choice_of_configurations_decides(run, camp
     assert found.progress.done == found.progress.total == 200
 
 
-def test_post_follows_a_long_run(run, campaign, service):
+def test_post_follows_a_long_run(campaign, service):
     document = json.loads(campaign.read_text())
     document["run"] = {"resampling": {"size": 10, "repetitions": 100_000}}
     campaign.write_text(json.dumps(document))
@@ -127,17 +116,17 @@ def test_post_follows_a_long_run(run, campaign, service):
     assert "100000 fits" in shown.stdout
 
 
-def test_version(run):
+def test_version():
     assert run("--version").stdout.startswith("jointstiff 0.")
 
 
-def test_simulate_where_nothing_can_be_written(run, tmp_path):
+def test_simulate_where_nothing_can_be_written(tmp_path):
     shown = run("simulate", tmp_path / "nowhere" / "x.json")
     assert shown.exit_code == 2
     assert "cannot write" in shown.stderr
 
 
-def test_post_to_nobody(run, campaign):
+def test_post_to_nobody(campaign):
     shown = run("post", campaign, "--server", "http://127.0.0.1:9")
     assert shown.exit_code == 2
     assert "jointstiff serve" in shown.stderr

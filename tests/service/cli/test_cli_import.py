@@ -1,20 +1,17 @@
 """`jointstiff import`: a preview first, a campaign on demand, places of mistakes."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np
 import pytest
 from support.importing_samples import CAMPAIGN, JOINTS, POINTS
+from support.terminal import terminal
 from support.workbooks import table_of
-from typer.testing import CliRunner
 
 from jointstiff.schemas.imports import ImportAnswer
 from jointstiff.schemas.measurement import MeasurementSetDocument
 from jointstiff.schemas.robot import RobotDocument
 from jointstiff.schemas.run import Run
-from jointstiff.service.cli.app import app
 from jointstiff.service.conversion.prepared import prepare_robot
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.solver.robot.configuration import flange_poses
@@ -25,8 +22,6 @@ UNITS = ["--units", "length=mm,angle=deg,force=N"]
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("COLUMNS", "160")
-    monkeypatch.setenv("NO_COLOR", "1")
     for name, text in (("joints.csv", JOINTS), ("points.txt", POINTS), ("table.csv", CAMPAIGN)):
         (tmp_path / name).write_text(text, encoding="utf-8")
     return tmp_path
@@ -42,7 +37,7 @@ def robot_file(folder):
 
 
 def run(*arguments):
-    return CliRunner().invoke(app, ["import", *map(str, arguments)])
+    return terminal("import", *arguments, width=160)
 
 
 @pytest.mark.parametrize("robot", ["campaign.json", "robot.json"])
@@ -54,7 +49,7 @@ def test_a_campaign_that_can_be_identified(folder, robot_file, robot):
     assert shown.exit_code == 0, shown.output
     assert "jointstiff identify new.json" in shown.stderr
     found, expected = (
-        Run.model_validate_json(CliRunner().invoke(app, ["identify", name, "--json"]).stdout)
+        Run.model_validate_json(terminal("identify", name, "--json").stdout)
         for name in ("new.json", "campaign.json")
     )
     assert found.result == expected.result
@@ -63,7 +58,7 @@ def test_a_campaign_that_can_be_identified(folder, robot_file, robot):
     (folder / "held.csv").write_text("\n".join(held), encoding="utf-8")
     written = run("held.csv", *options, "--output", "held.json")
     assert written.exit_code == 0, written.output
-    left = CliRunner().invoke(app, ["identify", "held.json", "--json"]).stdout
+    left = terminal("identify", "held.json", "--json").stdout
     assert Run.model_validate_json(left).request.leave_out == [table[1].partition(table[0][5])[0]]
     kept = (folder / "new.json").read_bytes()
     again = run("cell.csv", *options, "--output", "new.json", "--encoders", "secondary")
@@ -159,7 +154,7 @@ def test_a_terminal_is_asked_and_nothing_else_is(folder, robot_file, monkeypatch
     monkeypatch.setattr("jointstiff.service.cli.imports.may_ask", lambda: True)
     answers = "\n".join(["", "rad", "mm in", "m", "", "0,0", "0,0,120", "", "robot.json"]) + "\n"
     arguments = ["import", "cell.csv", "--output", "new.json", "--save-template", "t.json"]
-    shown = CliRunner().invoke(app, arguments, input=answers)
+    shown = terminal(*arguments, input=answers, width=160)
     assert shown.exit_code == 0, shown.output
     for words in (
         "Meaning of column 'shift'",
@@ -195,7 +190,7 @@ def test_unknown_words_for_states_are_asked_about(folder, monkeypatch):
     assert "'pre' and 'post' in the headers of positions may be states" in run("table.csv").stderr
     monkeypatch.setattr("jointstiff.service.cli.imports.may_ask", lambda: True)
     answers = "\n".join(["", "0,0,6000", "", "y", "none"]) + "\n"
-    shown = CliRunner().invoke(app, ["import", "table.csv", "--output", "set.json"], input=answers)
+    shown = terminal("import", "table.csv", "--output", "set.json", input=answers, width=160)
     assert shown.exit_code == 0, shown.output
     assert "Word for readings without load (pre, post) [pre]" in shown.output
     assert shown.output.count("Enter alone takes the answer in brackets") == 1
@@ -237,7 +232,7 @@ def test_unloaded_positions_and_masses_are_a_campaign_for_own_weight(folder):
     written = json.loads((folder / "own.json").read_text())
     assert written["run"] == {"weight": {}}
     assert [body["joint"] for body in written["robot"]["bodies"]] == [b["joint"] for b in bodies]
-    found = CliRunner().invoke(app, ["identify", "own.json", "--json"])
+    found = terminal("identify", "own.json", "--json")
     assert found.exit_code == 0, found.output
     assert json.loads(found.stdout)["result"]["weight"] is not None
 
@@ -261,7 +256,7 @@ def test_unloaded_poses_are_written_for_a_geometry(folder, robot_file):
     assert shown.exit_code == 0, shown.output
     assert "complete: 30 unloaded poses for a geometry" in shown.stdout
     assert "jointstiff geometry poses.json" in shown.stderr
-    found = CliRunner().invoke(app, ["geometry", "poses.json", "--json"])
+    found = terminal("geometry", "poses.json", "--json")
     assert found.exit_code == 0, found.output
     geometry = json.loads(found.stdout)
     assert geometry["result"]["goodness"]["sigma"] < 1e-8

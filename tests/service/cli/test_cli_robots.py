@@ -1,29 +1,24 @@
 """`jointstiff robots`, and arms of the catalogue wherever a command needs a robot."""
 
-from __future__ import annotations
-
 from datetime import UTC, datetime
+from functools import partial
 
 import pytest
+from support.terminal import terminal
 from support.workbooks import table_of
-from typer.testing import CliRunner
 
 from jointstiff.schemas.robot import Catalogue, RobotDocument
 from jointstiff.schemas.run import Campaign
-from jointstiff.service.cli.app import app
 from jointstiff.simulator import default_arm, simulate_campaign
 
 
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("COLUMNS", "160")
-    monkeypatch.setenv("NO_COLOR", "1")
     return tmp_path
 
 
-def run(*arguments):
-    return CliRunner().invoke(app, [*map(str, arguments)])
+run = partial(terminal, width=160)
 
 
 def test_lists_arms_and_shows_one(folder):

@@ -1,15 +1,12 @@
 """The command `compensate`: files in, files out, and refusals that say what to do."""
 
-from __future__ import annotations
-
 import json
 import math
 
 import pytest
 from support.programs import options, path, tool_poses
-from typer.testing import CliRunner
+from support.terminal import terminal
 
-from jointstiff.service.cli.app import app
 from jointstiff.service.programs.formats import read_program
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.programs import program_text
@@ -27,7 +24,7 @@ def folder(tmp_path, monkeypatch):
 
 def compensate(*arguments):
     command = ["compensate", "campaign.json", "path.src", "-o", "out.src", "--accuracy-option", "off"]
-    return CliRunner().invoke(app, [*command, *arguments])
+    return terminal(*command, *arguments)
 
 
 def test_a_program_and_its_report(folder):
@@ -88,10 +85,10 @@ def test_moves_are_explained_and_left_where_asked(folder):
     head, _, tail = program.read_text().rpartition("END")
     program.write_text(f"{head}LIN_REL {{X 5}}\nEND{tail}", newline="")
     explain = ["compensate", "campaign.json", "path.src", "--explain"]
-    shown = CliRunner().invoke(app, explain)
+    shown = terminal(*explain)
     assert shown.exit_code == 0, shown.output
     assert "6 of 7 moves can be corrected, 1 left" in shown.output
-    rows = json.loads(CliRunner().invoke(app, [*explain, "--json"]).stdout)
+    rows = json.loads(terminal(*explain, "--json").stdout)
     assert [row["corrected"] for row in rows] == [True] * 6 + [False]
     assert (rows[0]["base"], rows[0]["tool"]) == ("BASE_DATA[1]", "TOOL_DATA[1]")
     assert "relative move" in rows[-1]["reason"]

@@ -1,7 +1,5 @@
 """The demonstration: a real process, its worker, and what is left of them after each signal."""
 
-from __future__ import annotations
-
 import os
 import re
 import signal

@@ -1,14 +1,12 @@
 """`jointstiff keys`: keys made, listed and revoked on a database or in a file; links as QR codes."""
 
-from __future__ import annotations
-
 import re
 from datetime import UTC, datetime, timedelta
+from functools import partial
 
 import pytest
-from typer.testing import CliRunner
+from support.terminal import terminal
 
-from jointstiff.service.cli.app import app
 from jointstiff.service.security.keys import Keyring, digest
 from jointstiff.service.store.store import Store
 
@@ -16,11 +14,7 @@ from jointstiff.service.store.store import Store
 @pytest.fixture
 def command(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-
-    def invoke(*arguments):
-        return CliRunner().invoke(app, ["keys", *arguments])
-
-    return invoke
+    return partial(terminal, "keys")
 
 
 @pytest.mark.parametrize("place", [(), ("--keys-file", "keys.json")], ids=["database", "file"])
@@ -84,7 +78,7 @@ def test_a_link_has_its_secret_after_the_number_sign_and_begins_a_session(comman
 @pytest.mark.parametrize("arguments", [["list"], ["revoke", "x"], ["link", "x"]])
 def test_a_database_that_is_not_there_is_not_made(arguments, tmp_path):
     database = tmp_path / "none.db"
-    done = CliRunner().invoke(app, ["keys", *arguments, "--database", f"sqlite:///{database}"])
+    done = terminal("keys", *arguments, "--database", f"sqlite:///{database}")
     assert done.exit_code == 2
     assert "there is no database" in done.output
     assert not database.exists()

@@ -1,7 +1,5 @@
 """What each command imports: it pays for what it uses. Counted in processes of their own."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """Units, exact storage, and the translation of bounds."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Readings along a direction as they are posted, stored, imported and planned."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np
@@ -17,6 +15,7 @@ from jointstiff.schemas.imports import ImportRequest
 from jointstiff.schemas.measurement import MeasurementSetDocument, Reading
 from jointstiff.schemas.robot import RobotDocument
 from jointstiff.schemas.run import Campaign
+from jointstiff.service.conversion.readings import ReadingArrays
 from jointstiff.service.kinds.mending import mended
 from jointstiff.service.kinds.plan import campaign_to_fill_in, readings_sheet
 from jointstiff.service.resources.imports import ImportRefusedError, import_files

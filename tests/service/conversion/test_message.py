@@ -1,7 +1,5 @@
 """Messages from objects: an attribute that is missing is no default."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import pytest

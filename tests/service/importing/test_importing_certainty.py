@@ -1,7 +1,5 @@
 """What is not understood for certain is asked about or refused, never guessed."""
 
-from __future__ import annotations
-
 from datetime import UTC, datetime
 
 import pytest

@@ -1,7 +1,5 @@
 """Excel files: as openpyxl writes them, and as those do who mean harm."""
 
-from __future__ import annotations
-
 import datetime
 import io
 import re

@@ -1,7 +1,5 @@
 """Habits of people and of measuring software: read to the written numbers, or refused with all faults."""
 
-from __future__ import annotations
-
 import io
 import zipfile
 

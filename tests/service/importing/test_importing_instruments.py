@@ -1,7 +1,5 @@
 """Files as instruments and people write them: SpatialAnalyzer 2022, Leica's columns, words for states."""
 
-from __future__ import annotations
-
 import re
 from datetime import UTC, datetime
 

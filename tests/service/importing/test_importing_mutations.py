@@ -5,8 +5,6 @@ the dialect and the columns of the file before it was damaged and takes nothing 
 openpyxl. A file that is accepted must have been read as they read it.
 """
 
-from __future__ import annotations
-
 import io
 import itertools
 import random

@@ -1,7 +1,5 @@
 """Unloaded positions of a robot with masses: a set for its own weight; masses as a table beside."""
 
-from __future__ import annotations
-
 import pytest
 from support.importing_samples import faults, sources_of
 from support.workbooks import table_of

@@ -1,7 +1,5 @@
 """Lists of points as tracker software writes them, matched to observations by names of points and files."""
 
-from __future__ import annotations
-
 import pytest
 from support.importing_samples import (
     JOINTS,

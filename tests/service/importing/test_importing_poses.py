@@ -1,7 +1,5 @@
 """Unloaded poses from tables: deviations added to coordinates, and what a geometry takes."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from support.importing_samples import sources_of

@@ -1,7 +1,5 @@
 """Whatever numbers are written, in whatever dialect, are read again, to the last bit."""
 
-from __future__ import annotations
-
 import io
 
 import openpyxl

@@ -1,7 +1,5 @@
 """Campaign tables: what is understood, and what is refused, where and with which remedy."""
 
-from __future__ import annotations
-
 import pytest
 from support import importing_samples as samples
 from support.importing_samples import (

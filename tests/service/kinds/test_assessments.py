@@ -1,7 +1,5 @@
 """Assessments in the results and listings of all kinds of jobs, and as the first line of reports."""
 
-from __future__ import annotations
-
 import io
 import json
 from copy import deepcopy

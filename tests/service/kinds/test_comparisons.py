@@ -1,7 +1,5 @@
 """Comparisons of stored runs: methods side by side, two sets; as a job, as CSV and in a terminal."""
 
-from __future__ import annotations
-
 import csv
 import io
 import json
@@ -11,12 +9,11 @@ from pydantic import ValidationError
 from rich.console import Console
 from support.jobs import set_of
 from support.shared_data import shared
-from typer.testing import CliRunner
+from support.terminal import terminal
 
 import jointstiff
 from jointstiff.schemas.comparison import CampaignComparison, ComparedMethod, Comparison, ComparisonRequest
 from jointstiff.schemas.run import RunRequest
-from jointstiff.service.cli.app import app
 from jointstiff.service.kinds.comparison import (
     COMPARISON,
     configurations_sheet,
@@ -269,13 +266,13 @@ def files(tmp_path):
 
 
 def test_two_files_in_a_terminal(files, tmp_path):
-    shown = CliRunner().invoke(app, ["compare", *files, "--ordered"], env={"COLUMNS": "80"})
+    shown = terminal("compare", *files, "--ordered", width=80)
     assert shown.exit_code == 0, shown.output
     for words in ("ratio", "never twists joint_1", "held equal", "in 19 observations on both", "CP/L"):
         assert words in " ".join(shown.output.split())
     options = tmp_path / "options.json"
     options.write_text('{"run": {"method": "complete_pose"}, "methods": []}')
-    shown = CliRunner().invoke(app, ["compare", *files, "--options", str(options), "--json"])
+    shown = terminal("compare", *files, "--options", str(options), "--json")
     found = Comparison.model_validate_json(shown.stdout)
     assert [entry.method for entry in found.result.entries] == ["complete_pose"] * 2
     assert len(read(csv_text(ratios_sheet(found)))) == 6
@@ -285,6 +282,6 @@ def test_a_file_that_is_refused_says_which(files, tmp_path):
     document = json.loads((tmp_path / "secondary.json").read_text())
     document["measurement_set"]["load_point"] = None
     (tmp_path / "secondary.json").write_text(json.dumps(document))
-    shown = CliRunner().invoke(app, ["compare", *files])
+    shown = terminal("compare", *files)
     assert shown.exit_code == 2
     assert "second.measurement_set.observations[0].load_point" in shown.output

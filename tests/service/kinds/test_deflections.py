@@ -1,7 +1,5 @@
 """Deflections over HTTP and as tables, beside the balance of exact springs."""
 
-from __future__ import annotations
-
 import csv
 import io
 import json
@@ -9,14 +7,13 @@ import json
 import numpy as np
 import pytest
 from support.api import post, posted
-from typer.testing import CliRunner
+from support.terminal import terminal
 
 import jointstiff
 from jointstiff.schemas.deflection import DeflectionRequest, DeflectionResult
 from jointstiff.schemas.measurement import Units
 from jointstiff.schemas.robot import DhRow
 from jointstiff.schemas.run import Campaign
-from jointstiff.service.cli.app import app
 from jointstiff.service.kinds.deflection import load_cases, read_load_cases
 from jointstiff.simulator import default_arm, equilibrium, simulate_campaign
 from jointstiff.solver.errors import RequestError
@@ -252,7 +249,7 @@ class TestTables:
         (tmp_path / "postures.csv").write_text(TABLE)
         files = [str(tmp_path / name) for name in ("campaign.json", "postures.csv", "out.csv")]
         point = ["--load-point", "0,0,120"]
-        done = CliRunner().invoke(app, ["predict", *files[:2], *point, "-o", files[2]])
+        done = terminal("predict", *files[:2], *point, "-o", files[2])
         assert done.exit_code == 0, done.output
         (row,) = csv.DictReader(io.StringIO((tmp_path / "out.csv").read_text()))
         assert row["label"] == "drill"
@@ -268,12 +265,12 @@ class TestTables:
         columns = ",".join(f"load point {axis} [m]" for axis in "xyz")
         table = TABLE.replace("Fz [N]\n", f"Fz [N],{columns}\n").replace("-800.0\n", "-800.0,0,0,120\n")
         (tmp_path / "far.csv").write_text(table)
-        far = CliRunner().invoke(app, ["predict", files[0], str(tmp_path / "far.csv")])
+        far = terminal("predict", files[0], str(tmp_path / "far.csv"))
         assert far.exit_code == 2
         assert "120 m from the flange" in far.stderr
-        far = CliRunner().invoke(app, ["predict", *files[:2], *point, "--place", "0,0,120000"])
+        far = terminal("predict", *files[:2], *point, "--place", "0,0,120000")
         assert far.exit_code == 2
         assert "120 m from the flange" in far.stderr
-        missing = CliRunner().invoke(app, ["predict", *files[:2]])
+        missing = terminal("predict", *files[:2])
         assert missing.exit_code == 2
         assert "load_point" in missing.output

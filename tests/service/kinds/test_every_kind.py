@@ -1,7 +1,5 @@
 """What jobs of every kind have in common over HTTP, on both databases."""
 
-from __future__ import annotations
-
 import io
 import json
 import uuid

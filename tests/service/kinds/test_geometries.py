@@ -3,8 +3,6 @@
 The truth is that of the shared data and of `simulator.sweeps`, which shares no code with the solver.
 """
 
-from __future__ import annotations
-
 import json
 from functools import lru_cache
 
@@ -12,13 +10,12 @@ import numpy as np
 import pytest
 from support.api import post
 from support.shared_data import shared
-from typer.testing import CliRunner
+from support.terminal import terminal
 
 from jointstiff.schemas.geometry import MAX_GEOMETRY_READINGS, Geometry, GeometryRequest
 from jointstiff.schemas.measurement import MeasurementSetRequest
 from jointstiff.schemas.robot import RobotDocument, RobotRequest
 from jointstiff.schemas.run import RunRequest
-from jointstiff.service.cli.app import app
 from jointstiff.service.jobs import Parts
 from jointstiff.service.kinds.geometry import GEOMETRY
 from jointstiff.service.problems import DeletedError
@@ -558,15 +555,15 @@ class TestCommand:
 
     def test_tables(self, file, tmp_path):
         output = tmp_path / "identified.json"
-        shown = CliRunner().invoke(app, ["geometry", *file, "--output", str(output)], env={"COLUMNS": "100"})
+        shown = terminal("geometry", *file, "--output", str(output), width=100)
         assert shown.exit_code == 0, shown.output
         for text in ("Links, nominal and identified", "decoupled method applies", "µrad", "mm"):
             assert text in shown.output
         assert "trilateration" not in shown.output
-        again = CliRunner().invoke(app, ["geometry", *file, "--details"], env={"COLUMNS": "100"})
+        again = terminal("geometry", *file, "--details", width=100)
         assert "trilateration" in again.output
         assert RobotDocument.model_validate_json(output.read_text()).model.format == "urdf"
-        again = CliRunner().invoke(app, ["geometry", *file, "--output", str(output)])
+        again = terminal("geometry", *file, "--output", str(output))
         assert again.exit_code == 2
         assert "--overwrite" in again.output
 
@@ -575,19 +572,19 @@ class TestCommand:
         (tmp_path / "poses.json").write_text(json.dumps(poses(TrackedArm(imperfect_arm(2)))))
         (tmp_path / "robot.json").write_text(json.dumps(robot_document(default_arm())))
         arguments = ["geometry", str(tmp_path / "poses.json")]
-        refused = CliRunner().invoke(app, arguments)
+        refused = terminal(*arguments)
         assert refused.exit_code == 2
         assert "nominal" in refused.output
         assert "remedy" in refused.output
         arguments += ["--robot", str(tmp_path / "robot.json")]
-        shown = CliRunner().invoke(app, [*arguments, "--details"], env={"COLUMNS": "200"})
+        shown = terminal(*arguments, "--details", width=200)
         assert shown.exit_code == 0, shown.output
         assert "30 poses determine 33 of 33 unknowns" in shown.output
-        result = Geometry.model_validate_json(CliRunner().invoke(app, [*arguments, "--json"]).stdout).result
+        result = Geometry.model_validate_json(terminal(*arguments, "--json").stdout).result
         assert SIGMA < result.poses.held_out_rms < 2.0 * SIGMA
         assert f"predicted to {1e6 * result.poses.held_out_rms:.1f} µm rms" in shown.output
         (tmp_path / "poses.json").write_bytes(b"[" * 200_000)
-        assert CliRunner().invoke(app, arguments).exit_code == 2
+        assert terminal(*arguments).exit_code == 2
 
 
 def symmetric(C):

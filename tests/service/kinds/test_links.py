@@ -1,7 +1,5 @@
 """Elastic links as a user asks for them: as a run, as a durable job, on the command line."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np
@@ -9,12 +7,11 @@ import pytest
 from pydantic import ValidationError
 from support.jobs import set_of
 from support.programs import path, request, tool_poses
-from typer.testing import CliRunner
+from support.terminal import terminal
 
 from jointstiff.schemas.deflection import DeflectionOptions
 from jointstiff.schemas.options import RunOptions
 from jointstiff.schemas.run import Run, RunRequest
-from jointstiff.service.cli.app import app
 from jointstiff.service.jobs import Parts
 from jointstiff.service.kinds.deflection import predict_by_run
 from jointstiff.service.kinds.program_work import ProgramWork
@@ -262,21 +259,19 @@ def test_automatic_takes_the_simplest_model_that_is_good_enough(memory, set_id):
     assert bends.links.model_source == "cross_validation"
 
 
-def test_a_pedestal_is_recognised_and_shown(monkeypatch, tmp_path):
+def test_a_pedestal_is_recognised_and_shown(tmp_path):
     """By default: the base comes as a block of its own, and joint 2 without it."""
-    monkeypatch.setenv("COLUMNS", "100")
-    monkeypatch.setenv("NO_COLOR", "1")
     path = tmp_path / "pedestal.json"
     path.write_text(json.dumps(pedestal_campaign(default_arm(), 8e6, configurations=24, seed=3)))
     command = ["identify", str(path), "--loss", "squared"]
-    printed = CliRunner().invoke(app, [*command, "--json"])
+    printed = terminal(*command, "--json")
     result = Run.model_validate_json(printed.stdout).result
     assert (result.choice.elasticity, result.choice.source) == ("joints_and_base", "cross_validation")
     assert [each.value for each in result.links.base.rotation[:2]] == pytest.approx([1.25e-7] * 2, rel=0.2)
     assert result.joints[1].compliance == pytest.approx(default_arm().compliances[1], rel=0.03)
     assert "the base's rotation" in result.joints[0].reason
     assert [reason.code for reason in result.assessment.reasons] == ["base_bends"]
-    shown = CliRunner().invoke(app, [*command, "--details"])
+    shown = terminal(*command, "--details", width=120)
     for text in ("Base below joint 1", "joints and base", "N·m/rad", "µrad/(kN·m)"):
         assert text in shown.stdout
 
@@ -297,17 +292,15 @@ def test_options_go_with_what_takes_them(options, text):
         RunOptions.model_validate(options)
 
 
-def test_the_command_shows_links_and_selection(monkeypatch, tmp_path, document):
-    monkeypatch.setenv("COLUMNS", "120")
-    monkeypatch.setenv("NO_COLOR", "1")
+def test_the_command_shows_links_and_selection(tmp_path, document):
     path = tmp_path / "campaign.json"
     path.write_text(json.dumps(document))
     command = ["identify", str(path), "--elasticity", "joints_and_links", "--links", "joint_2,joint_3"]
-    shown = CliRunner().invoke(app, [*command, "--link-penalty", "0.001", "--details"])
+    shown = terminal(*command, "--link-penalty", "0.001", "--details", width=120)
     assert shown.exit_code == 0, shown.output
     for text in ("link behind joint_2", "unexplained", "held-out", "coupled joints", "certified"):
         assert text in shown.stdout
     assert "link behind joint_4" not in shown.stdout
-    printed = CliRunner().invoke(app, [*command, "--link-penalty", "0.001", "--json"])
+    printed = terminal(*command, "--link-penalty", "0.001", "--json")
     run = Run.model_validate_json(printed.stdout)
     assert [link.joint for link in run.result.links.links] == ["joint_2", "joint_3"]

@@ -1,18 +1,16 @@
 """Robust loss, complementary stiffness and errors that all observations share, as a user states them."""
 
-from __future__ import annotations
-
 import json
+from functools import partial
 
 import numpy as np
 import pytest
 from pydantic import ValidationError
-from typer.testing import CliRunner
+from support.terminal import terminal
 
 import jointstiff
 from jointstiff.schemas.measurement import Noise
 from jointstiff.schemas.run import Run
-from jointstiff.service.cli.app import app
 from jointstiff.simulator import default_arm, simulate_campaign
 
 
@@ -25,16 +23,10 @@ def document():
 
 
 @pytest.fixture
-def command(monkeypatch, tmp_path, document):
-    monkeypatch.setenv("COLUMNS", "120")
-    monkeypatch.setenv("NO_COLOR", "1")
+def command(tmp_path, document):
     path = tmp_path / "campaign.json"
     path.write_text(json.dumps(document))
-
-    def invoke(*arguments):
-        return CliRunner().invoke(app, ["identify", str(path), *arguments])
-
-    return invoke
+    return partial(terminal, "identify", path, width=120)
 
 
 def test_readings_without_a_balance_are_identified_without_it():

@@ -1,7 +1,5 @@
 """Maps as jobs, as downloads and as a command."""
 
-from __future__ import annotations
-
 import csv
 import io
 import json
@@ -9,9 +7,8 @@ import json
 import numpy as np
 import pytest
 from support.api import file_at, post, posted
-from typer.testing import CliRunner
+from support.terminal import terminal
 
-from jointstiff.service.cli.app import app
 from jointstiff.simulator import default_arm, simulate_campaign
 
 CAMPAIGN = simulate_campaign(default_arm(), configurations=20, load="pull", seed=2)
@@ -105,14 +102,14 @@ class TestCommand:
         request.write_text(json.dumps(AREA))
         table, arrays = tmp_path / "map.csv", tmp_path / "map.npz"
         command = ["map", str(campaign), "--options", str(request)]
-        shown = CliRunner().invoke(app, [*command, "-o", str(table)])
+        shown = terminal(*command, "-o", str(table))
         assert shown.exit_code == 0, shown.output
         assert "places reached" in shown.output
         assert "worst place" in shown.output
         assert len(table.read_text().splitlines()) == 19
-        again = CliRunner().invoke(app, [*command, "-o", str(table)])
+        again = terminal(*command, "-o", str(table))
         assert again.exit_code == 2
-        made = CliRunner().invoke(app, [*command, "-o", str(arrays), "--json"])
+        made = terminal(*command, "-o", str(arrays), "--json")
         assert made.exit_code == 0, made.output
         assert np.load(arrays, allow_pickle=False)["table"].shape == (18, 22)
 
@@ -121,7 +118,7 @@ class TestCommand:
         campaign.write_text(json.dumps(CAMPAIGN))
         request.write_text(json.dumps(AREA | {"force": [0, 0, 0]}))
         command = ["map", str(campaign), "--options", str(request)]
-        refused = CliRunner().invoke(app, command)
+        refused = terminal(*command)
         assert refused.exit_code == 2
         assert "map.force" in refused.output
-        assert CliRunner().invoke(app, [*command, "-o", "m.txt"]).exit_code == 2
+        assert terminal(*command, "-o", "m.txt").exit_code == 2

@@ -1,7 +1,5 @@
 """Planted mistakes, undone by the action that their reason advises: the run is for use, and right."""
 
-from __future__ import annotations
-
 import json
 import math
 from copy import deepcopy
@@ -9,11 +7,10 @@ from copy import deepcopy
 import numpy as np
 import pytest
 from support.api import post
-from typer.testing import CliRunner
+from support.terminal import terminal
 
 import jointstiff
 from jointstiff.schemas.run import Campaign
-from jointstiff.service.cli.app import app
 from jointstiff.simulator import TARGETS, default_arm, simulate_campaign
 
 TRUTH = default_arm().compliances
@@ -317,7 +314,7 @@ def test_the_command_writes_the_mended_campaign_beside_the_old_one(clean, tmp_pa
     content = old.read_bytes()
     command = ["identify", "campaign.json", "--complementary-stiffness", "included"]
     command += ["--apply", "exchange_columns"]
-    done = CliRunner().invoke(app, command)
+    done = terminal(*command)
     assert done.exit_code == 0, done.output
     table, report = done.stdout.split("Use: ")
     for words in ("Before and after", "do not use", "joint_2"):
@@ -327,10 +324,10 @@ def test_the_command_writes_the_mended_campaign_beside_the_old_one(clean, tmp_pa
     mended = Campaign.model_validate_json((tmp_path / "campaign-exchange-columns.json").read_bytes())
     joints = [each.joints for each in mended.measurement_set.observations]
     assert np.allclose(joints, [each["joints"] for each in clean["measurement_set"]["observations"]])
-    assert CliRunner().invoke(app, command).exit_code == 2  # it is there
-    again = CliRunner().invoke(app, [*command, "--overwrite", "--json"])
+    assert terminal(*command).exit_code == 2  # it is there
+    again = terminal(*command, "--overwrite", "--json")
     assert json.loads(again.stdout)["result"]["assessment"]["verdict"] == "use"
-    refused = CliRunner().invoke(app, [*command[:2], "--apply", "use_magic"])
+    refused = terminal(*command[:2], "--apply", "use_magic")
     assert refused.exit_code == 2
     assert "exchange_columns" in refused.output
 

@@ -1,7 +1,5 @@
 """A new kind of work: its messages, declaration, work and tables in one file; all else follows from it."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

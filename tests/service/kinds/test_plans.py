@@ -1,7 +1,5 @@
 """Plans as jobs and as a command: for a robot, and to go on with a campaign."""
 
-from __future__ import annotations
-
 import csv
 import io
 import json
@@ -10,13 +8,12 @@ import numpy as np
 import pypdf
 import pytest
 from pydantic import ValidationError
-from typer.testing import CliRunner
+from support.terminal import terminal
 
 from jointstiff import identify
 from jointstiff.schemas.imports import ImportRequest
 from jointstiff.schemas.plan import MAX_CANDIDATES, Plan, PlanRequest
 from jointstiff.schemas.robot import RobotDocument
-from jointstiff.service.cli.app import app
 from jointstiff.service.importing.reading import SourceFile
 from jointstiff.service.kinds.plan import PLAN, readings_sheet
 from jointstiff.service.reports.job import job_document
@@ -169,7 +166,7 @@ class TestCommand:
         file.write_text(json.dumps(WEIGHT))
         options.write_text(json.dumps({"candidates": 300, "joints": [f"joint_{j}" for j in range(2, 7)]}))
         arguments = ["plan", str(file), "--readings", "5", "--options", str(options)]
-        shown = CliRunner().invoke(app, [*arguments, "--campaign", str(filled)])
+        shown = terminal(*arguments, "--campaign", str(filled))
         assert shown.exit_code == 0, shown.output
         assert "certified: at least" in shown.output
         campaign = json.loads(filled.read_text())
@@ -177,7 +174,7 @@ class TestCommand:
         assert [r["target"] for r in campaign["measurement_set"]["observations"][0]["readings"]] == list(
             TARGETS
         )
-        table = CliRunner().invoke(app, [*arguments, "--csv"]).output.splitlines()
+        table = terminal(*arguments, "--csv").output.splitlines()
         assert table[0].startswith("label,joint_1 [deg],")
         assert len(table) == 6
 

@@ -1,7 +1,5 @@
 """Long runs without workers: the service's side of them, and what a worker does with them."""
 
-from __future__ import annotations
-
 import pytest
 from support.jobs import request, runs_of, stored_set
 

@@ -1,7 +1,5 @@
 """A SCARA and an arm on a rail, as their users ask: runs, tables, maps, plans, predictions, programs."""
 
-from __future__ import annotations
-
 import csv
 import io
 import re

@@ -1,7 +1,5 @@
 """The verdict of a run in all that is made from it: nothing acts on a robot by it, nothing absurd is used."""
 
-from __future__ import annotations
-
 import csv
 import io
 import json
@@ -12,11 +10,10 @@ from support.api import file_at, posted
 from support.guide_files import ROOT
 from support.kinds import MAP, PLAN, TEXT, posted_job
 from support.programs import options
-from typer.testing import CliRunner
+from support.terminal import terminal
 
 import jointstiff
 import jointstiff as js
-from jointstiff.service.cli.app import app
 from jointstiff.service.kinds.registry import KINDS
 from jointstiff.service.reports.exports import FORMATS
 from jointstiff.service.reports.job import job_report
@@ -114,7 +111,7 @@ def test_a_prediction_has_it(local, runs, tmp_path):
     heads = ",".join([*(f"J{j} [deg]" for j in range(1, 7)), *(f"F{axis} [N]" for axis in "xyz")])
     (tmp_path / "postures.csv").write_text(f"{heads}\n5,5,5,5,5,5,0,0,-500\n")
     command = ["predict", str(tmp_path / "campaign.json"), str(tmp_path / "postures.csv")]
-    done = CliRunner().invoke(app, [*command, "--load-point", "0,0,200", "-o", str(tmp_path / "out.csv")])
+    done = terminal(*command, "--load-point", "0,0,200", "-o", str(tmp_path / "out.csv"))
     assert done.exit_code == 0, done.output
     assert done.stdout.startswith(HEADLINE)
     (row,) = csv.DictReader(io.StringIO((tmp_path / "out.csv").read_text()))
@@ -134,11 +131,11 @@ def test_the_terminal_wants_it_said(tmp_path, monkeypatch):
         ["plan", "campaign.json", "--options", "plan.json"],
         ["export", "campaign.json", "-o", "model.mjcf"],
     ):
-        refused = CliRunner().invoke(app, command)
+        refused = terminal(*command)
         assert refused.exit_code == 2, refused.output
         assert "--despite-verdict" in refused.output
         assert not (tmp_path / command[-1]).exists() or command[-2] != "-o"
-        done = CliRunner().invoke(app, [*command, "--despite-verdict"])
+        done = terminal(*command, "--despite-verdict")
         assert done.exit_code == 0, done.output
         assert command[0] == "export" or done.stdout.startswith(HEADLINE)
 

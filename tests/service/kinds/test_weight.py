@@ -1,7 +1,5 @@
 """Runs that take the robot's own weight for the load, from campaign to result."""
 
-from __future__ import annotations
-
 import copy
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """The client while the service is away: requests are repeated, and nothing is stored twice."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

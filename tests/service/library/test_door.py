@@ -1,7 +1,5 @@
 """`import jointstiff` as in a notebook: light, a run is a table, with the hashes of a service."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """Campaigns of arrays are those of the file with the same numbers; what is no reading is refused by name."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

@@ -1,7 +1,5 @@
 """One protocol: each verb takes the same arguments in process, over a client, and awaited; same numbers."""
 
-from __future__ import annotations
-
 import json
 from contextlib import contextmanager
 from functools import partial

@@ -1,7 +1,5 @@
 """Results of all kinds as people hold them: a line, a table, a frame, a plot, a file."""
 
-from __future__ import annotations
-
 import json
 
 import matplotlib as mpl

@@ -1,7 +1,5 @@
 """Type checkers know the options of each verb: the stub is that of the messages, and mistakes are found."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 

@@ -1,7 +1,5 @@
 """Live campaigns: exact springs read posture by posture, mistakes named at the reading, priors of a fleet."""
 
-from __future__ import annotations
-
 import copy
 from collections.abc import Callable, Iterator
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Measuring live from Python and the terminal: an exact arm, goals in words, sources over real lines."""
 
-from __future__ import annotations
-
 import asyncio
 import json
 import os
@@ -9,16 +7,16 @@ import socket
 import threading
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Self
 
 import numpy as np
 import pytest
 from support.live import positions
-from typer.testing import CliRunner
+from support.terminal import terminal
 
 import jointstiff
 from jointstiff.schemas.plan import DecisionGoal, DeflectionGoal, JointsGoal
 from jointstiff.schemas.robot import RobotDocument
-from jointstiff.service.cli.app import app
 from jointstiff.service.conversion.prepared import prepare_robot
 from jointstiff.service.live import sources
 from jointstiff.service.live.declaration import goal_of
@@ -111,7 +109,7 @@ def test_the_command_prints_one_document(campaign, tmp_path):
     path, saved = tmp_path / "campaign.json", tmp_path / "closed.json"
     path.write_text(json.dumps(campaign))
     arguments = [str(path), "--goal", "15 %", "--source", "simulated:1", "--json", "--save", str(saved)]
-    result = CliRunner().invoke(app, ["measure", *arguments])
+    result = terminal("measure", *arguments)
     assert result.exit_code == 0, result.output
     document = json.loads(result.stdout)
     assert document["state"] == "reached"
@@ -126,7 +124,7 @@ def test_the_command_prints_one_document(campaign, tmp_path):
     notes = json.loads(saved.read_text())["measurement_set"]["notes"]
     assert f"\nReached after {document['readings']} readings, {with_them}" in notes
     assert "every joint that the load can twist is known to ± 15 %" in notes
-    again = CliRunner().invoke(app, ["identify", str(saved), "--json"])
+    again = terminal("identify", str(saved), "--json")
     assert json.loads(again.stdout)["result"]["joints"] == document["result"]["joints"]
 
 
@@ -146,7 +144,7 @@ class Tracker:
         self._thread = threading.Thread(target=self._serve, daemon=True)
         self._thread.start()
 
-    def __enter__(self) -> Tracker:
+    def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -367,12 +365,12 @@ def test_the_profile_is_shown_and_confirmed(campaign, tmp_path):
             "--most",
             "2",
         ]
-        unanswered = CliRunner().invoke(app, ["measure", *arguments])
+        unanswered = terminal("measure", *arguments)
         assert unanswered.exit_code == 2
         assert "confirm" in unanswered.stderr
         assert "as [target] x y z, lengths in mm" in unanswered.stderr
         assert not unanswered.stdout
-        confirmed = CliRunner().invoke(app, ["measure", *arguments], input="y\n")
+        confirmed = terminal("measure", *arguments, input="y\n")
         assert confirmed.exit_code == 0, confirmed.stderr
         assert json.loads(confirmed.stdout)["readings"] == 2
-        assert CliRunner().invoke(app, ["measure", *arguments, "--yes"]).exit_code == 0
+        assert terminal("measure", *arguments, "--yes").exit_code == 0

@@ -1,8 +1,6 @@
 # ruff: noqa: E501  # one program a line
 """Names that are not what they seem: a move is corrected only where its numbers and frames are certain."""
 
-from __future__ import annotations
-
 import pytest
 
 from jointstiff.service.programs.errors import ProgramError

@@ -1,8 +1,6 @@
 # one case a line
 """Compensated programs beside springs that balance a load exactly, in every format."""
 
-from __future__ import annotations
-
 import csv
 import io
 

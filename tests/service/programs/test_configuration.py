@@ -1,7 +1,5 @@
 """The arm's configuration: what formats state chooses the posture, and is rewritten where it changes."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from support.programs import FORCE, START, compensated, tool_poses, work_of

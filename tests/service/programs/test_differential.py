@@ -1,7 +1,5 @@
 """Random programs, run by a controller with code of its own, beside what was corrected: 0 differ."""
 
-from __future__ import annotations
-
 from random import Random
 
 import numpy as np

@@ -1,8 +1,6 @@
 # ruff: noqa: E501  # one case a line
 """Robot programs: what is understood, what is refused by line, and that rewriting changes numbers only."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

@@ -1,8 +1,6 @@
 # ruff: noqa: E501  # one case a line
 """Programs in the forms of other people's post-processors: taken as they are meant, or refused."""
 
-from __future__ import annotations
-
 import time
 from contextlib import suppress
 

@@ -3,8 +3,6 @@
 Python before 3.11.5 keeps what a possessive group took before it failed: it read 7E as a number.
 """
 
-from __future__ import annotations
-
 import math
 import re
 from pathlib import Path

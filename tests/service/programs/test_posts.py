@@ -1,8 +1,6 @@
 # ruff: noqa: E501  # one line of a program each
 """Programs of fifty targets in the forms of RoboDK's post-processors: moves, arcs, frames, signals, waits, a message."""
 
-from __future__ import annotations
-
 import pytest
 
 from jointstiff.service.programs.formats import read_program

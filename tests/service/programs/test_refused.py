@@ -1,8 +1,6 @@
 # ruff: noqa: E501  # one construct a line
 """What is not understood does not act: constructs in each language, and every motion word accounted for."""
 
-from __future__ import annotations
-
 import random
 import re
 from collections import Counter

@@ -1,7 +1,5 @@
 """Certificates: the structure of DCC 3.3.0, without its schema, and by it where it is at hand."""
 
-from __future__ import annotations
-
 import os
 from dataclasses import replace
 from datetime import UTC, date, datetime

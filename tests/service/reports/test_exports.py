@@ -1,7 +1,5 @@
 """Exports read back: kinematics by our reader, numbers by the readers of each format, statics by MuJoCo."""
 
-from __future__ import annotations
-
 import csv
 import io
 import json
@@ -10,11 +8,10 @@ from xml.etree import ElementTree
 import numpy as np
 import openpyxl
 import pytest
-from typer.testing import CliRunner
+from support.terminal import terminal
 
 import jointstiff
 from jointstiff.schemas.run import Campaign, JointResult
-from jointstiff.service.cli.app import app
 from jointstiff.service.conversion.prepared import prepare_robot
 from jointstiff.service.reports.exports import FORMATS, ExportedModel, export_model
 from jointstiff.simulator import default_arm, simulate_campaign
@@ -210,10 +207,10 @@ def test_the_terminal_writes_by_suffix(document, tmp_path):
     campaign.write_text(json.dumps(document))
     for name in ("model.mjcf", "model.xml"):
         path = tmp_path / name
-        shown = CliRunner().invoke(app, ["export", str(campaign), "-o", str(path)])
+        shown = terminal("export", str(campaign), "-o", str(path))
         assert shown.exit_code == 0, shown.output
         assert parsed(path.read_bytes()).tag == "mujoco"
-    shown = CliRunner().invoke(app, ["export", str(campaign), "-o", str(path)])
+    shown = terminal("export", str(campaign), "-o", str(path))
     assert shown.exit_code == 2
-    shown = CliRunner().invoke(app, ["export", str(campaign), "-o", str(tmp_path / "model.step")])
+    shown = terminal("export", str(campaign), "-o", str(tmp_path / "model.step"))
     assert shown.exit_code == 2

@@ -1,13 +1,10 @@
 """Settings of the laboratory: what is refused before anything is set."""
 
-from __future__ import annotations
-
 import struct
 
 import pytest
-from typer.testing import CliRunner
+from support.terminal import terminal
 
-from jointstiff.service.cli.app import app
 from jointstiff.service.reports.laboratory import SettingsError, read_laboratory
 
 SVG = b'<svg xmlns="http://www.w3.org/2000/svg"><script>alert(1)</script></svg>'
@@ -82,7 +79,7 @@ def test_a_missing_file_is_named(tmp_path):
 
 def test_the_service_does_not_start_with_settings_it_cannot_use(tmp_path):
     path = written(tmp_path, "logo.svg", SVG)
-    shown = CliRunner().invoke(app, ["serve", "--port", "0", "--laboratory", str(path)])
+    shown = terminal("serve", "--port", "0", "--laboratory", str(path))
     assert shown.exit_code == 2
     assert "neither PNG nor JPEG" in shown.output
     assert "SVG is refused" in shown.output

@@ -1,7 +1,5 @@
 """Reports of runs: what ISO/IEC 17025 asks for, the same bytes, files within, and hostile text."""
 
-from __future__ import annotations
-
 import contextlib
 import io
 import json
@@ -15,14 +13,13 @@ from pathlib import Path
 
 import pypdf
 import pytest
-from typer.testing import CliRunner
+from support.terminal import terminal
 
 import jointstiff
 from jointstiff.schemas.finding import Finding
 from jointstiff.schemas.report import Authorisation, Laboratory, Party
 from jointstiff.schemas.run import Campaign, Run
 from jointstiff.service import reports as service_reports
-from jointstiff.service.cli.app import app
 from jointstiff.service.conversion.prepared import prepare_robot
 from jointstiff.service.reports.document import draft, state_of
 from jointstiff.service.reports.exports import ExportedModel, joints_csv
@@ -263,7 +260,7 @@ def test_two_processes_give_the_same_bytes(document, run, tmp_path):
     command = [sys.executable, "-m", "jointstiff", *arguments, "other.pdf"]
     subprocess.run(command, cwd=tmp_path, check=True, capture_output=True, timeout=120)
     with contextlib.chdir(tmp_path):
-        assert CliRunner().invoke(app, [*arguments, "this.pdf"]).exit_code == 0
+        assert terminal(*arguments, "this.pdf").exit_code == 0
     assert (tmp_path / "other.pdf").read_bytes() == (tmp_path / "this.pdf").read_bytes()
 
 
@@ -311,7 +308,7 @@ def test_the_terminal_writes_with_settings(document, run, tmp_path):
     for name in ("report.pdf", "report.html"):
         arguments = ["report", tmp_path / "campaign.json", "--run", tmp_path / "run.json"]
         arguments += ["--laboratory", tmp_path / "lab.toml", "-o", tmp_path / name]
-        shown = CliRunner().invoke(app, list(map(str, arguments)))
+        shown = terminal(*arguments)
         assert shown.exit_code == 0, shown.output
         assert b"Logo" in (tmp_path / name).read_bytes() or name == "report.pdf"
     assert "Metrology Lab" in pages_of(Path(tmp_path / "report.pdf").read_bytes())[0]
@@ -320,11 +317,11 @@ def test_the_terminal_writes_with_settings(document, run, tmp_path):
 def test_the_terminal_reports_on_other_jobs(document, tmp_path):
     campaign, job = tmp_path / "campaign.json", tmp_path / "comparison.json"
     campaign.write_text(json.dumps(document))
-    job.write_text(CliRunner().invoke(app, ["compare", str(campaign), "--json"]).stdout)
-    shown = CliRunner().invoke(app, ["report", str(job), "-o", str(tmp_path / "comparison.pdf")])
+    job.write_text(terminal("compare", str(campaign), "--json").stdout)
+    shown = terminal("report", str(job), "-o", str(tmp_path / "comparison.pdf"))
     assert shown.exit_code == 0, shown.output
     assert "Comparison" in pages_of((tmp_path / "comparison.pdf").read_bytes())[0]
     (tmp_path / "other.json").write_text("{}")
-    shown = CliRunner().invoke(app, ["report", str(tmp_path / "other.json"), "-o", str(tmp_path / "o.pdf")])
+    shown = terminal("report", str(tmp_path / "other.json"), "-o", str(tmp_path / "o.pdf"))
     assert shown.exit_code == 2
     assert "robot: required field is missing" in shown.output

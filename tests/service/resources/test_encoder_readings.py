@@ -1,7 +1,5 @@
 """Readings of secondary encoders as they are posted, stored, and shown on a run."""
 
-from __future__ import annotations
-
 import httpx2
 import numpy as np
 import pytest

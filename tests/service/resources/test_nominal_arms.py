@@ -1,7 +1,5 @@
 """The catalogue of nominal arms: against published joint origins, the makers' reaches and real data."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from reference.published_arms import ARMS, UR_ORIGINS, ur_flange_at

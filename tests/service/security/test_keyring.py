@@ -1,7 +1,5 @@
 """Keys: their text, what is stored of them, who recognises them, and what wrong ones cost."""
 
-from __future__ import annotations
-
 import json
 import re
 import zlib

@@ -1,7 +1,5 @@
 """Backups on both databases: whole under write load, checked on the way back, never over what is in use."""
 
-from __future__ import annotations
-
 import dataclasses
 import itertools
 import json

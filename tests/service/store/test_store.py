@@ -1,7 +1,5 @@
 """The store's contract, the same on both databases: resources, jobs, sessions, links and journals."""
 
-from __future__ import annotations
-
 import dataclasses
 import itertools
 import threading

@@ -1,7 +1,5 @@
 """Opening a store: addresses, versions, several processes at once, and databases that fail."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import sqlite3

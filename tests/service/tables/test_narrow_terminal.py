@@ -1,7 +1,5 @@
 """Tables in a terminal of 80 columns: no number and no word is cut, whatever has to be folded."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """What was asked for: fields, units and numbers of any message."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 

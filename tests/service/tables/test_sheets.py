@@ -1,7 +1,5 @@
 """Sheets of messages: a column a component, with the unit that the schema of its field states."""
 
-from __future__ import annotations
-
 from jointstiff.schemas.fields import Message, Metres, Newtons
 from jointstiff.service.tables.table import Sheet
 

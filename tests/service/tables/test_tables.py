@@ -1,7 +1,5 @@
 """Reports of the terminal: each thing said once, the rest on demand, units of people."""
 
-from __future__ import annotations
-
 import io
 import json
 import re

@@ -1,16 +1,13 @@
 """The doctor finds what was planted, on both databases, and nothing in a healthy one."""
 
-from __future__ import annotations
-
 import sqlite3
 from contextlib import closing
 
 import pytest
 from sqlalchemy import text
 from support.jobs import request, runs_of, stored_set
-from typer.testing import CliRunner
+from support.terminal import terminal
 
-from jointstiff.service.cli.app import app
 from jointstiff.service.store.database import Database
 from jointstiff.service.store.store import Store
 from jointstiff.service.workers.doctor import examine
@@ -86,20 +83,20 @@ class TestOnSqlite:
         assert {fault.code for fault in examine(url).faults} == {"file"}
 
     def test_the_command_says_what_is_wrong_and_ends_with_status_1(self, url):
-        run = CliRunner().invoke(app, ["doctor", "--database", url])
+        run = terminal("doctor", "--database", url)
         assert run.exit_code == 0, run.output
         assert "faults: 0" in run.output
         planted(url, "UPDATE robots SET content_hash = 'another'")
-        run = CliRunner().invoke(app, ["doctor", "--database", url])
+        run = terminal("doctor", "--database", url)
         assert run.exit_code == 1
         assert "the hash differs" in run.output
 
     def test_backup_and_restore_as_commands(self, url, tmp_path):
         folder = str(tmp_path / "backup")
-        run = CliRunner().invoke(app, ["backup", "--database", url, folder])
+        run = terminal("backup", "--database", url, folder)
         assert "1 robots, 1 measurement sets, 1 jobs" in run.output
-        again = CliRunner().invoke(app, ["restore", "--database", url, folder])
+        again = terminal("restore", "--database", url, folder)
         assert again.exit_code == 2
         new = f"sqlite:///{tmp_path / 'new.db'}"
-        assert CliRunner().invoke(app, ["restore", "--database", new, folder]).exit_code == 0
+        assert terminal("restore", "--database", new, folder).exit_code == 0
         assert examine(new).faults == []

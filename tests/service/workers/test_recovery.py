@@ -1,7 +1,5 @@
 """Every job ends: what the recovery of a worker does about work that nobody does."""
 
-from __future__ import annotations
-
 import os
 import signal
 import sys

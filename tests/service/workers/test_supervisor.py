@@ -1,7 +1,5 @@
 """Workers that cannot start: tried less and less often, and said."""
 
-from __future__ import annotations
-
 import re
 import resource
 import threading

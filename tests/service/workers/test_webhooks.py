@@ -1,7 +1,5 @@
 """Webhooks: signed messages, each at least once, in order for a job, the same id at each attempt."""
 
-from __future__ import annotations
-
 import hashlib
 import hmac
 import json
@@ -20,9 +18,8 @@ import pytest
 from support.in_process import Client
 from support.jobs import request, runs_of, stored_set
 from support.processes import Service, until
-from typer.testing import CliRunner
+from support.terminal import terminal
 
-from jointstiff.service.cli.app import app
 from jointstiff.service.jobs import Parts
 from jointstiff.service.library.client import problem_in
 from jointstiff.service.problems import RefusedError, WorkerLostError
@@ -242,7 +239,7 @@ def test_the_terminal_makes_lists_and_deletes_them(store, receiver, monkeypatch)
     monkeypatch.setattr("jointstiff.service.library.client.Client.send", send)
 
     def command(*words):
-        return CliRunner().invoke(app, ["webhooks", *words], env={"COLUMNS": "200"})
+        return terminal("webhooks", *words, width=200)
 
     made = command("create", receiver.url, "--event", "run.failed")
     assert made.exit_code == 0, made.output

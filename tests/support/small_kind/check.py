@@ -1,7 +1,5 @@
 """Add the small kind, and find all that it has without another line. usage: check.py CAMPAIGN"""
 
-from __future__ import annotations
-
 import json
 import sys
 from pathlib import Path
