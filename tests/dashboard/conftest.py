@@ -11,6 +11,7 @@ from typing import Any
 import httpx2
 import pytest
 from playwright.sync_api import Browser, sync_playwright
+from support.api import post
 from support.browsing import (
     ARGUMENTS,
     DASHBOARD,
@@ -20,7 +21,6 @@ from support.browsing import (
     Stored,
     Visit,
     campaign,
-    post,
     run_npm,
 )
 from support.processes import Service

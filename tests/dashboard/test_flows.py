@@ -5,7 +5,8 @@ import re
 
 import pytest
 from playwright.sync_api import expect
-from support.browsing import ROOT, campaign, post
+from support.api import post
+from support.browsing import ROOT, campaign
 
 from jointstiff.simulator import default_arm
 from jointstiff.simulator.urdf import urdf_text
@@ -276,28 +277,6 @@ def test_units_change_all_numbers(visit, stored):
     expect(row).to_contain_text(re.compile(r"5\d\.\d+ ±"))
     page.get_by_label("Stiffness in").select_option("compliance")
     expect(row).to_contain_text(re.compile(r"0\.3\d+ ±"))
-
-
-def test_a_reason_is_acted_on_and_shown_beside_what_was_before(visit, api, stored):
-    """A bumped target: one button leaves its readings out; the variant stands beneath its run."""
-    document = campaign(load="pull", configurations=19, seed=8)["measurement_set"]
-    shift = 0.8 if document["units"]["length"] == "mm" else 0.8e-3
-    document["observations"][4]["readings"][0]["loaded"][0] += shift
-    set_id = post(api, "/v1/measurement-sets", {**document, "name": "bumped", "robot_id": stored.robot})["id"]
-    first = post(api, "/v1/runs", {"measurement_set_id": set_id})["id"]
-    page = visit("desktop", view=f"#/runs/{first}").page
-    verdict = page.get_by_role("region", name="Assessment")
-    expect(verdict).to_contain_text("Do not use")
-    verdict.get_by_role("button", name="Omit c05 and repeat").first.click()
-    beside = page.get_by_role("region", name="Before and after")
-    expect(beside).to_be_visible()
-    expect(beside.get_by_role("row").filter(has_text="Verdict")).to_contain_text(
-        re.compile("Do not use.*Use", re.DOTALL)
-    )
-    second = api.get("/v1/runs").json()["items"][0]
-    assert (second["variant_of"], second["leave_out"]) == (first, ["c05"])
-    beside.get_by_role("link", name="Before").click()
-    expect(page.get_by_role("button", name="Omit c05 and repeat").first).to_be_visible()
 
 
 def test_selected_runs_stand_side_by_side(visit, api, stored):

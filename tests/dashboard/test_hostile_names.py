@@ -4,8 +4,10 @@ import json
 import re
 
 from playwright.sync_api import expect
-from support.api import posted
-from support.browsing import campaign, post
+from support.api import post, posted
+from support.browsing import campaign
+
+from jointstiff.service.api.bodies import EXAMPLES
 
 NAMES = [
     "<script>window.hacked=1</script>",
@@ -49,11 +51,6 @@ NAMES = [
     "🤖" * 100,
     "W" * 200,
 ]
-LEVER = {
-    "format": "dh",
-    "convention": "modified",
-    "rows": [{"a": 0.5, "alpha": 0.0, "d": 0.0, "theta": 0.0}],
-}
 PLANTED = "script:not([src]), iframe, object, embed, base, style, #page img, #page b[style], #page meta"
 
 
@@ -66,7 +63,7 @@ def test_forty_hostile_names_are_shown_as_text(visit, api):
         for reading, target in zip(observation["readings"], NAMES[:3], strict=True):
             reading["target"] = target
     for name in NAMES:
-        post(api, "/v1/robots", {"name": name, "model": LEVER})
+        post(api, "/v1/robots", EXAMPLES["robots"]["modified DH"] | {"name": name})
     robot = post(api, "/v1/robots", {**document["robot"], "name": NAMES[0]})
     for name in NAMES:
         small = {**document["measurement_set"], "name": name, "observations": observations[:2]}

@@ -1,8 +1,8 @@
 """Tables of readings on the page: dropped, understood, mended, identified."""
 
 from playwright.sync_api import Locator, expect
-from support.api import file_at
-from support.browsing import ROOT, Visit, post
+from support.api import file_at, post
+from support.browsing import ROOT, Visit
 
 from jointstiff.simulator import default_arm
 from jointstiff.simulator.document import robot_document

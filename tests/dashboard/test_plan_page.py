@@ -3,7 +3,7 @@
 import json
 
 from playwright.sync_api import expect
-from support.browsing import post
+from support.api import post
 
 from jointstiff.simulator import LOAD_POINT, TARGETS
 

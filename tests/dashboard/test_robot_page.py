@@ -5,7 +5,8 @@ from pathlib import Path
 
 import httpx2
 from playwright.sync_api import expect
-from support.browsing import campaign, post
+from support.api import post
+from support.browsing import campaign
 
 
 def test_a_nominal_arm_is_found_named_archived_and_taken_back(visit):

@@ -4,7 +4,8 @@ import statistics
 
 import pytest
 from playwright.sync_api import expect
-from support.browsing import campaign, post
+from support.api import post
+from support.browsing import campaign
 
 FRAMES = "performance.getEntriesByName('jointstiff.frame').map((m) => m.duration)"
 MOST_MS = 8.0

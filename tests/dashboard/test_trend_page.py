@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 from playwright.sync_api import expect
-from support.browsing import post
+from support.api import post
 
 from jointstiff.simulator import default_arm, simulate_campaign
 

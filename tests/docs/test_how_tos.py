@@ -15,7 +15,7 @@ from typing import Any
 import httpx2
 import pytest
 from support import guide_runner
-from support.browsing import post
+from support.api import post
 from support.guide_files import ROOT, blocks_of, guides
 from support.processes import Service
 

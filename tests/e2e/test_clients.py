@@ -10,7 +10,8 @@ from pathlib import Path
 
 import httpx2
 import pytest
-from support.browsing import DASHBOARD, post, run_npm
+from support.api import post
+from support.browsing import DASHBOARD, run_npm
 from support.guide_files import ROOT
 
 from jointstiff.service.api.bodies import EXAMPLES

@@ -17,7 +17,7 @@ import httpx2
 import psycopg
 import pytest
 from sqlalchemy import func, select
-from support.api import CANCEL, job_at
+from support.api import CANCEL, job_at, stored_set
 from support.processes import free_port, ready, serving, until, workers_of, working
 
 import jointstiff
@@ -79,7 +79,7 @@ def client(database: str) -> Iterator[httpx2.Client]:
 
 @pytest.fixture(scope="module")
 def set_id(client: httpx2.Client, campaign: dict[str, Any]) -> str:
-    return post_campaign(client, campaign)
+    return stored_set(client, campaign)["id"]
 
 
 def test_a_run_that_is_not_waited_for_is_accepted_and_ends_by_itself(
@@ -143,7 +143,7 @@ def test_a_run_survives_the_death_of_worker_and_service(
     with ExitStack() as stack:
         service = ready(stack.enter_context(serving(database, 1, port)))
         client = stack.enter_context(connected(service))
-        address = post_run(client, post_campaign(client, campaign), RESAMPLING).headers["location"]
+        address = post_run(client, stored_set(client, campaign)["id"], RESAMPLING).headers["location"]
         before = further(client, address, 0)
         (worker,) = workers_of(database)
         os.kill(worker, signal.SIGKILL)
@@ -176,7 +176,7 @@ def test_a_run_survives_statements_that_are_cancelled(
         psycopg.connect(database, autocommit=True) as connection,
     ):
         ready(worker)
-        address = post_run(client, post_campaign(client, campaign), RESAMPLING).headers["location"]
+        address = post_run(client, stored_set(client, campaign)["id"], RESAMPLING).headers["location"]
         further(client, address, 0)
         connection.execute(
             "CREATE FUNCTION cancel() RETURNS trigger LANGUAGE plpgsql AS "
@@ -198,12 +198,6 @@ def test_a_run_survives_statements_that_are_cancelled(
 
 def connected(service: subprocess.Popen[str]) -> httpx2.Client:
     return httpx2.Client(base_url=service.url, timeout=60.0)
-
-
-def post_campaign(client: httpx2.Client, campaign: dict[str, Any]) -> str:
-    robot = client.post("/v1/robots", json=campaign["robot"]).raise_for_status().json()
-    readings = campaign["measurement_set"] | {"robot_id": robot["id"]}
-    return client.post("/v1/measurement-sets", json=readings).raise_for_status().json()["id"]
 
 
 def post_run(

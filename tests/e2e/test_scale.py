@@ -9,6 +9,7 @@ from typing import Any
 import httpx2
 import pytest
 from sqlalchemy import func, select
+from support.api import post, stored_set
 from support.in_process import Client
 from support.processes import free_port, ready, serving, until, working
 
@@ -30,21 +31,12 @@ def request(set_id: str, number: int) -> dict[str, Any]:
     return {"measurement_set_id": set_id, "resampling": resampling}
 
 
-def post_campaign(post: Callable[[str, Any], dict[str, Any]], campaign: dict[str, Any]) -> str:
-    robot = post("/v1/robots", campaign["robot"])["id"]
-    return post("/v1/measurement-sets", campaign["measurement_set"] | {"robot_id": robot})["id"]
-
-
 def on_sqlite(folder: Path, campaign: dict[str, Any]) -> list[Any]:
     """The results on SQLite, in one process without workers, by seed."""
     with Store.open(f"sqlite:///{folder / 'alone.db'}") as store:
         client = Client(store)
-
-        def post(path: str, body: Any) -> dict[str, Any]:
-            return client.request("POST", path, json=body).json()
-
-        set_id = post_campaign(post, campaign)
-        return [post("/v1/runs", request(set_id, seed))["result"] for seed in range(SEEDS)]
+        set_id = stored_set(client, campaign)["id"]
+        return [post(client, "/v1/runs", request(set_id, seed))["result"] for seed in range(SEEDS)]
 
 
 def test_with_one_service_and_one_worker_killed_every_run_is_carried_out_once_with_the_same_bits(
@@ -58,11 +50,9 @@ def test_with_one_service_and_one_worker_killed_every_run_is_carried_out_once_wi
             ready(process)
         services = [stack.enter_context(httpx2.Client(base_url=each.url, timeout=60)) for each in processes]
         left = services[0]
-        set_id = post_campaign(
-            lambda path, body: left.post(path, json=body).raise_for_status().json(), campaign
-        )
+        set_id = stored_set(left, campaign)["id"]
 
-        def post(number: int, first: int) -> httpx2.Response:
+        def posted(number: int, first: int) -> httpx2.Response:
             """Post to a service, and as a proxy does, to the next one if it is not there."""
             for service in services[first:] + services[:first]:
                 try:
@@ -78,7 +68,7 @@ def test_with_one_service_and_one_worker_killed_every_run_is_carried_out_once_wi
 
         with ThreadPoolExecutor(4) as pool:
             # Each run is posted to both services at once, by the same key.
-            posts = [pool.submit(post, number, first) for number in range(RUNS) for first in range(2)]
+            posts = [pool.submit(posted, number, first) for number in range(RUNS) for first in range(2)]
             until(lambda: len(stored()) > RUNS // 4)
             processes[1].kill()
             until(lambda: any(run["state"] == "running" for run in stored()))
@@ -95,7 +85,7 @@ def test_with_one_service_and_one_worker_killed_every_run_is_carried_out_once_wi
             assert run["state"] == "succeeded", run["error"]
             assert run["result"] == expected[number % SEEDS]
             assert run["progress"]["done"] == DRAWS
-            assert post(number, 1).json()["id"] == identifier
+            assert posted(number, 1).json()["id"] == identifier
     with closing(Database.open(database)) as opened, opened.reading() as connection:
         assert connection.execute(select(func.count()).select_from(job_steps)).scalar_one() == 0
         assert connection.execute(select(func.count()).select_from(jobs)).scalar_one() == RUNS

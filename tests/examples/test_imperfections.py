@@ -7,15 +7,13 @@ from hypothesis import strategies as st
 from support.examples import examples
 
 from jointstiff.simulator import default_arm
-from jointstiff.simulator.campaign import LOAD_POINT, TARGETS, random_configurations
+from jointstiff.simulator.campaign import LOAD_POINT, random_configurations
 from jointstiff.simulator.elastic_links import beam_compliance
 from jointstiff.simulator.imperfections import (
     with_link_errors,
 )
 from jointstiff.simulator.own_weight import Balancer, default_bodies, energy, sag
 
-POINTS = np.array(list(TARGETS.values()))
-NO_MOMENT = np.zeros(3)
 ARM = default_arm()
 
 

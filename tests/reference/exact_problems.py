@@ -52,16 +52,6 @@ def random_problem(seed: int) -> Problem:
     return Problem(A * scales, b * 10.0 ** rng.uniform(-6.0, 6.0), np.ones(n, dtype=np.bool_))
 
 
-def combined_problem(seed: int) -> Problem:
-    """A random problem with a further column, an exact multiple of the first: only their sum shows."""
-    simple = random_problem(seed)
-    rng = np.random.default_rng([seed, 2])
-    copy = simple.A[:, :1] * 2.0 ** rng.integers(-20, 21)
-    judged = np.append(simple.judged, False)
-    judged[0] = False
-    return Problem(np.hstack([simple.A, copy]), simple.b, judged)
-
-
 def tied_problem(seed: int) -> Problem:
     """Whole numbers, so that the optimum is known exactly: some zeros have zero multipliers.
 

@@ -9,6 +9,13 @@ from jointstiff.service.jobs import Parts
 from jointstiff.service.store.store import Store
 
 
+@pytest.fixture
+def store() -> Iterator[Store]:
+    """A store in memory, for one test."""
+    with Store.open("sqlite://") as opened:
+        yield opened
+
+
 @pytest.fixture(scope="module")
 def memory() -> Iterator[Store]:
     """A store in memory."""

@@ -42,6 +42,14 @@ def posted(client: Any, campaign: dict[str, Any], **options: Any) -> dict[str, A
     return run
 
 
+def stored_set(client: Any, campaign: dict[str, Any], **changes: Any) -> dict[str, Any]:
+    """Post robot and measurement set of a campaign, which nobody identifies yet; return the set."""
+    robot = post(client, "/v1/robots", campaign["robot"])["id"]
+    readings = campaign["measurement_set"] | {"robot_id": robot} | changes
+    stored: dict[str, Any] = post(client, "/v1/measurement-sets", readings)
+    return stored
+
+
 def posted_set(client: Any, campaign: dict[str, Any]) -> str:
     """Post a campaign; return the id of its measurement set."""
     return str(posted(client, campaign)["request"]["measurement_set_id"])

@@ -6,7 +6,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import httpx2
 from playwright.sync_api import ConsoleMessage, Page, expect
 
 from jointstiff.simulator import default_arm, simulate_campaign
@@ -99,14 +98,6 @@ def campaign(**options: Any) -> dict[str, Any]:
     return simulate_campaign(
         default_arm(options.get("encoders", "motor")), **{"configurations": 12, "seed": 3} | options
     )
-
-
-def post(api: httpx2.Client, path: str, body: dict[str, Any]) -> dict[str, Any]:
-    """What the API made of a body."""
-    answer = api.post(path, json=body)
-    assert answer.status_code == 201, answer.text
-    document: dict[str, Any] = answer.json()
-    return document
 
 
 VIEWS = (

@@ -56,12 +56,6 @@ def opened(store):
 
 
 @pytest.fixture
-def store():
-    with Store.open("sqlite://") as opened_store:
-        yield opened_store
-
-
-@pytest.fixture
 def client(store):
     return opened(store)
 

@@ -5,10 +5,8 @@ import time
 import uuid
 
 import httpx2
-import numpy as np
 import pytest
 from support.api import EITHER_DATABASE, post
-from support.shared_data import shared
 
 from jointstiff.schemas.finding import Problem
 from jointstiff.schemas.options import MAX_REPETITIONS
@@ -39,17 +37,6 @@ def set_id(client, readings):
 
 
 class TestWholePath:
-    def test_fanuc_from_post_to_stiffness(self, client):
-        document = shared("fanuc_r2000ic/campaign")
-        robot = post(client, "/v1/robots", document["robot"])
-        stored = post(client, "/v1/measurement-sets", document["measurement_set"] | {"robot_id": robot["id"]})
-        plain = {"elasticity": "joints", "complementary_stiffness": "neglected"}
-        run = post(client, "/v1/runs", {"measurement_set_id": stored["id"], **plain})
-        stiffness = [joint["stiffness"] for joint in run["result"]["joints"]]
-        expected = [861071.8805, 2743390.9984, 2069594.5785, 359217.0978, 444155.9142, 137986.3549]
-        np.testing.assert_allclose(stiffness, expected, rtol=1e-8)
-        assert run["result"]["compensation"] == pytest.approx(0.810339, abs=5e-7)
-
     def test_a_failure_is_a_stored_run(self, client, readings):
         for observation in readings["observations"]:
             observation["force"] = [0.0, 0.0, 0.0]

@@ -160,12 +160,6 @@ def test_a_problem_names_no_host_of_the_database():
     assert "127.0.0.1" not in problem.model_dump_json()
 
 
-@pytest.fixture
-def store():
-    with Store.open("sqlite://") as opened:
-        yield opened
-
-
 def test_an_unexpected_error_names_its_request(store, monkeypatch):
     def fail(**_options):
         raise KeyError("odd")

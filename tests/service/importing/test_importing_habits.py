@@ -4,20 +4,16 @@ import io
 import zipfile
 
 import pytest
-from support.importing_samples import CAMPAIGN, JOINTS, points_of, read, sources_of, values_of
+from support.importing_samples import CAMPAIGN, JOINTS, MM, faults, points_of, read, values_of
 
-from jointstiff.schemas.imports import ImportOptions, ImportRequest
+from jointstiff.schemas.imports import ImportRequest
 from jointstiff.service.importing.reading import SourceFile, understand_files
 from jointstiff.service.resources.imports import import_files
-
-MM = {"length": "mm", "angle": "deg", "force": "N"}
 
 
 def refused(*files, **options):
     """The reasons of all faults."""
-    understood = understand_files(sources_of(*files), ImportOptions.model_validate(options))
-    assert understood.faults
-    return [fault.reason for fault in understood.faults]
+    return [fault.reason for fault in faults(*files, **options)]
 
 
 def test_the_preview_shows_how_a_header_was_put_together():

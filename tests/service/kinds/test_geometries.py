@@ -389,33 +389,11 @@ class TestFrames:
         ],
     )
     def test_frames_that_are_none(self, client, frame, where):
-        robot = client.post("/v1/robots", json=LEVER).json()["id"]
-        answer = post(client, "/v1/measurement-sets", LEVER_SET | {"robot_id": robot, "frame": frame}, 422)
+        campaign = simulate_campaign(default_arm(), configurations=2)
+        robot = client.post("/v1/robots", json=campaign["robot"]).json()["id"]
+        framed = campaign["measurement_set"] | {"robot_id": robot, "frame": frame}
+        answer = post(client, "/v1/measurement-sets", framed, 422)
         assert answer["where"] == where
-
-
-LEVER = {
-    "name": "lever",
-    "model": {
-        "format": "dh",
-        "convention": "standard",
-        "rows": [dict.fromkeys("ad", 1.0) | dict.fromkeys(("alpha", "theta"), 0.0)],
-    },
-}
-LEVER_SET = {
-    "name": "lever",
-    "units": {"length": "m", "angle": "rad", "force": "N"},
-    "encoders": "motor",
-    "load_point": [0, 0, 0],
-    "observations": [
-        {
-            "label": "1",
-            "joints": [0.0],
-            "force": [0, 100, 0],
-            "readings": [{"target": "P", "unloaded": [1, 0, 1], "loaded": [1, 1e-3, 1]}],
-        }
-    ],
-}
 
 
 def without(document, sweep):

@@ -6,7 +6,7 @@ from copy import deepcopy
 
 import numpy as np
 import pytest
-from support.api import post
+from support.api import post, stored_set
 from support.terminal import terminal
 
 import jointstiff
@@ -338,8 +338,7 @@ def test_the_command_writes_the_mended_campaign_beside_the_old_one(clean, tmp_pa
 def test_the_service_stores_and_identifies_the_mended_set(local, clean, mistake):
     """One that changes units, one that changes readings, one that changes the robot."""
     document = planted(clean, mistake)
-    robot = post(local, "/v1/robots", document["robot"])["id"]
-    old = post(local, "/v1/measurement-sets", document["measurement_set"] | {"robot_id": robot})
+    old = stored_set(local, document)
     stated = {"measurement_set_id": old["id"], "complementary_stiffness": "included"}
     run = post(local, "/v1/runs", stated)
     actions = [reason["action"] for reason in run["result"]["assessment"]["reasons"]]
@@ -350,16 +349,14 @@ def test_the_service_stores_and_identifies_the_mended_set(local, clean, mistake)
     new = local.get(f"/v1/measurement-sets/{after['request']['measurement_set_id']}").json()
     assert new["id"] != old["id"]
     assert local.get(f"/v1/measurement-sets/{old['id']}").json() == old
-    assert (new["robot_id"] != robot) == (action["kind"] == "apply_joint_map")
+    assert (new["robot_id"] != old["robot_id"]) == (action["kind"] == "apply_joint_map")
     again = local.request("POST", f"/v1/runs/{run['id']}/apply", json=action)
     assert again.json()["id"] == after["id"]
 
 
 def test_the_service_applies_what_is_advised_only(local, clean):
     document = planted(clean, columns_exchanged)
-    robot = post(local, "/v1/robots", document["robot"])["id"]
-    measured = post(local, "/v1/measurement-sets", document["measurement_set"] | {"robot_id": robot})["id"]
-    run = post(local, "/v1/runs", {"measurement_set_id": measured})
+    run = post(local, "/v1/runs", {"measurement_set_id": stored_set(local, document)["id"]})
     action = next(reason["action"] for reason in run["result"]["assessment"]["reasons"] if reason["action"])
     for other in (action | {"joints": ["joint_1", "joint_5"]}, action | {"kind": "omit_noise"}):
         refused = post(local, f"/v1/runs/{run['id']}/apply", other, 422)

@@ -15,6 +15,7 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
 import httpx2
 import pytest
+from support import api
 from support.in_process import Client
 from support.jobs import request, runs_of, stored_set
 from support.processes import Service, until
@@ -115,12 +116,6 @@ def clock():
 @pytest.fixture(autouse=True)
 def allowed(monkeypatch):
     monkeypatch.setenv(ALLOWED_VARIABLE, "127.0.0.1, ::1")
-
-
-@pytest.fixture
-def store():
-    with Store.open("sqlite://") as opened:
-        yield opened
 
 
 POSTURE = Posture.of("127.0.0.1", (), access_control=True, require_key=True)
@@ -302,9 +297,7 @@ def test_a_service_killed_between_writing_and_sending_sends_it_when_it_is_back(t
         told_of(store, receiver, events=["run.succeeded"])
         service = Service(database, "--workers", "0")  # nobody sends
         with httpx2.Client(base_url=service.url, headers=header, timeout=30) as client:
-            robot = client.post("/v1/robots", json=campaign["robot"]).json()["id"]
-            body = campaign["measurement_set"] | {"robot_id": robot}
-            made = client.post("/v1/measurement-sets", json=body).json()["id"]
+            made = api.stored_set(client, campaign)["id"]
             runs = [client.post("/v1/runs", json={"measurement_set_id": made}).json()["id"] for _ in range(2)]
         service.process.kill()
         service.stop()
