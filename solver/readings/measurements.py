@@ -191,14 +191,8 @@ class EncoderReadings:
                 where="noise.encoder_sigma",
                 remedy="give a positive angle",
             )
-        if self.deflection.shape != self.present.shape or not np.isfinite(self.deflection).all():
-            raise MeasurementError(
-                "the encoder readings must be one finite number for each observation and joint",
-                where="encoder_readings",
-                remedy="omit or repeat the reading",
-            )
-        for array in (self.deflection, self.present):
-            array.setflags(write=False)
+        check_array("encoder_readings", self.deflection, self.present.shape)
+        self.present.setflags(write=False)
 
     def __getitem__(self, rows: slice | IndexArray) -> EncoderReadings:
         """Select observations, in the given order."""
@@ -354,13 +348,13 @@ class Measurements:
                 remedy="give a positive length; omit `noise` to estimate it from the residuals",
             )
         for name, shape in self._by_row.items():
-            _check(name, getattr(self, name), (count, *shape))
+            check_array(name, getattr(self, name), (count, *shape))
         if self.covariance.ndim == 2:
-            _check("covariance", self.covariance, (3, 3))
+            check_array("covariance", self.covariance, (3, 3))
         if self.direction is not None:
             object.__setattr__(self, "deflection", self.shown(self.deflection))
         if self.encoders is not None:
-            _check("encoder_readings", self.encoders.deflection, self.joints.shape)
+            check_array("encoder_readings", self.encoders.deflection, self.joints.shape)
         if self.encoders is not None and self.sigma is None:
             raise MeasurementError(
                 "there are encoder readings but no sigma of the tracker, so angles and lengths cannot be "
@@ -431,7 +425,12 @@ def _named(where: str, names: tuple[str, ...], count: int) -> tuple[str, ...]:
     return names or tuple(map(str, range(1, count + 1)))
 
 
-def _check(name: str, array: npt.NDArray[np.generic], shape: tuple[int, ...]) -> None:
+def check_array(name: str, array: npt.NDArray[np.generic], shape: tuple[int, ...]) -> None:
+    """Make an array read-only, unless it has another shape or a number that is not finite.
+
+    Raises:
+        MeasurementError: naming it.
+    """
     if array.shape != shape:
         raise MeasurementError(
             f"the shape is {array.shape} instead of {shape}",

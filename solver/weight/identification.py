@@ -55,7 +55,7 @@ from jointstiff.solver.geometry.poses import (
     transformed,
 )
 from jointstiff.solver.predict.models import IdentifiedWeight, unit_levers
-from jointstiff.solver.readings.measurements import Measurements
+from jointstiff.solver.readings.measurements import Measurements, check_array
 from jointstiff.solver.robot.configuration import Configurations, joint_frames
 from jointstiff.solver.robot.model import Body, Robot
 from jointstiff.solver.terms.block import STANDARD_GRAVITY, regressor_blocks, whitened_rows
@@ -148,17 +148,9 @@ class WeightReadings:
 
     def __post_init__(self) -> None:
         count = len(self.poses.angles)
-        shapes = {"carried": (count, len(self.burden.bodies))}
-        shapes |= dict.fromkeys(("force", "moment", "load_point"), (count, 3))
-        for name, shape in shapes.items():
-            array = getattr(self, name)
-            if array.shape != shape or not np.isfinite(array).all():
-                raise MeasurementError(
-                    f"the shape is {array.shape} instead of {shape}, or a number is not finite",
-                    where=name,
-                    remedy="give finite numbers for each observation",
-                )
-            array.setflags(write=False)
+        check_array("carried", self.carried, (count, len(self.burden.bodies)))
+        for name in ("force", "moment", "load_point"):
+            check_array(name, getattr(self, name), (count, 3))
         joints = [body.joint for body in self.burden.bodies]
         joints += [balancer.joint for balancer in self.burden.balancers]
         if not joints or not 0 <= min(joints) <= max(joints) < self.poses.joint_map.n:
