@@ -325,3 +325,17 @@ def test_the_terminal_reports_on_other_jobs(document, tmp_path):
     shown = terminal("report", str(tmp_path / "other.json"), "-o", str(tmp_path / "o.pdf"))
     assert shown.exit_code == 2
     assert "robot: required field is missing" in shown.output
+
+
+@pytest.mark.parametrize("by_reading", [True, False])
+def test_noise_is_stated_with_each_reading_or_estimated(campaign, run, by_reading):
+    said = "stated with each reading." if by_reading else "estimated from the residuals."
+    sigma = 2e-5 if by_reading else None
+    observations = [
+        each.model_copy(
+            update={"readings": [one.model_copy(update={"sigma": sigma}) for one in each.readings]}
+        )
+        for each in campaign.measurement_set.observations
+    ]
+    subject = subject_of(campaign, run, noise=None, observations=observations)
+    assert said in repr(run_document(subject, draft()))

@@ -121,3 +121,20 @@ def test_chi_square_is_shown_where_there_is_a_sigma_to_test(document, stated):
     goodness = found.result.goodness
     assert goodness.sigma_source == ("given" if stated else "residuals")
     assert ("χ²/dof" in printed(job_report(RUN, found, details=True))) == stated
+
+
+def test_shares_of_the_budget_are_those_of_the_result(document):
+    """In percent of each joint's compliance, the least and the greatest."""
+    noise = document["measurement_set"]["noise"] | {"force": {"scale": 0.02}, "load_point": 0.001}
+    found = identified(document | {"measurement_set": document["measurement_set"] | {"noise": noise}})
+    budget = found.result.budget
+    sizes = {joint.name: joint.compliance for joint in found.result.joints}
+    lines = re.findall(
+        r"uncertainty from .*?: ([\d.e-]+)(?: to ([\d.e-]+))? %",
+        printed(job_report(RUN, found, details=True)),
+    )
+    assert len(lines) == len(budget.components) > 2
+    for part, ends in zip(budget.components, lines, strict=True):
+        shares = [100.0 * u / sizes[name] for name, u in zip(budget.joints, part.contributions, strict=True)]
+        low, high = float(ends[0]), float(ends[1] or ends[0])
+        assert [low, high] == pytest.approx([min(shares), max(shares)], rel=0.06)

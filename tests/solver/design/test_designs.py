@@ -24,6 +24,7 @@ from jointstiff.solver.design.optimum import (
 )
 from jointstiff.solver.design.plan import Distinct, exact_design
 from jointstiff.solver.errors import RequestError
+from jointstiff.solver.readings.measurements import Instrument
 
 P = 4
 CRITERIA = [
@@ -263,3 +264,23 @@ def test_uncertainties_are_those_of_the_inverse_in_any_units(seed):
     np.testing.assert_allclose(uncertainty_of(np.stack([scaled, 4.0 * scaled]), 2)[1], expected[:2] / 2.0)
     scaled[seed % P] = scaled[:, seed % P] = 0.0
     assert np.flatnonzero(np.isinf(uncertainty_of(scaled, P))).tolist() == [seed % P]
+
+
+def test_planned_readings_have_the_noise_of_the_tracker_at_its_station():
+    """Along and across the line of sight, of a difference of two readings, in the tool's stated sigma."""
+    robot, targets = robot_of(ARM), np.array([[0.1, 0.0, 0.2], [0.0, -0.1, 0.15]])
+    station = np.array([3.0, 1.0, 0.5])
+    tracker = Instrument(station, 1e-5, 2e-6, 8e-6, 6e-6)
+    loads = Loads("any_direction", 1500.0, np.full(6, np.inf))
+    equipment = Equipment(targets, np.zeros(3), loads, 3e-5, tracker)
+    joints = np.random.default_rng(0).uniform(-1.0, 1.0, (5, 6))
+    planned = equipment.measurements(robot, joints, np.zeros((5, 3)))
+    for i, q in enumerate(joints):
+        for t, target in enumerate(targets):
+            sight = ARM.posture(q).point_to_base(target) - station
+            distance = np.linalg.norm(sight)
+            along = np.outer(sight, sight) / distance**2
+            variances = (1e-5 + 2e-6 * distance) ** 2, (8e-6 + 6e-6 * distance) ** 2
+            expected = 2.0 * (variances[0] * along + variances[1] * (np.eye(3) - along))
+            found = planned.sigma**2 * np.broadcast_to(planned.covariance, (5, 2, 3, 3))[i, t]
+            np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-16)

@@ -44,20 +44,30 @@ def dead_weight():
     return exact("dead_weight")
 
 
+def derivative(measurements, step=1e-5):
+    """(N, 6, 6) derivatives of the simulator's torques by the joints [N·m/rad]."""
+    load = wrench_of(measurements)
+    ends = [
+        [torques(ARM, measurements.joints + s * np.eye(6)[k], *load) for s in (step, -step)] for k in range(6)
+    ]
+    return np.stack([(ahead - behind) / (2 * step) for ahead, behind in ends], axis=-1)
+
+
 class TestMatrix:
     @pytest.mark.parametrize("moment", [0.0, 400.0])
     def test_is_the_derivative_of_the_simulators_torques(self, moment):
         robot, measurements = exact(configurations=7, moment=moment, seed=11)
         measurements = replace(measurements, moment=measurements.moment * [1.0, 1.0, 0.0])
         (block,) = regressor_blocks(robot, measurements)
-        found, step = complementary_stiffness(block), 1e-5
-        for k in range(6):
-            ahead, behind = (
-                torques(ARM, measurements.joints + s * np.eye(6)[k], *wrench_of(measurements))
-                for s in (step, -step)
-            )
-            # Torques of 4 kN.m have third derivatives of as much, and 1e-12 of rounding.
-            np.testing.assert_allclose(found[:, :, k], (ahead - behind) / (2 * step), atol=1e-5)
+        # Torques of 4 kN.m have third derivatives of as much, and 1e-12 of rounding.
+        np.testing.assert_allclose(complementary_stiffness(block), derivative(measurements), atol=1e-5)
+
+    def test_its_greatest_ratio_is_that_over_all_postures(self, pulls):
+        robot, measurements = pulls
+        found = estimate(robot, measurements)
+        ratios = np.abs(derivative(measurements)) * found.compliance[:, None]
+        assert found.complementary_stiffness.largest_ratio == pytest.approx(ratios.max(), rel=1e-6)
+        assert ratios.max(axis=(1, 2)).argmax() not in (0, len(measurements) - 1)
 
     def test_what_is_neglected_is_second_order_and_known_to_third(self):
         errors = []
