@@ -21,7 +21,6 @@ from tests.reference.exact_problems import (
     MOST_PARAMETERS,
     WORST_CONDITION,
     Problem,
-    combined_problem,
     random_problem,
     tied_problem,
 )
@@ -40,6 +39,16 @@ _NOTES = (
     "tied: whole numbers, some zeros have multipliers of exactly zero; error relative to the greatest",
     "other support: a parameter is zero in one answer and not in the other (1e-17 counts as not)",
 )
+
+
+def combined_problem(seed: int) -> Problem:
+    """A random problem with a further column, an exact multiple of the first: only their sum shows."""
+    simple = random_problem(seed)
+    rng = np.random.default_rng([seed, 2])
+    copy = simple.A[:, :1] * 2.0 ** rng.integers(-20, 21)
+    judged = np.append(simple.judged, False)
+    judged[0] = False
+    return Problem(np.hstack([simple.A, copy]), simple.b, judged)
 
 
 @dataclass(frozen=True)
