@@ -252,11 +252,6 @@ class RobustProgram:
     weight: float  #: λ > 0 of the penalty
     threshold: float  #: h ≥ 0, in the unit of d
 
-    @cached_property
-    def penalty(self) -> FloatArray:
-        """P (p,)."""
-        return self.loss.cone.penalty(self.weight)
-
 
 @dataclass(frozen=True, eq=False)
 class ConeSolution:
@@ -311,7 +306,8 @@ def solve_robust(program: RobustProgram, *, gap: float, accepted: float | None =
     """
 
     def solutions() -> Iterator[ConeSolution]:
-        data = {"p": program.penalty, "root": np.array([np.sqrt(program.threshold)])}
+        penalty, root = program.loss.cone.penalty(program.weight), np.sqrt(program.threshold)
+        data = {"p": penalty, "root": np.array([root])}
         for tolerance in _NORMS_LADDER:
             solution = program.loss.program.solve_with_duals(data, tolerance)
             if solution is not None:

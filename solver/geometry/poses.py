@@ -45,7 +45,7 @@ from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.errors import MeasurementError, NotObservableError, RobotError
 from jointstiff.solver.robot.configuration import skew
 from jointstiff.solver.robot.model import JointMap, KinematicChain
-from jointstiff.solver.triangle import whitener
+from jointstiff.solver.triangle import unit_columns, whitener
 
 State = TypeVar("State")
 
@@ -202,9 +202,8 @@ class LinearFit:
         if by_own is not None:
             own = OwnUnknowns.of(residual, jacobian, by_own)
             return replace(cls.of(own.without(residual), own.without(jacobian)), own=own)
-        norms = np.linalg.norm(jacobian, axis=0)
-        scale = np.where(norms > 0.0, norms, 1.0)
-        Q, R = np.linalg.qr(jacobian / scale)
+        unit, scale = unit_columns(jacobian)
+        Q, R = np.linalg.qr(unit)
         U, s, Vt = np.linalg.svd(R, full_matrices=False)
         rank = int((s > _RANK_TOLERANCE * s[0]).sum()) if s.size and s[0] > 0.0 else 0
         seen = Vt[:rank].T

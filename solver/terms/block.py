@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field
-from typing import Any, ClassVar, Final, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, ClassVar, Final, NamedTuple
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -22,28 +22,15 @@ from jointstiff.solver.robot.configuration import Configurations, joint_frames
 from jointstiff.solver.robot.model import Robot
 from jointstiff.solver.triangle import whitened
 
+if TYPE_CHECKING:
+    from jointstiff.solver.predict.forward import LoadCases
+
 _STEPS: Final = 20
 """Newton's; three suffice for the loads of machining."""
 _LAST_STEP: Final = 1e-8
 """Step [rad] that is taken to first order: it leaves half of its square, 1e-16 m at an arm's reach."""
 _LARGEST_DEFLECTION: Final = 1.0
 """A balance further away [rad] may be on another branch."""
-
-
-class Loads(Protocol):
-    """B dead wrenches: measured, or asked about."""
-
-    @property
-    def force(self) -> FloatArray:
-        """(B, 3) on the robot, axes of R0 [N]."""
-
-    @property
-    def moment(self) -> FloatArray:
-        """(B, 3) on the robot about the load point, axes of R0 [N·m]."""
-
-    @property
-    def load_point(self) -> FloatArray:
-        """(B, 3) where the force acts, flange frame [m]."""
 
 
 STANDARD_GRAVITY: FloatArray = np.array([0.0, 0.0, -9.80665])
@@ -134,7 +121,7 @@ class Balance:
 def balance(
     robot: Robot,
     compliance: FloatArray,
-    cases: Loads,
+    cases: Measurements | LoadCases,
     weight: OwnWeight | None,
     unloaded: Configurations,
     near: Configurations,
@@ -144,7 +131,7 @@ def balance(
     Args:
         robot: n joints.
         compliance: (n,) [rad/(N·m)].
-        cases: B load cases.
+        cases: B loads, measured or asked about.
         weight: of the links; None leaves it out.
         unloaded: kinematics without the load.
         near: kinematics to start from.

@@ -120,7 +120,7 @@ def test_multipliers_prove_a_bound_below_the_optimum_by_themselves(program):
         assert np.linalg.norm(nu, axis=1).max() <= 1.0 + 1e-14
         pull = np.einsum("kip,ki->p", program.loss.A, nu)
         proven = -(nu * program.loss.d).sum() - 0.5 * program.threshold * np.square(nu).sum()
-    assert cone_of(program).least(program.penalty + pull) >= -1e-12
+    assert cone_of(program).least(cone_of(program).penalty(program.weight) + pull) >= -1e-12
     assert abs(objective(program, solution.x) - proven) <= gap + 1e-14
 
 
