@@ -6,12 +6,13 @@ import math
 import re
 
 import matplotlib as mpl
+import numpy as np
 import pytest
 
 from jointstiff.schemas.run import JointResult
-from jointstiff.service.reports.pictures import intervals
+from jointstiff.service.reports.pictures import bars, intervals
 from jointstiff.service.reports.plots import figure_of
-from jointstiff.service.tables.table import Area
+from jointstiff.service.tables.table import Area, Chart
 
 
 def joint(name, stiffness, interval):
@@ -68,3 +69,47 @@ def test_places_without_a_number_are_crosses_in_a_map():
     assert dots.get_offsets()[:, 0].tolist() == [0.0, 2.0, 4.0]
     assert dots.get_array().tolist() == pytest.approx([1.0, 3.0, 5.0])
     assert crosses.get_offsets()[:, 0].tolist() == [1.0, 3.0]
+
+
+def rectangles(drawing):
+    """x, y, width and height of all bars."""
+    tags = re.findall(r"<rect [^>]*>", drawing)
+    names = ("x", "y", "width", "height")
+    return np.array([[float(re.search(rf'\b{name}="([-\d.]+)"', tag)[1]) for name in names] for tag in tags])
+
+
+@pytest.mark.parametrize("greatest", [0.7e-3, 1.0e-3, 3e-3, 8e-3])
+def test_bars_have_the_heights_of_their_numbers_on_the_axis(greatest):
+    """Two series side by side from left to right, a legend below that tells them apart."""
+    series = {
+        "measured": [greatest, 0.5 * greatest, 0.2 * greatest],
+        "left": [0.1 * greatest, None, -0.3 * greatest],
+    }
+    drawing = str(bars(Chart("Bars", ["a", "b", "c"], series, 1e3, "mm")))
+    texts = re.findall(r'<text [^>]*?x="([\d.]+)" y="([\d.]+)"[^>]*>([^<]*)</text>', drawing)
+    ticks = sorted((float(text), float(y)) for x, y, text in texts if re.fullmatch(r"[\d.]+", text))
+    (least, bottom), *_, (top, above) = ticks
+    assert least == 0.0
+    assert top >= 1e3 * greatest
+    boxes = rectangles(drawing)
+    boxes, legend = boxes[boxes[:, 1] < bottom], boxes[boxes[:, 1] > bottom]
+    values = 1e3 * np.abs([value or 0.0 for each in series.values() for value in each])
+    np.testing.assert_allclose(boxes[:, 3], values / top * (bottom - above), atol=4.0)
+    shown = boxes[boxes[:, 3] > 0.0]
+    np.testing.assert_allclose(shown[:, 1] + shown[:, 3], shown[0, 1] + shown[0, 3], atol=0.02)
+    assert (np.diff(boxes[:3, 0]) > boxes[0, 2]).all()
+    assert boxes[3, 0] == pytest.approx(boxes[0, 0] + boxes[0, 2], abs=0.02)
+    assert boxes[:, 0].min() >= 40.0
+    assert (boxes[:, 0] + boxes[:, 2]).max() <= 480.0
+    assert len(legend) == 2
+    assert legend[0, 0] < legend[1, 0] < 480.0
+
+
+def test_bars_of_a_plot_stand_around_their_place_from_left_to_right():
+    mpl.use("Agg")
+    series = {"one": [1.0, 2.0], "two": [3.0, 4.0], "three": [5.0, 6.0]}
+    axis = figure_of("bars", (Chart("t", ["a", "b"], series, 2.0, "mm"),)).axes[0]
+    middles = [[bar.get_x() + bar.get_width() / 2 for bar in group] for group in axis.containers]
+    assert [[bar.get_height() for bar in group] for group in axis.containers] == [[2, 4], [6, 8], [10, 12]]
+    assert np.mean(middles, axis=0).tolist() == pytest.approx([0.0, 1.0])
+    assert (np.diff(middles, axis=0) > 0.0).all()

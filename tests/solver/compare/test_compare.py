@@ -10,7 +10,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 from scipy.optimize import nnls
-from support.campaigns import METHODS, POINTS, prepare, settings_of, spring_columns
+from support.campaigns import METHODS, POINTS, prepare, settings_of, spring_columns, with_targets
 from support.shared_data import shared
 
 from jointstiff.schemas.comparison import OrderedResult
@@ -390,3 +390,34 @@ def test_an_assumed_load_point_cancels_only_if_both_assume_it_of_one_place(simul
     elsewhere, own = of(moved, assumed=True), of(moved, assumed=False)
     assert widths(of(first, assumed=True), elsewhere) == pytest.approx(widths(of(first, assumed=False), own))
     assert all(np.array(stated) > 1.05 * np.array(exact))
+
+
+def test_targets_that_were_not_read_do_not_weigh_in_the_share_of_deflection():
+    """Of each observation the mean over the targets that were read, of all their sum."""
+    present = np.random.default_rng(4).random((19, 3)) < 0.6
+    present[np.arange(19), np.arange(19) % 3] = True
+    sides = [
+        changed(one, measurements=with_targets(one.measurements, present))
+        for one in both(seeds=(5, 5), readings="deflections")
+    ]
+    columns = spring_columns(sides[0].measurements)
+    lengths = [
+        (np.linalg.norm(columns @ one.estimate.compliance, axis=2) * present).sum(axis=1)
+        / present.sum(axis=1)
+        for one in sides
+    ]
+    avoided = pair_of(*sides).avoided
+    assert avoided.predicted == pytest.approx(1.0 - lengths[1].sum() / lengths[0].sum(), rel=1e-6)
+    for found, first, second in zip(avoided.configurations, *lengths, strict=True):
+        assert found.predicted == pytest.approx(1.0 - second / first, rel=1e-5)
+
+
+def test_orders_within_each_campaign_hold_in_the_one_problem():
+    """Joint 6 is the softer one in truth: in both campaigns both come out equal, where it is held stiffer."""
+    options = {"stiffness_order": [["joint_6", "joint_5"]]}
+    ordered = pair_of(*both(options=options, sigma=1e-4, configurations=10), ordered=True).ordered
+    c = ordered.compliance
+    assert (c[1] <= c[0]).all()
+    np.testing.assert_allclose(c[:, 5], c[:, 4], rtol=1e-9)
+    free = pair_of(*both(sigma=1e-4, configurations=10), ordered=True).ordered.compliance
+    assert (free[:, 5] > 1.05 * free[:, 4]).all()

@@ -162,3 +162,17 @@ def test_only_joints_with_a_closed_interval_enter() -> None:
 def test_a_baseline_of_two_is_refused() -> None:
     with pytest.raises(RequestError, match="baseline of 2"):
         charts_of([_series([0.0, 0.0, 0.0])], 2)
+
+
+def test_the_uncertainty_of_an_even_baseline_is_that_of_a_mean() -> None:
+    """Campaigns of one uncertainty have one weight: (u² + τ²) / n, and those after it add their own."""
+    u = 0.02
+    chart = _chart(0.0, 0.15, -0.12, 0.05, 0.02)
+    tau2 = float(chart.monitored.tau_square)
+    assert tau2 > u**2
+    assert chart.baseline_uncertainty**2 == pytest.approx((u**2 + tau2) / 3.0, rel=1e-9)
+    for campaign in (3, 4):
+        change = chart.change(campaign)
+        assert change.difference == pytest.approx(chart.series.values[campaign] - 0.01, rel=1e-9)
+        variance = u**2 + tau2 + (u**2 + tau2) / 3.0
+        assert change.standard_uncertainty**2 == pytest.approx(variance, rel=1e-9)

@@ -391,3 +391,14 @@ def test_a_load_point_elsewhere_does_harm_beyond_what_the_intervals_hold(pulls, 
     reason = reason_of(assessed(robot, wrong, findings=())[0], "alternative_explains_better")
     assert [cause.name for cause in reason.action.causes] == ["load_point"]
     assert reason.weight == weight
+
+
+@pytest.mark.parametrize("count", [1, 2, 5])
+def test_reasons_of_a_kind_are_one_with_their_number(pulls, count):
+    robot, measurements = pulls
+    told = [
+        Finding(code="targets_not_rigid", weight="do_not_use", observation=label, message="m", remedy="r")
+        for label in measurements.labels[:count]
+    ]
+    reason = reason_of(assessed(robot, measurements, findings=tuple(told))[0], "gross_error")
+    assert reason.message == ("m" if count == 1 else f"m (and {count - 1} more of this kind)")
