@@ -108,6 +108,21 @@ class TestJobs:
         assert caught.value.where == "run_ids[1]"
         assert "restore" in caught.value.remedy
 
+    def test_the_janitor_removes_by_its_clock(self, store, runs):
+        deleted, kept = (runs.create(request(stored_set(store), resampling=None), None) for _ in range(2))
+        runs.records.delete(deleted.id)
+        clock = [datetime.now(UTC) + KEEP_DELETED - timedelta(hours=1)]
+        recovery = Recovery(store, lambda _: runs, "alive", now=lambda: clock[0])
+        recovery.look()
+        runs.records.restore(deleted.id)
+        runs.records.delete(deleted.id)
+        clock[0] += timedelta(hours=2)
+        recovery.look()
+        with pytest.raises(NotFoundError) as caught:
+            runs.records.restore(deleted.id)
+        assert type(caught.value) is NotFoundError
+        assert runs.document(kept.id) == kept.document
+
 
 class TestInputs:
     def test_what_others_refer_to_stays(self, store):
