@@ -7,10 +7,7 @@ import pytest
 BOTH_DATABASES = pytest.mark.parametrize("service", ["sqlite", "postgresql"], indirect=True, scope="session")
 """For modules that ask the running service on SQLite and on PostgreSQL."""
 EITHER_DATABASE = pytest.mark.parametrize(
-    "service",
-    ["sqlite", pytest.param("postgresql", marks=pytest.mark.slow)],
-    indirect=True,
-    scope="session",
+    "service", ["sqlite", pytest.param("postgresql", marks=pytest.mark.slow)], indirect=True, scope="session"
 )
 """The same, on PostgreSQL each night only."""
 CANCEL = {"cancelled": True}

@@ -35,11 +35,7 @@ HOSTILE = {
     "external DTD": ('<!DOCTYPE r SYSTEM "http://localhost/x.dtd"><robot/>', "line 1", "DTD"),
     "parameter entity": ('<!DOCTYPE r [<!ENTITY % p "x"> %p;]><robot/>', "line 1", "DTD"),
     "undefined entity": (changed('"j1"', '"&x;"'), "line 1", "undefined entity"),
-    "processing instruction": (
-        '<?xml-stylesheet href="x.xsl"?>' + SMALL,
-        "line 1",
-        "processing instruction",
-    ),
+    "processing instruction": ('<?xml-stylesheet href="x.xsl"?>' + SMALL, "line 1", "processing instruction"),
     "deep": ("<robot>" + "<a>" * MAX_DEPTH, "line 1", "16 levels"),
     "many elements": (robot_of("<a/>" * MAX_ELEMENTS), "line 1", "20000 elements"),
     "many attributes": (
@@ -102,11 +98,7 @@ HOSTILE = {
     ),
     "misspelt": (changed("rpy=", "ryp="), "joint 'j1' <origin>", "unknown attribute 'ryp'"),
     # joints
-    "mimic": (
-        changed("<limit", '<mimic joint="j0"/><limit'),
-        "joint 'j1' <mimic>",
-        "mimic joint between",
-    ),
+    "mimic": (changed("<limit", '<mimic joint="j0"/><limit'), "joint 'j1' <mimic>", "mimic joint between"),
     **{
         kind: (changed("revolute", kind), "joint 'j1'", f"a {kind} joint between")
         for kind in ("floating", "planar")
@@ -131,11 +123,7 @@ HOSTILE = {
     "no child": (changed('<child link="b"/>', "<child/>"), "joint 'j1' <child>", "missing or empty"),
     # the tree
     "unknown child": (changed('child link="b"', 'child link="c"'), "joint 'j1' <child>", "no link 'c'"),
-    "unknown parent": (
-        changed('parent link="a"', 'parent link="c"'),
-        "joint 'j1' <parent>",
-        "no link 'c'",
-    ),
+    "unknown parent": (changed('parent link="a"', 'parent link="c"'), "joint 'j1' <parent>", "no link 'c'"),
     "two parents": (robot_of(LINKS, JOINT, joint("j2", "a", "b")), "link 'b'", "'j1' and 'j2'"),
     "own parent": (robot_of(LINKS, JOINT, joint("j2", "a", "a")), "link 'a'", "cycle"),
     "all in a cycle": (robot_of(LINKS, JOINT, joint("j2", "b", "a")), "link 'a'", "cycle"),

@@ -18,17 +18,7 @@ class Service:
     def __init__(
         self, database_url: str, *options: str, prefix: Sequence[str] = (), python: str = sys.executable
     ) -> None:
-        command = [
-            *prefix,
-            python,
-            "-m",
-            "jointstiff",
-            "serve",
-            "--port",
-            "0",
-            "--database",
-            database_url,
-        ]
+        command = [*prefix, python, "-m", "jointstiff", "serve", "--port", "0", "--database", database_url]
         command += options
         self._log = tempfile.TemporaryFile("w+")  # noqa: SIM115 - closed by stop
         self.process = subprocess.Popen(

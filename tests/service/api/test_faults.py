@@ -65,12 +65,7 @@ def wait_briefly(connection, *_):
 
 @pytest.mark.parametrize(
     ("kind", "fault"),
-    [
-        ("sqlite", no_growth),
-        ("sqlite", read_only),
-        ("postgresql", read_only),
-        ("postgresql", robots_locked),
-    ],
+    [("sqlite", no_growth), ("sqlite", read_only), ("postgresql", read_only), ("postgresql", robots_locked)],
 )
 def test_a_fault_has_a_code_and_loses_nothing(kind, fault, tmp_path, request):
     url = f"sqlite:///{tmp_path / 'jointstiff.db'}"

@@ -16,17 +16,7 @@ NUMERICS = {"numpy", "scipy", "pinocchio", "cvxpy", "clarabel"}
 DATABASE = {"sqlalchemy", "psycopg"}
 WEB = {"fastapi", "starlette", "uvicorn"}
 OTHERS = {"httpx2", "rich"}
-COMMANDS = (
-    "geometry",
-    "identify",
-    "compare",
-    "serve",
-    "worker",
-    "post",
-    "demo",
-    "simulate",
-    "import",
-)
+COMMANDS = ("geometry", "identify", "compare", "serve", "worker", "post", "demo", "simulate", "import")
 PROGRAM = """
 import json, sys
 from jointstiff.service.cli.entry import main

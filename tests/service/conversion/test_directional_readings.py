@@ -186,9 +186,7 @@ def test_repeated_gauges_are_not_taken_for_noise_of_the_tracker():
     document, of_gauges = gauges(targets={"P0": (0.1, 0.0, 0.1), "P1": (0.0, 0.1, 0.1)}, sigma=0.0)
     random, observations = np.random.default_rng(5), []
     for tracker, gauge in zip(
-        document["measurement_set"]["observations"],
-        of_gauges["measurement_set"]["observations"],
-        strict=True,
+        document["measurement_set"]["observations"], of_gauges["measurement_set"]["observations"], strict=True
     ):
         for turn in range(3):
             moved = np.array(tracker["readings"][0]["deflection"])

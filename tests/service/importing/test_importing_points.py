@@ -1,15 +1,7 @@
 """Lists of points as tracker software writes them, matched to observations by names of points and files."""
 
 import pytest
-from support.importing_samples import (
-    JOINTS,
-    MM,
-    POINTS,
-    READ_POINTS,
-    points_of,
-    read,
-    refused,
-)
+from support.importing_samples import JOINTS, MM, POINTS, READ_POINTS, points_of, read, refused
 
 from jointstiff.service.importing.errors import ImportFileError
 from jointstiff.service.importing.rows import Template

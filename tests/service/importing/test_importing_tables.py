@@ -2,15 +2,7 @@
 
 import pytest
 from support import importing_samples as samples
-from support.importing_samples import (
-    CAMPAIGN,
-    MM,
-    answered,
-    points_of,
-    read,
-    sources_of,
-    values_of,
-)
+from support.importing_samples import CAMPAIGN, MM, answered, points_of, read, sources_of, values_of
 from support.memory import peak_of
 
 from jointstiff.schemas.imports import ImportRequest

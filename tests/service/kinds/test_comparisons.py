@@ -14,12 +14,7 @@ from support.terminal import terminal
 import jointstiff
 from jointstiff.schemas.comparison import CampaignComparison, ComparedMethod, Comparison, ComparisonRequest
 from jointstiff.schemas.run import RunRequest
-from jointstiff.service.kinds.comparison import (
-    COMPARISON,
-    configurations_sheet,
-    entries_sheet,
-    ratios_sheet,
-)
+from jointstiff.service.kinds.comparison import COMPARISON, configurations_sheet, entries_sheet, ratios_sheet
 from jointstiff.service.reports.job import job_report
 from jointstiff.service.tables.files import csv_text
 from jointstiff.service.tables.table import Sheet

@@ -155,10 +155,7 @@ def test_a_joint_of_which_nothing_is_known_leaves_no_number(client):
         ({"cases": [{"joints": [1.0], "force": FORCE}]}, "cases[0].joints"),
         ({"cases": [{"joints": JOINTS, "force": FORCE, "moment": [0, 0, 1.0]}]}, "units.moment"),
         ({"cases": [{"joints": JOINTS, "force": [0, 0, -1e9]}]}, "cases[0]"),
-        (
-            {"cases": [{"joints": JOINTS, "force": f} for f in (FORCE, [0, 0, -1e9], FORCE)]},
-            "cases[1]",
-        ),
+        ({"cases": [{"joints": JOINTS, "force": f} for f in (FORCE, [0, 0, -1e9], FORCE)]}, "cases[1]"),
         (
             {"masses": [{"joint": "joint_3", "mass": m, "centre": [0, 0, 0]} for m in (10.0, 20.0)]},
             "masses[1].joint",

@@ -84,10 +84,7 @@ VERBS = {
         lambda door, source: door.compare(source, constraints=["positive"]),
         lambda job: [entry.model_copy(update={"run_id": "r"}) for entry in job.result.entries],
     ),
-    "plan": (
-        lambda door, source: door.plan(source, readings=4, candidates=100),
-        lambda job: job.result,
-    ),
+    "plan": (lambda door, source: door.plan(source, readings=4, candidates=100), lambda job: job.result),
     "map": (
         lambda door, source: door.map(source, area=AREA, grid=(2, 2, 1), place=(0, 0, 0.25), force=FORCE),
         lambda job: job.result,

@@ -22,13 +22,7 @@ from jointstiff.service.problems import NotFoundError
 from jointstiff.service.store.collection import KEEP_DELETED
 from jointstiff.service.store.store import Store
 from jointstiff.service.workers.worker import Recovery
-from jointstiff.simulator import (
-    LOAD_POINT,
-    TARGETS,
-    default_arm,
-    robot_document,
-    simulate_campaign,
-)
+from jointstiff.simulator import LOAD_POINT, TARGETS, default_arm, robot_document, simulate_campaign
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.live.ahead import Known
 

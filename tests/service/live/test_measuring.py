@@ -21,13 +21,7 @@ from jointstiff.service.conversion.prepared import prepare_robot
 from jointstiff.service.live import sources
 from jointstiff.service.live.declaration import goal_of
 from jointstiff.service.live.sources import Checked, Lines, Setting, Simulated, SourceError, Stand, source_of
-from jointstiff.simulator import (
-    LOAD_POINT,
-    TARGETS,
-    default_arm,
-    robot_document,
-    simulate_campaign,
-)
+from jointstiff.simulator import LOAD_POINT, TARGETS, default_arm, robot_document, simulate_campaign
 from jointstiff.solver.errors import RequestError
 
 ARM = default_arm()

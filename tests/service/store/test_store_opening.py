@@ -57,10 +57,7 @@ def test_other_tables_are_another_layout() -> None:
     """A change of the tables needs another `LAYOUT` in `service/store/tables.py`, and its hash here."""
     dialect = sqlite_dialect.dialect()
     tables = "".join(str(CreateTable(table).compile(dialect=dialect)) for table in metadata.sorted_tables)
-    assert (LAYOUT, hashlib.sha256(tables.encode()).hexdigest()[:16]) == (
-        "0007_steps",
-        "c4c274003869426d",
-    )
+    assert (LAYOUT, hashlib.sha256(tables.encode()).hexdigest()[:16]) == ("0007_steps", "c4c274003869426d")
 
 
 def shape(schema: Any) -> Any:

@@ -93,11 +93,6 @@ SMALL: Final = Kind[Small, SmallRequest, SmallSummary](
     filters={"measurement_set_id": "measurement set"},
     examples={"all": {"measurement_set_id": "ID_OF_A_STORED_SET"}},
     files=(
-        File(
-            name="counts.csv",
-            description="the counts as a table",
-            sheet=counts_sheet,
-            made_of="result",
-        ),
+        File(name="counts.csv", description="the counts as a table", sheet=counts_sheet, made_of="result"),
     ),
 )
