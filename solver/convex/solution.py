@@ -16,11 +16,12 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import chain
-from typing import Final, Literal
+from typing import Final
 
 import numpy as np
 
 from jointstiff.schemas.run import Certificate as StagesCertificate
+from jointstiff.schemas.run import SupportFinder
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray, Support
 from jointstiff.solver.errors import RequestError, SolverError
 
@@ -369,9 +370,6 @@ class Scaled:
         return np.asarray(x, dtype=np.float64)
 
 
-Proposer = Literal["least_squares", "pivoting", "clarabel", "active_set", "least_distance"]
-"""Algorithm that found the support: which bounds and inequalities are active."""
-
 LEAST_EIGENVALUE: Final = 1e-6
 """Largest condition of an equilibrated Gram matrix: rounding of 1e-16 in its entries grows to 1e-10 in the
 answer."""
@@ -400,7 +398,7 @@ class Certificate:
     #: (n + k,) of the bounds, positive at a lower and negative at an upper one, then of the inequalities. For
     #: a cone, (m,) or (K, 3) of the equations that define the residuals
     multipliers: FloatArray
-    solved_by: Proposer  #: algorithm that found the support
+    solved_by: SupportFinder  #: algorithm that found the support
 
     def is_optimal(self) -> bool:
         """Return whether no violation exceeds rounding."""
@@ -417,7 +415,7 @@ def greatest_violations(stages: Sequence[Certificate]) -> StagesCertificate:
     )
 
 
-def certify(scaled: Scaled, x: FloatArray, solved_by: Proposer) -> Certificate:
+def certify(scaled: Scaled, x: FloatArray, solved_by: SupportFinder) -> Certificate:
     """Evaluate the optimality conditions at x (n,), in equilibrated variables, found by some algorithm."""
     gradient, size = scaled.gradient(x), max(1.0, float(np.abs(x).max()))
     if len(scaled.d):
@@ -465,7 +463,7 @@ class Solution:
     tight: BoolArray | None = None
 
 
-_Proposal = tuple[FloatArray, Proposer]
+_Proposal = tuple[FloatArray, SupportFinder]
 """A point (n,) in equilibrated variables, and the algorithm that found its support."""
 
 
@@ -578,7 +576,7 @@ def _by_least_distance(scaled: Scaled) -> Iterator[_Proposal]:
     yield from _on_rows(scaled, multipliers > 0, np.zeros(len(scaled.unit)), "least_distance")
 
 
-def _on_rows(scaled: Scaled, active: BoolArray, near: FloatArray, name: Proposer) -> Iterator[_Proposal]:
+def _on_rows(scaled: Scaled, active: BoolArray, near: FloatArray, name: SupportFinder) -> Iterator[_Proposal]:
     """Polish on the active rows, then also on those left out that hold up to rounding, and pull.
 
     The second comes first; it asks too much where a tiny variable holds a large one to its rounding.

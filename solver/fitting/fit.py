@@ -24,13 +24,12 @@ import numpy as np
 from scipy import special
 from scipy.linalg import block_diag
 
-from jointstiff.schemas.run import SigmaTest
+from jointstiff.schemas.run import SigmaTest, SupportFinder
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray, Support
 from jointstiff.solver.convex.solution import (
     Certificate,
     Constraints,
     IdentificationProblem,
-    Proposer,
     Scaled,
     Solution,
     certify,
@@ -540,7 +539,7 @@ class _HuberProblem:
         solution = solve_step(self.posed(spectrum, R @ c - spectrum.inverse.T @ gradient))
         return solution.compliance, solution.certificate
 
-    def certificate(self, c: FloatArray, solved_by: Proposer) -> Certificate:
+    def certificate(self, c: FloatArray, solved_by: SupportFinder) -> Certificate:
         """Certify weighted least squares with the weights of the residuals at c: the Huber problem."""
         scaled = Scaled.of(self.weighted(_weight(self.residual(c)[1])))
         return certify(scaled, c / scaled.unit, solved_by)
