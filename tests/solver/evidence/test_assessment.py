@@ -402,3 +402,15 @@ def test_reasons_of_a_kind_are_one_with_their_number(pulls, count):
     ]
     reason = reason_of(assessed(robot, measurements, findings=tuple(told))[0], "gross_error")
     assert reason.message == ("m" if count == 1 else f"m (and {count - 1} more of this kind)")
+
+
+@pytest.mark.parametrize("load", ["pull", "dead_weight"])
+@pytest.mark.parametrize("assumed", [(), ("load_point",), ("force_scale",), ("load_point", "force_scale")])
+def test_what_was_assumed_is_noted_also_where_a_joint_is_not_seen(load, assumed):
+    """A weight never twists joint 1, whose compliance then depends on no assumption."""
+    robot, measurements = prepare(simulate_campaign(default_arm(), load=load, seed=3))
+    common = CommonUncertainty(load_point=0.01, scale=0.01, assumed=frozenset(assumed))
+    notes = assessed(robot, replace(measurements, common_uncertainty=common), findings=())[0].notes
+    beginnings = {"load_point": "Load point: ±10 mm", "force_scale": "Forces: ±1 %"}
+    noted = {name for name, text in beginnings.items() if any(note.startswith(text) for note in notes)}
+    assert noted == set(assumed)
