@@ -88,7 +88,7 @@ class Kind(Generic[AnyJob, AnyRequest, AnySummary]):
 
     @cached_property
     def name(self) -> str:
-        """Name of one, by which an engine knows it; never changes."""
+        """Name of one, by which the store knows it; never changes."""
         return self.message.kind
 
     @cached_property

@@ -282,12 +282,12 @@ def of_campaign(count: int, total: int, what: str) -> list[Finding]:
     return [own_reason("beyond_campaign", "use_with_care", message, remedy)]
 
 
-def of_missing(count: int, total: int, what: str, why: str = "") -> list[Finding]:
+def of_missing(count: int, total: int, what: str) -> list[Finding]:
     """Return the reason that some, or all, have no number."""
     if not count:
         return []
     weight: Verdict = "do_not_use" if count == total else "use_with_care"
     share = f"none of the {total}" if count == total else f"{total - count} of {total}"
-    message = f"{share} {what} {'have' if total != 1 else 'has'} a number{f': {why}' if why else ''}"
+    message = f"{share} {what} {'have' if total != 1 else 'has'} a number"
     remedy = "read the reason of each; measure what twists the joints without a number, or move the places"
     return [own_reason("numbers_missing", weight, message, remedy)]

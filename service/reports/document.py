@@ -122,9 +122,9 @@ class Document:
     signs: bool = True  # whether it has a line to sign
 
 
-def draft(reason: str = "Nobody has authorised it.") -> State:
+def draft() -> State:
     """Return the state of a report that nobody has authorised."""
-    return State("draft", reason)
+    return State("draft", "Nobody has authorised it.")
 
 
 def state_of(own: Sequence[Authorisation], successor: Authorisation | None) -> State:

@@ -122,8 +122,9 @@ class JobRecords(Collection[JobRecord, JobEntry]):
 
 PLAN: Final = -1
 """Start of the step that cuts a job into the others."""
-_SAME_TURN: Final = 4  # steps of a job that are one after the other, a second: then others have their turn
-_LAST_TURN: Final = 8  # of a long job, from which on it waits for no jobs that came later
+_FIRST_TURN: Final = 1  # of a job; to put one together has none to wait for
+_SAME_TURN: Final = 2  # steps of a job that are one after the other: then others have their turn
+_LAST_TURN: Final = 9  # of a long job, from which on what came first goes first
 
 
 @dataclass(frozen=True, slots=True)
@@ -164,7 +165,7 @@ class Steps:
 
     def announce(self, connection: sa.Connection, job_id: str) -> None:
         """Leave a job to workers, in the transaction that stores it."""
-        connection.execute(sa.insert(job_steps).values(job_id=job_id, start=PLAN, units=0, turn=0))
+        connection.execute(sa.insert(job_steps).values(job_id=job_id, start=PLAN, units=0, turn=_FIRST_TURN))
 
     def take(self, executor: str) -> Step | None:
         """Take the next step; None if there is none. What was taken before and is not done may come again."""
@@ -183,7 +184,11 @@ class Steps:
     def share_out(self, job_id: str, spans: Sequence[tuple[int, int]]) -> None:
         """Put the steps of a job, and the one that puts it together, in the place of the first one."""
         steps = [
-            {"start": start, "units": stop - start, "turn": 1 + min(place // _SAME_TURN, _LAST_TURN)}
+            {
+                "start": start,
+                "units": stop - start,
+                "turn": min(_FIRST_TURN + place // _SAME_TURN, _LAST_TURN),
+            }
             for place, (start, stop) in enumerate(spans)
         ]
         steps.append({"start": spans[-1][1] if spans else 0, "units": 0, "turn": 0})

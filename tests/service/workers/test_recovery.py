@@ -81,13 +81,21 @@ def test_each_step_is_taken_by_one_worker_and_the_last_one_when_all_others_are_d
     assert store.steps.take("a") is None
 
 
+def test_a_run_is_cut_when_its_turn_comes(store, runs):
+    """Of a thousand runs that wait, the first ones end before the last one is looked at."""
+    first, second = (runs.create(request(stored_set(store)), None) for _ in range(2))
+    while runs.current(first.id).state != "succeeded":
+        assert runs.current(second.id).state == "queued"
+        assert carry_out_next(store, lambda _: runs, "worker")
+
+
 def test_small_runs_do_not_wait_for_the_rest_of_large_ones(store, runs):
     large, small = (runs.create(request(stored_set(store)), None) for _ in range(2))
     store.steps.share_out(large.id, [(i, i + 1) for i in range(300)])
     store.steps.share_out(small.id, [(0, 300)])
     names = (f"worker {i}" for i in range(300))
     ids = [store.steps.take(next(names)).job_id for _ in range(6)]
-    assert ids == [large.id] * 4 + [small.id, large.id]
+    assert ids == [large.id] * 2 + [small.id] + [large.id] * 3
 
 
 def test_a_step_that_two_workers_carried_out_is_kept_once(store, runs, shared):
