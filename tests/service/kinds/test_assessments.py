@@ -103,6 +103,15 @@ def test_a_sigma_of_zero_says_what_to_do(clean):
         of(document)
 
 
+def test_a_sigma_far_above_the_residuals_is_noted_and_the_run_is_for_use(clean):
+    document = deepcopy(clean)
+    document["measurement_set"]["noise"]["sigma"] *= 3.0
+    result = jointstiff.identify(of(document), INCLUDED).result
+    (warning,) = result.warnings
+    assert (result.assessment.verdict, warning.code, warning.weight) == ("use", "sigma_overstated", "use")
+    assert "0.3" in warning.message
+
+
 @pytest.mark.slow
 def test_a_penalty_under_which_no_link_bends_is_noted(clean):
     document = deepcopy(clean)

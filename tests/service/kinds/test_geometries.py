@@ -66,10 +66,12 @@ def sweeps(cell, seed=0, count=15, sigma=SIGMA):
     }
 
 
-def poses(cell, seed=0, count=30):
+def poses(cell, seed=0, count=30, still=None):
     rng = np.random.default_rng([seed, 52])
     limits = default_arm().limits
     angles = 0.6 * rng.uniform(limits[:, 0], limits[:, 1], (count, 6)) @ np.linalg.inv(cell.matrix).T
+    if still is not None:
+        angles[:, still] = 0.3
     return {"units": UNITS, "noise": {"sigma": SIGMA}, "poses": positions(cell, angles, rng)}
 
 
@@ -229,6 +231,23 @@ class TestFindings:
         goodness = made(parts, document, noise={"instrument": sheet}).result.goodness
         assert goodness.variance_factor == pytest.approx(1.0, abs=0.2)
         assert goodness.sigma == pytest.approx(np.sqrt((2 * 40**2 + 10**2) / 3) * 1e-6, rel=1e-6)
+
+
+class TestPoses:
+    def test_a_joint_that_never_turned_is_named(self, parts):
+        result = made(parts, poses(TrackedArm(), still=3), robot_id=robot_id(parts)).result
+        assert result.poses.determined == 29
+        assert all(names[0].startswith("axis 4") for names in result.poses.only_together)
+        assert {finding.code for finding in result.findings} == {"parameters_not_identified"}
+        assert result.axes[3].position_uncertainty is None
+        assert result.axes[3].base.point_covariance is None
+        assert result.axes[1].position_uncertainty < 100e-6
+        assert result.base_frame.covariance is not None
+        assert result.wrist is None
+        assert result.no_wrist
+        unknown = {(link.quantity, link.joint) for link in result.links if link.standard_uncertainty is None}
+        assert ("a", "joint_4") in unknown
+        assert ("a", "joint_2") not in unknown
 
 
 class TestDrift:
