@@ -1,6 +1,7 @@
 """Convex programs of the project, stated in cvxpy and solved by Clarabel; docs/method.md has the formulas.
 
     least_squares    minimise ‖A x − b‖²                             identification (§5)
+    huber            minimise Σ_i ρ(‖d_i − A_i x‖) + ½ ‖S x − t‖²    identification with Huber's loss (§5)
     semidefinite     minimise ‖T y − z‖² + pᵀy                       elastic links (§7)
     sum_of_norms     minimise Σ_i ρ(‖A_i x − d_i‖) + pᵀx             elastic links, robust losses (§7)
     penalised_end    minimise aᵀx subject to ‖T x − z‖² + pᵀx ≤ J    effective compliance's interval (§7)
@@ -8,11 +9,11 @@
     weighed_end      minimise aᵀx subject to ‖A x − b‖ ≤ 1           end of an interval without a load (§14)
     worst_direction  maximise t subject to M(w) − t diag(V⁻², 0) ⪰ 0             E-optimal design (§10)
 
-The first is subject to lower ≤ x ≤ upper and B x ≥ d, the next three to x_j ≥ 0 and Mat(x_b) ⪰ 0, with
-x = near + y in the first of them, the next two to the cones of `conic.Cones`, and the last one to
+The first two are subject to lower ≤ x ≤ upper and B x ≥ d, the next three to x_j ≥ 0 and Mat(x_b) ⪰ 0,
+with x = near + y in the first of them, the next two to the cones of `conic.Cones`, and the last one to
 M(w) = M0 + Σ w_i K_i, Σ w = 1 and w ≥ 0. Variables are equilibrated. A program is compiled once for a
-shape, its data being parameters. `sum_of_norms`, `penalised_end` and designs are stated with their data, as
-that compiles faster. Ends of joints' intervals are found in batches, by `evidence.estimate`.
+shape, its data being parameters. `huber`, `sum_of_norms`, `penalised_end` and designs are stated with their
+data, as that compiles faster. Ends of joints' intervals are found in batches, by `evidence.estimate`.
 
 The points returned are near an optimum, to Clarabel's tolerance: callers polish them, and certify the outcome
 from the data. cvxpy takes a second to import: this module is imported where a program is needed first.
@@ -35,7 +36,7 @@ from scipy.sparse import csc_array, csr_array, triu
 
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.convex.conic import Block, Cone, to_matrix
-from jointstiff.solver.convex.solution import Scaled
+from jointstiff.solver.convex.solution import IdentificationProblem, Scaled
 from jointstiff.solver.errors import SolverError
 
 TOLERANCE: Final = 1e-10
@@ -144,6 +145,36 @@ def _least_squares(rows: int, columns: int, below: _Places, above: _Places, ineq
         A, b = cp.Parameter((rows, columns), name="A"), cp.Parameter(rows, name="b")
         constraints = [r == A @ x - b, *_constraints(x, below, above, inequalities)]
         return Program(cp.Minimize(cp.sum_squares(r)), constraints, x)
+
+
+def huber(
+    A: FloatArray, d: FloatArray, S: FloatArray, t: FloatArray, squared: IdentificationProblem
+) -> FloatArray | None:
+    """Solve ``minimise Σ_i ρ(‖d_i − A_i c‖) + ½ ‖S c − t‖²`` under the constraints.
+
+    ρ(u) is u²/2 up to 1, and u − ½ beyond (Huber 1964, on norms, so that no frame is preferred).
+
+    Args:
+        A: (K, 3, n) rows of K targets, in units of the threshold.
+        d: (K, 3).
+        S: (q, n) rows whose loss stays squared.
+        t: (q,).
+        squared: the same problem with the squared loss; its constraints hold, its columns scale.
+
+    Returns:
+        (n,) compliances [rad/(N·m)] to Clarabel's tolerance, or None.
+    """
+    scaled = Scaled.of(squared)
+    n = len(scaled.unit)
+    with COMPILING:
+        x = cp.Variable(n)
+        residuals = d.ravel() - (A * scaled.unit).reshape(-1, n) @ x
+        norms = cp.norm(cp.reshape(residuals, d.shape, order="C"), axis=1)
+        loss = 0.5 * cp.sum(cp.huber(norms, 1.0)) + 0.5 * cp.sum_squares((S * scaled.unit) @ x - t)
+        _, _, below, above, inequalities = _shape(scaled)
+        program = Program(cp.Minimize(loss), _constraints(x, below, above, inequalities), x)
+    point = program.solve(_data(scaled), TOLERANCE)
+    return None if point is None else scaled.bounds.snap(point) * scaled.unit
 
 
 @lru_cache(maxsize=8)  # one of 264 parameters takes 15 MB

@@ -9,9 +9,10 @@ over the targets i, each with its three coordinates (Huber, *Robust estimation o
 1964; on norms, so that no frame is preferred). At the optimum reading i has the weight
 ``w_i = min(1, threshold/‖r_i‖)``, and weighted least squares with these weights has the same optimum. So
 they are handed on as covariances Σ_i/w_i: partial pose, and complete pose by covariance on three targets,
-then *are* the Huber estimate, and every other method and weighting is as robust as they make it. Rounds of
-weighted least squares, damped between Newton's step and reweighting, solve the problem, and the outcome is
-certified from the data. All rows of all targets are kept meanwhile: 24 (n + 1) bytes a reading.
+then *are* the Huber estimate, and every other method and weighting is as robust as they make it. Clarabel
+solves the problem as `convex.programs` states it; rounds of weighted least squares, damped between Newton's
+step and reweighting, polish its point, and the outcome is certified from the data. All rows of all targets
+are kept meanwhile: 24 (n + 1) bytes a reading.
 """
 
 from __future__ import annotations
@@ -385,6 +386,8 @@ _SCALE_ROUNDS = 100
 MOST_ROUNDS = 200
 """Maximum rounds of reweighting."""
 _LEAST_DAMPING = 1e-8
+MOST_STATED = 500
+"""Number of targets up to which Huber's problem is solved as stated: 12 ms for 100, about 40 ms for these."""
 _NO_DESCENT = 1e-12
 """Relative increase of the objective that counts as rounding."""
 
@@ -599,8 +602,18 @@ def _weight(norm: FloatArray) -> FloatArray:
 
 
 def _minimise(problem: _HuberProblem) -> tuple[FloatArray, Certificate]:
-    """Return the optimum and its certificate, by rounds from least squares, with full damping at first."""
-    compliance, damping = solve_step(problem.least_squares()).compliance, 1.0
+    """Return the optimum and its certificate: Clarabel's point, polished by Newton's steps.
+
+    Of more than `MOST_STATED` targets the rounds start at least squares, with full damping, which is faster.
+    """
+    stated = None
+    if len(problem.rows) <= MOST_STATED:
+        from jointstiff.solver.convex import programs  # takes a second to import
+
+        (A, d), (S, t) = ((rows[..., :-1], rows[..., -1]) for rows in (problem.rows, problem.squared))
+        stated = programs.huber(A, d, S, t, problem.least_squares())
+    compliance = solve_step(problem.least_squares()).compliance if stated is None else stated
+    damping = 1.0 if stated is None else _LEAST_DAMPING
     objective = problem.objective(compliance)
     for _ in range(MOST_ROUNDS):
         proposed, solver = problem.step(compliance, damping)
@@ -610,7 +623,8 @@ def _minimise(problem: _HuberProblem) -> tuple[FloatArray, Certificate]:
             continue
         compliance, objective = proposed, value
         damping = max(0.1 * damping, _LEAST_DAMPING)
-        certificate = problem.certificate(compliance, solver.solved_by)
+        same = stated is not None and np.array_equal(stated == 0.0, compliance == 0.0)
+        certificate = problem.certificate(compliance, "clarabel" if same else solver.solved_by)
         if certificate.is_optimal():
             return compliance, certificate
     raise SolverError(
