@@ -10,7 +10,7 @@ import {
   withoutColumns,
 } from "../src/lib/columns";
 import { linesOf, widthOf } from "../src/lib/columns";
-import { Unread } from "../src/lib/schema";
+import { Unread } from "../src/lib/json";
 import { sent, withStated } from "../src/views/import_form";
 import { fits, templateIn, templatesIn, withTemplate } from "../src/lib/template";
 

@@ -2,7 +2,7 @@ import { describe, expect, it } from "vitest";
 import { contentKey } from "../src/lib/hash";
 import { link, parse } from "../src/state/router";
 import type { DhModel } from "../src/api/types";
-import { Unread } from "../src/lib/schema";
+import { Unread } from "../src/lib/json";
 import { numberIn } from "../src/lib/entered";
 import { documentOf, newDh } from "../src/views/dh_editor";
 

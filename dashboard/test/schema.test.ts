@@ -1,5 +1,6 @@
 import { describe, expect, it } from "vitest";
-import { codecOf, plain, type Schema, Unread, unreadIn } from "../src/lib/schema";
+import { codecOf, plain, type Schema } from "../src/lib/schema";
+import { marked, Unread, unmarked, unreadIn } from "../src/lib/json";
 import { noiseOf } from "../src/lib/noise";
 import { requestOf } from "../src/views/advanced";
 
@@ -37,6 +38,11 @@ describe("what is typed for a value of the API", () => {
     ]);
     const order: Schema = { type: "array", items: { type: "array", items: { type: "string" } } };
     expect(codec(order).read("joint_2, joint_4")).toEqual([["joint_2", "joint_4"]]);
+    expect(codec(order).read("axis 2, axis 4\naxis 4; axis 6")).toEqual([
+      ["axis 2", "axis 4"],
+      ["axis 4", "axis 6"],
+    ]);
+    expect(codec(order).read("A2 A4")).toEqual([["A2", "A4"]]);
   });
   it("has no box where a value has parts of its own", () => {
     expect(codecOf({ type: "array", items: { $ref: "x/Row" } }, ALL)).toBeNull();
@@ -47,6 +53,11 @@ describe("what is typed for a value of the API", () => {
     expect(unreadIn(document)).toBe("1 x");
     expect(JSON.stringify(document)).toBe('{"goal":[{"a":1},"1 x"]}');
     expect(unreadIn({ a: "x" })).toBeNull();
+  });
+  it("is still not understood after it was kept by the browser", () => {
+    const document = { goal: [{ a: 1 }, new Unread("1 x")], name: "1 x" };
+    expect(unmarked(JSON.parse(JSON.stringify(marked(document))))).toEqual(document);
+    expect(unreadIn(unmarked(structuredClone(marked(document))))).toBe("1 x");
   });
 });
 
@@ -71,6 +82,7 @@ describe("noise of a set", () => {
   const units = { length: "mm", angle: "deg", force: "N" } as const;
   it("is stated in SI and posted in the units of the set", () => {
     expect(noiseOf({ force: { scale: null } }, null, units as never)).toBeNull();
+    expect(noiseOf({ load_point: 0 }, null, units as never)).toEqual({ load_point: 0 }); // known exactly
     expect(noiseOf({ sigma: 2e-5, force: { scale: 0.01 } }, null, units as never)).toEqual({
       sigma: 0.02,
       force: { scale: 0.01 },

@@ -1,8 +1,8 @@
 /** Forms of requests as the service describes them: one renderer for all kinds of fields. */
 import { createContext } from "preact";
 import { useContext, useEffect, useState } from "preact/hooks";
-import { type Codec, codecOf, OF_TEXT, plain, type Schema, type Schemas, Unread } from "../lib/schema";
-import type { Fields } from "../lib/json";
+import { type Codec, codecOf, OF_TEXT, plain, type Schema, type Schemas } from "../lib/schema";
+import { Unread, type Fields } from "../lib/json";
 import { sentence } from "../lib/said";
 import { api } from "../api/client";
 import { formUnit } from "../lib/units";
@@ -309,8 +309,12 @@ function Grid({ schema, value, change, path, label, help }: Part & { label: stri
   const place = (terms.within ?? "") + path;
   const faultsOf = (key: string) => faultsAt(problem, schema.items ? `${place}[${key}]` : `${place}.${key}`);
   const said = new Set(keys.flatMap(faultsOf));
-  const headOf = ({ name, schema: of }: Column) =>
-    [pair ? name : (terms.labels?.[`${path}.${name}`] ?? spoken(name)), unitOf(of)[0]].filter(Boolean);
+  const slides = list.some((one) => asFields(one)["kind"] === "prismatic");
+  const unitsOf = (of: Schema) => [...new Set([unitOf(of)[0], ...(slides ? [unitOf(of, true)[0]] : [])])].join(", ");
+  const headOf = ({ name, schema: of }: Column) => [
+    pair ? name : (terms.labels?.[`${path}.${name}`] ?? spoken(name)),
+    unitsOf(of),
+  ];
   return (
     <fieldset>
       <legend>{label}</legend>

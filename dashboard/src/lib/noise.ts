@@ -10,7 +10,11 @@ type Noise = NonNullable<MeasurementSet["noise"]>;
 export type StatedNoise = Fields & { residuals?: boolean };
 
 /** Whether anything is stated that the readings do not say. */
-export const statesNoise = (noise: StatedNoise): boolean => Object.values(noise).some(Boolean);
+export const statesNoise = (noise: StatedNoise): boolean =>
+  Object.values(noise).some((value) => isStated(value) && value !== false);
+
+/** Zero is stated: it is known exactly. */
+const isStated = (value: unknown): boolean => value !== null && value !== undefined;
 
 /** Numbers times a factor; what is no number goes as it was typed. */
 const sized = (value: unknown, factor: number): unknown =>
@@ -32,15 +36,15 @@ export function noiseOf({ residuals, ...asked }: StatedNoise, before: Noise | nu
   });
   const noise = {
     ...before,
-    ...(residuals || sigma || instrument ? { sigma: null, instrument: null } : {}),
-    ...(sigma || instrument ? { refuted: null } : {}),
-    ...(sigma ? { sigma: sized(sigma, 1 / length) } : {}),
+    ...(residuals || isStated(sigma) || instrument ? { sigma: null, instrument: null } : {}),
+    ...(isStated(sigma) || instrument ? { refuted: null } : {}),
+    ...(isStated(sigma) ? { sigma: sized(sigma, 1 / length) } : {}),
     ...(instrument
       ? { instrument: { station: sized(station, 1 / length) ?? [], range: part(range), transverse: part(transverse) } }
       : {}),
-    ...(encoder ? { encoder_sigma: sized(encoder, 1 / angle) } : {}),
-    ...(point ? { load_point: sized(point, 1 / length) } : {}),
-    ...(places ? { target_places: sized(places, 1 / length) } : {}),
+    ...(isStated(encoder) ? { encoder_sigma: sized(encoder, 1 / angle) } : {}),
+    ...(isStated(point) ? { load_point: sized(point, 1 / length) } : {}),
+    ...(isStated(places) ? { target_places: sized(places, 1 / length) } : {}),
     ...(isFields(load) && Object.keys(load).length > 0 ? { force: load } : {}),
   };
   const said = Object.entries(noise).filter(([, value]) => value !== null && value !== undefined && value !== false);

@@ -57,7 +57,8 @@ const ofList = (inner: Codec, count?: number): Codec => ({
   show: (value) => (Array.isArray(value) ? value.map(inner.show).join(", ") : String(value ?? "")),
   read: (typed) => {
     const bare = typed.trim().replace(/^[([]|[)\]]$/g, "");
-    const words = bare.split(/\s*;\s*|\s*,\s+|\s+/).filter(Boolean);
+    const marks = inner === OF_TEXT && /[,;]/.test(bare) ? /\s*[,;]\s*/ : /\s*;\s*|\s*,\s+|\s+/; // names may have blanks
+    const words = bare.split(marks).filter(Boolean);
     const values = (words.length === 1 ? bare.split(",") : words).map(inner.read);
     if (words.length === 0) return null;
     const understood = values.every((value) => value !== null && value !== undefined);
@@ -103,26 +104,4 @@ export function codecOf(schema: Schema, all: Schemas, factor = 1): Codec | null 
   if (!part || !inner || inner.lines) return null;
   if (schema.additionalProperties) return ofLines(inner, true);
   return plain(part, all).type === "array" ? ofLines(inner, false) : ofList(inner, schema.prefixItems?.length);
-}
-
-/** What stands in a document as it was typed because it was not understood; null if there is nothing. */
-export function unreadIn(document: unknown): string | null {
-  if (typeof document !== "object" || document === null) return null;
-  if (document instanceof Unread) return document.typed;
-  for (const part of Object.values(document)) {
-    const found = unreadIn(part);
-    if (found !== null) return found;
-  }
-  return null;
-}
-
-/** A text that is no value of its field: posted as it was typed, so that the service names the field. */
-export class Unread {
-  constructor(readonly typed: string) {}
-  toJSON(): string {
-    return this.typed;
-  }
-  toString(): string {
-    return this.typed;
-  }
 }

@@ -1,5 +1,6 @@
 /** What was begun on this device, until it is done: it survives a reload, and a session that ends. */
 import { useEffect, useState } from "preact/hooks";
+import { marked, unmarked } from "../lib/json";
 
 const NAME = "kept";
 
@@ -16,7 +17,7 @@ function places(): Promise<IDBObjectStore> {
 export async function keep(name: string, value: unknown): Promise<void> {
   const place = await places().catch(() => null);
   if (value === null) place?.delete(name);
-  else place?.put(value, name);
+  else place?.put(marked(value), name);
 }
 
 /** What is kept under a name, or null. */
@@ -25,7 +26,7 @@ export async function kept<Value>(name: string): Promise<Value | null> {
   if (!place) return null;
   const asked = place.get(name) as IDBRequest<Value | undefined>;
   return new Promise((done) => {
-    asked.onsuccess = () => done(asked.result ?? null);
+    asked.onsuccess = () => done((unmarked(asked.result) as Value) ?? null);
     asked.onerror = () => done(null);
   });
 }
@@ -35,7 +36,7 @@ type Place = "localStorage" | "sessionStorage";
 /** What the browser keeps as JSON under a name, else null: it may be of anyone, and storage may be switched off. */
 export function recalled(name: string, place: Place = "localStorage"): unknown {
   try {
-    return JSON.parse(window[place].getItem(`jointstiff.${name}`) ?? "null");
+    return unmarked(JSON.parse(window[place].getItem(`jointstiff.${name}`) ?? "null"));
   } catch {
     return null;
   }
@@ -45,7 +46,7 @@ export function recalled(name: string, place: Place = "localStorage"): unknown {
 export function remember(name: string, value: unknown, place: Place = "localStorage"): void {
   try {
     if (value === null) window[place].removeItem(`jointstiff.${name}`);
-    else window[place].setItem(`jointstiff.${name}`, JSON.stringify(value));
+    else window[place].setItem(`jointstiff.${name}`, JSON.stringify(marked(value)));
   } catch {
     // then it holds until the view is left
   }

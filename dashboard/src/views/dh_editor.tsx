@@ -2,8 +2,7 @@
 import type { JointMap, RobotDocument } from "../api/types";
 import { Select } from "../components/fields";
 import { SchemaFields, type Terms } from "../components/schema_form";
-import type { Fields } from "../lib/json";
-import { unreadIn } from "../lib/schema";
+import { type Fields, unreadIn } from "../lib/json";
 import { later } from "../i18n/later";
 import { useCatalogue } from "./catalogue";
 

@@ -16,7 +16,7 @@ import { significant } from "../lib/format";
 import { contentKey, freshKey } from "../lib/hash";
 import { notedIn } from "../lib/metadata";
 import { noiseOf, statesNoise } from "../lib/noise";
-import { unreadIn } from "../lib/schema";
+import { unreadIn } from "../lib/json";
 import type { Template } from "../lib/template";
 import { useAction } from "../state/action";
 import { valueOf } from "../state/load";

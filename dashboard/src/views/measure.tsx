@@ -6,9 +6,8 @@ import { ActionButton, Choice, Head, Name, NameLink, Show } from "../components/
 import { Fields as Form, Select, TextField } from "../components/fields";
 import { SchemaFields, type Terms } from "../components/schema_form";
 import { freshKey } from "../lib/hash";
-import type { Fields } from "../lib/json";
+import { type Fields, unreadIn } from "../lib/json";
 import { equipmentOf, unchanged } from "../lib/planned";
-import { unreadIn } from "../lib/schema";
 import {
   SIGMA,
   SIMULATED,
@@ -154,7 +153,7 @@ function Declaration({ names, robot: given, plan }: { names: Names; robot: strin
     setAsked((before) => ({ ...before, ...unchanged(found, before, START) }));
     setNoise((before) => ({
       ...(force ? { force } : {}),
-      ...(place ? { load_point: place * length } : {}),
+      ...(place != null ? { load_point: place * length } : {}),
       ...before,
     }));
   }, [campaign]);
@@ -169,7 +168,7 @@ function Declaration({ names, robot: given, plan }: { names: Names; robot: strin
       name: name.trim() || words.namePlaceholder,
       units: SI,
       encoders: "motor",
-      noise: { ...noise, ...(tracker ? { instrument: tracker } : sigma ? { sigma } : {}) },
+      noise: { ...noise, ...(tracker ? { instrument: tracker } : sigma != null ? { sigma } : {}) },
       load_point: place ?? [0, 0, 0],
       flange_targets: places ?? {},
       open: {
