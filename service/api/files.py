@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property, partial
 from pathlib import PurePath
@@ -36,7 +36,7 @@ from jointstiff.service.store.tables import AuthorisationRecord
 from jointstiff.service.tables.files import csv_parts, written
 from jointstiff.service.tables.report import View
 from jointstiff.service.tables.stiffness import UNITS
-from jointstiff.service.tables.table import Line, Table
+from jointstiff.service.tables.table import Line, Part, Table
 from jointstiff.solver.errors import RequestError
 
 _ISSUE: Final = "issued-{number}.pdf"
@@ -130,11 +130,21 @@ def _tables(wanted: _Wanted) -> Content:
         part.shown() for part in job_parts(wanted.jobs.kind, wanted.job, view) if isinstance(part, Table)
     ]
     assessment: BaseModel | None = getattr(wanted.job.result, "assessment", None)
-    evidence = wanted.jobs.kind.report(wanted.job, wanted.job.result, view).evidence
-    lines = [part.text.strip() for part in evidence if isinstance(part, Line) and part.text.strip()]
+    report = wanted.jobs.kind.report(wanted.job, wanted.job.result, view)
     verdict = assessment and assessment.model_dump(mode="json")
-    shown = {"assessment": verdict, "tables": tables, "evidence": lines}
+    shown = {
+        "assessment": verdict,
+        "tables": tables,
+        "lines": _lines(report.parts),
+        "evidence": _lines(report.evidence),
+    }
     return Content(json.dumps(shown, ensure_ascii=False, allow_nan=False).encode(), "application/json")
+
+
+def _lines(parts: Sequence[Part]) -> list[str]:
+    """Return what is said beside the tables, line by line."""
+    said = (line.strip() for part in parts if isinstance(part, Line) for line in part.text.splitlines())
+    return [line for line in said if line]
 
 
 def _sheet(file: File, wanted: _Wanted) -> Content:

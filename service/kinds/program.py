@@ -77,7 +77,8 @@ def _report(_job: Program, result: ProgramResult, _view: View) -> Report:
     left = ", ".join(f"{count} {_REASONS[reason]}" for reason, count in result.left_alone.items())
     capped = f"; {result.capped} held back by the limits" if result.capped else ""
     alone = f"; left alone: {left}" if left else ""
-    counts = Line(f"{result.corrected} of {result.points} targets corrected{capped}{alone}")
+    moves = f"; {result.moves_left} of {result.moves} moves left as they are" if result.moves_left else ""
+    counts = Line(f"{result.corrected} of {result.points} targets corrected{capped}{alone}{moves}")
     worst: list[Part] = [_worst(result)] if result.worst else []
     return Report([counts, _spreads(result), *worst, *map(Line, result.remarks)])
 

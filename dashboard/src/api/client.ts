@@ -185,7 +185,10 @@ export const api = {
   mapTable: (map: string) => call<Columns>("GET", jobs.file(map, "map.json")),
   programs,
   tables: (job: string, view: Filters) =>
-    call<{ tables: of.ShownTable[]; evidence: string[] }>("GET", `${jobs.file(job, "tables.json")}${query(view)}`),
+    call<{ tables: of.ShownTable[]; lines: string[]; evidence: string[] }>(
+      "GET",
+      `${jobs.file(job, "tables.json")}${query(view)}`,
+    ),
   apply: (run: string, action: of.Action) => call<of.Run>("POST", `/v1/runs/${run}/apply?wait=1`, { body: action }),
   webhooks: (signal?: AbortSignal) => call<{ items: of.Webhook[] }>("GET", "/v1/webhooks", { signal }),
   addWebhook: (body: { url: string; events: readonly string[] }) =>

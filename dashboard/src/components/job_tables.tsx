@@ -39,11 +39,20 @@ export function JobTables({
   );
 }
 
-export const JobEvidence = ({ id }: { id: string }) => (
-  <Show of={useTables("runs", id)}>
-    {({ evidence }) => (
+/** What the service says of a job in lines: of its result, or of the evidence for it. */
+export const JobLines = ({
+  collection,
+  id,
+  of = "lines",
+}: {
+  collection: Collection;
+  id: string;
+  of?: "lines" | "evidence";
+}) => (
+  <Show of={useTables(collection, id)}>
+    {(said) => (
       <ul class="lines">
-        {evidence.map((line) => (
+        {said[of].map((line) => (
           <li>
             <Prose text={sentence(line)} />
           </li>

@@ -425,8 +425,6 @@ export const en = {
     afterBy: (method: string) => `after, ${method}`,
     configuration: "Configuration",
     length: "Deflection",
-    overlay: "Other methods on these readings",
-    overlayNone: "No other method was run on these readings.",
     residuals: "Residuals",
     residualsNote:
       "Measured minus predicted, for each target and coordinate. Band: 95 % of the residuals are expected in it.",

@@ -1,16 +1,13 @@
 /** A geometry: the axes drawn, the identified model beside the nominal one, findings, and a robot made of it. */
 import type { Geometry, GeometryResult, RobotDocument, RobotRequest } from "../api/types";
-import { JobTables } from "../components/job_tables";
-import { fixed, significant } from "../lib/format";
-import { text } from "../i18n";
+import { JobLines, JobTables } from "../components/job_tables";
 import { later } from "../i18n/later";
 import { useMemo, useState } from "preact/hooks";
 import { api } from "../api/client";
 import { Arm } from "../components/arm";
-import { ActionButton, type Fact, Facts } from "../components/basics";
+import { ActionButton } from "../components/basics";
 import { TextField } from "../components/fields";
 import { JobPage } from "../components/job_page";
-import { sentence } from "../lib/said";
 import { useAction } from "../state/action";
 import { namesChanged } from "../state/names";
 import { link } from "../state/router";
@@ -34,7 +31,6 @@ export function GeometryView({ id }: { id: string }) {
 
 function Found({ geometry, result }: { geometry: Geometry; result: GeometryResult }) {
   const source = useMemo(() => ({ robot: result.robot as RobotDocument }), [result]);
-  const notes = result.findings.filter((finding) => finding.weight === "use");
   return (
     <>
       <VerdictCard assessment={result.assessment} context={null} sentences={words.verdicts} />
@@ -45,50 +41,15 @@ function Found({ geometry, result }: { geometry: Geometry; result: GeometryResul
         </section>
         <section class="card">
           <h2>{words.result}</h2>
-          <Facts facts={factsOf(result)} />
+          <JobLines collection="geometries" id={geometry.id} />
           <SaveAsRobot geometry={geometry} result={result} />
         </section>
       </div>
       {result.links.length === 0 && <p class="soft">{words.noLinks}</p>}
       {result.links.length > 0 && <JobTables collection="geometries" id={geometry.id} from={-1} />}
       <JobTables collection="geometries" id={geometry.id} to={result.links.length > 0 ? -1 : undefined} />
-      {notes.length > 0 && (
-        <details>
-          <summary>{words.notes}</summary>
-          {notes.map(({ message, remedy }) => (
-            <p class="note">
-              {sentence(message)} {sentence(remedy)}
-            </p>
-          ))}
-        </details>
-      )}
     </>
   );
-}
-
-const CHANCE = 0.01;
-
-function factsOf({ fit, goodness, poses, wrist, no_wrist: noWrist }: GeometryResult): Fact[] {
-  const micrometres = (length: number) => `${significant(length * 1e6, 2)}\u00a0${text.units.micrometre}`;
-  const source = goodness.sigma_source === "stated" ? words.stated : words.fromResiduals;
-  const chance = goodness.controller_probability;
-  return [
-    { label: words.fitted, value: words.fits[fit ?? "poses"] },
-    { label: words.sigma, value: `${micrometres(goodness.sigma)}, ${source}` },
-    ...(poses ? [{ label: words.residual, value: micrometres(poses.rms_residual) }] : []),
-    ...(poses?.held_out_rms == null ? [] : [{ label: words.heldOut, value: micrometres(poses.held_out_rms) }]),
-    ...(chance === null
-      ? []
-      : [{ label: words.controller, value: chance < CHANCE ? words.controllerOff : words.controllerFit }]),
-    {
-      label: words.wrist,
-      value: wrist
-        ? `${words.wristMiss(
-            `${fixed(wrist.miss_distance * 1e3, 3)} ± ${fixed(wrist.miss_uncertainty * 1e3, 3)}\u00a0${text.units.mm}`,
-          )}. ${wrist.decoupled_method ? words.decoupled : words.notDecoupled}`
-        : (noWrist ?? words.notDetermined),
-    },
-  ];
 }
 
 function SaveAsRobot({ geometry, result }: { geometry: Geometry; result: GeometryResult }) {

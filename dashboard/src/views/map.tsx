@@ -7,6 +7,7 @@ import { Download, NameLink, Choice, Facts, ProblemNote } from "../components/ba
 import { Handle, Select } from "../components/fields";
 import { Going } from "../components/going";
 import { JobPage } from "../components/job_page";
+import { JobLines } from "../components/job_tables";
 import { RampLegend, share, SliceChart } from "../components/slice";
 import { decimalsFor, fixed, percent, significant } from "../lib/format";
 import { freshKey } from "../lib/hash";
@@ -111,7 +112,7 @@ function Explorer({ own, other }: { own: Loaded; other: Loaded | null }) {
   const lookAt = (i: number): Look => ({ values: values[i] ?? [], scale, chosen, choose: setChosen, across, layer });
   return (
     <>
-      <Counts loaded={own} />
+      <JobLines collection="maps" id={own.map.id} />
       <section class="scene">
         <div class="view">
           <Robot loaded={own} look={lookAt(0)} />
@@ -141,30 +142,6 @@ function Explorer({ own, other }: { own: Loaded; other: Loaded | null }) {
           <Sliced key={side.map.id} loaded={side} look={lookAt(i)} label={words.slice(AXES[across], height)} />
         ))}
       </div>
-    </>
-  );
-}
-
-function Counts({ loaded: { map } }: { loaded: Loaded }) {
-  const result = map.result;
-  if (!result) return null;
-  const reasons = Object.entries(result.counts).filter(([name, count]) => name !== "reached" && count > 0);
-  const median = result.quantiles.find((one) => one.share === 0.5)?.deflection;
-  const um = (value: number) => `${significant(value * 1e6, 3)} ${text.units.micrometre}`;
-  return (
-    <>
-      <Facts
-        facts={[
-          { label: words.status.reached, value: words.counts(result.counts.reached, result.places) },
-          ...(median === undefined ? [] : [{ label: words.median, value: um(median) }]),
-          ...(result.worst ? [{ label: words.worst, value: um(result.worst.deflection) }] : []),
-          ...reasons.map(([name, count]) => ({
-            label: words.status[name as keyof typeof words.status],
-            value: String(count),
-          })),
-        ]}
-      />
-      {result.extrapolated > 0 && <p class="note warn">{words.extrapolated(result.extrapolated)}</p>}
     </>
   );
 }

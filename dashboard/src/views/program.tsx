@@ -1,13 +1,12 @@
 /** A compensated program: the path over the robot by its deflection, before and after, the worst points, the files. */
 import { useMemo, useState } from "preact/hooks";
 import { api } from "../api/client";
-import type { Program, ProgramResult } from "../api/types";
-import { Download, Busy, Choice, Facts } from "../components/basics";
+import type { Program } from "../api/types";
+import { Download, Busy, Choice } from "../components/basics";
 import { Handle } from "../components/fields";
 import { JobPage } from "../components/job_page";
 import { RampLegend, share } from "../components/slice";
-import { JobTables } from "../components/job_tables";
-import { significant } from "../lib/format";
+import { JobLines, JobTables } from "../components/job_tables";
 import { type PathPoint, pointsOf, thinned } from "../lib/program";
 import { extent } from "../lib/scale";
 import { ARM_ALONE, type Show as Shown } from "../scene/show";
@@ -55,43 +54,14 @@ export function ProgramView({ id }: { id: string }) {
         actions: job.result && <Download href={api.jobs.file(id, "points.csv")}>{words.table}</Download>,
       })}
     >
-      {(result, loaded) => (
+      {(_, loaded) => (
         <>
-          <Counts result={result} />
+          <JobLines collection="programs" id={loaded.job.id} />
           <Scene loaded={loaded} />
           <JobTables collection="programs" id={loaded.job.id} />
-          {result.remarks.length > 0 && (
-            <ul>
-              {result.remarks.map((remark) => (
-                <li>{remark}</li>
-              ))}
-            </ul>
-          )}
         </>
       )}
     </JobPage>
-  );
-}
-
-const micrometres = (value: number | undefined): string =>
-  value === undefined ? "–" : `${significant(value * 1e6, 3)} ${text.units.micrometre}`;
-
-function Counts({ result }: { result: ProgramResult }) {
-  const left = Object.entries(result.left_alone) as [keyof typeof words.leftAlone, number][];
-  return (
-    <Facts
-      facts={[
-        { label: words.corrected, value: words.of(result.corrected, result.points) },
-        ...(result.moves_left > 0
-          ? [{ label: words.movesLeft, value: words.of(result.moves_left, result.moves) }]
-          : []),
-        { label: words.before, value: micrometres(result.deflection?.greatest) },
-        { label: words.after, value: micrometres(result.residual?.greatest) },
-        { label: words.rounding, value: micrometres(result.rounding?.greatest) },
-        ...(result.capped > 0 ? [{ label: words.capped, value: String(result.capped) }] : []),
-        ...left.map(([reason, count]) => ({ label: words.leftAlone[reason], value: String(count) })),
-      ]}
-    />
   );
 }
 

@@ -1,19 +1,16 @@
 /** Deflection of each configuration before and after compensation (the paper's Figs 7 and 8), and what remains. */
-import { useMemo, useState } from "preact/hooks";
-import { api } from "../api/client";
-import type { Method, Residual, Run, RunResult } from "../api/types";
+import { useMemo } from "preact/hooks";
+import type { Residual, Run, RunResult } from "../api/types";
 import { BarFigure, ByName, circle, type Opening } from "../charts/bars";
 import { Figure } from "../charts/figure";
-import { Toggle } from "../components/basics";
+import { LinkButton } from "../components/basics";
 import { significant } from "../lib/format";
 import { extent } from "../lib/scale";
 import { norm } from "../lib/vector";
-import { useLoad, valueOf } from "../state/load";
 import { link } from "../state/router";
 import { text } from "../i18n";
 import type { RunContext } from "./run_context";
 
-const MARKS = ["other-1", "other-2", "other-3"];
 const AXES = ["x", "y", "z"] as const;
 
 /** Mean lengths over the targets of each observation [m], in the order of the observations. */
@@ -40,15 +37,16 @@ export function DeflectionPart({
   /** The configuration that was come back from. */
   at: string | null;
 }) {
-  const [others, setOthers] = useState<Run[]>([]);
   const opening: Opening = {
     open: (observation) => link(["runs", context.run.id, "robot"], { at: observation, from: "deflection" }),
     at,
   };
   return (
     <>
-      <BeforeAfter result={result} run={context.run} others={others} opening={opening} />
-      <Overlay run={context.run} shown={others} change={setOthers} />
+      <BeforeAfter result={result} run={context.run} opening={opening} />
+      <div class="actions">
+        <LinkButton href={link(["compare", "methods"], { set: context.set.id })}>{text.sets.compare}</LinkButton>
+      </div>
       {result.contributions.length > 0 && (
         <BarFigure
           title={text.deflection.byConfiguration}
@@ -69,76 +67,16 @@ export function DeflectionPart({
   );
 }
 
-function BeforeAfter({
-  result,
-  run,
-  others,
-  opening,
-}: {
-  result: RunResult;
-  run: Run;
-  others: Run[];
-  opening: Opening;
-}) {
+function BeforeAfter({ result, run, opening }: { result: RunResult; run: Run; opening: Opening }) {
   const words = text.deflection;
   const rows = useMemo(() => byObservation(result.residuals), [result]);
   const names = rows.map((row) => row.name);
   const own = words.afterBy(text.methods[run.request.method].toLowerCase());
-  const more = others.map((other, i) => {
-    const after = new Map(byObservation(other.result?.residuals ?? []).map((row) => [row.name, row.after * 1e3]));
-    return {
-      mark: MARKS[i] ?? "other-1",
-      label: words.afterBy(text.methods[other.request.method].toLowerCase()),
-      values: names.map((name) => after.get(name) ?? null),
-    };
-  });
   const series = [
     { mark: "measured", label: words.before, values: rows.map((row) => row.before * 1e3) },
     { mark: "predicted", label: own, values: rows.map((row) => row.after * 1e3) },
-    ...more,
   ];
   return <BarFigure title={words.title} note={words.note} unit={text.units.mm} {...{ names, series }} {...opening} />;
-}
-
-/** Newest run of each other method on the same readings, and with the same constraint. */
-function Overlay({ run, shown, change }: { run: Run; shown: Run[]; change: (runs: Run[]) => void }) {
-  const found = valueOf(
-    useLoad(
-      async (signal) => {
-        const page = await api.runs.list(
-          { measurement_set_id: run.request.measurement_set_id, elasticity: "joints", state: "succeeded", limit: 100 },
-          signal,
-        );
-        const newest = new Map<Method, string>();
-        for (const item of page.items) {
-          if (
-            item.method !== run.request.method &&
-            item.positive === (run.request.positive !== false) &&
-            !newest.has(item.method)
-          )
-            newest.set(item.method, item.id);
-        }
-        return [...newest];
-      },
-      [run.id],
-    ),
-  );
-  if (!found) return null;
-  const toggle = async (id: string, on: boolean) =>
-    change(on ? [...shown, await api.runs.one(id)].slice(0, MARKS.length) : shown.filter((other) => other.id !== id));
-  return (
-    <fieldset class="overlay">
-      <legend>{text.deflection.overlay}</legend>
-      {found.length === 0 && <p class="soft">{text.deflection.overlayNone}</p>}
-      {found.map(([method, id]) => (
-        <Toggle
-          label={text.methods[method]}
-          checked={shown.some((other) => other.id === id)}
-          change={(on) => void toggle(id, on)}
-        />
-      ))}
-    </fieldset>
-  );
 }
 
 function Residuals({ result, opening }: { result: RunResult; opening: Opening }) {

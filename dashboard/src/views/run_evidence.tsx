@@ -1,7 +1,7 @@
 /** Why the numbers can be trusted: what the joints are seen by, the certificate, what the service says, provenance. */
 import type { RunResult } from "../api/types";
 import { Facts, Name, NameLink, When, Term } from "../components/basics";
-import { JobEvidence } from "../components/job_tables";
+import { JobLines } from "../components/job_tables";
 import { significant } from "../lib/format";
 import { text } from "../i18n";
 import { useState } from "preact/hooks";
@@ -39,7 +39,7 @@ export function Evidence({ context: { run, set }, result }: { context: RunContex
           { label: words.solvedBy, value: certificate.solved_by.map((solver) => words.solvers[solver]).join(", ") },
         ]}
       />
-      {open && <JobEvidence id={run.id} />}
+      {open && <JobLines collection="runs" id={run.id} of="evidence" />}
       <h3>{words.provenance}</h3>
       <Facts
         wide
