@@ -8,8 +8,7 @@ import { defineConfig, type Plugin } from "vite";
 const SERVICE = "http://127.0.0.1:8000";
 
 /** What most views share; forms, drops, and what only some views compute come with these views. */
-const LATER = `arm campaign columns comparing drawn drop entered live map measuring metadata metadata_form
-  noise opened planned program schema schema_form simulated slice sweeps template vector`;
+const LATER = `campaign imports live map measuring opened schema schema_form vector`;
 const SHARED = new RegExp(
   `src/(?:components|lib|state|api)/(?!(?:${LATER.split(/\s+/).join("|")})\\.ts)|node_modules/preact`,
 );

@@ -1,35 +1,94 @@
-/** The frame of the page: header, the view of the address, messages. */
-import { useEffect, useRef } from "preact/hooks";
-import { Tip } from "./charts/tip";
-import { Busy, Button, Choice, Empty, Icon, LinkButton, Title } from "./components/basics";
-import { Select } from "./components/fields";
-import { Boundary, lazy } from "./components/lazy";
-import { STIFFNESS_UNITS, type StiffnessUnit, UNIT_NAMES } from "./lib/units";
-import { type Route, useRoute } from "./state/router";
-import { type Standing, Viewer, isViewer, needsKey, signOut, useSession } from "./state/session";
-import { type Settings, SettingsContext, THEMES, type Theme, useStoredSettings } from "./state/settings";
-import { dismiss, toast, useToasts } from "./state/toasts";
+/** The frame of the page: header, the view of the address, messages; signing in before it. */
+import { useCallback, useEffect, useState, useRef } from "preact/hooks";
+import { api } from "./api/client";
+import type { Session } from "./api/types";
+import {
+  Busy,
+  Form,
+  Prose,
+  Title,
+  Tip,
+  Button,
+  Choice,
+  Empty,
+  Icon,
+  LinkButton,
+  Boundary,
+  lazy,
+} from "./components/basics";
+import { TextField, Select } from "./components/fields";
+import { useAction, go, type Route, useRoute, dismiss, toast, useToasts } from "./state/action";
 import { text } from "./i18n";
-import { SignInView } from "./views/sign_in";
+import { STIFFNESS_UNITS, type StiffnessUnit, UNIT_NAMES } from "./lib/stiffness";
+import {
+  type Standing,
+  Viewer,
+  isViewer,
+  needsKey,
+  signOut,
+  useSession,
+  type Settings,
+  SettingsContext,
+  THEMES,
+  type Theme,
+  useStoredSettings,
+} from "./state/session";
+
+/** `link`: secret of a one-time link, which leaves the address before it is used. */
+export function SignInView({ link, signedIn }: { link: string | undefined; signedIn: (session: Session) => void }) {
+  const [key, setKey] = useState("");
+  const { run, busy, problem } = useAction(
+    useCallback(
+      async (secret: { key: string } | { link: string }) => {
+        const session = await api.signIn(secret);
+        if (location.hash.startsWith("#/sign-in")) go("#/");
+        signedIn(session);
+      },
+      [signedIn],
+    ),
+  );
+  useEffect(() => {
+    if (link === undefined) return;
+    history.replaceState(null, "", "#/sign-in");
+    run({ link });
+  }, [link]);
+  const enter = { run: () => void (key.trim() && run({ key: key.trim() })), busy, problem };
+  const { signIn: words } = text;
+  return (
+    <>
+      <Title plain={words.title}>{words.title}</Title>
+      <Form action={enter} class="card form">
+        <p>
+          <Prose text={words.hint} />
+        </p>
+        <TextField type="password" label={words.key} maxLength={200} value={key} placeholder="jst_…" change={setKey} />
+        {busy && <Busy label={words.checking} />}
+        <button type="submit" class="button primary" disabled={busy || !key.trim()}>
+          {words.enter}
+        </button>
+      </Form>
+    </>
+  );
+}
 
 const StartView = lazy(async () => (await import("./views/start")).StartView);
 const RunsView = lazy(async () => (await import("./views/runs")).RunsView);
 const RunView = lazy(async () => (await import("./views/run")).RunView);
 const CompareView = lazy(async () => (await import("./views/compare")).CompareView);
-const SideBySideView = lazy(async () => (await import("./views/side_by_side")).SideBySideView);
-const ComparisonView = lazy(async () => (await import("./views/comparison")).ComparisonView);
+const SideBySideView = lazy(async () => (await import("./views/compare")).SideBySideView);
+const ComparisonView = lazy(async () => (await import("./views/compare")).ComparisonView);
 const TrendView = lazy(async () => (await import("./views/trend")).TrendView);
-const FleetView = lazy(async () => (await import("./views/fleet")).FleetView);
+const FleetView = lazy(async () => (await import("./views/robots")).FleetView);
 const MapView = lazy(async () => (await import("./views/map")).MapView);
 const ProgramView = lazy(async () => (await import("./views/program")).ProgramView);
 const RobotsView = lazy(async () => (await import("./views/robots")).RobotsView);
-const RobotView = lazy(async () => (await import("./views/robot")).RobotView);
+const RobotView = lazy(async () => (await import("./views/robots")).RobotView);
 const RobotNewView = lazy(async () => (await import("./views/robot_new")).RobotNewView);
 const SetView = lazy(async () => (await import("./views/set")).SetView);
 const GeometriesView = lazy(async () => (await import("./views/geometries")).GeometriesView);
-const GeometryView = lazy(async () => (await import("./views/geometry")).GeometryView);
+const GeometryView = lazy(async () => (await import("./views/geometries")).GeometryView);
 const PlansView = lazy(async () => (await import("./views/plans")).PlansView);
-const PlanView = lazy(async () => (await import("./views/plan")).PlanView);
+const PlanView = lazy(async () => (await import("./views/plans")).PlanView);
 const MeasureView = lazy(async () => (await import("./views/measure")).MeasureView);
 const LiveView = lazy(async () => (await import("./views/live")).LiveView);
 const WebhooksView = lazy(async () => (await import("./views/webhooks")).WebhooksView);

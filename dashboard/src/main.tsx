@@ -1,6 +1,6 @@
 import { render } from "preact";
 import { App } from "./app";
-import { reportStrays } from "./components/lazy";
+import { reportStrays } from "./components/basics";
 import { text } from "./i18n";
 
 document.documentElement.lang = text.language;

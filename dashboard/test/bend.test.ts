@@ -1,6 +1,6 @@
 import { describe, expect, it } from "vitest";
 import type { Posture } from "../src/api/types";
-import { bendOf, bent } from "../src/lib/bend";
+import { bendOf, bent } from "../src/lib/vector";
 
 /** Two joints about y, one metre apart along x, the flange a metre further. */
 const ARM = {

@@ -1,5 +1,5 @@
 import { describe, expect, it } from "vitest";
-import { csv, csvCell, fileName } from "../src/lib/csv";
+import { csv, csvCell, fileName } from "../src/components/table";
 
 describe("cells", () => {
   it("leave numbers as they are, negative ones too", () => {

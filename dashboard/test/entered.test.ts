@@ -1,5 +1,5 @@
 import { describe, expect, it } from "vitest";
-import { numberIn, posted, vectorIn } from "../src/lib/entered";
+import { numberIn, posted, vectorIn } from "../src/lib/schema";
 
 describe("numbers as typed", () => {
   it("reads points and commas, and knows nothing from something that is no number", () => {

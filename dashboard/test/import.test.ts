@@ -8,11 +8,15 @@ import {
   meaningsFor,
   withMeaning,
   withoutColumns,
-} from "../src/lib/columns";
-import { linesOf, widthOf } from "../src/lib/columns";
+  linesOf,
+  widthOf,
+  fits,
+  templateIn,
+  templatesIn,
+  withTemplate,
+} from "../src/lib/imports";
 import { Unread } from "../src/lib/json";
-import { sent, withStated } from "../src/views/import_form";
-import { fits, templateIn, templatesIn, withTemplate } from "../src/lib/template";
+import { sent, withStated } from "../src/views/import_flow";
 
 const column = (number: number, header: string, meaning: string, unit: string | null = null) => ({
   column: number,

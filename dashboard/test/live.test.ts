@@ -1,6 +1,18 @@
 import { describe, expect, it } from "vitest";
-import { filledRows, freeLabel, inUnits, observationOf, pasted, standTyped, unread } from "../src/lib/live";
-import { exchanged, givenWay, seedOf, simulatedRows, stiffnessesOf } from "../src/lib/simulated";
+import {
+  filledRows,
+  freeLabel,
+  inUnits,
+  observationOf,
+  pasted,
+  standTyped,
+  unread,
+  exchanged,
+  givenWay,
+  seedOf,
+  simulatedRows,
+  stiffnessesOf,
+} from "../src/lib/live";
 import type { Observation, Posture, Units } from "../src/api/types";
 
 const MM = { length: "mm", angle: "deg", force: "N" } as Units;

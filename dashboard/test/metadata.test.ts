@@ -1,5 +1,5 @@
 import { describe, expect, it } from "vitest";
-import { notedIn, typedOf, wasMeasured } from "../src/lib/metadata";
+import { notedIn, typedOf, wasMeasured } from "../src/lib/campaign";
 
 const NOTED = {
   measured_at: "2026-11-20T13:30:00Z",

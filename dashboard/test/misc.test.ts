@@ -1,10 +1,9 @@
 import { describe, expect, it } from "vitest";
-import { contentKey } from "../src/lib/hash";
-import { link, parse } from "../src/state/router";
+import { contentKey, Unread } from "../src/lib/json";
+import { link, parse } from "../src/state/action";
 import type { DhModel } from "../src/api/types";
-import { Unread } from "../src/lib/json";
-import { numberIn } from "../src/lib/entered";
-import { documentOf, newDh } from "../src/views/dh_editor";
+import { numberIn } from "../src/lib/schema";
+import { documentOf, newDh } from "../src/views/robot_new";
 
 describe("addresses", () => {
   it("come back as they were made, whatever is in them", () => {

@@ -1,6 +1,6 @@
 import { describe, expect, it } from "vitest";
 import type { RobotSummary } from "../src/api/types";
-import { toldApart } from "../src/state/names";
+import { toldApart } from "../src/state/load";
 
 const robot = (id: string, name: string, created_at: string) => ({
   id,

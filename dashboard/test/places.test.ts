@@ -1,6 +1,6 @@
 import { describe, expect, it } from "vitest";
 import type { MeasurementSet, Posture } from "../src/api/types";
-import { loadOf, placesOf } from "../src/lib/places";
+import { loadOf, placesOf } from "../src/lib/vector";
 
 const POSTURE: Posture = {
   joint_origins: [

@@ -1,6 +1,6 @@
 import { describe, expect, it } from "vitest";
 import type { PlanRequest, PlanResult } from "../src/api/types";
-import { readSoFar, toFillIn } from "../src/lib/planned";
+import { readSoFar, toFillIn } from "../src/lib/live";
 
 const READING = { label: "p1", joints: [Math.PI / 2], force: [0, 0, -1000], anchor: null, validation: false, block: 1 };
 const REQUEST = { targets: {}, sigma: 2e-5, load_point: null } as unknown as PlanRequest;

@@ -1,6 +1,6 @@
 /** Points of a compensated program: its table, thinned paths, numbers typed by people. */
 import { describe, expect, it } from "vitest";
-import { numbersIn, pointsOf, thinned } from "../src/lib/program";
+import { numbersIn, pointsOf, thinned } from "../src/lib/map";
 
 const HEADS =
   "point,name,file,line,place x [m],place y [m],place z [m]," +

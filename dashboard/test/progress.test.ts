@@ -1,5 +1,5 @@
 import { describe, expect, it } from "vitest";
-import { roughTime, secondsLeft } from "../src/lib/progress";
+import { roughTime, secondsLeft } from "../src/lib/format";
 
 describe("the time left", () => {
   it("follows from the speed so far, not from what was done before", () => {

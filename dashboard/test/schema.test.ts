@@ -1,8 +1,8 @@
 import { describe, expect, it } from "vitest";
 import { codecOf, plain, type Schema } from "../src/lib/schema";
 import { marked, Unread, unmarked, unreadIn } from "../src/lib/json";
-import { noiseOf } from "../src/lib/noise";
-import { requestOf } from "../src/views/advanced";
+import { noiseOf } from "../src/lib/campaign";
+import { requestOf } from "../src/views/flow";
 
 const NUMBER: Schema = { type: "number" };
 const VECTOR: Schema = { type: "array", prefixItems: [NUMBER, NUMBER, NUMBER] };

@@ -1,6 +1,6 @@
 import { readFileSync } from "node:fs";
 import { describe, expect, it } from "vitest";
-import { readingsOf } from "../src/lib/sweeps";
+import { readingsOf } from "../src/lib/campaign";
 
 const EXAMPLE = readFileSync(new URL("../../examples/sweeps.json", import.meta.url), "utf8");
 

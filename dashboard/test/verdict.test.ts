@@ -1,8 +1,6 @@
 import { describe, expect, it } from "vitest";
 import type { JointResult } from "../src/api/types";
-import { shownStiffness } from "../src/lib/stiffness";
-import { postureText } from "../src/lib/units";
-import { lowerLimit, stiffnessUncertainty, verdictOf } from "../src/lib/verdict";
+import { shownStiffness, postureText, lowerLimit, stiffnessUncertainty, verdictOf } from "../src/lib/stiffness";
 
 /** A joint with what the page looks at. */
 const joint = (part: Partial<JointResult>): JointResult =>

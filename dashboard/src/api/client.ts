@@ -1,8 +1,9 @@
-/** The API over fetch: JSON in, JSON out, and every failure as problem details with a remedy. */
+/** The API over fetch: JSON in, JSON out, every failure as problem details with a remedy; server-sent events of jobs. */
 import { text } from "../i18n";
 import type { Columns } from "../lib/json";
 import type { Schemas } from "../lib/schema";
 import type * as of from "./types";
+import type { Progress, RunState } from "./types";
 
 /** A refusal, or an answer that did not come. */
 export class ApiError extends Error {
@@ -223,3 +224,35 @@ export async function every<Item>(
   } while (cursor !== null && items.length < limit);
   return items;
 }
+
+export interface Standing {
+  id: string;
+  state: RunState;
+  progress: Progress | null;
+}
+
+/** Kinds of work, as the API names them. */
+export type Collection = "runs" | "comparisons" | "geometries" | "plans" | "maps" | "programs";
+
+/**
+ * Follow a job; `tell` hears every step, and `ended` true of the last; `away` hears when the service cannot be
+ * reached, and when it can again: the browser tries by itself. Answers with how to stop.
+ */
+export function follow(
+  id: string,
+  tell: (standing: Standing, ended: boolean) => void,
+  away?: (isAway: boolean) => void,
+): () => void {
+  const source = new EventSource(`/v1/jobs/${encodeURIComponent(id)}/events`);
+  const hear = (ended: boolean) => (event: MessageEvent<string>) => {
+    if (ended) source.close(); // else the browser would come back and hear it again
+    tell(JSON.parse(event.data) as Standing, ended);
+  };
+  source.addEventListener("open", () => away?.(false));
+  source.addEventListener("error", () => away?.(true));
+  source.addEventListener("progress", hear(false));
+  source.addEventListener("end", hear(true));
+  return () => source.close();
+}
+
+export const goesOn = (state: RunState): boolean => state === "queued" || state === "running";

@@ -4,9 +4,8 @@ import { alike } from "../components/table";
 import { clip, percent, significant } from "../lib/format";
 import { extent, linear } from "../lib/scale";
 import { text } from "../i18n";
-import { LeftAxis, Names } from "./axis";
-import { Chart, Figure } from "./figure";
-import { tip } from "./tip";
+import { LeftAxis, Names, Chart, Figure } from "./figure";
+import { tip } from "../components/basics";
 
 export interface Series {
   mark: string;

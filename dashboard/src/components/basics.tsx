@@ -1,16 +1,125 @@
 /** The small parts all views are made of. */
-import type { ComponentChildren, ComponentProps } from "preact";
-import { useContext, useEffect, useId, useRef, useState } from "preact/hooks";
+import { type RefObject, type ComponentChildren, type ComponentProps, Component, type ComponentType } from "preact";
+import { useLayoutEffect, useRef, useState, useEffect, useContext, useId } from "preact/hooks";
+import { go, type Action, hasNavigated, link, toast } from "../state/action";
+import { text } from "../i18n";
 import type { Problem, Finding, RunState, Usability } from "../api/types";
-import { tip } from "../charts/tip";
-import type { Action } from "../state/action";
 import type { Loading } from "../state/load";
-import { hasNavigated, link } from "../state/router";
 import { Viewer } from "../state/session";
 import { entriesOf } from "../lib/json";
-import { roughTime } from "../lib/progress";
+import { roughTime } from "../lib/format";
 import { placeName, sentence } from "../lib/said";
-import { text } from "../i18n";
+import { problemOf } from "../api/client";
+
+export function useWidth<Box extends HTMLElement>(): [RefObject<Box | null>, number] {
+  const element = useRef<Box | null>(null);
+  const [width, set] = useState(0);
+  useLayoutEffect(() => {
+    const watched = element.current;
+    if (!watched) return undefined;
+    set(Math.floor(watched.clientWidth));
+    const observer = new ResizeObserver(([entry]) => entry && set(Math.floor(entry.contentRect.width)));
+    observer.observe(watched);
+    return () => observer.disconnect();
+  }, []);
+  return [element, width];
+}
+
+interface Shown {
+  mark: Element;
+  lines: string[];
+  /** Address that the mark stands for. */
+  open: string | null;
+  /** A finger has no hover: what it touched offers its link. */
+  touched: boolean;
+}
+
+const GAP = 14;
+
+/** Attributes of a mark: a heading, values, and where a click on it leads. */
+export function tip(lines: string[], open?: string | null): { "data-tip": string; "data-open"?: string } {
+  return { "data-tip": lines.join("\n"), ...(open ? { "data-open": open } : {}) };
+}
+
+const markAt = (event: Event): Element | null =>
+  event.target instanceof Element ? event.target.closest("[data-tip]") : null;
+
+const shownOf = (mark: Element, touched: boolean): Shown => ({
+  mark,
+  lines: (mark.getAttribute("data-tip") ?? "").split("\n"),
+  open: mark.getAttribute("data-open"),
+  touched,
+});
+
+/** Stands once, at the end of the page. */
+export function Tip() {
+  const [shown, show] = useState<Shown | null>(null);
+  const box = useRef<HTMLDivElement>(null);
+  const at = useRef<[number, number]>([0, 0]);
+  useEffect(() => {
+    const move = (event: PointerEvent) => {
+      if (event.pointerType === "touch") return;
+      at.current = [event.clientX, event.clientY];
+      const mark = markAt(event);
+      show((before) => (before?.mark === mark ? before : mark && shownOf(mark, false)));
+      place(box.current, at.current);
+    };
+    const press = (event: PointerEvent) => {
+      if (event.pointerType !== "touch" || box.current?.contains(event.target as Node)) return;
+      at.current = [event.clientX, event.clientY];
+      const mark = markAt(event);
+      show(mark && shownOf(mark, true));
+    };
+    const click = (event: MouseEvent) => {
+      const open = markAt(event)?.getAttribute("data-open");
+      if (open && (event as PointerEvent).pointerType !== "touch") go(open);
+    };
+    const hide = () => show(null);
+    const focus = (event: FocusEvent) => {
+      if (!(event.target instanceof Element && event.target.matches(":focus-visible"))) return; // a tap, not a key
+      const mark = markAt(event);
+      if (!mark) return hide();
+      const { left, bottom } = mark.getBoundingClientRect();
+      at.current = [left, bottom - GAP + 6];
+      show(shownOf(mark, false));
+    };
+    const events = [
+      ["pointermove", move],
+      ["pointerdown", press],
+      ["click", click],
+      ["focusin", focus],
+      ["hashchange", hide],
+      ["scroll", hide],
+    ] as const;
+    for (const [name, hear] of events) addEventListener(name, hear as EventListener, { passive: true });
+    return () => {
+      for (const [name, hear] of events) removeEventListener(name, hear as EventListener);
+    };
+  }, []);
+  useEffect(() => place(box.current, at.current), [shown]);
+  if (!shown) return null;
+  const [heading, ...values] = shown.lines;
+  return (
+    <div class={shown.touched ? "tip touched" : "tip"} ref={box} aria-hidden={!shown.touched}>
+      <b>{heading}</b>
+      {values.map((value) => (
+        <span>{value}</span>
+      ))}
+      {shown.open &&
+        (shown.touched ? <a href={shown.open}>{text.figure.open}</a> : <small>{text.figure.clickToOpen}</small>)}
+    </div>
+  );
+}
+
+/** Beside the pointer, inside the window. */
+function place(box: HTMLElement | null, [x, y]: [number, number]): void {
+  if (!box) return;
+  const { offsetWidth: width, offsetHeight: height } = box;
+  const left = x + GAP + width > innerWidth - 8 ? x - GAP - width : x + GAP;
+  const top = y + GAP + height > innerHeight - 8 ? y - GAP - height : y + GAP;
+  box.style.left = `${Math.max(8, left)}px`;
+  box.style.top = `${Math.max(8, top)}px`;
+}
 
 /** A name that someone else chose: text, isolated from what is around it. */
 export function Name({ children }: { children: string }) {
@@ -459,4 +568,58 @@ export function Term({ of, children }: { of: Known; children?: string }) {
       {shown}
     </span>
   );
+}
+
+/** A view in a module of its own. After an update of the service its file is another: the page has to be loaded again. */
+export function lazy<Props extends object>(load: () => Promise<ComponentType<Props>>): ComponentType<Props> {
+  let loaded: ComponentType<Props> | null = null;
+  return function Lazy(props: Props) {
+    const [View, setView] = useState<ComponentType<Props> | null>(() => loaded);
+    const [failed, setFailed] = useState(false);
+    useEffect(() => {
+      if (loaded) return;
+      load().then(
+        (view) => {
+          loaded = view;
+          setView(() => view);
+        },
+        () => setFailed(true),
+      );
+    }, []);
+    if (failed) return <Outdated />;
+    return View ? <View {...props} /> : <Busy />;
+  };
+}
+
+function Outdated() {
+  const words = text.errors.outdated;
+  return (
+    <>
+      <Title plain={words.title}>{words.title}</Title>
+      <div class="note bad" role="alert">
+        <p>{words.detail}</p>
+        <Button look="primary" onClick={() => location.reload()}>
+          {words.reload}
+        </Button>
+      </div>
+    </>
+  );
+}
+
+export class Boundary extends Component<{ children: ComponentChildren }, { problem: Problem | null }> {
+  override state = { problem: null };
+
+  static override getDerivedStateFromError(error: unknown): { problem: Problem } {
+    return { problem: problemOf(error) };
+  }
+
+  override render() {
+    const { problem } = this.state;
+    return problem ? <ProblemNote problem={problem} /> : this.props.children;
+  }
+}
+
+/** Show what fails where no view waits for it. */
+export function reportStrays(): void {
+  addEventListener("unhandledrejection", ({ reason }) => toast(problemOf(reason).detail));
 }

@@ -3,7 +3,7 @@ import { type ComponentChildren, createContext } from "preact";
 import { useContext, useId } from "preact/hooks";
 import type { Problem } from "../api/types";
 import type { Action } from "../state/action";
-import { faultsAt } from "../lib/faults";
+import { faultsAt } from "../lib/json";
 import { type Options, optionsOf, Prose } from "./basics";
 
 interface Hints {
@@ -16,7 +16,7 @@ interface Hints {
 export const FormProblem = createContext<Problem | null>(null);
 
 /** Fields of a request: each says what the service said against it. */
-export const Fields = ({
+export const RequestFields = ({
   action,
   look,
   children,

@@ -1,17 +1,285 @@
-/** The page of a job of any kind: its head, then its progress, its problem, or what came of it. */
-import type { ComponentChildren } from "preact";
-import { api } from "../api/client";
-import { type Collection, goesOn } from "../api/events";
-import type { Assessment, Problem, Progress, RunState, Usability } from "../api/types";
-import { fileName } from "../lib/csv";
-import { VerdictCard } from "../views/verdict_card";
-import { useDeletion } from "../state/action";
-import { useLoad } from "../state/load";
-import { copied } from "../state/toasts";
+/** The page of a job of any kind: its head, then its progress, its problem, or what came of it, with its verdict. */
+import { useEffect, useRef, useState } from "preact/hooks";
+import { api, follow, type Standing, type Collection, goesOn } from "../api/client";
+import type { Progress, RunState, Action, Assessment, Finding, Run, Usability, Problem } from "../api/types";
+import { roughTime, secondsLeft, type Mark } from "../lib/format";
+import { useAction, link, useDeletion, copied } from "../state/action";
 import { text } from "../i18n";
-import { Badge, Download, ActionButton, Button, Head, Name, ProblemNote, Show, State, When } from "./basics";
-import { save } from "./download";
-import { Cancelled, Going } from "./going";
+import {
+  ActionButton,
+  Busy,
+  Prose,
+  Show,
+  Badge,
+  LinkButton,
+  Seen,
+  Download,
+  Button,
+  Head,
+  Name,
+  ProblemNote,
+  State,
+  When,
+} from "./basics";
+import { sentence } from "../lib/said";
+import { STIFFNESS_UNITS } from "../lib/stiffness";
+import { useCached, namesChanged, useLoad } from "../state/load";
+import { useSettings } from "../state/session";
+import { TableCard, fileName, save } from "./table";
+import type { RunContext } from "../views/run_context";
+import type { ComponentChildren } from "preact";
+
+const LOOK_MS = 5_000;
+
+interface Job {
+  id: string;
+  state: RunState;
+  progress?: Progress | null;
+}
+
+export function Going({ job, ended }: { job: Job; ended: () => void }) {
+  const [standing, set] = useState<Standing>({ id: job.id, state: job.state, progress: job.progress ?? null });
+  const [away, setAway] = useState(false);
+  useEffect(() => follow(job.id, (now, end) => (end ? ended() : set(now)), setAway), [job.id]);
+  const alone = useNoWorker(standing.progress?.done ?? 0);
+  const stuck = away ? text.run.away : alone ? text.run.noWorker : null;
+  const stop = useAction(() => api.jobs.cancel(job.id));
+  return (
+    <section class="card going" aria-live="polite">
+      <Busy label={text.states[standing.state]} />
+      <Bar standing={standing} />
+      {!stuck && <Left standing={standing} />}
+      {stuck ? (
+        <p class="note" role="alert">
+          {stuck}
+        </p>
+      ) : (
+        <p>{text.run.started}</p>
+      )}
+      <ActionButton action={stop} going={text.run.cancelling}>
+        {text.run.cancel}
+      </ActionButton>
+    </section>
+  );
+}
+
+/** The progress of something long. */
+export function Bar({ standing: { progress } }: { standing: Standing }) {
+  if (!progress || progress.total <= 0) return <progress aria-label={text.run.progress} />;
+  if (progress.done >= progress.total)
+    return (
+      <span class="progress">
+        <progress aria-label={text.run.progress} />
+        <small>{text.run.finishing}</small>
+      </span>
+    );
+  const label = text.run.progressOf(progress.done, progress.total, progress.unit);
+  return (
+    <span class="progress">
+      <progress aria-label={text.run.progress} value={progress.done} max={progress.total} />
+      <small>{label}</small>
+    </span>
+  );
+}
+
+/** How far something came that was cancelled. */
+export function Cancelled({ progress }: { progress: Progress | null | undefined }) {
+  return (
+    <p class="note">
+      {text.run.cancelled}
+      {progress && <> {text.run.cameTo(text.run.progressOf(progress.done, progress.total, progress.unit))}</>}
+    </p>
+  );
+}
+
+/** Whether the service has no worker; it is only asked while nothing moves. */
+function useNoWorker(done: number): boolean {
+  const [none, set] = useState(false);
+  useEffect(() => {
+    set(false);
+    const look = () =>
+      void api.health().then(
+        (health) => set(health.workers === 0),
+        () => set(false),
+      );
+    const timer = setInterval(look, LOOK_MS);
+    return () => clearInterval(timer);
+  }, [done]);
+  return none;
+}
+
+function Left({ standing: { progress } }: { standing: Standing }) {
+  const first = useRef<Mark | null>(null);
+  if (!progress || progress.done >= progress.total) return null;
+  const now = { done: progress.done, at: performance.now() };
+  first.current ??= now;
+  if (now.done < first.current.done) first.current = now; // it began anew
+  const seconds = secondsLeft(first.current, now, progress.total);
+  return <p class="soft">{seconds === null ? text.run.leftUnknown : text.run.left(roughTime(seconds))}</p>;
+}
+
+function useTables(collection: Collection, id: string) {
+  const unit = STIFFNESS_UNITS[useSettings().unit].name;
+  const ask = () => api.tables(id, { unit, details: String(collection !== "comparisons") });
+  return useCached(`tables/${id}/${unit}`, ask, Number.POSITIVE_INFINITY);
+}
+
+export function JobTables({
+  collection,
+  id,
+  from = 0,
+  to,
+}: {
+  collection: Collection;
+  id: string;
+  /** The first one shown, and the first one not shown. */
+  from?: number;
+  to?: number | undefined;
+}) {
+  return (
+    <Show of={useTables(collection, id)}>
+      {({ tables }) =>
+        tables
+          .slice(from, to)
+          .map(({ title, caption, head, rows, texts }) => (
+            <TableCard title={title || (head[1] ?? "")} note={caption} table={{ columns: head, rows, texts }} />
+          ))
+      }
+    </Show>
+  );
+}
+
+/** What the service says of a job in lines: of its result, or of the evidence for it. */
+export const JobLines = ({
+  collection,
+  id,
+  of = "lines",
+}: {
+  collection: Collection;
+  id: string;
+  of?: "lines" | "evidence";
+}) => (
+  <Show of={useTables(collection, id)}>
+    {(said) => (
+      <ul class="lines">
+        {said[of].map((line) => (
+          <li>
+            <Prose text={sentence(line)} />
+          </li>
+        ))}
+      </ul>
+    )}
+  </Show>
+);
+
+const words = text.assessment;
+
+export function VerdictCard({
+  assessment,
+  context,
+  sentences = words.sentence,
+}: {
+  assessment: Assessment;
+  context: RunContext | null;
+  /** What each verdict means, where it is not about stiffnesses. */
+  sentences?: Record<Usability, string>;
+}) {
+  const { verdict, reasons, notes, joints_identified: identified, joint_count: count } = assessment;
+  const counted = identified != null && count != null;
+  return (
+    <section class={`verdict-card ${verdict}`} aria-label={words.title}>
+      <h2>
+        <Badge verdict={verdict} large />
+        <span>
+          {assessment.headline ??
+            (counted && verdict === "use" ? words.supported(identified, count) : sentences[verdict])}
+          {counted && verdict !== "use" && <b> {words.identified(identified, count)}</b>}
+        </span>
+      </h2>
+      {reasons.length > 0 && (
+        <ul>
+          {grouped(reasons).map((group) => (
+            <ReasonItem reasons={group} context={context} />
+          ))}
+        </ul>
+      )}
+      {notes.map((note) => (
+        <p class="note">
+          <Prose text={note} />
+        </p>
+      ))}
+    </section>
+  );
+}
+
+/** Reasons of one kind stand together. */
+function grouped(reasons: Finding[]): Finding[][] {
+  const groups = new Map<string, Finding[]>();
+  for (const reason of reasons) {
+    const key = `${reason.code}\n${reason.remedy}`;
+    groups.set(key, [...(groups.get(key) ?? []), reason]);
+  }
+  return [...groups.values()];
+}
+
+function ReasonItem({ reasons, context }: { reasons: Finding[]; context: RunContext | null }) {
+  const [first] = reasons;
+  if (!first) return null;
+  const actions = unique(reasons.flatMap(({ action }) => (action ? [action] : [])));
+  return (
+    <li class={first.weight}>
+      <div>
+        {reasons.map((reason) => (
+          <Seen warning={reason} />
+        ))}
+        <p class="remedy">
+          <Prose text={sentence(first.remedy)} />
+        </p>
+      </div>
+      {context && actions.length > 0 && (
+        <div class="actions">
+          {actions.map((action) => (
+            <ActionButtons action={action} context={context} />
+          ))}
+        </div>
+      )}
+    </li>
+  );
+}
+
+function unique(actions: Action[]): Action[] {
+  return [...new Map(actions.map((action) => [JSON.stringify(action), action])).values()];
+}
+
+/** What the action does, and where it is about postures, one to look at it first. */
+function ActionButtons({ action, context }: { action: Action; context: RunContext }) {
+  const start = useAction(async () => {
+    const run = await variantBy(context.run, action);
+    return link(["runs", run.id]);
+  });
+  const [shown] = action.observations;
+  return (
+    <>
+      {action.kind !== "show_posture" && (
+        <ActionButton action={start} going={words.doing}>
+          {words.actions[action.kind](action)}
+        </ActionButton>
+      )}
+      {shown !== undefined && (
+        <LinkButton look="quiet" href={link(["runs", context.run.id, "robot"], { at: shown, from: "result" })}>
+          {words.show(shown)}
+        </LinkButton>
+      )}
+    </>
+  );
+}
+
+/** Carry out an action; pressed twice it gives the same run. */
+export async function variantBy(run: Run, action: Action): Promise<Run> {
+  const made = await api.apply(run.id, action);
+  namesChanged();
+  return made;
+}
 
 /** Kinds with a report for information; that of a run has a tab of its own, where it is signed. */
 const REPORTED: readonly Collection[] = ["comparisons", "plans", "maps", "programs"];
@@ -19,7 +287,7 @@ const REPORTED: readonly Collection[] = ["comparisons", "plans", "maps", "progra
 /** Made from a run, whose verdict they carry. */
 const CARRIED: readonly Collection[] = ["plans", "maps", "programs"];
 
-export interface Job {
+export interface PageJob {
   id: string;
   state: RunState;
   progress: Progress | null;
@@ -45,7 +313,7 @@ interface About {
   actions?: ComponentChildren;
 }
 
-export function JobPage<Of extends Job, Context>({
+export function JobPage<Of extends PageJob, Context>({
   collection,
   id,
   kind,
@@ -78,7 +346,7 @@ export function JobPage<Of extends Job, Context>({
               first={first}
               about={
                 <>
-                  <Standing job={job} />
+                  <VerdictOrState job={job} />
                   {about}
                   <When time={job.provenance.created_at} />
                 </>
@@ -100,14 +368,14 @@ export function JobPage<Of extends Job, Context>({
 }
 
 /** The verdict on what came of it, or why nothing has. */
-function Standing({ job }: { job: Job }) {
+function VerdictOrState({ job }: { job: PageJob }) {
   const { assessment } = (job.result ?? {}) as { assessment?: Assessment | null };
   if (assessment) return <Badge verdict={assessment.verdict} />;
   return job.result || goesOn(job.state) ? null : <State state={job.state} />;
 }
 
 /** The verdict on what was made of a run, with its reasons; other results show their own themselves. */
-function Carried({ collection, job }: { collection: Collection; job: Job }) {
+function Carried({ collection, job }: { collection: Collection; job: PageJob }) {
   const { assessment } = (job.result ?? {}) as { assessment?: Assessment | null };
   if (!CARRIED.includes(collection) || !assessment || (assessment.verdict === "use" && !assessment.headline))
     return null;
@@ -121,7 +389,17 @@ function Carried({ collection, job }: { collection: Collection; job: Job }) {
 }
 
 /** What can be done with any job: its link, its file, its report, its end. */
-function Actions({ collection, job, name, list }: { collection: Collection; job: Job; name: string; list: string }) {
+function Actions({
+  collection,
+  job,
+  name,
+  list,
+}: {
+  collection: Collection;
+  job: PageJob;
+  name: string;
+  list: string;
+}) {
   const deletion = useDeletion({
     remove: () => api.jobs.delete(job.id),
     restore: () => api.jobs.restore(job.id),

@@ -1,11 +1,103 @@
-/** A list of whatever is stored: filtered by words, robot and verdict, sorted, its rows walked by arrow keys. */
+/** Lists of whatever is stored: filtered by words, robot and verdict, sorted; alarms in them, and what can be done with a row. */
+import type { OpenAlarm, Usability } from "../api/types";
+import { changeText } from "../lib/trend";
+import { link, useAction, useDeletion, toast } from "../state/action";
 import { text } from "../i18n";
-import { Folded, When } from "./basics";
+import { dayText, Name, Button, ProblemNote, Folded, When } from "./basics";
+import { namesChanged, type Names, robotOptions } from "../state/load";
 import type { ComponentChildren } from "preact";
 import { useState } from "preact/hooks";
-import type { Usability } from "../api/types";
-import { type Names, robotOptions } from "../state/names";
 import { Select, TextField } from "./fields";
+
+/** Joint and change, for lists. */
+export function AlarmState({ alarms }: { alarms: OpenAlarm[] }) {
+  const [first] = alarms;
+  if (!first) return null;
+  return (
+    <>
+      <span class="state alarm">{text.fleet.states.alarm}</span>
+      <small>
+        <Name>{first.joint}</Name> {changeText(first.change)}
+        {alarms.length > 1 && ` ${text.alarms.more(alarms.length - 1)}`}
+      </small>
+    </>
+  );
+}
+
+/** All of a robot with the way to its trend, where they are acknowledged. */
+export function AlarmNote({ robot, name, alarms }: { robot: string; name?: string; alarms: OpenAlarm[] }) {
+  if (alarms.length === 0) return null;
+  return (
+    <p class="note bad alarms">
+      <b class="state alarm">{name === undefined ? text.alarms.this : text.alarms.of(name)}</b>{" "}
+      {alarms.map(({ serial_number: serial, joint, change, since }, index) => (
+        <>
+          {index > 0 && "; "}
+          <a href={link(["compare", "trend", robot], serial === null ? {} : { serial })}>
+            <Name>{serial === null ? joint : `${serial}, ${joint}`}</Name> {changeText(change)}{" "}
+            {text.alarms.since(dayText(since))}
+          </a>
+        </>
+      ))}
+    </p>
+  );
+}
+
+interface Change {
+  name?: string;
+  archived?: boolean;
+}
+
+interface Stored {
+  change: (id: string, change: Change) => Promise<unknown>;
+  delete: (id: string) => Promise<unknown>;
+  restore: (id: string) => Promise<unknown>;
+}
+
+interface StoredProps {
+  of: { id: string; name: string; archived: boolean };
+  api: Stored;
+  /** Address of the list that it stands in. */
+  list: string;
+  changed: () => void;
+}
+
+/** What can be done with any robot and any set. Deletion is asked first; while others refer to it the service refuses. */
+export function StoredActions({ of: { id, name, archived }, api, list, changed }: StoredProps) {
+  const words = text.changes;
+  const action = useAction(async (asked: Change) => {
+    await api.change(id, asked);
+    namesChanged();
+    if (asked.archived !== undefined) toast(asked.archived ? words.archivedNow(name) : words.back(name));
+    changed();
+  });
+  const deletion = useDeletion({
+    remove: () => api.delete(id).then(namesChanged),
+    restore: () => api.restore(id).then(namesChanged),
+    list,
+    deleted: text.deletion.done(name),
+  });
+  const rename = () => {
+    const typed = prompt(words.newName, name)?.trim();
+    if (typed && typed !== name) action.run({ name: typed });
+  };
+  const remove = () => confirm(text.deletion.sure(name)) && deletion.run();
+  const problem = action.problem ?? deletion.problem;
+  return (
+    <>
+      <Button acts look="quiet" disabled={action.busy} onClick={rename}>
+        {words.rename}
+      </Button>
+      <Button acts look="quiet" disabled={action.busy} onClick={() => action.run({ archived: !archived })}>
+        {archived ? words.unarchive : words.archive}
+      </Button>
+      <Button acts look="quiet" disabled={deletion.busy} onClick={remove}>
+        {text.run.delete}
+      </Button>
+      {problem && <ProblemNote problem={problem} />}
+    </>
+  );
+}
 
 const words = text.list;
 

@@ -1,21 +1,100 @@
-/** Forms of requests as the service describes them: one renderer for all kinds of fields. */
+/** Forms of requests as the service describes them, by one renderer for all kinds of fields; files are dropped beside them. */
+import { useId, useState, useContext, useEffect } from "preact/hooks";
+import { METADATA } from "../api/types";
+import type { Typed } from "../lib/campaign";
+import { later } from "../i18n/later";
+import { TextField, Faults, FaultsAt, FormProblem, Select } from "./fields";
 import { createContext } from "preact";
-import { useContext, useEffect, useState } from "preact/hooks";
 import { type Codec, codecOf, OF_TEXT, plain, type Schema, type Schemas } from "../lib/schema";
-import { Unread, type Fields } from "../lib/json";
+import { Unread, type Fields, faultsAt } from "../lib/json";
 import { sentence } from "../lib/said";
 import { api } from "../api/client";
-import { formUnit } from "../lib/units";
+import { formUnit } from "../lib/stiffness";
 import { useCached } from "../state/load";
-import { useSettings } from "../state/settings";
+import { useSettings } from "../state/session";
 import { text } from "../i18n";
-import { later } from "../i18n/later";
 import { Button, Choice, type Options, Show, Toggle } from "./basics";
-import { Faults, FaultsAt, FormProblem, Select, TextField } from "./fields";
-import { faultsAt } from "../lib/faults";
 import { Scroll } from "./table";
 
-const words = later.form;
+export function DropZone({
+  title,
+  hint,
+  button,
+  accept,
+  take,
+  several = false,
+  compact = false,
+}: {
+  title: string;
+  hint: string;
+  button: string;
+  accept: string;
+  /** Without `several` there is one. */
+  take: (file: File, ...others: File[]) => void;
+  several?: boolean;
+  compact?: boolean;
+}) {
+  const [over, setOver] = useState(false);
+  const id = useId();
+  const given = (files: FileList | null | undefined) => {
+    const [first, ...others] = files ?? [];
+    if (first) take(first, ...(several ? others : []));
+  };
+  const dropped = (event: DragEvent) => {
+    event.preventDefault();
+    setOver(false);
+    given(event.dataTransfer?.files);
+  };
+  const chosen = (event: Event & { currentTarget: HTMLInputElement }) => {
+    given(event.currentTarget.files);
+    event.currentTarget.value = ""; // so that the same file can be chosen again
+  };
+  return (
+    <div
+      class={`drop${over ? " over" : ""}${compact ? " compact" : ""}`}
+      onDragOver={(event) => {
+        event.preventDefault();
+        setOver(true);
+      }}
+      onDragLeave={() => setOver(false)}
+      onDrop={dropped}
+    >
+      {!compact && (
+        <>
+          <svg viewBox="0 0 48 48" aria-hidden="true">
+            <path d="M24 32V10M15 19l9-9 9 9M8 30v8h32v-8" />
+          </svg>
+          <p class="lead">{title}</p>
+          <p>{hint}</p>
+        </>
+      )}
+      <input class="hidden" id={id} type="file" accept={accept} multiple={several} onChange={chosen} />
+      <label class={compact ? "button" : "button primary"} for={id}>
+        {button}
+      </label>
+    </div>
+  );
+}
+
+const words = later.metadata;
+
+export const MetadataForm = ({ typed, change }: { typed: Typed; change: (typed: Typed) => void }) => (
+  <>
+    {METADATA.map((name) => (
+      <TextField
+        key={name}
+        label={words.fields[name]}
+        placeholder={words.placeholders[name] ?? ""}
+        value={typed[name]}
+        change={(next) => change({ ...typed, [name]: next })}
+        {...(name === "measured_at" ? { help: words.zone, type: "datetime-local" } : {})}
+        {...(name === "notes" ? { lines: 4, maxLength: 2000 } : { maxLength: 200 })}
+      />
+    ))}
+  </>
+);
+
+const formWords = later.form;
 
 /** What a page adds to the service's description, by place such as `load.force`. */
 export interface Terms {
@@ -196,7 +275,7 @@ function Property({ schema: raw, value, change, path }: Part) {
   const codec = codecOf(schema, all, factor);
   if (!codec) return null;
   const empty = schema.default === undefined || typeof schema.default === "object" ? "" : codec.show(schema.default);
-  return <Typed {...described} {...{ unit, codec, value, change, empty }} long={(schema.maxLength ?? 0) > 500} />;
+  return <TypedField {...described} {...{ unit, codec, value, change, empty }} long={(schema.maxLength ?? 0) > 500} />;
 }
 
 type Unit = readonly [string | undefined, number];
@@ -218,7 +297,7 @@ const WORDS: Record<string, string> = {
   ...text.losses,
   ...later.robots.kinds,
   ...later.robots.conventions,
-  ...words.values,
+  ...formWords.values,
 };
 
 /** A word for a value of the API. */
@@ -244,7 +323,7 @@ function useTyped(codec: Codec, value: unknown, change: (value: unknown) => void
   };
 }
 
-function Typed({
+function TypedField({
   codec,
   value,
   change,
@@ -268,7 +347,7 @@ function Typed({
   return (
     <TextField
       {...field}
-      help={unread ? words.unread(typed) : help}
+      help={unread ? formWords.unread(typed) : help}
       value={typed}
       change={type}
       placeholder={empty}
@@ -291,16 +370,16 @@ function Grid({ schema, value, change, path, label, help }: Part & { label: stri
   const row = plain(schema.additionalProperties ?? schema.items ?? {}, all);
   const pair = row.prefixItems !== undefined;
   const columns = pair
-    ? words.ends.map((name): Column => ({ name, schema: { type: "number", ...unitsIn(schema) } }))
+    ? formWords.ends.map((name): Column => ({ name, schema: { type: "number", ...unitsIn(schema) } }))
     : Object.entries(row.properties ?? {}).map(([name, of]): Column => ({ name, schema: plain(of, all) }));
   const document = asFields(value);
   const list = Array.isArray(value) ? (value as unknown[]) : [];
   const keys = schema.items ? list.map((_, i) => String(i)) : (terms.joints ?? []);
-  const at = (name: string): string | number => (pair ? words.ends.indexOf(name) : name);
+  const at = (name: string): string | number => (pair ? formWords.ends.indexOf(name) : name);
   const put = (key: string, name: string, part: unknown) => {
     const before = asFields(document[key]);
     const next = pair
-      ? words.ends.map((end, i) => (end === name ? part : (before[i] ?? null)))
+      ? formWords.ends.map((end, i) => (end === name ? part : (before[i] ?? null)))
       : { ...before, [name]: part };
     const { [key]: _, ...others } = document;
     if (schema.items) change(list.map((one, i) => (String(i) === key ? next : one)));
@@ -361,9 +440,9 @@ function Grid({ schema, value, change, path, label, help }: Part & { label: stri
       <Faults faults={faultsAt(problem, place).filter((fault) => !said.has(fault))} />
       {schema.items && (
         <div class="row">
-          <Button onClick={() => change([...list, terms.seeds?.[path] ?? {}])}>{words.add}</Button>
+          <Button onClick={() => change([...list, terms.seeds?.[path] ?? {}])}>{formWords.add}</Button>
           <Button disabled={keys.length < 2} onClick={() => change(list.slice(0, -1))}>
-            {words.removeLast}
+            {formWords.removeLast}
           </Button>
         </div>
       )}

@@ -1,7 +1,32 @@
-/** Tables of numbers: right-aligned, in tabular figures, scrollable on their own where they are wide. */
+/** Tables of numbers, scrollable on their own where they are wide; as CSV and other files that the page makes itself. */
 import type { ComponentChildren } from "preact";
 import { significant } from "../lib/format";
-import type { Cell } from "../lib/csv";
+
+export type Cell = string | number | null | undefined;
+
+const FORMULA = /^[\s]*[=+\-@＝＋－＠\t\r|%]/;
+
+/** One field: numbers as they are, text guarded against formulas and quoted where needed. */
+export function csvCell(cell: Cell): string {
+  if (cell === null || cell === undefined) return "";
+  if (typeof cell === "number") return Number.isFinite(cell) ? String(cell) : "";
+  const guarded = FORMULA.test(cell) ? `'${cell}` : cell;
+  return /["',;\r\n\t]/.test(guarded) ? `"${guarded.replaceAll('"', '""')}"` : guarded;
+}
+
+/** A whole table, with a byte order mark so that spreadsheets read it as UTF-8. */
+export function csv(head: string[], rows: Cell[][]): string {
+  return `\ufeff${[head, ...rows].map((row) => row.map(csvCell).join(",")).join("\r\n")}\r\n`;
+}
+
+/** A file name of what is safe in any file system. */
+export function fileName(title: string, extension: string): string {
+  const plain = title
+    .normalize("NFKD")
+    .replace(/[^A-Za-z0-9._-]+/g, "-")
+    .replace(/^[-.]+|[-.]+$/g, "");
+  return `${plain.slice(0, 80).toLowerCase() || "jointstiff"}.${extension}`;
+}
 
 /** Its title; with the unit, and how a number is shown: the CSV has all its digits. */
 export type Column = string | { title: string; unit?: string; show?: (value: number) => string };
@@ -83,4 +108,66 @@ function shown(cell: Cell, column: Column | undefined): string {
   if (cell === null || cell === undefined) return "–";
   const show = typeof column === "object" ? column.show : undefined;
   return typeof cell === "number" ? (show ?? ((value) => significant(value, 4)))(cell) : cell;
+}
+
+const STYLED = [
+  "fill",
+  "fill-opacity",
+  "stroke",
+  "stroke-width",
+  "stroke-dasharray",
+  "stroke-opacity",
+  "opacity",
+  "font-size",
+  "font-weight",
+  "font-family",
+  "text-anchor",
+  "dominant-baseline",
+  "paint-order",
+  "pointer-events",
+];
+
+export function save(content: string, type: string, name: string): void {
+  const address = URL.createObjectURL(new Blob([content], { type }));
+  const anchor = document.createElement("a");
+  anchor.href = address;
+  anchor.download = name;
+  document.body.append(anchor);
+  anchor.click();
+  anchor.remove();
+  setTimeout(() => URL.revokeObjectURL(address), 10_000);
+}
+
+/** A drawing of the page as a document of its own: what the style sheet says becomes attributes of each element. */
+export function standalone(svg: SVGSVGElement, title: string): string {
+  const copy = svg.cloneNode(true) as SVGSVGElement;
+  copy.setAttribute("xmlns", "http://www.w3.org/2000/svg");
+  const [from, to] = [svg.querySelectorAll("*"), copy.querySelectorAll("*")];
+  from.forEach((element, i) => settle(element, to[i]));
+  copy.removeAttribute("class");
+  copy.querySelectorAll("[data-tip]").forEach(spoken);
+  const ground = document.createElementNS("http://www.w3.org/2000/svg", "rect");
+  ground.setAttribute("width", "100%");
+  ground.setAttribute("height", "100%");
+  ground.setAttribute("fill", getComputedStyle(svg).getPropertyValue("background-color"));
+  const name = document.createElementNS("http://www.w3.org/2000/svg", "title");
+  name.textContent = title;
+  copy.prepend(name, ground);
+  return `<?xml version="1.0" encoding="UTF-8"?>\n${new XMLSerializer().serializeToString(copy)}\n`;
+}
+
+/** What the page shows under the pointer becomes a title, which every viewer shows. */
+function spoken(mark: Element): void {
+  const title = document.createElementNS("http://www.w3.org/2000/svg", "title");
+  title.textContent = mark.getAttribute("data-tip");
+  mark.prepend(title);
+  mark.removeAttribute("data-tip");
+  mark.removeAttribute("data-open");
+}
+
+function settle(element: Element, copy: Element | undefined): void {
+  if (!copy) return;
+  const style = getComputedStyle(element);
+  for (const property of STYLED) copy.setAttribute(property, style.getPropertyValue(property));
+  copy.removeAttribute("class");
 }

@@ -12,7 +12,7 @@ import type {
   Weighting,
 } from "../api/types";
 import type { Facts, Fault } from "../lib/campaign";
-import type { Verdict } from "../lib/verdict";
+import type { Verdict } from "../lib/stiffness";
 
 /** Reasons why a file is refused before it is sent. */
 export type FileFault = Fault | "mixed" | "several" | "too_large";

@@ -1,6 +1,6 @@
 /** Words of the views that are not looked at first: they come with these views. */
 import type { DhColumn, DhModel, ImportAnswer, Metadata, NominalArm, Usability } from "../api/types";
-import type { FilePreview, ImportFault, MeaningGroup } from "../lib/columns";
+import type { FilePreview, ImportFault, MeaningGroup } from "../lib/imports";
 import { causeNames, plural, some } from "./en";
 
 function waits(count: number): string {

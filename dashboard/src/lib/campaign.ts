@@ -1,8 +1,16 @@
-/** What a dropped file is, and what was understood of it, before the service checks it. */
-import type { MeasurementSet, RobotDocument, RunOptions, Units } from "../api/types";
-import { type Fields, isFields, parsed } from "./json";
-import { factors } from "./units";
+/** What a dropped file is, and what was understood of it, before the service checks it; what people state and note about it. */
+import {
+  type MeasurementSet,
+  type RobotDocument,
+  type RunOptions,
+  type Units,
+  METADATA,
+  type Metadata,
+} from "../api/types";
+import { type Fields, isFields, parsed, stated } from "./json";
+import { factors, degrees } from "./stiffness";
 import { norm, times, type Vector } from "./vector";
+import { scaled } from "./schema";
 
 const ENCODERS: MeasurementSet["encoders"][] = ["motor", "secondary"];
 
@@ -109,14 +117,14 @@ export function factsOf(set: Fields): Facts {
         unit.force,
       ),
     sigma: unit && typeof noise === "number" ? noise * unit.length : null,
-    noise: isFields(given["instrument"]) ? "instrument" : readings.some(statesNoise) ? "readings" : null,
+    noise: isFields(given["instrument"]) ? "instrument" : readings.some(readingStatesNoise) ? "readings" : null,
     framed: isFields(set["frame"]),
     loadPoint: unit && point && times(point, unit.length),
     firstJoints: unit && joints && joints.map((angle) => angle * unit.angle),
   };
 }
 
-const statesNoise = (reading: Fields): boolean =>
+const readingStatesNoise = (reading: Fields): boolean =>
   Object.keys(reading).some((key) => /sigma|covariance/.test(key) && reading[key] !== null);
 
 function unitsOf(value: unknown): Units | null {
@@ -141,4 +149,153 @@ function vector(value: unknown): Vector | null {
 
 function numbers(value: unknown): number[] | null {
   return Array.isArray(value) && value.length > 0 && value.every((v) => typeof v === "number") ? value : null;
+}
+
+/** A file of readings for a geometry. `request` goes to the service with the nominal model that is chosen. */
+export interface Readings {
+  request: Fields;
+  robot: RobotDocument | null;
+  robotId: string | null;
+  facts: ReadingFacts;
+}
+
+export interface ReadingFacts {
+  name: string | null;
+  units: string | null;
+  /** Each joint's positions and arc [°]; none for poses. */
+  sweeps: { joint: string; positions: number; arc: number | null }[];
+  poses: number | null;
+  targets: string[];
+}
+
+/** Read a file's text; null if there are no sweeps and no poses in it. */
+export function readingsOf(content: string): Readings | null {
+  const document = parsed(content);
+  if (!isFields(document)) return null;
+  const { robot, robot_id: robotId, ...request } = document;
+  const { sweeps, poses } = request;
+  if (!Array.isArray(sweeps) && !Array.isArray(poses)) return null;
+  return {
+    request,
+    robot: isFields(robot) ? (robot as unknown as RobotDocument) : null,
+    robotId: typeof robotId === "string" ? robotId : null,
+    facts: sweepFactsOf(request),
+  };
+}
+
+function sweepFactsOf(request: Fields): ReadingFacts {
+  const units = isFields(request["units"]) ? request["units"] : {};
+  const sweeps = list(request["sweeps"]).map((sweep) => ({
+    joint: String(sweep["joint"] ?? ""),
+    positions: list(sweep["observations"]).length,
+    arc: arcOf(list(sweep["observations"]), units["angle"]),
+  }));
+  const positions = [...list(request["sweeps"]).flatMap((s) => list(s["observations"])), ...list(request["poses"])];
+  const targets = positions.flatMap((p) => (isFields(p["targets"]) ? Object.keys(p["targets"]) : []));
+  const { length, angle } = units;
+  return {
+    name: typeof request["name"] === "string" ? request["name"] : null,
+    units: typeof length === "string" && typeof angle === "string" ? `${length}, ${angle}` : null,
+    sweeps,
+    poses: Array.isArray(request["poses"]) ? request["poses"].length : null,
+    targets: [...new Set(targets)],
+  };
+}
+
+/** The widest range of one joint's angles [°]. */
+function arcOf(positions: Fields[], unit: unknown): number | null {
+  const rows = positions.map((p) => p["joints"]).filter((row): row is number[] => Array.isArray(row));
+  const joints = rows[0]?.length ?? 0;
+  const ranges = Array.from({ length: joints }, (_, j) => {
+    const angles = rows.map((row) => Number(row[j]));
+    return Math.max(...angles) - Math.min(...angles);
+  });
+  const widest = Math.max(0, ...ranges);
+  if (!Number.isFinite(widest) || joints === 0) return null;
+  return unit === "rad" ? degrees(widest) : unit === "deg" ? widest : null;
+}
+
+const list = (value: unknown): Fields[] => (Array.isArray(value) ? value.filter(isFields) : []);
+
+/** Texts of a form; a blank one is nothing. */
+export type Typed = Record<keyof Metadata, string>;
+
+/** The texts of a form that shows what is noted. */
+export function typedOf(noted: Partial<Metadata>): Typed {
+  const texts = Object.fromEntries(METADATA.map((name) => [name, noted[name] ?? ""])) as Typed;
+  return { ...texts, measured_at: noted.measured_at ? localTime(noted.measured_at) : "" };
+}
+
+/** What a form says; null where it says nothing. Null for the whole while its time is none. */
+export function notedIn(typed: Typed): Metadata | null {
+  const at = typed.measured_at === "" ? null : new Date(typed.measured_at);
+  if (at !== null && Number.isNaN(at.getTime())) return null;
+  const texts = Object.fromEntries(METADATA.map((name) => [name, typed[name].trim() || null]));
+  return { ...texts, measured_at: at === null ? null : at.toISOString() } as Metadata;
+}
+
+/** A time as the browser's field for a date and a time takes it: of this device's zone, to the minute. */
+function localTime(time: string): string {
+  const at = new Date(time);
+  const two = (value: number) => String(value).padStart(2, "0");
+  const day = `${at.getFullYear()}-${two(at.getMonth() + 1)}-${two(at.getDate())}`;
+  return `${day}T${two(at.getHours())}:${two(at.getMinutes())}`;
+}
+
+/** Whether a set was measured on or between the days. */
+export function wasMeasured(
+  { measured_at: at }: Partial<Metadata>,
+  { from, to }: { from: string; to: string },
+): boolean {
+  if (from === "" && to === "") return true;
+  if (!at) return false;
+  const day = localTime(at).slice(0, 10);
+  return (from === "" || day >= from) && (to === "" || day <= to);
+}
+
+type Noise = NonNullable<MeasurementSet["noise"]>;
+
+/** What is stated of it; `residuals`: the tracker's noise is to be estimated from them. */
+export type StatedNoise = Fields & { residuals?: boolean };
+
+/** Whether anything is stated that the readings do not say. */
+export const statesNoise = (noise: StatedNoise): boolean =>
+  Object.values(noise).some((value) => isStated(value) && value !== false);
+
+/** Zero is stated: it is known exactly. */
+const isStated = (value: unknown): boolean => value !== null && value !== undefined;
+
+/** Numbers times a factor; what is no number goes as it was typed. */
+const sized = (value: unknown, factor: number): unknown =>
+  Array.isArray(value)
+    ? value.map((part) => sized(part, factor))
+    : typeof value === "number"
+      ? scaled(value, factor)
+      : value;
+
+/** The noise to post with a set in `units` that had the noise `before`. */
+export function noiseOf({ residuals, ...asked }: StatedNoise, before: Noise | null, units: Units): unknown {
+  const { length, angle } = factors(units);
+  const { sigma, instrument, encoder_sigma: encoder, load_point: point, target_places: places, force } = asked;
+  const load = stated(force);
+  const { station, range, transverse } = (instrument ?? {}) as Record<string, Fields>;
+  const part = (of: Fields | undefined) => ({
+    constant: sized(of?.["constant"] ?? 0, 1 / length),
+    per_distance: of?.["per_distance"] ?? 0,
+  });
+  const noise = {
+    ...before,
+    ...(residuals || isStated(sigma) || instrument ? { sigma: null, instrument: null } : {}),
+    ...(isStated(sigma) || instrument ? { refuted: null } : {}),
+    ...(isStated(sigma) ? { sigma: sized(sigma, 1 / length) } : {}),
+    ...(instrument
+      ? { instrument: { station: sized(station, 1 / length) ?? [], range: part(range), transverse: part(transverse) } }
+      : {}),
+    ...(isStated(encoder) ? { encoder_sigma: sized(encoder, 1 / angle) } : {}),
+    ...(isStated(point) ? { load_point: sized(point, 1 / length) } : {}),
+    ...(isStated(places) ? { target_places: sized(places, 1 / length) } : {}),
+    ...(isFields(load) && Object.keys(load).length > 0 ? { force: load } : {}),
+  };
+  const said = Object.entries(noise).filter(([, value]) => value !== null && value !== undefined && value !== false);
+  return said.length === 0 ? null : Object.fromEntries(said);
 }

@@ -1,4 +1,5 @@
-/** Documents as files have them. */
+/** Documents as files and forms have them, the faults of requests at their fields, and keys for posting safely. */
+import type { Problem } from "../api/types";
 
 export type Fields = Record<string, unknown>;
 
@@ -76,4 +77,59 @@ export function readerOf({ columns }: Columns) {
   const byHead = new Map(columns.map(({ name, unit, values }) => [unit ? `${name} [${unit}]` : name, values]));
   const column = (head: string): (number | string | null)[] => byHead.get(head) ?? [];
   return { column, numbers: (head: string, row: number): number => numeric(byHead.get(head)?.[row]) };
+}
+
+interface Fault {
+  where: string;
+  reason: string;
+  remedy?: string | null;
+}
+
+/** All faults of a problem, also where it has but one. */
+export function faultsOf({ errors, where, detail, remedy }: Problem): Fault[] {
+  return errors && errors.length > 0 ? errors : [{ where: where ?? "", reason: detail, remedy: remedy ?? null }];
+}
+
+const within = (where: string, path: string): boolean =>
+  where === path || where.startsWith(`${path}.`) || where.startsWith(`${path}[`);
+
+/** Reasons whose place is `path` or within it, each once and with its remedy. */
+export function faultsAt(problem: Problem | null, path: string): string[] {
+  if (!problem) return [];
+  const here = faultsOf(problem).filter(({ where }) => within(where, path));
+  return [...new Set(here.map(({ reason, remedy }) => (remedy ? `${reason}: ${remedy}` : reason)))];
+}
+
+/** A problem without the faults that stand at their fields already. */
+export function elsewhere(problem: Problem, paths: string[]): Problem {
+  const errors = (problem.errors ?? []).filter(({ where }) => !paths.some((path) => within(where, path)));
+  const said = paths.some((path) => within(problem.where ?? "", path));
+  return { ...problem, errors, ...(said ? { where: null, remedy: null } : {}) };
+}
+
+/**
+ * A 106-bit hash of a text. Not cryptographic, as `crypto.subtle` is absent on plain http; the service refuses
+ * a key that comes again with another body, so that a collision is an error and never another robot.
+ */
+export function contentKey(kind: string, content: unknown): string {
+  const text = JSON.stringify(content);
+  return `${kind}-${half(text, 0x9e3779b9)}${half(text, 0x85ebca6b)}`;
+}
+
+function half(text: string, seed: number): string {
+  let [a, b] = [0xdeadbeef ^ seed, 0x41c6ce57 ^ seed];
+  for (let i = 0; i < text.length; i++) {
+    const code = text.charCodeAt(i);
+    a = Math.imul(a ^ code, 2654435761);
+    b = Math.imul(b ^ code, 1597334677);
+  }
+  a = Math.imul(a ^ (a >>> 16), 2246822507) ^ Math.imul(b ^ (b >>> 13), 3266489909);
+  b = Math.imul(b ^ (b >>> 16), 2246822507) ^ Math.imul(a ^ (a >>> 13), 3266489909);
+  return (4294967296 * (2097151 & b) + (a >>> 0)).toString(36);
+}
+
+/** A key that no other post has. */
+export function freshKey(kind: string): string {
+  const numbers = crypto.getRandomValues(new Uint32Array(4));
+  return `${kind}-${[...numbers].map((n) => n.toString(36)).join("")}`;
 }

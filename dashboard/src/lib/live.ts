@@ -1,8 +1,9 @@
-/** One reading of a live campaign: from what is typed to what is posted. Lengths are typed in mm. */
-import type { JointKind, Observation, Units } from "../api/types";
-import { numberIn, scaled, vectorIn } from "./entered";
-import { factors, positionIn } from "./units";
-import type { Vector } from "./vector";
+/** One reading of a live campaign: from what is typed (lengths in mm), planned or simulated to what is posted. */
+import type { JointKind, Observation, Units, MeasurementSet, PlanRequest, PlanResult, Posture } from "../api/types";
+import { numberIn, scaled, vectorIn } from "./schema";
+import { factors, positionIn } from "./stiffness";
+import { type Vector, norm, times, carried, add, cross, dot, fromFlange, subtract } from "./vector";
+import type { Fields } from "./json";
 
 /** A posture with its load: joints in rad or m, force in N. */
 export interface Stand {
@@ -148,4 +149,172 @@ export function filledRows(table: string): string {
   const columns = head.split(mark).flatMap((name, i) => (/\b(unloaded|loaded)\b/i.test(name) ? [i] : []));
   const blank = (row: string) => columns.every((i) => !row.split(mark)[i]?.trim());
   return [head, ...rows.filter((row) => columns.length === 0 || row.includes('"') || !blank(row))].join("\n");
+}
+
+export type Planned = PlanResult["readings"][number];
+
+/** The equipment of a campaign, to begin another one with: its targets, its load point and its strongest load, in SI. */
+export function equipmentOf(set: MeasurementSet): Fields {
+  const { length, force: unit } = factors(set.units);
+  const metres = (place: readonly number[]) => place.map((part) => Number((length * part).toFixed(6)));
+  const forces = set.observations.map(({ force }) => times(force as Vector, unit));
+  const strongest = forces.reduce<Vector>((best, force) => (norm(force) > norm(best) ? force : best), [0, 0, 0]);
+  const hangs = forces.every(([x, y, z]) => z <= 0 && Math.hypot(x, y) <= 1e-3 * norm(strongest));
+  const point = set.load_point ?? set.observations[0]?.load_point;
+  const targets = Object.entries(set.flange_targets ?? {}).map(([name, place]) => [name, metres(place)]);
+  return {
+    ...(targets.length > 0 ? { targets: Object.fromEntries(targets) } : {}),
+    ...(point ? { load_point: metres(point) } : {}),
+    ...(norm(strongest) > 0
+      ? { load: { kind: hangs ? "dead_weight" : "any_direction", force: Math.round(norm(strongest)) } }
+      : {}),
+  };
+}
+
+/** What was found of the fields that are still as they began. */
+export const unchanged = (found: Fields, now: Fields, start: Fields): Fields =>
+  Object.fromEntries(Object.entries(found).filter(([name]) => now[name] === start[name]));
+
+/** A campaign to fill in: the set so far with the planned readings after it, whose positions are null. */
+export function toFillIn(
+  request: PlanRequest,
+  readings: Planned[],
+  robotId: string,
+  base: MeasurementSet | null,
+): Fields {
+  const unit = base ? factors(base.units) : { length: 1, angle: 1, force: 1 };
+  const over = (values: readonly number[], factor: number) => values.map((value) => value / factor);
+  const before = base?.observations ?? [];
+  const named = Object.keys(request.targets);
+  const targets = named.length > 0 ? named : [...new Set(before.flatMap((o) => o.readings.map((r) => r.target)))];
+  const planned = readings.map((each) => ({
+    label: each.label,
+    joints: over(each.joints, unit.angle),
+    force: over(each.force, unit.force),
+    readings: targets.map((target) => ({ target, unloaded: null, loaded: null })),
+  }));
+  if (base) {
+    const { id, archived, created_at, content_hash, warnings, resolved_frame, ...document } = base;
+    return { ...document, observations: [...before, ...planned] };
+  }
+  return {
+    robot_id: robotId,
+    name: "planned campaign",
+    units: { length: "m", angle: "rad", force: "N" },
+    encoders: "motor",
+    ...(request.sigma === null ? {} : { noise: { sigma: request.sigma } }),
+    load_point: request.load_point ?? [0, 0, 0],
+    observations: planned,
+  };
+}
+
+/** The set with those observations only whose readings are all there; null if there is none. */
+export function readSoFar(set: Fields): { document: Fields; labels: string[] } | null {
+  const observations = (Array.isArray(set["observations"]) ? set["observations"] : []).filter(isRead);
+  if (observations.length === 0) return null;
+  return { document: { ...set, observations }, labels: observations.map((each) => String(each["label"])) };
+}
+
+function isRead(observation: unknown): observation is Fields {
+  if (typeof observation !== "object" || observation === null) return false;
+  const { readings } = observation as { readings?: unknown };
+  return (
+    Array.isArray(readings) &&
+    readings.length > 0 &&
+    readings.every((reading: Fields) =>
+      Object.entries(reading).every(
+        ([key, value]) =>
+          !POSITION.test(key) || value !== null || (key === "deflection" && Array.isArray(reading["unloaded"])),
+      ),
+    )
+  );
+}
+
+const POSITION = /^(unloaded|loaded|deflection)$/;
+
+/** What a set says that was opened as a simulated one. */
+export const SIMULATED = "simulated by the page";
+export const SIMULATED_ARM = "KUKA KR 210 R2700 extra";
+export const SIMULATED_MASS = 150;
+export const SIMULATED_LOAD_POINT: Vector = [-0.06, 0.02, 0.18];
+export const SIMULATED_TARGETS: Record<string, Vector> = {
+  P1: [0.147, 0.055, 0.05],
+  P2: [-0.137, 0.087, 0.085],
+  P3: [-0.007, -0.14, 0.12],
+};
+export const SIGMA = 2e-5;
+const USUAL = [3.8e6, 3.1e6, 2.5e6, 0.45e6, 0.25e6, 0.09e6];
+const BALANCES = 30;
+
+/** Numbers between 0 and 1 that a text decides: the same on every device. */
+export function numbersOf(seed: string): () => number {
+  let state = [...seed].reduce((hash, letter) => Math.imul(hash ^ letter.charCodeAt(0), 16777619), 2166136261);
+  return () => {
+    state = (state + 0x6d2b79f5) | 0;
+    let mixed = Math.imul(state ^ (state >>> 15), 1 | state);
+    mixed = (mixed + Math.imul(mixed ^ (mixed >>> 7), 61 | mixed)) ^ mixed;
+    return ((mixed ^ (mixed >>> 14)) >>> 0) / 4294967296;
+  };
+}
+
+/** Stiffnesses of the simulated arm [N·m/rad]: usual ones, each up to 30 % off. */
+export function stiffnessesOf(seed: number): number[] {
+  const draw = numbersOf(`arm ${seed}`);
+  return USUAL.map((usual) => Number((usual * (0.7 + 0.6 * draw())).toPrecision(3)));
+}
+
+export const seedOf = (notes: string | null | undefined): number => Number(/seed (\d+)/.exec(notes ?? "")?.[1] ?? 0);
+
+/**
+ * Angles [rad] by which revolute joints give way until the springs balance a force [N] at a point of the flange:
+ * angle = torque / stiffness, torque about the axes where they then are.
+ */
+export function givenWay(posture: Posture, stiffnesses: readonly number[], at: Vector, force: Vector): number[] {
+  const count = posture.joint_origins.length;
+  const point = onFlange(posture, at);
+  let angles = Array<number>(count).fill(0);
+  for (let round = 0; round < BALANCES; round++) {
+    const load = carried(posture, angles, point, count);
+    angles = angles.map((_, j) => {
+      const origin = carried(posture, angles, posture.joint_origins[j] as unknown as Vector, j);
+      const end = add(posture.joint_origins[j] as unknown as Vector, posture.joint_axes[j] as unknown as Vector);
+      const axis = subtract(carried(posture, angles, end, j), origin);
+      return dot(axis, cross(subtract(load, origin), force)) / (stiffnesses[j] ?? Number.POSITIVE_INFINITY);
+    });
+  }
+  return angles;
+}
+
+const onFlange = (posture: Posture, place: Vector): Vector =>
+  fromFlange(posture.flange_origin as unknown as Vector, posture.flange_axes as unknown as Vector[], place);
+
+/** Readings of the targets before and under a load, in mm as they would be typed. */
+export function simulatedRows(
+  posture: Posture,
+  force: Vector,
+  seed: number,
+  label: string,
+  { targets, loadPoint }: { targets: Record<string, Vector>; loadPoint: Vector },
+): Rows {
+  const draw = numbersOf(`${seed} ${label}`);
+  const normal = () => Math.sqrt(-2 * Math.log(1 - draw())) * Math.cos(2 * Math.PI * draw());
+  const angles = givenWay(posture, stiffnessesOf(seed), loadPoint, force);
+  const read = (place: Vector) => place.map((part) => (1e3 * (part + SIGMA * normal())).toFixed(4)).join(" ");
+  return Object.fromEntries(
+    Object.entries(targets).map(([name, place]) => {
+      const before = onFlange(posture, place);
+      return [name, { unloaded: read(before), loaded: read(carried(posture, angles, before, angles.length)) }];
+    }),
+  );
+}
+
+/** The same with the first two targets exchanged: a mistake as it happens. */
+export function exchanged(rows: Rows): Rows {
+  const [first, second, ...others] = Object.keys(rows);
+  if (first === undefined || second === undefined) return rows;
+  return Object.fromEntries([
+    [first, rows[second] as Rows[string]],
+    [second, rows[first] as Rows[string]],
+    ...others.map((name) => [name, rows[name] as Rows[string]]),
+  ]) as Rows;
 }

@@ -1,8 +1,167 @@
-/** Stiffness in the unit that was chosen, with the digits that its uncertainty allows. */
-import type { JointResult } from "../api/types";
-import { decimalsFor, fixed, significant } from "./format";
-import { changeIn, inUnit, intervalIn, STIFFNESS_UNITS, type StiffnessUnit, unitOf } from "./units";
-import { lowerLimit, stiffnessUncertainty } from "./verdict";
+/** Stiffnesses: the units that the page shows, the digits that their uncertainty allows, and what is said of them in words. */
+import type { JointKind, Units, JointResult, Usability } from "../api/types";
+import { fixed, decimalsFor, significant } from "./format";
+
+export type StiffnessUnit = "MNm" | "kNmDeg" | "NmArcmin" | "Nm" | "compliance";
+
+interface Unit {
+  /** Of a stiffness in N·m/rad; of its inverse where `inverse`. */
+  factor: number;
+  inverse?: true;
+  label: string;
+  /** As the service calls it. */
+  name: string;
+  /** In the heading of a CSV column. */
+  column: string;
+}
+
+const DEGREE = Math.PI / 180;
+
+/** Units people choose from: as the literature prints, per angle as data sheets do, and the compliance. */
+export const STIFFNESS_UNITS: Record<StiffnessUnit, Unit> = {
+  MNm: { factor: 1e-6, label: "10⁶ N·m/rad", name: "MNm/rad", column: "1e6 N.m/rad" },
+  kNmDeg: { factor: DEGREE / 1e3, label: "kN·m/°", name: "kNm/deg", column: "kN.m/deg" },
+  NmArcmin: { factor: DEGREE / 60, label: "N·m/arcmin", name: "Nm/arcmin", column: "N.m/arcmin" },
+  Nm: { factor: 1, label: "N·m/rad", name: "Nm/rad", column: "N.m/rad" },
+  compliance: { factor: 1e6, inverse: true, label: "µrad/(N·m)", name: "urad/Nm", column: "urad/(N.m)" },
+};
+
+const PER_MICRON: Unit = { factor: 1e-6, label: "N/µm", name: "N/um", column: "N/um" };
+
+/** The same of prismatic joints: a force per length. */
+const OF_PRISMATIC: Record<StiffnessUnit, Unit> = {
+  MNm: PER_MICRON,
+  kNmDeg: PER_MICRON,
+  NmArcmin: PER_MICRON,
+  Nm: { factor: 1, label: "N/m", name: "N/m", column: "N/m" },
+  compliance: { factor: 1e6, inverse: true, label: "µm/N", name: "um/N", column: "um/N" },
+};
+
+/** The unit of joints of a kind. */
+export const unitOf = (unit: StiffnessUnit, kind: JointKind = "revolute"): Unit =>
+  (kind === "prismatic" ? OF_PRISMATIC : STIFFNESS_UNITS)[unit];
+
+/** The labels of the units of some joints. */
+export const labelOf = (unit: StiffnessUnit, kinds: readonly JointKind[], part: "label" | "column" = "label"): string =>
+  [...new Set(kinds.length > 0 ? kinds : (["revolute"] as const))].map((kind) => unitOf(unit, kind)[part]).join(", ");
+
+export const UNIT_NAMES = Object.keys(STIFFNESS_UNITS) as StiffnessUnit[];
+
+/** The unit in which stiffnesses are typed: the page's, or the literature's where that is a compliance. */
+export const formUnit = (unit: StiffnessUnit): Unit => STIFFNESS_UNITS[STIFFNESS_UNITS[unit].inverse ? "MNm" : unit];
+
+/** A stiffness [N·m/rad, of a prismatic joint N/m] in a unit. */
+export function inUnit(stiffness: number, unit: StiffnessUnit, kind?: JointKind): number {
+  const { factor, inverse } = unitOf(unit, kind);
+  return inverse ? factor / stiffness : factor * stiffness;
+}
+
+/** The same of what may be missing. */
+export const maybeInUnit = (
+  stiffness: number | null | undefined,
+  unit: StiffnessUnit,
+  kind?: JointKind,
+): number | null => (stiffness === null || stiffness === undefined ? null : inUnit(stiffness, unit, kind));
+
+/** An interval of a stiffness in a unit, low end first; null for an end that is open. */
+export function intervalIn(
+  interval: readonly [number, number | null] | null | undefined,
+  unit: StiffnessUnit,
+  kind?: JointKind,
+): [number | null, number | null] {
+  if (!interval) return [null, null];
+  const ends: [number | null, number | null] = [
+    maybeInUnit(interval[0], unit, kind),
+    maybeInUnit(interval[1], unit, kind),
+  ];
+  return STIFFNESS_UNITS[unit].inverse ? [ends[1] ?? 0, ends[0]] : ends;
+}
+
+/** A small change of a stiffness in a unit, to first order. */
+export function changeIn(change: number, stiffness: number, unit: StiffnessUnit, kind?: JointKind): number {
+  const { factor, inverse } = unitOf(unit, kind);
+  return inverse ? (factor * change) / stiffness ** 2 : factor * change;
+}
+
+const LENGTH = { m: 1, mm: 1e-3 } as const;
+const ANGLE = { rad: 1, deg: DEGREE } as const;
+const FORCE = { N: 1, kN: 1e3, kgf: 9.80665, kg: 9.80665 } as const;
+const MOMENT = { "N.m": 1, "N.mm": 1e-3, "kN.m": 1e3, "kgf.m": 9.80665 } as const;
+
+/** Factors to SI of a file's units. */
+export function factors(units: Units): { length: number; angle: number; force: number; moment: number } {
+  const length = LENGTH[units.length];
+  const force = FORCE[units.force];
+  return { length, angle: ANGLE[units.angle], force, moment: units.moment ? MOMENT[units.moment] : force * length };
+}
+
+export const degrees = (radians: number): number => radians / DEGREE;
+export const radians = (angle: number): number => angle * DEGREE;
+
+/** The position of a joint [rad or m] as people see it: in degrees, of a prismatic joint in millimetres. */
+export const position = (value: number, kind: JointKind = "revolute"): number =>
+  kind === "prismatic" ? 1e3 * value : degrees(value);
+
+/** The same back, in rad or m. */
+export const positionIn = (shown: number, kind: JointKind = "revolute"): number =>
+  kind === "prismatic" ? shown / 1e3 : radians(shown);
+
+export const positionUnit = (kind: JointKind = "revolute"): string => (kind === "prismatic" ? "\u00a0mm" : "°");
+
+/** A posture in words, a unit beside each joint where one is prismatic. */
+export function postureText(joints: readonly number[], kinds: readonly JointKind[], decimals: number): string {
+  const shown = joints.map((value, i) => fixed(position(value, kinds[i]), decimals));
+  if (!kinds.includes("prismatic")) return `${shown.join(", ")} °`;
+  return shown.map((value, i) => `${value}${positionUnit(kinds[i])}`).join(", ");
+}
+
+export type Verdict = "firm" | "fair" | "rough" | "unrated" | "vague" | "lower_limit" | "negative" | "unobservable";
+
+/** Relative half width of the interval below which a stiffness is called firm, fair. */
+const FIRM = 0.05;
+const FAIR = 0.2;
+
+/** Standard uncertainty over compliance above which a value without interval says hardly anything. */
+const VAGUE = 0.5;
+
+export function verdictOf(joint: JointResult): Verdict {
+  if (joint.status === "not_observable" || joint.compliance === null) return "unobservable";
+  if (joint.compliance < 0) return "negative";
+  const interval = joint.stiffness_interval;
+  if (joint.stiffness === null) return "lower_limit";
+  if (!interval) return (joint.standard_uncertainty ?? 0) > VAGUE * joint.compliance ? "vague" : "unrated";
+  if (interval[1] === null) return "lower_limit";
+  const halfWidth = (interval[1] - interval[0]) / 2 / joint.stiffness;
+  return halfWidth <= FIRM ? "firm" : halfWidth <= FAIR ? "fair" : "rough";
+}
+
+/** Standard uncertainty of the stiffness, to first order: u(k) = k² u(c). Null where nothing is known. */
+export function stiffnessUncertainty(joint: JointResult): number | null {
+  if (joint.stiffness === null || joint.standard_uncertainty === null) return null;
+  return joint.stiffness ** 2 * joint.standard_uncertainty;
+}
+
+/** Stiffer than this, at the run's confidence; null where nothing is known. */
+export function lowerLimit(joint: JointResult): number | null {
+  return joint.one_sided?.stiffness_at_least ?? joint.stiffness_interval?.[0] ?? null;
+}
+
+const SEVERITY: Record<Usability, number> = { use: 0, use_with_care: 1, do_not_use: 2 };
+const ALLOWS: Record<Verdict, Usability> = {
+  firm: "use",
+  fair: "use",
+  rough: "use_with_care",
+  unrated: "use_with_care",
+  vague: "use_with_care",
+  lower_limit: "use_with_care",
+  negative: "do_not_use",
+  unobservable: "do_not_use",
+};
+
+/** The assessment of a joint where it is worse than its numbers look by themselves; else null. */
+export function capOf(joint: JointResult): Usability | null {
+  return SEVERITY[joint.verdict] > SEVERITY[ALLOWS[verdictOf(joint)]] ? joint.verdict : null;
+}
 
 interface ShownStiffness {
   /** The value, of a prismatic joint with its unit, or null where there is none. */

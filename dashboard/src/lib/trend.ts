@@ -1,8 +1,8 @@
 /** A trend as the page says it: changes with their uncertainty, and what the charts draw. */
 import type { Trend, TrendChange, TrendJoint, TrendState } from "../api/types";
-import type { TrendBand, TrendPoint } from "../charts/trend";
+import type { TrendBand, TrendPoint } from "../views/trend";
 import { decimalsFor, fixed } from "./format";
-import { intervalIn, inUnit, maybeInUnit, type StiffnessUnit } from "./units";
+import { intervalIn, inUnit, maybeInUnit, type StiffnessUnit } from "./stiffness";
 
 /** A relative change as per cent with its standard uncertainty. */
 export function changeText({ relative, standard_uncertainty: u }: TrendChange): string {

@@ -14,13 +14,10 @@ import {
   Vector3,
   WebGLRenderer,
 } from "three";
-import { bent } from "../lib/bend";
-import { type Vector, norm } from "../lib/vector";
-import { Arm } from "./arm";
-import { type Arrow, Arrows, Cloud, ScaleBar } from "./arrows";
-import { type Label, Labels } from "./labels";
+import { bent, type Vector, norm } from "../lib/vector";
+import { Arm, type Arrow, Arrows, Cloud, ScaleBar, type Label, Labels } from "./parts";
 import { Orbit } from "./orbit";
-import type { Show } from "./show";
+import type { Show } from "./view";
 
 const FRAME = "jointstiff.frame";
 const KEPT_FRAMES = 500;

@@ -1,12 +1,53 @@
-/** The 3D view as a part of the page; the drawing code is loaded when it is first needed. */
+/** The 3D view as a part of the page: what it shows, and the arm with its sliders; the drawing code is loaded when it is first needed. */
+import type { Posture, JointKind, RobotSource } from "../api/types";
 import type { Vector } from "../lib/vector";
+import type { Arrow } from "./parts";
 import { text } from "../i18n";
-import type { Show } from "./show";
-import { useEffect, useRef, useState } from "preact/hooks";
-import type { Posture } from "../api/types";
-import { Busy } from "../components/basics";
+import { useEffect, useRef, useState, useMemo } from "preact/hooks";
+import { Busy, Button, ProblemNote } from "../components/basics";
 import { PostureSketch } from "../components/posture";
 import type { Stage } from "./stage";
+import { fixed } from "../lib/format";
+import { position, positionIn, positionUnit } from "../lib/stiffness";
+import { useKinematics } from "../state/load";
+import { later } from "../i18n/later";
+
+/** What is shown. Lengths in m, R0. */
+export interface Show {
+  posture: Posture;
+  measured: Arrow[];
+  predicted: Arrow[];
+  load: Arrow | null;
+  /** By how much deflections are exaggerated. */
+  factor: number;
+  axes: boolean;
+  /** Names of the joints; none: no labels. */
+  names: string[];
+  /** Names of the targets of the measured arrows. */
+  targets: string[];
+  /** Lengths of the residuals of the measured arrows [m]. */
+  residuals: number[];
+  /** Greatest residual of the set [m], if arrows are coloured by their residual. */
+  byResidual: number | null;
+  /** Angles by which the joints give way [rad]. */
+  bend: number[];
+  /** Places of a map: where [m], their share of the colours, and how wide one is drawn [m]. */
+  cloud?: { places: Vector[]; shares: number[]; size: number };
+}
+
+/** What a view without a result shows: the arm alone. */
+export const ARM_ALONE = {
+  measured: [],
+  predicted: [],
+  load: null,
+  factor: 1,
+  axes: true,
+  names: [],
+  targets: [],
+  residuals: [],
+  byResidual: null,
+  bend: [],
+} satisfies Omit<Show, "posture">;
 
 interface ArmViewProps {
   show: Show;
@@ -66,4 +107,88 @@ export function ArmView({ show, room, label, resets = 0, bends = 0 }: ArmViewPro
 /** Points that a room must hold for these postures. */
 export function roomOf(postures: Posture[]): Vector[] {
   return postures.flatMap((posture) => [...posture.joint_origins, posture.flange_origin]);
+}
+
+const TURNED: number[] = [-0.9, 0.8];
+
+/** `start`: joints of the first look, rad or m. */
+export function Arm({
+  source,
+  start,
+  sliders = true,
+}: {
+  source: RobotSource;
+  start: number[] | null;
+  sliders?: boolean;
+}) {
+  const [angles, setAngles] = useState<number[] | null>(start);
+  const startKey = JSON.stringify(start);
+  useEffect(() => setAngles(start), [startKey]);
+  const { kinematics, problem } = useKinematics(source, angles ? [angles] : []);
+  const names = kinematics?.joints ?? [];
+  const posture = kinematics?.postures[0];
+  const room = useMemo(() => {
+    // a sphere that the arm does not leave, so that the view stays still while it moves
+    const points = posture ? roomOf([posture]) : [];
+    const reach = Math.max(0.3, ...points.map((p) => Math.hypot(...p)));
+    return [...points, ...TURNED.map((f) => [f * reach, f * reach * 0.6, 0] as const)];
+  }, [JSON.stringify(source), startKey, posture === undefined]);
+  const show = useMemo(() => posture && { posture, ...ARM_ALONE, names }, [posture, names.join()]);
+  const current = names.map((_, i) => angles?.[i] ?? 0);
+  return (
+    <div class="arm">
+      {problem && <ProblemNote problem={problem} />}
+      {!show && !problem && <Busy label={text.scene.loading} />}
+      {show && <ArmView show={show} room={room} label={text.scene.canvasPlain} />}
+      {show && sliders && (
+        <details class="sliders">
+          <summary>{later.robots.sliders}</summary>
+          {names.map((name, i) => (
+            <Slider
+              name={name}
+              kind={posture?.joint_kinds[i] ?? "revolute"}
+              value={current[i] ?? 0}
+              change={(value) => setAngles(current.map((old, j) => (j === i ? value : old)))}
+            />
+          ))}
+          <Button onClick={() => setAngles(names.map(() => 0))}>{later.robots.zero}</Button>
+        </details>
+      )}
+    </div>
+  );
+}
+
+/** Most that a slider moves a joint: half a turn, or 2 m [mm]. */
+const MOST = { revolute: 180, prismatic: 2000 } as const;
+
+function Slider({
+  name,
+  kind,
+  value,
+  change,
+}: {
+  name: string;
+  kind: JointKind;
+  value: number;
+  change: (value: number) => void;
+}) {
+  const shown = position(value, kind);
+  return (
+    <label class="slider">
+      <bdi>{name}</bdi>
+      <input
+        type="range"
+        min={-MOST[kind]}
+        max={MOST[kind]}
+        step={1}
+        value={Math.round(shown)}
+        aria-label={later.robots.angle(name)}
+        onInput={(event) => change(positionIn(Number(event.currentTarget.value), kind))}
+      />
+      <output>
+        {fixed(shown, 0)}
+        {positionUnit(kind)}
+      </output>
+    </label>
+  );
 }

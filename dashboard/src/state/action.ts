@@ -1,10 +1,95 @@
-/** Something that a button starts: busy while it goes on, and its problem if it fails. */
-import { useCallback, useRef, useState } from "preact/hooks";
+/** Where one is, what a button starts, and the messages that say what came of it. */
+import { useEffect, useState, useCallback, useRef } from "preact/hooks";
 import { problemOf } from "../api/client";
 import type { Problem, Usability } from "../api/types";
 import { text } from "../i18n";
-import { go } from "./router";
-import { toast } from "./toasts";
+
+export interface Route {
+  parts: string[];
+  query: URLSearchParams;
+}
+
+export function parse(hash: string): Route {
+  const [path = "", search = ""] = hash.replace(/^#/, "").split("?", 2);
+  return { parts: path.split("/").filter(Boolean).map(decode), query: new URLSearchParams(search) };
+}
+
+function decode(part: string): string {
+  try {
+    return decodeURIComponent(part);
+  } catch {
+    return part;
+  }
+}
+
+/** A link inside the page. */
+export function link(parts: string[], query: Record<string, string> = {}): string {
+  const search = new URLSearchParams(query).toString();
+  return `#/${parts.map(encodeURIComponent).join("/")}${search && `?${search}`}`;
+}
+
+export function go(address: string): void {
+  location.hash = address;
+}
+
+let navigated = false;
+
+/** Whether one came to this view from another, rather than from outside. */
+export const hasNavigated = (): boolean => navigated;
+
+export function useRoute(): Route {
+  const [route, set] = useState(() => parse(location.hash));
+  useEffect(() => {
+    const hear = () => {
+      navigated = true;
+      set(parse(location.hash));
+    };
+    addEventListener("hashchange", hear);
+    return () => removeEventListener("hashchange", hear);
+  }, []);
+  return route;
+}
+
+interface Toast {
+  id: number;
+  message: string;
+  action?: { label: string; run: () => void };
+}
+
+let toasts: Toast[] = [];
+let count = 0;
+const followers = new Set<(toasts: Toast[]) => void>();
+
+function tell(next: Toast[]): void {
+  toasts = next;
+  followers.forEach((hear) => hear(next));
+}
+
+/** Show a message; with something to do it stays longer. */
+export function toast(message: string, action?: Toast["action"]): void {
+  const id = ++count;
+  tell([...toasts.slice(-2), action ? { id, message, action } : { id, message }]);
+  setTimeout(() => dismiss(id), action ? 20_000 : 5_000);
+}
+
+/** Copy a text, and say so; where there is no clipboard, as on plain http, it is shown to be copied. */
+export function copied(content: string, label: string, said: string): void {
+  if (!navigator.clipboard) prompt(label, content);
+  else void navigator.clipboard.writeText(content).then(() => toast(said));
+}
+
+export function dismiss(id: number): void {
+  tell(toasts.filter((shown) => shown.id !== id));
+}
+
+export function useToasts(): Toast[] {
+  const [shown, set] = useState(toasts);
+  useEffect(() => {
+    followers.add(set);
+    return () => void followers.delete(set);
+  }, []);
+  return shown;
+}
 
 /** Type of the problem of a result that is not to be used. */
 const NOT_TO_BE_USED = "urn:jointstiff:problem:not-to-be-used";

@@ -2,7 +2,7 @@
 import { useCallback, useEffect, useRef, useState } from "preact/hooks";
 import { api, problemOf } from "../api/client";
 import type { LiveState, Observation, Problem } from "../api/types";
-import { recalled, remember } from "./kept";
+import { recalled, remember } from "./session";
 
 /** A reading on its way; with what the service has against it. */
 export interface Waiting {

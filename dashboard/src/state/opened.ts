@@ -1,11 +1,10 @@
 /** Files that were dropped or chosen, and what they are: a campaign, tables of readings, or a template for them. */
 import type { ImportOptions } from "../api/types";
-import { type Campaign, notFinite, understand } from "../lib/campaign";
+import { type Campaign, notFinite, understand, type Typed, typedOf } from "../lib/campaign";
 import type { Fields } from "../lib/json";
-import { type Typed, typedOf } from "../lib/metadata";
-import { type Template, templateIn, templatesIn, withTemplate } from "../lib/template";
+import { type Template, templateIn, templatesIn, withTemplate } from "../lib/imports";
 import type { FileFault } from "../i18n";
-import { keep, kept, recalled, remember } from "./kept";
+import { keep, kept, recalled, remember } from "./session";
 
 const MAX_BYTES = 8 * 1024 * 1024;
 

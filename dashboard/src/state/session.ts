@@ -1,9 +1,107 @@
-/** Who is signed in on this device. The key itself is in a cookie that no script can read. */
+/** What is kept on this device: drafts, settings, and who is signed in. */
+import { useEffect, useState, useContext } from "preact/hooks";
+import { marked, unmarked } from "../lib/json";
 import { createContext } from "preact";
-import { useEffect, useState } from "preact/hooks";
+import { type StiffnessUnit, UNIT_NAMES } from "../lib/stiffness";
 import { api, onRefused } from "../api/client";
 import type { Session } from "../api/types";
-import { keep } from "./kept";
+
+const NAME = "kept";
+
+function places(): Promise<IDBObjectStore> {
+  return new Promise((done, fail) => {
+    const asked = indexedDB.open("jointstiff", 1);
+    asked.onupgradeneeded = () => asked.result.createObjectStore(NAME);
+    asked.onsuccess = () => done(asked.result.transaction(NAME, "readwrite").objectStore(NAME));
+    asked.onerror = () => fail(asked.error);
+  });
+}
+
+/** Keep a value, files among them, under a name; null forgets it. Where storage is switched off nothing is kept. */
+export async function keep(name: string, value: unknown): Promise<void> {
+  const place = await places().catch(() => null);
+  if (value === null) place?.delete(name);
+  else place?.put(marked(value), name);
+}
+
+/** What is kept under a name, or null. */
+export async function kept<Value>(name: string): Promise<Value | null> {
+  const place = await places().catch(() => null);
+  if (!place) return null;
+  const asked = place.get(name) as IDBRequest<Value | undefined>;
+  return new Promise((done) => {
+    asked.onsuccess = () => done((unmarked(asked.result) as Value) ?? null);
+    asked.onerror = () => done(null);
+  });
+}
+
+type Place = "localStorage" | "sessionStorage";
+
+/** What the browser keeps as JSON under a name, else null: it may be of anyone, and storage may be switched off. */
+export function recalled(name: string, place: Place = "localStorage"): unknown {
+  try {
+    return unmarked(JSON.parse(window[place].getItem(`jointstiff.${name}`) ?? "null"));
+  } catch {
+    return null;
+  }
+}
+
+/** Keep it, or forget null; where storage is switched off it holds for this visit. */
+export function remember(name: string, value: unknown, place: Place = "localStorage"): void {
+  try {
+    if (value === null) window[place].removeItem(`jointstiff.${name}`);
+    else window[place].setItem(`jointstiff.${name}`, JSON.stringify(marked(value)));
+  } catch {
+    // then it holds until the view is left
+  }
+}
+
+/** A form that is filled in: what was typed comes back with the view, as long as the browser's tab is open. */
+export function useDraft<Values extends object>(
+  name: string,
+  start: Values,
+): [Values, (part: Partial<Values> | ((before: Values) => Partial<Values>)) => void] {
+  const key = `form.${name}`; // what an older page kept under `draft.` had other fields
+  const [values, set] = useState<Values>(() => ({ ...start, ...(recalled(key, "sessionStorage") as Values | null) }));
+  useEffect(() => remember(key, values, "sessionStorage"), [key, values]);
+  return [values, (part) => set((before) => ({ ...before, ...(typeof part === "function" ? part(before) : part) }))];
+}
+
+export const THEMES = ["auto", "light", "dark"] as const;
+export type Theme = (typeof THEMES)[number];
+
+export interface Settings {
+  theme: Theme;
+  unit: StiffnessUnit;
+  change: (settings: { theme?: Theme; unit?: StiffnessUnit }) => void;
+}
+
+export const SettingsContext = createContext<Settings>({ theme: "auto", unit: "MNm", change: () => undefined });
+
+export const useSettings = (): Settings => useContext(SettingsContext);
+
+/** The settings of this device, and the theme put on the page. */
+export function useStoredSettings(): Settings {
+  const [{ theme, unit }, set] = useState(() => {
+    const before = (recalled("settings") ?? {}) as { theme?: Theme; unit?: StiffnessUnit };
+    return {
+      theme: THEMES.find((one) => one === before.theme) ?? "auto",
+      unit: UNIT_NAMES.find((one) => one === before.unit) ?? "MNm",
+    };
+  });
+  useEffect(() => {
+    document.documentElement.dataset["theme"] = theme;
+    dispatchEvent(new Event("themechange"));
+  }, [theme]);
+  return {
+    theme,
+    unit,
+    change: (part) => {
+      set((before) => ({ ...before, ...part }));
+      remember("settings", { theme, unit, ...part });
+    },
+  };
+}
 
 /** `unknown` until the service says; `away` if it does not: views say why. */
 export type Standing = Session | "unknown" | "away";

@@ -1,19 +1,420 @@
-/** Where comparisons start: methods on one set, or two sets; their runs are made first. */
+/** Comparisons: where they start, methods on one set or two sets with the ratios of their stiffnesses, and runs side by side. */
+import { api, ApiError, goesOn } from "../api/client";
+import type { Comparison, Run, ComparedRun, RunSummary } from "../api/types";
+import { contentKey, freshKey } from "../lib/json";
 import { useState } from "preact/hooks";
-import { api } from "../api/client";
-import type { RunSummary } from "../api/types";
-import { ActionButton, Empty, LinkButton, Show, Tabs, timeText, Title, Toggle } from "../components/basics";
-import { Select } from "../components/fields";
-import { useAction } from "../state/action";
-import { compareMethods, compareSides, type SideOf } from "../state/comparing";
-import { useLoad, valueOf } from "../state/load";
-import { type Names, setOptions, useNames } from "../state/names";
-import { link, parse } from "../state/router";
+import { BarFigure } from "../charts/bars";
+import { Figure } from "../charts/figure";
+import { Intervals, StiffnessFigure } from "./joint_table";
+import {
+  Choice,
+  Download,
+  LinkButton,
+  Name,
+  NameLink,
+  Prose,
+  ActionButton,
+  Empty,
+  Head,
+  Show,
+  Tabs,
+  timeText,
+  Title,
+  Toggle,
+} from "../components/basics";
+import { Further } from "../components/findings";
+import { JobPage, JobTables, VerdictCard } from "../components/job_page";
+import { percent, significant } from "../lib/format";
+import { unsaid } from "../lib/said";
+import { link, useAction, parse } from "../state/action";
+import { storedSet, useLoad, valueOf, type Names, setOptions, useNames } from "../state/load";
 import { text } from "../i18n";
 import { later } from "../i18n/later";
-import { JobList } from "./job_list";
+import { MOST_RUNS, JobList } from "./runs";
+import { type RunColumn, RunsTable } from "./run_stiffness";
+import { Select } from "../components/fields";
+
+/** The paper's methods, and the complete pose with weights of covariance. */
+const METHODS = [
+  { method: "complete_pose", weighting: "characteristic_length" },
+  { method: "complete_pose", weighting: "covariance" },
+  { method: "partial_pose", weighting: "covariance" },
+  { method: "decoupled_partial_pose", weighting: "covariance" },
+] as const;
+const PARTIAL = METHODS[2];
+const UNCONSTRAINED = { positive: false, stiffness_bounds: {}, stiffness_order: [] };
+const LOOK_AGAIN = 300;
+
+interface Draws {
+  size: number;
+  repetitions: number;
+  seed: number;
+}
+
+type Options = Partial<Run["request"]> & { measurement_set_id: string };
+
+/** A run once it has ended; the same options give the same run. */
+async function identified(options: Options): Promise<Run> {
+  const known = await api.runs.add(options, contentKey("run", options));
+  // one that was deleted meanwhile is made again
+  let run = await api.runs.one(known.id).catch(() => api.runs.add(options, freshKey("run")));
+  while (goesOn(run.state)) {
+    await new Promise((ready) => setTimeout(ready, LOOK_AGAIN));
+    run = await api.runs.one(run.id);
+  }
+  return run;
+}
+
+const optionsOf = (set: string, method: (typeof METHODS)[number], positive: boolean): Options => ({
+  measurement_set_id: set,
+  elasticity: "joints",
+  positive,
+  ...method,
+});
+
+/** The runs of a set by all methods, unconstrained and constrained; none by methods that it cannot support. */
+async function byMethods(set: string, resampling: Draws | null): Promise<Run[]> {
+  const asked = METHODS.flatMap((method) =>
+    [false, true].map((positive) => ({
+      ...optionsOf(set, method, positive),
+      ...(resampling && { resampling: { ...resampling, replacement: false } }),
+    })),
+  );
+  const made = await Promise.all(
+    asked.map((options) =>
+      identified(options).catch((error: unknown) => {
+        if (error instanceof ApiError && error.problem.status === 422) return null;
+        throw error;
+      }),
+    ),
+  );
+  return made.filter((run) => run !== null);
+}
+
+/** A run of joints alone with the options of a run, and the same without constraints where one holds a joint. */
+async function comparable(run: Run): Promise<Run[]> {
+  const { variant_of: _, ...options } = run.request;
+  const joints = { ...options, elasticity: "joints" as const, resampling: null };
+  const plain = (run.result?.choice?.elasticity ?? "joints") === "joints" ? run : await identified(joints);
+  const held = plain.result?.joints.some((joint) => joint.status === "at_bound") ?? false;
+  return held ? [plain, await identified({ ...joints, ...UNCONSTRAINED })] : [plain];
+}
+
+const compared = (runs: Run[], ordered = false): Promise<Comparison> =>
+  api.comparisons.add({ run_ids: [...new Set(runs.map((run) => run.id))], ordered }, freshKey("comparison"));
+
+/** Compare all methods on a set. */
+export async function compareMethods(set: string, resampling: Draws | null): Promise<Comparison> {
+  return compared(await byMethods(set, resampling));
+}
+
+/** A side of a comparison: a run, or a set, which is identified. */
+export type SideOf = { run: Run } | { set: string };
+
+/** Compare two sides, on request by all methods. */
+export async function compareSides(sides: SideOf[], ordered: boolean, methods: boolean): Promise<Comparison> {
+  const runs = await Promise.all(
+    sides.map(async (side) => {
+      const own = "run" in side ? side.run : await identified(optionsOf(side.set, PARTIAL, true));
+      const leading = await comparable(own);
+      return methods ? [...leading, ...(await byMethods(own.request.measurement_set_id, null))] : leading;
+    }),
+  );
+  return compared(runs.flat(), ordered);
+}
 
 const words = later.compare;
+const two = later.pair;
+type Result = NonNullable<Comparison["result"]>;
+type Avoided = NonNullable<Result["avoided"]>;
+/** Names of the sides: one set, or two. */
+type Sides = readonly string[];
+
+export function ComparisonView({ id }: { id: string }) {
+  return (
+    <JobPage
+      collection="comparisons"
+      id={id}
+      kind={words.title}
+      load={async (signal) => {
+        const job = await api.comparisons.one(id, signal);
+        const ids = [job.first_set_id, ...(job.second_set_id ? [job.second_set_id] : [])];
+        const sets = await Promise.all(ids.map(storedSet));
+        const names = sets.map((set) => set.name);
+        const same = new Set(names).size < names.length;
+        const sides = names.map((name, i) => (same ? `${name} (${i ? two.second : two.first})` : name));
+        return { job, ids, sides };
+      }}
+      head={({ job, ids, sides }) => ({
+        name: sides.join(" → "),
+        title: sides.map((name, i) => (
+          <>
+            {i > 0 && " → "}
+            <Name>{name}</Name>
+          </>
+        )),
+        list: `#/compare/${sides.length > 1 ? "pairs" : "methods"}`,
+        about: sides.map((name, i) => <NameLink to={["sets", ids[i] ?? ""]}>{name}</NameLink>),
+        actions: job.result && (
+          <>
+            <Download href={api.jobs.file(id, "table.csv")}>{text.figure.csv}</Download>
+            {job.result.sides.length > 1 && <Swap sides={job.result.sides.map((side) => `run:${side.run_id}`)} />}
+          </>
+        ),
+      })}
+    >
+      {(result, { job, sides }) => <ComparisonPage id={job.id} {...{ result, sides }} />}
+    </JobPage>
+  );
+}
+
+const Swap = ({ sides: [first = "", second = ""] }: { sides: string[] }) => (
+  <LinkButton href={link(["compare", "pairs"], { first: second, second: first })}>{two.swap}</LinkButton>
+);
+
+function ComparisonPage({ id, result, sides }: { id: string; result: Result; sides: Sides }) {
+  const level = percent(result.confidence);
+  const { assessment, warnings, entries, avoided } = result;
+  const paired = avoided !== null;
+  return (
+    <>
+      <VerdictCard assessment={assessment} context={null} />
+      <Further warnings={unsaid(warnings, assessment.reasons)} />
+      {avoided && <AvoidedShare avoided={avoided} />}
+      {paired && <Ratios {...{ result, sides, level }} />}
+      {paired && (
+        <StiffnessFigure
+          title={two.stiffness}
+          level={level}
+          series={result.sides.map(({ run_id: run }, i) => ({
+            label: sides[i] ?? "",
+            mark: i ? "method-0" : "method-1",
+            joints: entries.find((fit) => fit.run_id === run)?.joints ?? [],
+          }))}
+        />
+      )}
+      <JobTables collection="comparisons" id={id} />
+      {entries.map(
+        (fit) =>
+          fit.error && (
+            <p class="note">
+              {entryName(fit)}: {words.notPossible}: <Prose text={fit.error.detail} />
+            </p>
+          ),
+      )}
+      {sides.map((side, i) => {
+        const own = entries.filter((fit) => fit.side === (i ? "second" : "first") && !fit.error);
+        return own.length > 2 || !paired ? <Methods entries={own} level={level} side={paired ? side : null} /> : null;
+      })}
+      {paired && <Deflections result={result} sides={sides} />}
+      {sides.map((side, i) => (
+        <Left result={result} at={i} side={paired ? side : null} />
+      ))}
+      {avoided && <ByConfiguration avoided={avoided} />}
+    </>
+  );
+}
+
+function AvoidedShare({ avoided }: { avoided: Avoided }) {
+  const share = (value: number | null | undefined) => (value === null || value === undefined ? "–" : percent(value));
+  return (
+    <ul class="summary">
+      <li>
+        <b>{share(avoided.measured?.value)}</b>
+        {two.avoided}, {two.measured}
+        {avoided.matching === 0 && `: ${two.noMatch}`}
+      </li>
+      <li>
+        <b>{share(avoided.predicted)}</b>
+        {two.avoided}, {two.predicted}
+      </li>
+      <li>
+        <b>{avoided.matching}</b>
+        {two.matching(avoided.matching)}
+      </li>
+    </ul>
+  );
+}
+
+function Ratios({ result, sides, level }: { result: Result; sides: Sides; level: string }) {
+  const title = two.ratioOf(sides[0] ?? "", sides[1] ?? "");
+  const show = (v: number) => significant(v, 3);
+  return (
+    <Figure title={title} note={two.ratioNote(level)}>
+      {(width) => (
+        <Intervals
+          rows={result.joints.map((joint) => ({
+            name: joint.name,
+            marks: [
+              {
+                mark: changed(joint.p_value) ? "positive" : "free",
+                value: joint.ratio,
+                low: joint.ratio_interval?.[0] ?? null,
+                high: joint.ratio_interval ? joint.ratio_interval[1] : joint.ratio,
+                instead: joint.reason === null ? "–" : text.verdicts.unobservable,
+                label: `${joint.name}: ${joint.ratio === null ? "–" : show(joint.ratio)}`,
+              },
+            ],
+          }))}
+          width={width}
+          label={title}
+          unit={two.ratioAxis}
+          format={(v) => String(Number(v.toPrecision(2)))}
+          reference={1}
+        />
+      )}
+    </Figure>
+  );
+}
+
+const changed = (p: number | null): boolean => p !== null && p < 0.05;
+
+/** A name that tells an entry from the others. */
+function entryName(fit: ComparedRun): string {
+  const short = text.methods[fit.method];
+  if (fit.weighting !== "characteristic_length") return short;
+  return fit.characteristic_length
+    ? `${short}, ${words.lengthOf(significant(fit.characteristic_length * 1e3, 2))}`
+    : `${short}, ${words.byLength}`;
+}
+
+/** Entries of a constraint, one for each method. */
+function byMethod(entries: ComparedRun[], positive: boolean): ComparedRun[] {
+  const fitting = entries.filter((fit) => fit.positive === positive);
+  return [...new Map(fitting.map((fit) => [entryName(fit), fit])).values()];
+}
+
+function Methods({ entries, level, side }: { entries: ComparedRun[]; level: string; side: string | null }) {
+  const [constraint, setConstraint] = useState<"positive" | "unconstrained">("positive");
+  if (entries.length === 0) return null;
+  return (
+    <StiffnessFigure
+      title={side === null ? words.chartTitle : `${words.chartTitle}: ${side}`}
+      level={level}
+      series={byMethod(entries, constraint === "positive").map((fit, i) => ({
+        label: entryName(fit),
+        mark: `method-${i}`,
+        joints: fit.joints,
+      }))}
+      tools={
+        <Choice
+          label={text.run.method}
+          value={constraint}
+          change={setConstraint}
+          options={{ positive: text.options.constrained, unconstrained: text.options.unconstrained }}
+        />
+      }
+    />
+  );
+}
+
+const inMillimetres = (lengths: (number | null)[]): (number | null)[] =>
+  lengths.map((length) => (length === null ? null : length * 1e3));
+
+/** The paper's figure 7: the deflection of each configuration on both sides. */
+function Deflections({ result: { sides: compared }, sides }: { result: Result; sides: Sides }) {
+  const names = [...new Set(compared.flatMap(({ configurations }) => configurations))];
+  const series = compared.map(({ configurations, deflection }, i) => {
+    const lengths = new Map(configurations.map((name, c) => [name, deflection[c] ?? null]));
+    const values = inMillimetres(names.map((name) => lengths.get(name) ?? null));
+    return { mark: i ? "method-0" : "measured", label: sides[i] ?? "", values };
+  });
+  return <BarFigure unit={text.units.mm} title={words.deflection} note={words.deflectionNote} {...{ names, series }} />;
+}
+
+/** The paper's figure 8: what is left of a side's deflection after compensation by each method. */
+function Left({ result, at, side }: { result: Result; at: number; side: string | null }) {
+  const own = result.sides[at];
+  if (!own) return null;
+  const fits = result.entries.filter((fit) => fit.side === own.side && fit.left.length > 0);
+  const chosen = byMethod(
+    fits,
+    fits.some((fit) => fit.positive),
+  );
+  const series = [
+    { mark: "measured", label: two.measured, values: inMillimetres(own.deflection) },
+    ...chosen.map((fit, i) => ({ mark: `method-${i}`, label: entryName(fit), values: inMillimetres(fit.left) })),
+  ];
+  const title = side === null ? words.left : words.leftOf(side);
+  return (
+    <BarFigure unit={text.units.mm} title={title} note={words.leftNote} names={own.configurations} series={series} />
+  );
+}
+
+function ByConfiguration({ avoided: { configurations } }: { avoided: Avoided }) {
+  const names = configurations.map((one) => one.observation);
+  const share = (value: number | null | undefined) => (value == null ? null : value * 100);
+  const series = [
+    { mark: "measured", label: two.measured, values: configurations.map((one) => share(one.measured?.value)) },
+    { mark: "predicted", label: two.predicted, values: configurations.map((one) => share(one.predicted)) },
+  ];
+  const { byConfiguration: title, byConfigurationNote: note } = two;
+  return <BarFigure unit={text.units.share} {...{ title, note, names, series }} />;
+}
+
+const sideBySideWords = text.lists;
+export function SideBySideView({ ids }: { ids: string[] }) {
+  const loaded = useLoad(
+    async (signal) => {
+      const runs = await Promise.all(ids.slice(0, MOST_RUNS).map((id) => api.runs.one(id, signal)));
+      const sets = await Promise.all(runs.map((run) => storedSet(run.request.measurement_set_id)));
+      return runs.map((run, i): RunColumn => ({ run, name: sets[i]?.name ?? run.id, note: how(run) }));
+    },
+    [ids.join()],
+  );
+  return (
+    <Show of={loaded} title={sideBySideWords.compare}>
+      {(columns) =>
+        columns.length < 2 ? (
+          <Empty title={sideBySideWords.compare} hint={sideBySideWords.selectTwo} />
+        ) : (
+          <Page columns={columns} />
+        )
+      }
+    </Show>
+  );
+}
+
+const how = ({ request }: Run): string =>
+  [
+    text.methods[request.method],
+    request.positive ? text.options.constrained : text.options.unconstrained,
+    ...(request.loss === "huber" ? [text.assessment.changed.loss.huber] : []),
+    ...(request.leave_out.length > 0 ? [sideBySideWords.without(request.leave_out)] : []),
+  ].join(", ");
+
+function Page({ columns }: { columns: RunColumn[] }) {
+  const [first, second] = columns;
+  const pair = useAction(async () => {
+    if (!first || !second) return;
+    const made = await compareSides([{ run: first.run }, { run: second.run }], false, false);
+    return link(["compare", "methods", made.id]);
+  });
+  const title = columns.map((column) => column.name).join(" · ");
+  return (
+    <>
+      <Head
+        kind={later.compare.title}
+        plain={title}
+        title={sideBySideWords.sideBySide(columns.length)}
+        first={columns.length === 2 && <ActionButton action={pair}>{sideBySideWords.test}</ActionButton>}
+      />
+      <section class="card">
+        <RunsTable columns={columns} label={title} />
+      </section>
+      <StiffnessFigure
+        title={text.run.stiffness}
+        level={percent(first?.run.request.confidence ?? 0.95)}
+        series={columns.map(({ run, name }, i) => ({
+          label: `${name}: ${how(run)}`,
+          mark: `method-${i}`,
+          joints: run.result?.joints ?? [],
+        }))}
+      />
+    </>
+  );
+}
+
 const KINDS = ["methods", "pairs"] as const;
 
 export function CompareView({ kind }: { kind: string }) {

@@ -1,27 +1,85 @@
-/** Where geometries start: a file of sweeps, its nominal model, go; and the earlier ones. */
-import { useEffect, useMemo, useState } from "preact/hooks";
+/** Geometries: where they start, and one with its axes, its evidence, and a robot made of it. */
+import type { Geometry, GeometryResult, RobotDocument, RobotRequest, RobotSource } from "../api/types";
+import { JobLines, JobTables, JobPage, VerdictCard } from "../components/job_page";
+import { later } from "../i18n/later";
+import { useMemo, useState, useEffect } from "preact/hooks";
 import { api } from "../api/client";
-import type { RobotSource } from "../api/types";
-import { Arm } from "../components/arm";
+import { Arm } from "../scene/view";
 import { ActionButton, Facts, Title } from "../components/basics";
-import { Select } from "../components/fields";
-import { DropZone } from "../components/drop";
+import { TextField, Select } from "../components/fields";
+import { useAction, link } from "../state/action";
+import { namesChanged, valueOf, robotOptions, useNames } from "../state/load";
+import { DropZone } from "../components/schema_form";
 import { DataTable } from "../components/table";
 import { fixed } from "../lib/format";
-import { contentKey } from "../lib/hash";
-import { type ReadingFacts, type Readings, readingsOf } from "../lib/sweeps";
-import { useAction } from "../state/action";
+import { contentKey } from "../lib/json";
+import { type ReadingFacts, type Readings, readingsOf } from "../lib/campaign";
 import { takeHanded } from "../state/opened";
-import { valueOf } from "../state/load";
-import { robotOptions, useNames } from "../state/names";
-import { link } from "../state/router";
 import { text } from "../i18n";
-import { later } from "../i18n/later";
-import { Refused } from "./file_drop";
-import { JobList } from "./job_list";
+import { Refused } from "./flow";
+import { JobList } from "./runs";
 import { RobotTabs } from "./robots";
 
 const words = later.geometry;
+
+export function GeometryView({ id }: { id: string }) {
+  return (
+    <JobPage
+      collection="geometries"
+      id={id}
+      kind={words.title}
+      load={async (signal) => ({ job: await api.geometries.one(id, signal) })}
+      head={({ job }) => ({ name: job.name, list: "#/geometries" })}
+    >
+      {(result, { job }) => <Found geometry={job} result={result} />}
+    </JobPage>
+  );
+}
+
+function Found({ geometry, result }: { geometry: Geometry; result: GeometryResult }) {
+  const source = useMemo(() => ({ robot: result.robot as RobotDocument }), [result]);
+  return (
+    <>
+      <VerdictCard assessment={result.assessment} context={null} sentences={words.verdicts} />
+      <div class="flow">
+        <section class="card">
+          <h2>{words.axesInScene}</h2>
+          <Arm source={source} start={null} />
+        </section>
+        <section class="card">
+          <h2>{words.result}</h2>
+          <JobLines collection="geometries" id={geometry.id} />
+          <SaveAsRobot geometry={geometry} result={result} />
+        </section>
+      </div>
+      {result.links.length === 0 && <p class="soft">{words.noLinks}</p>}
+      {result.links.length > 0 && <JobTables collection="geometries" id={geometry.id} from={-1} />}
+      <JobTables collection="geometries" id={geometry.id} to={result.links.length > 0 ? -1 : undefined} />
+    </>
+  );
+}
+
+function SaveAsRobot({ geometry, result }: { geometry: Geometry; result: GeometryResult }) {
+  const [name, setName] = useState(words.asMeasured(geometry.name));
+  const save = useAction(async () => {
+    const document: RobotRequest = { name, model: { format: "geometry", geometry_id: geometry.id } };
+    const robot = await api.robots.add(document, `robot-${geometry.id}-${name}`.slice(0, 200));
+    namesChanged();
+    return link(["robots", robot.id]);
+  });
+  return (
+    <>
+      <div class="row">
+        <TextField label={words.saveName} value={name} maxLength={200} change={setName} />
+        <ActionButton look="primary" action={save} disabled={!name.trim()} going={words.saving}>
+          {words.save}
+        </ActionButton>
+      </div>
+      {result.assessment.verdict === "do_not_use" && <p class="note warn">{words.doubtful}</p>}
+    </>
+  );
+}
+
 const FROM_FILE = "file";
 
 type Opened = { name: string; readings: Readings | null };

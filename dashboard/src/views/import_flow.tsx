@@ -1,34 +1,286 @@
 /** From tables of readings to their result. Nothing is stored before the last tap. */
-import { useEffect, useMemo, useState } from "preact/hooks";
+import { useState, useMemo, useRef, useEffect } from "preact/hooks";
 import { api, problemOf } from "../api/client";
 import type { ImportAnswer, ImportOptions, Problem, RobotSummary, Units } from "../api/types";
-import { Busy, Button, Choice, LinkButton, ProblemNote } from "../components/basics";
-import { Fields, Select } from "../components/fields";
+import { Prose, Button, Choice, Busy, LinkButton, ProblemNote } from "../components/basics";
+import { TextField, RequestFields, Select } from "../components/fields";
+import { SchemaFields, type Terms, MetadataForm } from "../components/schema_form";
+import { posted } from "../lib/schema";
+import { type Fields, unreadIn, contentKey, freshKey } from "../lib/json";
+import { useLoad, valueOf, namesChanged, useNames } from "../state/load";
 import { text } from "../i18n";
 import { later } from "../i18n/later";
-import { Arm } from "../components/arm";
-import { save } from "../components/download";
+import { type ImportFault, meaningsFor, widthOf, type Template, fits, UNKNOWN, dimensionOf } from "../lib/imports";
+import { keptTemplates, type Opened, freshDraft, keepDraft, keepFiles, keptDraft, keepTemplate } from "../state/opened";
+import { FaultList, ImportTable } from "./import_table";
+import { Arm } from "../scene/view";
+import { save } from "../components/table";
 import { Findings, Preview } from "../components/findings";
-import { MetadataForm } from "../components/metadata_form";
-import { factsOf } from "../lib/campaign";
-import { UNKNOWN, dimensionOf } from "../lib/columns";
+import { factsOf, notedIn, noiseOf, statesNoise } from "../lib/campaign";
 import { significant } from "../lib/format";
-import { contentKey, freshKey } from "../lib/hash";
-import { notedIn } from "../lib/metadata";
-import { noiseOf, statesNoise } from "../lib/noise";
-import { unreadIn } from "../lib/json";
-import type { Template } from "../lib/template";
-import { useAction } from "../state/action";
-import { valueOf } from "../state/load";
-import { namesChanged, useNames } from "../state/names";
-import { type Opened, freshDraft, keepDraft, keepFiles, keptDraft, keepTemplate } from "../state/opened";
-import { link } from "../state/router";
-import { FileDrop, GoBar, Step } from "./file_drop";
-import { FrameForm, ImportForm, sent } from "./import_form";
-import { ImportContent } from "./import_content";
-import { Advanced, useRunForm } from "./advanced";
+import { useAction, link } from "../state/action";
+import { FileDrop, GoBar, Step, Advanced, useRunForm } from "./flow";
 
 const words = later.imports;
+
+const GRAVITY = 9.80665; // m/s², standard gravity
+
+/** The unit of what is stated: that of a template, else mm, whatever the files have. */
+/** Unit of the lengths that are stated: that of a template that has some, its noise among them. */
+const lengthOf = ({
+  length_unit: unit,
+  load_point: point,
+  flange_targets: targets,
+  noise,
+  units,
+}: ImportOptions): string => unit ?? (point || targets || noise ? units?.length : null) ?? text.units.mm;
+
+const termsOf = (options: ImportOptions): Terms => ({
+  labels: words.labels,
+  inView: ["encoders"],
+  units: {
+    force: [options.units?.force ?? text.units.newton, 1],
+    load_point: [lengthOf(options), 1],
+    flange_targets: [lengthOf(options), 1],
+  },
+});
+
+const ASKED = ["force", "load_point", "flange_targets", "accept_unusual"] as const;
+
+/** The options with what is stated, and its units. */
+export function withStated(before: ImportOptions, next: Fields): ImportOptions {
+  const { load_point: point, flange_targets: targets, force, units } = next as ImportOptions;
+  return {
+    ...next,
+    ...(force ? { units: { ...units, force: before.units?.force ?? "N" } } : {}),
+    ...(point || targets ? { length_unit: lengthOf(before) } : {}),
+  } as ImportOptions;
+}
+
+/** What can be sent: without what is not understood yet, or was taken back. */
+export const sent = (options: ImportOptions): ImportOptions =>
+  Object.fromEntries(Object.entries(options).filter(([, value]) => value !== null && unreadIn([value]) === null));
+
+export function ImportForm({
+  answer,
+  options,
+  change,
+}: {
+  answer: ImportAnswer;
+  options: ImportOptions;
+  change: (options: ImportOptions) => void;
+}) {
+  const [mass, setMass] = useState("");
+  const missing = new Set<string>(answer.missing_fields);
+  const form = {
+    of: "ImportRequest",
+    value: options as Fields,
+    change: (next: Fields) => change(withStated(options, next)),
+    terms: termsOf(options),
+  };
+  const unusual = answer.missing.filter((_, i) => answer.missing_fields[i] === "accept_unusual");
+  return (
+    <div class="import-form">
+      <SchemaFields {...form} show={["encoders", ...ASKED.filter((name) => missing.has(name) || options[name])]} />
+      {(missing.has("force") || mass) && (
+        <TextField
+          label={words.mass}
+          unit="kg"
+          help={words.massHelp}
+          value={mass}
+          change={(typed) => {
+            setMass(typed);
+            const weight = posted(typed, GRAVITY);
+            const force = typeof weight === "number" ? [0, 0, -weight] : null;
+            change({ ...options, force, units: { ...options.units, force: "N" } } as ImportOptions);
+          }}
+        />
+      )}
+      {unusual.map((asked) => (
+        <p class="note warn">
+          <Prose text={asked} />
+        </p>
+      ))}
+      <SchemaFields {...form} show={["name"]} />
+    </div>
+  );
+}
+
+/** The frame of the positions, where it is a tracker's: by a geometry of the robot, or by a transform. */
+export function FrameForm({
+  frame,
+  change,
+  robot,
+  length,
+}: {
+  frame: Fields;
+  change: (frame: Fields) => void;
+  /** Whose geometries are offered; empty while none is chosen. */
+  robot: string;
+  /** The files' unit of length. */
+  length: string;
+}) {
+  const geometries = valueOf(
+    useLoad(
+      async (signal) =>
+        robot ? (await api.geometries.list({ robot_id: robot, state: "succeeded", limit: 20 }, signal)).items : [],
+      [robot],
+    ),
+  );
+  const terms: Terms = {
+    labels: words.frame,
+    within: "frame.",
+    units: { translation: [length, 1] },
+    choices: {
+      geometry_id: [
+        { value: "", label: words.noGeometry },
+        ...(geometries ?? []).map(({ id, name }) => ({ value: id, label: name })),
+      ],
+    },
+  };
+  const by = frame["geometry_id"] ? [] : ["translation", "rotation"];
+  return (
+    <>
+      <SchemaFields
+        of="Frame-Input"
+        show={["geometry_id", ...by, "forces"]}
+        value={frame}
+        change={change}
+        terms={terms}
+      />
+      <p class="soft">{words.later}</p>
+    </>
+  );
+}
+
+export function ImportContent({
+  answer,
+  files,
+  options,
+  change,
+  use,
+}: {
+  answer: ImportAnswer;
+  files: File[];
+  options: ImportOptions;
+  change: (options: ImportOptions) => void;
+  use: (template: Template) => void;
+}) {
+  const { preview, faults } = answer;
+  const groups = useMemo(() => meaningsFor(preview.files, preview.targets), [answer]);
+  const named = new Set(preview.files.map(({ file }) => file));
+  const offered = useMemo(() => keptTemplates().find((one) => fits(one, preview)), [answer]);
+  const inUse = (options.layouts ?? []).length > 0;
+  return (
+    <>
+      {offered && !inUse && (
+        <div class="note good row">
+          <p>{words.fits(offered.name)}</p>
+          <Button onClick={() => use(offered)}>{words.useTemplate}</Button>
+        </div>
+      )}
+      {inUse && (
+        <div class="row by-template">
+          <span class="soft">{words.byTemplate}</span>
+          <Button look="quiet" onClick={() => change({})}>
+            {words.withoutTemplate}
+          </Button>
+        </div>
+      )}
+      <FaultList faults={faults.filter(({ file }) => file === null || !named.has(file))} />
+      <ImportReading files={files} faults={faults} options={options} change={change} />
+      {preview.files.map((one) => (
+        <ImportTable
+          key={one.file}
+          preview={one}
+          file={files.find(({ name }) => name === one.file)}
+          faults={faults.filter(({ file }) => file === one.file)}
+          options={options}
+          change={change}
+          groups={groups}
+        />
+      ))}
+      {preview.assumptions.length > 0 && (
+        <ul class="assumptions">
+          {preview.assumptions.map((assumption) => (
+            <li>{assumption}</li>
+          ))}
+        </ul>
+      )}
+    </>
+  );
+}
+
+const readingWords = later.imports.reading;
+type Change = (options: ImportOptions) => void;
+
+/** How files are read where that is not plain: controls for the options that faults name, and for those that are set. */
+function ImportReading({
+  files,
+  faults,
+  options,
+  change,
+}: {
+  files: File[];
+  faults: ImportFault[];
+  options: ImportOptions;
+  change: Change;
+}) {
+  const named = new Set(faults.map((fault) => fault.option));
+  const shown = (option: keyof ImportOptions & string) => named.has(option) || Boolean(options[option]);
+  const put = (part: Partial<ImportOptions>) => change({ ...options, ...part });
+  const headless = files.find((file) => faults.some((fault) => fault.option === "header" && fault.file === file.name));
+  const stated = Object.keys(options.state_words ?? {});
+  const asked = faults.find((fault) => fault.option === "state_words" && fault.words.length === 2)?.words;
+  const offered = faults.find((fault) => fault.option === "sheet")?.words;
+  const known = useRef<string[]>([]); // once one is chosen, no fault names them
+  if (offered && offered.length > 0) known.current = offered;
+  const sheets = known.current.length > 0 ? known.current : options.sheet ? [options.sheet] : [];
+  const pair = asked ?? (stated.length === 2 ? stated : null);
+  const terms: Terms = {
+    labels: readingWords.texts,
+    choices: {
+      sheet: ["", ...sheets].map((name) => ({ value: name, label: name || readingWords.pickSheet })),
+    },
+  };
+  return (
+    <div class="import-form">
+      {headless && /\.xlsx$/i.test(headless.name) === false && (
+        <Button onClick={() => void headless.text().then((content) => put({ header: unnamed(content) }))}>
+          {readingWords.nameColumns}
+        </Button>
+      )}
+      {pair && (
+        <Choice
+          label={readingWords.unloadedWord}
+          value={pair.find((word) => options.state_words?.[word] === "unloaded") ?? ""}
+          change={(unloaded) =>
+            put({
+              state_words: {
+                ...options.state_words,
+                ...Object.fromEntries(pair.map((word) => [word, word === unloaded ? "unloaded" : "loaded"] as const)),
+              },
+            })
+          }
+          options={pair.map((word) => ({ value: word, label: word }))}
+        />
+      )}
+      <SchemaFields
+        of="ImportRequest"
+        show={READING.filter(shown)}
+        value={options as Fields}
+        change={change}
+        terms={terms}
+      />
+    </div>
+  );
+}
+
+/** Options of how files are read that are asked for where a fault names them. */
+const READING = ["decimal_mark", "delimiter", "allow_missing", "by_order", "sheet", "point_name", "file_name"] as const;
+
+/** A header by which no column is used yet: the table is shown, and each is given its meaning there. */
+const unnamed = (content: string): string[] => Array.from({ length: widthOf(content) }, () => "ignore");
 
 export function ImportFlow({
   opened: { files, template },
@@ -60,7 +312,7 @@ export function ImportFlow({
   useEffect(() => setJoints(answer?.preview.joint_count ?? null), [answer]);
   const set = answer?.measurement_set ?? null;
   const facts = set ? factsOf(set as never) : null;
-  const length = facts?.units?.length ?? lengthOf(answer) ?? text.units.mm;
+  const length = facts?.units?.length ?? lengthOfFiles(answer) ?? text.units.mm;
   const source = useMemo(() => (robot ? { robot_id: robot } : null), [robot]);
   const identify = useAction(async () => {
     if (!answer || !set) return;
@@ -77,7 +329,7 @@ export function ImportFlow({
   const use = ({ options: kept }: Template) => setOptions(kept);
 
   return (
-    <Fields action={identify} look="flow">
+    <RequestFields action={identify} look="flow">
       <Step at={1} title={text.files.title} wide>
         <FileDrop again take={take} />
         {problem && <ProblemNote problem={problem} />}
@@ -136,7 +388,7 @@ export function ImportFlow({
         ready={set !== null && robot !== "" && unreadIn(frame) === null && !busy && problem === null}
         why={busy ? null : (lackOf(answer, robot) ?? unreadIn(frame))}
       />
-    </Fields>
+    </RequestFields>
   );
 }
 
@@ -148,7 +400,7 @@ async function withBodies(id: string, bodies: ImportAnswer["bodies"]): Promise<s
 }
 
 /** The unit of length of the files' columns; inches come as mm. */
-function lengthOf(answer: ImportAnswer | null): string | null {
+function lengthOfFiles(answer: ImportAnswer | null): string | null {
   const columns = answer?.preview.files.flatMap((file) => file.columns) ?? [];
   const unit = columns.find(({ meaning }) => dimensionOf(meaning) === "length")?.unit ?? null;
   return unit === "in" ? "mm" : unit;

@@ -14,8 +14,9 @@ import {
   withMeaning,
   withoutColumns,
   writtenHeader,
-} from "../lib/columns";
-import { type Line, linesOf } from "../lib/columns";
+  type Line,
+  linesOf,
+} from "../lib/imports";
 import type { ImportOptions } from "../api/types";
 import { Faults } from "../components/fields";
 import { text } from "../i18n";

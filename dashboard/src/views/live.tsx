@@ -2,8 +2,8 @@
 import { useEffect, useMemo, useState } from "preact/hooks";
 import { api } from "../api/client";
 import type { ImportOptions, JointKind, LiveState, OpenSet, Robot } from "../api/types";
-import { Badge } from "../components/basics";
 import {
+  Badge,
   ActionButton,
   Busy,
   Button,
@@ -16,7 +16,7 @@ import {
   Show,
   Warnings,
 } from "../components/basics";
-import { DropZone } from "../components/drop";
+import { DropZone } from "../components/schema_form";
 import { Select, TextField } from "../components/fields";
 import { understand } from "../lib/campaign";
 import { fixed, percent, significant } from "../lib/format";
@@ -32,26 +32,23 @@ import {
   standOf,
   standTyped,
   unread,
+  readSoFar,
+  SIMULATED,
+  exchanged,
+  seedOf,
+  simulatedRows,
 } from "../lib/live";
-import { readSoFar } from "../lib/planned";
 import { sentence } from "../lib/said";
-import { SIMULATED, exchanged, seedOf, simulatedRows } from "../lib/simulated";
-import { position, labelOf, inUnit } from "../lib/units";
+import { position, labelOf, inUnit } from "../lib/stiffness";
 import { type Vector, norm, times } from "../lib/vector";
-import { ARM_ALONE } from "../scene/show";
-import { ArmView, roomOf } from "../scene/view";
-import { useAction } from "../state/action";
-import { useLoad, valueOf } from "../state/load";
-import { recalled, remember } from "../state/kept";
+import { ARM_ALONE, ArmView, roomOf } from "../scene/view";
+import { useAction, go, link, toast } from "../state/action";
+import { useLoad, valueOf, namesChanged, storedRobot, useKinematics } from "../state/load";
+import { recalled, remember, useSettings } from "../state/session";
 import { type Measuring, draftKey, useMeasuring } from "../state/measuring";
-import { namesChanged, storedRobot } from "../state/names";
-import { useKinematics } from "../state/posture";
-import { go, link } from "../state/router";
-import { useSettings } from "../state/settings";
-import { toast } from "../state/toasts";
 import { text } from "../i18n";
 import { later } from "../i18n/later";
-import { loadOf, shownJoint } from "./plan_postures";
+import { loadOf, shownJoint } from "./plans";
 
 const words = later.measure;
 const MAX_BYTES = 8 * 1024 * 1024;

@@ -4,19 +4,14 @@ import { useMemo, useState } from "preact/hooks";
 import { api } from "../api/client";
 import type { Posture } from "../api/types";
 import { ActionButton, Busy, Button, Toggle } from "../components/basics";
-import { DropZone } from "../components/drop";
-import { Fields, Select, TextField } from "../components/fields";
-import { SchemaFields } from "../components/schema_form";
-import { freshKey } from "../lib/hash";
-import { type Fields as Document, unreadIn } from "../lib/json";
-import { boxAround } from "../lib/map";
-import { loadOf } from "../lib/places";
-import { numbersIn } from "../lib/program";
-import { factors } from "../lib/units";
-import { type Vector, add, norm, times } from "../lib/vector";
-import { asking, useAction } from "../state/action";
-import { useDraft } from "../state/kept";
-import { link } from "../state/router";
+import { DropZone, SchemaFields } from "../components/schema_form";
+import { RequestFields, Select, TextField } from "../components/fields";
+import { freshKey, type Fields as Document, unreadIn } from "../lib/json";
+import { boxAround, numbersIn } from "../lib/map";
+import { loadOf, type Vector, add, norm, times } from "../lib/vector";
+import { factors } from "../lib/stiffness";
+import { asking, useAction, link } from "../state/action";
+import { useDraft } from "../state/session";
 import { text } from "../i18n";
 import { later } from "../i18n/later";
 import { type RunContext, usePostures } from "./run_context";
@@ -40,7 +35,7 @@ function Form({ context: { run, set }, postures }: { context: RunContext; postur
     return link(["maps", made.id]);
   });
   return (
-    <Fields action={make} look="card form">
+    <RequestFields action={make} look="card form">
       <h2>{words.form}</h2>
       <p>{words.formNote}</p>
       <SchemaFields
@@ -62,7 +57,7 @@ function Form({ context: { run, set }, postures }: { context: RunContext; postur
       <ActionButton look="primary" action={make} disabled={unreadIn(asked) !== null}>
         {words.make}
       </ActionButton>
-    </Fields>
+    </RequestFields>
   );
 }
 
@@ -134,7 +129,7 @@ export function ProgramForm({ context: { run } }: { context: RunContext }) {
     setLeave(false); // confirmed for the lines of another program
   };
   return (
-    <Fields action={make} look="card form">
+    <RequestFields action={make} look="card form">
       <h2>{programWords.form}</h2>
       <p>{programWords.formNote}</p>
       <DropZone
@@ -184,6 +179,6 @@ export function ProgramForm({ context: { run } }: { context: RunContext }) {
       <ActionButton look="primary" action={make} disabled={files.length === 0 || asked.accuracy === ""}>
         {programWords.make}
       </ActionButton>
-    </Fields>
+    </RequestFields>
   );
 }

@@ -3,12 +3,12 @@ import { useEffect, useState } from "preact/hooks";
 import { api } from "../api/client";
 import type { MeasurementSetSummary, Plan } from "../api/types";
 import { ActionButton, Choice, Head, Name, NameLink, Show } from "../components/basics";
-import { Fields as Form, Select, TextField } from "../components/fields";
+import { RequestFields as Form, Select, TextField } from "../components/fields";
 import { SchemaFields, type Terms } from "../components/schema_form";
-import { freshKey } from "../lib/hash";
-import { type Fields, unreadIn } from "../lib/json";
-import { equipmentOf, unchanged } from "../lib/planned";
+import { freshKey, type Fields, unreadIn } from "../lib/json";
 import {
+  equipmentOf,
+  unchanged,
   SIGMA,
   SIMULATED,
   SIMULATED_ARM,
@@ -16,15 +16,13 @@ import {
   SIMULATED_MASS,
   SIMULATED_TARGETS,
   stiffnessesOf,
-} from "../lib/simulated";
-import { useAction } from "../state/action";
-import { useLoad, valueOf } from "../state/load";
-import { type Names, namesChanged, robotOptions, useNames, storedSet } from "../state/names";
-import { go, link } from "../state/router";
-import { factors } from "../lib/units";
+} from "../lib/live";
+import { useAction, go, link } from "../state/action";
+import { useLoad, valueOf, type Names, namesChanged, robotOptions, useNames, storedSet } from "../state/load";
+import { factors } from "../lib/stiffness";
 import { text } from "../i18n";
 import { later } from "../i18n/later";
-import { NOISE } from "./advanced";
+import { NOISE } from "./flow";
 import { EQUIPMENT, Equipment, START } from "./plans";
 import { NoRobots } from "./robots";
 

@@ -1,23 +1,113 @@
-/** Where plans start: a robot to begin with or a set to go on with, targets, tracker, loads, count. */
-import { useEffect, useState } from "preact/hooks";
+/** Plans: where they start, and one with its promise, its certificate and its postures. */
+import { useMemo, useState, useEffect } from "preact/hooks";
 import { api } from "../api/client";
-import { ActionButton, Show, Title } from "../components/basics";
-import { Fields as Form, Select } from "../components/fields";
-import { SchemaFields, type Terms } from "../components/schema_form";
-import { freshKey } from "../lib/hash";
-import { type Fields, unreadIn } from "../lib/json";
-import { equipmentOf, unchanged } from "../lib/planned";
-import { asking, useAction } from "../state/action";
-import { useDraft } from "../state/kept";
-import { useLoad, valueOf } from "../state/load";
-import { type Names, useNames, storedSet } from "../state/names";
-import { link } from "../state/router";
+import type { JointKind, Plan, PlanResult, Robot } from "../api/types";
+import { Busy, Button, ActionButton, Show, Title, Download, LinkButton, Name, NameLink } from "../components/basics";
+import { fixed, percent } from "../lib/format";
+import { type Planned, equipmentOf, unchanged, toFillIn } from "../lib/live";
+import { position, positionUnit } from "../lib/stiffness";
+import { type Vector, norm } from "../lib/vector";
+import { ARM_ALONE, ArmView, roomOf } from "../scene/view";
+import { useCached, valueOf, useLoad, type Names, useNames, storedSet, storedRobot } from "../state/load";
 import { text } from "../i18n";
 import { later } from "../i18n/later";
-import { JobList } from "./job_list";
+import { alongText } from "./joint_table";
+import { RequestFields as Form, Select } from "../components/fields";
+import { SchemaFields, type Terms } from "../components/schema_form";
+import { freshKey, type Fields, unreadIn } from "../lib/json";
+import { asking, useAction, link } from "../state/action";
+import { useDraft } from "../state/session";
+import { JobList } from "./runs";
 import { NoRobots } from "./robots";
+import { save, fileName } from "../components/table";
+import { JobPage, JobTables } from "../components/job_page";
 
 const words = later.plan;
+
+export function Postures({ plan, result, robot }: { plan: Plan; result: PlanResult; robot: Robot }) {
+  const [chosen, choose] = useState(0);
+  const { readings } = result;
+  const shown = readings[chosen];
+  const drawn = valueOf(
+    useCached(
+      `plan/${plan.id}`,
+      async () =>
+        (
+          await api.kinematics(
+            { robot_id: robot.id },
+            readings.map(({ joints }) => joints),
+          )
+        ).postures,
+      Number.POSITIVE_INFINITY,
+    ),
+  );
+  const posture = drawn?.[chosen];
+  const room = useMemo(() => roomOf(drawn ?? []), [drawn]);
+  const show = useMemo(
+    () =>
+      posture &&
+      shown && {
+        posture,
+        ...ARM_ALONE,
+        load: { from: posture.flange_origin as Vector, along: shown.force as Vector },
+        names: robot.joints.map(({ name }) => name),
+      },
+    [posture, shown],
+  );
+  return (
+    <div class="flow">
+      <section class="card" aria-labelledby="postures">
+        <h2 id="postures">{words.postures}</h2>
+        {plan.request.measurement_set_id && <p class="soft">{words.newAlone}</p>}
+        <ol class="postures">
+          {readings.map((each, i) => (
+            <li class={i === chosen ? "shown" : undefined}>
+              <b>{each.label}</b>
+              <Button look="quiet" onClick={() => choose(i)}>
+                <span class="hidden">{words.show(each.label)}: </span>
+                {angles(each, robot)}
+              </Button>
+            </li>
+          ))}
+        </ol>
+      </section>
+      {shown && (
+        <section class="card sticky" aria-labelledby="current">
+          <h2 id="current">{words.posture(shown.label)}</h2>
+          {show ? (
+            <ArmView show={show} room={room} label={words.drawn(shown.label)} />
+          ) : (
+            <Busy label={text.scene.loading} />
+          )}
+          <p class="angles">
+            {shown.joints.map((angle, i) => (
+              <span>
+                <small class="soft">{robot.joints[i]?.name}</small> <b>{shownJoint(angle, robot.joints[i]?.kind, 1)}</b>
+              </span>
+            ))}
+          </p>
+          <p>
+            {text.next.load(loadOf(shown))}
+            {shown.direction && `; ${words.readAlong(shown.direction.map((part) => fixed(part, 2)).join(", "))}`}
+            {shown.validation && <span class="soft"> ({words.heldOut})</span>}
+          </p>
+        </section>
+      )}
+    </div>
+  );
+}
+
+export const shownJoint = (value: number, kind: JointKind | undefined, decimals: number): string =>
+  `${fixed(position(value, kind), decimals)}${positionUnit(kind)}`;
+
+const angles = ({ joints }: Planned, robot: Robot): string =>
+  joints.map((value, i) => shownJoint(value, robot.joints[i]?.kind, 0)).join("  ");
+
+export function loadOf({ force, anchor }: { force: readonly number[]; anchor: number | null }): string {
+  const size = norm(force as unknown as Vector) || 1;
+  const how = anchor === null ? alongText(force as unknown as Vector) : words.anchor(anchor + 1);
+  return `${fixed(size, 0)} ${text.units.newton} ${how}`;
+}
 
 export const START: Fields = { sigma: 2e-5 };
 const WIDTH = { constant: 2e-5, per_distance: 0 };
@@ -142,3 +232,60 @@ function Begin({ names, given, after }: { names: Names; given: string; after: st
 export const Equipment = (form: { of: string; value: Fields; change: (part: Fields) => void; terms: Terms }) => (
   <SchemaFields {...form} show={["load", "targets", "load_point", "sigma", "tracker", "surroundings"]} />
 );
+
+export function PlanView({ id }: { id: string }) {
+  return (
+    <JobPage
+      collection="plans"
+      id={id}
+      kind={words.kind}
+      load={async (signal) => {
+        const plan = await api.plans.one(id, signal);
+        const setId = plan.request.measurement_set_id;
+        const base = setId ? await storedSet(setId) : null;
+        const robot = await storedRobot(base?.robot_id ?? plan.request.robot_id ?? "");
+        return { job: plan, base, robot, subject: base?.name ?? robot.name };
+      }}
+      head={({ job, base, robot, subject }) => ({
+        name: words.title(subject),
+        title: <Name>{subject}</Name>,
+        list: "#/plans",
+        about: <NameLink to={base ? ["sets", base.id] : ["robots", robot.id]}>{subject}</NameLink>,
+        first: job.result && (
+          <>
+            <LinkButton look="primary" href={link(["measure"], { plan: id })}>
+              {later.measure.title}
+            </LinkButton>
+            <Button
+              onClick={() => {
+                const campaign = toFillIn(job.request, job.result?.readings ?? [], robot.id, base);
+                save(JSON.stringify(campaign, null, 1), "application/json", fileName(`${subject} planned`, "json"));
+              }}
+            >
+              {words.fillIn}
+            </Button>
+          </>
+        ),
+        actions: job.result && <Download href={api.jobs.file(id, "readings.csv")}>{words.csv}</Download>,
+      })}
+    >
+      {(result, { job, robot }) => {
+        const struck = Object.entries(result.struck_out).map(
+          ([reason, count]) => `${words.struck[reason] ?? reason} ${count}`,
+        );
+        return (
+          <>
+            <Postures plan={job} result={result} robot={robot} />
+            <p class="note good">{words.certified(percent(result.efficiency), words.criteria[result.criterion])}</p>
+            <JobTables collection="plans" id={id} to={1} />
+            <p class="soft">
+              {words.feasible(result.feasible, result.considered)}
+              {struck.length > 0 && ` (${struck.join(", ")})`}. {result.elastic_links && words.links}{" "}
+              {result.left_out.length > 0 && words.leftOut(result.left_out)}
+            </p>
+          </>
+        );
+      }}
+    </JobPage>
+  );
+}

@@ -5,21 +5,18 @@ import type { DeflectionResult, Posture, RunResult } from "../api/types";
 import { ActionButton, Busy, Button, Facts, Prose } from "../components/basics";
 import { Select } from "../components/fields";
 import { SchemaFields } from "../components/schema_form";
-import { bendOf } from "../lib/bend";
+import { bendOf, loadOf, type Vector, add, fromFlange, norm, times } from "../lib/vector";
 import { decimalsFor, fixed, percent, significant } from "../lib/format";
 import { type Fields, unreadIn } from "../lib/json";
-import { loadOf } from "../lib/places";
 import { sentence } from "../lib/said";
 import { roundStep } from "../lib/scale";
-import { factors, position, positionIn, positionUnit } from "../lib/units";
-import { type Vector, add, fromFlange, norm, times } from "../lib/vector";
-import { ARM_ALONE } from "../scene/show";
-import { ArmView, roomOf } from "../scene/view";
+import { factors, position, positionIn, positionUnit } from "../lib/stiffness";
+import { ARM_ALONE, ArmView, roomOf } from "../scene/view";
 import { useAction } from "../state/action";
 import { text } from "../i18n";
 import { later } from "../i18n/later";
 import { type RunContext, usePostures } from "./run_context";
-import { VerdictCard } from "./verdict_card";
+import { VerdictCard } from "../components/job_page";
 
 const words = later.predict;
 

@@ -1,20 +1,199 @@
 /** Adding a robot: an arm of the catalogue, a DH table or a URDF, drawn at once, stored when it looks right. */
-import { DropZone } from "../components/drop";
-import { Select, TextField } from "../components/fields";
 import { useMemo, useState } from "preact/hooks";
 import { api } from "../api/client";
-import type { NominalArm, RobotDocument } from "../api/types";
-import { Arm } from "../components/arm";
-import { ActionButton, Button, Choice, Title } from "../components/basics";
-import { contentKey } from "../lib/hash";
-import { useAction } from "../state/action";
-import { namesChanged } from "../state/names";
-import { keptFiles } from "../state/opened";
-import { link } from "../state/router";
+import type { Catalogue, NominalArm, JointMap, RobotDocument } from "../api/types";
+import { Choice, Facts, Name, Show, ActionButton, Button, Title } from "../components/basics";
+import { TextField, Select } from "../components/fields";
+import { fixed } from "../lib/format";
+import { cached, useLoad, namesChanged } from "../state/load";
 import { text } from "../i18n";
 import { later } from "../i18n/later";
-import { ArmChooser, ArmFacts } from "./catalogue";
-import { DhEditor, type DhTable, documentOf, newDh } from "./dh_editor";
+import { JointMapTable, RowsTable } from "./robots";
+import { SchemaFields, type Terms, DropZone } from "../components/schema_form";
+import { type Fields, unreadIn, contentKey } from "../lib/json";
+import { Arm } from "../scene/view";
+import { useAction, link } from "../state/action";
+import { keptFiles } from "../state/opened";
+
+/** The catalogue is the same as long as the service runs. */
+export const useCatalogue = () => useLoad(() => cached("catalogue", api.catalogue), []);
+
+/** The arms whose names have all the words; blanks and marks between letters do not count. */
+export function found(catalogue: Catalogue, words: string): NominalArm[] {
+  const asked = words.split(/\s+/).map(bare);
+  return catalogue.arms.filter((arm) => asked.every((word) => bare(arm.name).includes(word)));
+}
+
+const bare = (name: string): string => name.toLowerCase().replace(/[^\p{L}\p{N}]+/gu, "");
+
+export function ArmChooser({ chosen, choose }: { chosen: NominalArm | null; choose: (arm: NominalArm) => void }) {
+  const words = later.robots;
+  const catalogue = useCatalogue();
+  const [typed, setTyped] = useState("");
+  return (
+    <>
+      <TextField
+        type="search"
+        label={words.search}
+        placeholder={words.searchPlaceholder}
+        value={typed}
+        change={setTyped}
+      />
+      <Show of={catalogue}>
+        {(known) => {
+          const arms = found(known, typed);
+          if (arms.length === 0) return <p class="note warn">{words.noArm}</p>;
+          return (
+            <Choice
+              label={words.arms}
+              look="choice cards arms"
+              value={chosen?.name ?? ""}
+              change={(name) => choose(arms.find((arm) => arm.name === name) as NominalArm)}
+              options={arms.map((arm) => ({
+                value: arm.name,
+                label: arm.name,
+                hint: `${words.reach} ${reachOf(arm)}`,
+              }))}
+            />
+          );
+        }}
+      </Show>
+    </>
+  );
+}
+
+const reachOf = (arm: NominalArm): string =>
+  `${fixed(arm.reach * 1e3, 0)} ${text.units.mm} (${later.robots.reachOf[arm.reach_of]})`;
+
+export function ArmFacts({ arm }: { arm: NominalArm }) {
+  const words = later.robots;
+  const catalogue = useCatalogue();
+  const presets = catalogue.state === "ready" ? catalogue.value.joint_maps : [];
+  const preset = useMemo(() => presets.find((each) => each.id === arm.joint_map_preset), [presets, arm]);
+  return (
+    <>
+      <p class="note warn">{words.nominalNote}</p>
+      <RowsTable model={arm.model} />
+      <Facts
+        facts={[
+          { label: words.reach, value: reachOf(arm) },
+          { label: words.origin, value: arm.base },
+          { label: words.map, value: preset ? `${preset.name}. ${preset.note}` : words.identity },
+          {
+            label: words.sources,
+            value: arm.sources.map((source) => (
+              <p>
+                <Name>{source}</Name>
+              </p>
+            )),
+          },
+        ]}
+      />
+      {arm.joint_map && <JointMapTable map={arm.joint_map} kinds={arm.model.rows.map(({ kind }) => kind)} />}
+    </>
+  );
+}
+
+const words = later.robots;
+
+/** Model and joint map as they are typed, in SI; a map of null is none. */
+export interface DhTable {
+  model: Fields;
+  map: Fields | null;
+}
+
+const EMPTY = { kind: "revolute" };
+const AXES = 6;
+
+/** An empty table of a six-axis arm. */
+export const newDh = (): DhTable => ({
+  model: { format: "dh", convention: "modified", rows: Array.from({ length: AXES }, () => EMPTY) },
+  map: null,
+});
+
+const rowsOf = ({ model }: DhTable): Fields[] => model["rows"] as Fields[];
+
+/** The robot of a table, or null while something is no number, or no length is given. A blank cell is 0. */
+export function documentOf(name: string, table: DhTable): RobotDocument | null {
+  const rows = rowsOf(table).map((row) => ({ ...row, ...filled(row) }));
+  if (unreadIn(table) !== null || rows.every(({ a, d }) => a === 0 && d === 0)) return null;
+  return { name, model: { ...table.model, rows }, joint_map: table.map } as unknown as RobotDocument;
+}
+
+const filled = ({ a, alpha, d, theta }: Fields) => ({ a: a ?? 0, alpha: alpha ?? 0, d: d ?? 0, theta: theta ?? 0 });
+
+/** A joint map as large as the table: joints stand for themselves. */
+const identity = (count: number): Fields => ({
+  matrix: Array.from({ length: count }, (_, i) => Array.from({ length: count }, (_, j) => (i === j ? 1 : 0))),
+  offset: Array.from({ length: count }, () => 0),
+});
+
+export function DhEditor({ table, change }: { table: DhTable; change: (table: DhTable) => void }) {
+  const rows = rowsOf(table);
+  const slides = rows.some(({ kind }) => kind === "prismatic");
+  const terms: Terms = {
+    labels: {
+      rows: words.rowsTitle,
+      ...Object.fromEntries(Object.entries(words.column).map(([name, shown]) => [`rows.${name}`, shown])),
+    },
+    seeds: { rows: EMPTY },
+    units: slides ? { offset: ["rad, m", 1] } : {},
+  };
+  return (
+    <>
+      <SchemaFields
+        of="DhModel-Input"
+        show={["convention", "rows"]}
+        value={table.model}
+        change={(model) => change({ ...table, model })}
+        terms={terms}
+      />
+      <details
+        open={table.map !== null}
+        onToggle={({ currentTarget: { open } }) => {
+          if (open !== (table.map !== null)) change({ ...table, map: open ? identity(rows.length) : null });
+        }}
+      >
+        <summary>{words.jointMap}</summary>
+        <p class="soft">{words.jointMapHint}</p>
+        {table.map && (
+          <>
+            <Presets map={table.map} count={rows.length} change={(map) => change({ ...table, map })} />
+            <SchemaFields
+              of="JointMap"
+              show={["matrix", "offset"]}
+              value={table.map}
+              change={(map) => change({ ...table, map })}
+              terms={terms}
+            />
+          </>
+        )}
+      </details>
+    </>
+  );
+}
+
+/** Joint maps that many controllers share; they fit tables of as many rows. */
+function Presets({ map, count, change }: { map: Fields; count: number; change: (map: Fields) => void }) {
+  const catalogue = useCatalogue();
+  const presets = catalogue.state === "ready" ? catalogue.value.joint_maps : [];
+  const fitting = presets.filter((preset) => preset.joint_map.matrix.length === count);
+  const same = (one: JointMap) => JSON.stringify(one.matrix) === JSON.stringify(map["matrix"]);
+  const current = fitting.find(({ joint_map: one }) => same(one) && (map["offset"] as number[]).every((o) => o === 0));
+  if (fitting.length === 0) return null;
+  return (
+    <Select
+      label={words.preset}
+      value={current?.id ?? ""}
+      change={(id) => {
+        const chosen = fitting.find((preset) => preset.id === id);
+        if (chosen) change({ ...chosen.joint_map });
+      }}
+      options={[{ value: "", label: words.presetNone }, ...fitting.map(({ id, name }) => ({ value: id, label: name }))]}
+      {...(current ? { help: current.note } : {})}
+    />
+  );
+}
 
 type Format = "catalogue" | "dh" | "urdf";
 

@@ -1,17 +1,132 @@
-/** Lists of robots and of measurement sets. */
-import { useState } from "preact/hooks";
-import type { MeasurementSetSummary } from "../api/types";
-import { api, every } from "../api/client";
-import { AlarmState } from "../components/alarm";
-import { Empty, Head, LinkButton, Name, Show, Tabs, Toggle } from "../components/basics";
-import { TextField } from "../components/fields";
-import { FilterBar, type Row, Rows, chosen, useFilter } from "../components/list";
-import { wasMeasured } from "../lib/metadata";
-import { type Names, useNames } from "../state/names";
-import { useLoad } from "../state/load";
-import { link } from "../state/router";
+/** Robots and measurement sets in lists, the fleet at a glance, and one robot as it was understood. */
+import type { DhModel, JointKind, JointMap, MeasurementSetSummary, Robot, RunSummary, FleetRow } from "../api/types";
+import { alike, DataTable } from "../components/table";
+import { fixed } from "../lib/format";
+import { degrees, position, positionUnit } from "../lib/stiffness";
 import { text } from "../i18n";
 import { later } from "../i18n/later";
+import { api, every } from "../api/client";
+import { dayText, LinkButton, Empty, Head, Name, Show, Tabs, Toggle, Facts, Badge, Title } from "../components/basics";
+import { useLoad, valueOf, type Names, useNames, storedRobot } from "../state/load";
+import { link } from "../state/action";
+import { MOST_RUNS, runRows } from "./runs";
+import { type RunColumn, RunsTable } from "./run_stiffness";
+import { useState } from "preact/hooks";
+import { AlarmState, FilterBar, type Row, Rows, chosen, useFilter, AlarmNote, StoredActions } from "../components/list";
+import { TextField } from "../components/fields";
+import { wasMeasured } from "../lib/campaign";
+import { Arm } from "../scene/view";
+import { changeText } from "../lib/trend";
+
+/** Millimetres and degrees without the noise of their factors. */
+const plain = (value: number): string => String(Number(value.toFixed(6))).replace("-", "\u2212");
+
+const limit = (value: number | null | undefined, kind: JointKind, unit: boolean): string =>
+  value === null || value === undefined
+    ? later.robots.unknown
+    : `${fixed(position(value, kind), 0)}${unit ? positionUnit(kind) : ""}`;
+
+export function RowsTable({ model }: { model: DhModel }) {
+  const words = later.robots;
+  const { mm, deg } = text.units;
+  const slides = model.rows.some(({ kind }) => kind === "prismatic");
+  return (
+    <DataTable
+      caption={words.table}
+      table={{
+        columns: [
+          text.run.joint,
+          { title: words.column.a, unit: mm, show: plain },
+          { title: words.column.alpha, unit: deg, show: plain },
+          { title: words.column.d, unit: mm, show: plain },
+          { title: words.column.theta, unit: deg, show: plain },
+          ...(slides ? [words.lower, words.upper] : alike([words.lower, words.upper], deg)),
+        ],
+        rows: model.rows.map((row, i) => [
+          slides ? `${i + 1}, ${words.kinds[row.kind]}` : String(i + 1),
+          row.a * 1e3,
+          degrees(row.alpha),
+          row.d * 1e3,
+          degrees(row.theta),
+          limit(row.lower, row.kind, slides),
+          limit(row.upper, row.kind, slides),
+        ]),
+      }}
+    />
+  );
+}
+
+export function JointMapTable({ map, kinds }: { map: JointMap; kinds: JointKind[] }) {
+  const words = later.robots;
+  const joints = map.matrix.map((_, i) => ({ title: String(i + 1), show: plain }));
+  return (
+    <DataTable
+      caption={words.mapTable}
+      table={{
+        columns: [text.run.joint, ...joints, { title: words.offset, show: plain }],
+        rows: map.matrix.map((row, i) => [
+          `${i + 1} [${positionUnit(kinds[i]).trim()}]`,
+          ...row,
+          position(map.offset[i] ?? 0, kinds[i]),
+        ]),
+      }}
+    />
+  );
+}
+
+const MOST = 8;
+
+type Measured = Pick<MeasurementSetSummary, "serial_number" | "measured_at">;
+
+/** The newest run of each robot and serial number, the newest first; runs that vary another do not count. */
+export function newestOf(runs: RunSummary[], sets: ReadonlyMap<string, Measured>): RunSummary[] {
+  const time = (run: RunSummary) => Date.parse(sets.get(run.measurement_set_id)?.measured_at ?? run.created_at);
+  const seen = new Set<string>();
+  return runs
+    .filter((run) => run.variant_of === null)
+    .sort((a, b) => time(b) - time(a))
+    .filter((run) => {
+      const key = `${run.robot_id}\n${sets.get(run.measurement_set_id)?.serial_number ?? ""}`;
+      return !seen.has(key) && seen.add(key);
+    });
+}
+
+async function twinsOf(robot: Robot, signal: AbortSignal): Promise<RunColumn[]> {
+  const { items: robots } = await api.robots.list({ content_hash: robot.content_hash, limit: MOST }, signal);
+  const each = <Item,>(list: (of: { robot_id: string }) => Promise<Item[]>) =>
+    Promise.all(robots.map(({ id }) => list({ robot_id: id }))).then((lists) => lists.flat());
+  const [sets, runs] = await Promise.all([
+    each((of) => every(api.sets.list, of, 100, signal)),
+    each((of) => every(api.runs.list, { ...of, state: "succeeded" }, 100, signal)),
+  ]);
+  const known = new Map(sets.map((set) => [set.id, set]));
+  const names = new Map(robots.map(({ id, name }) => [id, name]));
+  return Promise.all(
+    newestOf(runs, known)
+      .slice(0, MOST)
+      .map(async ({ id, robot_id: of, measurement_set_id: setId, created_at: created }) => {
+        const set = known.get(setId);
+        const encoders = set && text.files.encoders[set.encoders];
+        const note = [set?.serial_number, dayText(set?.measured_at ?? created), encoders].filter(Boolean).join(", ");
+        return { run: await api.runs.one(id, signal), name: names.get(of) ?? of, note };
+      }),
+  );
+}
+
+/** Nothing, while there is only one robot of the kind. */
+export function Twins({ robot }: { robot: Robot }) {
+  const twins = valueOf(useLoad((signal) => twinsOf(robot, signal), [robot.id, robot.content_hash])) ?? [];
+  if (twins.length < 2) return null;
+  const words = later.robots;
+  const ids = twins.slice(0, MOST_RUNS).map(({ run }) => run.id);
+  return (
+    <section class="card">
+      <h2>{words.twins}</h2>
+      <RunsTable columns={twins} label={words.twins} />
+      <LinkButton href={link(["compare", "runs"], { ids: ids.join() })}>{words.beside}</LinkButton>
+    </section>
+  );
+}
 
 const words = later.robots;
 
@@ -150,4 +265,173 @@ export function RobotTabs({ current }: { current: "robots" | "sets" | "geometrie
       ]}
     />
   );
+}
+
+export function RobotView({ id }: { id: string }) {
+  const loaded = useLoad(() => storedRobot(id), [id]);
+  return (
+    <Show of={loaded} title={text.start.robot}>
+      {(robot) => <RobotPage robot={robot} changed={loaded.reload} />}
+    </Show>
+  );
+}
+
+function RobotPage({ robot, changed }: { robot: Robot; changed: () => void }) {
+  const names = valueOf(useNames());
+  const runs = valueOf(useRunsOf({ robot_id: robot.id }));
+  const sets = names?.sets.filter((set) => set.robot_id === robot.id) ?? [];
+  const [filter, change] = useFilter();
+  const rows = [...sets.map((set) => setRow(set, names)), ...runRows(runs ?? [], names)];
+  return (
+    <>
+      <Head
+        kind={text.start.robot}
+        plain={robot.name}
+        title={<Name>{robot.name}</Name>}
+        about={
+          <>
+            <span>{text.lists.jointCount(robot.joints.length)}</span>
+            {names && <span>{later.robots.setCount(sets.length)}</span>}
+            {robot.archived && <span>{text.changes.archived}</span>}
+          </>
+        }
+        first={
+          <LinkButton look="primary" href={link([], { robot: robot.id })}>
+            {later.robots.use}
+          </LinkButton>
+        }
+      >
+        <LinkButton href={link(["measure"], { robot: robot.id })}>{later.measure.title}</LinkButton>
+        <LinkButton href={link(["plans"], { robot: robot.id })}>{later.plan.begin}</LinkButton>
+        <LinkButton href={link(["compare", "trend", robot.id])}>{later.robots.trend}</LinkButton>
+        <StoredActions of={robot} api={api.robots} list="#/robots" changed={changed} />
+      </Head>
+      <AlarmNote robot={robot.id} alarms={names?.robots.find(({ id }) => id === robot.id)?.alarms ?? robot.alarms} />
+      <div class="flow">
+        <section class="card">
+          <Arm source={{ robot_id: robot.id }} start={null} />
+        </section>
+        <section class="card">
+          <h2>{later.robots.facts}</h2>
+          <Kinematics robot={robot} />
+        </section>
+      </div>
+      <Twins robot={robot} />
+      <section class="list">
+        <h2>{later.robots.listOf}</h2>
+        {rows.length > 0 ? (
+          <>
+            <FilterBar filter={filter} change={change} judged />
+            <Rows rows={chosen(rows, filter)} />
+          </>
+        ) : (
+          <Empty title={later.robots.setsNone} hint={later.robots.setsNoneHint} />
+        )}
+      </section>
+    </>
+  );
+}
+
+function Kinematics({ robot }: { robot: Robot }) {
+  const { wrist } = robot;
+  const miss = wrist.miss_distance;
+  const words = later.robots;
+  const limit = (value: number | null, kind: JointKind) =>
+    value === null ? words.unlimited : `${fixed(position(value, kind), 0)}${slides ? positionUnit(kind) : ""}`;
+  const slides = robot.joints.some(({ kind }) => kind === "prismatic");
+  return (
+    <>
+      {robot.nominal_arm && <p class="note warn">{words.nominalNote}</p>}
+      <Facts
+        facts={[
+          ...(robot.nominal_arm ? [{ label: words.nominalArm, value: <Name>{robot.nominal_arm}</Name> }] : []),
+          {
+            label: words.description,
+            value:
+              robot.model.format === "dh" ? `${words.dh}, ${words.conventions[robot.model.convention]}` : words.urdf,
+          },
+          {
+            label: words.wrist,
+            value: wrist.spherical
+              ? words.spherical
+              : miss === null
+                ? words.noCentre
+                : words.notSpherical(`${fixed(miss * 1e3, 2)} ${text.units.mm}`),
+          },
+          ...(robot.joint_map ? [] : [{ label: words.map, value: words.identity }]),
+        ]}
+      />
+      {robot.model.format === "dh" && <RowsTable model={robot.model} />}
+      {robot.joint_map && (
+        <>
+          <h3>{words.map}</h3>
+          <JointMapTable map={robot.joint_map} kinds={robot.joints.map(({ kind }) => kind)} />
+        </>
+      )}
+      {robot.model.format === "urdf" && (
+        <DataTable
+          caption={words.limits}
+          table={{
+            columns: [
+              text.run.joint,
+              ...(slides ? [words.lower, words.upper] : alike([words.lower, words.upper], text.units.deg)),
+            ],
+            rows: robot.joints.map(({ name, kind, lower, upper }) => [name, limit(lower, kind), limit(upper, kind)]),
+          }}
+        />
+      )}
+    </>
+  );
+}
+
+const fleetWords = text.fleet;
+
+export function FleetView() {
+  const fleet = useLoad((signal) => api.fleet(signal), []);
+  return (
+    <>
+      <Title plain={fleetWords.title}>{fleetWords.title}</Title>
+      <RobotTabs current="fleet" />
+      <Show of={fleet}>
+        {({ items, is_whole: whole }) =>
+          items.length === 0 ? (
+            <NoRobots />
+          ) : (
+            <>
+              {!whole && <p class="note">{fleetWords.some}</p>}
+              <div class="fleet">
+                <Rows rows={items.map(rowOf)} />
+              </div>
+            </>
+          )
+        }
+      </Show>
+    </>
+  );
+}
+
+export function rowOf(row: FleetRow): Row {
+  const query = row.serial_number === null ? {} : { serial: row.serial_number };
+  const note = row.alarm ?? (row.change && row.missing);
+  return {
+    id: `${row.robot_id}/${row.serial_number}`,
+    href: link(["compare", "trend", row.robot_id], query),
+    name: row.name,
+    what: <Name>{row.name}</Name>,
+    note: row.serial_number === null ? fleetWords.noSerial : <Name>{row.serial_number}</Name>,
+    how: (
+      <>
+        {row.joint && row.change ? fleetWords.latest(row.joint, changeText(row.change)) : (row.missing ?? "")}
+        {note && <small>{note}</small>}
+      </>
+    ),
+    at: row.measured_at,
+    since: fleetWords.campaigns(row.campaigns),
+    standing: (
+      <>
+        <span class={`state ${row.state}`}>{fleetWords.states[row.state]}</span>
+        {row.verdict && <Badge verdict={row.verdict} />}
+      </>
+    ),
+  };
 }

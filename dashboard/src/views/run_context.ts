@@ -1,10 +1,9 @@
-import { storedRobot, storedSet } from "../state/names";
+import { storedRobot, storedSet, cached, useCached, valueOf } from "../state/load";
 /** What the parts of a run's page share, and what the pages of maps and programs need of their run. */
 import { useMemo } from "preact/hooks";
 import { api } from "../api/client";
 import type { Elasticity, MeasurementSet, Posture, Robot, Run } from "../api/types";
-import { factors } from "../lib/units";
-import { cached, useCached, valueOf } from "../state/load";
+import { factors } from "../lib/stiffness";
 
 /** A run with what it is about. */
 export interface RunContext {

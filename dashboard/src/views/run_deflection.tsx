@@ -1,15 +1,81 @@
-/** Deflection of each configuration before and after compensation (the paper's Figs 7 and 8), and what remains. */
-import { useMemo } from "preact/hooks";
-import type { Residual, Run, RunResult } from "../api/types";
+/** Deflection of each configuration before and after compensation (the paper's Figs 7 and 8), and the robot in it. */
+import type { MeasurementSet, Posture, Residual, RunResult, Run } from "../api/types";
+import type { Arrow } from "../scene/parts";
+import { placesOf, norm, type Vector, bendOf, loadOf, add, times } from "../lib/vector";
+import { roundStep, extent } from "../lib/scale";
+import { useMemo, useCallback, useEffect, useState } from "preact/hooks";
 import { BarFigure, ByName, circle, type Opening } from "../charts/bars";
-import { Figure } from "../charts/figure";
-import { LinkButton } from "../components/basics";
-import { significant } from "../lib/format";
-import { extent } from "../lib/scale";
-import { norm } from "../lib/vector";
-import { link } from "../state/router";
+import { Figure, Legend } from "../charts/figure";
+import { LinkButton, tip, useWidth, Busy, Button, Choice, Toggle } from "../components/basics";
+import { significant, fixed } from "../lib/format";
+import { link } from "../state/action";
 import { text } from "../i18n";
-import type { RunContext } from "./run_context";
+import { type RunContext, usePostures } from "./run_context";
+import { Handle } from "../components/fields";
+import { DataTable } from "../components/table";
+import { type Show, ArmView, roomOf } from "../scene/view";
+
+export interface Arrows {
+  measured: Arrow[];
+  predicted: Arrow[];
+  /** Lengths of the residuals [m], an arrow each. */
+  residuals: number[];
+  /** Names of the targets, an arrow each. */
+  targets: string[];
+}
+
+export interface DrawnSet {
+  byObservation: Arrows[];
+  together: Arrows;
+  /** Greatest length of a residual [m]. */
+  worst: number;
+}
+
+/** The longest arrow is about this share of the robot's reach. */
+const LONGEST = 0.22;
+
+export function arrowsOf(set: MeasurementSet, postures: Posture[], result: RunResult): DrawnSet {
+  const residuals = grouped(result.residuals);
+  const byObservation = set.observations.map((observation, i): Arrows => {
+    const posture = postures[i];
+    const places = posture ? placesOf(set, observation, posture) : new Map<string, Vector>();
+    const found = (residuals.get(observation.label) ?? []).filter((r) => places.has(r.target));
+    const from = (target: string) => places.get(target) as Vector;
+    return {
+      measured: found.map((r) => ({ from: from(r.target), along: r.deflection })),
+      predicted: found.map((r) => ({ from: from(r.target), along: r.predicted })),
+      residuals: found.map((r) => norm(r.residual)),
+      targets: found.map((r) => r.target),
+    };
+  });
+  return {
+    byObservation,
+    together: {
+      measured: byObservation.flatMap((a) => a.measured),
+      predicted: byObservation.flatMap((a) => a.predicted),
+      residuals: byObservation.flatMap((a) => a.residuals),
+      targets: [],
+    },
+    worst: Math.max(1e-9, ...result.residuals.map((r) => norm(r.residual))),
+  };
+}
+
+function grouped(residuals: Residual[]): Map<string, Residual[]> {
+  const groups = new Map<string, Residual[]>();
+  for (const residual of residuals) {
+    const group = groups.get(residual.observation);
+    if (group) group.push(residual);
+    else groups.set(residual.observation, [residual]);
+  }
+  return groups;
+}
+
+/** A round factor by which deflections are drawn longer than they are. */
+export function magnification({ together: { measured } }: DrawnSet, room: Vector[]): number {
+  const longest = Math.max(1e-9, ...measured.map((arrow) => norm(arrow.along)));
+  const reach = Math.max(0.2, ...room.map(norm));
+  return roundStep((reach * LONGEST) / longest / 1.6, 1);
+}
 
 const AXES = ["x", "y", "z"] as const;
 
@@ -177,3 +243,235 @@ export function Scatter({
 
 const radius = (step: number): number => Math.min(3.6, Math.max(1.5, step / 5));
 const shift = (mark: string): number => (mark === "x" ? -1 : mark === "z" ? 1 : 0);
+
+const words = text.scene;
+
+interface RobotPartProps {
+  context: RunContext;
+  result: RunResult;
+  query: URLSearchParams;
+}
+
+export function RobotPart({ context, result, query }: RobotPartProps) {
+  const postures = usePostures(context.set, context.robot);
+  return postures ? (
+    <Stepper context={context} postures={postures} result={result} query={query} />
+  ) : (
+    <Busy label={words.loading} />
+  );
+}
+
+function Stepper({ context: { run, set }, postures, result, query }: RobotPartProps & { postures: Posture[] }) {
+  const asked = query.get("at");
+  const from = query.get("from");
+  const [index, setIndex] = useState(() => placeOf(set, asked));
+  useEffect(() => setIndex(placeOf(set, asked)), [asked]);
+  const [all, setAll] = useState(false);
+  const [axes, setAxes] = useState(false);
+  const [labels, setLabels] = useState(true);
+  const [colour, setColour] = useState<"kind" | "residual">("kind");
+  const [bends, setBends] = useState(0);
+  const [resets, setResets] = useState(0);
+  const drawn = useMemo<DrawnSet>(() => arrowsOf(set, postures, result), [set, postures, result]);
+  const [factor, setFactor] = useState(() => magnification(drawn, roomOf(postures)));
+  const step = useCallback(
+    (by: number) => setIndex((i) => (i + by + postures.length) % postures.length),
+    [postures.length],
+  );
+  useStepKeys(step);
+  const posture = postures[index];
+  const observation = set.observations[index];
+  const room = useMemo(() => {
+    if (!posture || !observation) return [];
+    const tips = (drawn.byObservation[index]?.measured ?? []).flatMap(({ from: foot, along }) => [
+      foot,
+      add(foot, times(along, factor)),
+    ]);
+    const points = [...roomOf([posture]), ...tips];
+    const { point, force } = loadOf(set, observation, posture);
+    const reach = Math.max(...points.map(norm));
+    return norm(force) > 0 ? [...points, add(point, times(force, (0.3 * reach) / norm(force)))] : points;
+  }, [posture, observation, drawn, index, factor]);
+  const show = useMemo<Show | null>(() => {
+    if (!posture || !observation) return null;
+    const { point, force } = loadOf(set, observation, posture);
+    const arrows = all ? drawn.together : (drawn.byObservation[index] ?? drawn.together);
+    return {
+      posture,
+      ...arrows,
+      load: norm(force) > 0 ? { from: point, along: force } : null,
+      factor,
+      axes,
+      names: labels ? result.joints.map((joint) => joint.name) : [],
+      targets: all ? [] : arrows.targets,
+      byResidual: colour === "residual" ? drawn.worst : null,
+      bend: bendOf(
+        posture,
+        result.joints.map((joint) => joint.compliance),
+        { point, force },
+      ),
+    };
+  }, [posture, observation, all, drawn, index, factor, axes, labels, colour]);
+  if (!show || !observation) return null;
+  return (
+    <section class="scene">
+      <div class="view">
+        <ArmView show={show} room={room} label={words.canvas(observation.label)} resets={resets} bends={bends} />
+        <ResidualStrip result={result} names={set.observations.map((one) => one.label)} at={index} choose={setIndex} />
+      </div>
+      <div class="controls">
+        {from && (
+          <LinkButton look="quiet back" href={link(["runs", run.id, from], { at: observation.label })}>
+            ‹ {words.backTo(text.run.views[from as keyof typeof text.run.views] ?? text.run.views.deflection)}
+          </LinkButton>
+        )}
+        <div class="stepper">
+          <Button aria-label={words.previous} onClick={() => step(-1)}>
+            ‹
+          </Button>
+          <Handle
+            look=""
+            label={words.configuration}
+            said={observation.label}
+            count={postures.length}
+            value={index}
+            change={setIndex}
+          >
+            <bdi>{observation.label}</bdi> <small class="soft">{words.of(index + 1, postures.length)}</small>
+          </Handle>
+          <Button aria-label={words.next} onClick={() => step(1)}>
+            ›
+          </Button>
+        </div>
+        <Legend
+          items={[
+            { mark: "load", label: `${words.load}: ${loadText(set, show)}` },
+            ...(colour === "kind"
+              ? (["measured", "predicted"] as const).map((mark) => ({ mark, label: words[mark] }))
+              : [{ mark: "ramp", label: words.residualRamp(`${significant(drawn.worst * 1e3, 2)} ${text.units.mm}`) }]),
+          ]}
+        />
+        <div class="magnify">
+          <Button aria-label={words.scaleDown} onClick={() => setFactor((f) => roundStep(f / 2.2, 1))}>
+            −
+          </Button>
+          <output>{words.magnified(fixed(factor, 0))}</output>
+          <Button aria-label={words.scaleUp} onClick={() => setFactor((f) => roundStep(f * 1.8, 1))}>
+            +
+          </Button>
+        </div>
+        <div class="buttons">
+          <Button onClick={() => setBends((n) => n + 1)}>{words.bend}</Button>
+          <Button onClick={() => setResets((n) => n + 1)}>{words.reset}</Button>
+        </div>
+        <Choice
+          label={words.colour}
+          value={colour}
+          change={setColour}
+          options={{ kind: words.byKind, residual: words.byResidual }}
+        />
+        <div class="toggles">
+          <Toggle label={words.labels} checked={labels} change={setLabels} />
+          <Toggle label={words.axes} checked={axes} change={setAxes} />
+          <Toggle label={words.all} checked={all} change={setAll} />
+        </div>
+        <p class="soft">{words.hint}</p>
+      </div>
+      <details class="wide">
+        <summary>{words.table}</summary>
+        <DeflectionTable label={observation.label} result={result} />
+      </details>
+    </section>
+  );
+}
+
+const placeOf = (set: MeasurementSet, label: string | null): number =>
+  Math.max(
+    0,
+    set.observations.findIndex((one) => one.label === label),
+  );
+
+/** Page up and down step through the configurations, wherever the focus is. */
+function useStepKeys(step: (by: number) => void): void {
+  useEffect(() => {
+    const hear = (event: KeyboardEvent) => {
+      const by = { PageDown: 1, PageUp: -1 }[event.key];
+      if (by === undefined || event.target instanceof HTMLInputElement) return;
+      event.preventDefault();
+      step(by);
+    };
+    addEventListener("keydown", hear);
+    return () => removeEventListener("keydown", hear);
+  }, [step]);
+}
+
+function loadText(set: MeasurementSet, show: Show): string {
+  return show.load ? `${fixed(norm(show.load.along), 0)} ${text.units.newton}` : `0 ${set.units.force}`;
+}
+
+function DeflectionTable({ label, result }: { label: string; result: RunResult }) {
+  const mm = (vector: readonly number[]) => vector.map((v) => v * 1e3);
+  const show = (v: number) => fixed(v, 3);
+  const axes = ["x", "y", "z"];
+  return (
+    <DataTable
+      caption={words.table}
+      table={{
+        columns: [
+          text.deflection.target,
+          ...axes.map((a) => ({ title: `${words.measured} ${a}`, unit: text.units.mm, show })),
+          ...axes.map((a) => ({ title: `${words.predicted} ${a}`, unit: text.units.mm, show })),
+        ],
+        rows: result.residuals
+          .filter((r) => r.observation === label)
+          .map((r) => [r.target, ...mm(r.deflection), ...mm(r.predicted)]),
+      }}
+    />
+  );
+}
+
+const HEIGHT = 54;
+
+/** What each configuration leaves unexplained, as a strip to step by: the worst are found at a glance. */
+function ResidualStrip({
+  result,
+  names,
+  at,
+  choose,
+}: {
+  result: RunResult;
+  names: string[];
+  at: number;
+  choose: (index: number) => void;
+}) {
+  const [box, width] = useWidth<HTMLDivElement>();
+  const left = new Map(byObservation(result.residuals).map((one) => [one.name, one.after * 1e3]));
+  const most = Math.max(1e-9, ...left.values());
+  const step = width / Math.max(1, names.length);
+  return (
+    <div class="strip" ref={box}>
+      <p class="soft">{text.scene.strip}</p>
+      {width > 0 && (
+        <svg width={width} height={HEIGHT} role="img" aria-label={text.scene.strip}>
+          {names.map((name, i) => {
+            const value = left.get(name) ?? 0;
+            const high = (value / most) * (HEIGHT - 4);
+            return (
+              <g class={i === at ? "at" : undefined} onClick={() => choose(i)}>
+                <rect class="left" x={i * step + step * 0.12} width={step * 0.76} y={HEIGHT - high} height={high} />
+                <rect
+                  class={i === at ? "hit column at" : "hit column"}
+                  x={i * step}
+                  width={step}
+                  y={0}
+                  height={HEIGHT}
+                  {...tip([name, `${text.deflection.residual}: ${fixed(value, 3)} ${text.units.mm}`])}
+                />
+              </g>
+            );
+          })}
+        </svg>
+      )}
+    </div>
+  );
+}

@@ -1,23 +1,149 @@
-/** The first tab of a result: whether it may be used, what it comes to, and each joint. */
+/** The first tab of a result: whether it may be used, what it comes to, each joint, and why the numbers can be trusted. */
 import type { Run, RunResult } from "../api/types";
+import { Badge, NameLink, Name, Facts, When, Term, ActionButton } from "../components/basics";
+import { Scroll } from "../components/table";
+import { fixed, percent, significant } from "../lib/format";
+import { shownStiffness, STIFFNESS_UNITS } from "../lib/stiffness";
+import { useSettings } from "../state/session";
+import { text } from "../i18n";
+import { JobLines, JobTables, VerdictCard } from "../components/job_page";
+import { useState } from "preact/hooks";
+import { type RunContext, isElastic } from "./run_context";
 import { Shares } from "../charts/bars";
 import { Figure } from "../charts/figure";
-import { JobTables } from "../components/job_tables";
-import { percent, significant } from "../lib/format";
-import { text } from "../i18n";
 import { useCached, valueOf } from "../state/load";
 import { api } from "../api/client";
-import { RunsTable } from "./runs_table";
-import { useState } from "preact/hooks";
-import { ActionButton } from "../components/basics";
 import { unsaid } from "../lib/said";
-import { freshKey } from "../lib/hash";
+import { freshKey } from "../lib/json";
 import { useAction } from "../state/action";
 import { JointTable } from "./joint_table";
 import { Further } from "../components/findings";
-import { type RunContext, isElastic } from "./run_context";
-import { Evidence } from "./run_evidence";
-import { VerdictCard } from "./verdict_card";
+
+export interface RunColumn {
+  run: Run;
+  name: string;
+  /** What else tells it from the others. */
+  note?: string;
+}
+
+/** Names of all joints that any of the runs has. */
+const jointsOf = (columns: RunColumn[]): string[] => [
+  ...new Set(columns.flatMap(({ run }) => run.result?.joints.map((joint) => joint.name) ?? [])),
+];
+
+const jointOf = ({ run }: RunColumn, name: string) => run.result?.joints.find((joint) => joint.name === name);
+
+export function RunsTable({ columns, label }: { columns: RunColumn[]; label: string }) {
+  const { unit } = useSettings();
+  const row = (title: string, cell: (column: RunColumn) => preact.ComponentChildren, note?: string) => (
+    <tr>
+      <th scope="row">
+        <Name>{title}</Name> {note && <small class="soft">{note}</small>}
+      </th>
+      {columns.map((column) => (
+        <td>{cell(column) ?? "–"}</td>
+      ))}
+    </tr>
+  );
+  return (
+    <Scroll label={label}>
+      <table class="side-by-side">
+        <thead>
+          <tr>
+            <th scope="col" />
+            {columns.map(({ run, name, note }) => (
+              <th scope="col">
+                <NameLink to={["runs", run.id]}>{name}</NameLink>
+                {note && <small class="soft">{note}</small>}
+              </th>
+            ))}
+          </tr>
+        </thead>
+        <tbody>
+          {row(text.run.verdict, ({ run }) => run.result && <Badge verdict={run.result.assessment.verdict} />)}
+          {row(text.lists.explainedTitle, ({ run }) => {
+            const share = run.result?.compensation ?? null;
+            return share === null ? null : percent(share);
+          })}
+          {row(text.lists.rms, ({ run }) => run.result && fixed(run.result.rms_residual * 1e3, 3), text.units.mm)}
+          {jointsOf(columns).map((name) =>
+            row(
+              name,
+              (column) => {
+                const joint = jointOf(column, name);
+                const shown = joint && shownStiffness(joint, unit);
+                return (
+                  <>
+                    <b>{shown?.value ?? shown?.limit ?? "–"}</b>
+                    {shown?.uncertainty && <span class="soft"> ±&nbsp;{shown.uncertainty}</span>}
+                  </>
+                );
+              },
+              STIFFNESS_UNITS[unit].label,
+            ),
+          )}
+        </tbody>
+      </table>
+    </Scroll>
+  );
+}
+
+const words = text.evidence;
+const small = (value: number): string => (value === 0 ? "0" : significant(value, 2));
+
+export function Evidence({ context: { run, set }, result }: { context: RunContext; result: RunResult }) {
+  const [open, setOpen] = useState(false);
+  const elastic = isElastic(run); // what is said of identifiability is then of the joints alone
+  const { identifiability: found, certificate } = result;
+  const { provenance } = run;
+  return (
+    <details class="card evidence" onToggle={(event) => setOpen(event.currentTarget.open)}>
+      <summary>
+        <h2>{words.title}</h2>
+      </summary>
+      {elastic && <p class="soft">{words.jointsAlone}</p>}
+      <Facts
+        facts={[
+          { label: <Term of="rank">{words.rank}</Term>, value: words.rankOf(found.rank, found.parameters) },
+          {
+            label: <Term of="condition">{words.condition}</Term>,
+            value: found.condition_number === null ? words.conditionNone : significant(found.condition_number, 3),
+          },
+          ...found.combinations.map((group) => ({
+            label: words.combinations,
+            value: <Name>{group.join(" + ")}</Name>,
+          })),
+          {
+            label: <Term of="certificate">{words.certificate}</Term>,
+            value: [certificate.primal, certificate.dual, certificate.complementarity].map(small).join(", "),
+          },
+          { label: words.solvedBy, value: certificate.solved_by.map((solver) => words.solvers[solver]).join(", ") },
+        ]}
+      />
+      {open && <JobLines collection="runs" id={run.id} of="evidence" />}
+      <h3>{words.provenance}</h3>
+      <Facts
+        wide
+        facts={[
+          { label: text.sets.kind, value: <NameLink to={["sets", set.id]}>{set.name}</NameLink> },
+          { label: words.created, value: <When time={provenance.created_at} /> },
+          { label: words.identifier, value: <code>{run.id}</code> },
+          { label: words.input, value: <code>{provenance.input_hash}</code> },
+          {
+            label: words.versions,
+            value: Object.entries(provenance.versions)
+              .map((version) => version.join(" "))
+              .join(", "),
+          },
+        ]}
+      />
+      <details>
+        <summary>{words.request}</summary>
+        <pre tabIndex={0}>{JSON.stringify(run.request, null, 2)}</pre>
+      </details>
+    </details>
+  );
+}
 
 export function StiffnessPart({ context, result }: { context: RunContext; result: RunResult }) {
   const { run } = context;
@@ -105,22 +231,22 @@ function Summary({ result }: { result: RunResult }) {
   );
 }
 
-const words = text.assessment;
+const assessmentWords = text.assessment;
 
 /** A run beside the one that it tries to improve: what was changed, and what came of it. */
 function BeforeAfter({ run, origin }: { run: Run; origin: string }) {
   const before = valueOf(useCached(`run/${origin}`, () => api.runs.one(origin), Number.POSITIVE_INFINITY));
   if (!before?.result || !run.result) return null;
   const columns = [
-    { run: before, name: words.before },
-    { run, name: words.after },
+    { run: before, name: assessmentWords.before },
+    { run, name: assessmentWords.after },
   ];
   return (
     <section class="card before-after">
       <h2>
-        {words.beforeAfter} <small class="soft">{changes(before, run).join(", ")}</small>
+        {assessmentWords.beforeAfter} <small class="soft">{changes(before, run).join(", ")}</small>
       </h2>
-      <RunsTable columns={columns} label={words.beforeAfter} />
+      <RunsTable columns={columns} label={assessmentWords.beforeAfter} />
     </section>
   );
 }
@@ -130,12 +256,12 @@ function changes(before: Run, after: Run): string[] {
   const [a, b] = [before.request, after.request];
   const left = b.leave_out.filter((label) => !a.leave_out.includes(label));
   return [
-    ...(left.length > 0 ? [words.changed.leftOut(left)] : []),
-    ...(a.loss !== b.loss ? [words.changed.loss[b.loss === "automatic" ? "chosen" : b.loss]] : []),
+    ...(left.length > 0 ? [assessmentWords.changed.leftOut(left)] : []),
+    ...(a.loss !== b.loss ? [assessmentWords.changed.loss[b.loss === "automatic" ? "chosen" : b.loss]] : []),
     ...(a.complementary_stiffness !== b.complementary_stiffness
-      ? [words.changed.complementary[b.complementary_stiffness]]
+      ? [assessmentWords.changed.complementary[b.complementary_stiffness]]
       : []),
-    ...(a.measurement_set_id !== b.measurement_set_id ? [words.changed.set] : []),
+    ...(a.measurement_set_id !== b.measurement_set_id ? [assessmentWords.changed.set] : []),
   ];
 }
 

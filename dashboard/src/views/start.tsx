@@ -1,18 +1,177 @@
-/** The start: files, or a stored set, to their result. */
-import { useEffect, useState } from "preact/hooks";
+/** The start: files, or a stored set, to their result in three taps. */
+import { useEffect, useMemo, useState } from "preact/hooks";
 import { api } from "../api/client";
-import { AlarmNote } from "../components/alarm";
-import { Busy, Button, Empty, Head, LinkButton, ProblemNote } from "../components/basics";
-import { handOver, keepFiles, keptBefore, keptFiles, type Opened, open } from "../state/opened";
-import { useLoad, valueOf } from "../state/load";
-import { useNames } from "../state/names";
-import { go, link } from "../state/router";
+import type { MeasurementSet, RobotSource } from "../api/types";
+import { Arm } from "../scene/view";
+import { Busy, LinkButton, ProblemNote, Button, Empty, Head } from "../components/basics";
+import { RequestFields, Select } from "../components/fields";
+import { Findings, Preview } from "../components/findings";
+import { type Campaign, factsOf, noiseOf, type StatedNoise, statesNoise } from "../lib/campaign";
+import { contentKey, freshKey, type Fields as Document } from "../lib/json";
+import { useAction, link, go } from "../state/action";
+import { useLoad, valueOf, namesChanged, robotOptions, setOptions, useNames, storedSet } from "../state/load";
+import { type Opened, handOver, keepFiles, keptBefore, keptFiles, open } from "../state/opened";
 import { text } from "../i18n";
 import { later } from "../i18n/later";
-import { CampaignFlow } from "./campaign_flow";
+import { FileDrop, GoBar, Refused, Step, Advanced, useRunForm } from "./flow";
+import { AlarmNote } from "../components/list";
 import { ImportFlow } from "./import_flow";
 import { OpenCampaigns, TrySimulated } from "./measure";
 import { RunList } from "./runs";
+
+const FROM_FILE = "file";
+
+export function CampaignFlow({
+  opened,
+  robot: asked,
+  set: askedSet,
+  take,
+}: {
+  opened: Opened | null;
+  robot: string;
+  set: string;
+  take: (...files: File[]) => void;
+}) {
+  const known = valueOf(useNames());
+  const [choice, setChoice] = useState<{ of: Campaign | null; robot: string }>({ of: null, robot: asked });
+  const [chosenSet, setChosenSet] = useState(askedSet);
+  const form = useRunForm();
+  const campaign = opened?.kind === "campaign" ? opened.campaign : null;
+  const storedId = opened ? "" : chosenSet;
+  const before = choice.robot === FROM_FILE ? "" : choice.robot;
+  const robot = choice.of === campaign ? choice.robot : campaign?.robot ? FROM_FILE : (campaign?.robotId ?? before);
+  const setRobot = (chosen: string) => setChoice({ of: campaign, robot: chosen });
+  useEffect(() => {
+    if (campaign?.run) form.setRun(campaign.run as Document);
+  }, [campaign]);
+  const onlyRobot = known?.robots.length === 1 ? known.robots[0]?.id : undefined;
+  const chosenRobot = robot || (campaign && !campaign.robot ? (onlyRobot ?? "") : robot);
+
+  const stored = useLoad(async () => (storedId ? storedSet(storedId) : null), [storedId]);
+  const [added, setAdded] = useState<{ of: Campaign; set: MeasurementSet } | null>(null);
+  const set = campaign ? (added?.of === campaign ? added.set : null) : valueOf(stored);
+  const facts = set ? factsOf(set as never) : (campaign?.facts ?? null);
+  const source = useMemo<RobotSource | null>(() => {
+    if (campaign?.robot && chosenRobot === FROM_FILE) return { robot: campaign.robot };
+    const id = storedId ? set?.robot_id : chosenRobot;
+    return id && id !== FROM_FILE ? { robot_id: id } : null;
+  }, [campaign, chosenRobot, storedId, set?.robot_id]);
+  const identify = useAction(async () => {
+    const known = set ?? (campaign && chosenRobot ? await store(campaign, chosenRobot) : null);
+    if (!known) return;
+    if (campaign && set === null && known.warnings.some(({ weight }) => weight === "do_not_use")) {
+      return setAdded({ of: campaign, set: known }); // to be read before it is identified all the same
+    }
+    const read = statesNoise(form.noise) ? await withNoise(known, form.noise) : known;
+    const run = await api.runs.add(form.request(read.id), freshKey("run"));
+    return link(["runs", run.id]);
+  });
+  const ofRobot = known?.robots.find(({ id }) => id === (set?.robot_id ?? chosenRobot));
+  const refused = opened?.kind === "fault" ? text.start.anotherFile : text.start.notReady;
+  const lacking = campaign && !chosenRobot ? text.start.robotFirst : refused;
+
+  return (
+    <RequestFields action={identify} look="flow">
+      <Step at={1} title={text.files.title}>
+        <FileDrop again={opened !== null || storedId !== ""} take={take} />
+        {opened?.kind === "template" && <p class="note good">{later.imports.templateFirst(opened.template.name)}</p>}
+        {known && known.sets.length > 0 && opened === null && (
+          <Select
+            label={text.files.stored}
+            value={storedId}
+            change={setChosenSet}
+            options={[{ value: "", label: text.files.storedNone }, ...setOptions(known)]}
+          />
+        )}
+        {opened?.kind === "fault" && <Refused file={opened.name} why={text.files.faults[opened.fault]} />}
+        {facts && (
+          <>
+            <h3 class="file">
+              <bdi>{facts.name ?? (opened?.kind === "campaign" ? opened.name : "")}</bdi>
+            </h3>
+            <Preview facts={facts} />
+          </>
+        )}
+        {stored.state === "loading" && storedId && <Busy label={text.files.checking} />}
+        {stored.state === "failed" && <ProblemNote problem={stored.problem} />}
+        {set && <Findings warnings={set.warnings} />}
+        {set && campaign && <p class="soft">{text.start.readFindings}</p>}
+      </Step>
+
+      {facts && (
+        <>
+          <Step at={2} title={text.start.robot}>
+            {!storedId && (
+              <div class="row">
+                <Select
+                  label={text.start.robot}
+                  value={chosenRobot}
+                  change={setRobot}
+                  {...(campaign && !chosenRobot ? { help: text.start.needRobot } : {})}
+                  options={robotOptions(
+                    known,
+                    { value: "", label: text.start.pick },
+                    ...(campaign?.robot
+                      ? [{ value: FROM_FILE, label: text.start.fromFile(String(campaign.robot.name ?? "")) }]
+                      : []),
+                  )}
+                />
+                <LinkButton href="#/robots/new">{later.robots.add}</LinkButton>
+              </div>
+            )}
+            {source ? (
+              <Arm source={source} start={facts?.firstJoints ?? null} />
+            ) : (
+              <p class="stage blank">{text.start.armHere}</p>
+            )}
+          </Step>
+          <Advanced form={form} joints={ofRobot?.joints.map((joint) => joint.name) ?? []} />
+        </>
+      )}
+      <GoBar
+        action={identify}
+        ready={campaign ? chosenRobot !== "" : set !== null}
+        why={stored.state === "loading" ? null : lacking}
+      />
+    </RequestFields>
+  );
+}
+
+/** Store robot and readings of a file, as the last tap does. */
+async function store(campaign: Campaign, robot: string): Promise<MeasurementSet> {
+  const robotId =
+    robot === FROM_FILE && campaign.robot
+      ? (await api.robots.add(campaign.robot, contentKey("robot", campaign.robot))).id
+      : robot;
+  const document = { ...campaign.set, robot_id: robotId };
+  const set = await api.sets.add(document, contentKey("set", document));
+  namesChanged();
+  return set;
+}
+
+/** The set with another noise, stored as a set of its own. */
+async function withNoise(set: MeasurementSet, noise: StatedNoise): Promise<MeasurementSet> {
+  const name = `${set.name} (${text.assessment.noiseStated})`;
+  const document = { ...bare(set), name, noise: noiseOf(noise, set.noise, set.units) };
+  const added = await api.sets.add(document, contentKey("set", document));
+  namesChanged();
+  return added;
+}
+
+type Bare = Omit<MeasurementSet, "id" | "warnings" | "archived" | "content_hash" | "created_at" | "resolved_frame">;
+
+/** A set as it was posted. */
+function bare({
+  id: _,
+  warnings: _w,
+  archived: _a,
+  content_hash: _h,
+  created_at: _c,
+  resolved_frame: _f,
+  ...document
+}: MeasurementSet): Bare {
+  return document;
+}
 
 export function StartView({ query }: { query: URLSearchParams }) {
   const asked = query.get("set") ?? "";

@@ -1,9 +1,9 @@
 // @vitest-environment happy-dom
 import { describe, expect, it, vi } from "vitest";
 import type { Problem } from "../../src/api/types";
-import { Advanced, useRunForm } from "../../src/views/advanced";
+import { Advanced, useRunForm } from "../../src/views/flow";
 import { FormProblem } from "../../src/components/fields";
-import { DhEditor } from "../../src/views/dh_editor";
+import { DhEditor } from "../../src/views/robot_new";
 import { drawn, press, settled } from "./drawn";
 
 const NUMBER = { type: "number" };

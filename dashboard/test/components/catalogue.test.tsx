@@ -2,9 +2,9 @@
 import { describe, expect, it, vi } from "vitest";
 import { api } from "../../src/api/client";
 import type { Catalogue, MeasurementSet, NominalArm, RunSummary } from "../../src/api/types";
-import { StoredActions } from "../../src/components/changes";
-import { ArmChooser, ArmFacts, found } from "../../src/views/catalogue";
-import { newestOf } from "../../src/views/robot_twins";
+import { StoredActions } from "../../src/components/list";
+import { ArmChooser, ArmFacts, found } from "../../src/views/robot_new";
+import { newestOf } from "../../src/views/robots";
 import { SetMetadata } from "../../src/views/set";
 import { drawn, press, settled } from "./drawn";
 

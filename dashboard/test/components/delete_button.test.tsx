@@ -1,7 +1,7 @@
 // @vitest-environment happy-dom
 import { describe, expect, it, vi } from "vitest";
 import { ApiError } from "../../src/api/client";
-import { StoredActions } from "../../src/components/changes";
+import { StoredActions } from "../../src/components/list";
 import { drawn, press, settled } from "./drawn";
 
 const refused = new ApiError({

@@ -1,6 +1,6 @@
 // @vitest-environment happy-dom
 import { describe, expect, it, vi } from "vitest";
-import { lazy } from "../../src/components/lazy";
+import { lazy } from "../../src/components/basics";
 import { drawn, settled } from "./drawn";
 
 const Hello = ({ name }: { name: string }) => <p>hello {name}</p>;

@@ -1,6 +1,6 @@
 // @vitest-environment happy-dom
 import { expect, it } from "vitest";
-import { VerdictCard } from "../../src/views/verdict_card";
+import { VerdictCard } from "../../src/components/job_page";
 import { drawn } from "./drawn";
 
 it.each([

@@ -1,13 +1,14 @@
-/** All that a run can be told beside its readings, in one fold: its defaults are the best answer. */
+/** Steps of the way from files to a result, and all that a run can be told beside its readings. */
 import { useContext, useEffect, useRef, useState } from "preact/hooks";
-import { Toggle } from "../components/basics";
+import { Toggle, Button, ProblemNote } from "../components/basics";
 import { FormProblem } from "../components/fields";
-import { SchemaFields, type Terms } from "../components/schema_form";
-import { faultsAt } from "../lib/faults";
-import { type Fields, stated } from "../lib/json";
-import type { StatedNoise } from "../lib/noise";
+import { SchemaFields, type Terms, DropZone } from "../components/schema_form";
+import { faultsAt, type Fields, stated, elsewhere } from "../lib/json";
+import type { StatedNoise } from "../lib/campaign";
 import { text } from "../i18n";
 import { later } from "../i18n/later";
+import type { ComponentChildren } from "preact";
+import type { Action } from "../state/action";
 
 const words = later.settings;
 const { mm, micrometre, share } = text.units;
@@ -143,4 +144,68 @@ function changesIn({ measurement_set_id: _, ...request }: Fields): string {
     return typeof value === "object" ? plain : `${plain}: ${String(value).replaceAll("_", " ")}`;
   });
   return said.join(", ");
+}
+
+const ACCEPTED = ".json,.csv,.tsv,.txt,.asc,.xyz,.dat,.xlsx,application/json,text/csv,text/plain";
+
+export function FileDrop({ again, take }: { again: boolean; take: (...files: File[]) => void }) {
+  return (
+    <DropZone
+      title={text.files.drop}
+      hint={text.files.dropHint}
+      accept={ACCEPTED}
+      several
+      compact={again}
+      button={again ? text.files.another : text.files.choose}
+      take={take}
+    />
+  );
+}
+
+/** A step of a flow, with its number. */
+export const Step = ({ at, title, wide = false, children }: StepProps) => (
+  <section class={wide ? "card wide" : "card"} aria-labelledby={`step-${at}`}>
+    <h2 id={`step-${at}`}>
+      <span class="step">{at}</span>
+      {title}
+    </h2>
+    {children}
+  </section>
+);
+
+interface StepProps {
+  at: number;
+  title: string;
+  wide?: boolean;
+  children: ComponentChildren;
+}
+
+/** A file that is none of ours: what is wrong, and what to do. */
+export function Refused({ file, why: [title, remedy] }: { file: string; why: readonly string[] }) {
+  return (
+    <div class="note bad" role="alert">
+      <h3>{title}</h3>
+      <p>
+        <bdi>{file}</bdi>
+      </p>
+      <p>
+        <b>{text.errors.remedy}:</b> {remedy}
+      </p>
+    </div>
+  );
+}
+
+/** The one button at the end of a flow, and why it cannot be pressed yet. */
+export function GoBar({ action, ready, why }: { action: Action<[]>; ready: boolean; why: string | null }) {
+  return (
+    <div class={ready ? "gobar wide ready" : "gobar wide"}>
+      {action.problem && <ProblemNote problem={elsewhere(action.problem, SETTINGS_FIELDS)} />}
+      <div class="go">
+        <Button acts look="primary big" disabled={!ready || action.busy} onClick={action.run}>
+          {action.busy ? text.start.going : text.start.go}
+        </Button>
+        {!ready && why !== null && <span class="soft">{why}</span>}
+      </div>
+    </div>
+  );
 }

@@ -1,0 +1,299 @@
+/** Parts of the 3D view: the arm, arrows, points, names above the picture, and a bar for the scale. */
+import {
+  CylinderGeometry,
+  Group,
+  Mesh,
+  MeshLambertMaterial,
+  Quaternion,
+  SphereGeometry,
+  Vector3,
+  BufferGeometry,
+  Color,
+  ConeGeometry,
+  Float32BufferAttribute,
+  InstancedMesh,
+  Matrix4,
+  Points,
+  PointsMaterial,
+  type PerspectiveCamera,
+} from "three";
+import type { Posture } from "../api/types";
+import { add, norm, subtract, times, type Vector } from "../lib/vector";
+import { significant } from "../lib/format";
+import { roundStep } from "../lib/scale";
+import { text } from "../i18n";
+
+const UP = new Vector3(0, 1, 0);
+
+export class Arm {
+  readonly group = new Group();
+  readonly axes = new Group();
+  readonly linkMaterial = new MeshLambertMaterial();
+  readonly jointMaterial = new MeshLambertMaterial();
+  readonly axisMaterial = new MeshLambertMaterial();
+  readonly baseMaterial = new MeshLambertMaterial();
+  readonly #cylinder = new CylinderGeometry(1, 1, 1, 20);
+  readonly #sphere = new SphereGeometry(1, 20, 14);
+  readonly #tubes: Mesh[] = [];
+  readonly #balls: Mesh[] = [];
+  readonly #drums: Mesh[] = [];
+  readonly #lines: Mesh[] = [];
+  readonly #pedestal: Mesh;
+  readonly #turn = new Quaternion();
+  readonly #direction = new Vector3();
+
+  constructor() {
+    this.group.add(this.axes);
+    this.#pedestal = this.#add(this.group, this.#cylinder, this.baseMaterial);
+  }
+
+  /** Put the arm into a posture; `reach` sets how thick it is. */
+  set(posture: Posture, reach: number): void {
+    const points: Vector[] = [[0, 0, 0], ...posture.joint_origins, posture.flange_origin];
+    const thick = (i: number) => reach * (0.046 - (0.028 * i) / Math.max(1, points.length - 1));
+    this.#span(this.#pedestal, [0, 0, 0], [0, 0, reach * 0.05], reach * 0.13);
+    this.#grow(points.length, posture.joint_axes.length);
+    points.forEach((point, i) => {
+      this.#balls[i]?.position.set(...point);
+      this.#balls[i]?.scale.setScalar(thick(i));
+      const next = points[i + 1];
+      if (next) this.#span(this.#tubes[i], point, next, thick(i));
+    });
+    posture.joint_axes.forEach((axis, j) => {
+      const origin = posture.joint_origins[j] ?? [0, 0, 0];
+      const drum = thick(j + 1) * 1.5;
+      this.#span(
+        this.#drums[j],
+        subtract(origin, times(axis, drum * 0.9)),
+        add(origin, times(axis, drum * 0.9)),
+        drum * 0.86,
+      );
+      this.#span(
+        this.#lines[j],
+        subtract(origin, times(axis, reach * 0.13)),
+        add(origin, times(axis, reach * 0.13)),
+        reach * 0.0035,
+      );
+    });
+  }
+
+  #span(mesh: Mesh | undefined, from: Vector, to: Vector, radius: number): void {
+    if (!mesh) return;
+    const along = subtract(to, from);
+    const length = norm(along);
+    mesh.visible = length > 1e-9;
+    if (!mesh.visible) return;
+    this.#direction.set(...along).divideScalar(length);
+    mesh.quaternion.copy(this.#turn.setFromUnitVectors(UP, this.#direction));
+    mesh.position.set(...times(add(from, to), 0.5));
+    mesh.scale.set(radius, length, radius);
+  }
+
+  #grow(points: number, joints: number): void {
+    while (this.#balls.length < points) this.#balls.push(this.#add(this.group, this.#sphere, this.linkMaterial));
+    while (this.#tubes.length < points - 1) this.#tubes.push(this.#add(this.group, this.#cylinder, this.linkMaterial));
+    while (this.#drums.length < joints) this.#drums.push(this.#add(this.group, this.#cylinder, this.jointMaterial));
+    while (this.#lines.length < joints) this.#lines.push(this.#add(this.axes, this.#cylinder, this.axisMaterial));
+  }
+
+  #add(group: Group, geometry: CylinderGeometry | SphereGeometry, material: MeshLambertMaterial): Mesh {
+    const mesh = new Mesh(geometry, material);
+    group.add(mesh);
+    return mesh;
+  }
+
+  dispose(): void {
+    this.#cylinder.dispose();
+    this.#sphere.dispose();
+  }
+}
+
+export interface Arrow {
+  from: Vector;
+  along: Vector;
+}
+const WHITE = new Color(1, 1, 1);
+
+export class Arrows {
+  readonly group = new Group();
+  readonly material = new MeshLambertMaterial();
+  #shafts: InstancedMesh | null = null;
+  #heads: InstancedMesh | null = null;
+  readonly #matrix = new Matrix4();
+  readonly #turn = new Quaternion();
+  readonly #place = new Vector3();
+  readonly #direction = new Vector3();
+  readonly #scale = new Vector3();
+
+  /** Draw these, their length times a factor, as thick as `radius`, each in a colour of its own if given. */
+  set(arrows: Arrow[], factor: number, radius: number, colors: Color[] | null = null): void {
+    this.#reserve(arrows.length);
+    arrows.forEach(({ from, along }, i) => this.#put(i, from, along, factor, radius));
+    for (const mesh of [this.#shafts, this.#heads]) {
+      if (!mesh) continue;
+      mesh.count = arrows.length;
+      mesh.instanceMatrix.needsUpdate = true;
+      arrows.forEach((_, i) => mesh.setColorAt(i, colors?.[i] ?? WHITE));
+      if (mesh.instanceColor) mesh.instanceColor.needsUpdate = true;
+    }
+  }
+
+  /** Half of it shines by itself, so that an arrow has the colour of the legend from all sides. */
+  paint(color: Color, instances = false): void {
+    this.material.color = color;
+    this.material.emissive = color;
+    this.material.emissiveIntensity = instances ? 0 : 0.5; // of instances it would be white
+  }
+
+  #put(i: number, from: Vector, along: Vector, factor: number, radius: number): void {
+    this.#direction.set(...along).multiplyScalar(factor);
+    const length = this.#direction.length();
+    const head = Math.min(radius * 6, length * 0.5);
+    const thick = length > 0 ? Math.min(radius, length / 4) : 1e-9;
+    if (length > 0) this.#turn.setFromUnitVectors(UP, this.#direction.divideScalar(length));
+    this.#place.set(...from).addScaledVector(this.#direction, (length - head) / 2);
+    this.#matrix.compose(this.#place, this.#turn, this.#scale.set(thick, Math.max(1e-9, length - head), thick));
+    this.#shafts?.setMatrixAt(i, this.#matrix);
+    this.#place.set(...from).addScaledVector(this.#direction, length - head / 2);
+    this.#matrix.compose(this.#place, this.#turn, this.#scale.set(thick * 2.4, Math.max(1e-9, head), thick * 2.4));
+    this.#heads?.setMatrixAt(i, this.#matrix);
+  }
+
+  #reserve(count: number): void {
+    if (this.#shafts && this.#shafts.instanceMatrix.count >= count) return;
+    this.dispose();
+    const room = Math.max(8, count);
+    this.#shafts = new InstancedMesh(new CylinderGeometry(1, 1, 1, 8), this.material, room);
+    this.#heads = new InstancedMesh(new ConeGeometry(1, 1, 12), this.material, room);
+    for (const mesh of [this.#shafts, this.#heads]) mesh.frustumCulled = false; // the instances move
+    this.group.add(this.#shafts, this.#heads);
+  }
+
+  dispose(): void {
+    for (const mesh of [this.#shafts, this.#heads]) {
+      if (!mesh) continue;
+      this.group.remove(mesh);
+      mesh.geometry.dispose();
+      mesh.dispose();
+    }
+  }
+}
+
+export class Cloud {
+  readonly points = new Points(new BufferGeometry(), new PointsMaterial({ vertexColors: true, sizeAttenuation: true }));
+
+  /** Draw these, as wide as `size` [m] for a camera of this field of view [degrees], which three.js leaves out. */
+  set(places: Vector[], colors: Color[], size: number, view: number): void {
+    this.points.geometry.dispose();
+    this.points.geometry = new BufferGeometry();
+    this.points.geometry.setAttribute("position", new Float32BufferAttribute(places.flat(), 3));
+    this.points.geometry.setAttribute(
+      "color",
+      new Float32BufferAttribute(
+        colors.flatMap(({ r, g, b }) => [r, g, b]),
+        3,
+      ),
+    );
+    this.points.material.size = size / Math.tan((view * Math.PI) / 360);
+    this.points.visible = places.length > 0;
+  }
+
+  dispose(): void {
+    this.points.geometry.dispose();
+    this.points.material.dispose();
+  }
+}
+
+const WANTED = 130;
+
+export class ScaleBar {
+  readonly #box = document.createElement("div");
+  readonly #line = document.createElement("i");
+  readonly #words = document.createElement("span");
+
+  constructor(beside: HTMLElement) {
+    this.#box.className = "scale-bar";
+    this.#box.setAttribute("aria-hidden", "true");
+    this.#box.append(this.#line, this.#words);
+    beside.parentElement?.append(this.#box);
+  }
+
+  /** `metre`: pixels of a metre at the centre of the view; `factor`: by how much deflections are drawn longer. */
+  set(metre: number, factor: number): void {
+    const length = roundStep(WANTED / metre / 2, 1);
+    this.#line.style.width = `${Math.round(length * metre)}px`;
+    const deflection = factor === 1 ? null : significant((length / factor) * 1e3, 1);
+    const shown = text.scene.scale(significant(length, 1), deflection);
+    if (this.#words.textContent !== shown) this.#words.textContent = shown;
+  }
+
+  dispose(): void {
+    this.#box.remove();
+  }
+}
+
+export interface Label {
+  name: string;
+  at: Vector;
+  /** Class of the style sheet. */
+  kind: "joint" | "target" | "x" | "y" | "z";
+}
+
+const [LEAST_GAP, LETTER, MOST_WIDE] = [17, 7, 110]; // px
+/** To the right of the point, to its left, below, above: the first that is free is taken. */
+const PLACES = [
+  [1, 0],
+  [-1, 0],
+  [1, 18],
+  [-1, 18],
+  [1, -18],
+  [-1, -18],
+] as const;
+
+export class Labels {
+  readonly #box: HTMLElement;
+  #labels: Label[] = [];
+  readonly #point = new Vector3();
+
+  constructor(beside: HTMLElement) {
+    this.#box = document.createElement("div");
+    this.#box.className = "scene-labels";
+    this.#box.setAttribute("aria-hidden", "true");
+    beside.parentElement?.append(this.#box);
+  }
+
+  set(labels: Label[]): void {
+    this.#labels = labels;
+    this.#box.replaceChildren(
+      ...labels.map(({ name, kind }) => {
+        const label = document.createElement("span");
+        label.className = `label-${kind}`;
+        label.textContent = name;
+        return label;
+      }),
+    );
+  }
+
+  /** Put each beside its point; one that finds no free place is left out. */
+  place(camera: PerspectiveCamera, width: number, height: number): void {
+    const taken: [number, number, number][] = [];
+    this.#labels.forEach(({ at, kind }, i) => {
+      const label = this.#box.children[i] as HTMLElement;
+      const { x, y, z } = this.#point.set(...at).project(camera);
+      const [left, top] = [((x + 1) / 2) * width, ((1 - y) / 2) * height];
+      const wide = Math.min(MOST_WIDE, 8 + (label.textContent?.length ?? 0) * LETTER);
+      const most = Math.max(0, width - wide - 20); // the label and its gap stay in the window
+      const free = PLACES.map(
+        ([side, below]) => [Math.min(most, Math.max(0, left + (side < 0 ? -wide - 20 : 0))), top + below] as const,
+      ).find(([u, v]) => !taken.some(([x1, y1, w]) => u < x1 + w && x1 < u + wide && Math.abs(v - y1) < LEAST_GAP));
+      label.hidden = !free || z > 1 || left < 0 || left > width || top < 0 || top > height;
+      if (label.hidden || !free) return;
+      if (kind === "joint" || kind === "target") taken.push([free[0], free[1], wide]);
+      label.style.transform = `translate(${Math.round(free[0])}px, ${Math.round(free[1])}px)`;
+    });
+  }
+
+  dispose(): void {
+    this.#box.remove();
+  }
+}
