@@ -28,6 +28,7 @@ from jointstiff.service.tables.table import (
     Sheet,
     Table,
     concise,
+    figure,
     number,
     numbers,
 )
@@ -253,9 +254,9 @@ def _summary(result: GeometryResult, *, details: bool) -> list[str]:
 
 def _chance(probability: float) -> str:
     """Return the probability that noise alone makes a fit so bad."""
-    return f"noise alone fits no better with probability {max(probability, _LEAST_PROBABILITY):.1g}" + (
-        " or less" if probability < _LEAST_PROBABILITY else ""
-    )
+    percent = figure(100.0 * max(probability, _LEAST_PROBABILITY), ".1g")
+    less = " or less" if probability < _LEAST_PROBABILITY else ""
+    return f"noise alone fits no better with probability {percent} %{less}"
 
 
 def charts(result: GeometryResult) -> list[Chart]:
