@@ -52,7 +52,10 @@ def test_from_a_robot_to_a_trend(visit, api, size):
     expect(rows.filter(has_text="joint_2").get_by_text("well determined")).to_be_visible()
     expect(page.get_by_text("Next for joint_1:")).to_be_visible()
     page.get_by_role("button", name="Show unconstrained beside").click()
-    expect(page.get_by_role("button", name="Hide the other")).to_be_visible()
+    expect(page.get_by_role("heading", level=1)).to_have_text("2 runs side by side")
+    for constraint in ("constrained", "unconstrained"):
+        expect(page.get_by_role("columnheader", name=f", {constraint}")).to_be_visible()
+    page.go_back()
     page.get_by_role("link", name="Deflection").click()
     expect(page.get_by_role("img", name="Deflection before and after")).to_be_visible()
     page.get_by_role("link", name="3D view").click()

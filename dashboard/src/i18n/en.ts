@@ -251,11 +251,8 @@ export const en = {
     stiffness: "Joint stiffness",
     stiffnessNote: (level: string) =>
       `Point: estimate. Bar: ${level} interval. Arrow: no upper limit. Logarithmic axis.`,
-    chosen: "this run",
-    other: (positive: boolean) => (positive ? "constrained" : "unconstrained"),
     beside: (positive: boolean) => (positive ? "Show constrained beside" : "Show unconstrained beside"),
     besideWorking: "Identifying…",
-    besideOff: "Hide the other",
     joint: "Joint",
     value: "Stiffness",
     quantity: (compliance: boolean) => (compliance ? "Compliance" : "Stiffness"),
@@ -453,7 +450,6 @@ export const en = {
     residualRamp: (worst: string) => `Measured, by residual: 0 to ${worst}`,
     bend: "Show bend",
     backTo: (view: string) => `Back to ${view}`,
-    strip: "Mean residual of each configuration",
     scale: (length: string, deflection: string | null) =>
       deflection === null ? `${length} m` : `${length} m, deflections ${deflection} mm`,
     all: "Deflections of all configurations",
@@ -463,7 +459,6 @@ export const en = {
     reset: "Reset view",
     noWebgl: "This device does not support 3D graphics; a sketch of the arm and its load:",
     loading: "Preparing the 3D view…",
-    table: "Deflections in this configuration",
   },
   evidence: {
     title: "Evidence",

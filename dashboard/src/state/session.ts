@@ -2,38 +2,26 @@
 import { useEffect, useState, useContext } from "preact/hooks";
 import { marked, unmarked } from "../lib/json";
 import { createContext } from "preact";
+import { createStore, del, get, set } from "idb-keyval";
 import { type StiffnessUnit, UNIT_NAMES } from "../lib/stiffness";
 import { api, onRefused } from "../api/client";
 import type { Session } from "../api/types";
 
-const NAME = "kept";
+const STORE = createStore("jointstiff", "kept");
 
-function places(): Promise<IDBObjectStore> {
-  return new Promise((done, fail) => {
-    const asked = indexedDB.open("jointstiff", 1);
-    asked.onupgradeneeded = () => asked.result.createObjectStore(NAME);
-    asked.onsuccess = () => done(asked.result.transaction(NAME, "readwrite").objectStore(NAME));
-    asked.onerror = () => fail(asked.error);
-  });
-}
+/** What comes of it; null where storage is switched off. */
+const tried = <Value>(act: () => Promise<Value>): Promise<Value | null> =>
+  Promise.resolve()
+    .then(act)
+    .catch(() => null);
 
-/** Keep a value, files among them, under a name; null forgets it. Where storage is switched off nothing is kept. */
-export async function keep(name: string, value: unknown): Promise<void> {
-  const place = await places().catch(() => null);
-  if (value === null) place?.delete(name);
-  else place?.put(marked(value), name);
-}
+/** Keep a value, files among them, under a name; null forgets it. */
+export const keep = (name: string, value: unknown): Promise<void | null> =>
+  tried(() => (value === null ? del(name, STORE) : set(name, marked(value), STORE)));
 
 /** What is kept under a name, or null. */
-export async function kept<Value>(name: string): Promise<Value | null> {
-  const place = await places().catch(() => null);
-  if (!place) return null;
-  const asked = place.get(name) as IDBRequest<Value | undefined>;
-  return new Promise((done) => {
-    asked.onsuccess = () => done((unmarked(asked.result) as Value) ?? null);
-    asked.onerror = () => done(null);
-  });
-}
+export const kept = <Value>(name: string): Promise<Value | null> =>
+  tried(async () => (unmarked(await get(name, STORE)) as Value | undefined) ?? null);
 
 type Place = "localStorage" | "sessionStorage";
 

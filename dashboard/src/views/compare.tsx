@@ -54,7 +54,7 @@ interface Draws {
 type Options = Partial<Run["request"]> & { measurement_set_id: string };
 
 /** A run once it has ended; the same options give the same run. */
-async function identified(options: Options): Promise<Run> {
+export async function identified(options: Options): Promise<Run> {
   const known = await api.runs.add(options, contentKey("run", options));
   // one that was deleted meanwhile is made again
   let run = await api.runs.one(known.id).catch(() => api.runs.add(options, freshKey("run")));

@@ -372,43 +372,24 @@ const runWords = text.run;
 export function JointTable({
   context: { run, set, robot },
   result,
-  beside,
   bare,
   tools,
 }: {
   context: RunContext;
   result: RunResult;
-  beside: Run | null;
   /** Without an axis: there is nothing to draw on it. */
   bare: boolean;
   tools: preact.ComponentChildren;
 }) {
   const { unit } = useSettings();
-  const positive = run.request.positive;
-  const others = new Map(beside?.result?.joints.map((joint) => [joint.name, joint]));
-  const rows: IntervalRow[] = result.joints.map((joint) => {
-    const other = others.get(joint.name);
-    return {
-      name: joint.name,
-      marks: [
-        markOf(joint, positive ? "positive" : "free", unit),
-        ...(other ? [markOf(other, positive ? "free" : "positive", unit)] : []),
-      ],
-    };
-  });
-  const legend = beside
-    ? [
-        { label: `${runWords.chosen}: ${runWords.other(positive)}`, mark: positive ? "positive" : "free" },
-        { label: runWords.other(!positive), mark: positive ? "free" : "positive" },
-      ]
-    : [];
+  const mark = run.request.positive ? "positive" : "free";
+  const rows = result.joints.map((joint): IntervalRow => ({ name: joint.name, marks: [markOf(joint, mark, unit)] }));
   const advice = useAdvice(robot, isElastic(run) ? [] : result.identifiability.advice);
   const chart = (width: number) => <StiffnessIntervals {...{ rows, width, unit, label: runWords.stiffness }} />;
   return (
     <Figure
       title={runWords.stiffness}
       {...(bare ? {} : { note: runWords.stiffnessNote(percent(run.request.confidence)) })}
-      legend={legend}
       tools={tools}
       drawing={chart}
     >

@@ -6,13 +6,12 @@ import { roundStep, extent } from "../lib/scale";
 import { useMemo, useCallback, useEffect, useState } from "preact/hooks";
 import { BarFigure, ByName, circle, type Opening } from "../charts/bars";
 import { Figure, Legend } from "../charts/figure";
-import { LinkButton, tip, useWidth, Busy, Button, Choice, Toggle } from "../components/basics";
+import { LinkButton, Busy, Button, Choice, Toggle } from "../components/basics";
 import { significant, fixed } from "../lib/format";
 import { link } from "../state/action";
 import { text } from "../i18n";
 import { type RunContext, usePostures } from "./run_context";
 import { Handle } from "../components/fields";
-import { DataTable } from "../components/table";
 import { type Show, ArmView, roomOf } from "../scene/view";
 
 export interface Arrows {
@@ -317,7 +316,6 @@ function Stepper({ context: { run, set }, postures, result, query }: RobotPartPr
     <section class="scene">
       <div class="view">
         <ArmView show={show} room={room} label={words.canvas(observation.label)} resets={resets} bends={bends} />
-        <ResidualStrip result={result} names={set.observations.map((one) => one.label)} at={index} choose={setIndex} />
       </div>
       <div class="controls">
         {from && (
@@ -377,10 +375,6 @@ function Stepper({ context: { run, set }, postures, result, query }: RobotPartPr
         </div>
         <p class="soft">{words.hint}</p>
       </div>
-      <details class="wide">
-        <summary>{words.table}</summary>
-        <DeflectionTable label={observation.label} result={result} />
-      </details>
     </section>
   );
 }
@@ -407,71 +401,4 @@ function useStepKeys(step: (by: number) => void): void {
 
 function loadText(set: MeasurementSet, show: Show): string {
   return show.load ? `${fixed(norm(show.load.along), 0)} ${text.units.newton}` : `0 ${set.units.force}`;
-}
-
-function DeflectionTable({ label, result }: { label: string; result: RunResult }) {
-  const mm = (vector: readonly number[]) => vector.map((v) => v * 1e3);
-  const show = (v: number) => fixed(v, 3);
-  const axes = ["x", "y", "z"];
-  return (
-    <DataTable
-      caption={words.table}
-      table={{
-        columns: [
-          text.deflection.target,
-          ...axes.map((a) => ({ title: `${words.measured} ${a}`, unit: text.units.mm, show })),
-          ...axes.map((a) => ({ title: `${words.predicted} ${a}`, unit: text.units.mm, show })),
-        ],
-        rows: result.residuals
-          .filter((r) => r.observation === label)
-          .map((r) => [r.target, ...mm(r.deflection), ...mm(r.predicted)]),
-      }}
-    />
-  );
-}
-
-const HEIGHT = 54;
-
-/** What each configuration leaves unexplained, as a strip to step by: the worst are found at a glance. */
-function ResidualStrip({
-  result,
-  names,
-  at,
-  choose,
-}: {
-  result: RunResult;
-  names: string[];
-  at: number;
-  choose: (index: number) => void;
-}) {
-  const [box, width] = useWidth<HTMLDivElement>();
-  const left = new Map(byObservation(result.residuals).map((one) => [one.name, one.after * 1e3]));
-  const most = Math.max(1e-9, ...left.values());
-  const step = width / Math.max(1, names.length);
-  return (
-    <div class="strip" ref={box}>
-      <p class="soft">{text.scene.strip}</p>
-      {width > 0 && (
-        <svg width={width} height={HEIGHT} role="img" aria-label={text.scene.strip}>
-          {names.map((name, i) => {
-            const value = left.get(name) ?? 0;
-            const high = (value / most) * (HEIGHT - 4);
-            return (
-              <g class={i === at ? "at" : undefined} onClick={() => choose(i)}>
-                <rect class="left" x={i * step + step * 0.12} width={step * 0.76} y={HEIGHT - high} height={high} />
-                <rect
-                  class={i === at ? "hit column at" : "hit column"}
-                  x={i * step}
-                  width={step}
-                  y={0}
-                  height={HEIGHT}
-                  {...tip([name, `${text.deflection.residual}: ${fixed(value, 3)} ${text.units.mm}`])}
-                />
-              </g>
-            );
-          })}
-        </svg>
-      )}
-    </div>
-  );
 }

@@ -14,8 +14,7 @@ import { Figure } from "../charts/figure";
 import { useCached, valueOf } from "../state/load";
 import { api } from "../api/client";
 import { unsaid } from "../lib/said";
-import { freshKey } from "../lib/json";
-import { useAction } from "../state/action";
+import { link, useAction } from "../state/action";
 import { JointTable } from "./joint_table";
 import { Further } from "../components/findings";
 
@@ -148,9 +147,12 @@ export function Evidence({ context: { run, set }, result }: { context: RunContex
 export function StiffnessPart({ context, result }: { context: RunContext; result: RunResult }) {
   const { run } = context;
   const nothing = result.joints.every((joint) => joint.status !== "identified" && joint.status !== "uncertain");
-  const [beside, setBeside] = useState<Run | null>(null);
-  const other = useAction(async () => setBeside(beside ? null : await otherConstraint(run)));
-  const positive = run.request.positive;
+  const beside = useAction(async () => {
+    const { identified } = await import("./compare");
+    const { variant_of: _, ...options } = run.request;
+    const other = await identified({ ...options, positive: !options.positive, resampling: null });
+    return link(["compare", "runs"], { ids: `${run.id},${other.id}` });
+  });
   return (
     <>
       <VerdictCard assessment={result.assessment} context={context} />
@@ -159,12 +161,11 @@ export function StiffnessPart({ context, result }: { context: RunContext; result
       <JointTable
         context={context}
         result={result}
-        beside={beside}
         bare={nothing}
         tools={
           isElastic(run) || nothing ? null : (
-            <ActionButton action={other} going={text.run.besideWorking}>
-              {beside ? text.run.besideOff : text.run.beside(!positive)}
+            <ActionButton action={beside} going={text.run.besideWorking}>
+              {text.run.beside(!run.request.positive)}
             </ActionButton>
           )
         }
@@ -181,23 +182,6 @@ export function StiffnessPart({ context, result }: { context: RunContext; result
       <Evidence context={context} result={result} />
     </>
   );
-}
-
-/** The same run with the other constraint: found in the list, or asked for. */
-async function otherConstraint(run: Run): Promise<Run> {
-  const wanted = { ...run.request, positive: !run.request.positive };
-  const plain = JSON.stringify({ ...wanted, resampling: null });
-  const page = await api.runs.list({
-    measurement_set_id: run.request.measurement_set_id,
-    method: run.request.method,
-    state: "succeeded",
-    limit: 50,
-  });
-  for (const summary of page.items.filter((item) => item.positive === wanted.positive).slice(0, 8)) {
-    const found = await api.runs.one(summary.id);
-    if (JSON.stringify({ ...wanted, ...found.request, resampling: null }) === plain) return found;
-  }
-  return api.runs.add({ ...wanted, resampling: null }, freshKey("run"));
 }
 
 function Summary({ result }: { result: RunResult }) {
