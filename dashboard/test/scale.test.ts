@@ -1,5 +1,5 @@
 import { describe, expect, it } from "vitest";
-import { extent, linear, logarithmic, roundStep } from "../src/lib/scale";
+import { extent, linear, logarithmic, roundStep } from "../src/lib/format";
 
 describe("linear axes", () => {
   it("ends at round numbers that hold the values", () => {

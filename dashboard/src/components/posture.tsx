@@ -1,6 +1,6 @@
 /** A small drawing of the arm in a posture, from a corner above, with the load on it. */
 import type { Posture } from "../api/types";
-import { extent } from "../lib/scale";
+import { extent } from "../lib/format";
 import { add, norm, times, type Vector } from "../lib/vector";
 
 const MARGIN = 12;

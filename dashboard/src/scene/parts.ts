@@ -19,8 +19,7 @@ import {
 } from "three";
 import type { Posture } from "../api/types";
 import { add, norm, subtract, times, type Vector } from "../lib/vector";
-import { significant } from "../lib/format";
-import { roundStep } from "../lib/scale";
+import { significant, roundStep } from "../lib/format";
 import { text } from "../i18n";
 
 const UP = new Vector3(0, 1, 0);

@@ -3,8 +3,7 @@ import { api, ApiError, goesOn } from "../api/client";
 import type { Comparison, Run, ComparedRun, RunSummary } from "../api/types";
 import { contentKey, freshKey } from "../lib/json";
 import { useState } from "preact/hooks";
-import { BarFigure } from "../charts/bars";
-import { Figure } from "../charts/figure";
+import { BarFigure, Figure } from "../charts/figure";
 import { Intervals, StiffnessFigure } from "./joint_table";
 import {
   Choice,

@@ -12,8 +12,7 @@ import {
   capOf,
 } from "../lib/stiffness";
 import { text } from "../i18n";
-import { clip, fixed, percent, significant } from "../lib/format";
-import { type Scale, extent, logarithmic } from "../lib/scale";
+import { clip, fixed, percent, significant, type Scale, extent, logarithmic } from "../lib/format";
 import { BottomAxis, Chart, Figure } from "../charts/figure";
 import { tip, Button, LinkButton, Name, Prose, Term, useWidth } from "../components/basics";
 import { useMemo } from "preact/hooks";

@@ -11,7 +11,7 @@ import {
   thinnest,
   valueOfPlace,
 } from "../lib/map";
-import { fixed, decimalsFor, percent, significant } from "../lib/format";
+import { fixed, decimalsFor, percent, significant, extent } from "../lib/format";
 import { text } from "../i18n";
 import { api, goesOn } from "../api/client";
 import type { Map as WorkMap } from "../api/types";
@@ -19,7 +19,6 @@ import { Download, NameLink, Choice, Facts, ProblemNote, useWidth } from "../com
 import { Handle, Select } from "../components/fields";
 import { Going, JobPage, JobLines } from "../components/job_page";
 import { freshKey } from "../lib/json";
-import { extent } from "../lib/scale";
 import { postureText } from "../lib/stiffness";
 import { norm } from "../lib/vector";
 import { ARM_ALONE, type Show as Shown, ArmView, roomOf } from "../scene/view";

@@ -7,7 +7,7 @@ import { Handle } from "../components/fields";
 import { JobPage, JobLines, JobTables } from "../components/job_page";
 import { RampLegend, share } from "./map";
 import { type PathPoint, pointsOf, thinned } from "../lib/map";
-import { extent } from "../lib/scale";
+import { extent } from "../lib/format";
 import { ARM_ALONE, type Show as Shown, ArmView, roomOf } from "../scene/view";
 import type { Arrow } from "../scene/parts";
 import type { Vector } from "../lib/vector";

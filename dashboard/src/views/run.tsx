@@ -15,9 +15,9 @@ import { StiffnessPart } from "./run_stiffness";
 
 const DeflectionPart = lazy(async () => (await import("./run_deflection")).DeflectionPart);
 const RobotPart = lazy(async () => (await import("./run_deflection")).RobotPart);
-const PredictPart = lazy(async () => (await import("./predict")).PredictPart);
-const MapForm = lazy(async () => (await import("./map_form")).MapForm);
-const ProgramForm = lazy(async () => (await import("./map_form")).ProgramForm);
+const PredictPart = lazy(async () => (await import("./use")).PredictPart);
+const MapForm = lazy(async () => (await import("./use")).MapForm);
+const ProgramForm = lazy(async () => (await import("./use")).ProgramForm);
 const RunFiles = lazy(async () => (await import("./run_files")).RunFiles);
 
 export function RunView({ id, part, query }: { id: string; part: string; query: URLSearchParams }) {

@@ -2,12 +2,10 @@
 import type { MeasurementSet, Posture, Residual, RunResult, Run } from "../api/types";
 import type { Arrow } from "../scene/parts";
 import { placesOf, norm, type Vector, bendOf, loadOf, add, times } from "../lib/vector";
-import { roundStep, extent } from "../lib/scale";
+import { roundStep, extent, significant, fixed } from "../lib/format";
 import { useMemo, useCallback, useEffect, useState } from "preact/hooks";
-import { BarFigure, ByName, circle, type Opening } from "../charts/bars";
-import { Figure, Legend } from "../charts/figure";
+import { BarFigure, ByName, circle, type Opening, Figure, Legend } from "../charts/figure";
 import { LinkButton, Busy, Button, Choice, Toggle } from "../components/basics";
-import { significant, fixed } from "../lib/format";
 import { link } from "../state/action";
 import { text } from "../i18n";
 import { type RunContext, usePostures } from "./run_context";

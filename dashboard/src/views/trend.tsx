@@ -1,7 +1,6 @@
 /** Each joint of one robot over its campaigns: charts against a baseline, alarms, and new baselines. */
-import { significant, pValue } from "../lib/format";
+import { significant, pValue, extent, logarithmic } from "../lib/format";
 import { dayText, tip, Button, Form, Name, When, Badge, Empty, Head, LinkButton, Show } from "../components/basics";
-import { extent, logarithmic } from "../lib/scale";
 import { go, useAction, link } from "../state/action";
 import { LeftAxis, Chart, Figure, Legend } from "../charts/figure";
 import { useState } from "preact/hooks";
