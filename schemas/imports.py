@@ -145,6 +145,12 @@ class FilePreview(Message):
     first_lines: list[int] = Field(
         default_factory=list, description="Line or row of the file of each of `first_rows`."
     )
+    fault_rows: list[list[str]] = Field(
+        default_factory=list, description="Rows with faults beyond the first ones, as they are in the file."
+    )
+    fault_lines: list[int] = Field(
+        default_factory=list, description="Line or row of the file of each of `fault_rows`."
+    )
 
 
 class ImportFault(Message):

@@ -8,7 +8,6 @@ import {
   meaningsFor,
   withMeaning,
   withoutColumns,
-  linesOf,
   widthOf,
   fits,
   templateIn,
@@ -31,6 +30,8 @@ const preview = {
   columns: [column(1, "label", "name"), column(2, "A1", "unknown"), column(3, "P10 x", "P10 loaded x", "mm")],
   header_lines: [2],
   first_lines: [3, 4],
+  fault_rows: [],
+  fault_lines: [],
 } as unknown as FilePreview;
 
 const fault = (part: Partial<ImportFault>): ImportFault => ({
@@ -88,18 +89,6 @@ describe("columns", () => {
     expect(cellOf(preview, fault({ line: 9, column: 3 }), [3, 4])).toBeNull();
     expect(cellOf(preview, fault({ line: 9, column: 3 }), [3, 4, 9])).toBe("9:3");
     expect(cellOf(preview, fault({ line: 4 }), [3, 4])).toBeNull();
-  });
-});
-
-describe("lines of a file", () => {
-  it("are found by number, cells by the delimiter, quoted ones whole", () => {
-    expect(linesOf('a;b\r\n"c;d";"e ""f"""\r\n;2;', { delimiter: "semicolon" }, [2, 3, 9])).toEqual([
-      { line: 2, cells: ["c;d", 'e "f"'] },
-      { line: 3, cells: ["", "2", ""] },
-    ]);
-    expect(linesOf('"Point 1"  2.5\t3', { delimiter: "whitespace" }, [1])).toEqual([
-      { line: 1, cells: ["Point 1", "2.5", "3"] },
-    ]);
   });
 });
 

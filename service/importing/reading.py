@@ -212,8 +212,18 @@ class _Reader:
 
     def understood(self) -> Understood:
         """Return the files as far as they were understood, and the faults."""
-        preview = ImportPreview(files=self._previews)
+        preview = ImportPreview(files=[self._with_faults(each) for each in self._previews])
         return Understood(preview, tuple(self._faults.found))
+
+    def _with_faults(self, preview: FilePreview) -> FilePreview:
+        """Return the preview of a file with its rows that have faults, beyond the first ones."""
+        known = {*preview.header_lines, *preview.first_lines}
+        places = (fault.place for fault in self._faults.found)
+        lines = {place.line for place in places if place.file == preview.file} - known
+        grids = (layout.grid for layout in self._layouts)
+        rows = [row for one in grids if one.file == preview.file for row in one.rows if row.line in lines]
+        cells = [list(row.cells) for row in rows]
+        return preview.model_copy(update={"fault_rows": cells, "fault_lines": [row.line for row in rows]})
 
     def _check_options(self) -> None:
         """Refuse what the caller states of names and headers that no file has."""

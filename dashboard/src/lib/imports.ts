@@ -105,20 +105,6 @@ export const said = ({ reason, remedy }: ImportFault): string => `${reason}: ${r
 
 const MARKS = { comma: ",", semicolon: ";", tab: "\t" } as const;
 
-export interface Line {
-  line: number;
-  cells: string[];
-}
-
-/** The cells of lines, numbered from 1, of a file's text. */
-export function linesOf(content: string, { delimiter }: Pick<FilePreview, "delimiter">, wanted: number[]): Line[] {
-  const lines = content.split(/\r\n|\r|\n/);
-  return wanted.flatMap((line) => {
-    const text = lines[line - 1];
-    return text === undefined ? [] : [{ line, cells: cellsOf(text.trim(), delimiter ?? "comma") }];
-  });
-}
-
 /** The number of cells in the first row of a text, by the mark that parts it most. */
 export function widthOf(content: string): number {
   const first = content.split(/\r\n|\r|\n/).find((line) => line.trim() !== "" && !/^\s*(#|\/\/|%)/.test(line)) ?? "";

@@ -193,7 +193,6 @@ export function ImportContent({
         <ImportTable
           key={one.file}
           preview={one}
-          file={files.find(({ name }) => name === one.file)}
           faults={faults.filter(({ file }) => file === one.file)}
           options={options}
           change={change}

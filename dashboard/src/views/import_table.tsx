@@ -1,5 +1,5 @@
 /** The first rows of a file, a meaning and a unit over each column, and faults in their cells. */
-import { useEffect, useId, useState } from "preact/hooks";
+import { useId } from "preact/hooks";
 import {
   type ColumnMeaning,
   type FilePreview,
@@ -14,8 +14,6 @@ import {
   withMeaning,
   withoutColumns,
   writtenHeader,
-  type Line,
-  linesOf,
 } from "../lib/imports";
 import type { ImportOptions } from "../api/types";
 import { Faults } from "../components/fields";
@@ -33,19 +31,14 @@ interface Told {
 
 interface Props extends Told {
   preview: FilePreview;
-  /** As it was dropped, to show rows that the preview leaves out. */
-  file: File | undefined;
   faults: ImportFault[];
   groups: MeaningGroup[];
 }
 
-export function ImportTable({ preview, file, faults, options, change, groups }: Props) {
+export function ImportTable({ preview, faults, options, change, groups }: Props) {
   const id = useId();
-  const further = useLines(file, preview, faults);
-  const rows = [
-    ...preview.first_rows.map((cells, i) => ({ line: preview.first_lines[i] ?? i + 1, cells })),
-    ...further,
-  ];
+  const lines = [...preview.first_lines, ...preview.fault_lines];
+  const rows = [...preview.first_rows, ...preview.fault_rows].map((cells, i) => ({ line: lines[i] ?? i + 1, cells }));
   const shown = rows.map(({ line }) => line);
   const places = faults.map((fault) => cellOf(preview, fault, shown));
   const at = (line: number, column: number) => faults.filter((_, i) => places[i] === `${line}:${column}`);
@@ -249,33 +242,4 @@ function Unit({ column, header, options, change }: Told & { column: ColumnMeanin
       ))}
     </select>
   );
-}
-
-/** Rows of a dropped text file that the preview leaves out: those with faults. */
-function useLines(file: File | undefined, preview: FilePreview, faults: ImportFault[]): Line[] {
-  const [lines, set] = useState<Line[]>([]);
-  const known = new Set([...preview.first_lines, ...preview.header_lines]);
-  const wanted = [...new Set(faults.flatMap(({ line }) => (line === null || known.has(line) ? [] : [line])))];
-  wanted.sort((a, b) => a - b);
-  const question = preview.format === "text" ? wanted.join() : "";
-  useEffect(() => {
-    let gone = false;
-    if (question === "" || !file) set([]);
-    else
-      void file.arrayBuffer().then((bytes) => {
-        if (!gone) set(linesOf(decoded(bytes, preview.encoding), preview, wanted));
-      });
-    return () => {
-      gone = true;
-    };
-  }, [question, file]);
-  return lines;
-}
-
-function decoded(bytes: ArrayBuffer, encoding: string | null): string {
-  try {
-    return new TextDecoder(encoding ?? "utf-8").decode(bytes);
-  } catch {
-    return new TextDecoder("latin1").decode(bytes);
-  }
 }

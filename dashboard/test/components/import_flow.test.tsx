@@ -35,6 +35,8 @@ function answerTo(options: Record<string, unknown>) {
           assumptions: ["2 rows above the header were taken for titles"],
           header_lines: [3],
           first_lines: [4],
+          fault_rows: [["c03", "4", "1.2.3"]],
+          fault_lines: [6],
         },
       ],
       targets: [],

@@ -16,6 +16,16 @@ def refused(*files, **options):
     return [fault.reason for fault in faults(*files, **options)]
 
 
+def test_the_preview_has_the_rows_with_faults_beyond_the_first_ones():
+    rows = [f"c{i:02d},10,20,{'1.2.3' if i == 11 else '5'}" for i in range(1, 13)]
+    table = "\n".join(["label,joint_1 [deg],joint_2 [deg],joint_3 [deg]", *rows, ""])
+    understood = understand_files(sources_of(("a.csv", table)), ImportOptions())
+    file = understood.preview.files[0]
+    assert any(fault.place.line == 12 for fault in understood.faults)
+    assert 12 not in file.first_lines
+    assert (file.fault_lines, file.fault_rows) == ([12], [["c11", "10", "20", "1.2.3"]])
+
+
 def test_the_preview_shows_how_a_header_was_put_together():
     content = (
         "Messung Zelle 3\nPunkt;Achse [deg];;Kraft [N];;;P10 unbelastet [mm];;;P10 mit Last [mm];;\n"
