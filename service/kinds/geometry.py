@@ -248,7 +248,7 @@ def _summary(result: GeometryResult, *, details: bool) -> list[str]:
         lines.append(_miss(result.wrist))
     if details:
         tables = (f"{table.convention} {_MICRO * table.deviation:.1f} µm" for table in result.dh)
-        lines.append(f"deviation of the DH tables (see --json): {', '.join(tables)}")
+        lines.append(f"deviation of the DH tables (all numbers in the JSON): {', '.join(tables)}")
     return lines
 
 

@@ -126,6 +126,7 @@ VIEWS = (
     "#/compare/pairs",
     "#/compare/methods/{comparison}",
     "#/compare/methods/{pair}",
+    "#/compare/runs?ids={run},{run}",
     "#/compare/trend/{robot}",
     "#/fleet",
     "#/measure?robot={robot}",
