@@ -19,7 +19,7 @@ def refused(*files, **options):
 def test_the_preview_has_the_rows_with_faults_beyond_the_first_ones():
     rows = [f"c{i:02d},10,20,{'1.2.3' if i == 11 else '5'}" for i in range(1, 13)]
     table = "\n".join(["label,joint_1 [deg],joint_2 [deg],joint_3 [deg]", *rows, ""])
-    understood = understand_files(sources_of(("a.csv", table)), ImportOptions())
+    understood = understand_files([SourceFile("a.csv", table.encode())])
     file = understood.preview.files[0]
     assert any(fault.place.line == 12 for fault in understood.faults)
     assert 12 not in file.first_lines
