@@ -308,7 +308,8 @@ def _description() -> str:
 _FILES_TEXT: Final = """Get a file of a job that has succeeded. Its names are:
 
 * `tables.json`: the tables as in the terminal, with the `assessment` (null if there is none): title, caption,
-  head, rows of text, and the indices of text columns; beside them the `evidence` in lines of text
+  head, rows of text, and the indices of text columns; beside them what is said of the result in `lines` of
+  text, and the `evidence`
 * `report.pdf` and `report.html`: request, tables of the result, versions and hash of the input; for
   information, not signed. The report of a run follows ISO/IEC 17025: PDF/A-3b with the run and a table
   attached, a draft until it is authorised, then unchangeable; each page of a superseded one states that
