@@ -277,6 +277,7 @@ LANGUAGE: Final = ir.Language(
     remedy=_REMEDY,
     active={"UFRAME_NUM": "active UFRAME_NUM", "UTOOL_NUM": "active UTOOL_NUM"},
     constants={"UF 0": np.eye(4), "UT 0": np.eye(4)},  # the robot's own frames: its base and its flange
+    parts=(".UF", ".UT"),
     is_frame=lambda name: name.startswith(("UF ", "UT ")),
     rules=(
         (r"(?P<letter>[JLCAS]) P\[\0\] ?(?P<second>P\[\0\] ?)?(?P<tail>.*)", _move),

@@ -13,6 +13,7 @@ from collections.abc import Callable, Collection, Iterable
 from dataclasses import dataclass, field, replace
 from functools import partial, reduce
 from operator import itemgetter
+from sys import intern
 from typing import Final, NoReturn, TypeAlias
 
 import numpy as np
@@ -74,7 +75,7 @@ class Place:
         if isinstance(name, str):
             return self.scope.name(name)
         value = float(self.values[self.first + name[1]])
-        return name[0] % (f"{value:g}" if value.is_integer() else "\0")
+        return intern(name[0] % (f"{value:g}" if value.is_integer() else "\0"))  # each is kept once
 
 
 def _whole(name: str) -> str:
@@ -102,7 +103,6 @@ class Machine:
         self._steady: set[str] = set()  # those that no other program changes
         self._shared: set[str] = set()  # names that other programs use, too
         self._own: set[str] = set()  # names that no other program knows
-        self._parts: dict[str, set[str]] = defaultdict(set)  # names of the parts of others
         self._changes: dict[str, list[Cause]] = defaultdict(list)  # what gives names a value, or may do
         self._used: dict[str, int] = {}  # names that are used otherwise than as targets, and a line
         self._causes: list[Cause] = []  # whatever is not understood
@@ -118,6 +118,7 @@ class Machine:
         self._moved = True  # whether a state has changed in this pass
         self._repeats: dict[int, array[int]] = defaultdict(partial(array, "q"))  # lines and first numbers
         self._verdicts: list[tuple[int, Callable[[], None]]] = []
+        self._named: dict[str, FrameName] = {}  # frames that are known by name
         self._poses: dict[tuple[Given, ...], FloatArray | None] = {}
         self._work = 0
 
@@ -194,8 +195,6 @@ class Machine:
         name = place.name(op.name)
         self._shared |= {name} if op.shared or kind == "shared" else set()
         self._own |= {_whole(name)} if op.own else set()
-        if "." in name:
-            self._parts[_whole(name)].add(name)
         held = self._value(place, name, op.value, {})
         if self._initial.setdefault(name, held) != held:
             self._initial[name] = place.cause(f"{name} is declared twice")
@@ -210,8 +209,6 @@ class Machine:
         for place, op in steps:
             if isinstance(op, ir.Assign):
                 name = place.name(op.name)
-                if "." in name:
-                    self._parts[_whole(name)].add(name)
                 self._changes[name].append(place.cause(f"it gets numbers on line {place.line}"))
         for place, op in steps:
             if isinstance(op, ir.Havoc):
@@ -233,7 +230,7 @@ class Machine:
         cause = place.cause(f"{shown(str(op.name))} is given it, and may change it")
         for passed in map(place.scope.name, op.passed):
             self._changes[passed].append(cause)
-            self._anytime.update(dict.fromkeys({passed} | self._parts[passed], cause))
+            self._anytime.update(dict.fromkeys(self._with_parts(passed), cause))
         if op.name in self._ways.begins:
             self._ways.aside |= {str(op.name)} if op.attached else set()
         elif isinstance(op.name, tuple) and place.name(op.name) in self._changes:
@@ -254,6 +251,11 @@ class Machine:
             return None
         reason = f"{shown(name)} is unknown: it may move the robot or change its frames"
         return place.cause(reason, f"if it does neither, name it in `leave_alone`: [{shown(name)}]")
+
+    def _with_parts(self, name: str) -> list[str]:
+        """Return a name and those of all parts that it may have."""
+        whole, of, routine = name.partition(OF)
+        return [name, *(f"{whole}{part}{of}{routine}" for part in self._language.parts)]
 
     def _is_own(self, op: ir.Call) -> bool:
         """Return whether a routine of the program is called here."""
@@ -382,7 +384,7 @@ class Machine:
             if not op.names:
                 self._forget(state, cause)
             for each in map(place.name, op.names):
-                state.update(dict.fromkeys({each} | self._parts.get(each, set()), (cause, place.line)))
+                state.update(dict.fromkeys(self._with_parts(each), (cause, place.line)))
         elif isinstance(op, ir.Call) and not op.attached and (unknown := self._unknown(place, op)):
             self._forget(state, unknown)
 
@@ -398,8 +400,7 @@ class Machine:
 
     def _value(self, place: Place, name: str, value: Value, state: State) -> Held:
         if isinstance(value, Literal):
-            label = name if self._language.is_frame(name) else f"{name} of line {place.line}"
-            return Given(label, place.source, place.line, place.first, value)
+            return Given(name, place.source, place.line, place.first, value)
         held: Held = place.name(value.name)
         if "\0" in held:
             return place.cause("the number of a frame is not a whole number")
@@ -547,7 +548,7 @@ class Machine:
         elif isinstance(held, Given) and name in self._shared:
             reason = "it is declared where other programs use it, too"
         elif isinstance(held, Given):
-            return held._replace(label=name)
+            return held if held.label == name else held._replace(label=name)
         unknown = f"the target {shown(name)} is not given by constant numbers"
         return place.cause(f"{unknown}: {reason}" if reason else unknown, self._language.remedy)
 
@@ -564,15 +565,22 @@ class Machine:
             if given or len(names) > 1:
                 return place.cause("a frame has numbers in part", "give the whole frame in numbers")
             name = names.pop()
-            return FrameName(self._said(place, name), self._language.constants.get(name))
+            return self._by_name(place, name)
         if given not in self._poses:
             self._poses[given] = self._pose(given)
         first, pose = given[0], self._poses[given]
-        label = f"frame of line {place.line}" if isinstance(value, Literal) else first.label
+        label, _, routine = first.label.partition(OF)
+        if not (routine or self._language.is_frame(label)):
+            label = f"{label or 'frame'} of line {first.line}"
         if pose is None:
             reason = f"{label} is no whole frame in numbers"
             return Cause(first.line, reason, "give the whole frame in numbers", first.source)
         return FrameName(self._said(place, label), pose)
+
+    def _by_name(self, place: Place, name: str) -> FrameName:
+        if name not in self._named:
+            self._named[name] = FrameName(self._said(place, name), self._language.constants.get(name))
+        return self._named[name]
 
     def _said(self, place: Place, name: str) -> str:
         return self.columns.said(name, place.source, place.line)

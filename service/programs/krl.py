@@ -271,6 +271,7 @@ LANGUAGE: Final = ir.Language(
     remedy=_REMEDY,
     active={"$BASE": "active $BASE", "$TOOL": "active $TOOL"},
     constants={name: np.eye(4) for name in ("$NULLFRAME", "BASE_DATA[0]", "TOOL_DATA[0]")},
+    parts=(".BASE", ".TOOL"),
     is_frame=lambda name: name.startswith(("BASE_DATA[", "TOOL_DATA[")),
     rules=(
         (rf"(?:GLOBAL )?DEF(?:FCT {_NAME}(?:\[\])?)? @{{name}}(?:\((?P<own>.*)\))?(?: ?PUBLIC)?", _routine),

@@ -197,6 +197,7 @@ class Language:
     active: Mapping[str, str] = field(default_factory=dict)  # frames that are active, and their names
     constants: Mapping[str, FloatArray] = field(default_factory=dict)  # frames that no program changes
     is_frame: Callable[[str], bool] = lambda _: False  # names of frames that have numbers elsewhere
+    parts: tuple[str, ...] = ()  # ends of the names of what names may have as parts
     callers: bool = False  # whether other programs may call each of the routines
     suffixes: str = ""  # of the names of its files
     pose: Notation | None = None  # in which its users write frames; None for that of the program

@@ -239,6 +239,7 @@ LANGUAGE: Final = ir.Language(
     motion=r"\b(?:MOVE(?:[LJC](?:DO|AO|GO|SYNC)?|ABSJ|EXTJ)|TRIGG[LJC])(?!\w)",
     remedy=_REMEDY,
     constants={"WOBJ0": np.eye(4), "TOOL0": np.eye(4)},
+    parts=tuple(part for parts in _FRAMES_OF.values() for part in parts),
     is_frame=lambda _: True,
     callers=True,
     rules=(
