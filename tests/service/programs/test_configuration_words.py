@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from support.examples import examples
 
-from jointstiff.service.programs.configuration import _WORDS
+from jointstiff.service.kinds.program_path import _WORDS
 
 EVERY = [(name, word) for name, words in _WORDS.items() for word in words]
 

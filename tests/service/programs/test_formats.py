@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 from support.written_programs import moves_of, rewritten, targets_of
 
+from jointstiff.service.kinds.program_path import StatedConfigurations
 from jointstiff.service.problems import problem_of
 from jointstiff.service.programs import columns
-from jointstiff.service.programs.configuration import StatedConfigurations
 from jointstiff.service.programs.errors import ProgramError
 from jointstiff.service.programs.formats import FORMATS, MARK, read_program
 from jointstiff.service.programs.program import Motion

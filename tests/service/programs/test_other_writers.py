@@ -9,8 +9,7 @@ import pytest
 from support.programs import request
 from support.written_programs import moves_of, targets_of
 
-from jointstiff.service.kinds.program_path import ProgramFrames
-from jointstiff.service.programs.configuration import StatedConfigurations
+from jointstiff.service.kinds.program_path import ProgramFrames, StatedConfigurations
 from jointstiff.service.programs.errors import ProgramError
 from jointstiff.service.programs.formats import read_program
 
