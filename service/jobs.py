@@ -9,6 +9,7 @@ from functools import lru_cache
 from types import MappingProxyType
 from typing import Any, Final
 
+from pydantic import ValidationError
 from sqlalchemy import Connection
 
 from jointstiff.schemas.fields import Message, Page
@@ -198,7 +199,9 @@ class Jobs:
         if record.state not in OPEN_STATES or job.progress is None:
             return job
         status = self.records.status(record.id)
-        progress = job.progress.model_copy(update={"done": status.done if status else 0})
+        if status is None or not status.goes_on:  # it has ended since, and its steps are gone
+            return self._read(self.records.get(record.id, hidden=True))
+        progress = job.progress.model_copy(update={"done": status.done})
         return job.model_copy(update={"state": record.state, "progress": progress})
 
     def _read(self, record: JobRecord) -> Job:
@@ -222,7 +225,12 @@ class Jobs:
         """End a job as it is then: what others wrote of it meanwhile is kept."""
 
         def final(before: JobRecord, done: int) -> dict[str, Any]:
-            job = self._read(before)
+            try:
+                job = self._read(before)
+            except (
+                ValidationError
+            ):  # its document is damaged, as `doctor` tells: it must not keep workers busy
+                return {"state": state, "summary": {**before.summary, "state": state}}
             began = job.provenance.started_at or job.provenance.created_at
             last = {"ended_at": max(datetime.now(UTC), began), **provenance}  # clocks may be set back
             always = {

@@ -204,11 +204,12 @@ def _planted(database: str, folder: Path, configurations: int, resampling: dict[
     with Service(database, 0) as service, httpx2.Client(base_url=service.url, timeout=90) as client:
         address = _begun(client, configurations, resampling)
     job_id, draws = address.rpartition("/")[2], resampling["repetitions"]
-    steps = [(job_id, 0, draws, 1, pickle.dumps(_Planted(ran))), (job_id, draws, 0, 0, None)]
+    steps = [(job_id, 0, draws, 1, 1, pickle.dumps(_Planted(ran))), (job_id, draws, 0, 0, 1, None)]
     with closing(sqlite3.connect(database.removeprefix("sqlite:///"))) as connection, connection:
         connection.execute("DELETE FROM job_steps")
         connection.executemany(
-            "INSERT INTO job_steps (job_id, start, units, turn, result) VALUES (?, ?, ?, ?, ?)", steps
+            "INSERT INTO job_steps (job_id, start, units, turn, sequence, result) VALUES (?, ?, ?, ?, ?, ?)",
+            steps,
         )
     back_up(database, folder / "backup")
     restored = f"sqlite:///{folder / 'restored.db'}"

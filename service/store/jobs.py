@@ -125,13 +125,13 @@ PLAN: Final = -1
 _FIRST_TURN: Final = 1  # of a job; to put one together has none to wait for
 _SAME_TURN: Final = 2  # steps of a job that are one after the other: then others have their turn
 _LAST_TURN: Final = 9  # of a long job, from which on what came first goes first
+_undone: Final = job_steps.c.result.is_(None)
 
 
 @dataclass(frozen=True, slots=True)
 class Step:
     """A step of a job that is left to workers. The first one cuts the job, the last one puts it together."""
 
-    kind: str  # name of the kind of the job
     job_id: str
     start: int  # its first unit; `PLAN` of the first step
     units: int  # none of the first and of the last step
@@ -147,25 +147,25 @@ class Steps:
 
     Each is taken by one worker, and what it computes is kept. One may be carried out twice, as when a worker
     is silent for a while: the numbers are the same, and the first ones stay. They go with the end of the job.
+    A job that has not ended has a step that is to be done: one follows the others in the same transaction.
+    Who changes the steps of a job, or ends it, holds its row of the table of jobs first.
     """
 
     def __init__(self, database: Database) -> None:
         self._database = database
-        step, others = job_steps.c, job_steps.alias().c
+        step = job_steps.c
         taken = sa.bindparam("executor", type_=sa.String)
-        waits = sa.exists().where(others.job_id == step.job_id, others.units > 0, others.result.is_(None))
+        # In the order of the index of steps to be done, of which it looks at the first ones alone.
         self._next = (
-            sa.select(jobs.c.kind, step.job_id, step.start, step.units)
-            .join_from(job_steps, jobs, jobs.c.id == step.job_id)
-            .where(step.result.is_(None), sa.or_(step.executor.is_(None), step.executor == taken))
-            .where(sa.or_(step.units > 0, step.start == PLAN, ~waits))
-            .order_by(step.turn, jobs.c.sequence, step.start)
+            sa.select(step.job_id, step.start, step.units)
+            .where(_undone, sa.or_(step.executor.is_(None), step.executor == taken))
+            .order_by(step.turn, step.sequence, step.start)
             .limit(1)
         )
 
     def announce(self, connection: sa.Connection, job_id: str) -> None:
         """Leave a job to workers, in the transaction that stores it."""
-        connection.execute(sa.insert(job_steps).values(job_id=job_id, start=PLAN, units=0, turn=_FIRST_TURN))
+        self._add(connection, job_id, [(PLAN, 0, _FIRST_TURN)])
 
     def take(self, executor: str) -> Step | None:
         """Take the next step; None if there is none. What was taken before and is not done may come again."""
@@ -173,7 +173,7 @@ class Steps:
         if not self._database.rows(self._next, asked):
             return None  # who only looks does not take the writer's turn
         with self._database.writing() as connection:
-            locked = self._next.with_for_update(of=job_steps, skip_locked=True)
+            locked = self._next.with_for_update(skip_locked=True)
             row = connection.execute(locked, asked).one_or_none()
             if row is None:
                 return None
@@ -182,25 +182,29 @@ class Steps:
         return step
 
     def share_out(self, job_id: str, spans: Sequence[tuple[int, int]]) -> None:
-        """Put the steps of a job, and the one that puts it together, in the place of the first one."""
-        steps = [
-            {
-                "start": start,
-                "units": stop - start,
-                "turn": min(_FIRST_TURN + place // _SAME_TURN, _LAST_TURN),
-            }
-            for place, (start, stop) in enumerate(spans)
-        ]
-        steps.append({"start": spans[-1][1] if spans else 0, "units": 0, "turn": 0})
-        mine = job_steps.c.job_id == job_id
+        """Put the steps of a job in the place of the first one."""
         with self._database.writing() as connection:
-            first = connection.execute(sa.delete(job_steps).where(mine, job_steps.c.start == PLAN))
-            if first.rowcount == 1:  # nobody else has, and the job has not ended
-                connection.execute(sa.insert(job_steps), [{"job_id": job_id, **step} for step in steps])
+            if not self._hold(connection, job_id):
+                return
+            first = sa.delete(job_steps).where(job_steps.c.job_id == job_id, job_steps.c.start == PLAN)
+            if connection.execute(first).rowcount == 1:  # nobody else has
+                steps = [
+                    (start, stop - start, min(_FIRST_TURN + place // _SAME_TURN, _LAST_TURN))
+                    for place, (start, stop) in enumerate(spans)
+                ]
+                self._add(connection, job_id, steps or [(0, 0, 0)])
 
     def keep(self, job_id: str, start: int, result: bytes) -> None:
-        """Keep what a step computed, unless something is kept, or the job has ended."""
-        self._database.change(self._change(job_id, start).values(result=result, executor=None))
+        """Keep what a step computed, unless something is kept, or the job has ended; the last one follows."""
+        mine = job_steps.c.job_id == job_id
+        end = sa.select(sa.func.max(job_steps.c.start + job_steps.c.units)).where(mine)
+        with self._database.writing() as connection:
+            if not self._hold(connection, job_id):
+                return
+            kept = connection.execute(self._change(job_id, start).values(result=result, executor=None))
+            left = connection.execute(sa.select(job_steps.c.start).where(mine, _undone).limit(1)).first()
+            if kept.rowcount == 1 and left is None:
+                self._add(connection, job_id, [(connection.execute(end).scalar_one(), 0, 0)])
 
     def results(self, job_id: str) -> list[bytes]:
         """Return what the steps of a job computed, in order."""
@@ -223,7 +227,7 @@ class Steps:
         Args:
             living: names of all workers that live.
         """
-        return self._count(job_steps.c.executor.not_in(living))
+        return self._count(job_steps.c.executor.is_not(None), job_steps.c.executor.not_in(living))
 
     def forgotten(self) -> dict[str, str]:
         """Return the jobs that have not ended, and have no step that will end them: id → name of the kind."""
@@ -231,9 +235,22 @@ class Steps:
         lost = self._database.rows(sa.select(jobs.c.id, jobs.c.kind).where(_open, ~known))
         return {str(row.id): str(row.kind) for row in lost}
 
+    def _hold(self, connection: sa.Connection, job_id: str) -> bool:
+        """Keep others from changing the steps of a job; return whether it goes on."""
+        mine = sa.select(jobs.c.id).where(jobs.c.id == job_id, _open)
+        return connection.execute(mine.with_for_update()).first() is not None
+
+    def _add(self, connection: sa.Connection, job_id: str, steps: Sequence[tuple[int, int, int]]) -> None:
+        """Add steps to a job: start, units and turn of each."""
+        sequence = connection.execute(sa.select(jobs.c.sequence).where(jobs.c.id == job_id)).scalar_one()
+        names = "start", "units", "turn"
+        rows = [
+            {"job_id": job_id, "sequence": sequence, **dict(zip(names, step, strict=True))} for step in steps
+        ]
+        connection.execute(sa.insert(job_steps), rows)
+
     def _change(self, job_id: str, start: int) -> sa.Update:
-        step = job_steps.c
-        return sa.update(job_steps).where(step.job_id == job_id, step.start == start, step.result.is_(None))
+        return sa.update(job_steps).where(job_steps.c.job_id == job_id, job_steps.c.start == start, _undone)
 
     def _count(self, *dead: sa.ColumnElement[bool]) -> dict[str, int]:
         if not self._database.rows(sa.select(job_steps.c.job_id).where(*dead).limit(1)):

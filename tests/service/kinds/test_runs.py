@@ -92,3 +92,20 @@ def test_as_many_as_may_wait_and_no_more(store, runs, enqueued, monkeypatch):
     runs.cancel(first.id)
     runs.create(request(set_id), None)
     assert len(enqueued) == 3
+
+
+def test_progress_does_not_go_back_when_a_run_ends_while_it_is_read(store, runs, monkeypatch):
+    """Its steps are gone then: the answer is that of the run as it ended, not one without progress."""
+    run = runs.create(request(stored_set(store)), None)
+    store.steps.share_out(run.id, [(0, 120), (120, 300)])
+    store.steps.keep(run.id, 0, b"")
+    before = runs.records.status
+
+    def end_first(job_id):
+        monkeypatch.setattr(runs.records, "status", before)
+        runs.cancel(job_id)
+        return before(job_id)
+
+    monkeypatch.setattr(runs.records, "status", end_first)
+    read = runs.current(run.id)
+    assert (read.state, read.progress.done) == ("cancelled", 120)

@@ -39,7 +39,7 @@ def planted(url, *statements):
         ("UPDATE jobs SET state = 'failed'", "state", "run "),
         ("UPDATE jobs SET state = 'running'", "endless", "run "),
         ("UPDATE jobs SET kind = 'dream'", "kind", "dream "),
-        ("INSERT INTO job_steps VALUES ('gone', 0, 5, 1, NULL, 0, NULL)", "orphan", "job_steps gone"),
+        ("INSERT INTO job_steps VALUES ('gone', 0, 5, 1, 1, NULL, 0, NULL)", "orphan", "job_steps gone"),
         (
             "INSERT INTO idempotency_keys VALUES ('robots', 'k', 'b', 'gone', '2026-11-20 00:00:00')",
             "orphan",

@@ -7,6 +7,7 @@ from contextlib import closing
 from datetime import UTC, datetime, timedelta
 
 import pytest
+import sqlalchemy as sa
 from support.jobs import request, runs_of, stored_set
 
 from jointstiff.service.kinds.identification import ByJoints
@@ -14,6 +15,7 @@ from jointstiff.service.problems import StoreUnavailableError
 from jointstiff.service.store.database import Database
 from jointstiff.service.store.jobs import Heartbeats
 from jointstiff.service.store.store import Store
+from jointstiff.service.store.tables import jobs
 from jointstiff.service.workers.worker import Recovery, _patiently, carry_out_next
 from jointstiff.solver.errors import SolverError
 
@@ -217,6 +219,21 @@ def test_a_step_that_fails_ends_its_run_with_the_reason(store, runs, monkeypatch
     all_done(store, runs, "worker")
     ended = runs.current(run.id)
     assert (ended.state, ended.error.detail, ended.error.remedy) == ("failed", "no optimum", "measure again")
+
+
+@pytest.mark.parametrize("step", ["first", "other"])
+def test_a_run_whose_document_is_damaged_fails_and_others_go_on(store, runs, step):
+    """No worker may die over it again and again, nor over the news that it failed."""
+    damaged, other = (runs.create(request(stored_set(store)), None) for _ in range(2))
+    if step == "other":
+        assert carry_out_next(store, lambda _: runs, "worker")
+    broken = sa.update(jobs).where(jobs.c.id == damaged.id).values(document="{")
+    store._database.change(broken)
+    runs.work.cache_clear()  # as of a worker that starts
+    all_done(store, runs, "worker")
+    assert runs.records.status(damaged.id).state == "failed"
+    assert runs.records.get(damaged.id).summary["state"] == "failed"
+    assert runs.current(other.id).state == "succeeded"
 
 
 @pytest.fixture
