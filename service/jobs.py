@@ -177,9 +177,15 @@ class Jobs:
             steps.keep(step.job_id, step.start, pack(work.compute(span)))
 
     def conclude(self, job_id: str, computed: Sequence[bytes]) -> None:
-        """Put a job together from the results of all its steps, in order, and end it."""
+        """Put a job together from the results of all its steps, in order, and end it.
+
+        Raises:
+            MemoryError: there is too little left here; another worker may have enough.
+        """
         work = self.work(job_id)
-        result, error = outcome_of(lambda: work.conclude([unpack(content) for content in computed]))
+        result, error = outcome_of(
+            lambda: work.conclude([unpack(content) for content in computed]), MemoryError
+        )
         provenance = {"versions": dict(versions())}
         self._end(job_id, final_state(error), {"result": result, "error": error}, provenance)
 

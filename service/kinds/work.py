@@ -178,15 +178,21 @@ def carry_out(
     )
 
 
-def outcome_of(compute: Callable[[], Message]) -> tuple[Message | None, Problem | None]:
+def outcome_of(
+    compute: Callable[[], Message], *passed: type[Exception]
+) -> tuple[Message | None, Problem | None]:
     """Return a result, or the problem in its place: the one boundary of a job.
+
+    Args:
+        compute: returns the result.
+        passed: errors that are no outcome, as where the job may be carried out again.
 
     Raises:
         RequestError: the request is refused.
     """
     try:
         return compute(), None
-    except RequestError:
+    except (RequestError, *passed):
         raise
     except JointstiffError as error:
         return None, problem_of(error)

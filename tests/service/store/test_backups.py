@@ -13,6 +13,7 @@ import pytest
 from support.jobs import request, runs_of, stored_set
 from support.processes import until
 
+from jointstiff.service.kinds.work import pack
 from jointstiff.service.problems import StoreError
 from jointstiff.service.server import _shown
 from jointstiff.service.store import backups
@@ -20,6 +21,8 @@ from jointstiff.service.store.backups import Manifest, back_up, content_of, rest
 from jointstiff.service.store.database import Database
 from jointstiff.service.store.store import Store
 from jointstiff.service.store.tables import LAYOUT, RobotRecord
+from jointstiff.service.workers.doctor import examine
+from jointstiff.service.workers.worker import Recovery, carry_out_next
 
 ROBOT = RobotRecord("r", "robot", datetime(2026, 11, 20, tzinfo=UTC), "hash", '{"a": "µ"}')
 
@@ -83,6 +86,34 @@ def test_a_backup_under_write_load_comes_back_with_every_hash_and_result(new_dat
     assert len(found) == manifest.tables["robots"].rows
     with Store.open(target) as store:
         assert runs_of(store).document(run.id) == document
+
+
+@pytest.mark.process
+def test_an_unfinished_run_of_a_backup_goes_on_where_it_stood(new_database, tmp_path):
+    """With what a worker had begun, which is not there any more: its numbers are those of one go."""
+    source, target = new_database(), new_database()
+    with Store.open(source) as store:
+        runs = runs_of(store, store.steps.announce)
+        run = runs.create(request(stored_set(store)), None)
+        spans, work = [(0, 100), (100, 200), (200, 300)], runs.work(run.id)
+        runs.start(run.id)
+        store.steps.share_out(run.id, spans)
+        store.heartbeats.beat("gone")
+        store.steps.keep(run.id, 0, pack(work.compute(spans[0])))
+        assert store.steps.take("gone").start == 100
+        back_up(source, tmp_path / "backup")
+        expected = runs_of(store).create(request(run.measurement_set_id), None)
+        expected = runs_of(store).current(expected.id).result
+    restore(target, tmp_path / "backup")
+    assert examine(target).faults == []
+    with Store.open(target) as store:
+        store.heartbeats.forget("gone")  # as after half a minute
+        runs = runs_of(store, store.steps.announce)
+        assert (runs.current(run.id).state, runs.current(run.id).progress.done) == ("running", 100)
+        Recovery(store, lambda _: runs, "another").look()
+        while carry_out_next(store, lambda _: runs, "another"):
+            pass
+        assert (runs.current(run.id).state, runs.current(run.id).result) == ("succeeded", expected)
 
 
 @pytest.mark.process

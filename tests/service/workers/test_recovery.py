@@ -274,15 +274,16 @@ def test_a_step_waits_for_the_database(monkeypatch):
     assert _patiently(step)
 
 
-def test_a_process_without_memory_ends_and_its_step_has_no_result(store, runs, monkeypatch):
+@pytest.mark.parametrize("step", ["compute", "conclude"])
+def test_a_process_without_memory_ends_and_its_step_has_no_result(store, runs, monkeypatch, step):
     monkeypatch.setattr("os.kill", lambda pid, sign: sys.exit(f"{pid} {sign}"))
     run = runs.create(request(stored_set(store)), None)
 
     def exhaust(_self, _span):
         raise MemoryError
 
-    monkeypatch.setattr(ByJoints, "compute", exhaust)
+    monkeypatch.setattr(ByJoints, step, exhaust)
     with pytest.raises(SystemExit, match=f"^{os.getpid()} {signal.SIGKILL}$"):
         _patiently(lambda: all_done(store, runs, "worker"))
     assert runs.current(run.id).state == "running"
-    assert runs.records.status(run.id).done == 0
+    assert runs.records.status(run.id).done == (300 if step == "conclude" else 0)
