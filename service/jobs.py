@@ -36,7 +36,7 @@ from jointstiff.service.resources.stored import Resources
 from jointstiff.service.store.jobs import PLAN, Step
 from jointstiff.service.store.store import Store
 from jointstiff.service.store.tables import OPEN_STATES, IdempotencyKey, JobRecord
-from jointstiff.solver.errors import JointstiffError
+from jointstiff.solver.errors import JointstiffError, RequestError
 
 MAX_OPEN: Final = 1_000
 """Maximum number of unfinished jobs of a kind; concurrent posts may exceed it by a few."""
@@ -184,7 +184,7 @@ class Jobs:
         """
         work = self.work(job_id)
         result, error = outcome_of(
-            lambda: work.conclude([unpack(content) for content in computed]), MemoryError
+            lambda: work.conclude([unpack(content) for content in computed]), (RequestError, MemoryError)
         )
         provenance = {"versions": dict(versions())}
         self._end(job_id, final_state(error), {"result": result, "error": error}, provenance)

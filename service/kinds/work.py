@@ -179,20 +179,20 @@ def carry_out(
 
 
 def outcome_of(
-    compute: Callable[[], Message], *passed: type[Exception]
+    compute: Callable[[], Message], passed: tuple[type[Exception], ...] = (RequestError,)
 ) -> tuple[Message | None, Problem | None]:
     """Return a result, or the problem in its place: the one boundary of a job.
 
     Args:
         compute: returns the result.
-        passed: errors that are no outcome, as where the job may be carried out again.
+        passed: errors that are no outcome: of a request that is refused, or work that is done again elsewhere.
 
     Raises:
         RequestError: the request is refused.
     """
     try:
         return compute(), None
-    except (RequestError, *passed):
+    except passed:
         raise
     except JointstiffError as error:
         return None, problem_of(error)
