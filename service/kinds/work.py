@@ -185,7 +185,7 @@ def outcome_of(
 
     Args:
         compute: returns the result.
-        passed: errors that are no outcome: of a request that is refused, or work that is done again elsewhere.
+        passed: errors that are no outcome: the request is refused, or the work is done again elsewhere.
 
     Raises:
         RequestError: the request is refused.
