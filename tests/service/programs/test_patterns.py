@@ -12,12 +12,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from support.examples import examples
 
+from jointstiff import schemas, service, solver
 from jointstiff.service.programs import fanuc, krl, rapid, ur
 from jointstiff.service.programs.formats import read_program
 from jointstiff.service.programs.notation import Numerals
 from jointstiff.service.security import admission
 
-ROOT = Path(__file__).parents[3]
 DIGITS = "0123456789"
 
 
@@ -180,10 +180,11 @@ def test_no_group_is_possessive():
     """But for one whose text is compared above: nothing in it fails behind its first character and a run."""
     possessive = re.compile(r"(?<!\\)\)(?:[?*+]|\{[\d,]+\})\+")
     found = [
-        f"{path.relative_to(ROOT)}: {line.strip()}"
-        for folder in ("schemas", "solver", "service")
-        for path in (ROOT / folder).rglob("*.py")
+        f"{path.relative_to(folder)}: {line.strip()}"
+        for package in (schemas, solver, service)
+        for folder in map(Path, package.__path__)
+        for path in folder.rglob("*.py")
         for line in path.read_text(encoding="utf-8").splitlines()
         if possessive.search(line)
     ]
-    assert [line.split(":")[0] for line in found] == ["service/security/admission.py"]
+    assert [line.split(":")[0] for line in found] == ["security/admission.py"]
