@@ -1,11 +1,14 @@
 """Every job ends: what the recovery of a worker does about work that nobody does."""
 
+import io
 import os
+import pickle
 import signal
 import sys
 from contextlib import closing
 from datetime import UTC, datetime, timedelta
 
+import numpy as np
 import pytest
 import sqlalchemy as sa
 from support.jobs import request, runs_of, stored_set
@@ -219,6 +222,33 @@ def test_a_step_that_fails_ends_its_run_with_the_reason(store, runs, monkeypatch
     all_done(store, runs, "worker")
     ended = runs.current(run.id)
     assert (ended.state, ended.error.detail, ended.error.remedy) == ("failed", "no optimum", "measure again")
+
+
+class Planted:
+    """Writes a file when it is unpickled."""
+
+    def __init__(self, path):
+        self.path = path
+
+    def __reduce__(self):
+        return open, (str(self.path), "w")
+
+
+def in_an_archive(planted):
+    buffer = io.BytesIO()
+    np.savez(buffer, x=np.array([planted], dtype=object))
+    return buffer.getvalue()
+
+
+@pytest.mark.parametrize("written", [pickle.dumps, in_an_archive])
+def test_a_pickle_planted_in_a_step_is_not_run_and_its_run_ends(store, runs, shared, tmp_path, written):
+    """Who can write the database, or hands over a backup, runs no code in the workers."""
+    run, other = shared(), runs.create(request(stored_set(store)), None)
+    for start, _ in SPANS:
+        store.steps.keep(run.id, start, written(Planted(tmp_path / "ran")))
+    all_done(store, runs, "worker")
+    assert [runs.current(each.id).state for each in (run, other)] == ["failed", "succeeded"]
+    assert not (tmp_path / "ran").exists()
 
 
 @pytest.mark.parametrize("step", ["first", "other"])
