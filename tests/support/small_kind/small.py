@@ -1,5 +1,7 @@
 """A small kind of work, which tests add to the others: how many readings a measurement set has."""
 
+from __future__ import annotations
+
 from typing import TYPE_CHECKING, ClassVar, Final
 
 from pydantic import Field
