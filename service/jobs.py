@@ -171,7 +171,9 @@ class Jobs:
             self.start(step.job_id)
             steps.share_out(step.job_id, work.steps())
         elif step.is_last:
-            self.conclude(step.job_id, steps.results(step.job_id))
+            computed = steps.results(step.job_id)
+            if self.records.goes_on(step.job_id):  # else they may have gone with its end
+                self.conclude(step.job_id, computed)
         else:
             span = step.start, step.start + step.units
             steps.keep(step.job_id, step.start, pack(work.compute(span)))

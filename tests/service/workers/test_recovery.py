@@ -128,6 +128,20 @@ def test_the_steps_of_ended_runs_are_removed_and_their_results_stay(store, runs,
     assert runs.current(ended.id) == cancelled
 
 
+def test_a_run_that_is_cancelled_before_its_last_step_is_not_put_together(store, runs, shared, monkeypatch):
+    """Its results are gone: of some kinds the last step would compute them all again."""
+    concluded = []
+    monkeypatch.setattr(ByJoints, "conclude", lambda _work, parts: concluded.append(parts))
+    run = shared()
+    for start, _ in SPANS:
+        store.steps.keep(run.id, start, b"computed")
+    last = store.steps.take("worker")
+    cancelled = runs.cancel(run.id)
+    runs.carry_out(last)
+    assert runs.current(run.id) == cancelled
+    assert concluded == []
+
+
 def test_what_a_dead_worker_left_is_taken_by_others(store, runs, shared):
     shared()
     lost = store.steps.take("dead")
