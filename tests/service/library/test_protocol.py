@@ -189,16 +189,15 @@ def test_every_verb_is_tested_and_every_door_has_it(door):
     assert all(callable(getattr(door, verb)) for verb in tested)
 
 
-STEPPED = {"repetitions": 100_000, "size": 9}
+STEPPED = {"repetitions": 100_000, "size": 500}
 
 
 def test_progress_is_told_and_work_is_cancelled(door):
-    told = []
-    run = door.identify(
-        DOCUMENT, elasticity="joints", resampling=STEPPED, on_progress=told.append, cancel=lambda: bool(told)
-    )
+    told, options = [], {"elasticity": "joints", "resampling": STEPPED}
+    long = simulate_campaign(default_arm(), load="pull", configurations=1_000, seed=4)  # six seconds of draws
+    run = door.identify(long, **options, on_progress=told.append, cancel=lambda: bool(told))
     assert run.state == "cancelled"
-    assert 0 <= told[0].done <= told[0].total == STEPPED["repetitions"]
+    assert 0 < told[0].done + 1 <= told[0].total == STEPPED["repetitions"]
 
 
 def test_a_result_of_any_door_writes_the_same_files(door, sources, tmp_path):
