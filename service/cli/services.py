@@ -155,7 +155,7 @@ def doctor(*, database: DatabaseUrl) -> None:
 
 def _counts(manifest: Manifest) -> str:
     shown = ("robots", "measurement_sets", "jobs")
-    return ", ".join(f"{manifest.tables[name].rows:,} {name.replace('_', ' ')}" for name in shown)
+    return ", ".join(f"{manifest.tables[name].rows:,} × {name.replace('_', ' ')}" for name in shown)
 
 
 webhooks = typer.Typer(

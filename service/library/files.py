@@ -54,6 +54,8 @@ def read_document(path: Path, message: type[Document], section: str | None = Non
     if len(content) > MAX_SET_BYTES:
         limit = f"{MAX_SET_BYTES // 1024**2} MiB"
         raise CampaignError(http_problem(413, f"the file exceeds {limit}", "split it into several sets"))
+    if not content.strip():
+        raise CampaignError(http_problem(422, f"{path} is empty", "give a file that was written to its end"))
     return _parsed(message, content.removeprefix(BOM_UTF8), section)
 
 

@@ -193,7 +193,12 @@ export function VerdictCard({
         <span>
           {assessment.headline ??
             (counted && verdict === "use" ? words.supported(identified, count) : sentences[verdict])}
-          {counted && verdict !== "use" && <b> {words.identified(identified, count)}</b>}
+          {counted && verdict !== "use" && (
+            <b>
+              {assessment.headline ? ". " : " "}
+              {words.identified(identified, count)}
+            </b>
+          )}
         </span>
       </h2>
       {reasons.length > 0 && (

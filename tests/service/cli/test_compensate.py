@@ -2,6 +2,7 @@
 
 import json
 import math
+import os
 
 import pytest
 from support.programs import options, path, tool_poses
@@ -69,6 +70,7 @@ def test_the_commands_options_keep_their_units_beside_a_file_in_others(folder):
         (["--options", "options.json", "--load-point", "0,0,6000"], "6 m from the flange"),
         (["--options", "campaign.json"], "the file is a campaign"),
         (["--options", "path.src"], "Invalid JSON"),
+        (["--options", os.devnull], "is empty"),
         (["--options", "options.json", "--accuracy-option", "compensates_load"], "twice"),
         (["--options", "options.json", "--tool", "a,b"], "must be numbers"),
     ],

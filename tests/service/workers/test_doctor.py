@@ -90,7 +90,7 @@ class TestOnSqlite:
     def test_backup_and_restore_as_commands(self, url, tmp_path):
         folder = str(tmp_path / "backup")
         run = terminal("backup", "--database", url, folder)
-        assert "1 robots, 1 measurement sets, 1 jobs" in run.output
+        assert "1 × robots, 1 × measurement sets, 1 × jobs" in run.output
         again = terminal("restore", "--database", url, folder)
         assert again.exit_code == 2
         new = f"sqlite:///{tmp_path / 'new.db'}"
