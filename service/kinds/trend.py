@@ -678,7 +678,7 @@ class Trends:
         ]
 
     def fleet(self) -> messages.Fleet:
-        """Return a row for each robot and serial number, those in alarm first."""
+        """Return a row for each robot and serial number, those in alarm first, those never measured last."""
         page = self._store.robots.page(limit=_MOST_ROBOTS)
         rows = [row for record in page.records for row in self._rows(record.id, record.name)]
         return messages.Fleet(items=sorted(rows, key=_urgency), is_whole=page.next is None)
@@ -776,6 +776,6 @@ def _joint_urgency(joint: messages.TrendJoint) -> tuple[int, float]:
     return _STATES[joint.state], -size
 
 
-def _urgency(row: messages.FleetRow) -> tuple[int, float, str]:
+def _urgency(row: messages.FleetRow) -> tuple[int, bool, float, str]:
     size = 0.0 if row.change is None else abs(row.change.relative) / row.change.standard_uncertainty
-    return _STATES[row.state], -size, row.name
+    return _STATES[row.state], row.measured_at is None, -size, row.name
