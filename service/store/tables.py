@@ -427,9 +427,8 @@ job_steps = sa.Table(
     sa.Column("start", sa.Integer, primary_key=True, autoincrement=False),  # its first unit
     sa.Column("units", sa.Integer, nullable=False),
     sa.Column("turn", sa.Integer, nullable=False),  # the least goes first
-    sa.Column(
-        "sequence", sa.BigInteger, nullable=False
-    ),  # of the job: of one turn the first job's goes first
+    # of the job: of one turn the first job's goes first
+    sa.Column("sequence", sa.BigInteger, nullable=False),
     sa.Column("executor", sa.String, nullable=True),  # worker that carries it out
     sa.Column("deaths", sa.Integer, nullable=False, server_default="0"),  # of workers over it
     sa.Column("result", sa.LargeBinary, nullable=True),  # none while it is to be done
