@@ -127,8 +127,7 @@ class BoundedProtocol(H11Protocol):
         if self.conn.their_state is h11.SEND_BODY:  # one that we do not read waits for us
             return 0.0 if self.flow.read_paused else now - self._since - self._received / self.BODY_RATE
         left = self.transport.get_write_buffer_size()
-        stalled = now - self._written_at if left and self._handed - left <= self._taken else 0.0
-        return stalled if stalled >= self.LOOK_SECONDS else 0.0  # one that reads is not seen to between looks
+        return now - self._written_at if left and self._handed - left <= self._taken else 0.0
 
     def data_received(self, data: bytes) -> None:
         """Take what came, unless all bodies together are too large."""
