@@ -137,32 +137,37 @@ class Triangle:
         known = basis(self.unit_columns(names))
         return float(self.rhs @ self.rhs - np.square(known.T @ self.rhs).sum())
 
-    def p_value(
+    def p_values(
         self,
-        name: str,
+        names: Sequence[str],
         beside: Sequence[str] = ("joints",),
         *,
         most: int | None = None,
         least: float = TOLD_APART,
-    ) -> float:
-        """Return the p-value of the F test of a term beside others; 1 where the readings cannot tell.
+    ) -> FloatArray:
+        """Return p-values (S,) of F tests of single terms beside others; 1 where the readings cannot tell.
 
         Args:
-            name: term that is tested.
+            names: terms that are tested, each by itself.
             beside: terms that are fitted in any case.
-            most: largest number of its leading combinations that are tested; all if None.
+            most: largest number of a term's leading combinations that are tested; all if None.
             least: singular value of its unit columns beside the others above which a combination counts.
         """
-        known, tested = basis(self.unit_columns(beside)), self.unit_columns([name])
+        known, tested = basis(self.unit_columns(beside)), self.unit_columns(names)
         d = self.rhs - known @ (known.T @ self.rhs)
-        leading = basis(tested - known @ (known.T @ tested), least)[:, :most]
-        freedom = self.rows - known.shape[1] - leading.shape[1]
-        if not leading.shape[1] or freedom < 1:
-            return 1.0
-        explained = float(np.square(leading.T @ d).sum())
-        left = max(float(d @ d) - explained, 0.0) + freedom * _RESOLUTION**2
-        ratio = explained / leading.shape[1] / (left / freedom)
-        return float(special.fdtrc(leading.shape[1], freedom, ratio))
+        left = tested - known @ (known.T @ tested)
+        columns = side_by_side(
+            np.split(left, np.cumsum([len(self.span[name]) for name in names])[:-1], axis=1)
+        )
+        U, s, _ = np.linalg.svd(columns, full_matrices=False)
+        counted = (s > least) & (np.arange(s.shape[1]) < (s.shape[1] if most is None else most))
+        explained = np.where(counted, np.square(d @ U), 0.0).sum(axis=1)
+        width = counted.sum(axis=1)
+        freedom = self.rows - known.shape[1] - width
+        testable = (width > 0) & (freedom > 0)
+        noise = np.maximum(d @ d - explained, 0.0) / np.maximum(freedom, 1) + _RESOLUTION**2
+        ratio = explained / np.maximum(width, 1) / noise
+        return np.where(testable, special.fdtrc(np.maximum(width, 1), np.maximum(freedom, 1), ratio), 1.0)
 
     def fit_beside(self, names: Sequence[str], known: str = "joints") -> Beside:
         """Fit terms beside one that is known to be there by least squares, without bounds.
@@ -196,6 +201,15 @@ def unit_columns(columns: FloatArray) -> tuple[FloatArray, FloatArray]:
     length = np.linalg.norm(columns, axis=0)
     length = np.where(length > 0.0, length, 1.0)
     return columns / length, length
+
+
+def side_by_side(parts: Sequence[FloatArray]) -> FloatArray:
+    """Return columns (m, k_s) of S terms as (S, m, k), those of narrower ones filled up by zeros."""
+    width = max(part.shape[-1] for part in parts)
+    out = np.zeros((len(parts), len(parts[0]), width))
+    for each, part in zip(out, parts, strict=True):
+        each[:, : part.shape[-1]] = part
+    return out
 
 
 def nonnegative(columns: FloatArray, rhs: FloatArray) -> tuple[FloatArray, float]:

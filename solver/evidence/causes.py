@@ -32,10 +32,11 @@ from scipy import special
 from jointstiff.schemas.joints import JointKind
 from jointstiff.schemas.model import HeldOutGain
 from jointstiff.schemas.run import CauseTest
-from jointstiff.solver.arrays import BoolArray, FloatArray
+from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import RequestError, SolverError
 from jointstiff.solver.evidence.estimate import Estimate
 from jointstiff.solver.fitting.observability import Excitation
+from jointstiff.solver.messages import messages_of
 from jointstiff.solver.readings.measurements import FittedErrors, Measurements
 from jointstiff.solver.robot.configuration import Configurations
 from jointstiff.solver.robot.model import Robot
@@ -48,9 +49,17 @@ from jointstiff.solver.terms.block import (
     unloaded_block,
     whitened_rows,
 )
-from jointstiff.solver.terms.errors import SHIFT, TERMS, load_scale, since, turn_about
+from jointstiff.solver.terms.errors import FORCE_SCALE, SHIFT, TERMS, load_scale, since, turn_about
 from jointstiff.solver.terms.springs import DIAGONAL_BASE, DIAGONAL_LINKS, FULL_BASE, JOINTS
-from jointstiff.solver.triangle import INDEPENDENT, Triangle, basis, nonnegative, triangle_of, unit_columns
+from jointstiff.solver.triangle import (
+    INDEPENDENT,
+    Triangle,
+    basis,
+    nonnegative,
+    side_by_side,
+    triangle_of,
+    unit_columns,
+)
 
 MISTAKE_LEVEL: Final = 1e-5
 """Probability that noise alone makes any cause of a set, or a base, speak."""
@@ -158,9 +167,9 @@ def screen_estimate(robot: Robot, measurements: Measurements, estimate: Estimate
     suspects = _suspects(measurements, block, compliance, before)
     triangles = _Triangles(block, compliance, seen, before, [suspect.term for suspect in suspects])
     links = triangles.links_p_value()
-    tests = {s: min(1.0, s.tried * max(s.least_p, triangles.p_value(s.term.name))) for s in suspects}
+    *p_values, base = triangles.p_values([*(s.term.name for s in suspects), DIAGONAL_BASE.name])
+    tests = {s: min(1.0, s.tried * max(s.least_p, p)) for s, p in zip(suspects, p_values, strict=True)}
     ordered = sorted(suspects, key=tests.__getitem__)
-    told = tuple(CauseTest(name=s.name, first=s.first, p_value=tests[s]) for s in ordered)
     causes: list[Cause] = []
     for suspect in ordered:
         if tests[suspect] < MISTAKE_LEVEL / len(suspects):
@@ -174,11 +183,11 @@ def screen_estimate(robot: Robot, measurements: Measurements, estimate: Estimate
         named = tuple(cause for cause in named if cause.proved)
     return Screening(
         links,
-        told,
+        tuple(messages_of(CauseTest, ordered, p_value=[tests[suspect] for suspect in ordered])),
         named,
-        base_p_value=triangles.p_value(DIAGONAL_BASE.name),
+        base_p_value=base,
         links_beside_base=triangles.links_p_value(FULL_BASE.name),
-        base_beside_links=triangles.p_value(DIAGONAL_BASE.name, DIAGONAL_LINKS.name),
+        base_beside_links=triangles.p_values([DIAGONAL_BASE.name], DIAGONAL_LINKS.name)[0],
     )
 
 
@@ -337,21 +346,22 @@ def _suspects(
     loads = _distinct_loads(measurements)
     if len(loads) > 1:
         found.append(Suspect("load_scale", load_scale(loads)))
-    later = (SHIFT, turn, load_scale([labels]))
+    later = {SHIFT.name: SHIFT, turn.name: turn, FORCE_SCALE.name: load_scale([labels])}
     if firsts is not None:
         known = [first for first in firsts if first in labels]
-        found += [_since(term, labels, first) for term in later for first in known]
+        found += [_since(term, labels, first) for term in later.values() for first in known]
     else:
-        rows = _Rows(block, [each.term for each in found], compliance, before)
-        found = [replace(each, least_p=_Parts(rows, each.name).least_p(0)) for each in found]
+        terms = [*(each.term for each in found), FORCE_SCALE]
+        parts = _Parts(block, terms, compliance, before)
+        least = parts.least_p(np.zeros(len(terms), np.intp))
+        found = [replace(each, least_p=p) for each, p in zip(found, least.tolist(), strict=False)]
         tried = len(part) - 2 * _LEAST_PART + 1
         if tried > 0:
-            rows = _Rows(block, later, compliance, before)
-            for term in later:
-                parts = _Parts(rows, term.name)
-                row = parts.came_about()
-                suspect = _since(term, labels, part.labels[row])
-                found.append(replace(suspect, tried=tried, least_p=parts.least_p(row)))
+            rows = parts.came_about()
+            for each, row, p in zip(terms, rows.tolist(), parts.least_p(rows).tolist(), strict=True):
+                if each.name in later:
+                    suspect = _since(later[each.name], labels, part.labels[row])
+                    found.append(replace(suspect, tried=tried, least_p=p))
     return [suspect for suspect in found if suspect.term.name not in {term.name for term in before}]
 
 
@@ -376,62 +386,55 @@ def _distinct_loads(measurements: Measurements) -> list[list[str]]:
     return [[measurements.labels[i] for i in group.tolist()] for group in groups]
 
 
-class _Rows:
-    """Whitened rows of a block: what the joints and other terms leave of the readings, and terms' columns."""
+class _Parts:
+    """Parts that S terms explain of each of N observations, each beside the joints and other terms."""
 
     def __init__(
         self, block: RegressorBlock, terms: Sequence[Term], compliance: FloatArray, before: Sequence[Term]
     ) -> None:
-        """Project the readings."""
+        """Project whitened readings and columns of unit length; sums run from the last observation on."""
         rows = whitened_rows(block, [JOINTS, *before, *terms], compliance)
         flat = rows.targets.reshape(-1, rows.targets.shape[-1])
-        columns = np.split(unit_columns(flat[:, :-1])[0], np.cumsum(list(rows.widths.values()))[:-1], axis=1)
-        self.coordinates = block.measurements.coordinates.sum(axis=1)
-        #: (3 T N, k) columns of each term, of unit length
-        self.columns = dict(zip(rows.widths, columns, strict=True))
-        self.known = basis(np.hstack(columns[: 1 + len(before)]))
-        self.left = flat[:, -1] - self.known @ (self.known.T @ flat[:, -1])
-
-
-class _Parts:
-    """Parts that a term explains of each observation of a block, beside the joints and other terms."""
-
-    def __init__(self, rows: _Rows, name: str) -> None:
-        """Project the term's columns; sums run from the last observation to the first."""
-        self._coordinates, count = rows.coordinates, len(rows.coordinates)
-        parts = (rows.columns[name], rows.known, rows.left)
-        self._X, self._known, self._left = (each.reshape(count, len(each) // count, -1) for each in parts)
-        self.width = self._X.shape[-1]
-        turned = self._X.transpose(0, 2, 1)
+        ends = np.cumsum(list(rows.widths.values()))[:-1]
+        split = dict(zip(rows.widths, np.split(unit_columns(flat[:, :-1])[0], ends, axis=1), strict=True))
+        known = basis(np.hstack(list(split.values())[: 1 + len(before)]))
+        left = flat[:, -1] - known @ (known.T @ flat[:, -1])
+        self._coordinates, count = block.measurements.coordinates.sum(axis=1), len(rows.targets)
+        self._width = np.array([rows.widths[term.name] for term in terms])
+        columns = side_by_side([split[term.name] for term in terms])
+        self._X = columns.reshape(len(terms), count, -1, columns.shape[-1])  # (S, N, 3 T, k)
+        self._known, self._left = known.reshape(count, -1, known.shape[1]), left.reshape(count, -1, 1)
+        turned = np.swapaxes(self._X, -1, -2)
         shared = _after(self._known.transpose(0, 2, 1) @ self._X)
-        alone = _after(turned @ self._X) - shared.transpose(0, 2, 1) @ shared
+        alone = _after(turned @ self._X) - np.swapaxes(shared, -1, -2) @ shared
         self._moment = _after(turned @ self._left)
-        self._unknowns = np.linalg.solve(alone + INDEPENDENT * np.eye(self.width), self._moment)
+        self._unknowns = np.linalg.solve(alone + INDEPENDENT * np.eye(alone.shape[-1]), self._moment)
 
-    def came_about(self) -> int:
-        """Return the observation since which the term explains most, with enough before and after."""
-        gain = (self._moment * self._unknowns).sum(axis=(1, 2))
-        return _LEAST_PART + int(np.argmax(gain[_LEAST_PART : len(gain) - _LEAST_PART + 1]))
+    def came_about(self) -> IndexArray:
+        """Return the observation (S,) since which a term explains most, with enough before and after."""
+        gain = (self._moment * self._unknowns).sum(axis=(2, 3))
+        return _LEAST_PART + np.argmax(gain[:, _LEAST_PART : gain.shape[1] - _LEAST_PART + 1], axis=1)
 
-    def least_p(self, first: int) -> float:
-        """Return the p-value of the term since an observation, without the one that it explains most."""
-        moved = self._X @ self._unknowns[first]
-        moved[:first] = 0.0
-        through = self._known @ np.einsum("brk,brl->kl", self._known, moved)
-        before, after = ((part**2).sum(axis=(1, 2)) for part in (self._left, self._left - moved + through))
-        most = int(np.argmax(before - after))
-        others = np.arange(len(before)) != most
-        freedom = int(self._coordinates[others].sum()) - self._known.shape[-1] - self.width
-        if freedom < 1:
-            return 1.0
-        explained = max(0.0, float((before - after)[others].sum()))
-        left = max(float(before[others].sum()) - explained, 1e-300)
-        return float(special.fdtrc(self.width, freedom, explained / self.width / (left / freedom)))
+    def least_p(self, first: IndexArray) -> FloatArray:
+        """Return the p-value (S,) of the terms since observations (S,), without the one they explain most."""
+        count = len(self._coordinates)
+        moved = self._X @ self._unknowns[np.arange(len(first)), first][:, None]
+        moved = np.where(np.arange(count)[:, None, None] >= first[:, None, None, None], moved, 0.0)
+        through = self._known @ np.einsum("brk,sbrl->skl", self._known, moved)[:, None]
+        before, after = np.square(self._left), np.square(self._left - moved + through)
+        before, gain = before.sum(axis=(1, 2)), (before - after).sum(axis=(2, 3))
+        others = np.arange(count) != np.argmax(gain, axis=1)[:, None]
+        freedom = (others * self._coordinates).sum(axis=1) - self._known.shape[-1] - self._width
+        explained = np.maximum((others * gain).sum(axis=1), 0.0)
+        left = np.maximum((others * before).sum(axis=1) - explained, 1e-300)
+        sure = np.maximum(freedom, 1)
+        p = special.fdtrc(self._width, sure, explained / self._width / (left / sure))
+        return np.where(freedom < 1, 1.0, p)
 
 
 def _after(products: FloatArray) -> FloatArray:
-    """Sum over each observation and all after it."""
-    return np.cumsum(products[::-1], axis=0)[::-1]
+    """Sum products (..., N, k, l) over each observation and all after it."""
+    return np.cumsum(products[..., ::-1, :, :], axis=-3)[..., ::-1, :, :]
 
 
 class _Triangles:
@@ -466,27 +469,28 @@ class _Triangles:
         triangle.span[JOINTS.name] = self._seen
         return triangle
 
-    def _larger(self, level: float, test: Callable[[Triangle], float]) -> float:
-        """Return the p-value of a test with the weights stated, or with equal ones where that is larger."""
+    def _larger(self, level: float, test: Callable[[Triangle], FloatArray]) -> FloatArray:
+        """Return p-values of tests with the weights stated, or with equal ones where these are larger."""
         p = test(self.stated)
-        if p >= level or self._block.measurements.covariance.ndim == 2:
+        if (p >= level).all() or self._block.measurements.covariance.ndim == 2:
             return p
         if self._equal is None:
             self._equal = self._triangle(equal=True)
-        return max(p, test(self._equal))
+        return np.where(p >= level, p, np.maximum(p, test(self._equal)))
 
-    def p_value(self, name: str, *others: str) -> float:
-        """Return the p-value of a term beside the joints, and beside others."""
-        return self._larger(MISTAKE_LEVEL, lambda triangle: triangle.p_value(name, (*self.beside, *others)))
+    def p_values(self, names: Sequence[str], *others: str) -> list[float]:
+        """Return the p-value of each term beside the joints, and beside others."""
+        beside = (*self.beside, *others)
+        return [*self._larger(MISTAKE_LEVEL, lambda triangle: triangle.p_values(names, beside)).tolist()]
 
     def links_p_value(self, *others: str) -> float:
         """Return the p-value of links beside the joints, and beside others."""
-        return self._larger(
+        names, beside = [DIAGONAL_LINKS.name], (*self.beside, *others)
+        p_values = self._larger(
             LINKS_LEVEL,
-            lambda triangle: triangle.p_value(
-                DIAGONAL_LINKS.name, (*self.beside, *others), most=self._leading, least=INDEPENDENT
-            ),
+            lambda triangle: triangle.p_values(names, beside, most=self._leading, least=INDEPENDENT),
         )
+        return float(p_values[0])
 
     @property
     def _leading(self) -> int:
