@@ -30,7 +30,12 @@ class _View:
 
 
 def message(kind: type[Built], source: object, /, **stated: object) -> Built:
-    """Build a message from an object.
+    """Build a message from an object, as `document` says."""
+    return kind.model_validate(document(kind, source, **stated), from_attributes=True)
+
+
+def document(kind: type[Message], source: object, /, **stated: object) -> dict[str, object]:
+    """Return the fields of a message of an object, to be validated with the message that they are part of.
 
     Args:
         kind: class of the message.
@@ -38,23 +43,33 @@ def message(kind: type[Built], source: object, /, **stated: object) -> Built:
             become lists; numbers, arrays and pairs that are not finite become null.
         stated: fields whose values are given here.
     """
-    view = _View(source)
-    fields = {name: getattr(view, name) for name in kind.model_fields if name not in stated}
-    given = {name: _plain(value) for name, value in stated.items()}
-    return kind.model_validate(fields | given, from_attributes=True)
+    fields = {name: getattr(source, name) for name in kind.model_fields if name not in stated}
+    return {name: _plain(value) for name, value in (fields | stated).items()}
 
 
 def messages_of(kind: type[Built], sources: Sequence[object], /, **stated: Sequence[Any]) -> list[Built]:
     """Build one message for each object, as `message` does, with columns of fields whose values are given."""
-    names = [name for name in kind.model_fields if name not in stated]
-    return rows(kind, **{name: [getattr(source, name) for source in sources] for name in names}, **stated)
+    return validated(kind, documents(kind, sources, **stated))
+
+
+def documents(
+    kind: type[Message], sources: Sequence[object], /, **stated: Sequence[Any] | np.ndarray[Any, Any]
+) -> list[dict[str, Any]]:
+    """Return the fields of such messages, as `document` does."""
+    names, count = [name for name in kind.model_fields if name not in stated], len(sources)
+    values = [getattr(source, name) for name in names for source in sources]
+    return table(**{name: values[k * count : (k + 1) * count] for k, name in enumerate(names)}, **stated)
 
 
 def rows(kind: type[Built], /, **columns: Sequence[Any] | np.ndarray[Any, Any]) -> list[Built]:
     """Build one message for each row of columns of equal length, named by their fields."""
+    return validated(kind, table(**columns))
+
+
+def table(**columns: Sequence[Any] | np.ndarray[Any, Any]) -> list[dict[str, Any]]:
+    """Return the fields of such messages, as `document` does."""
     values = zip(*map(_column, columns.values()), strict=True)
-    documents = [dict(zip(columns, row, strict=True)) for row in values]
-    return validated(kind, documents)
+    return [dict(zip(columns, row, strict=True)) for row in values]
 
 
 def finite(value: float) -> float | None:

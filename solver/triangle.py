@@ -1,9 +1,9 @@
-"""Triangle: readings and the columns of all terms, whitened and compressed (method.md §5, §13).
+"""Triangle: whitened readings and columns of all terms, compressed (method.md §5, §13).
 
 For rows M = [A d] the triangle T satisfies ``Tᵀ T = Mᵀ M``, so ``‖A x − d‖ = ‖T (x, −1)‖`` for every x: a
 fit, an F test and an order of two campaigns need nothing else of the readings. Householder QR is backward
 stable column by column: columns of very different scale do not disturb each other, which the normal equations
-would let them. This module alone whitens readings and compresses rows.
+would let them. This module alone compresses rows.
 """
 
 from __future__ import annotations
@@ -16,7 +16,6 @@ import numpy as np
 from scipy import optimize, special
 
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.errors import MeasurementError
 
 _LEAF = 256
 """Rows of the smallest QR, so small that BLAS starts no threads for up to 32 joints."""
@@ -28,44 +27,6 @@ _NULL: Final = 1e-9
 """Length of a column, relative to the longest, that is rounding."""
 _RESOLUTION: Final = 1e-7
 """Residual [m] of a coordinate below which nothing is left to explain."""
-
-ISOTROPIC_DIFFERENCE: FloatArray = 2.0 * np.eye(3)
-"""Covariance of a deflection in units of sigma²: it is a difference of two readings (method.md §3)."""
-ISOTROPIC_DIFFERENCE.setflags(write=False)
-
-
-def whitener(covariance: FloatArray) -> FloatArray:
-    """Return W with ``Wᵀ W = Σ⁻¹``, the inverse of the Cholesky factor of Σ (method.md §5, step 1).
-
-    Args:
-        covariance: (..., m, m).
-
-    Returns:
-        (..., m, m) lower triangular.
-
-    Raises:
-        MeasurementError: if a covariance is not finite, symmetric and positive definite.
-    """
-    refused = MeasurementError(
-        "a covariance is not finite, symmetric and positive definite",
-        where="noise",
-        remedy="check the stated uncertainties",
-    )
-    scale = np.abs(covariance).max()
-    if not np.isfinite(scale) or (np.abs(covariance - np.swapaxes(covariance, -1, -2)) > 1e-9 * scale).any():
-        raise refused
-    try:
-        inverse: FloatArray = np.linalg.inv(np.linalg.cholesky(covariance))
-    except np.linalg.LinAlgError:
-        raise refused from None
-    return inverse
-
-
-def whitened(covariance: FloatArray, rows: FloatArray) -> FloatArray:
-    """Return rows (..., 3, k) of readings with a covariance (3, 3) or (..., 3, 3), in units of sigma."""
-    if covariance is ISOTROPIC_DIFFERENCE:  # of most sets: one product instead of three
-        return np.asarray(rows / np.sqrt(2.0))
-    return np.asarray(whitener(covariance) @ rows)
 
 
 def triangle_of(rows: FloatArray) -> FloatArray:

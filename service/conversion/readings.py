@@ -31,6 +31,7 @@ from jointstiff.solver.errors import MeasurementError
 from jointstiff.solver.readings.measurements import (
     ASSUMED_FORCE_SCALE,
     ASSUMED_LOAD_POINT,
+    ISOTROPIC_DIFFERENCE,
     CommonUncertainty,
     DifferenceNoise,
     EncoderReadings,
@@ -40,7 +41,6 @@ from jointstiff.solver.readings.measurements import (
 )
 from jointstiff.solver.robot.configuration import Configurations
 from jointstiff.solver.robot.model import Robot
-from jointstiff.solver.triangle import ISOTROPIC_DIFFERENCE
 
 
 @dataclass(frozen=True, eq=False)
@@ -595,11 +595,11 @@ def to_measurements(header: MeasurementSetHeader, readings: ReadingArrays, robot
             remedy=f"give its {units.dimension}s, in `units.{units.dimension}`, or check the robot and the "
             "order of the joints",
         )
-    length = LENGTH[header.units.length]
+    length, unloaded_only = LENGTH[header.units.length], readings.unloaded_only
     deflection = np.where(
         readings.as_deflection[..., None], readings.loaded, readings.loaded - readings.unloaded
     )
-    deflection = np.where(readings.unloaded_only[..., None], 0.0, deflection)
+    deflection = np.where(unloaded_only[..., None], 0.0, deflection)
     joints = joint_factors(robot, header.units) * readings.joints
     direction = None
     if readings.directions is not None:
@@ -615,7 +615,7 @@ def to_measurements(header: MeasurementSetHeader, readings: ReadingArrays, robot
         deflection=length * deflection,
         present=readings.present,
         direction=direction,
-        unloaded_only=readings.unloaded_only if readings.unloaded_only.any() else None,
+        unloaded_only=unloaded_only if unloaded_only.any() else None,
         labels=tuple(readings.labels.tolist()),
         targets=tuple(readings.targets.tolist()),
     )
@@ -632,7 +632,7 @@ def to_measurements(header: MeasurementSetHeader, readings: ReadingArrays, robot
         refuted_sigma=refuted_sigma,
         encoders=encoders,
         common_uncertainty=common,
-        present=readings.present & ~readings.unloaded_only,
+        present=readings.present & ~unloaded_only,
     )
 
 

@@ -106,6 +106,7 @@ def to_settings(options: RunOptions, robot: Robot) -> Settings:
     )
     # With links the loss belongs to the elastic model.
     huber = options.loss == "huber" and options.elasticity in {"joints", "automatic"}
+    prior = _prior(options, robot)
     settings = Settings(
         method=options.method,
         weighting=options.weighting,
@@ -113,7 +114,7 @@ def to_settings(options: RunOptions, robot: Robot) -> Settings:
         bounds=_bounds(options, robot, order),
         confidence=options.confidence,
         order=order,
-        prior=_prior(options, robot),
+        prior=prior,
         loss="huber" if huber else "squared",
         huber_threshold=options.huber_threshold or DEFAULT_THRESHOLD,
         complementary_stiffness=options.complementary_stiffness == "included",
@@ -184,26 +185,23 @@ class ByJoints(Work):
     unit = "resamples"
     activity = "resampling"
 
-    def __init__(
-        self, prepared: PreparedSet, options: RunOptions, input_hash: str, excluded: str | None = None
-    ) -> None:
+    def __init__(self, prepared: PreparedSet, options: RunOptions, input_hash: str) -> None:
         """Check what is asked for.
 
         Args:
             prepared: the readings.
             options: how to identify.
             input_hash: of both.
-            excluded: the option that keeps an automatic choice to joints alone, if one does.
 
         Raises:
-            RequestError: the readings cannot support it, or draws that cannot be made.
+            RequestError: the readings cannot support it, draws cannot be made, or there is no such link.
         """
         self.robot_id, self.input_hash = prepared.robot_id, input_hash
-        self._prepared, self._options, self._excluded = prepared, options, excluded
+        self._prepared, self._options = prepared, options
         self._settings = to_settings(options, prepared.robot)
         self._drawn = resampling = options.resampling
-        count = len(prepared.measurements)
         if resampling is not None:
+            count = len(prepared.measurements)
             refuse_unsupported(prepared.robot, prepared.measurements, self._settings)
             refuse_nonlinear(self._settings)
             if resampling.size > count:
@@ -212,6 +210,10 @@ class ByJoints(Work):
                     where="resampling.size",
                     remedy=f"set `size` to at most {count}",
                 )
+        #: the option that keeps an automatic choice to joints alone, if one does
+        self.excluded = None
+        if options.elasticity == "automatic":
+            self.excluded = _excluded(prepared, options, self._settings)
 
     @cached_property
     def identified(self) -> tuple[Settings, Estimate]:
@@ -226,7 +228,7 @@ class ByJoints(Work):
     def screening(self) -> Screening:
         """Return what joints alone leave unexplained; raises as `identified` does."""
         screening = screen_estimate(self._prepared.robot, self._prepared.measurements, self.identified[1])
-        return replace(screening, comparable=self._excluded is None)
+        return replace(screening, comparable=self.excluded is None)
 
     @cached_property
     def _blocks(self) -> GramBlocks:
@@ -306,7 +308,7 @@ class ByJoints(Work):
             budget,
             resampling=self._statistics(parts, estimate) if parts else None,
             model=stored_model(model, error),
-            choice=choice or to_choice_of_joints(options, screening, self._excluded),
+            choice=choice or to_choice_of_joints(options, screening, self.excluded),
             causes=screening.tests,
         )
 
@@ -329,12 +331,11 @@ def identification(inputs: Inputs, request: RunRequest) -> Work:
     prepared = prepared.with_loads().beside(request.causes)
     if request.elasticity == "joints":
         return ByJoints(prepared, request, input_hash)
-    excluded = _excluded(prepared, request) if request.elasticity == "automatic" else None
-    plain = ByJoints(prepared, request, input_hash, excluded)
     if request.elasticity == "automatic":
+        plain = ByJoints(prepared, request, input_hash)
         try:
             screening = plain.screening
-            speaks = excluded is None and (screening.links_speak or screening.base_speaks)
+            speaks = plain.excluded is None and (screening.links_speak or screening.base_speaks)
             speaks = speaks and prepared.is_sound(plain.identified[1])
         except JointstiffError:  # the run fails when it is carried out, and says why
             speaks = False
@@ -353,7 +354,7 @@ def _by_own_weight(request: RunRequest) -> RunRequest:
         return request
 
 
-def _excluded(prepared: PreparedSet, options: RunOptions) -> str | None:
+def _excluded(prepared: PreparedSet, options: RunOptions, settings: Settings) -> str | None:
     """Return the option that does not go with more than joints; None where all do.
 
     Raises:
@@ -362,7 +363,7 @@ def _excluded(prepared: PreparedSet, options: RunOptions) -> str | None:
     if options.resampling is not None:
         return "resampling"
     try:
-        refuse_unsupported_elastic(prepared.measurements, to_settings(options, prepared.robot))
+        refuse_unsupported_elastic(prepared.measurements, settings)
         to_elastic_columns(options, prepared.robot)
     except UnsupportedMethodError as error:
         return error.where or "elasticity"

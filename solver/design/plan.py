@@ -13,10 +13,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from operator import itemgetter
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
+from jointstiff.schemas.fields import validated
 from jointstiff.schemas.joints import JOINT_UNITS
 from jointstiff.schemas.plan import MAX_READINGS, DeflectionGoal, JointsGoal, PlanCriterion
 from jointstiff.schemas.run import Advice
@@ -41,13 +42,11 @@ from jointstiff.solver.design.optimum import (
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.evidence.estimate import Estimate
 from jointstiff.solver.fitting.observability import Spectrum
-from jointstiff.solver.messages import point
-from jointstiff.solver.readings.measurements import Measurements, shown_along
+from jointstiff.solver.readings.measurements import Measurements, shown_along, whitened
 from jointstiff.solver.robot.configuration import Configurations
 from jointstiff.solver.robot.model import Robot
 from jointstiff.solver.terms.block import targets_in_flange
 from jointstiff.solver.text import posture_text
-from jointstiff.solver.triangle import whitened
 
 _LINKS_GAP, _OTHERS_GAP = 1e-2, 1e-4
 """Gaps at which the search ends where elastic links are a nuisance, and for criteria not asked for."""
@@ -632,6 +631,9 @@ class Postures:
     def __len__(self) -> int:
         return len(self.joints)
 
+    def __getitem__(self, rows: slice) -> Postures:
+        return Postures(**{name: array[rows] for name, array in vars(self).items()})
+
     def information(self, force: FloatArray) -> FloatArray:
         """Return ``diag(τ) (Σ_t J_tᵀ Σ_t⁻¹ J_t) diag(τ)`` of a reading under each force (M, D, 3) [N].
 
@@ -673,20 +675,22 @@ def advise(robot: Robot, measurements: Measurements, estimate: Estimate) -> tupl
     sizes = np.linalg.norm(measurements.force, axis=1) * np.linalg.norm(own)
     weights = bool((np.abs(measurements.force @ own) >= (1.0 - 1e-6) * sizes).all())
     search = _NextReading(robot, measurements, estimate, own, one_direction=weights)
-    of_set = Postures.of(robot, measurements, measurements.joints[spread], spread)
-    unseen = Postures.of(robot, measurements, new, np.full(len(new), -1, dtype=np.intp))
-    advice: list[Advice] = []
+    all_joints = np.concatenate([measurements.joints[spread], new])
+    observation = np.concatenate([spread, np.full(len(new), -1, dtype=np.intp)])
+    postures = Postures.of(robot, measurements, all_joints, observation)
+    of_set, unseen = postures[: len(spread)], postures[len(spread) :]
+    advice: list[dict[str, Any]] = []
     for measured, unmeasured in zip(
         search.best(of_set, joints, all_directions=True),
         search.best(unseen, joints, all_directions=not weights),
         strict=True,
     ):
         easier_first = (unmeasured, measured) if weights else (measured, unmeasured)
-        useful = [a for a in easier_first if a and (a[1].uncertainty_ratio or 0.0) <= 1.0 - LEAST_GAIN]
+        useful = [a for a in easier_first if a and (a[1]["uncertainty_ratio"] or 0.0) <= 1.0 - LEAST_GAIN]
         if len(useful) == 2 and useful[0][0] <= LITTLE_MORE * useful[1][0]:
             useful = useful[:1]
         advice += [piece for _, piece in sorted(useful, key=itemgetter(0))]
-    return tuple(advice)
+    return tuple(validated(Advice, advice))
 
 
 def new_postures(robot: Robot, measurements: Measurements, count: int) -> FloatArray:
@@ -710,8 +714,8 @@ def new_postures(robot: Robot, measurements: Measurements, count: int) -> FloatA
     return joints[robot.within_limits(joints)][:count]
 
 
-Candidate = tuple[float, Advice]
-"""Advice after the standard uncertainty that it leaves, in units of sigma [rad/(N·m)/m]."""
+Candidate = tuple[float, dict[str, Any]]
+"""Fields of `Advice` after the standard uncertainty that it leaves, in units of sigma [rad/(N·m)/m]."""
 
 
 class _NextReading:
@@ -811,15 +815,15 @@ class _NextReading:
         if changes:
             method = "" if self._same_method else "with method partial_pose "
             gain = f"{method}u({name}) falls to {', '.join(changes)}"
-        return after, Advice(
-            joint=name,
-            message=f"{posture} {load}: {gain}",
-            joints=postures.joints[m].tolist(),
-            observation=None if i < 0 else self._labels[i],
-            force=point(force),
-            uncertainty_ratio=ratio,
-            standard_uncertainty=uncertainty,
-        )
+        return after, {
+            "joint": name,
+            "message": f"{posture} {load}: {gain}",
+            "joints": postures.joints[m].tolist(),
+            "observation": None if i < 0 else self._labels[i],
+            "force": force.tolist(),
+            "uncertainty_ratio": ratio,
+            "standard_uncertainty": uncertainty,
+        }
 
 
 def _deviation(spectrum: Spectrum, joint: int) -> float | None:

@@ -349,7 +349,7 @@ def _suspects(
     later = {SHIFT.name: SHIFT, turn.name: turn, FORCE_SCALE.name: load_scale([labels])}
     if firsts is not None:
         known = [first for first in firsts if first in labels]
-        found += [_since(term, labels, first) for term in later.values() for first in known]
+        found += [Suspect(t.name, since(t, labels, first), first) for t in later.values() for first in known]
     else:
         terms = [*(each.term for each in found), FORCE_SCALE]
         parts = _Parts(block, terms, compliance, before)
@@ -360,19 +360,9 @@ def _suspects(
             rows = parts.came_about()
             for each, row, p in zip(terms, rows.tolist(), parts.least_p(rows).tolist(), strict=True):
                 if each.name in later:
-                    suspect = _since(later[each.name], labels, part.labels[row])
-                    found.append(replace(suspect, tried=tried, least_p=p))
+                    term, first = later[each.name], part.labels[row]
+                    found.append(Suspect(term.name, since(term, labels, first), first, tried, p))
     return [suspect for suspect in found if suspect.term.name not in {term.name for term in before}]
-
-
-def _since(term: Term, labels: Sequence[str], first: str) -> Suspect:
-    """Return a term as something that came about with an observation; loads before and after have a scale."""
-    row = labels.index(first)
-    later = since(term, labels[row:])
-    if term.name == "load_scale":
-        own = load_scale([labels[:row], labels[row:]])
-        later = replace(own, name=later.name, words=later.words)
-    return Suspect(term.name, later, first)
 
 
 def _distinct_loads(measurements: Measurements) -> list[list[str]]:
@@ -413,7 +403,8 @@ class _Parts:
     def came_about(self) -> IndexArray:
         """Return the observation (S,) since which a term explains most, with enough before and after."""
         gain = (self._moment * self._unknowns).sum(axis=(2, 3))
-        return _LEAST_PART + np.argmax(gain[:, _LEAST_PART : gain.shape[1] - _LEAST_PART + 1], axis=1)
+        allowed = gain[:, _LEAST_PART : gain.shape[1] - _LEAST_PART + 1]
+        return np.asarray(_LEAST_PART + np.argmax(allowed, axis=1))
 
     def least_p(self, first: IndexArray) -> FloatArray:
         """Return the p-value (S,) of the terms since observations (S,), without the one they explain most."""

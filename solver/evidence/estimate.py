@@ -587,22 +587,22 @@ _NO_UPPER_END = "without single postures its stiffness has no upper limit: somet
 
 @dataclass(frozen=True, eq=False)
 class Spread:
-    """Uncertainty of all compliances, by one source or by several."""
+    """Uncertainty of all compliances, by one source or by several; or of a stack of such."""
 
-    covariance: FloatArray  #: (n, n) [(rad/(N·m))²]
+    covariance: FloatArray  #: (..., n, n) [(rad/(N·m))²]
 
     @property
     def uncertainty(self) -> FloatArray:
-        """Return the standard uncertainty (n,) of each compliance [rad/(N·m)]."""
-        return np.sqrt(np.maximum(np.diagonal(self.covariance), 0.0))
+        """Return the standard uncertainty (..., n) of each compliance [rad/(N·m)]."""
+        return np.sqrt(np.maximum(np.diagonal(self.covariance, axis1=-2, axis2=-1), 0.0))
 
     @property
     def correlation(self) -> FloatArray:
-        """Return the correlation (n, n) between the joints; zero where an uncertainty is zero."""
+        """Return the correlation (..., n, n) between the joints; zero where an uncertainty is zero."""
         size = self.uncertainty
         scale = np.divide(1.0, size, out=np.zeros_like(size), where=size > 0.0)
-        correlation: FloatArray = np.clip(self.covariance * np.outer(scale, scale), -1.0, 1.0)
-        return correlation
+        scales = scale[..., None] * scale[..., None, :]
+        return np.asarray(np.clip(self.covariance * scales, -1.0, 1.0))
 
 
 @dataclass(frozen=True, eq=False)

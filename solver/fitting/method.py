@@ -28,12 +28,12 @@ from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.convex.solution import Bounds, Constraints
 from jointstiff.solver.errors import RequestError, UnsupportedMethodError
 from jointstiff.solver.fitting.observability import Excitation, Spectrum
-from jointstiff.solver.readings.measurements import Measurements
+from jointstiff.solver.readings.measurements import Measurements, whitener
 from jointstiff.solver.robot.configuration import WRIST_JOINTS, Wrist, find_wrist, skew
 from jointstiff.solver.robot.model import Robot
 from jointstiff.solver.terms.block import RegressorBlock, Rows, Term, whitened_rows
 from jointstiff.solver.terms.springs import JOINTS
-from jointstiff.solver.triangle import Triangle, whitener
+from jointstiff.solver.triangle import Triangle
 
 Loss = Literal["squared", "huber"]
 

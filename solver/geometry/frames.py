@@ -78,9 +78,9 @@ from jointstiff.solver.geometry.poses import (
 )
 from jointstiff.solver.geometry.sweeps import STILL, SweptAxes
 from jointstiff.solver.messages import message, point, rows
+from jointstiff.solver.readings.measurements import whitener
 from jointstiff.solver.robot.configuration import WRIST_JOINTS, Wrist
 from jointstiff.solver.robot.model import ChainJoint, Convention, KinematicChain
-from jointstiff.solver.triangle import whitener
 
 LEAST_SINE = 0.1
 """Sine of the angle between two axes below which the foot of their common perpendicular is unreliable."""

@@ -41,11 +41,11 @@ from jointstiff.solver.convex.conic import (
 from jointstiff.solver.convex.solution import Bounds, IdentificationProblem, solve_step
 from jointstiff.solver.errors import UnsupportedMethodError
 from jointstiff.solver.fitting.fit import DEFAULT_THRESHOLD, MEDIAN_NORM
-from jointstiff.solver.readings.measurements import Measurements
+from jointstiff.solver.readings.measurements import Measurements, whitened
 from jointstiff.solver.robot.model import Robot
 from jointstiff.solver.terms.block import RegressorBlock, Term, regressor_blocks, rows_of
 from jointstiff.solver.terms.springs import BASE, COUPLED_JOINTS, JOINTS, link_motion, links_behind
-from jointstiff.solver.triangle import Triangle, triangle_of, whitened
+from jointstiff.solver.triangle import Triangle, triangle_of
 
 MOST_JOINTS = 12
 """Maximum number of joints of a robot with elastic links: beyond, unknowns exceed readings."""

@@ -25,10 +25,16 @@ from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.convex.solution import Bounds, Constraints
 from jointstiff.solver.errors import JointstiffError, RequestError
 from jointstiff.solver.evidence.assessment import Assessment
-from jointstiff.solver.evidence.estimate import Estimate, JointCompliance, Prediction, UncertaintyBudget
+from jointstiff.solver.evidence.estimate import (
+    Estimate,
+    JointCompliance,
+    Prediction,
+    Spread,
+    UncertaintyBudget,
+)
 from jointstiff.solver.fitting.fit import Likelihood
 from jointstiff.solver.links.model import ElasticColumns
-from jointstiff.solver.messages import finite, message, messages_of, rows, stated_kinds
+from jointstiff.solver.messages import document, documents, message, rows, stated_kinds, table
 from jointstiff.solver.predict.forward import Deflection, ForwardModel, LoadCases, unit_vectors
 from jointstiff.solver.predict.models import (
     EXTRAPOLATED,
@@ -313,8 +319,8 @@ def stored_model(
         "error": None,
     }
     if isinstance(error, ModelError):
-        steps = rows(stored_as.ScoreStep, score=error.score, share=error.share)
-        stored["error"] = message(stored_as.ModelError, error, steps=steps)
+        steps = table(score=error.score, share=error.share)
+        stored["error"] = document(stored_as.ModelError, error, steps=steps)
     else:
         stored["no_error"] = error.reason
     stored |= _elastic_part(model) if isinstance(model, ElasticPredictor) else _joint_part(model)
@@ -330,7 +336,7 @@ def _joint_part(model: JointModel) -> dict[str, Any]:
     )
     if isinstance(model.weight, IdentifiedWeight):
         root = [_rounded(row) for row in model.weight.root]
-        weight = message(stored_as.WeightPart, model.weight, covariance_root=root)
+        weight = document(stored_as.WeightPart, model.weight, covariance_root=root)
     given = None if likelihood is None else likelihood.given_rows
     return {
         "compliance": model.compliance.tolist(),
@@ -338,8 +344,8 @@ def _joint_part(model: JointModel) -> dict[str, Any]:
         "estimate": [] if likelihood is None else likelihood.centre.tolist(),
         "covariance": [] if likelihood is None else likelihood.covariance.tolist(),
         "information_root": None if given is None else given.tolist(),
-        "lower": [finite(value) for value in bounds.lower],
-        "upper": [finite(value) for value in bounds.upper],
+        "lower": [value if isfinite(value) else None for value in bounds.lower.tolist()],
+        "upper": [value if isfinite(value) else None for value in bounds.upper.tolist()],
         "order": model.constraints.order,
         "weight": weight,
     }
@@ -633,8 +639,7 @@ def run_result(
     if measurements.encoders is not None and prediction.encoders is not None:
         k, j = np.nonzero(measurements.encoders.present)
         read, predicted = measurements.encoders.deflection[k, j], prediction.encoders[k, j]
-        by_encoder = rows(
-            run.EncoderResidual,
+        by_encoder = table(
             observation=labels[k],
             joint=np.array(names)[j],
             deflection=read,
@@ -642,14 +647,14 @@ def run_result(
             residual=read - predicted,
         )
     if prediction.contributions is not None:
-        contributions = rows(run.Contribution, joint=names, **vars(prediction.contributions))
+        contributions = table(joint=names, **vars(prediction.contributions))
     absent = dict.fromkeys(("resampling", "model", "links", "selection", "choice", "weight"))
     return message(
         run.RunResult,
         estimate,
         assessment=to_assessment(assessment, estimate.joints),
         joint_kinds=stated_kinds(names, [joint.kind for joint in estimate.joints]),
-        joints=messages_of(
+        joints=documents(
             run.JointResult,
             estimate.joints,
             verdict=assessment.joints,
@@ -657,8 +662,8 @@ def run_result(
         ),
         compensation=prediction.compensation,
         rms_residual=prediction.rms_residual,
-        goodness=message(run.Goodness, estimate, test=estimate.sigma_test),
-        identifiability=message(
+        goodness=document(run.Goodness, estimate, test=estimate.sigma_test),
+        identifiability=document(
             run.Identifiability,
             estimate,
             stages=estimate.identifiability,
@@ -668,8 +673,7 @@ def run_result(
         robust=to_robust_loss(estimate, measurements),
         contributions=contributions,
         budget=to_budget(budget, names, [reason.code for reason in assessment.reasons]),
-        residuals=rows(
-            run.Residual,
+        residuals=table(
             observation=labels[i],
             target=targets[t],
             deflection=measurements.deflection[i, t],
@@ -715,26 +719,28 @@ def to_budget(
     """Return the budget of the joints that have an estimate; None for none."""
     if budget is None:
         return None
-    shown, total, factor = budget.joints, budget.total(), budget.coverage_factor
-    square = np.ix_(shown, shown)
+    shown, factor = budget.joints, budget.coverage_factor
+    parts = [*budget.components, budget.total(), budget.total(whole=True)]
+    spread = Spread(np.stack([part.covariance for part in parts]))
+    uncertainty, correlation = spread.uncertainty[:, shown], spread.correlation[:, shown][..., shown]
     return message(
         run.Budget,
         budget,
         joints=[names[j] for j in shown],
-        components=messages_of(
+        components=documents(
             run.BudgetComponent,
             budget.components,
-            contributions=[part.uncertainty[shown] for part in budget.components],
-            correlation=[part.correlation[square] for part in budget.components],
+            contributions=uncertainty[:-2],
+            correlation=correlation[:-2],
         ),
-        standard_uncertainty=total.uncertainty[shown],
-        correlation=total.correlation[square],
-        expanded_uncertainty=factor * total.uncertainty[shown],
+        standard_uncertainty=uncertainty[-2],
+        correlation=correlation[-2],
+        expanded_uncertainty=factor * uncertainty[-2],
         missing=[
             *([] if any(part.source == "model_error" for part in budget.components) else ["model_error"]),
             *([] if _LACK_OF_FIT.isdisjoint(reasons) else ["lack_of_fit"]),
         ],
-        expanded_with_model_error=factor * budget.total(whole=True).uncertainty[shown],
+        expanded_with_model_error=factor * uncertainty[-1],
     )
 
 

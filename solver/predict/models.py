@@ -46,13 +46,12 @@ from jointstiff.solver.predict.forward import (
     LoadCases,
     greatest_deviation,
 )
-from jointstiff.solver.readings.measurements import Measurements
+from jointstiff.solver.readings.measurements import Measurements, whitened
 from jointstiff.solver.resampling import fit_subsets, gram_blocks
 from jointstiff.solver.robot.configuration import Configurations, joint_frames, rotation_vectors, skew
 from jointstiff.solver.robot.model import Robot
 from jointstiff.solver.terms.block import Balance, OwnWeight, balance, wrench_stiffness
 from jointstiff.solver.terms.springs import products, spring_frames
-from jointstiff.solver.triangle import whitened
 
 _UNSEEN: Final = 1e-9
 """Share of a row in what the readings do not determine, below which it is rounding."""

@@ -19,11 +19,13 @@ from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import MeasurementError
 from jointstiff.solver.robot.configuration import Configurations
 from jointstiff.solver.robot.model import Robot
-from jointstiff.solver.triangle import ISOTROPIC_DIFFERENCE
 
 if TYPE_CHECKING:
     from jointstiff.solver.terms.block import Term
 
+ISOTROPIC_DIFFERENCE: FloatArray = 2.0 * np.eye(3)
+"""Covariance of a deflection in units of sigma²: it is a difference of two readings (method.md §3)."""
+ISOTROPIC_DIFFERENCE.setflags(write=False)
 SHORTEST_SIGHT: Final = 0.01
 """Distance from station to target [m] below which the line of sight is undefined."""
 LEAST_SIGMA: Final = 1e-12
@@ -83,6 +85,40 @@ class Instrument:
         """Return the root mean square of the standard uncertainties of all coordinates (K, 3) [m]."""
         covariance = self.covariance(places)
         return float(np.sqrt(np.trace(covariance, axis1=-2, axis2=-1).mean() / 3.0))
+
+
+def whitener(covariance: FloatArray) -> FloatArray:
+    """Return W with ``Wᵀ W = Σ⁻¹``, the inverse of the Cholesky factor of Σ (method.md §5, step 1).
+
+    Args:
+        covariance: (..., m, m).
+
+    Returns:
+        (..., m, m) lower triangular.
+
+    Raises:
+        MeasurementError: if a covariance is not finite, symmetric and positive definite.
+    """
+    refused = MeasurementError(
+        "a covariance is not finite, symmetric and positive definite",
+        where="noise",
+        remedy="check the stated uncertainties",
+    )
+    scale = np.abs(covariance).max()
+    if not np.isfinite(scale) or (np.abs(covariance - np.swapaxes(covariance, -1, -2)) > 1e-9 * scale).any():
+        raise refused
+    try:
+        inverse: FloatArray = np.linalg.inv(np.linalg.cholesky(covariance))
+    except np.linalg.LinAlgError:
+        raise refused from None
+    return inverse
+
+
+def whitened(covariance: FloatArray, rows: FloatArray) -> FloatArray:
+    """Return rows (..., 3, k) of readings with a covariance (3, 3) or (..., 3, 3), in units of sigma."""
+    if covariance is ISOTROPIC_DIFFERENCE:  # of most sets: one product instead of three
+        return np.asarray(rows / np.sqrt(2.0))
+    return np.asarray(whitener(covariance) @ rows)
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,10 +17,9 @@ import numpy as np
 
 from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.errors import RequestError, SolverError
-from jointstiff.solver.readings.measurements import CommonUncertainty, Measurements
+from jointstiff.solver.readings.measurements import CommonUncertainty, Measurements, whitened
 from jointstiff.solver.robot.configuration import Configurations, joint_frames
 from jointstiff.solver.robot.model import Robot
-from jointstiff.solver.triangle import whitened
 
 if TYPE_CHECKING:
     from jointstiff.solver.predict.forward import LoadCases

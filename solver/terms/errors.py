@@ -182,16 +182,21 @@ def turn_about(pivot: FloatArray) -> Term:
     )
 
 
-def since(term: Term, labels: Sequence[str]) -> Term:
-    """Return a term that moves the targets of some observations only: of those after it came about."""
+def since(term: Term, labels: Sequence[str], first: str) -> Term:
+    """Return a term that came about with an observation: it moves the targets of this and later ones only.
+
+    Loads before and after have a scale of their own each.
+    """
+    row = labels.index(first)
+    later, label = labels[row:], first.replace("{", "{{").replace("}", "}}")  # words are a format
 
     def motion(block: RegressorBlock, compliance: FloatArray) -> Motion:
-        moved = np.isin(block.measurements.labels, list(labels))
+        moved = np.isin(block.measurements.labels, later)
         return Motion(np.where(moved[:, None, None, None], term.motion(block, compliance).targets, 0.0))
 
-    label = labels[0].replace("{", "{{").replace("}", "}}")  # words are a format
     words = f"{term.words} since observation '{label}'"
-    return replace(term, name=f"{term.name} since {labels[0]}", words=words, motion=motion)
+    own = load_scale([labels[:row], later]) if term.name == "load_scale" else replace(term, motion=motion)
+    return replace(own, name=f"{term.name} since {first}", words=words)
 
 
 TARGET_PLACES = Term("target_places", "m", _target_places, lambda common: (common.target_places,))

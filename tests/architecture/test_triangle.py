@@ -1,4 +1,4 @@
-"""One place whitens readings and compresses rows: solver/triangle.py."""
+"""One place whitens readings, `readings/measurements.py`, and one compresses rows, `triangle.py`."""
 
 import ast
 from pathlib import Path
@@ -26,7 +26,7 @@ def test_only_the_triangle_compresses():
     assert places == {"triangle.py"}
 
 
-def test_only_the_triangle_whitens_deflections():
+def test_only_readings_whiten_deflections():
     named = {
         name
         for name, tree in _trees()
