@@ -14,7 +14,6 @@ import {
   templatesIn,
   withTemplate,
 } from "../src/lib/imports";
-import { Unread } from "../src/lib/json";
 import { sent, withStated } from "../src/views/import_flow";
 
 const column = (number: number, header: string, meaning: string, unit: string | null = null) => ({
@@ -101,7 +100,7 @@ describe("the width of a table", () => {
 
 describe("what no file says", () => {
   it("is not sent before it is understood", () => {
-    expect(sent({ columns: {}, load_point: new Unread("0, 1") as never, encoders: null })).toEqual({ columns: {} });
+    expect(sent({ columns: {}, load_point: { unread: "0, 1" } as never, encoders: null })).toEqual({ columns: {} });
   });
   it("is in mm and N, whatever the files have, and in the units of a template", () => {
     expect(withStated({ units: { length: "m" } }, { units: { length: "m" }, force: [0, 0, -1500] })).toEqual({

@@ -1,5 +1,5 @@
 import { describe, expect, it } from "vitest";
-import { contentKey, Unread } from "../src/lib/json";
+import { contentKey } from "../src/lib/json";
 import { link, parse } from "../src/state/action";
 import type { DhModel } from "../src/api/types";
 import { numberIn } from "../src/lib/schema";
@@ -35,7 +35,7 @@ describe("the DH editor", () => {
     ]).toEqual([1.5, -90, -90, null, Number.NaN, Number.NaN]));
   it("has no lengths where nothing was typed, and is no robot while something is no number", () => {
     expect(documentOf("arm", newDh())).toBeNull();
-    const rows = [{ a: new Unread("1."), kind: "revolute" }];
+    const rows = [{ a: { unread: "1." }, kind: "revolute" }];
     expect(documentOf("arm", { ...newDh(), model: { ...newDh().model, rows } })).toBeNull();
   });
   it("counts a blank cell as 0, a blank limit as none", () => {

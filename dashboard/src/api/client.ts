@@ -1,6 +1,6 @@
 /** The API over fetch: JSON in, JSON out, every failure as problem details with a remedy; server-sent events of jobs. */
 import { text } from "../i18n";
-import type { Columns } from "../lib/json";
+import { type Columns, jsonOf } from "../lib/json";
 import type { Schemas } from "../lib/schema";
 import type * as of from "./types";
 import type { Progress, RunState } from "./types";
@@ -51,7 +51,7 @@ async function answerOf(method: string, path: string, { body, key, signal }: Cal
     response = await fetch(path, {
       method,
       headers,
-      ...(body === undefined ? {} : { body: form ? body : JSON.stringify(body) }),
+      ...(body === undefined ? {} : { body: form ? body : jsonOf(body) }),
       ...(signal === undefined ? {} : { signal }),
     });
   } catch (error) {
@@ -204,7 +204,7 @@ export const api = {
 function form(files: File[], stated: unknown): FormData {
   const body = new FormData();
   for (const file of files) body.append("files", file);
-  body.append("options", JSON.stringify(stated));
+  body.append("options", jsonOf(stated));
   return body;
 }
 

@@ -6,7 +6,7 @@ import { later } from "../i18n/later";
 import { TextField, Faults, FaultsAt, FormProblem, Select } from "./fields";
 import { createContext } from "preact";
 import { type Codec, codecOf, OF_TEXT, plain, type Schema, type Schemas } from "../lib/schema";
-import { Unread, type Fields, faultsAt } from "../lib/json";
+import { isUnread, type Fields, faultsAt } from "../lib/json";
 import { sentence } from "../lib/said";
 import { api } from "../api/client";
 import { formUnit } from "../lib/stiffness";
@@ -307,12 +307,13 @@ const wordOf = (value: string): string => WORDS[value] ?? value.replaceAll("_", 
 function useTyped(codec: Codec, value: unknown, change: (value: unknown) => void) {
   const valueOf = (typed: string) => {
     const read = codec.read(typed);
-    return read === undefined ? new Unread(typed) : read;
+    return read === undefined ? { unread: typed } : read;
   };
-  const [typed, set] = useState(() => codec.show(value));
+  const shown = isUnread(value) ? value.unread : codec.show(value);
+  const [typed, set] = useState(shown);
   useEffect(() => {
-    if (JSON.stringify(valueOf(typed)) !== JSON.stringify(value ?? null)) set(codec.show(value));
-  }, [JSON.stringify(value), codec.show(value)]);
+    if (JSON.stringify(valueOf(typed)) !== JSON.stringify(value ?? null)) set(shown);
+  }, [JSON.stringify(value), shown]);
   return {
     typed,
     unread: codec.read(typed) === undefined,

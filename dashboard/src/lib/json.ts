@@ -15,46 +15,27 @@ export function parsed(content: string): unknown {
 export const isFields = (value: unknown): value is Fields =>
   typeof value === "object" && value !== null && !Array.isArray(value);
 
+/** A text that is no value of its field: posted as it was typed, so that the service names the field. */
+export interface Unread {
+  unread: string;
+}
+
+export const isUnread = (value: unknown): value is Unread => isFields(value) && typeof value["unread"] === "string";
+
 /** What stands in a document as it was typed because it was not understood; null if there is nothing. */
 export function unreadIn(document: unknown): string | null {
-  if (typeof document !== "object" || document === null) return null;
-  if (document instanceof Unread) return document.typed;
-  for (const part of Object.values(document)) {
-    const found = unreadIn(part);
-    if (found !== null) return found;
-  }
-  return null;
+  if (isUnread(document)) return document.unread;
+  const parts = typeof document === "object" && document !== null ? Object.values(document) : [];
+  return parts.map(unreadIn).find((found) => found !== null) ?? null;
 }
 
-/** A text that is no value of its field: posted as it was typed, so that the service names the field. */
-export class Unread {
-  constructor(readonly typed: string) {}
-  toJSON(): string {
-    return this.typed;
-  }
-  toString(): string {
-    return this.typed;
-  }
-}
-
-/** A document with each part of it changed that `change` changes, at any depth. */
-function changed(document: unknown, change: (part: unknown) => unknown): unknown {
-  const part = change(document);
-  if (part !== document) return part;
-  if (Array.isArray(document)) return document.map((each) => changed(each, change));
-  if (!isFields(document) || document.constructor !== Object) return document;
-  return Object.fromEntries(Object.entries(document).map(([name, each]) => [name, changed(each, change)]));
-}
-
-/** A document as a browser keeps it, where what was not understood is marked; and back. */
-export const marked = (document: unknown): unknown =>
-  changed(document, (part) => (part instanceof Unread ? { unread: part.typed } : part));
-export const unmarked = (kept: unknown): unknown =>
-  changed(kept, (part) => (isFields(part) && typeof part["unread"] === "string" ? new Unread(part["unread"]) : part));
+/** The text of a document that is posted. */
+export const jsonOf = (document: unknown): string =>
+  JSON.stringify(document, (_, part) => (isUnread(part) ? part.unread : part));
 
 /** A document without fields that state nothing, at any depth; lists keep their parts. */
 export const stated = (value: unknown): unknown =>
-  isFields(value) && value.constructor === Object
+  isFields(value)
     ? Object.fromEntries(
         Object.entries(value)
           .filter(([, part]) => (part ?? "") !== "")

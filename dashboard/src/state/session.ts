@@ -1,6 +1,5 @@
 /** What is kept on this device: drafts, settings, and who is signed in. */
 import { useEffect, useState, useContext } from "preact/hooks";
-import { marked, unmarked } from "../lib/json";
 import { createContext } from "preact";
 import { createStore, del, get, set } from "idb-keyval";
 import { type StiffnessUnit, UNIT_NAMES } from "../lib/stiffness";
@@ -17,18 +16,18 @@ const tried = <Value>(act: () => Promise<Value>): Promise<Value | null> =>
 
 /** Keep a value, files among them, under a name; null forgets it. */
 export const keep = (name: string, value: unknown): Promise<void | null> =>
-  tried(() => (value === null ? del(name, STORE) : set(name, marked(value), STORE)));
+  tried(() => (value === null ? del(name, STORE) : set(name, value, STORE)));
 
 /** What is kept under a name, or null. */
 export const kept = <Value>(name: string): Promise<Value | null> =>
-  tried(async () => (unmarked(await get(name, STORE)) as Value | undefined) ?? null);
+  tried(async () => (await get<Value>(name, STORE)) ?? null);
 
 type Place = "localStorage" | "sessionStorage";
 
 /** What the browser keeps as JSON under a name, else null: it may be of anyone, and storage may be switched off. */
 export function recalled(name: string, place: Place = "localStorage"): unknown {
   try {
-    return unmarked(JSON.parse(window[place].getItem(`jointstiff.${name}`) ?? "null"));
+    return JSON.parse(window[place].getItem(`jointstiff.${name}`) ?? "null");
   } catch {
     return null;
   }
@@ -38,7 +37,7 @@ export function recalled(name: string, place: Place = "localStorage"): unknown {
 export function remember(name: string, value: unknown, place: Place = "localStorage"): void {
   try {
     if (value === null) window[place].removeItem(`jointstiff.${name}`);
-    else window[place].setItem(`jointstiff.${name}`, JSON.stringify(marked(value)));
+    else window[place].setItem(`jointstiff.${name}`, JSON.stringify(value));
   } catch {
     // then it holds until the view is left
   }
