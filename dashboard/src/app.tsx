@@ -19,6 +19,7 @@ import {
 import { TextField, Select } from "./components/fields";
 import { useAction, go, type Route, useRoute, dismiss, toast, useToasts } from "./state/action";
 import { text } from "./i18n";
+import { listen } from "./lib/events";
 import { STIFFNESS_UNITS, type StiffnessUnit, UNIT_NAMES } from "./lib/stiffness";
 import {
   type Standing,
@@ -243,18 +244,14 @@ function Header({ section, settings, session }: { section: string; settings: Set
 function Display({ settings, session }: { settings: Settings; session: Standing }) {
   const details = useRef<HTMLDetailsElement>(null);
   useEffect(() => {
-    const close = (event: Event) => {
-      const outside = !(event.target instanceof Node) || !details.current?.contains(event.target);
-      const escape = event instanceof KeyboardEvent && event.key === "Escape";
-      const left = event.type === "hashchange";
-      if (details.current && (escape || left || (event.type === "pointerdown" && outside)))
-        details.current.open = false;
+    const close = () => {
+      if (details.current) details.current.open = false;
     };
-    const events = ["pointerdown", "keydown", "hashchange"];
-    for (const name of events) addEventListener(name, close);
-    return () => {
-      for (const name of events) removeEventListener(name, close);
-    };
+    return listen(window, {
+      pointerdown: ({ target }: PointerEvent) => details.current?.contains(target as Node) || close(),
+      keydown: ({ key }: KeyboardEvent) => key === "Escape" && close(),
+      hashchange: close,
+    });
   }, []);
   return (
     <details class="display" ref={details}>

@@ -1,6 +1,6 @@
 import { describe, expect, it } from "vitest";
 import type { RobotSummary } from "../src/api/types";
-import { toldApart } from "../src/state/load";
+import { robotsToldApart } from "../src/state/load";
 
 const robot = (id: string, name: string, created_at: string) => ({
   id,
@@ -17,7 +17,7 @@ const set = (robot_id: string, serial_number: string | null = null) => ({
 
 describe("robots of one name", () => {
   it("are told apart by serial number, joints and last campaign; others keep their name", () => {
-    const names = toldApart(
+    const names = robotsToldApart(
       [
         robot("a", "KR 210", "2026-11-20T10:00:00Z"),
         robot("b", "KR 210", "2026-11-21T10:00:00Z"),

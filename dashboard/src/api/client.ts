@@ -1,5 +1,6 @@
 /** The API over fetch: JSON in, JSON out, every failure as problem details with a remedy; server-sent events of jobs. */
 import { text } from "../i18n";
+import { tell } from "../lib/events";
 import { type Columns, jsonOf } from "../lib/json";
 import type { Schemas } from "../lib/schema";
 import type * as of from "./types";
@@ -16,14 +17,6 @@ interface Call {
   body?: unknown;
   key?: string;
   signal?: AbortSignal | undefined;
-}
-
-const refusals = new Set<() => void>();
-
-/** Hear of answers that a key is needed. Answers with how to stop. */
-export function onRefused(hear: () => void): () => void {
-  refusals.add(hear);
-  return () => void refusals.delete(hear);
 }
 
 /** What was thrown, as problem details. */
@@ -60,7 +53,7 @@ async function answerOf(method: string, path: string, { body, key, signal }: Cal
   }
   if (response.ok) return response;
   const answer: unknown = await response.json().catch(() => null);
-  if (response.status === 401 && path !== SESSION) refusals.forEach((hear) => hear());
+  if (response.status === 401 && path !== SESSION) tell("refused");
   throw new ApiError(isProblem(answer) ? answer : unreadable(response.status));
 }
 

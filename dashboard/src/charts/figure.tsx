@@ -6,21 +6,16 @@ import { DataTable, heading, type Table, save, standalone, csv, fileName, alike 
 import { useWidth, Button, tip } from "../components/basics";
 import { text } from "../i18n";
 
-export function BottomAxis({
-  scale,
-  top,
-  bottom,
-  format,
-  unit,
-  right,
-}: {
+interface BottomAxisProps {
   scale: Scale;
   top: number;
   bottom: number;
   format: (value: number) => string;
   unit: string;
   right: number;
-}) {
+}
+
+export function BottomAxis({ scale, top, bottom, format, unit, right }: BottomAxisProps) {
   return (
     <g class="axis">
       {scale.ticks.map((tick) => (
@@ -38,19 +33,15 @@ export function BottomAxis({
   );
 }
 
-export function LeftAxis({
-  scale,
-  left,
-  right,
-  format,
-  unit,
-}: {
+interface LeftAxisProps {
   scale: Scale;
   left: number;
   right: number;
   format: (value: number) => string;
   unit: string;
-}) {
+}
+
+export function LeftAxis({ scale, left, right, format, unit }: LeftAxisProps) {
   return (
     <g class="axis">
       {scale.ticks.map((tick) => (
@@ -68,18 +59,15 @@ export function LeftAxis({
   );
 }
 
-/** Names along the bottom, thinned out until they fit. */
-export function Names({
-  names,
-  place,
-  bottom,
-  room,
-}: {
+interface NamesProps {
   names: string[];
   place: (index: number) => number;
   bottom: number;
   room: number;
-}) {
+}
+
+/** Names along the bottom, thinned out until they fit. */
+export function Names({ names, place, bottom, room }: NamesProps) {
   const every = Math.max(1, Math.ceil((names.length * 44) / Math.max(1, room)));
   return (
     <g class="axis">
@@ -101,15 +89,7 @@ interface LegendItem {
   mark: string;
 }
 
-export function Figure({
-  title,
-  note,
-  legend = [],
-  table,
-  children,
-  tools,
-  drawing,
-}: {
+interface FigureProps {
   title: string;
   note?: string;
   legend?: LegendItem[];
@@ -120,7 +100,9 @@ export function Figure({
   tools?: ComponentChildren;
   /** What is downloaded where the page shows a table with marks in it. */
   drawing?: (width: number) => ComponentChildren;
-}) {
+}
+
+export function Figure({ title, note, legend = [], table, children, tools, drawing }: FigureProps) {
   const [box, width] = useWidth<HTMLDivElement>();
   const figure = useRef<HTMLElement>(null);
   const [open, setOpen] = useState(false); // a table of hundreds of rows is made when it is looked at
@@ -192,21 +174,17 @@ function drawnAside(beside: HTMLElement | null, drawing: ComponentChildren): HTM
   return box;
 }
 
-/** The drawing itself: a picture with a name for those who do not see it. */
-export function Chart({
-  width,
-  height,
-  label,
-  links = false,
-  children,
-}: {
+interface ChartProps {
   width: number;
   height: number;
   label: string;
   /** Whether marks in it are links, which a picture would hide. */
   links?: boolean;
   children: ComponentChildren;
-}) {
+}
+
+/** The drawing itself: a picture with a name for those who do not see it. */
+export function Chart({ width, height, label, links = false, children }: ChartProps) {
   return (
     <svg
       class="chart"
@@ -281,23 +259,17 @@ export function ByName({
   );
 }
 
-/** Bars for the first series, narrower ones inside for the second, dots for the others; or all of them stacked. */
-export function BarFigure({
-  title,
-  note,
-  names,
-  series,
-  unit,
-  stacked = false,
-  ...opening
-}: {
+interface BarFigureProps {
   title: string;
   note: string;
   names: string[];
   series: Series[];
   unit: string;
   stacked?: boolean;
-} & Opening) {
+}
+
+/** Bars for the first series, narrower ones inside for the second, dots for the others; or all of them stacked. */
+export function BarFigure({ title, note, names, series, unit, stacked = false, ...opening }: BarFigureProps & Opening) {
   if (names.length === 0) return null;
   const value = (one: Series, i: number) => one.values[i] ?? null;
   const heights = stacked ? stacks(names, series) : series.flatMap(({ values }) => values.filter((v) => v !== null));
@@ -364,16 +336,14 @@ function axisFormat(ticks: number[]): (value: number) => string {
   return (value) => value.toFixed(Math.min(decimals, 6)).replace("-", "\u2212");
 }
 
-/** A bar a joint, its share written at its end. */
-export function Shares({
-  shares,
-  width,
-  label,
-}: {
+interface SharesProps {
   shares: { name: string; share: number; note: string }[];
   width: number;
   label: string;
-}) {
+}
+
+/** A bar a joint, its share written at its end. */
+export function Shares({ shares, width, label }: SharesProps) {
   const longest = Math.max(0, ...shares.map(({ name }) => name.length));
   const left = Math.min(longest * 10 + 20, width < 480 ? 150 : 260);
   const room = Math.max(40, width - left - (shares.some(({ note }) => note) ? 150 : 80));

@@ -6,6 +6,7 @@ import { text } from "../i18n";
 import type { Problem, Finding, RunState, Usability } from "../api/types";
 import type { Loading } from "../state/load";
 import { Viewer } from "../state/session";
+import { listen } from "../lib/events";
 import { entriesOf } from "../lib/json";
 import { roughTime } from "../lib/format";
 import { placeName, sentence } from "../lib/said";
@@ -27,9 +28,6 @@ export function useWidth<Box extends HTMLElement>(): [RefObject<Box | null>, num
 
 interface Shown {
   mark: Element;
-  lines: string[];
-  /** Address that the mark stands for. */
-  open: string | null;
   /** A finger has no hover: what it touched offers its link. */
   touched: boolean;
 }
@@ -44,69 +42,51 @@ export function tip(lines: string[], open?: string | null): { "data-tip": string
 const markAt = (event: Event): Element | null =>
   event.target instanceof Element ? event.target.closest("[data-tip]") : null;
 
-const shownOf = (mark: Element, touched: boolean): Shown => ({
-  mark,
-  lines: (mark.getAttribute("data-tip") ?? "").split("\n"),
-  open: mark.getAttribute("data-open"),
-  touched,
-});
-
 /** Stands once, at the end of the page. */
 export function Tip() {
   const [shown, show] = useState<Shown | null>(null);
   const box = useRef<HTMLDivElement>(null);
   const at = useRef<[number, number]>([0, 0]);
   useEffect(() => {
-    const move = (event: PointerEvent) => {
-      if (event.pointerType === "touch") return;
-      at.current = [event.clientX, event.clientY];
-      const mark = markAt(event);
-      show((before) => (before?.mark === mark ? before : mark && shownOf(mark, false)));
+    const look = (mark: Element | null, x: number, y: number, touched = false) => {
+      at.current = [x, y];
+      show((before) => (before?.mark === mark && !touched ? before : mark && { mark, touched }));
       place(box.current, at.current);
     };
-    const press = (event: PointerEvent) => {
-      if (event.pointerType !== "touch" || box.current?.contains(event.target as Node)) return;
-      at.current = [event.clientX, event.clientY];
-      const mark = markAt(event);
-      show(mark && shownOf(mark, true));
-    };
-    const click = (event: MouseEvent) => {
-      const open = markAt(event)?.getAttribute("data-open");
-      if (open && (event as PointerEvent).pointerType !== "touch") go(open);
-    };
     const hide = () => show(null);
-    const focus = (event: FocusEvent) => {
-      if (!(event.target instanceof Element && event.target.matches(":focus-visible"))) return; // a tap, not a key
-      const mark = markAt(event);
-      if (!mark) return hide();
-      const { left, bottom } = mark.getBoundingClientRect();
-      at.current = [left, bottom - GAP + 6];
-      show(shownOf(mark, false));
-    };
-    const events = [
-      ["pointermove", move],
-      ["pointerdown", press],
-      ["click", click],
-      ["focusin", focus],
-      ["hashchange", hide],
-      ["scroll", hide],
-    ] as const;
-    for (const [name, hear] of events) addEventListener(name, hear as EventListener, { passive: true });
-    return () => {
-      for (const [name, hear] of events) removeEventListener(name, hear as EventListener);
-    };
+    return listen(window, {
+      pointermove: (event: PointerEvent) => {
+        if (event.pointerType !== "touch") look(markAt(event), event.clientX, event.clientY);
+      },
+      pointerdown: (event: PointerEvent) => {
+        if (event.pointerType === "touch" && !box.current?.contains(event.target as Node))
+          look(markAt(event), event.clientX, event.clientY, true);
+      },
+      click: (event: PointerEvent) => {
+        const open = markAt(event)?.getAttribute("data-open");
+        if (open && event.pointerType !== "touch") go(open);
+      },
+      focusin: (event: FocusEvent) => {
+        if (!(event.target instanceof Element && event.target.matches(":focus-visible"))) return; // a tap, not a key
+        const { left, bottom } = event.target.getBoundingClientRect();
+        look(markAt(event), left, bottom - GAP + 6);
+      },
+      hashchange: hide,
+      scroll: hide,
+    });
   }, []);
   useEffect(() => place(box.current, at.current), [shown]);
   if (!shown) return null;
-  const [heading, ...values] = shown.lines;
+  const { mark, touched } = shown;
+  const [heading, ...values] = (mark.getAttribute("data-tip") ?? "").split("\n");
+  const open = mark.getAttribute("data-open");
   return (
-    <div class={shown.touched ? "tip touched" : "tip"} ref={box} aria-hidden={!shown.touched}>
+    <div class={touched ? "tip touched" : "tip"} ref={box} aria-hidden={!touched}>
       <b>{heading}</b>
       {values.map((value) => (
         <span>{value}</span>
       ))}
-      {shown.open &&
-        (shown.touched ? <a href={shown.open}>{text.figure.open}</a> : <small>{text.figure.clickToOpen}</small>)}
+      {open && (touched ? <a href={open}>{text.figure.open}</a> : <small>{text.figure.clickToOpen}</small>)}
     </div>
   );
 }
@@ -170,9 +150,7 @@ export function Folded({ label, children }: { label: string; children: Component
   const [narrow, set] = useState(() => matchMedia(PHONE).matches);
   useEffect(() => {
     const media = matchMedia(PHONE);
-    const hear = () => set(media.matches);
-    media.addEventListener("change", hear);
-    return () => media.removeEventListener("change", hear);
+    return listen(media, { change: () => set(media.matches) });
   }, []);
   if (!narrow) return <>{children}</>;
   return (
@@ -185,22 +163,17 @@ export function Folded({ label, children }: { label: string; children: Component
 
 const PHONE = "(max-width: 640px)";
 
-/** The head of a view: its title, what it is about, the first thing to do, and what else there is. */
-export const Head = ({
-  kind,
-  plain,
-  title = plain,
-  about,
-  first,
-  children,
-}: {
+interface HeadProps {
   kind?: string;
   plain: string;
   title?: ComponentChildren;
   about?: ComponentChildren;
   first?: ComponentChildren;
   children?: ComponentChildren;
-}) => (
+}
+
+/** The head of a view: its title, what it is about, the first thing to do, and what else there is. */
+export const Head = ({ kind, plain, title = plain, about, first, children }: HeadProps) => (
   <div class="head">
     <Title plain={plain} {...(kind === undefined ? {} : { kind })}>
       {title}
@@ -266,16 +239,14 @@ function Waiting({ took }: { took: number | null }) {
   );
 }
 
-/** Fields of an action, which the Enter key begins, too. */
-export const Form = ({
-  action,
-  class: look = "row",
-  children,
-}: {
+interface FormProps {
   action: Action<[]>;
   class?: string;
   children: ComponentChildren;
-}) => (
+}
+
+/** Fields of an action, which the Enter key begins, too. */
+export const Form = ({ action, class: look = "row", children }: FormProps) => (
   <form
     class={look}
     onSubmit={(event) => {
@@ -335,19 +306,19 @@ export function ProblemNote({ problem, retry }: { problem: Problem; retry?: () =
   );
 }
 
+/** Findings of one kind stand together. */
+export const alikeOf = (findings: Finding[]): Finding[][] => [
+  ...Map.groupBy(findings, ({ code, remedy }) => `${code}\n${remedy}`).values(),
+];
+
 /** Of one kind, this many are said before the rest is folded away. */
 const SAID = 2;
 
 /** Findings and warnings: those of one kind together, with their remedy once. */
 export function Warnings({ warnings }: { warnings: Finding[] }) {
-  const kinds = new Map<string, Finding[]>();
-  for (const warning of warnings) {
-    const kind = `${warning.code}\n${warning.remedy}`;
-    kinds.set(kind, [...(kinds.get(kind) ?? []), warning]);
-  }
   return (
     <ul class="warnings">
-      {[...kinds.values()].map((kind) => (
+      {alikeOf(warnings).map((kind) => (
         <li class="note warn">
           {kind.slice(0, SAID).map((warning) => (
             <Seen warning={warning} />
@@ -391,16 +362,14 @@ export function Empty({ title, hint, children }: { title: string; hint: string; 
   );
 }
 
-/** What was loaded, or why not; `title` heads the view until what was loaded brings its own. */
-export function Show<Value>({
-  of,
-  title,
-  children,
-}: {
+interface ShowProps<Value> {
   of: Loading<Value>;
   title?: string;
   children: (value: Value) => ComponentChildren;
-}) {
+}
+
+/** What was loaded, or why not; `title` heads the view until what was loaded brings its own. */
+export function Show<Value>({ of, title, children }: ShowProps<Value>) {
   if (of.state === "ready") return <>{children(of.value)}</>;
   return (
     <>
@@ -445,20 +414,16 @@ export type Options<Value extends string> = Option<Value>[] | Record<Value, stri
 export const optionsOf = <Value extends string>(options: Options<Value>): Option<Value>[] =>
   Array.isArray(options) ? options : entriesOf<Value, string>(options).map(([value, label]) => ({ value, label }));
 
-/** One of a few, all in view: radio buttons that look like what they are for. */
-export function Choice<Value extends string>({
-  label,
-  options,
-  value,
-  change,
-  look = "choice",
-}: {
+interface ChoiceProps<Value extends string> {
   label: string;
   options: Options<Value>;
   value: Value;
   change: (value: Value) => void;
   look?: "choice" | "choice cards" | "choice cards arms";
-}) {
+}
+
+/** One of a few, all in view: radio buttons that look like what they are for. */
+export function Choice<Value extends string>({ label, options, value, change, look = "choice" }: ChoiceProps<Value>) {
   const name = useId();
   return (
     <fieldset class={look}>
@@ -485,15 +450,13 @@ export function Choice<Value extends string>({
   );
 }
 
-export function Toggle({
-  label,
-  checked,
-  change,
-}: {
+interface ToggleProps {
   label: string;
   checked: boolean;
   change: (checked: boolean) => void;
-}) {
+}
+
+export function Toggle({ label, checked, change }: ToggleProps) {
   return (
     <label class="toggle">
       <input type="checkbox" checked={checked} onChange={(event) => change(event.currentTarget.checked)} />
@@ -502,16 +465,14 @@ export function Toggle({
   );
 }
 
-/** Links between the parts of a view. */
-export function Tabs({
-  label,
-  tabs,
-  current,
-}: {
+interface TabsProps {
   label: string;
   tabs: { href: string; label: string; id: string }[];
   current: string;
-}) {
+}
+
+/** Links between the parts of a view. */
+export function Tabs({ label, tabs, current }: TabsProps) {
   const row = useRef<HTMLElement>(null);
   useEffect(() => {
     const at = row.current?.querySelector<HTMLElement>("[aria-current]");

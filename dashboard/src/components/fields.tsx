@@ -15,16 +15,14 @@ interface Hints {
 /** What the service said against a form. */
 export const FormProblem = createContext<Problem | null>(null);
 
-/** Fields of a request: each says what the service said against it. */
-export const RequestFields = ({
-  action,
-  look,
-  children,
-}: {
+interface RequestFieldsProps {
   action: Action<never>;
   look: string;
   children: ComponentChildren;
-}) => (
+}
+
+/** Fields of a request: each says what the service said against it. */
+export const RequestFields = ({ action, look, children }: RequestFieldsProps) => (
   <FormProblem.Provider value={action.problem}>
     <div class={look}>{children}</div>
   </FormProblem.Provider>
@@ -38,14 +36,7 @@ function useFaults(path: string | undefined): string[] {
 
 export const FaultsAt = ({ path }: { path: string }) => <Faults faults={useFaults(path)} />;
 
-/** A label with its unit over a control; help and faults beneath, said with the control. */
-export function Field({
-  label,
-  unit,
-  help,
-  path,
-  children,
-}: Hints & {
+interface FieldProps {
   label: string;
   unit?: string | undefined;
   children: (control: {
@@ -53,7 +44,10 @@ export function Field({
     "aria-describedby": string | undefined;
     "aria-invalid": boolean;
   }) => ComponentChildren;
-}) {
+}
+
+/** A label with its unit over a control; help and faults beneath, said with the control. */
+export function Field({ label, unit, help, path, children }: Hints & FieldProps) {
   const id = useId();
   const faults = useFaults(path);
   const said = help !== undefined || faults.length > 0;
@@ -160,16 +154,7 @@ export function Select({ label, value, change, options, help, path }: Typed & { 
   );
 }
 
-/** One place of many in a row, by a handle below its name. */
-export const Handle = ({
-  label,
-  said,
-  look = "field",
-  count,
-  value,
-  change,
-  children,
-}: {
+interface HandleProps {
   label: string;
   /** The place in words. */
   said?: string;
@@ -178,7 +163,10 @@ export const Handle = ({
   value: number;
   change: (value: number) => void;
   children: ComponentChildren;
-}) => (
+}
+
+/** One place of many in a row, by a handle below its name. */
+export const Handle = ({ label, said, look = "field", count, value, change, children }: HandleProps) => (
   <label class={look}>
     <span>{children}</span>
     <input

@@ -7,6 +7,7 @@ import { useAction, link, useDeletion, copied } from "../state/action";
 import { text } from "../i18n";
 import {
   ActionButton,
+  alikeOf,
   Busy,
   Prose,
   Show,
@@ -124,18 +125,15 @@ function useTables(collection: Collection, id: string) {
   return useCached(`tables/${id}/${unit}`, ask, Number.POSITIVE_INFINITY);
 }
 
-export function JobTables({
-  collection,
-  id,
-  from = 0,
-  to,
-}: {
+interface JobTablesProps {
   collection: Collection;
   id: string;
   /** The first one shown, and the first one not shown. */
   from?: number;
   to?: number | undefined;
-}) {
+}
+
+export function JobTables({ collection, id, from = 0, to }: JobTablesProps) {
   return (
     <Show of={useTables(collection, id)}>
       {({ tables }) =>
@@ -149,16 +147,14 @@ export function JobTables({
   );
 }
 
-/** What the service says of a job in lines: of its result, or of the evidence for it. */
-export const JobLines = ({
-  collection,
-  id,
-  of = "lines",
-}: {
+interface JobLinesProps {
   collection: Collection;
   id: string;
   of?: "lines" | "evidence";
-}) => (
+}
+
+/** What the service says of a job in lines: of its result, or of the evidence for it. */
+export const JobLines = ({ collection, id, of = "lines" }: JobLinesProps) => (
   <Show of={useTables(collection, id)}>
     {(said) => (
       <ul class="lines">
@@ -174,16 +170,14 @@ export const JobLines = ({
 
 const words = text.assessment;
 
-export function VerdictCard({
-  assessment,
-  context,
-  sentences = words.sentence,
-}: {
+interface VerdictCardProps {
   assessment: Assessment;
   context: RunContext | null;
   /** What each verdict means, where it is not about stiffnesses. */
   sentences?: Record<Usability, string>;
-}) {
+}
+
+export function VerdictCard({ assessment, context, sentences = words.sentence }: VerdictCardProps) {
   const { verdict, reasons, notes, joints_identified: identified, joint_count: count } = assessment;
   const counted = identified != null && count != null;
   return (
@@ -203,7 +197,7 @@ export function VerdictCard({
       </h2>
       {reasons.length > 0 && (
         <ul>
-          {grouped(reasons).map((group) => (
+          {alikeOf(reasons).map((group) => (
             <ReasonItem reasons={group} context={context} />
           ))}
         </ul>
@@ -215,16 +209,6 @@ export function VerdictCard({
       ))}
     </section>
   );
-}
-
-/** Reasons of one kind stand together. */
-function grouped(reasons: Finding[]): Finding[][] {
-  const groups = new Map<string, Finding[]>();
-  for (const reason of reasons) {
-    const key = `${reason.code}\n${reason.remedy}`;
-    groups.set(key, [...(groups.get(key) ?? []), reason]);
-  }
-  return [...groups.values()];
 }
 
 function ReasonItem({ reasons, context }: { reasons: Finding[]; context: RunContext | null }) {
@@ -393,18 +377,15 @@ function Carried({ collection, job }: { collection: Collection; job: PageJob }) 
   );
 }
 
-/** What can be done with any job: its link, its file, its report, its end. */
-function Actions({
-  collection,
-  job,
-  name,
-  list,
-}: {
+interface ActionsProps {
   collection: Collection;
   job: PageJob;
   name: string;
   list: string;
-}) {
+}
+
+/** What can be done with any job: its link, its file, its report, its end. */
+function Actions({ collection, job, name, list }: ActionsProps) {
   const deletion = useDeletion({
     remove: () => api.jobs.delete(job.id),
     restore: () => api.jobs.restore(job.id),

@@ -9,17 +9,14 @@ const [ACROSS, UP] = [Math.cos(Math.PI / 6), Math.sin(Math.PI / 6)];
 /** Isometric: x to the lower left, y to the lower right, z up. */
 const flat = ([x, y, z]: Vector): [number, number] => [(y - x) * ACROSS, (x + y) * UP - z];
 
-export function PostureSketch({
-  posture,
-  force,
-  size: [width, height] = [132, 104],
-  label,
-}: {
+interface PostureSketchProps {
   posture: Posture | null;
   force: Vector | null;
   size?: [number, number];
   label?: string;
-}) {
+}
+
+export function PostureSketch({ posture, force, size: [width, height] = [132, 104], label }: PostureSketchProps) {
   if (!posture) return <span class="posture" aria-hidden="true" />;
   const chain: Vector[] = [[0, 0, 0], ...posture.joint_origins, posture.flange_origin];
   const reach = Math.max(0.2, ...chain.map(norm));

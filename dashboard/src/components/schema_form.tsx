@@ -16,15 +16,7 @@ import { text } from "../i18n";
 import { Button, Choice, type Options, Show, Toggle } from "./basics";
 import { Scroll } from "./table";
 
-export function DropZone({
-  title,
-  hint,
-  button,
-  accept,
-  take,
-  several = false,
-  compact = false,
-}: {
+interface DropZoneProps {
   title: string;
   hint: string;
   button: string;
@@ -33,7 +25,9 @@ export function DropZone({
   take: (file: File, ...others: File[]) => void;
   several?: boolean;
   compact?: boolean;
-}) {
+}
+
+export function DropZone({ title, hint, button, accept, take, several = false, compact = false }: DropZoneProps) {
   const [over, setOver] = useState(false);
   const id = useId();
   const given = (files: FileList | null | undefined) => {
@@ -130,20 +124,16 @@ interface Known {
 
 const Form = createContext<Known>({ all: {}, terms: {} });
 
-/** The fields `show` of the request that the service calls `of`. */
-export function SchemaFields({
-  of,
-  show,
-  value,
-  change,
-  terms = {},
-}: {
+interface SchemaFieldsProps {
   of: string;
   show: readonly string[];
   value: Fields;
   change: (value: Fields) => void;
   terms?: Terms;
-}) {
+}
+
+/** The fields `show` of the request that the service calls `of`. */
+export function SchemaFields({ of, show, value, change, terms = {} }: SchemaFieldsProps) {
   const schemas = useCached("schemas", api.schemas, Number.POSITIVE_INFINITY);
   return (
     <Show of={schemas}>
@@ -324,15 +314,7 @@ function useTyped(codec: Codec, value: unknown, change: (value: unknown) => void
   };
 }
 
-function TypedField({
-  codec,
-  value,
-  change,
-  empty,
-  long,
-  help,
-  ...field
-}: {
+interface TypedFieldProps {
   codec: Codec;
   value: unknown;
   change: (value: unknown) => void;
@@ -343,7 +325,9 @@ function TypedField({
   /** What holds where nothing is typed. */
   empty: string;
   long: boolean;
-}) {
+}
+
+function TypedField({ codec, value, change, empty, long, help, ...field }: TypedFieldProps) {
   const { typed, unread, type } = useTyped(codec, value, change);
   return (
     <TextField
@@ -451,19 +435,15 @@ function Grid({ schema, value, change, path, label, help }: Part & { label: stri
   );
 }
 
-function Cell({
-  schema,
-  factor,
-  label,
-  value,
-  change,
-}: {
+interface CellProps {
   schema: Schema;
   factor: number;
   label: string;
   value: unknown;
   change: (value: unknown) => void;
-}) {
+}
+
+function Cell({ schema, factor, label, value, change }: CellProps) {
   const { typed, unread, type } = useTyped(codecOf(schema, {}, factor) ?? OF_TEXT, value, change);
   const set = (event: { currentTarget: { value: string } }) => type(event.currentTarget.value);
   if (!schema.enum)

@@ -111,16 +111,14 @@ export function roomOf(postures: Posture[]): Vector[] {
 
 const TURNED: number[] = [-0.9, 0.8];
 
-/** `start`: joints of the first look, rad or m. */
-export function Arm({
-  source,
-  start,
-  sliders = true,
-}: {
+interface ArmProps {
   source: RobotSource;
   start: number[] | null;
   sliders?: boolean;
-}) {
+}
+
+/** `start`: joints of the first look, rad or m. */
+export function Arm({ source, start, sliders = true }: ArmProps) {
   const [angles, setAngles] = useState<number[] | null>(start);
   const startKey = JSON.stringify(start);
   useEffect(() => setAngles(start), [startKey]);
@@ -161,17 +159,14 @@ export function Arm({
 /** Most that a slider moves a joint: half a turn, or 2 m [mm]. */
 const MOST = { revolute: 180, prismatic: 2000 } as const;
 
-function Slider({
-  name,
-  kind,
-  value,
-  change,
-}: {
+interface SliderProps {
   name: string;
   kind: JointKind;
   value: number;
   change: (value: number) => void;
-}) {
+}
+
+function Slider({ name, kind, value, change }: SliderProps) {
   const shown = position(value, kind);
   return (
     <label class="slider">

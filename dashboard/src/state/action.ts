@@ -2,6 +2,7 @@
 import { useEffect, useState, useCallback, useRef } from "preact/hooks";
 import { problemOf } from "../api/client";
 import type { Problem, Usability } from "../api/types";
+import { listen, news, tell } from "../lib/events";
 import { text } from "../i18n";
 
 export interface Route {
@@ -44,8 +45,7 @@ export function useRoute(): Route {
       navigated = true;
       set(parse(location.hash));
     };
-    addEventListener("hashchange", hear);
-    return () => removeEventListener("hashchange", hear);
+    return listen(window, { hashchange: hear });
   }, []);
   return route;
 }
@@ -58,17 +58,16 @@ interface Toast {
 
 let toasts: Toast[] = [];
 let count = 0;
-const followers = new Set<(toasts: Toast[]) => void>();
 
-function tell(next: Toast[]): void {
+function show(next: Toast[]): void {
   toasts = next;
-  followers.forEach((hear) => hear(next));
+  tell("toasts");
 }
 
 /** Show a message; with something to do it stays longer. */
 export function toast(message: string, action?: Toast["action"]): void {
   const id = ++count;
-  tell([...toasts.slice(-2), action ? { id, message, action } : { id, message }]);
+  show([...toasts.slice(-2), action ? { id, message, action } : { id, message }]);
   setTimeout(() => dismiss(id), action ? 20_000 : 5_000);
 }
 
@@ -79,15 +78,12 @@ export function copied(content: string, label: string, said: string): void {
 }
 
 export function dismiss(id: number): void {
-  tell(toasts.filter((shown) => shown.id !== id));
+  show(toasts.filter((shown) => shown.id !== id));
 }
 
 export function useToasts(): Toast[] {
   const [shown, set] = useState(toasts);
-  useEffect(() => {
-    followers.add(set);
-    return () => void followers.delete(set);
-  }, []);
+  useEffect(() => listen(news, { toasts: () => set(toasts) }), []);
   return shown;
 }
 

@@ -11,6 +11,7 @@ import type {
   Kinematics,
   RobotSource,
 } from "../api/types";
+import { listen, news, tell } from "../lib/events";
 import { text } from "../i18n";
 
 export type Loading<Value> = (
@@ -57,10 +58,10 @@ export const valueOf = <Value>(loaded: Loading<Value>): Value | null =>
 export function whenSeen(look: () => void, every = 20_000): () => void {
   const seen = () => document.visibilityState === "visible" && look();
   const timer = setInterval(seen, every);
-  document.addEventListener("visibilitychange", seen);
+  const stop = listen(document, { visibilitychange: seen });
   return () => {
     clearInterval(timer);
-    document.removeEventListener("visibilitychange", seen);
+    stop();
   };
 }
 
@@ -75,7 +76,6 @@ interface Entry {
 }
 
 const entries = new Map<string, Entry>();
-const followers = new Set<(key: string) => void>();
 
 /** The answer to `key`, asked for unless it is kept and younger than `age`. */
 export function cached<Value>(key: string, load: () => Promise<Value>, age = Number.POSITIVE_INFINITY): Promise<Value> {
@@ -99,9 +99,8 @@ export function cached<Value>(key: string, load: () => Promise<Value>, age = Num
 
 /** Forget what starts with `prefix`: it has changed. Views that show it ask again. */
 export function forget(prefix: string): void {
-  const gone = [...entries.keys()].filter((key) => key.startsWith(prefix));
-  for (const key of gone) entries.delete(key);
-  for (const key of gone) followers.forEach((hear) => hear(key));
+  for (const key of entries.keys()) if (key.startsWith(prefix)) entries.delete(key);
+  tell("forgotten", prefix);
 }
 
 /** Show what is kept at once, and what is new when it comes. */
@@ -112,9 +111,8 @@ export function useCached<Value>(key: string, load: () => Promise<Value>, age = 
     () => entries.get(key)?.value as Value | undefined,
   );
   useEffect(() => {
-    const hear = (changed: string) => changed === key && loaded.reload();
-    followers.add(hear);
-    return () => void followers.delete(hear);
+    const forgotten = ({ detail }: CustomEvent<string>) => key.startsWith(detail) && loaded.reload();
+    return listen(news, { forgotten });
   }, [key]);
   const reload = useCallback(() => {
     entries.delete(key);
@@ -161,7 +159,7 @@ async function loadNames(): Promise<Names> {
     every(api.robots.list, away, 1000),
     every(api.sets.list, away, 1000),
   ]);
-  const robotNames = toldApart([...robots, ...oldRobots], [...sets, ...oldSets]);
+  const robotNames = robotsToldApart([...robots, ...oldRobots], [...sets, ...oldSets]);
   const setNames = setsToldApart([...sets, ...oldSets]);
   const alarms = new Map([...robots, ...oldRobots].map((robot) => [robot.id, robot.alarms]));
   const serials = new Map([...sets, ...oldSets].map((set) => [set.id, set.serial_number]));
@@ -175,43 +173,42 @@ async function loadNames(): Promise<Names> {
   };
 }
 
-/** The name of each set; where several have it, with serial number and time. */
-export function setsToldApart(
-  sets: Pick<MeasurementSetSummary, "id" | "name" | "serial_number" | "measured_at" | "created_at">[],
+/** The name of each item; where several have it, with hints that tell them apart. */
+function toldApart<Item extends { id: string; name: string }>(
+  items: Item[],
+  hints: (item: Item) => string[],
 ): Map<string, string> {
   const several = new Set(
-    sets.flatMap(({ name }, i) => (sets.findIndex((one) => one.name === name) < i ? [name] : [])),
+    items.filter(({ name }, i) => items.findIndex((one) => one.name === name) < i).map(({ name }) => name),
   );
-  return new Map(
-    sets.map(({ id, name, serial_number: serial, measured_at: at, created_at: stored }) => [
-      id,
-      several.has(name)
-        ? [name, ...(serial ? [serial] : []), (at ?? stored).slice(0, 16).replace("T", " ")].join(" · ")
-        : name,
-    ]),
-  );
+  const shown = (item: Item) => (several.has(item.name) ? [item.name, ...hints(item)].join(" · ") : item.name);
+  return new Map(items.map((item) => [item.id, shown(item)]));
 }
 
-/** The name of each robot; where several have it, with what tells them apart. */
-export function toldApart(
+/** Sets with serial number and time. */
+export const setsToldApart = (
+  sets: Pick<MeasurementSetSummary, "id" | "name" | "serial_number" | "measured_at" | "created_at">[],
+): Map<string, string> =>
+  toldApart(sets, ({ serial_number: serial, measured_at: at, created_at: stored }) => [
+    ...(serial ? [serial] : []),
+    (at ?? stored).slice(0, 16).replace("T", " "),
+  ]);
+
+/** Robots with the serial numbers that their sets state, number of joints and last campaign. */
+export const robotsToldApart = (
   robots: Pick<RobotSummary, "id" | "name" | "created_at" | "joints">[],
   sets: Pick<MeasurementSetSummary, "robot_id" | "serial_number" | "measured_at" | "created_at">[],
-): Map<string, string> {
-  return new Map(
-    robots.map(({ id, name, created_at, joints }) => {
-      const own = sets.filter((set) => set.robot_id === id);
-      const serials = own.flatMap(({ serial_number }) => serial_number ?? []);
-      const last = own
-        .map((set) => set.measured_at ?? set.created_at)
-        .sort()
-        .at(-1);
-      const when = last ? text.lists.measuredOn(last.slice(0, 10)) : text.lists.addedOn(created_at.slice(0, 10));
-      const hints = [...new Set(serials), text.lists.jointCount(joints.length), when];
-      const alone = robots.filter((other) => other.name === name).length === 1;
-      return [id, alone ? name : [name, ...hints].join(" · ")];
-    }),
-  );
-}
+): Map<string, string> =>
+  toldApart(robots, ({ id, created_at, joints }) => {
+    const own = sets.filter((set) => set.robot_id === id);
+    const last = own.map((set) => set.measured_at ?? set.created_at).sort();
+    const when = last.at(-1)?.slice(0, 10);
+    return [
+      ...new Set(own.flatMap(({ serial_number }) => serial_number ?? [])),
+      text.lists.jointCount(joints.length),
+      when ? text.lists.measuredOn(when) : text.lists.addedOn(created_at.slice(0, 10)),
+    ];
+  });
 
 /** Robots to choose from, after a first option that is none or of a file. */
 export const robotOptions = (names: Names | null, ...first: { value: string; label: string }[]) => [
@@ -242,11 +239,7 @@ export function useKinematics(source: RobotSource | null, joints: number[][]): D
       wanted.current = null;
     };
   }, [question]);
-  useEffect(() => {
-    const back = () => void ask(); // what was asked while the network was away
-    addEventListener("online", back);
-    return () => removeEventListener("online", back);
-  }, []);
+  useEffect(() => listen(window, { online: () => void ask() }), []); // what was asked while the network was away
 
   async function ask(): Promise<void> {
     if (asking.current) return;

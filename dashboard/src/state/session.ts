@@ -3,7 +3,8 @@ import { useEffect, useState, useContext } from "preact/hooks";
 import { createContext } from "preact";
 import { createStore, del, get, set } from "idb-keyval";
 import { type StiffnessUnit, UNIT_NAMES } from "../lib/stiffness";
-import { api, onRefused } from "../api/client";
+import { api } from "../api/client";
+import { listen, news } from "../lib/events";
 import type { Session } from "../api/types";
 
 const STORE = createStore("jointstiff", "kept");
@@ -108,7 +109,7 @@ export function useSession(): [Standing, (session: Session) => void] {
   useEffect(() => {
     const ask = () => void api.session().then(set, () => set((before) => (before === "unknown" ? "away" : before)));
     ask();
-    return onRefused(ask);
+    return listen(news, { refused: ask });
   }, []);
   return [session, set];
 }
