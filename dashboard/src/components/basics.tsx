@@ -227,17 +227,36 @@ function Waiting({ took }: { took: number | null }) {
     return () => clearInterval(timer);
   }, []);
   if (seconds < 2) return null;
-  const left = took === null ? null : took - seconds;
+  const left = took === null ? 0 : took - seconds;
   return (
-    <span class="progress">
+    <>
       <span class="hidden" role="status">
         {text.run.progress}
       </span>
-      <progress aria-label={text.run.progress} {...(left && left > 0 ? { value: seconds, max: took ?? 1 } : {})} />
-      <small>{left !== null && left > 0 ? text.run.left(roughTime(left)) : text.run.since(roughTime(seconds))}</small>
-    </span>
+      {took !== null && left > 0 ? (
+        <ProgressBar done={seconds} total={took}>
+          {text.run.left(roughTime(left))}
+        </ProgressBar>
+      ) : (
+        <ProgressBar>{text.run.since(roughTime(seconds))}</ProgressBar>
+      )}
+    </>
   );
 }
+
+interface ProgressBarProps {
+  done?: number;
+  total?: number;
+  children?: string;
+}
+
+/** How far something long has come; without a total it only moves. */
+export const ProgressBar = ({ done, total, children }: ProgressBarProps) => (
+  <span class="progress">
+    <progress aria-label={text.run.progress} {...(total === undefined ? {} : { value: done, max: total })} />
+    {children && <small>{children}</small>}
+  </span>
+);
 
 interface FormProps {
   action: Action<[]>;

@@ -9,6 +9,7 @@ import {
   ActionButton,
   alikeOf,
   Busy,
+  ProgressBar,
   Prose,
   Show,
   Badge,
@@ -32,14 +33,8 @@ import type { ComponentChildren } from "preact";
 
 const LOOK_MS = 5_000;
 
-interface Job {
-  id: string;
-  state: RunState;
-  progress?: Progress | null;
-}
-
-export function Going({ job, ended }: { job: Job; ended: () => void }) {
-  const [standing, set] = useState<Standing>({ id: job.id, state: job.state, progress: job.progress ?? null });
+export function Going({ job, ended }: { job: Standing; ended: () => void }) {
+  const [standing, set] = useState<Standing>(job);
   const [away, setAway] = useState(false);
   useEffect(() => follow(job.id, (now, end) => (end ? ended() : set(now)), setAway), [job.id]);
   const alone = useNoWorker(standing.progress?.done ?? 0);
@@ -49,13 +44,15 @@ export function Going({ job, ended }: { job: Job; ended: () => void }) {
     <section class="card going" aria-live="polite">
       <Busy label={text.states[standing.state]} />
       <Bar standing={standing} />
-      {!stuck && <Left standing={standing} />}
       {stuck ? (
         <p class="note" role="alert">
           {stuck}
         </p>
       ) : (
-        <p>{text.run.started}</p>
+        <>
+          <Left standing={standing} />
+          <p>{text.run.started}</p>
+        </>
       )}
       <ActionButton action={stop} going={text.run.cancelling}>
         {text.run.cancel}
@@ -66,31 +63,9 @@ export function Going({ job, ended }: { job: Job; ended: () => void }) {
 
 /** The progress of something long. */
 export function Bar({ standing: { progress } }: { standing: Standing }) {
-  if (!progress || progress.total <= 0) return <progress aria-label={text.run.progress} />;
-  if (progress.done >= progress.total)
-    return (
-      <span class="progress">
-        <progress aria-label={text.run.progress} />
-        <small>{text.run.finishing}</small>
-      </span>
-    );
-  const label = text.run.progressOf(progress.done, progress.total, progress.unit);
-  return (
-    <span class="progress">
-      <progress aria-label={text.run.progress} value={progress.done} max={progress.total} />
-      <small>{label}</small>
-    </span>
-  );
-}
-
-/** How far something came that was cancelled. */
-export function Cancelled({ progress }: { progress: Progress | null | undefined }) {
-  return (
-    <p class="note">
-      {text.run.cancelled}
-      {progress && <> {text.run.cameTo(text.run.progressOf(progress.done, progress.total, progress.unit))}</>}
-    </p>
-  );
+  if (!progress || progress.total <= 0) return <ProgressBar />;
+  if (progress.done >= progress.total) return <ProgressBar>{text.run.finishing}</ProgressBar>;
+  return <ProgressBar {...progress}>{text.run.progressOf(progress)}</ProgressBar>;
 }
 
 /** Whether the service has no worker; it is only asked while nothing moves. */
@@ -214,7 +189,7 @@ export function VerdictCard({ assessment, context, sentences = words.sentence }:
 function ReasonItem({ reasons, context }: { reasons: Finding[]; context: RunContext | null }) {
   const [first] = reasons;
   if (!first) return null;
-  const actions = unique(reasons.flatMap(({ action }) => (action ? [action] : [])));
+  const actions = new Map(reasons.flatMap(({ action }) => (action ? [[JSON.stringify(action), action] as const] : [])));
   return (
     <li class={first.weight}>
       <div>
@@ -225,19 +200,15 @@ function ReasonItem({ reasons, context }: { reasons: Finding[]; context: RunCont
           <Prose text={sentence(first.remedy)} />
         </p>
       </div>
-      {context && actions.length > 0 && (
+      {context && actions.size > 0 && (
         <div class="actions">
-          {actions.map((action) => (
+          {[...actions.values()].map((action) => (
             <ActionButtons action={action} context={context} />
           ))}
         </div>
       )}
     </li>
   );
-}
-
-function unique(actions: Action[]): Action[] {
-  return [...new Map(actions.map((action) => [JSON.stringify(action), action])).values()];
 }
 
 /** What the action does, and where it is about postures, one to look at it first. */
@@ -345,7 +316,12 @@ export function JobPage<Of extends PageJob, Context>({
               <Actions collection={collection} job={job} name={name} list={list} />
             </Head>
             {goesOn(job.state) && <Going job={job} ended={loaded.reload} />}
-            {job.state === "cancelled" && <Cancelled progress={job.progress} />}
+            {job.state === "cancelled" && (
+              <p class="note">
+                {text.run.cancelled}
+                {job.progress && ` ${text.run.cameTo(text.run.progressOf(job.progress))}`}
+              </p>
+            )}
             {job.error && <ProblemNote problem={job.error} />}
             <Carried collection={collection} job={job} />
             {job.result && children(job.result, found, loaded.reload)}
