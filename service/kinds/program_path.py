@@ -38,11 +38,30 @@ _LEAST_SINE: Final = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
-class ProgramFrames:
-    """Frames of each target of a program."""
+class _Frames:
+    """Frames, each once, and which of them each target has."""
 
-    tool: FloatArray  # (t, 4, 4) in the model's flange frame [m]
-    base: FloatArray  # (t, 4, 4) in R0 [m]
+    poses: FloatArray  # (k, 4, 4) [m]
+    of_target: IndexArray  # (t,) places among them
+
+    def of(self, targets: IndexArray) -> FloatArray:
+        """Return the frames (m, 4, 4) of targets [m]."""
+        return np.asarray(self.poses[self.of_target[targets]])
+
+    def inverse(self, targets: IndexArray) -> FloatArray:
+        """Return the inverses (m, 4, 4) of the frames of targets [m]."""
+        inverse = np.tile(np.eye(4), (len(self.poses), 1, 1))
+        inverse[:, :3, :3] = self.poses[:, :3, :3].transpose(0, 2, 1)
+        inverse[:, :3, 3] = -(inverse[:, :3, :3] @ self.poses[:, :3, 3:])[..., 0]
+        return np.asarray(inverse[self.of_target[targets]])
+
+
+@dataclass(frozen=True, eq=False)
+class ProgramFrames:
+    """Frames of the targets of a program."""
+
+    tool: _Frames  # in the model's flange frame
+    base: _Frames  # in R0
     # (3,) direction that the tools' x axes follow, in the base; None if it is not stated
     x_axis: FloatArray | None
 
@@ -86,19 +105,19 @@ class ProgramFrames:
                     poses[rows] = notation.poses(numbers)
                 elif not notation.is_joints:
                     poses[rows] = self._about_axis(notation, numbers)
-            wanted[block] = self.base[own] @ poses @ _inverse(self.tool[own])
+            wanted[block] = self.base.of(own) @ poses @ self.tool.inverse(own)
         return wanted
 
     def places(self, program: Program, indices: IndexArray) -> FloatArray:
         """Return where targets are (m, 3), in R0 [m]; numbers without meaning for joint targets."""
         length = np.array([each.length for each in program.targets.notations])
         place = length[program.targets.notation[indices], None] * program.targets.values[indices, :3]
-        base = self.base[indices]
+        base = self.base.of(indices)
         return np.asarray((base[:, :3, :3] @ place[..., None])[..., 0] + base[:, :3, 3])
 
     def numbers(self, program: Program, indices: IndexArray, flange: FloatArray) -> FloatArray:
         """Return the program's numbers (m, 7) of poses (m, 4, 4) of the flange in R0 [m]; NaN behind them."""
-        poses = _inverse(self.base[indices]) @ flange @ self.tool[indices]
+        poses = self.base.inverse(indices) @ flange @ self.tool.of(indices)
         numbers = np.full((len(indices), NUMBERS), np.nan)
         for notation, rows in program.targets.by_notation(indices):
             near = program.targets.values[indices[rows], : 3 + notation.count]
@@ -146,8 +165,8 @@ def _placed(
     frames: Sequence[FrameName],
     chosen: IndexArray,
     where: str,
-) -> FloatArray:
-    """Return frames (t, 4, 4) in R0 or the flange frame.
+) -> _Frames:
+    """Return the frames of targets in R0 or the flange frame.
 
     Args:
         outer: (4, 4) in which they are; itself for −1.
@@ -179,9 +198,7 @@ def _placed(
         all_known = "all frames of the program have numbers"
         reason = all_known if name is None else f"the program uses no {shown(name)}"
         raise RequestError(reason, where=where, remedy="omit this frame, or correct its name")
-    if len(chosen) and (chosen == chosen[0]).all():
-        return np.broadcast_to(poses[chosen[0]], (len(chosen), 4, 4))
-    return poses[chosen]
+    return _Frames(poses, chosen)
 
 
 def _key_of(frame: FrameName, given: Mapping[str | None, FloatArray], where: str) -> str | None:
@@ -194,14 +211,6 @@ def _key_of(frame: FrameName, given: Mapping[str | None, FloatArray], where: str
         where=where,
         remedy=f"give them: {{'name': {frame.name!r}, 'values': [...]}}",
     )
-
-
-def _inverse(poses: FloatArray) -> FloatArray:
-    """Return the inverse of rigid transforms (m, 4, 4)."""
-    inverse = np.tile(np.eye(4), (len(poses), 1, 1))
-    inverse[:, :3, :3] = poses[:, :3, :3].transpose(0, 2, 1)
-    inverse[:, :3, 3] = -(inverse[:, :3, :3] @ poses[:, :3, 3:])[..., 0]
-    return inverse
 
 
 def _key(name: str | None) -> str | None:
@@ -637,7 +646,7 @@ def _cases(
     joints: FloatArray,
     loads: FloatArray,
 ) -> LoadCases:
-    tool = frames.tool[targets]
+    tool = frames.tool.of(targets)
     place = tool[:, :3, 3].copy()
     point = place
     if options.load_point is not None:
@@ -647,7 +656,7 @@ def _cases(
     force, moment = loads[:, :3].copy(), loads[:, 3:].copy()
     if options.axes != "robot":
         if options.axes == "base":
-            axes = frames.base[targets, :3, :3]
+            axes = frames.base.of(targets)[:, :3, :3]
         else:
             flange = Configurations(robot, robot.joint_map.model_angles(joints)).flange_rotation
             axes = flange @ tool[:, :3, :3]

@@ -232,8 +232,10 @@ class Rewriting:
         spans = self._targets.spans[rows[row], column] - begin
         least = self._digits[self._targets.notation[rows[row]], column]
         texts, differ = written(signs, spans, values[row, column], read[row, column], least)
-        texts, spans = list(compress(texts, differ)), spans[differ]
-        read[row[differ], column[differ]] = np.fromiter(map(float, texts), dtype=np.float64, count=len(texts))
+        if not differ.all():
+            texts, spans = list(compress(texts, differ)), spans[differ]
+            row, column = row[differ], column[differ]
+        read[row, column] = np.fromiter(map(float, texts), dtype=np.float64, count=len(texts))
         texts = [text.replace(".", ",") for text in texts] if self._commas else texts
         edits = [(start - begin, stop - begin, text) for _, (start, stop, text) in words]
         if self._aligned:
@@ -242,8 +244,10 @@ class Rewriting:
         if edits:
             spans = np.vstack([spans, np.array([edit[:2] for edit in edits], dtype=np.int32)])
             texts += [edit[2] for edit in edits]
-        order = np.argsort(spans[:, 0], kind="stable")
-        self._pieces[source].append(spliced(signs, spans[order], [texts[i] for i in order.tolist()]))
+        if (np.diff(spans[:, 0]) < 0).any():
+            order = np.argsort(spans[:, 0], kind="stable")
+            texts, spans = [texts[i] for i in order.tolist()], spans[order]
+        self._pieces[source].append(spliced(signs, spans, texts))
         self._done[source] = end
         return read
 

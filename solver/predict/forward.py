@@ -327,9 +327,20 @@ def unit_vectors(vectors: FloatArray) -> FloatArray:
 
 
 def greatest_deviation(half: FloatArray) -> FloatArray:
-    """Return the greatest standard uncertainty (B,) in any direction, by roots (B, 3, p) of covariances."""
-    greatest = np.linalg.eigvalsh(half @ half.transpose(0, 2, 1))[:, -1]
-    return np.asarray(np.sqrt(np.maximum(greatest, 0.0)))
+    """Return the greatest standard uncertainty (B,) in any direction, by roots (B, 3, p) of covariances.
+
+    The eigenvalue is that of a symmetric 3 × 3 matrix in closed form (Smith, *Eigenvalues of a symmetric 3 × 3
+    matrix*, 1961).
+    """
+    roots = half.transpose(1, 2, 0)
+    covariance = np.einsum("ikn,jkn->ijn", roots, roots)
+    mean = np.einsum("iin->n", covariance) / 3.0
+    rest = covariance - mean * np.eye(3)[..., None]
+    spread = np.sqrt(np.einsum("ijn,ijn->n", rest, rest) / 6.0)
+    rest /= np.where(spread > 0.0, spread, 1.0)
+    determinant = np.einsum("in,in->n", rest[0], np.cross(rest[1], rest[2], axis=0))
+    greatest = mean + 2.0 * spread * np.cos(np.arccos(np.clip(0.5 * determinant, -1.0, 1.0)) / 3.0)
+    return np.asarray(np.sqrt(greatest))
 
 
 @dataclass(frozen=True)
@@ -386,7 +397,6 @@ def compensate(
     goal = model.unloaded(wanted)
     still = goal.to_base(wanted.place[:, None])[:, 0], goal.flange_rotation
     bare = model.deflect(wanted, goal)
-    uncorrected = _offset(*still, bare.place, bare.axes)
     if bare.unseen.any():
         twisted = ", ".join(np.array(robot.joint_names)[bare.unseen.any(axis=0)])
         raise RequestError(
@@ -394,8 +404,8 @@ def compensate(
             where="run_id",
             remedy="choose a run whose readings determine every joint that the process loads",
         )
-    uncertainty = bare.deviation_along(unit_vectors(uncorrected[:, :3]))
-    uncertain = uncertainty > np.linalg.norm(uncorrected[:, :3], axis=1)
+    uncertainty = bare.deviation_along(unit_vectors(bare.displacement))
+    uncertain = uncertainty > np.linalg.norm(bare.displacement, axis=1)
     share = np.where(uncertain, 0.0, ramp)
 
     def corrected(angles: FloatArray) -> tuple[Configurations, FloatArray]:
@@ -417,7 +427,7 @@ def compensate(
         commanded=robot.joint_map.controller_angles(under.q),
         correction=correction,
         residual=_offset(*still, reached.place, reached.axes),
-        uncorrected=uncorrected,
+        uncorrected=bare.motion,
         uncertainty=uncertainty,
         leverage=bare.leverage,
         share=share * cap,

@@ -27,6 +27,8 @@ from jointstiff.solver.robot.model import Robot, standing_still
 
 WRIST_JOINTS: Final = 3
 """Number of joints of a wrist: the last ones of the robot."""
+_SMALL_SINE: Final = 0.5
+"""Sine of a turn, below which it tells the angle as well as all of the rotation does."""
 _BLOCK: Final = 1024
 """Postures worked on at a time: what a core keeps at hand."""
 # A C library that has freed so much at once reuses what smaller arrays leave. Pages that were returned to the
@@ -79,7 +81,8 @@ class Configurations:
             last[..., block], origin[..., block] = placed[-1, :, :3], placed[-1, :, 3]
         placement, rotation = robot.flange_placement, last.transpose(2, 0, 1)
         translation = origin.T + rotation @ placement.translation
-        kinematics = jacobian.transpose(2, 0, 1), rotation @ placement.rotation, translation
+        turned = np.einsum("ikn,kj->ijn", last, placement.rotation).transpose(2, 0, 1)
+        kinematics = jacobian.transpose(2, 0, 1), turned, translation
         for array in kinematics:
             array.setflags(write=False)
         return kinematics
@@ -261,8 +264,23 @@ def skew(v: FloatArray) -> FloatArray:
 
 
 def rotation_vectors(to: FloatArray, from_: FloatArray) -> FloatArray:
-    """Return rotation vectors (N, 3) [rad] that turn axes (N, 3, 3) into others, in the frame of both."""
-    return np.asarray(Rotation.from_matrix(to @ from_.transpose(0, 2, 1)).as_rotvec())
+    """Return rotation vectors (N, 3) [rad] that turn axes (N, 3, 3) into others, in the frame of both.
+
+    The antisymmetric part of a rotation is its axis times the sine of its angle, which tells a small angle to
+    all digits.
+    """
+    t, f = to.transpose(1, 2, 0), from_.transpose(1, 2, 0)
+    vectors = np.empty((3, len(to)))
+    for i, (j, k) in enumerate(((1, 2), (2, 0), (0, 1))):
+        vectors[i] = np.einsum("in,in->n", t[k], f[j]) - np.einsum("in,in->n", t[j], f[k])
+    sine = 0.5 * np.sqrt(np.einsum("in,in->n", vectors, vectors))
+    small = (sine < _SMALL_SINE) & (np.einsum("ijn,ijn->n", t, f) > 1.0)
+    angle = np.arcsin(np.where(small, sine, 0.0))
+    vectors *= np.where(sine > 0.0, 0.5 * angle / np.where(sine > 0.0, sine, 1.0), 0.5)
+    wide = np.flatnonzero(~small)
+    if len(wide):
+        vectors[:, wide] = Rotation.from_matrix(to[wide] @ from_[wide].transpose(0, 2, 1)).as_rotvec().T
+    return vectors.T
 
 
 BRANCHES: Final = 8
@@ -293,7 +311,7 @@ _NEAR_SINGULAR: Final = 0.04
 """Least singular value up to which a solution may be taken for one that is missing."""
 _AHEAD: Final = 4096
 """Poses of a path whose solutions are held at a time."""
-_RUN: Final = 128
+_RUN: Final = 256
 """Poses along which a branch is followed at a time."""
 
 
@@ -416,23 +434,25 @@ class InverseKinematics:
 
     def _closed_form(self, poses: FloatArray) -> tuple[FloatArray, BoolArray]:
         """Return the solver's solutions (m, 8, 6) [rad], filled up with NaN, and whether all are exact."""
-        angles = np.full((len(poses), BRANCHES, _JOINTS), np.nan)
         solutions = [self._solver.calculate_IK(pose) for pose in poses]
         branches = [solution.Q for solution in solutions]
         counts = np.array([len(each) for each in branches])
         if not counts.any():
-            return angles, np.full(len(poses), self._exact)
-        pose, rows = np.repeat(np.arange(len(poses)), counts), np.concatenate([q for q in branches if len(q)])
+            return np.full((len(poses), BRANCHES, _JOINTS), np.nan), np.full(len(poses), self._exact)
+        rows = np.concatenate([each for each in branches if len(each)])
         least_squares = np.concatenate([solution.is_LS for solution in solutions]).astype(bool)
-        complete = counts <= BRANCHES
-        if self._exact:  # least squares where the pose is out of reach; near it, Newton's method decides
-            pose, rows, complete = pose[~least_squares], rows[~least_squares], np.ones_like(complete)
-        else:
-            complete[pose[least_squares]] = False
-        branch = np.arange(len(pose)) - np.searchsorted(pose, pose)
-        few = branch < BRANCHES
-        angles[pose[few], branch[few]] = rows[few]
-        return angles, complete
+        complete: BoolArray = np.asarray((counts <= BRANCHES) | self._exact)
+        if least_squares.any():
+            pose = np.repeat(np.arange(len(poses)), counts)
+            if self._exact:  # the pose is out of reach; near it, Newton's method decides
+                rows, pose = rows[~least_squares], pose[~least_squares]
+                counts = np.bincount(pose, minlength=len(poses))
+            else:
+                complete[pose[least_squares]] = False
+        taken = np.arange(max(BRANCHES, counts.max())) < counts[:, None]
+        angles = np.full((*taken.shape, _JOINTS), np.nan)
+        angles[taken] = rows
+        return angles[:, :BRANCHES], complete
 
     def continues(self, q: FloatArray, near: FloatArray) -> BoolArray:
         """Return whether postures (m, 6) continue the branch of others: no other solution is as near.
