@@ -251,12 +251,13 @@ def _neglected_shift(robot: Robot, neglected: _Pass, prior: Prior | None, sigma:
     the root of the set's size over theirs. A prior takes part where sigma [m] is known.
     """
     fit, part = neglected.fit, neglected.measurements.evenly(SHIFT_OBSERVATIONS)
+    times = len(neglected.measurements) / len(part)
     estimated = np.flatnonzero(~neglected.observability.null & (fit.active == 0))
     prior = prior.in_units_of(sigma) if prior and sigma else None
     responses = neglected.triangles.responses(
         regressor_blocks(robot, part), [NEGLECTED_STIFFNESS], fit.compliance, estimated, prior
     )
-    return -responses[NEGLECTED_STIFFNESS.name][:, 0] * (len(neglected.measurements) / len(part))
+    return -responses[NEGLECTED_STIFFNESS.name][:, 0] * times
 
 
 def _judged(robot: Robot, measurements: Measurements, settings: Settings, last: _Pass) -> Estimate:
@@ -325,8 +326,8 @@ def _common_errors(robot: Robot, settings: Settings, last: _Pass, sigma: float) 
     common = last.measurements.common_uncertainty
     fitted = common.fitted.terms
     told = {term.name for term in fitted}  # the readings take the place of a statement
-    sizes = {name: term.prior(common) for name, term in TERMS.items()}
-    terms = [TERMS[name] for name, size in sizes.items() if any(size) and name not in told]
+    stated = {name: (common.source(name), term.prior(common)) for name, term in TERMS.items()}
+    terms = [TERMS[name] for name, (_, size) in stated.items() if any(size) and name not in told]
     if not (terms or fitted):
         return None
     responses = last.triangles.responses(
@@ -336,11 +337,9 @@ def _common_errors(robot: Robot, settings: Settings, last: _Pass, sigma: float) 
         np.flatnonzero(~last.observability.null),
         None if settings.prior is None else settings.prior.in_units_of(sigma),
     )
-    by_source = {
-        common.source(term.name): np.resize(sizes[term.name], responses[term.name].shape[1])
-        * responses[term.name]
-        for term in terms
-    }
+    by_source = {}
+    for source, size, response in ((*stated[term.name], responses[term.name]) for term in terms):
+        by_source[source] = np.resize(size, response.shape[1]) * response
     if fitted:
         moved = np.hstack([responses[term.name] for term in fitted])
         by_source["fitted_causes"] = moved @ common.fitted.root

@@ -307,8 +307,8 @@ class ByJoints(Work):
             advise(robot, measurements, estimate) if usable else (),
             budget,
             resampling=self._statistics(parts, estimate) if parts else None,
-            model=stored_model(model, error),
             choice=choice or to_choice_of_joints(options, screening, self.excluded),
+            model=stored_model(model, error),
             causes=screening.tests,
         )
 
@@ -624,8 +624,8 @@ def to_elastic_columns(options: RunOptions, robot: Robot) -> ElasticColumns:
         RequestError: the robot has no such joint.
         UnsupportedMethodError: the robot has too many joints.
     """
-    chosen = {joint_index(robot, name, "links") for name in options.links or robot.joint_names}
-    return ElasticColumns(robot.n, tuple(sorted(chosen)))
+    named = sorted({joint_index(robot, name, "links") for name in options.links})
+    return ElasticColumns(robot.n, tuple(named or range(robot.n)))
 
 
 def to_losses(options: RunOptions) -> tuple[Loss, ...]:

@@ -18,13 +18,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 from itertools import pairwise
 from typing import TYPE_CHECKING, Final, TypeVar
 
 import numpy as np
 
-from jointstiff.solver.arrays import FloatArray, IndexArray
+from jointstiff.solver.arrays import FloatArray, IndexArray, entries, weights
 from jointstiff.solver.convex.solution import Certificate
 from jointstiff.solver.errors import SolverError
 from jointstiff.solver.triangle import triangle_of
@@ -62,27 +62,6 @@ _OPEN: Final = 1e-6
 """Share of a function outside of what the readings see that is rounding."""
 _LEAST_RADIUS: Final = 1e-6
 """Radius of the ball of `weighed_ends`, beside ‖b‖, below which Clarabel's rounding shows: exact readings."""
-
-
-@lru_cache(maxsize=64)
-def entries(size: int) -> tuple[IndexArray, IndexArray]:
-    """Rows and columns (size (size + 1) / 2,) of the entries: (0,0), (0,1), (1,1), (0,2), ...
-
-    The order that Clarabel's triangle cone has.
-    """
-    lower_rows, lower_columns = np.tril_indices(size)
-    for indices in (lower_rows, lower_columns):
-        indices.setflags(write=False)
-    return lower_columns, lower_rows
-
-
-@lru_cache(maxsize=64)
-def weights(size: int) -> FloatArray:
-    """1 for diagonal entries and √2 for the others, so that vectors have the matrices' inner product."""
-    rows, columns = entries(size)
-    weights: FloatArray = np.where(rows == columns, 1.0, np.sqrt(2.0))
-    weights.setflags(write=False)
-    return weights
 
 
 def diagonal(size: int) -> IndexArray:

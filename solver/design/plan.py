@@ -668,9 +668,9 @@ def advise(robot: Robot, measurements: Measurements, estimate: Estimate) -> tupl
     if not len(joints) or not measurements.force.any():
         return ()
     count = int(np.clip(36 * MOST_POSTURES // robot.n**2, 4, MOST_POSTURES))
+    new = new_postures(robot, measurements, count)
     inside = np.flatnonzero(robot.within_limits(measurements.joints))
     spread = inside[np.unique(np.linspace(0, len(inside) - 1, min(count, len(inside))).astype(np.intp))]
-    new = new_postures(robot, measurements, count)
     own = measurements.force[int(np.argmax(np.linalg.norm(measurements.force, axis=1)))]
     sizes = np.linalg.norm(measurements.force, axis=1) * np.linalg.norm(own)
     weights = bool((np.abs(measurements.force @ own) >= (1.0 - 1e-6) * sizes).all())
@@ -788,8 +788,8 @@ class _NextReading:
         """Put a candidate into numbers and words, by a decomposition of all readings with it."""
         torque = force @ postures.load_jacobian[m]
         added = postures.target_jacobian[m] * torque
-        before = _deviation(self._spectrum, joint)
-        after = _deviation(Spectrum(np.vstack([self._regressor, added])), joint)
+        before = self._spectrum.deviation(joint)
+        after = Spectrum(np.vstack([self._regressor, added])).deviation(joint)
         if after is None or abs(torque[joint]) <= _LEAST_LEVER * self._strength:
             return None
         units = JOINT_UNITS[self._kinds[joint]]
@@ -824,10 +824,3 @@ class _NextReading:
             "uncertainty_ratio": ratio,
             "standard_uncertainty": uncertainty,
         }
-
-
-def _deviation(spectrum: Spectrum, joint: int) -> float | None:
-    """Return the standard uncertainty of c_j in units of sigma; None where the rows do not determine it."""
-    if (spectrum.null_space[:, joint] ** 2).sum() > _SHOWS:
-        return None
-    return float(np.linalg.norm(spectrum.inverse[joint]))

@@ -340,12 +340,11 @@ def _suspects(
         before: terms that are fitted in any case.
         firsts: labels of observations from which on something came about; None to look for them.
     """
-    part, labels = block.measurements, measurements.labels
+    part, labels, loads = block.measurements, measurements.labels, _distinct_loads(measurements)
+    tried = len(part) - 2 * _LEAST_PART + 1
     turn = turn_about(block.points[part.present].mean(axis=0))
-    found = [Suspect(t.name, t) for t in (*TERMS.values(), turn) if t.suspected]
-    loads = _distinct_loads(measurements)
-    if len(loads) > 1:
-        found.append(Suspect("load_scale", load_scale(loads)))
+    own = [load_scale(loads)] if len(loads) > 1 else []
+    found = [Suspect(t.name, t) for t in (*TERMS.values(), turn, *own) if t.suspected]
     later = {SHIFT.name: SHIFT, turn.name: turn, FORCE_SCALE.name: load_scale([labels])}
     if firsts is not None:
         known = [first for first in firsts if first in labels]
@@ -355,7 +354,6 @@ def _suspects(
         parts = _Parts(block, terms, compliance, before)
         least = parts.least_p(np.zeros(len(terms), np.intp))
         found = [replace(each, least_p=p) for each, p in zip(found, least.tolist(), strict=False)]
-        tried = len(part) - 2 * _LEAST_PART + 1
         if tried > 0:
             rows = parts.came_about()
             for each, row, p in zip(terms, rows.tolist(), parts.least_p(rows).tolist(), strict=True):
@@ -384,12 +382,12 @@ class _Parts:
     ) -> None:
         """Project whitened readings and columns of unit length; sums run from the last observation on."""
         rows = whitened_rows(block, [JOINTS, *before, *terms], compliance)
+        self._coordinates, count = block.measurements.coordinates.sum(axis=1), len(rows.targets)
         flat = rows.targets.reshape(-1, rows.targets.shape[-1])
         ends = np.cumsum(list(rows.widths.values()))[:-1]
         split = dict(zip(rows.widths, np.split(unit_columns(flat[:, :-1])[0], ends, axis=1), strict=True))
         known = basis(np.hstack(list(split.values())[: 1 + len(before)]))
         left = flat[:, -1] - known @ (known.T @ flat[:, -1])
-        self._coordinates, count = block.measurements.coordinates.sum(axis=1), len(rows.targets)
         self._width = np.array([rows.widths[term.name] for term in terms])
         columns = side_by_side([split[term.name] for term in terms])
         self._X = columns.reshape(len(terms), count, -1, columns.shape[-1])  # (S, N, 3 T, k)
@@ -455,8 +453,9 @@ class _Triangles:
     def _triangle(self, *, equal: bool) -> Triangle:
         make = rows_of if equal else whitened_rows
         rows = make(self._block, self._terms, self.compliance)
+        count = int(self._block.measurements.coordinates.sum())
         triangle = Triangle(**rows.widths)
-        triangle.add(rows.targets, count=int(self._block.measurements.coordinates.sum()))
+        triangle.add(rows.targets, count=count)
         triangle.span[JOINTS.name] = self._seen
         return triangle
 

@@ -686,6 +686,12 @@ class UncertaintyBudget:
         parts = [part.covariance for part in self.components if part.included or whole]
         return Spread(np.sum(parts, axis=0))
 
+    @property
+    def spread(self) -> Spread:
+        """Return the components in turn, then the included ones together, then the whole budget."""
+        parts = [*self.components, self.total(), self.total(whole=True)]
+        return Spread(np.stack([part.covariance for part in parts]))
+
     def widened(self, estimate: Estimate, bounds: Bounds) -> Estimate:
         """Return the estimate whose intervals hold the compliances ± the expanded uncertainty.
 

@@ -278,6 +278,12 @@ class Spectrum:
         self.seen: FloatArray = Vt[:rank] * scale
         self.inverse: FloatArray = (Vt[:rank].T / singular[:rank]) @ U[:, :rank].T / scale[:, None]
 
+    def deviation(self, column: int) -> float | None:
+        """Return the standard uncertainty of a column's unknown; None where the rows do not determine it."""
+        if (self.null_space[:, column] ** 2).sum() > _PARTICIPATES:
+            return None
+        return float(np.linalg.norm(self.inverse[column]))
+
 
 def analyse(spectrum: Spectrum, columns: IndexArray) -> Identifiability:
     """Return the observability of the joints from a spectrum.

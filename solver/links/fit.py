@@ -24,17 +24,15 @@ from jointstiff.schemas.model import (
     LinkCompliance,
     PrincipalCompliance,
 )
-from jointstiff.solver.arrays import FloatArray, IndexArray
+from jointstiff.solver.arrays import FloatArray, IndexArray, entries, weights
 from jointstiff.solver.convex.conic import (
     diagonal,
     effective_freedom,
-    entries,
     penalised_range,
     raised,
     range_of_squares,
     solve_cone,
     to_matrix,
-    weights,
 )
 from jointstiff.solver.convex.solution import Certificate
 from jointstiff.solver.errors import SolverError, UnsupportedMethodError

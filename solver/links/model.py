@@ -23,7 +23,7 @@ import numpy as np
 
 from jointstiff.schemas.options import ElasticModel as ModelName
 from jointstiff.schemas.options import Loss
-from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
+from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray, entries
 from jointstiff.solver.convex.conic import (
     Cone,
     ConeSolution,
@@ -34,7 +34,6 @@ from jointstiff.solver.convex.conic import (
     certify_cone,
     certify_robust,
     diagonal,
-    entries,
     solve_cone,
     solve_robust,
 )

@@ -29,7 +29,6 @@ from jointstiff.solver.evidence.estimate import (
     Estimate,
     JointCompliance,
     Prediction,
-    Spread,
     UncertaintyBudget,
 )
 from jointstiff.solver.fitting.fit import Likelihood
@@ -313,7 +312,8 @@ def stored_model(
     model: JointModel | ElasticPredictor, error: ModelError | JointstiffError
 ) -> stored_as.IdentifiedModel:
     """Return a model as it is stored with its run, with its model error or the reason why it has none."""
-    stored: dict[str, Any] = {
+    stored = _elastic_part(model) if isinstance(model, ElasticPredictor) else _joint_part(model)
+    stored |= {
         "joints": model.robot.joint_names,
         "degrees_of_freedom": model.degrees_of_freedom,
         "error": None,
@@ -323,7 +323,6 @@ def stored_model(
         stored["error"] = document(stored_as.ModelError, error, steps=steps)
     else:
         stored["no_error"] = error.reason
-    stored |= _elastic_part(model) if isinstance(model, ElasticPredictor) else _joint_part(model)
     return stored_as.IdentifiedModel.model_validate(stored)
 
 
@@ -633,8 +632,13 @@ def run_result(
     out.
     """
     labels, targets = np.array(measurements.labels), np.array(measurements.targets)
-    names = [joint.name for joint in estimate.joints]
+    names, kinds = [joint.name for joint in estimate.joints], [joint.kind for joint in estimate.joints]
+    joint_budgets, indices = to_joint_budgets(budget, len(names)), estimate.observability_indices
+    robust = to_robust_loss(estimate, measurements)
+    judgement = to_assessment(assessment, estimate.joints)
+    whole_budget = to_budget(budget, names, [reason.code for reason in assessment.reasons])
     i, t = np.nonzero(measurements.present)
+    absent = dict.fromkeys(("resampling", "model", "links", "selection", "choice", "weight"))
     by_encoder, contributions = [], []
     if measurements.encoders is not None and prediction.encoders is not None:
         k, j = np.nonzero(measurements.encoders.present)
@@ -648,17 +652,16 @@ def run_result(
         )
     if prediction.contributions is not None:
         contributions = table(joint=names, **vars(prediction.contributions))
-    absent = dict.fromkeys(("resampling", "model", "links", "selection", "choice", "weight"))
     return message(
         run.RunResult,
         estimate,
-        assessment=to_assessment(assessment, estimate.joints),
-        joint_kinds=stated_kinds(names, [joint.kind for joint in estimate.joints]),
+        assessment=judgement,
+        joint_kinds=stated_kinds(names, kinds),
         joints=documents(
             run.JointResult,
             estimate.joints,
             verdict=assessment.joints,
-            budget=to_joint_budgets(budget, len(names)),
+            budget=joint_budgets,
         ),
         compensation=prediction.compensation,
         rms_residual=prediction.rms_residual,
@@ -667,12 +670,12 @@ def run_result(
             run.Identifiability,
             estimate,
             stages=estimate.identifiability,
-            observability=estimate.observability_indices,
+            observability=indices,
             advice=advice,
         ),
-        robust=to_robust_loss(estimate, measurements),
+        robust=robust,
         contributions=contributions,
-        budget=to_budget(budget, names, [reason.code for reason in assessment.reasons]),
+        budget=whole_budget,
         residuals=table(
             observation=labels[i],
             target=targets[t],
@@ -719,14 +722,17 @@ def to_budget(
     """Return the budget of the joints that have an estimate; None for none."""
     if budget is None:
         return None
-    shown, factor = budget.joints, budget.coverage_factor
-    parts = [*budget.components, budget.total(), budget.total(whole=True)]
-    spread = Spread(np.stack([part.covariance for part in parts]))
+    shown, factor, sources = (
+        budget.joints,
+        budget.coverage_factor,
+        [part.source for part in budget.components],
+    )
+    joints, spread = [names[j] for j in shown], budget.spread
     uncertainty, correlation = spread.uncertainty[:, shown], spread.correlation[:, shown][..., shown]
     return message(
         run.Budget,
         budget,
-        joints=[names[j] for j in shown],
+        joints=joints,
         components=documents(
             run.BudgetComponent,
             budget.components,
@@ -737,7 +743,7 @@ def to_budget(
         correlation=correlation[-2],
         expanded_uncertainty=factor * uncertainty[-2],
         missing=[
-            *([] if any(part.source == "model_error" for part in budget.components) else ["model_error"]),
+            *([] if "model_error" in sources else ["model_error"]),
             *([] if _LACK_OF_FIT.isdisjoint(reasons) else ["lack_of_fit"]),
         ],
         expanded_with_model_error=factor * uncertainty[-1],

@@ -250,7 +250,7 @@ class RegressorBlock:
 def regressor_blocks(
     robot: Robot, measurements: Measurements, compliance: FloatArray | None = None
 ) -> Iterator[RegressorBlock]:
-    """Yield the regressors block by block.
+    """Return the regressors block by block.
 
     With a compliance c they hold the complementary stiffness (method.md §2): A c is then the deflection of
     the exact balance ``δθ = c ∘ τ(q + δθ)`` up to third order in δθ. Torques are those at q + δθ; Jacobians
@@ -262,15 +262,20 @@ def regressor_blocks(
         measurements: N observations.
         compliance: (n,) of the joints [rad/(N·m)]; None leaves out how they move the load.
 
-    Yields:
+    Returns:
         Blocks of at most `BLOCK_LENGTH` observations, in order.
 
     Raises:
         SolverError: the load finds no balance with joints of that compliance.
     """
     if len(measurements.joints) <= BLOCK_LENGTH:
-        yield whole_block(robot, measurements, compliance)
-        return
+        return iter((whole_block(robot, measurements, compliance),))
+    return _blocks_ahead(robot, measurements, compliance)
+
+
+def _blocks_ahead(
+    robot: Robot, measurements: Measurements, compliance: FloatArray | None
+) -> Iterator[RegressorBlock]:
     before: Future[RegressorBlock] | None = None
     with ThreadPoolExecutor(1) as ahead:  # one block, while the caller works on the one before
         for start in range(0, len(measurements), BLOCK_LENGTH):

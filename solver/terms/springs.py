@@ -18,8 +18,7 @@ from typing import Final
 
 import numpy as np
 
-from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.convex.conic import entries, weights
+from jointstiff.solver.arrays import FloatArray, entries, weights
 from jointstiff.solver.robot.configuration import joint_frames, skew
 from jointstiff.solver.robot.model import Robot
 from jointstiff.solver.terms.block import Motion, RegressorBlock, Term, wrench_stiffness
