@@ -1,6 +1,6 @@
 /** Points of a compensated program: its table, thinned paths, numbers typed by people. */
 import { describe, expect, it } from "vitest";
-import { numbersIn, pointsOf, thinned } from "../src/lib/map";
+import { pointsOf, thinned } from "../src/lib/map";
 
 const HEADS =
   "point,name,file,line,place x [m],place y [m],place z [m]," +
@@ -32,11 +32,5 @@ describe("points", () => {
     expect(kept).toHaveLength(11);
     expect([kept[0], kept[10]]).toEqual([0, 1000]);
     expect(thinned(points, 5000)).toBe(points);
-  });
-
-  it("take numbers however they are parted", () => {
-    expect(numbersIn("1, 2;3\n-4.5")).toEqual([1, 2, 3, -4.5]);
-    expect(numbersIn("1, x")).toBeNull();
-    expect(numbersIn(" ")).toEqual([]);
   });
 });

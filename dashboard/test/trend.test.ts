@@ -59,7 +59,7 @@ describe("a trend", () => {
       trend,
       joint({}),
       "MNm",
-      () => "said",
+      () => ["said"],
       (run) => `#/runs/${run}`,
     );
     expect(point).toMatchObject({ value: null, limits: null, part: 1, open: "#/runs/r", alarm: false });

@@ -149,8 +149,7 @@ export const api = {
   robots,
   trend: (robot: string, filters: Filters, signal?: AbortSignal) =>
     call<of.Trend>("GET", `${robots.below(robot, "trend")}${query(filters)}`, { signal }),
-  addBaseline: (robot: string, body: { run_id: string; reason: string; campaigns: number }) =>
-    call<unknown>("POST", robots.below(robot, "trend"), { body }),
+  addBaseline: (robot: string, body: unknown) => call<unknown>("POST", robots.below(robot, "trend"), { body }),
   acknowledge: (robot: string, body: { run_id: string; joint: string; note: string }) =>
     call<unknown>("POST", robots.below(robot, "trend"), { body }),
   sets: collection<of.MeasurementSet, of.MeasurementSetSummary, of.SetChange>("measurement-sets"),

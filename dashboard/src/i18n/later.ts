@@ -227,7 +227,6 @@ export const later = {
     noGeometry: "None: by a transform",
     later:
       "For a tracker frame the integrity checks run when the readings are stored; the findings are shown with the result.",
-    otherRobot: "Another robot",
     bodies: (count: number, mass: string) =>
       `${plural(count, "body", "bodies")}, ${mass} kg together: the robot is stored again with these masses.`,
     noRobot: (joints: number) =>
@@ -339,8 +338,9 @@ export const later = {
     cancel: "Cancel",
     howToAuthorise:
       "To authorise it, start the service with --require-key --laboratory lab.toml, and sign in with an admin key (jointstiff keys create NAME --role admin).",
-    remark: "Remark in the report",
-    note: "A report to sign, and the model for other programs. A joint without a stiffness has no spring; the file states the reason.",
+    note: "Remark in the report",
+    intro:
+      "A report to sign, and the model for other programs. A joint without a stiffness has no spring; the file states the reason.",
     models: {
       csv: ["CSV", "Joints with their intervals"],
       xlsx: ["Excel", "One sheet each for joints, kinematics and provenance"],
@@ -429,21 +429,21 @@ export const later = {
     choose: "Choose a program",
     accept: ".src,.dat,.ls,.LS,.mod,.script,.csv",
     remove: "Remove",
-    accuracy: "Accuracy option of the controller",
+    labels: {
+      accuracy_option: "Accuracy option of the controller",
+      axes: "Axes of the force",
+      force: "Process force on the tool, x y z",
+      start: "Controller's joints near the first target, if the program does not state the arm's configuration",
+    },
     accuracies: {
-      none: "Please choose",
+      "": "Please choose",
       off: "Off while the program runs",
       same_as_measured: "On, as it was while measuring",
       compensates_load: "Compensates the load itself",
     },
-    force: "Process force on the tool, x y z",
-    axes: "Axes of the force",
     axesOf: { robot: "Robot's base", tool: "Tool", base: "Program's base" },
-    tool: "Tool, if the program only names it",
-    base: "Base, if the program only names it",
-    frameHint: "Numbers in the notation of the program.",
-    start: "Controller's joints near the first target",
-    startHint: "Needed if the program does not state the arm's configuration.",
+    tools: "Tool, if the program only names it, in its notation",
+    bases: "Base, if the program only names it, in its notation",
     leave: "Leave the moves that are not certain as they are, and correct the others",
     make: "Compensate",
     download: (name: string) => `Download ${name}`,
@@ -717,10 +717,11 @@ export const later = {
       count === 1 ? "Reference campaigns, and new ones after a repair" : `Reference campaigns, begun ${count} times`,
     firstCampaigns: "the first campaigns",
     takes: (count: number) => plural(count, "campaign", "campaigns"),
-    from: "New reference campaigns from",
-    reason: "Reason",
-    reasonExample: "gearbox of joint 3 replaced",
-    size: "Number of campaigns",
+    baseline: {
+      run_id: "New reference campaigns from",
+      reason: "Reason, such as: gearbox of joint 3 replaced",
+      campaigns: "Number of campaigns",
+    },
     begin: "Begin new reference campaigns",
   },
 };

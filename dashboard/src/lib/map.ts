@@ -153,10 +153,3 @@ export function thinned<Point>(points: Point[], most: number): Point[] {
   const step = (points.length - 1) / (most - 1);
   return Array.from({ length: most }, (_, i) => points[Math.round(i * step)] as Point);
 }
-
-/** Numbers that stand in a text, parted by blanks, commas or semicolons; null if any is none. */
-export function numbersIn(text: string): number[] | null {
-  const found = text.split(/[\s,;]+/).filter(Boolean);
-  const values = found.map(Number);
-  return values.every(Number.isFinite) ? values : null;
-}

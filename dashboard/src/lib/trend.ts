@@ -26,7 +26,7 @@ export function pointsOf(
   trend: Trend,
   joint: TrendJoint,
   unit: StiffnessUnit,
-  say: (index: number) => string,
+  say: (index: number) => string[],
   open: (run: string) => string,
 ): TrendPoint[] {
   return trend.campaigns.map((campaign, i) => {
@@ -44,7 +44,7 @@ export function pointsOf(
       limits: typeof lower === "number" && typeof upper === "number" ? [lower, upper] : null,
       alarm: point?.exceeded ?? false,
       mark: point?.role === "monitored" ? "method-1" : "free",
-      title: say(i),
+      lines: say(i),
       open: open(campaign.run_id),
       part: campaign.baseline,
     };

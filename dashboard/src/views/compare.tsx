@@ -251,7 +251,7 @@ function Ratios({ result, sides, level }: { result: Result; sides: Sides; level:
                 low: joint.ratio_interval?.[0] ?? null,
                 high: joint.ratio_interval ? joint.ratio_interval[1] : joint.ratio,
                 instead: joint.reason === null ? "–" : text.verdicts.unobservable,
-                label: `${joint.name}: ${joint.ratio === null ? "–" : show(joint.ratio)}`,
+                lines: [joint.name, joint.ratio === null ? "–" : show(joint.ratio)],
               },
             ],
           }))}

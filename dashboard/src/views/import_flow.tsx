@@ -1,9 +1,9 @@
 /** From tables of readings to their result. Nothing is stored before the last tap. */
 import { useState, useMemo, useRef, useEffect } from "preact/hooks";
 import { api, problemOf } from "../api/client";
-import type { ImportAnswer, ImportOptions, Problem, RobotSummary, Units } from "../api/types";
+import type { ImportAnswer, ImportOptions, Problem, Units } from "../api/types";
 import { Prose, Button, Choice, Busy, LinkButton, ProblemNote } from "../components/basics";
-import { TextField, RequestFields, Select } from "../components/fields";
+import { TextField, RequestFields } from "../components/fields";
 import { SchemaFields, type Terms, MetadataForm } from "../components/schema_form";
 import { posted } from "../lib/schema";
 import { type Fields, unreadIn, contentKey, freshKey } from "../lib/json";
@@ -341,7 +341,18 @@ export function ImportFlow({
 
       <Step at={2} title={words.rest}>
         {answer && <ImportForm answer={answer} options={options} change={setOptions} />}
-        <RobotChoice robots={robots} label={(id) => known?.robot(id) ?? id} value={robot} change={setChosen} />
+        {robots.length > 0 && (
+          <Choice
+            label={text.start.robot}
+            look="choice cards arms"
+            value={robot}
+            change={setChosen}
+            options={robots.map(({ id, name }) => ({ value: id, label: name }))}
+          />
+        )}
+        <p>
+          <LinkButton href="#/robots/new">{later.robots.add}</LinkButton>
+        </p>
         <details open={framed}>
           <summary>{words.frameTitle}</summary>
           <FrameForm frame={frame} change={setFrame} robot={robot} length={length} />
@@ -419,61 +430,6 @@ function lackOf(answer: ImportAnswer | null, robot: string): string | null {
 
 function download({ template }: ImportAnswer, files: File[]): void {
   save(JSON.stringify(template, null, 1), "application/json", `${files[0]?.name ?? "import"}.template.json`);
-}
-
-/** As many are in view. */
-const IN_VIEW = 4;
-const OTHERS = "others";
-
-/** The robot that was measured: the newest few in view, the others in a list, or a new one. */
-function RobotChoice({
-  robots,
-  label,
-  value,
-  change,
-}: {
-  robots: RobotSummary[];
-  /** What a robot is called here, so that those of one name are told apart. */
-  label: (id: string) => string;
-  value: string;
-  change: (robot: string) => void;
-}) {
-  const few = robots.slice(0, IN_VIEW);
-  const [listed, setListed] = useState(false);
-  const others = robots.length > IN_VIEW;
-  const inList = listed || (value !== "" && !few.some(({ id }) => id === value));
-  return (
-    <>
-      {few.length > 0 && (
-        <Choice
-          label={text.start.robot}
-          value={inList && others ? OTHERS : value}
-          change={(robot) => {
-            setListed(robot === OTHERS);
-            change(robot === OTHERS ? "" : robot);
-          }}
-          options={[
-            ...few.map(({ id }) => ({ value: id, label: label(id) })),
-            ...(others ? [{ value: OTHERS, label: later.imports.otherRobot }] : []),
-          ]}
-        />
-      )}
-      <div class="row">
-        {inList && others && (
-          <Select
-            label={later.imports.otherRobot}
-            value={value}
-            change={change}
-            options={[
-              { value: "", label: text.start.pick },
-              ...robots.slice(IN_VIEW).map(({ id }) => ({ value: id, label: label(id) })),
-            ]}
-          />
-        )}
-        <LinkButton href="#/robots/new">{later.robots.add}</LinkButton>
-      </div>
-    </>
-  );
 }
 
 /** Someone who types is let finish before the files are sent again. */

@@ -1,5 +1,5 @@
 /** The joints of a run as one table and chart: stiffness on a logarithmic axis, in digits, its verdict, its part, and what to measure next. */
-import type { JointResult, Advice, MeasurementSet, Posture, Robot, Run, Contribution, RunResult } from "../api/types";
+import type { JointResult, Advice, Posture, Robot, RunResult } from "../api/types";
 import {
   axisStiffness,
   shownStiffness,
@@ -12,10 +12,9 @@ import {
   capOf,
 } from "../lib/stiffness";
 import { text } from "../i18n";
-import { clip, fixed, percent, significant, type Scale, extent, logarithmic } from "../lib/format";
+import { clip, fixed, percent, significant, extent, logarithmic } from "../lib/format";
 import { BottomAxis, Chart, Figure } from "../charts/figure";
 import { tip, Button, LinkButton, Name, Prose, Term, useWidth } from "../components/basics";
-import { useMemo } from "preact/hooks";
 import { api } from "../api/client";
 import { PostureSketch } from "../components/posture";
 import { norm, type Vector } from "../lib/vector";
@@ -25,6 +24,7 @@ import { Fragment } from "preact";
 import { useSettings } from "../state/session";
 import { type RunContext, isElastic } from "./run_context";
 
+/** A value with its interval. */
 export interface IntervalMark {
   /** Which series: class of the mark. */
   mark: string;
@@ -34,10 +34,13 @@ export interface IntervalMark {
   high: number | null;
   /** Said where there is nothing to draw. */
   instead?: string | null;
-  label: string;
+  /** Said when it is pointed at: a heading, and values. */
+  lines: string[];
+  /** Address that it leads to. */
+  open?: string;
 }
 
-export interface IntervalRow {
+interface IntervalRow {
   name: string;
   marks: IntervalMark[];
 }
@@ -62,8 +65,8 @@ export function Intervals({ rows, width, label, unit, format, reference }: Inter
   const head = narrow ? 22 : 0;
   const heights = rows.map((row) => head + spoken(row.marks).length * MARK_HEIGHT + ROW_GAP);
   const bottom = heights.reduce((sum, height) => sum + height, 8);
-  const [low, high] = bounds(rows, reference);
-  const x = logarithmic(low, high, left + 8, right, width < 480 ? 5 : 9);
+  const marks = rows.flatMap((row) => row.marks);
+  const x = logarithmic(...bounds(marks, reference), left + 8, right, width < 480 ? 5 : 9);
   let top = 8;
   return (
     <Chart width={width} height={bottom + 52} label={label}>
@@ -108,114 +111,61 @@ export const StiffnessIntervals = ({
   <Intervals {...rest} unit={STIFFNESS_UNITS[unit].label} format={axisStiffness(unit)} />
 );
 
-/** The axis of rows that stand in a table. */
-export function intervalAxis(rows: IntervalRow[], width: number, margin: number): Scale {
-  const [low, high] = bounds(rows, undefined);
-  return logarithmic(low, high, margin, width - margin - 8, width < 320 ? 4 : 7);
-}
-
-export function RowAxis({
-  axis,
-  width,
-  format,
-  label,
-}: {
-  axis: Scale;
-  width: number;
-  format: (value: number) => string;
-  label: string;
-}) {
-  return (
-    <svg class="row-chart" width={width} height={22} role="img" aria-label={label}>
-      {axis.ticks.map((tick) => (
-        <text class="tick" x={axis(tick)} y={16} text-anchor="middle">
-          {format(tick)}
-        </text>
-      ))}
-    </svg>
-  );
-}
-
-/** One row's marks above the lines of the axis. */
-export function RowMarks({ row, axis, width }: { row: IntervalRow; axis: Scale; width: number }) {
-  const marks = spoken(row.marks);
-  const height = Math.max(40, marks.length * MARK_HEIGHT + 8);
-  const top = (height - marks.length * MARK_HEIGHT) / 2;
-  return (
-    <svg
-      class="row-chart"
-      width={width}
-      height={height}
-      role="img"
-      aria-label={row.marks.map((one) => one.label).join("; ")}
-    >
-      {axis.ticks.map((tick) => (
-        <line class="grid" x1={axis(tick)} x2={axis(tick)} y1={0} y2={height} />
-      ))}
-      {marks.map((mark, k) =>
-        mark.low === null && mark.value === null ? null : (
-          <Mark mark={mark} x={axis} y={top + (k + 0.5) * MARK_HEIGHT} left={2} right={width - 10} />
-        ),
-      )}
-    </svg>
-  );
-}
-
 /** Where all series say the same instead of a value, once is enough. */
 function spoken(marks: IntervalMark[]): IntervalMark[] {
   const silent = marks.every((mark) => mark.low === null && mark.value === null && mark.instead === marks[0]?.instead);
   return silent ? marks.slice(0, 1) : marks;
 }
 
-function Mark({
-  mark,
-  x,
-  y,
-  left,
-  right,
-}: {
-  mark: IntervalMark;
-  x: (value: number) => number;
-  y: number;
-  left: number;
-  right: number;
-}) {
-  if (mark.low === null && mark.value === null) {
+/** A mark on a scale from `left` to `right`, where what is open ends. */
+export function Mark({ mark, x, y, left, right }: MarkProps) {
+  const { value, low, high } = mark;
+  if (low === null && value === null) {
     return (
       <text class={`instead ${mark.mark}`} x={left} y={y + 5}>
         {mark.instead}
       </text>
     );
   }
-  const from = mark.low !== null && mark.low > 0 ? x(mark.low) : left;
-  const to = mark.high === null ? right : x(mark.high);
-  const hidden = to - from < 15 && mark.value !== null; // the point covers the ends
+  const from = low === null ? x(value ?? 0) : low > 0 ? x(low) : left;
+  const to = high === null ? right : x(high);
+  const out = Math.sign(right - left);
+  const hidden = Math.abs(to - from) < 15 && value !== null; // the point covers the ends
+  const isOpen = high === null && low !== null;
   return (
-    <g class={`interval ${mark.mark}`} {...tip(mark.label.split(": "))}>
+    <g class={`interval ${mark.mark}`} {...tip(mark.lines, mark.open)}>
       <rect class="hit" x={Math.min(from, to) - 10} y={y - 12} width={Math.abs(to - from) + 20} height={24} />
-      <line x1={from} x2={mark.high === null && mark.low !== null ? to - 6 : to} y1={y} y2={y} />
-      {mark.low !== null && !hidden && <line class="end" x1={from} x2={from} y1={y - 7} y2={y + 7} />}
-      {mark.high !== null && mark.high !== mark.value && !hidden && (
+      {low !== null && <line x1={from} x2={isOpen ? to - 6 * out : to} y1={y} y2={y} />}
+      {low !== null && !hidden && <line class="end" x1={from} x2={from} y1={y - 7} y2={y + 7} />}
+      {low !== null && high !== null && high !== value && !hidden && (
         <line class="end" x1={to} x2={to} y1={y - 7} y2={y + 7} />
       )}
-      {mark.high === null && mark.low !== null && <path class="head" d={`M${to + 8} ${y} l-15 -8 v16 z`} />}
-      {mark.value !== null && <circle cx={x(mark.value)} cy={y} r={6.5} />}
+      {isOpen && <path class="head" d={`M${to + 8 * out} ${y}l${-15 * out} -8v16z`} />}
+      {value !== null && value > 0 && <circle cx={x(value)} cy={y} r={6.5} />}
     </g>
   );
 }
 
+interface MarkProps {
+  mark: IntervalMark;
+  x: (value: number) => number;
+  y: number;
+  left: number;
+  right: number;
+}
+
 /** The axis holds all numbers, with some room; open ends do not count. */
-function bounds(rows: IntervalRow[], reference: number | undefined): [number, number] {
-  const values = rows.flatMap((row) => row.marks.flatMap((mark) => [mark.value, mark.low, mark.high]));
+function bounds(marks: IntervalMark[], reference?: number): [number, number] {
+  const values = marks.flatMap((mark) => [mark.value, mark.low, mark.high]);
   const found = extent([...values, reference ?? null].filter((value): value is number => value !== null && value > 0));
   const [low, high] = found ?? [1, 10];
   // a bar that ends near zero would leave no room for the others
-  const points = extent(rows.flatMap((row) => row.marks.map((mark) => mark.value ?? 0)).filter((value) => value > 0));
+  const points = extent(marks.map((mark) => mark.value ?? 0).filter((value) => value > 0));
   const least = points ? Math.max(low, points[0] / 1e3) : low;
   return [least / 1.25, Math.max(high * 1.25, least * 3)];
 }
 
-export function markOf(joint: JointResult, mark: string, unit: StiffnessUnit): IntervalMark {
+function markOf(joint: JointResult, mark: string, unit: StiffnessUnit): IntervalMark {
   const shown = shownStiffness(joint, unit);
   const negative = joint.stiffness !== null && joint.stiffness < 0;
   // where it stands on the axis: its number in its own unit is that of the axis
@@ -229,7 +179,7 @@ export function markOf(joint: JointResult, mark: string, unit: StiffnessUnit): I
     low: onAxis(interval?.[0], scale, unit) ?? (negative ? null : value),
     high: interval ? onAxis(interval[1], scale, unit) : value,
     instead,
-    label: `${joint.name}: ${shown.value ?? instead}${range} ${unitOf(unit, joint.kind).label}`,
+    lines: [joint.name, `${shown.value ?? instead}${range} ${unitOf(unit, joint.kind).label}`],
   };
 }
 
@@ -249,7 +199,7 @@ interface Piece {
 }
 
 /** Pieces of advice with their postures. */
-export function useAdvice(robot: Robot, advice: Advice[]): Piece[] {
+function useAdvice(robot: Robot, advice: Advice[]): Piece[] {
   const joints = advice.map((one) => one.joints);
   const drawn = valueOf(
     useCached(
@@ -258,31 +208,21 @@ export function useAdvice(robot: Robot, advice: Advice[]): Piece[] {
       Number.POSITIVE_INFINITY,
     ),
   );
-  return useMemo(() => advice.map((one, i) => ({ advice: one, posture: drawn?.[i] ?? null })), [advice, drawn]);
+  return advice.map((one, i) => ({ advice: one, posture: drawn?.[i] ?? null }));
 }
 
-export function NextMeasurement({
-  pieces: [first, ...others],
-  joint,
-  run,
-  set,
-}: {
-  pieces: Piece[];
-  joint: JointResult;
-  run: Run;
-  set: MeasurementSet;
-}) {
+/** What to measure next for a joint: one piece of advice, and folded away what else would do. */
+function NextMeasurement({ pieces, ...about }: { pieces: Piece[]; joint: JointResult; context: RunContext }) {
+  const [first, ...others] = pieces.map((piece) => <One piece={piece} {...about} />);
   if (!first) return null;
   return (
     <div role="row" class="next">
       <div role="cell">
-        <One piece={first} joint={joint} run={run} set={set} />
+        {first}
         {others.length > 0 && (
           <details>
             <summary>{words.other}</summary>
-            {others.map((piece) => (
-              <One piece={piece} joint={joint} run={run} set={set} />
-            ))}
+            {others}
           </details>
         )}
       </div>
@@ -290,17 +230,13 @@ export function NextMeasurement({
   );
 }
 
-function One({
-  piece: { advice, posture },
-  joint,
-  run,
-  set,
-}: {
+interface OneProps {
   piece: Piece;
   joint: JointResult;
-  run: Run;
-  set: MeasurementSet;
-}) {
+  context: RunContext;
+}
+
+function One({ piece: { advice, posture }, joint, context: { run, set } }: OneProps) {
   const kinds = run.result?.joints.map(({ kind }) => kind) ?? [];
   const angles = advice.joints.map((value, i) => fixed(position(value, kinds[i]), 1));
   const copy = () => {
@@ -368,75 +304,44 @@ function afterwards(advice: Advice, { kind, compliance, standard_uncertainty: u 
 
 const runWords = text.run;
 
-export function JointTable({
-  context: { run, set, robot },
-  result,
-  bare,
-  tools,
-}: {
+interface TableProps {
   context: RunContext;
   result: RunResult;
   /** Without an axis: there is nothing to draw on it. */
   bare: boolean;
-  tools: preact.ComponentChildren;
-}) {
+}
+
+export function JointTable({ tools, ...shown }: TableProps & { tools: preact.ComponentChildren }) {
   const { unit } = useSettings();
-  const mark = run.request.positive ? "positive" : "free";
-  const rows = result.joints.map((joint): IntervalRow => ({ name: joint.name, marks: [markOf(joint, mark, unit)] }));
-  const advice = useAdvice(robot, isElastic(run) ? [] : result.identifiability.advice);
-  const chart = (width: number) => <StiffnessIntervals {...{ rows, width, unit, label: runWords.stiffness }} />;
+  const { result, bare, context } = shown;
+  const level = percent(context.run.request.confidence);
+  const rows = result.joints.map((joint) => ({ name: joint.name, marks: [markOf(joint, markIn(context), unit)] }));
   return (
     <Figure
       title={runWords.stiffness}
-      {...(bare ? {} : { note: runWords.stiffnessNote(percent(run.request.confidence)) })}
+      {...(bare ? {} : { note: runWords.stiffnessNote(level) })}
       tools={tools}
-      drawing={chart}
+      drawing={(width) => <StiffnessIntervals {...{ rows, width, unit, label: runWords.stiffness }} />}
     >
-      {() => (
-        <Rows
-          rows={rows}
-          joints={result.joints}
-          contributions={result.contributions}
-          level={percent(run.request.confidence)}
-          unit={unit}
-          bare={bare}
-          after={(joint) => (
-            <NextMeasurement
-              pieces={advice.filter((one) => one.advice.joint === joint.name)}
-              joint={joint}
-              run={run}
-              set={set}
-            />
-          )}
-        />
-      )}
+      {() => <Rows {...shown} />}
     </Figure>
   );
 }
 
-function Rows({
-  rows,
-  joints,
-  contributions,
-  level,
-  unit,
-  bare,
-  after,
-}: {
-  rows: IntervalRow[];
-  joints: JointResult[];
-  contributions: Contribution[];
-  level: string;
-  unit: StiffnessUnit;
-  bare: boolean;
-  after: (joint: JointResult) => preact.ComponentChildren;
-}) {
+const markIn = ({ run }: RunContext): string => (run.request.positive ? "positive" : "free");
+
+function Rows({ context, result: { joints, contributions, identifiability }, bare }: TableProps) {
+  const { run, robot } = context;
+  const { unit } = useSettings();
   const [head, width] = useWidth<HTMLDivElement>();
-  const axis = intervalAxis(rows, Math.max(60, width), 10);
+  const advice = useAdvice(robot, isElastic(run) ? [] : identifiability.advice);
+  const marks = joints.map((joint) => markOf(joint, markIn(context), unit));
+  const drawn = width > 0 && !bare;
+  const axis = logarithmic(...bounds(marks), 10, Math.max(60, width) - 18, width < 320 ? 4 : 7);
   const parts = new Map(contributions.map((one) => [one.joint, one]));
   const shares = !bare && contributions.some(({ mean }) => mean !== 0);
   const most = Math.max(0, ...contributions.map(({ share }) => Math.abs(share)));
-  const format = axisStiffness(unit);
+  const { label } = STIFFNESS_UNITS[unit];
   return (
     <div
       class={shares ? "joints shares" : bare ? "joints bare" : "joints"}
@@ -446,20 +351,27 @@ function Rows({
       <div class={bare ? "joint-head hidden" : "joint-head"} role="row">
         <span role="columnheader">{runWords.joint}</span>
         <div role="columnheader" class="bar" ref={head}>
-          {width > 0 && !bare && (
-            <RowAxis axis={axis} width={width} format={format} label={STIFFNESS_UNITS[unit].label} />
+          {drawn && (
+            <svg class="row-chart" width={width} height={22} role="img" aria-label={label}>
+              {axis.ticks.map((tick) => (
+                <text class="tick" x={axis(tick)} y={16} text-anchor="middle">
+                  {axisStiffness(unit)(tick)}
+                </text>
+              ))}
+            </svg>
           )}
         </div>
         <span role="columnheader" class="number">
-          {runWords.quantity(unit === "compliance")} <small>{STIFFNESS_UNITS[unit].label}</small>
+          {runWords.quantity(unit === "compliance")} <small>{label}</small>
         </span>
         <span role="columnheader" class="number">
-          <Term of="interval">{runWords.interval(level)}</Term>
+          <Term of="interval">{runWords.interval(percent(run.request.confidence))}</Term>
         </span>
         <span role="columnheader">{runWords.verdict}</span>
         {shares && <span role="columnheader">{runWords.contribution}</span>}
       </div>
       {joints.map((joint, i) => {
+        const mark = marks[i] as IntervalMark;
         const shown = shownStiffness(joint, unit);
         const [verdict, cap, part] = [verdictOf(joint), capOf(joint), parts.get(joint.name)];
         const limited = verdict === "lower_limit" && shown.limit !== null;
@@ -470,7 +382,16 @@ function Rows({
                 <Name>{joint.name}</Name>
               </span>
               <div role="cell" class="bar">
-                {width > 0 && !bare && <RowMarks row={rows[i] as IntervalRow} axis={axis} width={width} />}
+                {drawn && (
+                  <svg class="row-chart" width={width} height={ROW} role="img" aria-label={mark.lines.join(": ")}>
+                    {axis.ticks.map((tick) => (
+                      <line class="grid" x1={axis(tick)} x2={axis(tick)} y1={0} y2={ROW} />
+                    ))}
+                    {(mark.low ?? mark.value) !== null && (
+                      <Mark mark={mark} x={axis} y={ROW / 2} left={2} right={width - 10} />
+                    )}
+                  </svg>
+                )}
               </div>
               <span role="cell" class="number value">
                 <b>{verdict === "unobservable" ? "–" : limited ? shown.limit : (shown.value ?? "∞")}</b>
@@ -503,7 +424,11 @@ function Rows({
                 </span>
               )}
             </div>
-            {after(joint)}
+            <NextMeasurement
+              pieces={advice.filter((one) => one.advice.joint === joint.name)}
+              joint={joint}
+              context={context}
+            />
           </Fragment>
         );
       })}
@@ -525,7 +450,8 @@ function reasonsOf(joints: JointResult[]): [string, string[]][] {
   return [...names];
 }
 
-const SHARE_WIDTH = 64;
+/** Height of a row with its mark, and width of the longest share [px]. */
+const [ROW, SHARE_WIDTH] = [40, 64];
 
 /** Stiffnesses of several fits beside each other. */
 export function StiffnessFigure({

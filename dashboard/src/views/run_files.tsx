@@ -2,7 +2,7 @@
 import { useState } from "preact/hooks";
 import { api } from "../api/client";
 import type { Assessment } from "../api/types";
-import { Download, Button, LinkButton, Name, ProblemNote, When } from "../components/basics";
+import { ActionButton, Download, Button, LinkButton, Name, ProblemNote, When } from "../components/basics";
 import { TextField } from "../components/fields";
 import { useAction } from "../state/action";
 import { useLoad, valueOf } from "../state/load";
@@ -20,7 +20,7 @@ export function RunFiles({ run, assessment }: { run: string; assessment: Assessm
   return (
     <section class="card">
       <h2>{words.title}</h2>
-      <p class="soft">{words.note}</p>
+      <p class="soft">{words.intro}</p>
       <div class="actions">
         <Download href={api.jobs.file(run, "report.pdf")}>{words.pdf}</Download>
         <LinkButton href={api.jobs.file(run, "report.html")} target="_blank" rel="noreferrer">
@@ -43,6 +43,8 @@ export function RunFiles({ run, assessment }: { run: string; assessment: Assessm
   );
 }
 
+const BLANK = { note: "", customer: "", received: "" };
+
 /** Who authorised the report; admins may. */
 function Authorisations({ run }: { run: string }) {
   const loaded = useLoad(
@@ -52,18 +54,16 @@ function Authorisations({ run }: { run: string }) {
     },
     [run],
   );
-  const [note, setNote] = useState("");
-  const [customer, setCustomer] = useState("");
-  const [received, setReceived] = useState("");
-  const [asking, setAsking] = useState(false);
+  /** What is stated in the report; null while nobody authorises. */
+  const [asked, setAsked] = useState<typeof BLANK | null>(null);
   const authorise = useAction(async () => {
+    const { note = "", customer = "", received = "" } = asked ?? {};
     await api.authorise(run, {
       note: note.trim() || null,
       customer: customer.trim() ? { name: customer.trim() } : null,
       received_on: received || null,
     });
-    setNote("");
-    setAsking(false);
+    setAsked(null);
     loaded.reload();
   });
   const found = valueOf(loaded);
@@ -86,25 +86,30 @@ function Authorisations({ run }: { run: string }) {
       ))}
       {found.items.length === 0 && <p class="soft">{words.draft}</p>}
       {!found.may && <p class="soft">{words.howToAuthorise}</p>}
-      {found.may && (
-        <div class="row">
-          <TextField label={words.remark} value={note} maxLength={200} change={setNote} />
-          <TextField label={words.customer} value={customer} maxLength={200} change={setCustomer} />
-          <TextField label={words.received} type="date" value={received} change={setReceived} />
-          {!asking && <Button onClick={() => setAsking(true)}>{words.authorise}</Button>}
-        </div>
-      )}
-      {asking && (
+      {found.may && !asked && <Button onClick={() => setAsked(BLANK)}>{words.authorise}</Button>}
+      {asked && (
         <div class="note warn" role="group" aria-label={words.sure}>
+          <div class="row">
+            {(["note", "customer", "received"] as const).map((name) => (
+              <TextField
+                key={name}
+                label={words[name]}
+                type={name === "received" ? "date" : "text"}
+                value={asked[name]}
+                maxLength={200}
+                change={(typed) => setAsked({ ...asked, [name]: typed })}
+              />
+            ))}
+          </div>
           <p>{words.states(found.name ?? "")}</p>
           <div class="actions">
             <LinkButton href={`${api.jobs.file(run, "report.html")}?draft=true`} target="_blank" rel="noreferrer">
               {words.draftNow}
             </LinkButton>
-            <Button look="primary" disabled={authorise.busy} onClick={authorise.run}>
+            <ActionButton look="primary" action={authorise}>
               {words.sure}
-            </Button>
-            <Button look="quiet" onClick={() => setAsking(false)}>
+            </ActionButton>
+            <Button look="quiet" onClick={() => setAsked(null)}>
               {words.cancel}
             </Button>
           </div>

@@ -1,35 +1,31 @@
 /** Each joint of one robot over its campaigns: charts against a baseline, alarms, and new baselines. */
 import { significant, pValue, extent, logarithmic } from "../lib/format";
-import { dayText, tip, Button, Form, Name, When, Badge, Empty, Head, LinkButton, Show } from "../components/basics";
+import { dayText, Button, Form, Name, When, Badge, Empty, Head, LinkButton, Show } from "../components/basics";
 import { go, useAction, link } from "../state/action";
 import { LeftAxis, Chart, Figure, Legend } from "../charts/figure";
 import { useState } from "preact/hooks";
 import { api } from "../api/client";
-import type { Trend, TrendAlarm, Method, Robot, Trend as Found, TrendJoint } from "../api/types";
+import type { TrendAlarm, Method, Trend as Found, TrendJoint } from "../api/types";
 import { TextField, Select } from "../components/fields";
 import { changedTogether, bandsOf, changeText, pointsOf, worstFirst } from "../lib/trend";
-import { namesChanged, useLoad, storedRobot } from "../state/load";
+import { namesChanged, useLoad, useNames, valueOf } from "../state/load";
 import { later } from "../i18n/later";
 import { alike } from "../components/table";
 import { Rows } from "../components/list";
 import { intervalIn, maybeInUnit, unitOf } from "../lib/stiffness";
 import { useSettings } from "../state/session";
+import { type IntervalMark, Mark } from "./joint_table";
 import { text } from "../i18n";
+import { type Fields, stated, unreadIn } from "../lib/json";
+import { SchemaFields } from "../components/schema_form";
 
-export interface TrendPoint {
+export interface TrendPoint extends IntervalMark {
   time: number;
-  value: number | null;
-  low: number | null;
-  high: number | null;
   /** EWMA after this campaign and its limits; null before there are any. */
   smoothed: number | null;
   limits: [number, number] | null;
   /** Whether the EWMA is beyond a limit. */
   alarm: boolean;
-  mark: string;
-  title: string;
-  /** Address of its run. */
-  open?: string;
   /** Which baseline it belongs to: lines are drawn within one only. */
   part: number;
 }
@@ -40,27 +36,30 @@ export interface TrendBand {
   high: number;
 }
 
+const HEIGHT = 240;
+
+/** Across becomes up: marks are drawn along x. */
+const UPRIGHT = "matrix(0 1 1 0 0 0)";
+
 interface Ground {
   x: (point: TrendPoint) => number;
   y: (value: number) => number;
 }
 
-export function TrendChart({
+function TrendChart({
   points,
   bands,
   width,
-  height = 240,
   label,
   unit,
 }: {
   points: TrendPoint[];
   bands: TrendBand[];
   width: number;
-  height?: number;
   label: string;
   unit: string;
 }) {
-  const [left, right, bottom] = [60, width - 16, height - 34];
+  const [left, right, bottom] = [60, width - 16, HEIGHT - 34];
   const numbers = points
     .flatMap((p) => [p.value, p.low, p.high, p.smoothed, ...(p.limits ?? [])])
     .filter((v): v is number => v !== null && v > 0);
@@ -71,7 +70,7 @@ export function TrendChart({
   const ground = { x: placeIn(points, times, left + 24, right - 24), y };
   const parts = [...new Set(points.map((p) => p.part))];
   return (
-    <Chart width={width} height={height} label={label} links>
+    <Chart width={width} height={HEIGHT} label={label} links>
       <LeftAxis
         scale={y}
         left={left}
@@ -87,26 +86,20 @@ export function TrendChart({
         />
       ))}
       {points.map((point) => {
-        const { low, high, value, smoothed, title, open } = point;
+        const { low, value, smoothed, lines, open } = point;
         if (low === null && (value === null || value <= 0)) return null;
         const x = ground.x(point);
-        const end = high === null ? 28 : y(high);
-        const start = low === null ? null : low > 0 ? y(low) : bottom; // zero lies below any decade
-        const hidden = start !== null && start - end < 15 && value !== null;
         const link = open && {
           role: "link" as const,
           tabindex: 0, // of an SVG element: its attributes keep their case
-          "aria-label": title.replaceAll("\n", ", "),
+          "aria-label": lines.join(", "),
           onKeyDown: (event: KeyboardEvent) => event.key === "Enter" && go(open),
         };
         return (
-          <g class={`interval ${point.mark}`} {...link} {...tip(title.split("\n"), open)}>
-            <rect class="hit" x={x - 12} width={24} y={28} height={Math.max(24, bottom - 28)} />
-            {start !== null && <line x1={x} x2={x} y1={start} y2={end} />}
-            {start !== null && !hidden && <line class="end" x1={x - 6} x2={x + 6} y1={start} y2={start} />}
-            {high !== null && low !== null && !hidden && <line class="end" x1={x - 6} x2={x + 6} y1={end} y2={end} />}
-            {high === null && low !== null && <path class="head" d={`M${x} 22 l-7 13 h14 z`} />}
-            {value !== null && value > 0 && <circle cx={x} cy={y(value)} r={6} />}
+          <g class="interval" {...link}>
+            <g transform={UPRIGHT}>
+              <Mark mark={point} x={y} y={x} left={bottom} right={28} />
+            </g>
             {point.alarm && smoothed !== null && <path class="alarm" d={`M${x} ${y(smoothed) - 9}l9 9l-9 9l-9 -9z`} />}
           </g>
         );
@@ -182,41 +175,42 @@ function placeIn(
 }
 
 const words = later.trend;
-const [LEAST, MOST] = [3, 20];
 
 interface Noted {
-  trend: Trend;
+  trend: Found;
   reload: () => void;
 }
 
-interface Raised {
-  joint: string;
-  alarm: TrendAlarm;
-}
-
 /** Alarms that last, each with its reason and who has seen it; those that ended are folded away. */
-export function Alarms({ trend, reload }: Noted) {
+function Alarms({ trend, reload }: Noted) {
   const raised = trend.joints.flatMap(({ name, alarms }) => alarms.map((alarm) => ({ joint: name, alarm })));
-  const lasting = raised.filter(({ alarm }) => alarm.until === null);
-  const ended = raised.filter(({ alarm }) => alarm.until !== null);
-  const shown = (one: Raised) => (
-    <Alarm key={`${one.joint}/${one.alarm.run_id}`} robot={trend.robot_id} raised={one} reload={reload} />
+  const [lasting, ended] = [true, false].map((lasts) =>
+    raised
+      .filter(({ alarm }) => (alarm.until === null) === lasts)
+      .map((one) => <Alarm key={`${one.joint}/${one.alarm.run_id}`} robot={trend.robot_id} {...one} reload={reload} />),
   );
   return (
     <>
       {changedTogether(trend.joints) && <p class="note warn">{words.together}</p>}
-      {lasting.map(shown)}
-      {ended.length > 0 && (
+      {lasting}
+      {ended && ended.length > 0 && (
         <details>
           <summary>{words.ended(ended.length)}</summary>
-          {ended.map(shown)}
+          {ended}
         </details>
       )}
     </>
   );
 }
 
-function Alarm({ robot, raised: { joint, alarm }, reload }: { robot: string; raised: Raised; reload: () => void }) {
+interface AlarmProps {
+  robot: string;
+  joint: string;
+  alarm: TrendAlarm;
+  reload: () => void;
+}
+
+function Alarm({ robot, joint, alarm, reload }: AlarmProps) {
   const seen = alarm.acknowledgement;
   const [note, setNote] = useState("");
   const send = useAction(async () => {
@@ -256,49 +250,36 @@ function Alarm({ robot, raised: { joint, alarm }, reload }: { robot: string; rai
 }
 
 /** A new baseline from a campaign on, with its reason. */
-export function NewBaseline({ trend, reload }: Noted) {
-  const [run, setRun] = useState(trend.campaigns.at(-1)?.run_id ?? "");
-  const [reason, setReason] = useState("");
-  const [size, setSize] = useState(LEAST);
+function NewBaseline({ trend, reload }: Noted) {
+  const [asked, setAsked] = useState<Fields>({ run_id: trend.campaigns.at(-1)?.run_id });
   const send = useAction(async () => {
-    await api.addBaseline(trend.robot_id, { run_id: run, reason: reason.trim(), campaigns: size });
+    await api.addBaseline(trend.robot_id, stated(asked));
     reload();
   });
+  const campaigns = trend.campaigns.map(({ run_id, name, at }) => ({
+    value: run_id,
+    label: `${dayText(at)}, ${name}`,
+  }));
   return (
     <details class="baselines">
       <summary>{words.baselines(trend.baselines.length)}</summary>
       <ul>
-        {trend.baselines.map(({ starts_at: start, reason: why, campaigns, set_by: by }) => (
+        {trend.baselines.map(({ starts_at: start, reason: why, campaigns: count, set_by: by }) => (
           <li>
-            <When time={start} />: <Name>{why ?? words.firstCampaigns}</Name> ({words.takes(campaigns)}
+            <When time={start} />: <Name>{why ?? words.firstCampaigns}</Name> ({words.takes(count)}
             {by ? `, ${by.key_name}` : ""})
           </li>
         ))}
       </ul>
       <Form action={send}>
-        <Select
-          label={words.from}
-          value={run}
-          change={setRun}
-          options={trend.campaigns.map(({ run_id: value, name, at }) => ({ value, label: `${dayText(at)}, ${name}` }))}
+        <SchemaFields
+          of="BaselineRequest"
+          show={["run_id", "reason", "campaigns"]}
+          value={asked}
+          change={setAsked}
+          terms={{ labels: words.baseline, choices: { run_id: campaigns } }}
         />
-        <TextField
-          label={words.reason}
-          required
-          maxLength={200}
-          placeholder={words.reasonExample}
-          value={reason}
-          change={setReason}
-        />
-        <TextField
-          label={words.size}
-          type="number"
-          min={LEAST}
-          max={MOST}
-          value={String(size)}
-          change={(typed) => setSize(Number(typed))}
-        />
-        <Button acts type="submit" disabled={send.busy || reason.trim() === ""}>
+        <Button acts type="submit" disabled={send.busy || !asked["reason"] || unreadIn(asked) !== null}>
           {words.begin}
         </Button>
       </Form>
@@ -306,63 +287,58 @@ export function NewBaseline({ trend, reload }: Noted) {
   );
 }
 
-type Encoders = NonNullable<Found["selection"]>["encoders"];
-const ENCODERS: Encoders[] = ["motor", "secondary"];
-const METHODS: Method[] = ["partial_pose", "decoupled_partial_pose", "complete_pose"];
+interface Asked {
+  method?: Method;
+  encoders?: NonNullable<Found["selection"]>["encoders"];
+}
 
 export function TrendView({ robot: id, serial }: { robot: string; serial: string | null }) {
-  const [method, setMethod] = useState<Method | null>(null);
-  const [encoders, setEncoders] = useState<Encoders | null>(null);
-  const robot = useLoad(() => storedRobot(id), [id]);
-  const asked = { method, encoders, serial_number: serial };
-  const trend = useLoad((signal) => api.trend(id, asked, signal), [id, method, encoders, serial]);
+  const [asked, setAsked] = useState<Asked>({});
+  const trend = useLoad((signal) => api.trend(id, { ...asked, serial_number: serial }, signal), [id, asked, serial]);
+  const name = valueOf(useNames())?.robot(id) ?? "…";
   return (
-    <Show of={robot} title={later.compare.trend}>
-      {({ name }) => (
-        <>
-          <Head
-            kind={later.compare.trend}
-            plain={words.title(name)}
-            title={<Name>{name}</Name>}
-            about={
-              <>
-                <a href={link(["robots", id])}>{text.start.robot}</a>
-                <a href={link(["fleet"])}>{text.fleet.title}</a>
-              </>
-            }
-          />
-          <Show of={trend}>
-            {(found) => (
-              <>
-                <div class="filters compact">
-                  <Select
-                    label={text.run.method}
-                    value={method ?? found.selection?.method ?? "partial_pose"}
-                    change={(chosen) => setMethod(chosen as Method)}
-                    options={METHODS.map((value) => ({ value, label: text.methods[value] }))}
-                  />
-                  <Select
-                    label={words.encoders}
-                    value={encoders ?? found.selection?.encoders ?? "motor"}
-                    change={(chosen) => setEncoders(chosen as Encoders)}
-                    options={ENCODERS.map((value) => ({ value, label: text.files.encoders[value] }))}
-                  />
-                  {serialsOf(found).length > 1 && (
-                    <Select
-                      label={words.serial}
-                      value={found.selection?.serial_number ?? ""}
-                      change={(chosen) => go(link(["compare", "trend", id], { serial: chosen }))}
-                      options={serialsOf(found)}
-                    />
-                  )}
-                </div>
-                <Charts robot={id} trend={found} reload={trend.reload} />
-              </>
-            )}
-          </Show>
-        </>
-      )}
-    </Show>
+    <>
+      <Head
+        kind={later.compare.trend}
+        plain={words.title(name)}
+        title={<Name>{name}</Name>}
+        about={
+          <>
+            <a href={link(["robots", id])}>{text.start.robot}</a>
+            <a href={link(["fleet"])}>{text.fleet.title}</a>
+          </>
+        }
+      />
+      <Show of={trend}>
+        {(found) => (
+          <>
+            <div class="filters compact">
+              <Select
+                label={text.run.method}
+                value={asked.method ?? found.selection?.method ?? "partial_pose"}
+                change={(method) => setAsked({ ...asked, method: method as Method })}
+                options={text.methods}
+              />
+              <Select
+                label={words.encoders}
+                value={asked.encoders ?? found.selection?.encoders ?? "motor"}
+                change={(encoders) => setAsked({ ...asked, encoders: encoders as "motor" })}
+                options={text.files.encoders}
+              />
+              {serialsOf(found).length > 1 && (
+                <Select
+                  label={words.serial}
+                  value={found.selection?.serial_number ?? ""}
+                  change={(chosen) => go(link(["compare", "trend", id], { serial: chosen }))}
+                  options={serialsOf(found)}
+                />
+              )}
+            </div>
+            <Charts trend={found} reload={trend.reload} />
+          </>
+        )}
+      </Show>
+    </>
   );
 }
 
@@ -372,12 +348,12 @@ const serialsOf = ({ selection, serial_numbers: serials }: Found) => [
   ...serials.map((value) => ({ value, label: value })),
 ];
 
-function Charts({ robot, trend, reload }: { robot: Robot["id"]; trend: Found; reload: () => void }) {
+function Charts({ trend, reload }: Noted) {
   if (trend.campaigns.length === 0) {
     return (
       <>
         <Empty title={words.none} hint={words.noneHint}>
-          <LinkButton look="primary" href={link([], { robot })}>
+          <LinkButton look="primary" href={link([], { robot: trend.robot_id })}>
             {text.app.measure}
           </LinkButton>
         </Empty>
@@ -477,7 +453,7 @@ function JointTrend({ joint, trend }: { joint: TrendJoint; trend: Found }) {
 /** What is said at a point: its campaign, when, and what has changed. */
 const sayer = (joint: TrendJoint, trend: Found) => (index: number) => {
   const [campaign, point] = [trend.campaigns[index], joint.points[index]];
-  if (!campaign || !point) return "";
+  if (!campaign || !point) return [];
   const day = dayText(campaign.at);
   const said = point.change ? changeText(point.change) : (point.reason ?? words.roles[point.role]);
   const alarm = point.exceeded ? joint.alarms.filter((one) => one.since <= campaign.at).at(-1)?.message : undefined;
@@ -487,7 +463,7 @@ const sayer = (joint: TrendJoint, trend: Found) => (index: number) => {
     said,
     ...(campaign.assessment.verdict === "use" ? [] : [words.verdict(text.usability[campaign.assessment.verdict])]),
     ...(alarm ? [alarm] : []),
-  ].join("\n");
+  ];
 };
 
 /** State of a joint in words: its latest change, or what the pair says. */

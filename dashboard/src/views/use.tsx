@@ -3,11 +3,11 @@ import { useMemo, useState } from "preact/hooks";
 import { api } from "../api/client";
 import type { DeflectionResult, Posture, RunResult } from "../api/types";
 import { ActionButton, Busy, Button, Facts, Prose, Toggle } from "../components/basics";
-import { Select, RequestFields, TextField } from "../components/fields";
-import { SchemaFields, DropZone } from "../components/schema_form";
+import { Select, RequestFields } from "../components/fields";
+import { SchemaFields, DropZone, type Terms } from "../components/schema_form";
 import { bendOf, loadOf, type Vector, add, fromFlange, norm, times } from "../lib/vector";
 import { decimalsFor, fixed, percent, significant, roundStep } from "../lib/format";
-import { type Fields, unreadIn, freshKey, type Fields as Document } from "../lib/json";
+import { type Fields, unreadIn, freshKey, stated } from "../lib/json";
 import { sentence } from "../lib/said";
 import { factors, position, positionIn, positionUnit } from "../lib/stiffness";
 import { ARM_ALONE, ArmView, roomOf } from "../scene/view";
@@ -16,8 +16,7 @@ import { text } from "../i18n";
 import { later } from "../i18n/later";
 import { type RunContext, usePostures } from "./run_context";
 import { VerdictCard } from "../components/job_page";
-import type { ComponentProps } from "preact";
-import { boxAround, numbersIn } from "../lib/map";
+import { boxAround } from "../lib/map";
 import { useDraft } from "../state/session";
 
 const words = later.predict;
@@ -78,7 +77,6 @@ function Form({ context: { run, set, robot }, result, postures }: PredictProps &
     const inBase = fromFlange(posture.flange_origin, posture.flange_axes, times(place, 1e-3));
     setFound({ posture, point: inBase, force, answer });
   });
-  const { deg, newton, mm } = text.units;
   const ofJoints = kinds.includes("prismatic") ? kinds.map((kind) => positionUnit(kind).trim()).join(", ") : deg;
   return (
     <div class="flow">
@@ -200,13 +198,13 @@ export function MapForm({ context }: { context: RunContext }) {
 
 function AskMap({ context: { run, set }, postures }: { context: RunContext; postures: Posture[] }) {
   const start = useMemo(() => proposal(set, postures), [set, postures]);
-  const [asked, change] = useDraft<Document>(`map/${run.id}`, start);
+  const [asked, change] = useDraft<Fields>(`map/${run.id}`, start);
   const [near, setNear] = useState("");
   const make = useAction(async () => {
     const { angle } = factors(set.units);
     const joints = near && set.observations[Number(near)]?.joints.map((value) => value * angle);
-    const stated = { run_id: run.id, ...asked, ...(joints ? { near: joints } : {}) };
-    const made = await asking((accepted) => api.maps.add({ ...stated, ...accepted }, freshKey("map")));
+    const map = { run_id: run.id, ...asked, ...(joints ? { near: joints } : {}) };
+    const made = await asking((accepted) => api.maps.add({ ...map, ...accepted }, freshKey("map")));
     return link(["maps", made.id]);
   });
   return (
@@ -237,7 +235,7 @@ function AskMap({ context: { run, set }, postures }: { context: RunContext; post
 }
 
 /** The box of the load points, the strongest force, and the mean way the flange looked. */
-function proposal(set: RunContext["set"], postures: Posture[]): Document {
+function proposal(set: RunContext["set"], postures: Posture[]): Fields {
   const loads = postures.flatMap((posture, i) => {
     const observation = set.observations[i];
     return observation ? [loadOf(set, observation, posture)] : [];
@@ -260,43 +258,32 @@ function proposal(set: RunContext["set"], postures: Posture[]): Document {
 
 const programWords = later.program;
 const NOT_UNDERSTOOD = "urn:jointstiff:problem:invalid-file";
-const ACCURACY = ["", "off", "same_as_measured", "compensates_load"] as const;
+const { deg, mm, newton } = text.units;
+const OF_PROGRAM: Terms = {
+  labels: programWords.labels,
+  units: { start: [`${deg}, ${mm}`, 1] },
+  choices: { accuracy_option: programWords.accuracies, axes: programWords.axesOf },
+};
+const OF_LOAD: Terms = { labels: programWords.labels, within: "load.", units: { force: [newton, 1] } };
 
 /** What a program is corrected for: its files, tool, base, process force, and the controller's accuracy option. */
 export function ProgramForm({ context: { run } }: { context: RunContext }) {
   const [files, setFiles] = useState<File[]>([]);
-  const [asked, change] = useDraft(`program/${run.id}`, {
-    accuracy: "",
-    force: "0 0 -500",
-    axes: "robot",
-    tool: "",
-    base: "",
-    start: "",
-  });
+  const [asked, change] = useDraft<Fields>(`program/${run.id}`, { load: { force: [0, 0, -500] } });
   const [leave, setLeave] = useState(false);
   const make = useAction(async () => {
-    const frame = (value: string) => (value.trim() ? [{ values: numbersIn(value) ?? [] }] : []);
-    const stated = {
-      run_id: run.id,
-      units: { length: "mm", angle: "deg", force: "N" },
-      accuracy_option: asked.accuracy,
-      load: { force: numbersIn(asked.force) ?? [] },
-      axes: asked.axes,
-      tools: frame(asked.tool),
-      bases: frame(asked.base),
-      ...(asked.start.trim() ? { start: numbersIn(asked.start) ?? [] } : {}),
-      ...(leave ? { leave_others: true } : {}),
-    };
-    const made = await asking((accepted) => api.addProgram(files, { ...stated, ...accepted }, freshKey("program")));
+    const units = { length: "mm", angle: "deg", force: "N" };
+    const program = { run_id: run.id, units, ...(stated(asked) as Fields), ...(leave ? { leave_others: true } : {}) };
+    const made = await asking((accepted) => api.addProgram(files, { ...program, ...accepted }, freshKey("program")));
     return link(["programs", made.id]);
   });
-  const field = (name: "force" | "tool" | "base" | "start", rest: Partial<ComponentProps<typeof TextField>>) => (
-    <TextField
-      label={programWords[name]}
-      value={asked[name]}
-      change={(typed) => change({ [name]: typed })}
-      aria-invalid={numbersIn(asked[name]) === null}
-      {...rest}
+  const frame = (name: "tools" | "bases") => (
+    <SchemaFields
+      of="ProgramFrame-Input"
+      show={["values"]}
+      value={(asked[name] as Fields[] | undefined)?.[0] ?? {}}
+      change={({ values }) => change({ [name]: values ? [{ values }] : [] })}
+      terms={{ labels: { values: programWords[name] }, within: `${name}[0].` }}
     />
   );
   const take = (file: File) => {
@@ -326,32 +313,30 @@ export function ProgramForm({ context: { run } }: { context: RunContext }) {
           ))}
         </ul>
       )}
-      <Select
-        label={programWords.accuracy}
-        value={asked.accuracy}
-        change={(accuracy) => change({ accuracy })}
-        options={ACCURACY.map((value) => ({ value, label: programWords.accuracies[value || "none"] }))}
+      <SchemaFields
+        of="ProgramForm"
+        show={["accuracy_option", "axes", "start"]}
+        value={asked}
+        change={change}
+        terms={OF_PROGRAM}
       />
-      <div class="fields">
-        {field("force", { unit: text.units.newton, path: "load" })}
-        <Select
-          label={programWords.axes}
-          value={asked.axes}
-          change={(axes) => change({ axes })}
-          options={programWords.axesOf}
-        />
-        {field("tool", { path: "tools", help: programWords.frameHint })}
-        {field("base", { path: "bases", help: programWords.frameHint })}
-        {field("start", {
-          unit: `${text.units.deg}, ${text.units.mm}`,
-          path: "start",
-          help: programWords.startHint,
-        })}
-      </div>
+      <SchemaFields
+        of="ProcessLoad-Input"
+        show={["force"]}
+        value={asked["load"] as Fields}
+        change={(load) => change({ load })}
+        terms={OF_LOAD}
+      />
+      {frame("tools")}
+      {frame("bases")}
       {(leave || make.problem?.type === NOT_UNDERSTOOD) && (
         <Toggle label={programWords.leave} checked={leave} change={setLeave} />
       )}
-      <ActionButton look="primary" action={make} disabled={files.length === 0 || asked.accuracy === ""}>
+      <ActionButton
+        look="primary"
+        action={make}
+        disabled={files.length === 0 || !asked["accuracy_option"] || unreadIn(asked) !== null}
+      >
         {programWords.make}
       </ActionButton>
     </RequestFields>
