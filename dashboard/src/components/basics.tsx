@@ -381,6 +381,13 @@ export function Empty({ title, hint, children }: { title: string; hint: string; 
   );
 }
 
+/** The way to what fills an empty list. */
+export const MeasureLink = ({ robot }: { robot?: string }) => (
+  <LinkButton look="primary" href={link([], robot === undefined ? {} : { robot })}>
+    {text.app.measure}
+  </LinkButton>
+);
+
 interface ShowProps<Value> {
   of: Loading<Value>;
   title?: string;

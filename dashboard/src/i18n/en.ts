@@ -408,13 +408,6 @@ export const en = {
     kinds: { coupling: "coupling", joint: "joint", link: "link", base: "base" } satisfies Record<ElementKind, string>,
     link: (joint: string) => `link ${joint}`,
     unexplained: "unexplained",
-    selected: (simplest: string, best: string) =>
-      simplest === best
-        ? `Best on held-out configurations: ${best}.`
-        : `Simplest within one standard error: ${simplest}. Best on held-out configurations: ${best}.`,
-    thisRun: (model: string, loss: string) => `This run: ${model}, loss ${loss}.`,
-    chosenBy: (model: string, loss: string, penalty: string) => `Model ${model}, loss ${loss}, penalty ${penalty}.`,
-    sources: { given: "as given", cross_validation: "by cross-validation" },
   },
   deflection: {
     title: "Deflection before and after compensation",

@@ -11,7 +11,6 @@ import {
   LinkButton,
   Name,
   NameLink,
-  Prose,
   ActionButton,
   Empty,
   Head,
@@ -22,16 +21,17 @@ import {
   Toggle,
 } from "../components/basics";
 import { Further } from "../components/findings";
-import { JobPage, JobTables, VerdictCard } from "../components/job_page";
+import { JobLines, JobPage, JobTables, VerdictCard } from "../components/job_page";
 import { percent, significant } from "../lib/format";
 import { unsaid } from "../lib/said";
 import { link, useAction, parse } from "../state/action";
 import { storedSet, useLoad, valueOf, type Names, setOptions, useNames } from "../state/load";
 import { text } from "../i18n";
 import { later } from "../i18n/later";
-import { MOST_RUNS, JobList } from "./runs";
+import { howOf, MOST_RUNS, JobList } from "./runs";
 import { type RunColumn, RunsTable } from "./run_stiffness";
 import { Select } from "../components/fields";
+import { NoSets } from "./robots";
 
 /** The paper's methods, and the complete pose with weights of covariance. */
 const METHODS = [
@@ -44,12 +44,7 @@ const PARTIAL = METHODS[2];
 const UNCONSTRAINED = { positive: false, stiffness_bounds: {}, stiffness_order: [] };
 const LOOK_AGAIN = 300;
 
-interface Draws {
-  size: number;
-  repetitions: number;
-  seed: number;
-}
-
+type Resampling = { size: number; repetitions: number; seed: number };
 type Options = Partial<Run["request"]> & { measurement_set_id: string };
 
 /** A run once it has ended; the same options give the same run. */
@@ -72,7 +67,7 @@ const optionsOf = (set: string, method: (typeof METHODS)[number], positive: bool
 });
 
 /** The runs of a set by all methods, unconstrained and constrained; none by methods that it cannot support. */
-async function byMethods(set: string, resampling: Draws | null): Promise<Run[]> {
+async function byMethods(set: string, resampling: Resampling | null): Promise<Run[]> {
   const asked = METHODS.flatMap((method) =>
     [false, true].map((positive) => ({
       ...optionsOf(set, method, positive),
@@ -101,11 +96,6 @@ async function comparable(run: Run): Promise<Run[]> {
 
 const compared = (runs: Run[], ordered = false): Promise<Comparison> =>
   api.comparisons.add({ run_ids: [...new Set(runs.map((run) => run.id))], ordered }, freshKey("comparison"));
-
-/** Compare all methods on a set. */
-export async function compareMethods(set: string, resampling: Draws | null): Promise<Comparison> {
-  return compared(await byMethods(set, resampling));
-}
 
 /** A side of a comparison: a run, or a set, which is identified. */
 export type SideOf = { run: Run } | { set: string };
@@ -179,7 +169,7 @@ function ComparisonPage({ id, result, sides }: { id: string; result: Result; sid
     <>
       <VerdictCard assessment={assessment} context={null} />
       <Further warnings={unsaid(warnings, assessment.reasons)} />
-      {avoided && <AvoidedShare avoided={avoided} />}
+      <JobLines collection="comparisons" id={id} />
       {paired && <Ratios {...{ result, sides, level }} />}
       {paired && (
         <StiffnessFigure
@@ -193,14 +183,6 @@ function ComparisonPage({ id, result, sides }: { id: string; result: Result; sid
         />
       )}
       <JobTables collection="comparisons" id={id} />
-      {entries.map(
-        (fit) =>
-          fit.error && (
-            <p class="note">
-              {entryName(fit)}: {words.notPossible}: <Prose text={fit.error.detail} />
-            </p>
-          ),
-      )}
       {sides.map((side, i) => {
         const own = entries.filter((fit) => fit.side === (i ? "second" : "first") && !fit.error);
         return own.length > 2 || !paired ? <Methods entries={own} level={level} side={paired ? side : null} /> : null;
@@ -211,27 +193,6 @@ function ComparisonPage({ id, result, sides }: { id: string; result: Result; sid
       ))}
       {avoided && <ByConfiguration avoided={avoided} />}
     </>
-  );
-}
-
-function AvoidedShare({ avoided }: { avoided: Avoided }) {
-  const share = (value: number | null | undefined) => (value === null || value === undefined ? "–" : percent(value));
-  return (
-    <ul class="summary">
-      <li>
-        <b>{share(avoided.measured?.value)}</b>
-        {two.avoided}, {two.measured}
-        {avoided.matching === 0 && `: ${two.noMatch}`}
-      </li>
-      <li>
-        <b>{share(avoided.predicted)}</b>
-        {two.avoided}, {two.predicted}
-      </li>
-      <li>
-        <b>{avoided.matching}</b>
-        {two.matching(avoided.matching)}
-      </li>
-    </ul>
   );
 }
 
@@ -357,7 +318,7 @@ export function SideBySideView({ ids }: { ids: string[] }) {
     async (signal) => {
       const runs = await Promise.all(ids.slice(0, MOST_RUNS).map((id) => api.runs.one(id, signal)));
       const sets = await Promise.all(runs.map((run) => storedSet(run.request.measurement_set_id)));
-      return runs.map((run, i): RunColumn => ({ run, name: sets[i]?.name ?? run.id, note: how(run) }));
+      return runs.map((run, i): RunColumn => ({ run, name: sets[i]?.name ?? run.id, note: howOf(run.request) }));
     },
     [ids.join()],
   );
@@ -373,14 +334,6 @@ export function SideBySideView({ ids }: { ids: string[] }) {
     </Show>
   );
 }
-
-const how = ({ request }: Run): string =>
-  [
-    text.methods[request.method],
-    request.positive ? text.options.constrained : text.options.unconstrained,
-    ...(request.loss === "huber" ? [text.assessment.changed.loss.huber] : []),
-    ...(request.leave_out.length > 0 ? [sideBySideWords.without(request.leave_out)] : []),
-  ].join(", ");
 
 function Page({ columns }: { columns: RunColumn[] }) {
   const [first, second] = columns;
@@ -405,7 +358,7 @@ function Page({ columns }: { columns: RunColumn[] }) {
         title={text.run.stiffness}
         level={percent(first?.run.request.confidence ?? 0.95)}
         series={columns.map(({ run, name }, i) => ({
-          label: `${name}: ${how(run)}`,
+          label: `${name}: ${howOf(run.request)}`,
           mark: `method-${i}`,
           joints: run.result?.joints ?? [],
         }))}
@@ -429,11 +382,7 @@ export function CompareView({ kind }: { kind: string }) {
       <Show of={names}>
         {(known) =>
           known.sets.length === 0 ? (
-            <Empty title={later.robots.setsNone} hint={words.noSets}>
-              <LinkButton look="primary" href="#/">
-                {text.app.measure}
-              </LinkButton>
-            </Empty>
+            <NoSets />
           ) : (
             <>
               {kind === "pairs" ? <StartPair names={known} /> : <StartMethods names={known} />}
@@ -459,7 +408,7 @@ function StartMethods({ names }: { names: Names }) {
   const start = useAction(async () => {
     const size = Math.max(1, Math.round((names.sets.find((s) => s.id === set)?.observation_count ?? 20) / 2));
     const resampling = resample ? { size, repetitions: 200, seed: 1 } : null;
-    const comparison = await compareMethods(set, resampling);
+    const comparison = await compared(await byMethods(set, resampling));
     return link(["compare", "methods", comparison.id]);
   });
   return (
@@ -480,18 +429,12 @@ async function side(chosen: string): Promise<SideOf> {
   return kind === "run" ? { run: await api.runs.one(id) } : { set: id };
 }
 
-/** Method, constraint and weights of a run, short. */
-function howRun(run: RunSummary): string {
-  const method = `${text.methods[run.method]} ${run.positive ? text.options.constrained : text.options.unconstrained}`;
-  return run.weighting === "covariance" ? method : `${method}, ${text.weightings[run.weighting]}`;
-}
-
 function sideOptions(names: Names, runs: RunSummary[]): { value: string; label: string }[] {
   return [
     ...setOptions(names).map(({ value, label }) => ({ value: `set:${value}`, label })),
     ...runs.map((run) => ({
       value: `run:${run.id}`,
-      label: words.runSide(names.set(run.measurement_set_id), howRun(run), timeText(run.created_at)),
+      label: words.runSide(names.set(run.measurement_set_id), howOf(run), timeText(run.created_at)),
     })),
   ];
 }

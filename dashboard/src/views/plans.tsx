@@ -3,7 +3,7 @@ import { useMemo, useState, useEffect } from "preact/hooks";
 import { api } from "../api/client";
 import type { JointKind, Plan, PlanResult, Robot } from "../api/types";
 import { Busy, Button, ActionButton, Show, Title, Download, LinkButton, Name, NameLink } from "../components/basics";
-import { fixed, percent } from "../lib/format";
+import { fixed } from "../lib/format";
 import { type Planned, equipmentOf, unchanged, toFillIn } from "../lib/live";
 import { position, positionUnit } from "../lib/stiffness";
 import { type Vector, norm } from "../lib/vector";
@@ -20,7 +20,7 @@ import { useDraft } from "../state/session";
 import { JobList } from "./runs";
 import { NoRobots } from "./robots";
 import { save, fileName } from "../components/table";
-import { JobPage, JobTables } from "../components/job_page";
+import { JobLines, JobPage, JobTables } from "../components/job_page";
 
 const words = later.plan;
 
@@ -58,14 +58,13 @@ export function Postures({ plan, result, robot }: { plan: Plan; result: PlanResu
     <div class="flow">
       <section class="card" aria-labelledby="postures">
         <h2 id="postures">{words.postures}</h2>
-        {plan.request.measurement_set_id && <p class="soft">{words.newAlone}</p>}
         <ol class="postures">
           {readings.map((each, i) => (
             <li class={i === chosen ? "shown" : undefined}>
               <b>{each.label}</b>
               <Button look="quiet" onClick={() => choose(i)}>
                 <span class="hidden">{words.show(each.label)}: </span>
-                {angles(each, robot)}
+                {angles(each, robot)} <small class="soft">{loadOf(each)}</small>
               </Button>
             </li>
           ))}
@@ -269,23 +268,13 @@ export function PlanView({ id }: { id: string }) {
         actions: job.result && <Download href={api.jobs.file(id, "readings.csv")}>{words.csv}</Download>,
       })}
     >
-      {(result, { job, robot }) => {
-        const struck = Object.entries(result.struck_out).map(
-          ([reason, count]) => `${words.struck[reason] ?? reason} ${count}`,
-        );
-        return (
-          <>
-            <Postures plan={job} result={result} robot={robot} />
-            <p class="note good">{words.certified(percent(result.efficiency), words.criteria[result.criterion])}</p>
-            <JobTables collection="plans" id={id} to={1} />
-            <p class="soft">
-              {words.feasible(result.feasible, result.considered)}
-              {struck.length > 0 && ` (${struck.join(", ")})`}. {result.elastic_links && words.links}{" "}
-              {result.left_out.length > 0 && words.leftOut(result.left_out)}
-            </p>
-          </>
-        );
-      }}
+      {(result, { job, robot }) => (
+        <>
+          <Postures plan={job} result={result} robot={robot} />
+          <JobLines collection="plans" id={id} />
+          <JobTables collection="plans" id={id} to={1} />
+        </>
+      )}
     </JobPage>
   );
 }

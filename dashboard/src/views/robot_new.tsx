@@ -8,7 +8,7 @@ import { fixed } from "../lib/format";
 import { cached, useLoad, namesChanged } from "../state/load";
 import { text } from "../i18n";
 import { later } from "../i18n/later";
-import { JointMapTable, RowsTable } from "./robots";
+import { JointMapTable, JointsTable } from "./robots";
 import { SchemaFields, type Terms, DropZone } from "../components/schema_form";
 import { type Fields, unreadIn, contentKey } from "../lib/json";
 import { Arm } from "../scene/view";
@@ -73,7 +73,7 @@ export function ArmFacts({ arm }: { arm: NominalArm }) {
   return (
     <>
       <p class="note warn">{words.nominalNote}</p>
-      <RowsTable model={arm.model} />
+      <JointsTable joints={arm.model.rows.map((row) => ({ name: "", ...row }))} rows={arm.model.rows} />
       <Facts
         facts={[
           { label: words.reach, value: reachOf(arm) },

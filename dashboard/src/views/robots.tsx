@@ -6,7 +6,20 @@ import { degrees, position, positionUnit } from "../lib/stiffness";
 import { text } from "../i18n";
 import { later } from "../i18n/later";
 import { api, every } from "../api/client";
-import { dayText, LinkButton, Empty, Head, Name, Show, Tabs, Toggle, Facts, Badge, Title } from "../components/basics";
+import {
+  dayText,
+  LinkButton,
+  MeasureLink,
+  Empty,
+  Head,
+  Name,
+  Show,
+  Tabs,
+  Toggle,
+  Facts,
+  Badge,
+  Title,
+} from "../components/basics";
 import { useLoad, valueOf, type Names, useNames, storedRobot } from "../state/load";
 import { link } from "../state/action";
 import { MOST_RUNS, runRows } from "./runs";
@@ -18,46 +31,49 @@ import { wasMeasured } from "../lib/campaign";
 import { Arm } from "../scene/view";
 import { changeText } from "../lib/trend";
 
+const words = later.robots;
+
 /** Millimetres and degrees without the noise of their factors. */
 const plain = (value: number): string => String(Number(value.toFixed(6))).replace("-", "\u2212");
 
-const limit = (value: number | null | undefined, kind: JointKind, unit: boolean): string =>
-  value === null || value === undefined
-    ? later.robots.unknown
-    : `${fixed(position(value, kind), 0)}${unit ? positionUnit(kind) : ""}`;
-
-export function RowsTable({ model }: { model: DhModel }) {
-  const words = later.robots;
+/** Joints with their limits, and the rows of their DH table where there is one. */
+export function JointsTable({ joints, rows }: { joints: Robot["joints"]; rows?: DhModel["rows"] }) {
   const { mm, deg } = text.units;
-  const slides = model.rows.some(({ kind }) => kind === "prismatic");
+  const slides = joints.some(({ kind }) => kind === "prismatic");
+  const limit = (value: number | null, kind: JointKind) =>
+    value === null
+      ? words[rows ? "unknown" : "unlimited"]
+      : `${fixed(position(value, kind), 0)}${slides ? positionUnit(kind) : ""}`;
   return (
     <DataTable
-      caption={words.table}
+      caption={rows ? words.table : words.limits}
       table={{
         columns: [
           text.run.joint,
-          { title: words.column.a, unit: mm, show: plain },
-          { title: words.column.alpha, unit: deg, show: plain },
-          { title: words.column.d, unit: mm, show: plain },
-          { title: words.column.theta, unit: deg, show: plain },
-          ...(slides ? [words.lower, words.upper] : alike([words.lower, words.upper], deg)),
+          ...(rows
+            ? (["a", "alpha", "d", "theta"] as const).map((name) => ({
+                title: words.column[name],
+                unit: name === "a" || name === "d" ? mm : deg,
+                show: plain,
+              }))
+            : []),
+          ...alike([words.lower, words.upper], slides ? undefined : deg),
         ],
-        rows: model.rows.map((row, i) => [
-          slides ? `${i + 1}, ${words.kinds[row.kind]}` : String(i + 1),
-          row.a * 1e3,
-          degrees(row.alpha),
-          row.d * 1e3,
-          degrees(row.theta),
-          limit(row.lower, row.kind, slides),
-          limit(row.upper, row.kind, slides),
-        ]),
+        rows: joints.map(({ name, kind, lower, upper }, i) => {
+          const row = rows?.[i];
+          return [
+            rows && slides ? `${i + 1}, ${words.kinds[kind]}` : rows ? String(i + 1) : name,
+            ...(row ? [row.a * 1e3, degrees(row.alpha), row.d * 1e3, degrees(row.theta)] : []),
+            limit(lower, kind),
+            limit(upper, kind),
+          ];
+        }),
       }}
     />
   );
 }
 
 export function JointMapTable({ map, kinds }: { map: JointMap; kinds: JointKind[] }) {
-  const words = later.robots;
   const joints = map.matrix.map((_, i) => ({ title: String(i + 1), show: plain }));
   return (
     <DataTable
@@ -91,33 +107,25 @@ export function newestOf(runs: RunSummary[], sets: ReadonlyMap<string, Measured>
     });
 }
 
-async function twinsOf(robot: Robot, signal: AbortSignal): Promise<RunColumn[]> {
-  const { items: robots } = await api.robots.list({ content_hash: robot.content_hash, limit: MOST }, signal);
-  const each = <Item,>(list: (of: { robot_id: string }) => Promise<Item[]>) =>
-    Promise.all(robots.map(({ id }) => list({ robot_id: id }))).then((lists) => lists.flat());
-  const [sets, runs] = await Promise.all([
-    each((of) => every(api.sets.list, of, 100, signal)),
-    each((of) => every(api.runs.list, { ...of, state: "succeeded" }, 100, signal)),
-  ]);
-  const known = new Map(sets.map((set) => [set.id, set]));
-  const names = new Map(robots.map(({ id, name }) => [id, name]));
+async function twinsOf(robot: Robot, names: Names, signal: AbortSignal): Promise<RunColumn[]> {
+  const alike = names.robots.filter(({ content_hash: hash }) => hash === robot.content_hash).slice(0, MOST);
+  const sets = new Map([...names.sets, ...names.archived.sets].map((set) => [set.id, set]));
+  const runs = alike.map(({ id }) => every(api.runs.list, { robot_id: id, state: "succeeded" }, 100, signal));
+  const newest = newestOf((await Promise.all(runs)).flat(), sets).slice(0, MOST);
   return Promise.all(
-    newestOf(runs, known)
-      .slice(0, MOST)
-      .map(async ({ id, robot_id: of, measurement_set_id: setId, created_at: created }) => {
-        const set = known.get(setId);
-        const encoders = set && text.files.encoders[set.encoders];
-        const note = [set?.serial_number, dayText(set?.measured_at ?? created), encoders].filter(Boolean).join(", ");
-        return { run: await api.runs.one(id, signal), name: names.get(of) ?? of, note };
-      }),
+    newest.map(async ({ id, robot_id: of, measurement_set_id: setId, created_at: created }) => {
+      const set = sets.get(setId);
+      const encoders = set && text.files.encoders[set.encoders];
+      const note = [set?.serial_number, dayText(set?.measured_at ?? created), encoders].filter(Boolean).join(", ");
+      return { run: await api.runs.one(id, signal), name: names.robot(of), note };
+    }),
   );
 }
 
 /** Nothing, while there is only one robot of the kind. */
-export function Twins({ robot }: { robot: Robot }) {
-  const twins = valueOf(useLoad((signal) => twinsOf(robot, signal), [robot.id, robot.content_hash])) ?? [];
+function Twins({ robot, names }: { robot: Robot; names: Names }) {
+  const twins = valueOf(useLoad((signal) => twinsOf(robot, names, signal), [robot.id, names])) ?? [];
   if (twins.length < 2) return null;
-  const words = later.robots;
   const ids = twins.slice(0, MOST_RUNS).map(({ run }) => run.id);
   return (
     <section class="card">
@@ -127,8 +135,6 @@ export function Twins({ robot }: { robot: Robot }) {
     </section>
   );
 }
-
-const words = later.robots;
 
 export function RobotsView({ list }: { list: "robots" | "sets" }) {
   const title = list === "robots" ? words.title : words.sets;
@@ -239,11 +245,9 @@ export const NoRobots = () => (
   </Empty>
 );
 
-const NoSets = () => (
+export const NoSets = () => (
   <Empty title={words.setsNone} hint={words.setsNoneHint}>
-    <LinkButton look="primary" href="#/">
-      {text.app.measure}
-    </LinkButton>
+    <MeasureLink />
   </Empty>
 );
 
@@ -255,11 +259,11 @@ export function useRunsOf(filter: { robot_id?: string; measurement_set_id?: stri
 export function RobotTabs({ current }: { current: "robots" | "sets" | "geometries" | "fleet" }) {
   return (
     <Tabs
-      label={later.robots.tabs}
+      label={words.tabs}
       current={current}
       tabs={[
-        { id: "robots", label: later.robots.title, href: "#/robots" },
-        { id: "sets", label: later.robots.sets, href: "#/sets" },
+        { id: "robots", label: words.title, href: "#/robots" },
+        { id: "sets", label: words.sets, href: "#/sets" },
         { id: "geometries", label: later.geometry.title, href: "#/geometries" },
         { id: "fleet", label: text.fleet.title, href: "#/fleet" },
       ]}
@@ -291,19 +295,19 @@ function RobotPage({ robot, changed }: { robot: Robot; changed: () => void }) {
         about={
           <>
             <span>{text.lists.jointCount(robot.joints.length)}</span>
-            {names && <span>{later.robots.setCount(sets.length)}</span>}
+            {names && <span>{words.setCount(sets.length)}</span>}
             {robot.archived && <span>{text.changes.archived}</span>}
           </>
         }
         first={
           <LinkButton look="primary" href={link([], { robot: robot.id })}>
-            {later.robots.use}
+            {words.use}
           </LinkButton>
         }
       >
         <LinkButton href={link(["measure"], { robot: robot.id })}>{later.measure.title}</LinkButton>
         <LinkButton href={link(["plans"], { robot: robot.id })}>{later.plan.begin}</LinkButton>
-        <LinkButton href={link(["compare", "trend", robot.id])}>{later.robots.trend}</LinkButton>
+        <LinkButton href={link(["compare", "trend", robot.id])}>{words.trend}</LinkButton>
         <StoredActions of={robot} api={api.robots} list="#/robots" changed={changed} />
       </Head>
       <AlarmNote robot={robot.id} alarms={names?.robots.find(({ id }) => id === robot.id)?.alarms ?? robot.alarms} />
@@ -312,20 +316,20 @@ function RobotPage({ robot, changed }: { robot: Robot; changed: () => void }) {
           <Arm source={{ robot_id: robot.id }} start={null} />
         </section>
         <section class="card">
-          <h2>{later.robots.facts}</h2>
+          <h2>{words.facts}</h2>
           <Kinematics robot={robot} />
         </section>
       </div>
-      <Twins robot={robot} />
+      {names && <Twins robot={robot} names={names} />}
       <section class="list">
-        <h2>{later.robots.listOf}</h2>
+        <h2>{words.listOf}</h2>
         {rows.length > 0 ? (
           <>
             <FilterBar filter={filter} change={change} judged />
             <Rows rows={chosen(rows, filter)} />
           </>
         ) : (
-          <Empty title={later.robots.setsNone} hint={later.robots.setsNoneHint} />
+          <Empty title={words.setsNone} hint={words.setsNoneHint} />
         )}
       </section>
     </>
@@ -335,10 +339,6 @@ function RobotPage({ robot, changed }: { robot: Robot; changed: () => void }) {
 function Kinematics({ robot }: { robot: Robot }) {
   const { wrist } = robot;
   const miss = wrist.miss_distance;
-  const words = later.robots;
-  const limit = (value: number | null, kind: JointKind) =>
-    value === null ? words.unlimited : `${fixed(position(value, kind), 0)}${slides ? positionUnit(kind) : ""}`;
-  const slides = robot.joints.some(({ kind }) => kind === "prismatic");
   return (
     <>
       {robot.nominal_arm && <p class="note warn">{words.nominalNote}</p>}
@@ -361,24 +361,12 @@ function Kinematics({ robot }: { robot: Robot }) {
           ...(robot.joint_map ? [] : [{ label: words.map, value: words.identity }]),
         ]}
       />
-      {robot.model.format === "dh" && <RowsTable model={robot.model} />}
+      <JointsTable joints={robot.joints} {...(robot.model.format === "dh" ? { rows: robot.model.rows } : {})} />
       {robot.joint_map && (
         <>
           <h3>{words.map}</h3>
           <JointMapTable map={robot.joint_map} kinds={robot.joints.map(({ kind }) => kind)} />
         </>
-      )}
-      {robot.model.format === "urdf" && (
-        <DataTable
-          caption={words.limits}
-          table={{
-            columns: [
-              text.run.joint,
-              ...(slides ? [words.lower, words.upper] : alike([words.lower, words.upper], text.units.deg)),
-            ],
-            rows: robot.joints.map(({ name, kind, lower, upper }) => [name, limit(lower, kind), limit(upper, kind)]),
-          }}
-        />
       )}
     </>
   );

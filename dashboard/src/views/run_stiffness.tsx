@@ -170,12 +170,6 @@ export function StiffnessPart({ context, result }: { context: RunContext; result
         }
       />
       {result.links && <ElementShares links={result.links} />}
-      {result.selection && (
-        <p class="note">
-          {linksWords.thisRun(text.elasticities[result.selection.chosen], text.losses[result.selection.chosen_loss])}{" "}
-          {linksWords.selected(text.elasticities[result.selection.simplest], text.elasticities[result.selection.best])}
-        </p>
-      )}
       {(result.links || result.selection || result.resampling) && <JobTables collection="runs" id={run.id} from={1} />}
       <Further warnings={unsaid(result.warnings, result.assessment.reasons)} />
       <Evidence context={context} result={result} />
@@ -260,14 +254,7 @@ function ElementShares({ links }: { links: Links }) {
   }));
   const rows = [...named, { name: linksWords.unexplained, share: links.unexplained, note: "" }];
   return (
-    <Figure
-      title={linksWords.elements}
-      note={`${linksWords.elementsNote} ${linksWords.chosenBy(
-        linksWords.sources[links.model_source],
-        `${text.losses[links.loss]} ${linksWords.sources[links.loss_source]}`,
-        `${significant(links.penalty, 2)} ${linksWords.sources[links.penalty_source]}`,
-      )}`}
-    >
+    <Figure title={linksWords.elements} note={linksWords.elementsNote}>
       {(width) => <Shares shares={rows} width={width} label={linksWords.elements} />}
     </Figure>
   );

@@ -2,7 +2,7 @@
 import type { ComponentChildren } from "preact";
 import { useEffect, useRef, useState, useCallback } from "preact/hooks";
 import { api, problemOf, type Collection, follow, goesOn, type Standing } from "../api/client";
-import type { Page, Problem, RunState, RunSummary, Usability } from "../api/types";
+import type { Page, Problem, RunRequest, RunState, RunSummary, Usability } from "../api/types";
 import { AlarmState, chosen, FilterBar, type Row, Rows, useFilter } from "../components/list";
 import {
   Badge,
@@ -10,7 +10,7 @@ import {
   Button,
   Empty,
   Icon,
-  LinkButton,
+  MeasureLink,
   Name,
   ProblemNote,
   State,
@@ -121,22 +121,20 @@ export function JobList<Of extends Collection>({
     address?.(Object.fromEntries(Object.entries(said).filter(([, value]) => value !== "")));
   }, [filter, shown, address]);
 
+  const failed = (error: unknown) => toast(problemOf(error).detail);
   const restore = (item: Summary<Of>) =>
-    void api.jobs.restore(item.id).then(
-      () => {
-        if (deleted) take(item.id);
-        else put(item);
-        toast(words.restored);
-      },
-      (error: unknown) => toast(problemOf(error).detail),
-    );
+    void api.jobs.restore(item.id).then(() => {
+      if (deleted) take(item.id);
+      else put(item);
+      toast(words.restored);
+    }, failed);
   const remove = (item: Summary<Of>, name: string) => {
     take(item.id);
     api.jobs.delete(item.id).then(
       () => toast(words.deleted(name), { label: text.runs.undo, run: () => restore(item) }),
       (error: unknown) => {
         put(item);
-        toast(problemOf(error).detail);
+        failed(error);
       },
     );
   };
@@ -166,6 +164,17 @@ export function JobList<Of extends Collection>({
   });
   const found = chosen(rows, filter);
   const plain = shown === "all" && filter.robot === "" && filter.verdict === "";
+  const nothing = deleted ? (
+    <Empty title={words.noneDeleted} hint={words.deletedHint} />
+  ) : items?.length === 0 && plain ? (
+    <Empty title={words.none} hint={collection === "runs" ? words.noneHint : words.noneAbove}>
+      {collection === "runs" && <MeasureLink />}
+    </Empty>
+  ) : (
+    <Empty title={words.noMatch} hint={words.noMatchHint}>
+      <Button onClick={() => change({ q: "", robot: "", verdict: "" })}>{text.runs.clear}</Button>
+    </Empty>
+  );
   return (
     <section class="list">
       {title !== undefined && <h2>{title}</h2>}
@@ -192,21 +201,7 @@ export function JobList<Of extends Collection>({
           {members.length > 0 && <Rows rows={members} />}
         </section>
       ))}
-      {items && found.length === 0 && deleted && <Empty title={words.noneDeleted} hint={words.deletedHint} />}
-      {items?.length === 0 && plain && (
-        <Empty title={words.none} hint={collection === "runs" ? words.noneHint : words.noneAbove}>
-          {collection === "runs" && (
-            <LinkButton look="primary" href="#/">
-              {text.app.measure}
-            </LinkButton>
-          )}
-        </Empty>
-      )}
-      {items && found.length === 0 && !deleted && !(items.length === 0 && plain) && (
-        <Empty title={words.noMatch} hint={words.noMatchHint}>
-          <Button onClick={() => change({ q: "", robot: "", verdict: "" })}>{text.runs.clear}</Button>
-        </Empty>
-      )}
+      {items && found.length === 0 && nothing}
       {more && <Button onClick={more}>{text.app.more}</Button>}
     </section>
   );
@@ -229,25 +224,24 @@ function JobStanding({ job, live }: { job: Listed; live: boolean }) {
 }
 
 /** What a listing tells of a result. */
-function Figures({
-  of: { compensation, joints_identified: found, joint_count: count, warning_count: warnings },
-}: {
-  of: Pick<RunSummary, "compensation" | "joints_identified" | "joint_count" | "warning_count">;
-}) {
-  const figure = (value: string | null, label: string) => (
-    <span>
-      {value !== null && (
-        <>
-          <b>{value}</b> <small>{label}</small>
-        </>
-      )}
-    </span>
-  );
+function Figures({ of }: { of: RunSummary }) {
+  const { compensation, joints_identified: found, joint_count: count, warning_count: warnings } = of;
+  const told = [
+    [compensation === null ? null : percent(compensation), text.lists.explained],
+    [found === null ? null : text.evidence.rankOf(found, count ?? found), text.lists.joints],
+    [warnings ? String(warnings) : null, text.lists.warnings(warnings ?? 0)],
+  ];
   return (
     <span class="figures">
-      {figure(compensation === null ? null : percent(compensation), text.lists.explained)}
-      {figure(found === null ? null : text.evidence.rankOf(found, count ?? found), text.lists.joints)}
-      {figure(warnings ? String(warnings) : null, text.lists.warnings(warnings ?? 0))}
+      {told.map(([value, label]) => (
+        <span>
+          {value && (
+            <>
+              <b>{value}</b> <small>{label}</small>
+            </>
+          )}
+        </span>
+      ))}
     </span>
   );
 }
@@ -307,27 +301,33 @@ function usePages<Of extends Collection>(collection: Of, filters: Record<string,
 /** As many are compared as there are marks. */
 export const MOST_RUNS = 4;
 
+type Asked = Pick<RunSummary, "method" | "positive" | "weighting" | "elasticity" | "leave_out" | "variant_of"> &
+  Partial<Pick<RunRequest, "loss">>;
+
+/** How a run was made: its method, then what is not usual. */
+const waysOf = ({ positive, weighting, elasticity, loss, leave_out: left, variant_of: origin }: Asked): string[] => [
+  positive ? text.options.constrained : text.options.unconstrained,
+  ...(weighting === "covariance" ? [] : [text.weightings[weighting]]),
+  ...(elasticity === "joints" || elasticity === "automatic" ? [] : [text.elasticities[elasticity]]),
+  ...(loss === "huber" ? [text.assessment.changed.loss.huber] : []),
+  ...(left.length > 0 ? [text.lists.without(left)] : []),
+  ...(origin === null ? [] : [text.assessment.variant]),
+];
+
+export const howOf = (run: Asked): string => [text.methods[run.method], ...waysOf(run)].join(", ");
+
 /** What a run is about, as a row says it. */
 function rowOf(run: RunSummary, names: Names | null): Pick<Row, "name"> & Partial<Row> {
-  const name = names?.set(run.measurement_set_id) ?? "…";
-  const constraint = run.positive ? text.options.constrained : text.options.unconstrained;
-  const elasticity = run.elasticity === "joints" ? "" : text.elasticities[run.elasticity];
-  const details = [
-    constraint,
-    ...(run.weighting === "covariance" ? [] : [text.weightings[run.weighting]]),
-    ...(elasticity ? [elasticity] : []),
-    ...(run.leave_out.length > 0 ? [text.lists.without(run.leave_out)] : []),
-    ...(run.variant_of === null ? [] : [text.assessment.variant]),
-  ];
+  const method = text.methods[run.method];
   return {
-    name,
+    name: names?.set(run.measurement_set_id) ?? "…",
     how: (
       <>
-        {text.methods[run.method]}
-        <small>{details.join(", ")}</small>
+        {method}
+        <small>{waysOf(run).join(", ")}</small>
       </>
     ),
-    words: [text.methods[run.method], text.glossary[run.method][0], ...details],
+    words: [method, text.glossary[run.method][0], ...waysOf(run)],
   };
 }
 
@@ -344,21 +344,17 @@ export const RunList = ({ runs, names }: { runs: RunSummary[]; names: Names | nu
 
 /** Rows of variants beneath that of the run they began with, whatever they vary in between. */
 function nested(rows: Row[], runs: RunSummary[]): Row[] {
-  const known = new Map(runs.map((run) => [run.id, run]));
-  const rootOf = (run: RunSummary): RunSummary => {
-    const parent = run.variant_of === null ? undefined : known.get(run.variant_of);
-    return parent && parent !== run ? rootOf(parent) : run;
+  const origins = new Map(runs.map((run) => [run.id, run.variant_of]));
+  const shown = new Set(rows.map(({ id }) => id));
+  const rootOf = (id: string): string => {
+    const origin = origins.get(id);
+    return origin && origins.has(origin) ? rootOf(origin) : id;
   };
-  const ids = new Set(rows.map(({ id }) => id));
-  const under = new Map<string, Row[]>();
-  const roots: Row[] = [];
-  for (const row of rows) {
-    const run = known.get(row.id);
-    const root = run ? rootOf(run).id : row.id;
-    if (root === row.id || !ids.has(root)) roots.push(row);
-    else under.set(root, [...(under.get(root) ?? []), row]);
-  }
-  return roots.map((row) => ({ ...row, under: under.get(row.id) ?? [] }));
+  const families = Map.groupBy(rows, ({ id }) => (shown.has(rootOf(id)) ? rootOf(id) : id));
+  return rows.flatMap((row) => {
+    const family = families.get(row.id);
+    return family ? [{ ...row, under: family.filter((one) => one !== row) }] : [];
+  });
 }
 
 export function RunsView({ query }: { query: URLSearchParams }) {
@@ -398,11 +394,7 @@ export function RunsView({ query }: { query: URLSearchParams }) {
         }
         arrange={(rows, runs) => {
           const sets = new Map(runs.map((run) => [run.id, run.measurement_set_id]));
-          const groups = new Map<string | undefined, Row[]>();
-          for (const row of nested(rows, runs)) {
-            const set = grouped ? sets.get(row.id) : undefined;
-            groups.set(set, [...(groups.get(set) ?? []), row]);
-          }
+          const groups = Map.groupBy(nested(rows, runs), ({ id }) => (grouped ? sets.get(id) : undefined));
           return [...groups].map(([set, members]) => [
             set !== undefined && (
               <h2 class="group">

@@ -1,6 +1,6 @@
 /** Each joint of one robot over its campaigns: charts against a baseline, alarms, and new baselines. */
 import { significant, pValue, extent, logarithmic } from "../lib/format";
-import { dayText, Button, Form, Name, When, Badge, Empty, Head, LinkButton, Show } from "../components/basics";
+import { dayText, Button, Form, Name, When, Badge, Empty, Head, MeasureLink, Show } from "../components/basics";
 import { go, useAction, link } from "../state/action";
 import { LeftAxis, Chart, Figure, Legend } from "../charts/figure";
 import { useState } from "preact/hooks";
@@ -353,9 +353,7 @@ function Charts({ trend, reload }: Noted) {
     return (
       <>
         <Empty title={words.none} hint={words.noneHint}>
-          <LinkButton look="primary" href={link([], { robot: trend.robot_id })}>
-            {text.app.measure}
-          </LinkButton>
+          <MeasureLink robot={trend.robot_id} />
         </Empty>
         <LeftOut trend={trend} />
       </>
