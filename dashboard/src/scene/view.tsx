@@ -36,7 +36,7 @@ export interface Show {
 }
 
 /** What a view without a result shows: the arm alone. */
-export const ARM_ALONE = {
+const ARM_ALONE = {
   measured: [],
   predicted: [],
   load: null,
@@ -49,8 +49,8 @@ export const ARM_ALONE = {
   bend: [],
 } satisfies Omit<Show, "posture">;
 
-interface ArmViewProps {
-  show: Show;
+interface ArmViewProps extends Partial<Omit<Show, "posture">> {
+  posture: Posture;
   /** What the view must hold, all the time. */
   room: Vector[];
   label: string;
@@ -60,7 +60,15 @@ interface ArmViewProps {
   bends?: number;
 }
 
-export function ArmView({ show, room, label, resets = 0, bends = 0 }: ArmViewProps) {
+/** The arm in a posture, once that is there, with what is drawn beside it. */
+export const ArmView = ({
+  posture,
+  ...rest
+}: Omit<ArmViewProps, "posture"> & { posture: Posture | null | undefined }) =>
+  posture ? <Drawing posture={posture} {...rest} /> : <Busy label={text.scene.loading} />;
+
+function Drawing({ room, label, resets = 0, bends = 0, ...drawn }: ArmViewProps) {
+  const show: Show = { ...ARM_ALONE, ...drawn };
   const canvas = useRef<HTMLCanvasElement>(null);
   const [stage, setStage] = useState<Stage | "none" | null>(null);
   useEffect(() => {
@@ -81,8 +89,8 @@ export function ArmView({ show, room, label, resets = 0, bends = 0 }: ArmViewPro
     };
   }, []);
   const drawing = stage === "none" ? null : stage;
-  useEffect(() => drawing?.room(room), [drawing, room]);
-  useEffect(() => drawing?.show(show), [drawing, show]);
+  useEffect(() => drawing?.room(room), [drawing, JSON.stringify(room)]);
+  useEffect(() => drawing?.show(show), [drawing, JSON.stringify(show)]);
   useEffect(() => {
     if (resets > 0) drawing?.reset();
   }, [resets]);
@@ -131,20 +139,18 @@ export function Arm({ source, start, sliders = true }: ArmProps) {
     const reach = Math.max(0.3, ...points.map((p) => Math.hypot(...p)));
     return [...points, ...TURNED.map((f) => [f * reach, f * reach * 0.6, 0] as const)];
   }, [JSON.stringify(source), startKey, posture === undefined]);
-  const show = useMemo(() => posture && { posture, ...ARM_ALONE, names }, [posture, names.join()]);
   const current = names.map((_, i) => angles?.[i] ?? 0);
   return (
     <div class="arm">
       {problem && <ProblemNote problem={problem} />}
-      {!show && !problem && <Busy label={text.scene.loading} />}
-      {show && <ArmView show={show} room={room} label={text.scene.canvasPlain} />}
-      {show && sliders && (
+      {(posture || !problem) && <ArmView {...{ posture, names, room }} label={text.scene.canvasPlain} />}
+      {posture && sliders && (
         <details class="sliders">
           <summary>{later.robots.sliders}</summary>
           {names.map((name, i) => (
             <Slider
               name={name}
-              kind={posture?.joint_kinds[i] ?? "revolute"}
+              kind={posture.joint_kinds[i] ?? "revolute"}
               value={current[i] ?? 0}
               change={(value) => setAngles(current.map((old, j) => (j === i ? value : old)))}
             />

@@ -1,8 +1,8 @@
 /** Geometries: where they start, and one with its axes, its evidence, and a robot made of it. */
-import type { Geometry, GeometryResult, RobotDocument, RobotRequest, RobotSource } from "../api/types";
+import type { Geometry, GeometryResult, RobotDocument, RobotRequest } from "../api/types";
 import { JobLines, JobTables, JobPage, VerdictCard } from "../components/job_page";
 import { later } from "../i18n/later";
-import { useMemo, useState, useEffect } from "preact/hooks";
+import { useState, useEffect } from "preact/hooks";
 import { api } from "../api/client";
 import { Arm } from "../scene/view";
 import { ActionButton, Facts, Title } from "../components/basics";
@@ -37,7 +37,7 @@ export function GeometryView({ id }: { id: string }) {
 }
 
 function Found({ geometry, result }: { geometry: Geometry; result: GeometryResult }) {
-  const source = useMemo(() => ({ robot: result.robot as RobotDocument }), [result]);
+  const source = { robot: result.robot as RobotDocument };
   return (
     <>
       <VerdictCard assessment={result.assessment} context={null} sentences={words.verdicts} />
@@ -153,10 +153,8 @@ function Start({ readings }: { readings: Readings }) {
   const known = valueOf(useNames());
   const [chosen, setChosen] = useState(readings.robot ? FROM_FILE : (readings.robotId ?? ""));
   const needed = readings.facts.poses !== null;
-  const source = useMemo<RobotSource | null>(() => {
-    if (chosen === FROM_FILE && readings.robot) return { robot: readings.robot };
-    return chosen && chosen !== FROM_FILE ? { robot_id: chosen } : null;
-  }, [chosen, readings]);
+  const stored = chosen && chosen !== FROM_FILE ? { robot_id: chosen } : null;
+  const source = chosen === FROM_FILE && readings.robot ? { robot: readings.robot } : stored;
   const start = useAction(async () => {
     const request = { ...readings.request, ...source };
     const made = await api.geometries.add(request, contentKey("geometry", request));

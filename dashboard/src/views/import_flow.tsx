@@ -312,7 +312,6 @@ export function ImportFlow({
   const set = answer?.measurement_set ?? null;
   const facts = set ? factsOf(set as never) : null;
   const length = facts?.units?.length ?? lengthOfFiles(answer) ?? text.units.mm;
-  const source = useMemo(() => (robot ? { robot_id: robot } : null), [robot]);
   const identify = useAction(async () => {
     if (!answer || !set) return;
     const noise = statesNoise(form.noise) ? noiseOf(form.noise, set.noise as never, set.units as Units) : set.noise;
@@ -380,8 +379,8 @@ export function ImportFlow({
           </p>
         )}
         {answer?.findings && <Findings warnings={answer.findings} />}
-        {source ? (
-          <Arm source={source} start={facts?.firstJoints ?? null} sliders={false} />
+        {robot ? (
+          <Arm source={{ robot_id: robot }} start={facts?.firstJoints ?? null} sliders={false} />
         ) : (
           <p class="stage blank">{text.start.armHere}</p>
         )}

@@ -1,5 +1,5 @@
 /** A campaign while it is measured: one posture a screen, what the readings say so far, and doubts while the weight hangs. */
-import { useEffect, useMemo, useState } from "preact/hooks";
+import { useEffect, useState } from "preact/hooks";
 import { api } from "../api/client";
 import type { ImportOptions, JointKind, LiveState, OpenSet, Robot } from "../api/types";
 import {
@@ -41,7 +41,7 @@ import {
 import { sentence } from "../lib/said";
 import { position, labelOf, inUnit } from "../lib/stiffness";
 import { type Vector, norm, times } from "../lib/vector";
-import { ARM_ALONE, ArmView, roomOf } from "../scene/view";
+import { ArmView, roomOf } from "../scene/view";
 import { useAction, go, link, toast } from "../state/action";
 import { useLoad, valueOf, namesChanged, storedRobot, useKinematics } from "../state/load";
 import { recalled, remember, useSettings } from "../state/session";
@@ -278,20 +278,7 @@ function Posture({ set, robot, kinds, label, stand, state, simulated, isOwn, bac
   };
   const { kinematics, problem } = useKinematics({ robot_id: robot.id }, [stand.joints]);
   const posture = kinematics?.postures[0];
-  const room = useMemo(
-    () => (posture ? roomOf([posture]).flatMap((place) => [place, times(place, WITH_LABELS)]) : []),
-    [posture],
-  );
-  const show = useMemo(
-    () =>
-      posture && {
-        posture,
-        ...ARM_ALONE,
-        load: norm(stand.force) > 0 ? { from: posture.flange_origin as Vector, along: stand.force } : null,
-        names: robot.joints.map(({ name }) => name),
-      },
-    [posture],
-  );
+  const room = posture ? roomOf([posture]).flatMap((place) => [place, times(place, WITH_LABELS)]) : [];
   const lacking = unread(rows, unloadedOnly);
   const simulate = (mistake: boolean) => {
     if (!posture) return;
@@ -309,10 +296,14 @@ function Posture({ set, robot, kinds, label, stand, state, simulated, isOwn, bac
       <h2 id="posture">
         {words.next(label)} {isOwn && <small class="soft">{isOwn}</small>}
       </h2>
-      {show ? (
-        <ArmView show={show} room={room} label={words.drawn(label)} />
-      ) : (
-        !problem && <Busy label={text.scene.loading} />
+      {(posture || !problem) && (
+        <ArmView
+          posture={posture}
+          load={posture && norm(stand.force) > 0 ? { from: posture.flange_origin, along: stand.force } : null}
+          names={robot.joints.map(({ name }) => name)}
+          room={room}
+          label={words.drawn(label)}
+        />
       )}
       {problem && <p class="soft">{problem.title}</p>}
       <p class="angles big">

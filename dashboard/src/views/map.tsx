@@ -1,5 +1,5 @@
 /** A map: slices with their numbers, the robot at the chosen place, and the same by another run beside it. */
-import { useMemo, useRef, useState } from "preact/hooks";
+import { useRef, useState } from "preact/hooks";
 import {
   type MapPlace,
   type Slice,
@@ -21,9 +21,9 @@ import { Going, JobPage, JobLines } from "../components/job_page";
 import { freshKey } from "../lib/json";
 import { postureText } from "../lib/stiffness";
 import { norm } from "../lib/vector";
-import { ARM_ALONE, type Show as Shown, ArmView, roomOf } from "../scene/view";
+import { ArmView, roomOf } from "../scene/view";
 import { asking, useAction, link } from "../state/action";
-import { cached, useCached, useLoad, valueOf, useKinematics, storedSet } from "../state/load";
+import { cached, useCached, useNames, valueOf, useKinematics } from "../state/load";
 import { later } from "../i18n/later";
 import { contextOfEnded, type RunContext } from "./run_context";
 
@@ -31,26 +31,14 @@ const AXES = ["x", "y", "z"] as const;
 const MARGIN = { left: 46, bottom: 40, top: 8, right: 8 };
 const HEIGHT = 440;
 
-export function SliceChart({
-  slice,
-  places,
-  values,
-  scale,
-  chosen,
-  choose,
-  width,
-  label,
-}: {
+interface SliceProps extends Pick<Look, "values" | "scale" | "chosen" | "choose"> {
   slice: Slice;
   places: MapPlace[];
-  values: number[];
-  /** Values of both ends of the colours. */
-  scale: readonly [number, number];
-  chosen: number | null;
-  choose: (place: number) => void;
   width: number;
   label: string;
-}) {
+}
+
+function SliceChart({ slice, places, values, scale, chosen, choose, width, label }: SliceProps) {
   const { u, v, cells } = slice;
   const columns = cells[0]?.length ?? 1;
   const position = (index: number | undefined, axis: 0 | 1 | 2) => places[index ?? 0]?.position[axis] ?? 0;
@@ -61,13 +49,8 @@ export function SliceChart({
   const high = Math.min(HEIGHT, Math.max(24, room * shape));
   const wide = Math.min(room, high / shape);
   const [w, h] = [wide / columns, high / cells.length];
-  const at = useMemo(() => {
-    for (const [row, line] of cells.entries()) {
-      const column = chosen === null ? -1 : line.indexOf(chosen);
-      if (column >= 0) return [row, column] as const;
-    }
-    return null;
-  }, [cells, chosen]);
+  const row = cells.findIndex((line) => chosen !== null && line.includes(chosen));
+  const at = row < 0 ? null : ([row, (cells[row] ?? []).indexOf(chosen ?? 0)] as const);
   const pick = (row: number, column: number) => {
     const index = cells[Math.min(cells.length - 1, Math.max(0, row))]?.[Math.min(columns - 1, Math.max(0, column))];
     if (index !== undefined) choose(index);
@@ -86,6 +69,16 @@ export function SliceChart({
     pick(row + (step[0] ?? 0), column + (step[1] ?? 0));
   };
   const height = high + MARGIN.top + MARGIN.bottom;
+  const { left, top } = MARGIN;
+  const mm = (index: number | undefined, axis: 0 | 1 | 2) => fixed(1e3 * position(index, axis), 0);
+  const ticks = [
+    [left, height - 22, "start", mm(cells[0]?.[0], u)],
+    [left + wide, height - 22, "end", mm(cells[0]?.at(-1), u)],
+    [left + wide / 2, height - 6, "middle", `${AXES[u]} [${text.units.mm}]`],
+    [left - 6, top + 10, "end", mm(cells[0]?.[0], v)],
+    [left - 6, top + high, "end", mm(cells.at(-1)?.[0], v)],
+    [left - 6, top + high / 2 + 4, "end", AXES[v]],
+  ] as const;
   return (
     <svg
       class="chart slice"
@@ -119,24 +112,11 @@ export function SliceChart({
           height={Math.max(h, 4)}
         />
       )}
-      <text class="tick" x={MARGIN.left} y={height - 22}>
-        {fixed(1e3 * position(cells[0]?.[0], u), 0)}
-      </text>
-      <text class="tick" x={MARGIN.left + wide} y={height - 22} text-anchor="end">
-        {fixed(1e3 * position(cells[0]?.at(-1), u), 0)}
-      </text>
-      <text class="tick" x={MARGIN.left + wide / 2} y={height - 6} text-anchor="middle">
-        {AXES[u]} [{text.units.mm}]
-      </text>
-      <text class="tick" x={MARGIN.left - 6} y={MARGIN.top + 10} text-anchor="end">
-        {fixed(1e3 * position(cells[0]?.[0], v), 0)}
-      </text>
-      <text class="tick" x={MARGIN.left - 6} y={MARGIN.top + high} text-anchor="end">
-        {fixed(1e3 * position(cells.at(-1)?.[0], v), 0)}
-      </text>
-      <text class="tick" x={MARGIN.left - 6} y={MARGIN.top + high / 2 + 4} text-anchor="end">
-        {AXES[v]}
-      </text>
+      {ticks.map(([x, y, anchor, said]) => (
+        <text class="tick" x={x} y={y} text-anchor={anchor}>
+          {said}
+        </text>
+      ))}
     </svg>
   );
 }
@@ -223,15 +203,9 @@ export function MapView({ id, beside }: { id: string; beside: string | null }) {
 
 function Explorer({ own, other }: { own: Loaded; other: Loaded | null }) {
   const { grid } = own.map.request;
-  const sides = useMemo(
-    () => [own, other].filter((one): one is Loaded => one !== null && one.places.length > 0),
-    [own, other],
-  );
+  const sides = [own, other].filter((one): one is Loaded => one !== null && one.places.length > 0);
   const [quantity, setQuantity] = useState<Quantity>("deflection");
-  const values = useMemo(
-    () => sides.map(({ places }) => places.map((place) => valueOfPlace(place, quantity))),
-    [sides, quantity],
-  );
+  const values = sides.map(({ places }) => places.map((place) => valueOfPlace(place, quantity)));
   const scale = extent(values.flat()) ?? [0, 1];
   const [across, setAcross] = useState<Axis>(() => thinnest(grid));
   const [chosen, setChosen] = useState(() => {
@@ -300,41 +274,31 @@ function Robot({ loaded: { places, set, map }, look }: { loaded: Loaded; look: L
   if (joints.length > 0) last.current = joints;
   const { kinematics } = useKinematics(last.current.length > 0 ? { robot_id: set.robot_id } : null, [last.current]);
   const posture = kinematics?.postures[0];
-  const drawn = useMemo(() => {
-    const kept = places.flatMap((place, i) => (Number.isFinite(values[i]) ? [{ place, i }] : []));
-    return {
-      places: kept.map(({ place }) => place.position),
-      shares: kept.map(({ i }) => share(values[i], scale)),
-      size: spacing(map) * 0.6,
-    };
-  }, [places, values, scale[0], scale[1]]);
-  const shown = useMemo<Shown | null>(
-    () =>
-      posture
-        ? {
-            ...ARM_ALONE,
-            axes: false,
-            posture,
-            cloud: drawn,
-            // A force that turns with the flange is not drawn: its direction differs from place to place.
-            load:
-              norm(map.request.force) > 0 && map.request.axes !== "flange"
-                ? { from: places[chosen]?.position ?? [0, 0, 0], along: map.request.force }
-                : null,
-          }
-        : null,
-    [posture, drawn, chosen],
+  const kept = places.flatMap((place, i) => (Number.isFinite(values[i]) ? [{ place, i }] : []));
+  if (!posture) return <div class="stage blank">{words.tap}</div>;
+  // A force that turns with the flange is not drawn: its direction differs from place to place.
+  const pulls = norm(map.request.force) > 0 && map.request.axes !== "flange";
+  return (
+    <ArmView
+      posture={posture}
+      axes={false}
+      cloud={{
+        places: kept.map(({ place }) => place.position),
+        shares: kept.map(({ i }) => share(values[i], scale)),
+        size: spacing(map) * 0.6,
+      }}
+      load={pulls ? { from: places[chosen]?.position ?? [0, 0, 0], along: map.request.force } : null}
+      room={[...roomOf([posture]), ...map.request.area]}
+      label={words.view}
+    />
   );
-  const room = useMemo(() => [...(posture ? roomOf([posture]) : []), ...map.request.area], [posture, map]);
-  if (!shown) return <div class="stage blank">{words.tap}</div>;
-  return <ArmView show={shown} room={room} label={words.view} />;
 }
 
 function Sliced({ loaded, look, label }: { loaded: Loaded; look: Look; label: string }) {
   const { map, places, run, set } = loaded;
   const { across, layer, chosen } = look;
   const [box, width] = useWidth<HTMLDivElement>();
-  const slice = useMemo(() => sliceOf(map.request.grid, across, layer), [map, across, layer]);
+  const slice = sliceOf(map.request.grid, across, layer);
   const place = places[chosen];
   return (
     <section class="card">
@@ -352,17 +316,16 @@ function Numbers({ place, map }: { place: MapPlace; map: WorkMap }) {
   const level = percent(map.request.confidence);
   const um = (value: number, width: number) => fixed(value * 1e6, Math.max(0, decimalsFor(width * 0.25e6)));
   const { mm, micrometre, micrometrePerNewton: perNewton } = text.units;
-  const position = { label: words.position, value: `${place.position.map((v) => fixed(1e3 * v, 0)).join(", ")} ${mm}` };
-  const angles = {
-    label: words.angles,
-    value: postureText(place.joints, Object.values(map.result?.joint_kinds ?? {}), 1),
-  };
-  const posed = place.joints.length > 0 ? [angles] : [];
+  const kinds = Object.values(map.result?.joint_kinds ?? {});
+  const standing = [
+    { label: words.position, value: `${place.position.map((v) => fixed(1e3 * v, 0)).join(", ")} ${mm}` },
+    ...(place.joints.length > 0 ? [{ label: words.angles, value: postureText(place.joints, kinds, 1) }] : []),
+  ];
   if (place.status !== "reached")
     return (
       <div aria-live="polite">
         <p class="note">{words.status[place.status]}</p>
-        <Facts facts={[position, ...posed]} />
+        <Facts facts={standing} />
       </div>
     );
   const interval = ([low, high]: readonly [number, number]) =>
@@ -382,8 +345,7 @@ function Numbers({ place, map }: { place: MapPlace; map: WorkMap }) {
           },
           { label: words.along, value: compliance(place.along) },
           { label: words.acrossIt, value: compliance(place.across) },
-          position,
-          ...posed,
+          ...standing,
         ]}
       />
       {place.extrapolation > 1.01 && <p class="note warn">{words.extrapolates(significant(place.extrapolation, 3))}</p>}
@@ -398,11 +360,7 @@ function Beside({ own, other }: { own: Loaded; other: Loaded | null }) {
       api.runs.list({ robot_id: own.set.robot_id, state: "succeeded", limit: 100 }),
     ),
   );
-  const sets = useLoad(async () => {
-    const ids = new Set((runs?.items ?? []).map((run) => run.measurement_set_id));
-    return new Map(await Promise.all([...ids].map(async (id) => [id, (await storedSet(id)).name] as const)));
-  }, [runs]);
-  const names = valueOf(sets);
+  const names = valueOf(useNames());
   const make = useAction(async (run: string) => {
     if (run === "") return link(["maps", own.map.id]);
     const stated = { ...own.map.request, run_id: run, accept_verdict: null };
@@ -413,7 +371,7 @@ function Beside({ own, other }: { own: Loaded; other: Loaded | null }) {
     .filter((run) => run.id !== own.run.id)
     .map((run) => ({
       value: run.id,
-      label: `${names?.get(run.measurement_set_id) ?? ""} · ${text.methods[run.method]}`,
+      label: `${names?.set(run.measurement_set_id) ?? ""} · ${text.methods[run.method]}`,
     }));
   if (options.length === 0) return null;
   return (

@@ -1,13 +1,13 @@
 /** Plans: where they start, and one with its promise, its certificate and its postures. */
-import { useMemo, useState, useEffect } from "preact/hooks";
+import { useState, useEffect } from "preact/hooks";
 import { api } from "../api/client";
 import type { JointKind, Plan, PlanResult, Robot } from "../api/types";
-import { Busy, Button, ActionButton, Show, Title, Download, LinkButton, Name, NameLink } from "../components/basics";
+import { Button, ActionButton, Show, Title, Download, LinkButton, Name, NameLink } from "../components/basics";
 import { fixed } from "../lib/format";
 import { type Planned, equipmentOf, unchanged, toFillIn } from "../lib/live";
 import { position, positionUnit } from "../lib/stiffness";
 import { type Vector, norm } from "../lib/vector";
-import { ARM_ALONE, ArmView, roomOf } from "../scene/view";
+import { ArmView, roomOf } from "../scene/view";
 import { useCached, valueOf, useLoad, type Names, useNames, storedSet, storedRobot } from "../state/load";
 import { text } from "../i18n";
 import { later } from "../i18n/later";
@@ -28,32 +28,11 @@ export function Postures({ plan, result, robot }: { plan: Plan; result: PlanResu
   const [chosen, choose] = useState(0);
   const { readings } = result;
   const shown = readings[chosen];
+  const joints = readings.map((each) => each.joints);
   const drawn = valueOf(
-    useCached(
-      `plan/${plan.id}`,
-      async () =>
-        (
-          await api.kinematics(
-            { robot_id: robot.id },
-            readings.map(({ joints }) => joints),
-          )
-        ).postures,
-      Number.POSITIVE_INFINITY,
-    ),
-  );
+    useCached(`plan/${plan.id}`, () => api.kinematics({ robot_id: robot.id }, joints), Number.POSITIVE_INFINITY),
+  )?.postures;
   const posture = drawn?.[chosen];
-  const room = useMemo(() => roomOf(drawn ?? []), [drawn]);
-  const show = useMemo(
-    () =>
-      posture &&
-      shown && {
-        posture,
-        ...ARM_ALONE,
-        load: { from: posture.flange_origin as Vector, along: shown.force as Vector },
-        names: robot.joints.map(({ name }) => name),
-      },
-    [posture, shown],
-  );
   return (
     <div class="flow">
       <section class="card" aria-labelledby="postures">
@@ -73,11 +52,13 @@ export function Postures({ plan, result, robot }: { plan: Plan; result: PlanResu
       {shown && (
         <section class="card sticky" aria-labelledby="current">
           <h2 id="current">{words.posture(shown.label)}</h2>
-          {show ? (
-            <ArmView show={show} room={room} label={words.drawn(shown.label)} />
-          ) : (
-            <Busy label={text.scene.loading} />
-          )}
+          <ArmView
+            posture={posture}
+            load={posture ? { from: posture.flange_origin, along: shown.force } : null}
+            names={robot.joints.map(({ name }) => name)}
+            room={roomOf(drawn ?? [])}
+            label={words.drawn(shown.label)}
+          />
           <p class="angles">
             {shown.joints.map((angle, i) => (
               <span>

@@ -8,9 +8,8 @@ import { JobPage, JobLines, JobTables } from "../components/job_page";
 import { RampLegend, share } from "./map";
 import { type PathPoint, pointsOf, thinned } from "../lib/map";
 import { extent } from "../lib/format";
-import { ARM_ALONE, type Show as Shown, ArmView, roomOf } from "../scene/view";
-import type { Arrow } from "../scene/parts";
-import type { Vector } from "../lib/vector";
+import { ArmView, roomOf } from "../scene/view";
+import { subtract, type Vector } from "../lib/vector";
 import { useKinematics } from "../state/load";
 import { link } from "../state/action";
 import { text } from "../i18n";
@@ -78,30 +77,25 @@ function Scene({ loaded: { points, robot } }: { loaded: Loaded }) {
     () => points.reduce((most, one) => (one.deflection > most ? one.deflection : most), 0),
     [points],
   );
-  const show = useMemo<Shown | null>(() => {
-    if (!posture) return null;
-    const loadedOnes = drawn.filter((one) => Number.isFinite(one.deflection));
-    return {
-      ...ARM_ALONE,
-      axes: false,
-      posture,
-      predicted: [tool(posture.flange_origin, point?.place ?? posture.flange_origin)],
-      cloud: {
-        places: loadedOnes.map((one) => one.place),
-        shares: loadedOnes.map((one) => share(when === "before" ? one.deflection : one.residual, [0, greatest])),
-        size,
-      },
-    };
-  }, [posture, drawn, when, greatest, size, point]);
-  const room = useMemo(
-    () => [...(posture ? roomOf([posture]) : []), ...drawn.map((one) => one.place)],
-    [posture, drawn],
-  );
-  if (!show || !point) return <Busy label={text.scene.loading} />;
+  const loaded = drawn.filter((one) => Number.isFinite(one.deflection));
+  const cloud = {
+    places: loaded.map((one) => one.place),
+    shares: loaded.map((one) => share(when === "before" ? one.deflection : one.residual, [0, greatest])),
+    size,
+  };
+  if (!posture || !point) return <Busy label={text.scene.loading} />;
+  const { flange_origin: flange } = posture;
   return (
     <section class="scene">
       <div class="view">
-        <ArmView show={show} room={room} label={words.view} />
+        <ArmView
+          posture={posture}
+          axes={false}
+          predicted={[{ from: flange, along: subtract(point.place, flange) }]}
+          cloud={cloud}
+          room={[...roomOf([posture]), ...drawn.map((one) => one.place)]}
+          label={words.view}
+        />
       </div>
       <div class="controls">
         <Choice
@@ -118,12 +112,6 @@ function Scene({ loaded: { points, robot } }: { loaded: Loaded }) {
     </section>
   );
 }
-
-/** The tool: from the flange to where its centre is wanted. */
-const tool = (from: Vector, to: Vector): Arrow => ({
-  from,
-  along: [to[0] - from[0], to[1] - from[1], to[2] - from[2]],
-});
 
 /** Greatest length of a path along an axis, 0.1 m at least. */
 function lengthOf(places: Vector[]): number {

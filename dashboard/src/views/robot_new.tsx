@@ -212,10 +212,7 @@ export function RobotNewView() {
     if (!urdf.urdf || !urdf.base || !urdf.flange) return null;
     return { name: name.trim() || words.namePlaceholder, model: { format: "urdf", ...urdf }, joint_map: null };
   }, [name, format, arm, dh, urdf]);
-  const source = useMemo(
-    () => document && { robot: { ...document, name: "drawn" } },
-    [document && JSON.stringify({ ...document, name: "" })],
-  );
+  const source = document && { robot: { ...document, name: "drawn" } };
   const save = useAction(async () => {
     if (!document) return;
     const named =

@@ -10,7 +10,7 @@ import { link } from "../state/action";
 import { text } from "../i18n";
 import { type RunContext, usePostures } from "./run_context";
 import { Handle } from "../components/fields";
-import { type Show, ArmView, roomOf } from "../scene/view";
+import { ArmView, roomOf } from "../scene/view";
 
 export interface Arrows {
   measured: Arrow[];
@@ -278,42 +278,35 @@ function Stepper({ context: { run, set }, postures, result, query }: RobotPartPr
   useStepKeys(step);
   const posture = postures[index];
   const observation = set.observations[index];
-  const room = useMemo(() => {
-    if (!posture || !observation) return [];
-    const tips = (drawn.byObservation[index]?.measured ?? []).flatMap(({ from: foot, along }) => [
-      foot,
-      add(foot, times(along, factor)),
-    ]);
-    const points = [...roomOf([posture]), ...tips];
-    const { point, force } = loadOf(set, observation, posture);
-    const reach = Math.max(...points.map(norm));
-    return norm(force) > 0 ? [...points, add(point, times(force, (0.3 * reach) / norm(force)))] : points;
-  }, [posture, observation, drawn, index, factor]);
-  const show = useMemo<Show | null>(() => {
-    if (!posture || !observation) return null;
-    const { point, force } = loadOf(set, observation, posture);
-    const arrows = all ? drawn.together : (drawn.byObservation[index] ?? drawn.together);
-    return {
-      posture,
-      ...arrows,
-      load: norm(force) > 0 ? { from: point, along: force } : null,
-      factor,
-      axes,
-      names: labels ? result.joints.map((joint) => joint.name) : [],
-      targets: all ? [] : arrows.targets,
-      byResidual: colour === "residual" ? drawn.worst : null,
-      bend: bendOf(
-        posture,
-        result.joints.map((joint) => joint.compliance),
-        { point, force },
-      ),
-    };
-  }, [posture, observation, all, drawn, index, factor, axes, labels, colour]);
-  if (!show || !observation) return null;
+  if (!posture || !observation) return null;
+  const own = drawn.byObservation[index] ?? drawn.together;
+  const arrows = all ? drawn.together : own;
+  const { point, force } = loadOf(set, observation, posture);
+  const tips = own.measured.flatMap(({ from: foot, along }) => [foot, add(foot, times(along, factor))]);
+  const points = [...roomOf([posture]), ...tips];
+  const reach = Math.max(...points.map(norm));
+  const pulls = norm(force) > 0;
+  const room = pulls ? [...points, add(point, times(force, (0.3 * reach) / norm(force)))] : points;
+  const compliances = result.joints.map((joint) => joint.compliance);
+  const loadText = pulls ? `${fixed(norm(force), 0)} ${text.units.newton}` : `0 ${set.units.force}`;
   return (
     <section class="scene">
       <div class="view">
-        <ArmView show={show} room={room} label={words.canvas(observation.label)} resets={resets} bends={bends} />
+        <ArmView
+          posture={posture}
+          {...arrows}
+          load={pulls ? { from: point, along: force } : null}
+          factor={factor}
+          axes={axes}
+          names={labels ? result.joints.map((joint) => joint.name) : []}
+          targets={all ? [] : arrows.targets}
+          byResidual={colour === "residual" ? drawn.worst : null}
+          bend={bendOf(posture, compliances, { point, force })}
+          room={room}
+          label={words.canvas(observation.label)}
+          resets={resets}
+          bends={bends}
+        />
       </div>
       <div class="controls">
         {from && (
@@ -341,7 +334,7 @@ function Stepper({ context: { run, set }, postures, result, query }: RobotPartPr
         </div>
         <Legend
           items={[
-            { mark: "load", label: `${words.load}: ${loadText(set, show)}` },
+            { mark: "load", label: `${words.load}: ${loadText}` },
             ...(colour === "kind"
               ? (["measured", "predicted"] as const).map((mark) => ({ mark, label: words[mark] }))
               : [{ mark: "ramp", label: words.residualRamp(`${significant(drawn.worst * 1e3, 2)} ${text.units.mm}`) }]),
@@ -395,8 +388,4 @@ function useStepKeys(step: (by: number) => void): void {
     addEventListener("keydown", hear);
     return () => removeEventListener("keydown", hear);
   }, [step]);
-}
-
-function loadText(set: MeasurementSet, show: Show): string {
-  return show.load ? `${fixed(norm(show.load.along), 0)} ${text.units.newton}` : `0 ${set.units.force}`;
 }

@@ -1,7 +1,7 @@
 /** The start: files, or a stored set, to their result in three taps. */
-import { useEffect, useMemo, useState } from "preact/hooks";
+import { useEffect, useState } from "preact/hooks";
 import { api } from "../api/client";
-import type { MeasurementSet, RobotSource } from "../api/types";
+import type { MeasurementSet } from "../api/types";
 import { Arm } from "../scene/view";
 import { Busy, LinkButton, ProblemNote, Button, Empty, Head } from "../components/basics";
 import { RequestFields, Select } from "../components/fields";
@@ -51,11 +51,9 @@ export function CampaignFlow({
   const [added, setAdded] = useState<{ of: Campaign; set: MeasurementSet } | null>(null);
   const set = campaign ? (added?.of === campaign ? added.set : null) : valueOf(stored);
   const facts = set ? factsOf(set as never) : (campaign?.facts ?? null);
-  const source = useMemo<RobotSource | null>(() => {
-    if (campaign?.robot && chosenRobot === FROM_FILE) return { robot: campaign.robot };
-    const id = storedId ? set?.robot_id : chosenRobot;
-    return id && id !== FROM_FILE ? { robot_id: id } : null;
-  }, [campaign, chosenRobot, storedId, set?.robot_id]);
+  const id = storedId ? set?.robot_id : chosenRobot;
+  const ofFile = campaign?.robot && chosenRobot === FROM_FILE ? { robot: campaign.robot } : null;
+  const source = ofFile ?? (id && id !== FROM_FILE ? { robot_id: id } : null);
   const identify = useAction(async () => {
     const known = set ?? (campaign && chosenRobot ? await store(campaign, chosenRobot) : null);
     if (!known) return;

@@ -10,7 +10,7 @@ import { decimalsFor, fixed, percent, significant, roundStep } from "../lib/form
 import { type Fields, unreadIn, freshKey, stated } from "../lib/json";
 import { sentence } from "../lib/said";
 import { factors, position, positionIn, positionUnit } from "../lib/stiffness";
-import { ARM_ALONE, ArmView, roomOf } from "../scene/view";
+import { ArmView, roomOf } from "../scene/view";
 import { useAction, asking, link } from "../state/action";
 import { text } from "../i18n";
 import { later } from "../i18n/later";
@@ -118,26 +118,24 @@ function Form({ context: { run, set, robot }, result, postures }: PredictProps &
 
 function Bent({ found: { posture, point, force, answer }, result }: { found: Predicted; result: RunResult }) {
   const displacement = (answer.cases[0]?.displacement ?? [0, 0, 0]) as Vector;
-  const room = useMemo(() => roomOf([posture]), [posture]);
-  const show = useMemo(() => {
-    const reach = Math.max(0.2, ...room.map(norm));
-    const factor = roundStep((0.14 * reach) / Math.max(1e-9, norm(displacement)), 1);
-    const compliances = result.joints.map((joint) => joint.compliance);
-    return {
-      posture,
-      ...ARM_ALONE,
-      axes: false,
-      predicted: [{ from: point, along: displacement }],
-      load: norm(force) > 0 ? { from: point, along: force } : null,
-      factor,
-      bend: bendOf(posture, compliances, { point, force }),
-    };
-  }, [posture, answer]);
-  const tip = add(point, times(displacement, show.factor));
+  const room = roomOf([posture]);
+  const reach = Math.max(0.2, ...room.map(norm));
+  const factor = roundStep((0.14 * reach) / Math.max(1e-9, norm(displacement)), 1);
+  const compliances = result.joints.map((joint) => joint.compliance);
   const [bends, setBends] = useState(0);
   return (
     <>
-      <ArmView show={show} room={[...room, point, tip]} label={words.view} bends={bends} />
+      <ArmView
+        posture={posture}
+        axes={false}
+        predicted={[{ from: point, along: displacement }]}
+        load={norm(force) > 0 ? { from: point, along: force } : null}
+        factor={factor}
+        bend={bendOf(posture, compliances, { point, force })}
+        room={[...room, point, add(point, times(displacement, factor))]}
+        label={words.view}
+        bends={bends}
+      />
       <Button onClick={() => setBends((count) => count + 1)}>{text.scene.bend}</Button>
     </>
   );
