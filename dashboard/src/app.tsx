@@ -81,11 +81,11 @@ const ComparisonView = lazy(async () => (await import("./views/compare")).Compar
 const TrendView = lazy(async () => (await import("./views/trend")).TrendView);
 const FleetView = lazy(async () => (await import("./views/robots")).FleetView);
 const MapView = lazy(async () => (await import("./views/map")).MapView);
-const ProgramView = lazy(async () => (await import("./views/program")).ProgramView);
+const ProgramView = lazy(async () => (await import("./views/map")).ProgramView);
 const RobotsView = lazy(async () => (await import("./views/robots")).RobotsView);
 const RobotView = lazy(async () => (await import("./views/robots")).RobotView);
 const RobotNewView = lazy(async () => (await import("./views/robot_new")).RobotNewView);
-const SetView = lazy(async () => (await import("./views/set")).SetView);
+const SetView = lazy(async () => (await import("./views/robots")).SetView);
 const GeometriesView = lazy(async () => (await import("./views/geometries")).GeometriesView);
 const GeometryView = lazy(async () => (await import("./views/geometries")).GeometryView);
 const PlansView = lazy(async () => (await import("./views/plans")).PlansView);

@@ -534,6 +534,7 @@ export const later = {
     draw: "The drawing shows mistakes at once",
     save: "Save robot",
     saving: "Saving…",
+    nameFirst: "Give the robot a name first",
     sliders: "Move the joints",
     zero: "All to zero",
     angle: (joint: string) => `Angle of ${joint}`,

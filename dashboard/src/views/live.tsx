@@ -76,7 +76,6 @@ function Campaign({ set, robot, first }: { set: OpenSet; robot: Robot; first: Li
   const { state, away, waiting, send, put } = measuring;
   /** A posture that somebody chose instead of the suggested one. */
   const [own, setOwn] = useState<Own | null>(null);
-  const kinds = robot.joints.map(({ kind }) => kind);
   const taken = new Set(
     [...state.readings, ...waiting.map(({ observation }) => observation)].map(({ label }) => label),
   );
@@ -91,7 +90,7 @@ function Campaign({ set, robot, first }: { set: OpenSet; robot: Robot; first: Li
     const { observations } = await api.openSets.one(set.id);
     const read = observations.find((one) => one.label === doubted);
     change.run({ withdrawn: { [doubted]: words.againReason } });
-    if (read) setOwn({ ...standOf(read, set.units, kinds), again: doubted });
+    if (read) setOwn({ ...standOf(read, set.units, kindsOf(robot)), again: doubted });
   };
   const close = useAction(async () => {
     if (state.state === "measuring" && !confirm(words.sureToClose)) return;
@@ -100,7 +99,6 @@ function Campaign({ set, robot, first }: { set: OpenSet; robot: Robot; first: Li
     put(closed);
     if (closed.run_id) go(link(["runs", closed.run_id]));
   });
-  const simulated = set.instrument === SIMULATED;
   const doubts = state.readings.filter((one) => one.state === "doubtful");
   const reached = state.state === "reached";
   const closing = (big: boolean) => (
@@ -127,7 +125,7 @@ function Campaign({ set, robot, first }: { set: OpenSet; robot: Robot; first: Li
         }
         first={state.state !== "closed" && !(reached && !own) && closing(false)}
       />
-      {simulated && <p class="note">{words.simulated}</p>}
+      {set.instrument === SIMULATED && <p class="note">{words.simulated}</p>}
       <Waits measuring={measuring} taken={taken} />
       {change.problem && <ProblemNote problem={change.problem} />}
       {doubts.map(({ label: doubted, innovation }) => (
@@ -171,7 +169,7 @@ function Campaign({ set, robot, first }: { set: OpenSet; robot: Robot; first: Li
             {doubts.length > 0 && !own ? null : stand ? (
               <Posture
                 key={`${label} ${JSON.stringify(stand.joints)}`}
-                {...{ set, robot, kinds, label, stand, state, simulated }}
+                {...{ set, robot, label, stand, state }}
                 isOwn={own && (own.again ? words.repeats(own.again) : words.own)}
                 back={() => setOwn(null)}
                 send={(observation) => {
@@ -192,15 +190,7 @@ function Campaign({ set, robot, first }: { set: OpenSet; robot: Robot; first: Li
                 )}
               </section>
             )}
-            <Others
-              set={set}
-              kinds={kinds}
-              names={robot.joints.map(({ name }) => name)}
-              stand={stand}
-              use={setOwn}
-              send={send}
-              taken={taken}
-            />
+            <Others {...{ set, robot, stand, send, taken }} use={setOwn} />
           </div>
           <div class="sticky">
             <SoFar state={state} goal={set.open.goal.kind === "joints" ? set.open.goal.relative : null} />
@@ -252,11 +242,9 @@ const WITH_LABELS = 1.2;
 interface PostureProps {
   set: OpenSet;
   robot: Robot;
-  kinds: JointKind[];
   label: string;
   stand: Stand;
   state: LiveState;
-  simulated: boolean;
   /** What to call a posture that was not suggested. */
   isOwn: string | null;
   back: () => void;
@@ -264,8 +252,11 @@ interface PostureProps {
   skip: (() => void) | null;
 }
 
+const kindsOf = (robot: Robot): JointKind[] => robot.joints.map(({ kind }) => kind);
+
 /** One posture: the arm, its angles, the load, and the boxes for its readings. */
-function Posture({ set, robot, kinds, label, stand, state, simulated, isOwn, back, send, skip }: PostureProps) {
+function Posture({ set, robot, label, stand, state, isOwn, back, send, skip }: PostureProps) {
+  const kinds = kindsOf(robot);
   const unloadedOnly = set.open.load?.kind === "own_weight";
   const targets = (Object.keys(set.open.targets).length > 0 ? set.open.targets : set.flange_targets) as Record<
     string,
@@ -321,7 +312,7 @@ function Posture({ set, robot, kinds, label, stand, state, simulated, isOwn, bac
       </p>
       {next && <p class="soft">{next.held_out ? words.heldOut : words.why(next.reason)}</p>}
       <ReadingsTable {...{ rows, change, unloadedOnly }} />
-      {simulated && (
+      {set.instrument === SIMULATED && (
         <div class="row">
           <Button disabled={!posture} onClick={() => simulate(false)}>
             {words.simulate}
@@ -357,15 +348,13 @@ function drafted(id: string, stand: Stand, targets: string[]): Rows {
   return draft && JSON.stringify(draft.joints) === JSON.stringify(stand.joints) ? { ...blank, ...draft.rows } : blank;
 }
 
-function ReadingsTable({
-  rows,
-  change,
-  unloadedOnly,
-}: {
+interface RowsProps {
   rows: Rows;
   change: (rows: Rows) => void;
   unloadedOnly: boolean;
-}) {
+}
+
+function ReadingsTable({ rows, change, unloadedOnly }: RowsProps) {
   const columns = (unloadedOnly ? ["unloaded"] : ["unloaded", "loaded"]) as (keyof Typed)[];
   const paste = (target: string, column: keyof Typed) => (event: ClipboardEvent) => {
     const filled = pasted(rows, target, column, event.clipboardData?.getData("text") ?? "");
@@ -420,24 +409,18 @@ async function readingsOf(file: File, stated: ImportOptions = {}): Promise<Recor
   return typeof understood === "string" ? text.files.faults[understood].join(" ") : understood.set;
 }
 
-/** A posture of one's own, and readings from a file. */
-function Others({
-  set,
-  kinds,
-  names,
-  stand,
-  use,
-  send,
-  taken,
-}: {
+interface OthersProps {
   set: OpenSet;
-  kinds: JointKind[];
-  names: string[];
+  robot: Robot;
   stand: Stand | null;
   use: (stand: Stand) => void;
   send: Measuring["send"];
   taken: Set<string>;
-}) {
+}
+
+/** A posture of one's own, and readings from a file. */
+function Others({ set, robot, stand, use, send, taken }: OthersProps) {
+  const kinds = kindsOf(robot);
   const [joints, setJoints] = useState("");
   const [force, setForce] = useState("");
   const [fault, setFault] = useState<string | null>(null);
@@ -482,7 +465,7 @@ function Others({
           />
         )}
         <TextField
-          label={`${words.joints} [${text.units.deg}]: ${names.join(", ")}`}
+          label={`${words.joints} [${text.units.deg}]: ${robot.joints.map(({ name }) => name).join(", ")}`}
           value={joints}
           change={setJoints}
         />

@@ -1,5 +1,5 @@
-/** A map: slices with their numbers, the robot at the chosen place, and the same by another run beside it. */
-import { useRef, useState } from "preact/hooks";
+/** What lies in space by its deflection: a map, slice by slice, with the same by another run; and the path of a program that was compensated. */
+import { useMemo, useRef, useState } from "preact/hooks";
 import {
   type MapPlace,
   type Slice,
@@ -10,17 +10,20 @@ import {
   sliceOf,
   thinnest,
   valueOfPlace,
+  type PathPoint,
+  pointsOf,
+  thinned,
 } from "../lib/map";
 import { fixed, decimalsFor, percent, significant, extent } from "../lib/format";
 import { text } from "../i18n";
 import { api, goesOn } from "../api/client";
-import type { Map as WorkMap } from "../api/types";
-import { Download, NameLink, Choice, Facts, ProblemNote, useWidth } from "../components/basics";
+import type { Map as WorkMap, Program } from "../api/types";
+import { Busy, Download, NameLink, Choice, Facts, ProblemNote, useWidth } from "../components/basics";
 import { Handle, Select } from "../components/fields";
-import { Going, JobPage, JobLines } from "../components/job_page";
+import { Going, JobPage, JobLines, JobTables } from "../components/job_page";
 import { freshKey } from "../lib/json";
 import { postureText } from "../lib/stiffness";
-import { norm } from "../lib/vector";
+import { norm, subtract, type Vector } from "../lib/vector";
 import { ArmView, roomOf } from "../scene/view";
 import { asking, useAction, link } from "../state/action";
 import { cached, useCached, useNames, valueOf, useKinematics } from "../state/load";
@@ -122,7 +125,7 @@ function SliceChart({ slice, places, values, scale, chosen, choose, width, label
 }
 
 /** Place of a value between the ends of a scale; NaN where there is none. */
-export const share = (value: number | undefined, [low, high]: readonly [number, number]): number =>
+const share = (value: number | undefined, [low, high]: readonly [number, number]): number =>
   value === undefined ? Number.NaN : Math.min(1, Math.max(0, (value - low) / (high - low || 1)));
 
 function rampFill(part: number): string | undefined {
@@ -132,7 +135,7 @@ function rampFill(part: number): string | undefined {
 }
 
 /** The colours with their ends in numbers. */
-export function RampLegend({
+function RampLegend({
   scale: [low, high],
   unit,
   label,
@@ -410,4 +413,107 @@ function spacing({ request: { area, grid } }: WorkMap): number {
     .filter((i) => grid[i] > 1 && area[1][i] > area[0][i])
     .map((i) => (area[1][i] - area[0][i]) / (grid[i] - 1));
   return steps.length > 0 ? Math.min(...steps) : 0.05;
+}
+
+const programWords = later.program;
+const MOST_DRAWN = 3_000;
+const FINEST = 150; // points side by side along the path: more are drawn over each other
+const COARSEST = 25;
+
+interface LoadedProgram extends RunContext {
+  job: Program;
+  points: PathPoint[];
+}
+
+async function loadProgram(id: string, signal: AbortSignal): Promise<LoadedProgram> {
+  const job = await api.programs.one(id, signal);
+  const points = job.result ? pointsOf(await api.programPoints(id)) : [];
+  return { job, points, ...(await contextOfEnded(job.request.run_id)) };
+}
+
+export function ProgramView({ id }: { id: string }) {
+  return (
+    <JobPage
+      collection="programs"
+      id={id}
+      kind={programWords.kind}
+      load={(signal) => loadProgram(id, signal)}
+      head={({ job, run }) => ({
+        name: job.request.files[0]?.name ?? programWords.kind,
+        list: link(["runs", run.id]),
+        about: <a href={link(["runs", run.id])}>{text.run.kind}</a>,
+        first: job.result?.files.map((file) => (
+          <Download look="primary" href={api.programFile(id, file.name)}>
+            {programWords.download(file.name)}
+          </Download>
+        )),
+        actions: job.result && <Download href={api.jobs.file(id, "points.csv")}>{programWords.table}</Download>,
+      })}
+    >
+      {(_, loaded) => (
+        <>
+          <JobLines collection="programs" id={loaded.job.id} />
+          <Path loaded={loaded} />
+          <JobTables collection="programs" id={loaded.job.id} />
+        </>
+      )}
+    </JobPage>
+  );
+}
+
+function Path({ loaded: { points, robot } }: { loaded: LoadedProgram }) {
+  const [when, setWhen] = useState<"before" | "after">("before");
+  const [chosen, setChosen] = useState(0);
+  const drawn = useMemo(() => thinned(points, MOST_DRAWN), [points]);
+  const point = points[chosen];
+  const { kinematics } = useKinematics(point ? { robot_id: robot.id } : null, point ? [point.joints] : []);
+  const posture = kinematics?.postures[0];
+  const size = useMemo(
+    () => lengthOf(drawn.map((one) => one.place)) / Math.min(FINEST, Math.max(COARSEST, drawn.length)),
+    [drawn],
+  );
+  const greatest = useMemo(
+    () => points.reduce((most, one) => (one.deflection > most ? one.deflection : most), 0),
+    [points],
+  );
+  const loaded = drawn.filter((one) => Number.isFinite(one.deflection));
+  const cloud = {
+    places: loaded.map((one) => one.place),
+    shares: loaded.map((one) => share(when === "before" ? one.deflection : one.residual, [0, greatest])),
+    size,
+  };
+  if (!posture || !point) return <Busy label={text.scene.loading} />;
+  const { flange_origin: flange } = posture;
+  return (
+    <section class="scene">
+      <div class="view">
+        <ArmView
+          posture={posture}
+          axes={false}
+          predicted={[{ from: flange, along: subtract(point.place, flange) }]}
+          cloud={cloud}
+          room={[...roomOf([posture]), ...drawn.map((one) => one.place)]}
+          label={programWords.view}
+        />
+      </div>
+      <div class="controls">
+        <Choice
+          label={programWords.colour}
+          value={when}
+          change={setWhen}
+          options={{ before: programWords.beforeShort, after: programWords.afterShort }}
+        />
+        <RampLegend scale={[0, greatest]} unit={text.units.mm} label={programWords.off} />
+        <Handle label={programWords.choosePoint} count={points.length} value={chosen} change={setChosen}>
+          {programWords.point(point.number, point.line)}
+        </Handle>
+      </div>
+    </section>
+  );
+}
+
+/** Greatest length of a path along an axis, 0.1 m at least. */
+function lengthOf(places: Vector[]): number {
+  const ends = ([0, 1, 2] as const).map((axis) => extent(places.map((place) => place[axis])) ?? [0, 0]);
+  return Math.max(0.1, ...ends.map(([low = 0, high = 0]) => high - low));
 }

@@ -15,6 +15,8 @@ import { Arm } from "../scene/view";
 import { useAction, link } from "../state/action";
 import { keptFiles } from "../state/opened";
 
+const words = later.robots;
+
 /** The catalogue is the same as long as the service runs. */
 export const useCatalogue = () => useLoad(() => cached("catalogue", api.catalogue), []);
 
@@ -27,7 +29,6 @@ export function found(catalogue: Catalogue, words: string): NominalArm[] {
 const bare = (name: string): string => name.toLowerCase().replace(/[^\p{L}\p{N}]+/gu, "");
 
 export function ArmChooser({ chosen, choose }: { chosen: NominalArm | null; choose: (arm: NominalArm) => void }) {
-  const words = later.robots;
   const catalogue = useCatalogue();
   const [typed, setTyped] = useState("");
   return (
@@ -63,10 +64,9 @@ export function ArmChooser({ chosen, choose }: { chosen: NominalArm | null; choo
 }
 
 const reachOf = (arm: NominalArm): string =>
-  `${fixed(arm.reach * 1e3, 0)} ${text.units.mm} (${later.robots.reachOf[arm.reach_of]})`;
+  `${fixed(arm.reach * 1e3, 0)} ${text.units.mm} (${words.reachOf[arm.reach_of]})`;
 
 export function ArmFacts({ arm }: { arm: NominalArm }) {
-  const words = later.robots;
   const catalogue = useCatalogue();
   const presets = catalogue.state === "ready" ? catalogue.value.joint_maps : [];
   const preset = useMemo(() => presets.find((each) => each.id === arm.joint_map_preset), [presets, arm]);
@@ -93,8 +93,6 @@ export function ArmFacts({ arm }: { arm: NominalArm }) {
     </>
   );
 }
-
-const words = later.robots;
 
 /** Model and joint map as they are typed, in SI; a map of null is none. */
 export interface DhTable {
@@ -198,7 +196,6 @@ function Presets({ map, count, change }: { map: Fields; count: number; change: (
 type Format = "catalogue" | "dh" | "urdf";
 
 export function RobotNewView() {
-  const words = later.robots;
   const [name, setName] = useState("");
   const [format, setFormat] = useState<Format>("catalogue");
   const [arm, setArm] = useState<NominalArm | null>(null);
@@ -213,15 +210,16 @@ export function RobotNewView() {
     return { name: name.trim() || words.namePlaceholder, model: { format: "urdf", ...urdf }, joint_map: null };
   }, [name, format, arm, dh, urdf]);
   const source = document && { robot: { ...document, name: "drawn" } };
+  const named = name.trim() !== "" || format === "catalogue";
   const save = useAction(async () => {
     if (!document) return;
-    const named =
+    const robot =
       format === "catalogue" && arm
         ? { name: document.name, model: { format: "catalogue" as const, arm: arm.name } }
         : { ...document, name: name.trim() };
-    const robot = await api.robots.add(named, contentKey("robot", named));
+    const { id } = await api.robots.add(robot, contentKey("robot", robot));
     namesChanged();
-    return keptFiles() ? link([], { robot: robot.id }) : link(["robots", robot.id]);
+    return keptFiles() ? link([], { robot: id }) : link(["robots", id]);
   });
   return (
     <>
@@ -258,14 +256,10 @@ export function RobotNewView() {
           <h2>{words.draw}</h2>
           {source ? <Arm source={source} start={null} /> : <p class="stage blank">{text.start.armHere}</p>}
           <div class="go">
-            <ActionButton
-              look="primary big"
-              action={save}
-              disabled={!document || (!name.trim() && format !== "catalogue")}
-              going={words.saving}
-            >
+            <ActionButton look="primary big" action={save} disabled={!document || !named} going={words.saving}>
               {words.save}
             </ActionButton>
+            {document && !named && <span class="soft">{words.nameFirst}</span>}
             {format === "catalogue" && arm && (
               <Button
                 onClick={() => {
@@ -314,13 +308,11 @@ function linksOf(urdf: string): Links | null {
 }
 
 function UrdfEditor({ given, change }: { given: UrdfText; change: (given: UrdfText) => void }) {
-  const words = later.robots;
   const links = useMemo(() => (given.urdf ? linksOf(given.urdf) : null), [given.urdf]);
   const take = (urdf: string) => {
     const found = urdf ? linksOf(urdf) : null;
     change({ urdf, base: found?.root ?? "", flange: found?.leaf ?? "" });
   };
-  const options = (links?.all ?? []).map((name) => ({ value: name, label: name }));
   return (
     <>
       <DropZone
@@ -331,31 +323,18 @@ function UrdfEditor({ given, change }: { given: UrdfText; change: (given: UrdfTe
         accept=".urdf,.xml,application/xml,text/xml"
         take={(file) => void file.text().then(take)}
       />
-      <label class="field">
-        <span>{words.urdfPaste}</span>
-        <textarea
-          rows={10}
-          spellcheck={false}
-          value={given.urdf}
-          onInput={(event) => take(event.currentTarget.value)}
-        />
-        <small>{words.urdfHint}</small>
-      </label>
+      <TextField label={words.urdfPaste} help={words.urdfHint} lines={10} value={given.urdf} change={take} />
       {given.urdf && !links && <p class="note warn">{words.urdfBad}</p>}
       {links && (
         <div class="row">
-          <Select
-            label={words.base}
-            value={given.base}
-            change={(base) => change({ ...given, base })}
-            options={options}
-          />
-          <Select
-            label={words.flange}
-            value={given.flange}
-            change={(flange) => change({ ...given, flange })}
-            options={options}
-          />
+          {(["base", "flange"] as const).map((end) => (
+            <Select
+              label={words[end]}
+              value={given[end]}
+              change={(chosen) => change({ ...given, [end]: chosen })}
+              options={links.all.map((name) => ({ value: name, label: name }))}
+            />
+          ))}
         </div>
       )}
     </>

@@ -1,5 +1,15 @@
-/** Robots and measurement sets in lists, the fleet at a glance, and one robot as it was understood. */
-import type { DhModel, JointKind, JointMap, MeasurementSetSummary, Robot, RunSummary, FleetRow } from "../api/types";
+/** Robots and measurement sets: in lists, the fleet at a glance, and each by itself, as it was understood. */
+import { METADATA } from "../api/types";
+import type {
+  DhModel,
+  JointKind,
+  JointMap,
+  MeasurementSet,
+  MeasurementSetSummary,
+  Robot,
+  RunSummary,
+  FleetRow,
+} from "../api/types";
 import { alike, DataTable } from "../components/table";
 import { fixed } from "../lib/format";
 import { degrees, position, positionUnit } from "../lib/stiffness";
@@ -8,26 +18,33 @@ import { later } from "../i18n/later";
 import { api, every } from "../api/client";
 import {
   dayText,
+  Button,
   LinkButton,
   MeasureLink,
   Empty,
+  Form,
   Head,
   Name,
+  NameLink,
   Show,
   Tabs,
   Toggle,
   Facts,
   Badge,
   Title,
+  Warnings,
+  When,
 } from "../components/basics";
-import { useLoad, valueOf, type Names, useNames, storedRobot } from "../state/load";
-import { link } from "../state/action";
-import { MOST_RUNS, runRows } from "./runs";
+import { useLoad, valueOf, type Names, namesChanged, useNames, storedRobot, storedSet } from "../state/load";
+import { link, useAction } from "../state/action";
+import { MOST_RUNS, RunList, runRows } from "./runs";
 import { type RunColumn, RunsTable } from "./run_stiffness";
 import { useState } from "preact/hooks";
 import { AlarmState, FilterBar, type Row, Rows, chosen, useFilter, AlarmNote, StoredActions } from "../components/list";
 import { TextField } from "../components/fields";
-import { wasMeasured } from "../lib/campaign";
+import { factsOf, notedIn, typedOf, wasMeasured } from "../lib/campaign";
+import { MetadataForm } from "../components/schema_form";
+import { Preview } from "../components/findings";
 import { Arm } from "../scene/view";
 import { changeText } from "../lib/trend";
 
@@ -215,7 +232,7 @@ function robotRow(robot: Names["robots"][number], names: Names): Row {
   };
 }
 
-export function setRow(set: MeasurementSetSummary, names: Names | null): Row {
+function setRow(set: MeasurementSetSummary, names: Names | null): Row {
   const robot = names?.robot(set.robot_id) ?? "";
   return {
     id: set.id,
@@ -251,7 +268,7 @@ export const NoSets = () => (
   </Empty>
 );
 
-export function useRunsOf(filter: { robot_id?: string; measurement_set_id?: string }) {
+function useRunsOf(filter: { robot_id?: string; measurement_set_id?: string }) {
   return useLoad((signal) => every(api.runs.list, filter, 100, signal), [filter.robot_id, filter.measurement_set_id]);
 }
 
@@ -423,3 +440,117 @@ export function rowOf(row: FleetRow): Row {
     ),
   };
 }
+
+export function SetView({ id }: { id: string }) {
+  const loaded = useLoad(() => storedSet(id), [id]);
+  return (
+    <Show of={loaded} title={text.sets.kind}>
+      {(set) => <SetPage set={set} changed={loaded.reload} />}
+    </Show>
+  );
+}
+
+function SetPage({ set, changed }: { set: MeasurementSet; changed: () => void }) {
+  const names = valueOf(useNames());
+  const runs = valueOf(useRunsOf({ measurement_set_id: set.id }));
+  return (
+    <>
+      <Head
+        kind={text.sets.kind}
+        plain={set.name}
+        title={<Name>{set.name}</Name>}
+        about={
+          <>
+            <NameLink to={["robots", set.robot_id]}>{names?.robot(set.robot_id) ?? "…"}</NameLink>
+            <span>{text.sets.observations(set.observations.length)}</span>
+            <When time={set.measured_at ?? set.created_at} />
+            {set.archived && <span>{text.changes.archived}</span>}
+          </>
+        }
+        first={
+          <LinkButton look="primary" href={link([], { set: set.id })}>
+            {text.sets.identify}
+          </LinkButton>
+        }
+      >
+        <LinkButton href={link(["compare", "methods"], { set: set.id })}>{text.sets.compare}</LinkButton>
+        <LinkButton href={link(["plans"], { set: set.id })}>{later.plan.goOn}</LinkButton>
+        <StoredActions of={set} api={api.sets} list="#/sets" changed={changed} />
+      </Head>
+      <div class="flow">
+        <section class="card">
+          <h2>{text.files.understood}</h2>
+          <Preview facts={factsOf(set as never)} />
+        </section>
+        <SetMetadata set={set} changed={changed} />
+        <section class="card">
+          <h2>{text.sets.findings}</h2>
+          {set.warnings.length > 0 ? <Warnings warnings={set.warnings} /> : <p class="note good">{text.files.clean}</p>}
+        </section>
+      </div>
+      {runs && runs.length > 0 && (
+        <section>
+          <h2>{text.sets.runs}</h2>
+          <RunList runs={runs} names={names} />
+        </section>
+      )}
+    </>
+  );
+}
+
+/** What people noted about a set, and the form to change it: the readings stay as they are. */
+export function SetMetadata({ set, changed }: { set: MeasurementSet; changed: () => void }) {
+  const words = later.metadata;
+  const [typed, setTyped] = useState(() => typedOf(set));
+  const [editing, setEditing] = useState(false);
+  const save = useAction(async () => {
+    const noted = notedIn(typed);
+    if (noted === null) return;
+    await api.sets.change(set.id, noted);
+    namesChanged();
+    setEditing(false);
+    changed();
+  });
+  const known = METADATA.filter((name) => set[name]);
+  return (
+    <section class="card">
+      <h2>{words.title}</h2>
+      {editing ? (
+        <Form action={save} class="noting">
+          <MetadataForm typed={typed} change={setTyped} />
+          <div class="actions">
+            <Button acts type="submit" look="primary" disabled={save.busy || notedIn(typed) === null}>
+              {words.save}
+            </Button>
+            <Button onClick={() => setEditing(false)}>{words.cancel}</Button>
+          </div>
+        </Form>
+      ) : (
+        <>
+          {known.length === 0 ? (
+            <p class="soft">{words.none}</p>
+          ) : (
+            <Facts
+              facts={known.map((name) => ({
+                label: words.fields[name],
+                value: name === "measured_at" ? <When time={set[name] ?? ""} /> : <Noted>{set[name] ?? ""}</Noted>,
+              }))}
+            />
+          )}
+          <Button
+            onClick={() => {
+              setTyped(typedOf(set));
+              setEditing(true);
+            }}
+            acts
+          >
+            {known.length === 0 ? words.add : words.edit}
+          </Button>
+        </>
+      )}
+    </section>
+  );
+}
+
+/** A text that someone else chose, in its lines. */
+const Noted = ({ children }: { children: string }) => <bdi class="name noted">{children}</bdi>;

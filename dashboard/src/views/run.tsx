@@ -18,7 +18,7 @@ const RobotPart = lazy(async () => (await import("./run_deflection")).RobotPart)
 const PredictPart = lazy(async () => (await import("./use")).PredictPart);
 const MapForm = lazy(async () => (await import("./use")).MapForm);
 const ProgramForm = lazy(async () => (await import("./use")).ProgramForm);
-const RunFiles = lazy(async () => (await import("./run_files")).RunFiles);
+const RunFiles = lazy(async () => (await import("./use")).RunFiles);
 
 export function RunView({ id, part, query }: { id: string; part: string; query: URLSearchParams }) {
   return (
@@ -110,7 +110,7 @@ function Parts({ context, part, query }: { context: RunContext; part: string; qu
       <AlarmNote robot={robot.id} alarms={ofArm(robot.alarms, set.serial_number)} />
       <Tabs label={text.run.tabs} tabs={tabs} current={part} />
       {part === "deflection" ? (
-        <DeflectionPart context={context} result={result} at={query.get("at")} />
+        <DeflectionPart context={context} result={result} query={query} />
       ) : part === "robot" ? (
         <RobotPart context={context} result={result} query={query} />
       ) : part === "predict" ? (

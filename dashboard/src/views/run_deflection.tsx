@@ -1,18 +1,19 @@
 /** Deflection of each configuration before and after compensation (the paper's Figs 7 and 8), and the robot in it. */
-import type { MeasurementSet, Posture, Residual, RunResult, Run } from "../api/types";
+import type { MeasurementSet, Posture, Residual, RunResult } from "../api/types";
 import type { Arrow } from "../scene/parts";
 import { placesOf, norm, type Vector, bendOf, loadOf, add, times } from "../lib/vector";
-import { roundStep, extent, significant, fixed } from "../lib/format";
+import { roundStep, significant, fixed } from "../lib/format";
 import { useMemo, useCallback, useEffect, useState } from "preact/hooks";
 import { BarFigure, ByName, circle, type Opening, Figure, Legend } from "../charts/figure";
 import { LinkButton, Busy, Button, Choice, Toggle } from "../components/basics";
 import { link } from "../state/action";
+import { alike } from "../components/table";
 import { text } from "../i18n";
 import { type RunContext, usePostures } from "./run_context";
 import { Handle } from "../components/fields";
 import { ArmView, roomOf } from "../scene/view";
 
-export interface Arrows {
+interface Arrows {
   measured: Arrow[];
   predicted: Arrow[];
   /** Lengths of the residuals [m], an arrow each. */
@@ -21,19 +22,13 @@ export interface Arrows {
   targets: string[];
 }
 
-export interface DrawnSet {
-  byObservation: Arrows[];
-  together: Arrows;
-  /** Greatest length of a residual [m]. */
-  worst: number;
-}
-
 /** The longest arrow is about this share of the robot's reach. */
 const LONGEST = 0.22;
 
-export function arrowsOf(set: MeasurementSet, postures: Posture[], result: RunResult): DrawnSet {
-  const residuals = grouped(result.residuals);
-  const byObservation = set.observations.map((observation, i): Arrows => {
+/** Arrows of each observation, in the order of the set. */
+export function arrowsOf(set: MeasurementSet, postures: Posture[], result: RunResult): Arrows[] {
+  const residuals = Map.groupBy(result.residuals, ({ observation }) => observation);
+  return set.observations.map((observation, i) => {
     const posture = postures[i];
     const places = posture ? placesOf(set, observation, posture) : new Map<string, Vector>();
     const found = (residuals.get(observation.label) ?? []).filter((r) => places.has(r.target));
@@ -45,220 +40,146 @@ export function arrowsOf(set: MeasurementSet, postures: Posture[], result: RunRe
       targets: found.map((r) => r.target),
     };
   });
-  return {
-    byObservation,
-    together: {
-      measured: byObservation.flatMap((a) => a.measured),
-      predicted: byObservation.flatMap((a) => a.predicted),
-      residuals: byObservation.flatMap((a) => a.residuals),
-      targets: [],
-    },
-    worst: Math.max(1e-9, ...result.residuals.map((r) => norm(r.residual))),
-  };
-}
-
-function grouped(residuals: Residual[]): Map<string, Residual[]> {
-  const groups = new Map<string, Residual[]>();
-  for (const residual of residuals) {
-    const group = groups.get(residual.observation);
-    if (group) group.push(residual);
-    else groups.set(residual.observation, [residual]);
-  }
-  return groups;
 }
 
 /** A round factor by which deflections are drawn longer than they are. */
-export function magnification({ together: { measured } }: DrawnSet, room: Vector[]): number {
-  const longest = Math.max(1e-9, ...measured.map((arrow) => norm(arrow.along)));
+export function magnification(drawn: Arrows[], room: Vector[]): number {
+  const longest = Math.max(1e-9, ...drawn.flatMap(({ measured }) => measured.map((arrow) => norm(arrow.along))));
   const reach = Math.max(0.2, ...room.map(norm));
   return roundStep((reach * LONGEST) / longest / 1.6, 1);
 }
 
 const AXES = ["x", "y", "z"] as const;
 
-/** Mean lengths over the targets of each observation [m], in the order of the observations. */
-export function byObservation(residuals: Residual[]): { name: string; before: number; after: number }[] {
-  const sums = new Map<string, { before: number; after: number; count: number }>();
-  for (const { observation, deflection, residual } of residuals) {
-    const sum = sums.get(observation) ?? { before: 0, after: 0, count: 0 };
-    sums.set(observation, {
-      before: sum.before + norm(deflection),
-      after: sum.after + norm(residual),
-      count: sum.count + 1,
-    });
-  }
-  return [...sums].map(([name, { before, after, count }]) => ({ name, before: before / count, after: after / count }));
-}
+const mean = (values: number[]): number => values.reduce((sum, value) => sum + value, 0) / values.length;
 
-export function DeflectionPart({
-  context,
-  result,
-  at,
-}: {
+/** Mean lengths over the targets of each observation [m], in the order of the observations. */
+export const byObservation = (residuals: Residual[]): { name: string; before: number; after: number }[] =>
+  [...Map.groupBy(residuals, ({ observation }) => observation)].map(([name, own]) => ({
+    name,
+    before: mean(own.map(({ deflection }) => norm(deflection))),
+    after: mean(own.map(({ residual }) => norm(residual))),
+  }));
+
+interface PartProps {
   context: RunContext;
   result: RunResult;
-  /** The configuration that was come back from. */
-  at: string | null;
-}) {
+  query: URLSearchParams;
+}
+
+export function DeflectionPart({ context: { run, set }, result, query }: PartProps) {
+  const words = text.deflection;
+  const { mm } = text.units;
   const opening: Opening = {
-    open: (observation) => link(["runs", context.run.id, "robot"], { at: observation, from: "deflection" }),
-    at,
+    open: (observation) => link(["runs", run.id, "robot"], { at: observation, from: "deflection" }),
+    at: query.get("at"), // the configuration that was come back from
   };
+  const rows = byObservation(result.residuals);
+  const names = rows.map(({ name }) => name);
+  const own = words.afterBy(text.methods[run.request.method].toLowerCase());
+  const sides = [
+    { mark: "measured", label: words.before, values: rows.map((row) => row.before * 1e3) },
+    { mark: "predicted", label: own, values: rows.map((row) => row.after * 1e3) },
+  ];
+  const parts = result.contributions.map(({ joint, by_observation: lengths }, j) => ({
+    label: joint,
+    mark: `joint-${j % 6}`,
+    values: lengths.map((length) => length * 1e3),
+  }));
+  const { byConfiguration: title, byConfigurationNote: note } = words;
   return (
     <>
-      <BeforeAfter result={result} run={context.run} opening={opening} />
+      <BarFigure title={words.title} note={words.note} unit={mm} {...{ names }} series={sides} {...opening} />
       <div class="actions">
-        <LinkButton href={link(["compare", "methods"], { set: context.set.id })}>{text.sets.compare}</LinkButton>
+        <LinkButton href={link(["compare", "methods"], { set: set.id })}>{text.sets.compare}</LinkButton>
       </div>
-      {result.contributions.length > 0 && (
-        <BarFigure
-          title={text.deflection.byConfiguration}
-          note={text.deflection.byConfigurationNote}
-          names={[...new Set(result.residuals.map((r) => r.observation))]}
-          series={result.contributions.map(({ joint, by_observation: lengths }, j) => ({
-            label: joint,
-            mark: `joint-${j % 6}`,
-            values: lengths.map((length) => length * 1e3),
-          }))}
-          unit={text.units.mm}
-          stacked
-          {...opening}
-        />
-      )}
+      {parts.length > 0 && <BarFigure {...{ title, note, names }} series={parts} unit={mm} stacked {...opening} />}
       <Residuals result={result} opening={opening} />
     </>
   );
 }
 
-function BeforeAfter({ result, run, opening }: { result: RunResult; run: Run; opening: Opening }) {
-  const words = text.deflection;
-  const rows = useMemo(() => byObservation(result.residuals), [result]);
-  const names = rows.map((row) => row.name);
-  const own = words.afterBy(text.methods[run.request.method].toLowerCase());
-  const series = [
-    { mark: "measured", label: words.before, values: rows.map((row) => row.before * 1e3) },
-    { mark: "predicted", label: own, values: rows.map((row) => row.after * 1e3) },
-  ];
-  return <BarFigure title={words.title} note={words.note} unit={text.units.mm} {...{ names, series }} {...opening} />;
-}
-
+/** Residuals of each configuration along each axis, and the band that the noise alone fills. */
 function Residuals({ result, opening }: { result: RunResult; opening: Opening }) {
   const words = text.deflection;
-  const names = useMemo(() => [...new Set(result.residuals.map((r) => r.observation))], [result]);
-  const column = new Map(names.map((name, i) => [name, i]));
-  const band = result.sigma === null ? null : 1.96 * Math.SQRT2 * result.sigma * 1e6;
-  const dots = result.residuals.flatMap((r) =>
-    AXES.map((axis, k) => ({
-      column: column.get(r.observation) ?? 0,
-      value: (r.residual[k] ?? 0) * 1e6,
-      mark: axis,
-      title: `${r.target}, ${axis}: ${significant((r.residual[k] ?? 0) * 1e6, 3)} ${text.units.micrometre}`,
-    })),
-  );
   const um = text.units.micrometre;
+  const groups = [...Map.groupBy(result.residuals, ({ observation }) => observation)];
+  const band = result.sigma === null ? 0 : 1.96 * Math.SQRT2 * result.sigma * 1e6;
+  const reach = Math.max(band, ...result.residuals.flatMap(({ residual }) => residual.map((v) => Math.abs(v * 1e6))));
+  const lines = (i: number) =>
+    (groups[i]?.[1] ?? []).flatMap(({ target, residual }) =>
+      residual.map((value, k) => `${target}, ${AXES[k]}: ${significant(value * 1e6, 3)} ${um}`),
+    );
   return (
     <Figure
       title={words.residuals}
       note={words.residualsNote}
       legend={[
         ...AXES.map((axis) => ({ label: axis, mark: axis })),
-        ...(band === null ? [] : [{ label: `${words.band} = ${significant(band, 2)} ${um}`, mark: "band" }]),
+        ...(band > 0 ? [{ label: `${words.band} = ${significant(band, 2)} ${um}`, mark: "band" }] : []),
       ]}
       table={{
         columns: [
           words.configuration,
           words.target,
-          ...AXES.map((axis) => ({ title: `${words.length} ${axis}`, unit: um })),
-          ...AXES.map((axis) => ({ title: `${words.residual} ${axis}`, unit: um })),
+          ...alike(
+            [words.length, words.residual].flatMap((quantity) => AXES.map((axis) => `${quantity} ${axis}`)),
+            um,
+          ),
         ],
-        rows: result.residuals.map((r) => [
-          r.observation,
-          r.target,
-          ...r.deflection.map((v) => v * 1e6),
-          ...r.residual.map((v) => v * 1e6),
+        rows: result.residuals.map(({ observation, target, deflection, residual }) => [
+          observation,
+          target,
+          ...[...deflection, ...residual].map((v) => v * 1e6),
         ]),
       }}
     >
       {(width) => (
-        <Scatter names={names} dots={dots} band={band} width={width} label={words.residuals} unit={um} {...opening} />
+        <ByName
+          names={groups.map(([name]) => name)}
+          range={[-(reach || 1), reach || 1]}
+          {...{ width, lines }}
+          height={280}
+          label={words.residuals}
+          unit={um}
+          {...opening}
+        >
+          {(place, step, y) => (
+            <>
+              {band > 0 && (
+                <rect
+                  class="band"
+                  x={place(-0.5)}
+                  width={step * groups.length}
+                  y={y(band)}
+                  height={y(-band) - y(band)}
+                />
+              )}
+              {AXES.map((axis, k) => {
+                const at = (i: number) => place(i) + (k - 1) * Math.min(5, step / 4);
+                const dots = groups.flatMap(([, own], i) =>
+                  own.map(({ residual }) => circle(at(i), y((residual[k] ?? 0) * 1e6), radius(step))),
+                );
+                return <path class={`dot ${axis}`} d={dots.join("")} />;
+              })}
+            </>
+          )}
+        </ByName>
       )}
     </Figure>
   );
 }
 
-interface Dot {
-  column: number;
-  value: number;
-  mark: string;
-  title: string;
-}
-
-export function Scatter({
-  dots,
-  band,
-  ...frame
-}: {
-  names: string[];
-  dots: Dot[];
-  /** Half width of the band, or null. */
-  band: number | null;
-  width: number;
-  label: string;
-  unit: string;
-} & Opening) {
-  const reach = Math.max(...(extent(dots.map((dot) => dot.value)) ?? [0, 1]).map(Math.abs), band ?? 0) || 1;
-  const lines = (i: number) => dots.filter((dot) => dot.column === i).map((dot) => dot.title);
-  return (
-    <ByName {...frame} height={280} range={[-reach, reach]} lines={lines}>
-      {(place, step, y) => (
-        <>
-          {band !== null && (
-            <rect
-              class="band"
-              x={place(-0.5)}
-              width={step * frame.names.length}
-              y={y(band)}
-              height={y(-band) - y(band)}
-            />
-          )}
-          {[...new Set(dots.map(({ mark }) => mark))].map((mark) => (
-            <path
-              class={`dot ${mark}`}
-              d={dots
-                .filter((dot) => dot.mark === mark)
-                .map(({ column, value }) =>
-                  circle(place(column) + shift(mark) * Math.min(5, step / 4), y(value), radius(step)),
-                )
-                .join("")}
-            />
-          ))}
-        </>
-      )}
-    </ByName>
-  );
-}
-
 const radius = (step: number): number => Math.min(3.6, Math.max(1.5, step / 5));
-const shift = (mark: string): number => (mark === "x" ? -1 : mark === "z" ? 1 : 0);
 
 const words = text.scene;
 
-interface RobotPartProps {
-  context: RunContext;
-  result: RunResult;
-  query: URLSearchParams;
+export function RobotPart(props: PartProps) {
+  const postures = usePostures(props.context.set, props.context.robot);
+  return postures ? <Stepper postures={postures} {...props} /> : <Busy label={words.loading} />;
 }
 
-export function RobotPart({ context, result, query }: RobotPartProps) {
-  const postures = usePostures(context.set, context.robot);
-  return postures ? (
-    <Stepper context={context} postures={postures} result={result} query={query} />
-  ) : (
-    <Busy label={words.loading} />
-  );
-}
-
-function Stepper({ context: { run, set }, postures, result, query }: RobotPartProps & { postures: Posture[] }) {
+function Stepper({ context: { run, set }, postures, result, query }: PartProps & { postures: Posture[] }) {
   const asked = query.get("at");
   const from = query.get("from");
   const [index, setIndex] = useState(() => placeOf(set, asked));
@@ -269,7 +190,8 @@ function Stepper({ context: { run, set }, postures, result, query }: RobotPartPr
   const [colour, setColour] = useState<"kind" | "residual">("kind");
   const [bends, setBends] = useState(0);
   const [resets, setResets] = useState(0);
-  const drawn = useMemo<DrawnSet>(() => arrowsOf(set, postures, result), [set, postures, result]);
+  const drawn = useMemo(() => arrowsOf(set, postures, result), [set, postures, result]);
+  const worst = Math.max(1e-9, ...result.residuals.map(({ residual }) => norm(residual)));
   const [factor, setFactor] = useState(() => magnification(drawn, roomOf(postures)));
   const step = useCallback(
     (by: number) => setIndex((i) => (i + by + postures.length) % postures.length),
@@ -279,8 +201,15 @@ function Stepper({ context: { run, set }, postures, result, query }: RobotPartPr
   const posture = postures[index];
   const observation = set.observations[index];
   if (!posture || !observation) return null;
-  const own = drawn.byObservation[index] ?? drawn.together;
-  const arrows = all ? drawn.together : own;
+  const own = drawn[index] as Arrows;
+  const arrows = all
+    ? {
+        measured: drawn.flatMap((each) => each.measured),
+        predicted: drawn.flatMap((each) => each.predicted),
+        residuals: drawn.flatMap((each) => each.residuals),
+        targets: [],
+      }
+    : own;
   const { point, force } = loadOf(set, observation, posture);
   const tips = own.measured.flatMap(({ from: foot, along }) => [foot, add(foot, times(along, factor))]);
   const points = [...roomOf([posture]), ...tips];
@@ -299,8 +228,7 @@ function Stepper({ context: { run, set }, postures, result, query }: RobotPartPr
           factor={factor}
           axes={axes}
           names={labels ? result.joints.map((joint) => joint.name) : []}
-          targets={all ? [] : arrows.targets}
-          byResidual={colour === "residual" ? drawn.worst : null}
+          byResidual={colour === "residual" ? worst : null}
           bend={bendOf(posture, compliances, { point, force })}
           room={room}
           label={words.canvas(observation.label)}
@@ -337,7 +265,7 @@ function Stepper({ context: { run, set }, postures, result, query }: RobotPartPr
             { mark: "load", label: `${words.load}: ${loadText}` },
             ...(colour === "kind"
               ? (["measured", "predicted"] as const).map((mark) => ({ mark, label: words[mark] }))
-              : [{ mark: "ramp", label: words.residualRamp(`${significant(drawn.worst * 1e3, 2)} ${text.units.mm}`) }]),
+              : [{ mark: "ramp", label: words.residualRamp(`${significant(worst * 1e3, 2)} ${text.units.mm}`) }]),
           ]}
         />
         <div class="magnify">

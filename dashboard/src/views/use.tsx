@@ -1,9 +1,21 @@
-/** What a result is used for: deflections that are predicted, maps of a work area, programs that are corrected; each asked for in a tab of its run. */
+/** What a result is used for: deflections that are predicted, maps of a work area, programs that are corrected, files; each asked for in a tab of its run. */
 import { useMemo, useState } from "preact/hooks";
 import { api } from "../api/client";
-import type { DeflectionResult, Posture, RunResult } from "../api/types";
-import { ActionButton, Busy, Button, Facts, Prose, Toggle } from "../components/basics";
-import { Select, RequestFields } from "../components/fields";
+import type { Assessment, DeflectionResult, Posture, RunResult } from "../api/types";
+import {
+  ActionButton,
+  Busy,
+  Button,
+  Download,
+  Facts,
+  LinkButton,
+  Name,
+  ProblemNote,
+  Prose,
+  Toggle,
+  When,
+} from "../components/basics";
+import { Select, RequestFields, TextField } from "../components/fields";
 import { SchemaFields, DropZone, type Terms } from "../components/schema_form";
 import { bendOf, loadOf, type Vector, add, fromFlange, norm, times } from "../lib/vector";
 import { decimalsFor, fixed, percent, significant, roundStep } from "../lib/format";
@@ -18,6 +30,7 @@ import { type RunContext, usePostures } from "./run_context";
 import { VerdictCard } from "../components/job_page";
 import { boxAround } from "../lib/map";
 import { useDraft } from "../state/session";
+import { useLoad, valueOf } from "../state/load";
 
 const words = later.predict;
 
@@ -338,5 +351,115 @@ export function ProgramForm({ context: { run } }: { context: RunContext }) {
         {programWords.make}
       </ActionButton>
     </RequestFields>
+  );
+}
+
+const fileWords = later.runFiles;
+
+export function RunFiles({ run, assessment }: { run: string; assessment: Assessment }) {
+  const refused = assessment.verdict === "do_not_use";
+  const sure = (event: Event) => {
+    if (refused && !confirm(text.assessment.sure(assessment.reasons.map(({ message }) => message))))
+      event.preventDefault();
+  };
+  return (
+    <section class="card">
+      <h2>{fileWords.title}</h2>
+      <p class="soft">{fileWords.intro}</p>
+      <div class="actions">
+        <Download href={api.jobs.file(run, "report.pdf")}>{fileWords.pdf}</Download>
+        <LinkButton href={api.jobs.file(run, "report.html")} target="_blank" rel="noreferrer">
+          {fileWords.html}
+        </LinkButton>
+        {(Object.keys(fileWords.models) as (keyof typeof fileWords.models)[]).map((format) => (
+          <LinkButton
+            key={format}
+            href={api.jobs.file(run, `model.${format}${refused ? "?accept_verdict=do_not_use" : ""}`)}
+            onClick={sure}
+            title={fileWords.models[format][1]}
+            download
+          >
+            {fileWords.models[format][0]}
+          </LinkButton>
+        ))}
+      </div>
+      <Authorisations run={run} />
+    </section>
+  );
+}
+
+const BLANK = { note: "", customer: "", received: "" };
+
+/** Who authorised the report; admins may. */
+function Authorisations({ run }: { run: string }) {
+  const loaded = useLoad(
+    async (signal) => {
+      const [found, session] = await Promise.all([api.authorisations(run, signal), api.session()]);
+      return { items: found.items, may: session.role === "admin", name: session.key_name };
+    },
+    [run],
+  );
+  /** What is stated in the report; null while nobody authorises. */
+  const [asked, setAsked] = useState<typeof BLANK | null>(null);
+  const authorise = useAction(async () => {
+    const { note = "", customer = "", received = "" } = asked ?? {};
+    await api.authorise(run, {
+      note: note.trim() || null,
+      customer: customer.trim() ? { name: customer.trim() } : null,
+      received_on: received || null,
+    });
+    setAsked(null);
+    loaded.reload();
+  });
+  const found = valueOf(loaded);
+  if (!found) return loaded.state === "failed" ? <ProblemNote problem={loaded.problem} /> : null;
+  return (
+    <>
+      {found.items.map((each) => (
+        <p key={each.authorised_at}>
+          {fileWords.authorisedBy} <Name>{each.key_name}</Name>, <When time={each.authorised_at} />
+          {each.note && (
+            <>
+              : <Name>{each.note}</Name>
+            </>
+          )}
+          {" · "}
+          <a href={api.jobs.file(run, `issued-${each.number}.pdf`)} title={`SHA-256 ${each.pdf_sha256}`} download>
+            {fileWords.issued(each.number)}
+          </a>
+        </p>
+      ))}
+      {found.items.length === 0 && <p class="soft">{fileWords.draft}</p>}
+      {!found.may && <p class="soft">{fileWords.howToAuthorise}</p>}
+      {found.may && !asked && <Button onClick={() => setAsked(BLANK)}>{fileWords.authorise}</Button>}
+      {asked && (
+        <div class="note warn" role="group" aria-label={fileWords.sure}>
+          <div class="row">
+            {(["note", "customer", "received"] as const).map((name) => (
+              <TextField
+                key={name}
+                label={fileWords[name]}
+                type={name === "received" ? "date" : "text"}
+                value={asked[name]}
+                maxLength={200}
+                change={(typed) => setAsked({ ...asked, [name]: typed })}
+              />
+            ))}
+          </div>
+          <p>{fileWords.states(found.name ?? "")}</p>
+          <div class="actions">
+            <LinkButton href={`${api.jobs.file(run, "report.html")}?draft=true`} target="_blank" rel="noreferrer">
+              {fileWords.draftNow}
+            </LinkButton>
+            <ActionButton look="primary" action={authorise}>
+              {fileWords.sure}
+            </ActionButton>
+            <Button look="quiet" onClick={() => setAsked(null)}>
+              {fileWords.cancel}
+            </Button>
+          </div>
+        </div>
+      )}
+    </>
   );
 }

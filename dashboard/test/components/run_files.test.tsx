@@ -1,7 +1,7 @@
 // @vitest-environment happy-dom
 import { describe, expect, it, vi } from "vitest";
 import { api } from "../../src/api/client";
-import { RunFiles } from "../../src/views/run_files";
+import { RunFiles } from "../../src/views/use";
 import { drawn, press, settled } from "./drawn";
 
 const done = {
