@@ -10,7 +10,7 @@ import { type Fields, unreadIn, contentKey, freshKey } from "../lib/json";
 import { useLoad, valueOf, namesChanged, useNames } from "../state/load";
 import { text } from "../i18n";
 import { later } from "../i18n/later";
-import { type ImportFault, meaningsFor, widthOf, type Template, fits, UNKNOWN, dimensionOf } from "../lib/imports";
+import { meaningsFor, widthOf, type Template, fits, UNKNOWN, dimensionOf } from "../lib/imports";
 import { keptTemplates, type Opened, freshDraft, keepDraft, keepFiles, keptDraft, keepTemplate } from "../state/opened";
 import { FaultList, ImportTable } from "./import_table";
 import { Arm } from "../scene/view";
@@ -61,15 +61,14 @@ export function withStated(before: ImportOptions, next: Fields): ImportOptions {
 export const sent = (options: ImportOptions): ImportOptions =>
   Object.fromEntries(Object.entries(options).filter(([, value]) => value !== null && unreadIn([value]) === null));
 
-export function ImportForm({
-  answer,
-  options,
-  change,
-}: {
+interface ImportProps {
   answer: ImportAnswer;
   options: ImportOptions;
   change: (options: ImportOptions) => void;
-}) {
+}
+
+/** What the files do not say. */
+function ImportForm({ answer, options, change }: ImportProps) {
   const [mass, setMass] = useState("");
   const missing = new Set<string>(answer.missing_fields);
   const form = {
@@ -107,19 +106,16 @@ export function ImportForm({
 }
 
 /** The frame of the positions, where it is a tracker's: by a geometry of the robot, or by a transform. */
-export function FrameForm({
-  frame,
-  change,
-  robot,
-  length,
-}: {
+interface FrameProps {
   frame: Fields;
   change: (frame: Fields) => void;
   /** Whose geometries are offered; empty while none is chosen. */
   robot: string;
   /** The files' unit of length. */
   length: string;
-}) {
+}
+
+function FrameForm({ frame, change, robot, length }: FrameProps) {
   const geometries = valueOf(
     useLoad(
       async (signal) =>
@@ -153,19 +149,13 @@ export function FrameForm({
   );
 }
 
-export function ImportContent({
-  answer,
-  files,
-  options,
-  change,
-  use,
-}: {
-  answer: ImportAnswer;
+interface ContentProps extends ImportProps {
   files: File[];
-  options: ImportOptions;
-  change: (options: ImportOptions) => void;
   use: (template: Template) => void;
-}) {
+}
+
+/** What was read of the files, column by column, and what is wrong with it. */
+function ImportContent({ answer, files, options, change, use }: ContentProps) {
   const { preview, faults } = answer;
   const groups = useMemo(() => meaningsFor(preview.files, preview.targets), [answer]);
   const named = new Set(preview.files.map(({ file }) => file));
@@ -188,7 +178,7 @@ export function ImportContent({
         </div>
       )}
       <FaultList faults={faults.filter(({ file }) => file === null || !named.has(file))} />
-      <ImportReading files={files} faults={faults} options={options} change={change} />
+      <ImportReading {...{ answer, files, options, change }} />
       {preview.files.map((one) => (
         <ImportTable
           key={one.file}
@@ -210,21 +200,10 @@ export function ImportContent({
   );
 }
 
-const readingWords = later.imports.reading;
-type Change = (options: ImportOptions) => void;
+const readingWords = words.reading;
 
 /** How files are read where that is not plain: controls for the options that faults name, and for those that are set. */
-function ImportReading({
-  files,
-  faults,
-  options,
-  change,
-}: {
-  files: File[];
-  faults: ImportFault[];
-  options: ImportOptions;
-  change: Change;
-}) {
+function ImportReading({ answer: { faults }, files, options, change }: Omit<ContentProps, "use">) {
   const named = new Set(faults.map((fault) => fault.option));
   const shown = (option: keyof ImportOptions & string) => named.has(option) || Boolean(options[option]);
   const put = (part: Partial<ImportOptions>) => change({ ...options, ...part });
@@ -310,12 +289,14 @@ export function ImportFlow({
   const { answer, problem, busy } = useImport(files, request);
   useEffect(() => setJoints(answer?.preview.joint_count ?? null), [answer]);
   const set = answer?.measurement_set ?? null;
+  const bodies = answer?.bodies ?? [];
+  const mass = bodies.reduce((sum, body) => sum + body.mass, 0);
   const facts = set ? factsOf(set as never) : null;
   const length = facts?.units?.length ?? lengthOfFiles(answer) ?? text.units.mm;
   const identify = useAction(async () => {
     if (!answer || !set) return;
     const noise = statesNoise(form.noise) ? noiseOf(form.noise, set.noise as never, set.units as Units) : set.noise;
-    const robotId = answer.bodies.length > 0 ? await withBodies(robot, answer.bodies) : robot;
+    const robotId = bodies.length > 0 ? await withBodies(robot, bodies) : robot;
     const document = { ...set, ...notedIn(typed), noise, frame: framed ? frame : null, robot_id: robotId };
     const added = await api.sets.add(document, contentKey("set", document));
     namesChanged();
@@ -367,17 +348,7 @@ export function ImportFlow({
 
       <Step at={3} title={words.understood}>
         {facts && <Preview facts={facts} />}
-        {answer && answer.bodies.length > 0 && (
-          <p>
-            {words.bodies(
-              answer.bodies.length,
-              significant(
-                answer.bodies.reduce((sum, { mass }) => sum + mass, 0),
-                4,
-              ),
-            )}
-          </p>
-        )}
+        {bodies.length > 0 && <p>{words.bodies(bodies.length, significant(mass, 4))}</p>}
         {answer?.findings && <Findings warnings={answer.findings} />}
         {robot ? (
           <Arm source={{ robot_id: robot }} start={facts?.firstJoints ?? null} sliders={false} />
@@ -385,7 +356,16 @@ export function ImportFlow({
           <p class="stage blank">{text.start.armHere}</p>
         )}
         {answer?.template && (
-          <Button look="quiet" onClick={() => download(answer, files)}>
+          <Button
+            look="quiet"
+            onClick={() =>
+              save(
+                JSON.stringify(answer.template, null, 1),
+                "application/json",
+                `${files[0]?.name ?? "import"}.template.json`,
+              )
+            }
+          >
             {words.saveTemplate}
           </Button>
         )}
@@ -425,10 +405,6 @@ function lackOf(answer: ImportAnswer | null, robot: string): string | null {
   const [first] = answer.missing_fields;
   if (first !== undefined) return words.missing[first];
   return robot === "" ? text.start.robotFirst : null;
-}
-
-function download({ template }: ImportAnswer, files: File[]): void {
-  save(JSON.stringify(template, null, 1), "application/json", `${files[0]?.name ?? "import"}.template.json`);
 }
 
 /** Someone who types is let finish before the files are sent again. */

@@ -135,15 +135,7 @@ function rampFill(part: number): string | undefined {
 }
 
 /** The colours with their ends in numbers. */
-function RampLegend({
-  scale: [low, high],
-  unit,
-  label,
-}: {
-  scale: readonly [number, number];
-  unit: string;
-  label: string;
-}) {
+function RampLegend({ scale: [low, high], unit, label }: { scale: Look["scale"]; unit: string; label: string }) {
   const digits = Math.max(0, 2 - Math.floor(Math.log10(high || 1)));
   return (
     <p class="ramp-legend">

@@ -42,8 +42,10 @@ export function Postures({ plan, result, robot }: { plan: Plan; result: PlanResu
             <li class={i === chosen ? "shown" : undefined}>
               <b>{each.label}</b>
               <Button look="quiet" onClick={() => choose(i)}>
-                <span class="hidden">{words.show(each.label)}: </span>
-                {angles(each, robot)} <small class="soft">{loadOf(each)}</small>
+                <span>
+                  <span class="hidden">{words.show(each.label)}: </span>
+                  {angles(each, robot)} <small class="soft">{loadOf(each)}</small>
+                </span>
               </Button>
             </li>
           ))}

@@ -150,25 +150,11 @@ async function store(campaign: Campaign, robot: string): Promise<MeasurementSet>
 /** The set with another noise, stored as a set of its own. */
 async function withNoise(set: MeasurementSet, noise: StatedNoise): Promise<MeasurementSet> {
   const name = `${set.name} (${text.assessment.noiseStated})`;
-  const document = { ...bare(set), name, noise: noiseOf(noise, set.noise, set.units) };
+  const { id, warnings, archived, content_hash, created_at, resolved_frame, ...posted } = set;
+  const document = { ...posted, name, noise: noiseOf(noise, set.noise, set.units) };
   const added = await api.sets.add(document, contentKey("set", document));
   namesChanged();
   return added;
-}
-
-type Bare = Omit<MeasurementSet, "id" | "warnings" | "archived" | "content_hash" | "created_at" | "resolved_frame">;
-
-/** A set as it was posted. */
-function bare({
-  id: _,
-  warnings: _w,
-  archived: _a,
-  content_hash: _h,
-  created_at: _c,
-  resolved_frame: _f,
-  ...document
-}: MeasurementSet): Bare {
-  return document;
 }
 
 export function StartView({ query }: { query: URLSearchParams }) {

@@ -331,15 +331,17 @@ export function ProgramForm({ context: { run } }: { context: RunContext }) {
         change={change}
         terms={OF_PROGRAM}
       />
-      <SchemaFields
-        of="ProcessLoad-Input"
-        show={["force"]}
-        value={asked["load"] as Fields}
-        change={(load) => change({ load })}
-        terms={OF_LOAD}
-      />
-      {frame("tools")}
-      {frame("bases")}
+      <div class="fields">
+        <SchemaFields
+          of="ProcessLoad-Input"
+          show={["force"]}
+          value={asked["load"] as Fields}
+          change={(load) => change({ load })}
+          terms={OF_LOAD}
+        />
+        {frame("tools")}
+        {frame("bases")}
+      </div>
       {(leave || make.problem?.type === NOT_UNDERSTOOD) && (
         <Toggle label={programWords.leave} checked={leave} change={setLeave} />
       )}
