@@ -293,8 +293,11 @@ export function Busy({ label = text.app.loading }: { label?: string }) {
   );
 }
 
+/** What of a problem is said. */
+type Said = Pick<Problem, "title" | "detail"> & Partial<Problem>;
+
 /** A refusal: what, where, what to do. */
-export function ProblemNote({ problem, retry }: { problem: Problem; retry?: () => void }) {
+export function ProblemNote({ problem, retry }: { problem: Said; retry?: () => void }) {
   return (
     <div class="note bad" role="alert">
       <h3>{problem.title}</h3>

@@ -101,13 +101,12 @@ export function StoredActions({ of: { id, name, archived }, api, list, changed }
 
 const words = text.list;
 
-/** A row: what, how, when, and how it stands. */
+/** A row: its name, how, when, and how it stands. */
 export interface Row {
   id: string;
   /** Address that the row leads to, if any. */
   href?: string | undefined;
-  what: ComponentChildren;
-  /** Beneath what. */
+  /** Beneath its name. */
   note?: ComponentChildren;
   how?: ComponentChildren;
   figures?: ComponentChildren;
@@ -116,8 +115,8 @@ export interface Row {
   /** Beneath when. */
   since?: ComponentChildren;
   standing?: ComponentChildren;
-  /** Plain name to sort by, and what else a search finds the row by. */
   name: string;
+  /** What else a search finds the row by. */
   words?: (string | null | undefined)[];
   robot?: string | null;
   verdict?: Usability | null;
@@ -256,7 +255,7 @@ function Item({ row }: { row: Row }) {
   const cells = (
     <>
       <span class="what" title={row.name}>
-        {row.what}
+        <Name>{row.name}</Name>
         {row.note && <small>{row.note}</small>}
       </span>
       {row.how && <span class="how">{row.how}</span>}

@@ -181,19 +181,9 @@ interface StepProps {
 }
 
 /** A file that is none of ours: what is wrong, and what to do. */
-export function Refused({ file, why: [title, remedy] }: { file: string; why: readonly string[] }) {
-  return (
-    <div class="note bad" role="alert">
-      <h3>{title}</h3>
-      <p>
-        <bdi>{file}</bdi>
-      </p>
-      <p>
-        <b>{text.errors.remedy}:</b> {remedy}
-      </p>
-    </div>
-  );
-}
+export const Refused = ({ file, why: [title = "", remedy = ""] }: { file: string; why: readonly string[] }) => (
+  <ProblemNote problem={{ title, detail: file, remedy }} />
+);
 
 /** The one button at the end of a flow, and why it cannot be pressed yet. */
 export function GoBar({ action, ready, why }: { action: Action<[]>; ready: boolean; why: string | null }) {

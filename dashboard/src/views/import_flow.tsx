@@ -12,7 +12,7 @@ import { text } from "../i18n";
 import { later } from "../i18n/later";
 import { meaningsFor, widthOf, type Template, fits, UNKNOWN, dimensionOf } from "../lib/imports";
 import { keptTemplates, type Opened, freshDraft, keepDraft, keepFiles, keptDraft, keepTemplate } from "../state/opened";
-import { FaultList, ImportTable } from "./import_table";
+import { Assumptions, FaultList, ImportTable } from "./import_table";
 import { Arm } from "../scene/view";
 import { save } from "../components/table";
 import { Findings, Preview } from "../components/findings";
@@ -189,13 +189,7 @@ function ImportContent({ answer, files, options, change, use }: ContentProps) {
           groups={groups}
         />
       ))}
-      {preview.assumptions.length > 0 && (
-        <ul class="assumptions">
-          {preview.assumptions.map((assumption) => (
-            <li>{assumption}</li>
-          ))}
-        </ul>
-      )}
+      <Assumptions said={preview.assumptions} />
     </>
   );
 }

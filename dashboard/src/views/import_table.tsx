@@ -87,16 +87,20 @@ export function ImportTable({ preview, faults, options, change, groups }: Props)
         </table>
       </Scroll>
       <FaultList faults={faults.filter((_, i) => places[i] === null)} />
-      {preview.assumptions.length > 0 && (
-        <ul class="assumptions">
-          {preview.assumptions.map((assumption) => (
-            <li>{assumption}</li>
-          ))}
-        </ul>
-      )}
+      <Assumptions said={preview.assumptions} />
     </section>
   );
 }
+
+/** What was assumed of a file, to be checked. */
+export const Assumptions = ({ said }: { said: string[] }) =>
+  said.length === 0 ? null : (
+    <ul class="assumptions">
+      {said.map((assumption) => (
+        <li>{assumption}</li>
+      ))}
+    </ul>
+  );
 
 /** As many columns are named. */
 const IN_VIEW = 8;

@@ -223,7 +223,6 @@ function robotRow(robot: Names["robots"][number], names: Names): Row {
     id: robot.id,
     href: link(["robots", robot.id]),
     name: robot.name,
-    what: <Name>{robot.name}</Name>,
     note: <Name>{joints + toldApart}</Name>,
     how: `${words.sets}: ${sets.length}`,
     at: robot.created_at,
@@ -238,7 +237,6 @@ function setRow(set: MeasurementSetSummary, names: Names | null): Row {
     id: set.id,
     href: link(["sets", set.id]),
     name: set.name,
-    what: <Name>{set.name}</Name>,
     note: <Name>{[robot, set.serial_number].filter(Boolean).join(", ")}</Name>,
     how: (
       <>
@@ -422,7 +420,6 @@ export function rowOf(row: FleetRow): Row {
     id: `${row.robot_id}/${row.serial_number}`,
     href: link(["compare", "trend", row.robot_id], query),
     name: row.name,
-    what: <Name>{row.name}</Name>,
     note: row.serial_number === null ? fleetWords.noSerial : <Name>{row.serial_number}</Name>,
     how: (
       <>

@@ -1,5 +1,5 @@
 /** One run: its result in parts. */
-import type { ComponentProps } from "preact";
+import type { ComponentProps, ComponentType } from "preact";
 import { api } from "../api/client";
 import type { Run } from "../api/types";
 import { AlarmNote } from "../components/list";
@@ -10,7 +10,7 @@ import { useAction, link } from "../state/action";
 import { valueOf, ofArm, useNames } from "../state/load";
 import { text } from "../i18n";
 import { JobList } from "./runs";
-import { type RunContext, contextOf, elasticityOf, isElastic } from "./run_context";
+import { type PartProps, type RunContext, contextOf, elasticityOf, isElastic } from "./run_context";
 import { StiffnessPart } from "./run_stiffness";
 
 const DeflectionPart = lazy(async () => (await import("./run_deflection")).DeflectionPart);
@@ -96,50 +96,54 @@ function Earlier<Of extends "maps" | "programs">(of: Omit<ComponentProps<typeof 
 }
 
 function Parts({ context, part, query }: { context: RunContext; part: string; query: URLSearchParams }) {
-  const { result } = context.run;
-  const { robot, set } = context;
+  const { run, robot, set } = context;
+  const { result } = run;
   if (!result) return null;
-  const views = text.run.views;
-  const tabs = (Object.keys(views) as (keyof typeof views)[]).map((id) => ({
+  const tabs = (Object.keys(VIEWS) as (keyof typeof VIEWS)[]).map((id) => ({
     id,
-    label: views[id],
-    href: link(id === "result" ? ["runs", context.run.id] : ["runs", context.run.id, id]),
+    label: text.run.views[id],
+    href: link(id === "result" ? ["runs", run.id] : ["runs", run.id, id]),
   }));
+  const View = VIEWS[tabs.find(({ id }) => id === part)?.id ?? "result"];
   return (
     <>
       <AlarmNote robot={robot.id} alarms={ofArm(robot.alarms, set.serial_number)} />
       <Tabs label={text.run.tabs} tabs={tabs} current={part} />
-      {part === "deflection" ? (
-        <DeflectionPart context={context} result={result} query={query} />
-      ) : part === "robot" ? (
-        <RobotPart context={context} result={result} query={query} />
-      ) : part === "predict" ? (
-        <PredictPart context={context} result={result} />
-      ) : part === "map" ? (
-        <>
-          <MapForm context={context} />
-          <Earlier
-            collection="maps"
-            title={text.earlier.maps}
-            about={{ robot_id: context.robot.id }}
-            row={({ name }) => ({ name: name ?? views.map })}
-          />
-        </>
-      ) : part === "program" ? (
-        <>
-          <ProgramForm context={context} />
-          <Earlier
-            collection="programs"
-            title={text.earlier.programs}
-            about={{ robot_id: context.robot.id }}
-            row={({ file_name: name }) => ({ name: name ?? views.program })}
-          />
-        </>
-      ) : part === "report" ? (
-        <RunFiles run={context.run.id} assessment={result.assessment} />
-      ) : (
-        <StiffnessPart context={context} result={result} />
-      )}
+      <View context={context} result={result} query={query} />
     </>
   );
 }
+
+const MapPart = ({ context }: PartProps) => (
+  <>
+    <MapForm context={context} />
+    <Earlier
+      collection="maps"
+      title={text.earlier.maps}
+      about={{ robot_id: context.robot.id }}
+      row={({ name }) => ({ name: name ?? text.run.views.map })}
+    />
+  </>
+);
+
+const ProgramPart = ({ context }: PartProps) => (
+  <>
+    <ProgramForm context={context} />
+    <Earlier
+      collection="programs"
+      title={text.earlier.programs}
+      about={{ robot_id: context.robot.id }}
+      row={({ file_name: name }) => ({ name: name ?? text.run.views.program })}
+    />
+  </>
+);
+
+const VIEWS: Record<keyof typeof text.run.views, ComponentType<PartProps>> = {
+  result: StiffnessPart,
+  deflection: DeflectionPart,
+  robot: RobotPart,
+  predict: PredictPart,
+  map: MapPart,
+  program: ProgramPart,
+  report: RunFiles,
+};

@@ -2,7 +2,7 @@ import { storedRobot, storedSet, cached, useCached, valueOf } from "../state/loa
 /** What the parts of a run's page share, and what the pages of maps and programs need of their run. */
 import { useMemo } from "preact/hooks";
 import { api } from "../api/client";
-import type { Elasticity, MeasurementSet, Posture, Robot, Run } from "../api/types";
+import type { Elasticity, MeasurementSet, Posture, Robot, Run, RunResult } from "../api/types";
 import { factors } from "../lib/stiffness";
 
 /** A run with what it is about. */
@@ -10,6 +10,13 @@ export interface RunContext {
   run: Run;
   set: MeasurementSet;
   robot: Robot;
+}
+
+/** What each part of its page is given. */
+export interface PartProps {
+  context: RunContext;
+  result: RunResult;
+  query: URLSearchParams;
 }
 
 export async function contextOf(run: Run): Promise<RunContext> {

@@ -9,7 +9,7 @@ import { LinkButton, Busy, Button, Choice, Toggle } from "../components/basics";
 import { link } from "../state/action";
 import { alike } from "../components/table";
 import { text } from "../i18n";
-import { type RunContext, usePostures } from "./run_context";
+import { type PartProps, usePostures } from "./run_context";
 import { Handle } from "../components/fields";
 import { ArmView, roomOf } from "../scene/view";
 
@@ -60,12 +60,6 @@ export const byObservation = (residuals: Residual[]): { name: string; before: nu
     before: mean(own.map(({ deflection }) => norm(deflection))),
     after: mean(own.map(({ residual }) => norm(residual))),
   }));
-
-interface PartProps {
-  context: RunContext;
-  result: RunResult;
-  query: URLSearchParams;
-}
 
 export function DeflectionPart({ context: { run, set }, result, query }: PartProps) {
   const words = text.deflection;

@@ -8,7 +8,7 @@ import { useSettings } from "../state/session";
 import { text } from "../i18n";
 import { JobLines, JobTables, VerdictCard } from "../components/job_page";
 import { useState } from "preact/hooks";
-import { type RunContext, isElastic } from "./run_context";
+import { type PartProps, type RunContext, isElastic } from "./run_context";
 import { Shares, Figure } from "../charts/figure";
 import { useCached, valueOf } from "../state/load";
 import { api } from "../api/client";
@@ -143,7 +143,7 @@ export function Evidence({ context: { run, set }, result }: { context: RunContex
   );
 }
 
-export function StiffnessPart({ context, result }: { context: RunContext; result: RunResult }) {
+export function StiffnessPart({ context, result }: PartProps) {
   const { run } = context;
   const nothing = result.joints.every((joint) => joint.status !== "identified" && joint.status !== "uncertain");
   const beside = useAction(async () => {

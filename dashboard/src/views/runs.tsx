@@ -60,7 +60,6 @@ export function jobRow<Of extends Collection>(
   return {
     id: job.id,
     href: addressOf(collection, job.id),
-    what: <Name>{row.name}</Name>,
     note: robot && <Name>{robot}</Name>,
     figures: job.verdict && job.joint_count && <Figures of={item as RunSummary} />,
     at: job.created_at,

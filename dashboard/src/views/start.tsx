@@ -3,7 +3,7 @@ import { useEffect, useState } from "preact/hooks";
 import { api } from "../api/client";
 import type { MeasurementSet } from "../api/types";
 import { Arm } from "../scene/view";
-import { Busy, LinkButton, ProblemNote, Button, Empty, Head } from "../components/basics";
+import { Busy, LinkButton, ProblemNote, Button, Empty, Head, Show } from "../components/basics";
 import { RequestFields, Select } from "../components/fields";
 import { Findings, Preview } from "../components/findings";
 import { type Campaign, factsOf, noiseOf, type StatedNoise, statesNoise } from "../lib/campaign";
@@ -214,13 +214,17 @@ async function example(): Promise<File> {
 function Recent({ example }: { example: () => Promise<void> }) {
   const recent = useLoad((signal) => api.runs.list({ limit: 5 }, signal), []);
   const names = valueOf(useNames());
-  if (recent.state === "loading") return <Busy />;
-  if (recent.state === "failed") return <ProblemNote problem={recent.problem} retry={recent.reload} />;
-  if (recent.value.items.length === 0)
-    return (
-      <Empty title={text.runs.none} hint={text.start.recentNone}>
-        <Button onClick={() => void example()}>{text.start.example}</Button>
-      </Empty>
-    );
-  return <RunList runs={recent.value.items} names={names} />;
+  return (
+    <Show of={recent}>
+      {({ items }) =>
+        items.length === 0 ? (
+          <Empty title={text.runs.none} hint={text.start.recentNone}>
+            <Button onClick={() => void example()}>{text.start.example}</Button>
+          </Empty>
+        ) : (
+          <RunList runs={items} names={names} />
+        )
+      }
+    </Show>
+  );
 }

@@ -335,6 +335,7 @@ export function TrendView({ robot: id, serial }: { robot: string; serial: string
               )}
             </div>
             <Charts trend={found} reload={trend.reload} />
+            <LeftOut trend={found} />
           </>
         )}
       </Show>
@@ -349,16 +350,12 @@ const serialsOf = ({ selection, serial_numbers: serials }: Found) => [
 ];
 
 function Charts({ trend, reload }: Noted) {
-  if (trend.campaigns.length === 0) {
+  if (trend.campaigns.length === 0)
     return (
-      <>
-        <Empty title={words.none} hint={words.noneHint}>
-          <MeasureLink robot={trend.robot_id} />
-        </Empty>
-        <LeftOut trend={trend} />
-      </>
+      <Empty title={words.none} hint={words.noneHint}>
+        <MeasureLink robot={trend.robot_id} />
+      </Empty>
     );
-  }
   return (
     <>
       {trend.note !== null && <p class="note">{words.notYet(trend.note)}</p>}
@@ -386,14 +383,12 @@ function Charts({ trend, reload }: Noted) {
             id,
             href: link(["runs", id]),
             name,
-            what: <Name>{name}</Name>,
             at,
             standing: <Badge verdict={assessment.verdict} />,
           }))}
         />
       </details>
       <NewBaseline trend={trend} reload={reload} />
-      <LeftOut trend={trend} />
     </>
   );
 }
@@ -481,7 +476,6 @@ function LeftOut({ trend }: { trend: Found }) {
           id,
           href: link(["sets", id]),
           name,
-          what: <Name>{name}</Name>,
           how: reason,
         }))}
       />

@@ -1,7 +1,7 @@
 /** What a result is used for: deflections that are predicted, maps of a work area, programs that are corrected, files; each asked for in a tab of its run. */
 import { useMemo, useState } from "preact/hooks";
 import { api } from "../api/client";
-import type { Assessment, DeflectionResult, Posture, RunResult } from "../api/types";
+import type { DeflectionResult, Posture, RunResult } from "../api/types";
 import {
   ActionButton,
   Busy,
@@ -26,7 +26,7 @@ import { ArmView, roomOf } from "../scene/view";
 import { useAction, asking, link } from "../state/action";
 import { text } from "../i18n";
 import { later } from "../i18n/later";
-import { type RunContext, usePostures } from "./run_context";
+import { type PartProps, type RunContext, usePostures } from "./run_context";
 import { VerdictCard } from "../components/job_page";
 import { boxAround } from "../lib/map";
 import { useDraft } from "../state/session";
@@ -34,12 +34,7 @@ import { useLoad, valueOf } from "../state/load";
 
 const words = later.predict;
 
-interface PredictProps {
-  context: RunContext;
-  result: RunResult;
-}
-
-export function PredictPart(props: PredictProps) {
+export function PredictPart(props: PartProps) {
   const postures = usePostures(props.context.set, props.context.robot);
   return postures ? <Form {...props} postures={postures} /> : <Busy />;
 }
@@ -62,7 +57,7 @@ interface Case extends Fields {
   load_point: Vector;
 }
 
-function Form({ context: { run, set, robot }, result, postures }: PredictProps & { postures: Posture[] }) {
+function Form({ context: { run, set, robot }, result, postures }: PartProps & { postures: Posture[] }) {
   const unit = factors(set.units);
   const kinds = robot.joints.map(({ kind }) => kind);
   const point = (set.load_point ?? set.observations[0]?.load_point ?? [0, 0, 0]) as Vector;
@@ -358,7 +353,8 @@ export function ProgramForm({ context: { run } }: { context: RunContext }) {
 
 const fileWords = later.runFiles;
 
-export function RunFiles({ run, assessment }: { run: string; assessment: Assessment }) {
+export function RunFiles({ context, result: { assessment } }: PartProps) {
+  const run = context.run.id;
   const refused = assessment.verdict === "do_not_use";
   const sure = (event: Event) => {
     if (refused && !confirm(text.assessment.sure(assessment.reasons.map(({ message }) => message))))

@@ -2,7 +2,7 @@
 import { useState } from "preact/hooks";
 import { api } from "../api/client";
 import type { NewWebhook, Webhook } from "../api/types";
-import { ActionButton, Button, Empty, Name, ProblemNote, Show, timeText, Title, Toggle } from "../components/basics";
+import { ActionButton, Button, Empty, ProblemNote, Show, timeText, Title, Toggle } from "../components/basics";
 import { TextField } from "../components/fields";
 import { type Row, Rows } from "../components/list";
 import { TableCard } from "../components/table";
@@ -78,7 +78,6 @@ function rowOf(hook: Webhook, remove: () => void): Row {
   return {
     id: hook.id,
     name: hook.url,
-    what: <Name>{hook.url}</Name>,
     note: words.delivered(hook.delivered),
     how: hook.events.map((event) => words.events[event]).join(", "),
     at: hook.created_at,

@@ -1,6 +1,8 @@
 // @vitest-environment happy-dom
 import { describe, expect, it, vi } from "vitest";
 import { api } from "../../src/api/client";
+import type { RunResult } from "../../src/api/types";
+import type { RunContext } from "../../src/views/run_context";
 import { RunFiles } from "../../src/views/use";
 import { drawn, press, settled } from "./drawn";
 
@@ -27,13 +29,21 @@ const session = (role: "admin" | "viewer" | null) => async () => ({
 
 const USE = { verdict: "use" as const, reasons: [], joints_identified: 6, joint_count: 6, headline: null, notes: [] };
 
+const Files = ({ verdict }: { verdict: "use" | "do_not_use" }) => (
+  <RunFiles
+    context={{ run: { id: "r1" } } as RunContext}
+    result={{ assessment: { ...USE, verdict } } as unknown as RunResult}
+    query={new URLSearchParams()}
+  />
+);
+
 describe("files of a run", () => {
   it("asks before a model of a run that is not to be used goes out", async () => {
     vi.spyOn(api, "authorisations").mockResolvedValue({ items: [] });
     vi.spyOn(api, "session").mockImplementation(session("viewer"));
     const sure = vi.fn().mockReturnValue(false);
     vi.stubGlobal("confirm", sure);
-    const root = await drawn(<RunFiles run="r1" assessment={{ ...USE, verdict: "do_not_use" }} />);
+    const root = await drawn(<Files verdict="do_not_use" />);
     await settled(() => {});
     const model = root.querySelector("a[href*='model.mjcf']");
     expect(model?.getAttribute("href")).toContain("accept_verdict=do_not_use");
@@ -47,7 +57,7 @@ describe("files of a run", () => {
   it("links the report and each format", async () => {
     vi.spyOn(api, "authorisations").mockResolvedValue({ items: [] });
     vi.spyOn(api, "session").mockImplementation(session("viewer"));
-    const root = await drawn(<RunFiles run="r1" assessment={USE} />);
+    const root = await drawn(<Files verdict="use" />);
     await settled(() => {});
     const links = [...root.querySelectorAll("a")].map((link) => link.getAttribute("href"));
     for (const name of [
@@ -71,7 +81,7 @@ describe("files of a run", () => {
       .mockResolvedValue({ items: [done] });
     vi.spyOn(api, "session").mockImplementation(session("admin"));
     const authorise = vi.spyOn(api, "authorise").mockResolvedValue(done);
-    const root = await drawn(<RunFiles run="r1" assessment={USE} />);
+    const root = await drawn(<Files verdict="use" />);
     await settled(() => {});
     await press(root, "Authorise the report");
     await settled(() => {});
