@@ -1,5 +1,5 @@
 /** The camera about a point: three's own controls turn and zoom; here it is held so that all is in view. */
-import { type PerspectiveCamera, Vector3 } from "three";
+import { Box3, type PerspectiveCamera, Sphere, Vector3 } from "three";
 import { OrbitControls } from "three/addons/controls/OrbitControls.js";
 
 const KEY_TURN = 0.12;
@@ -11,8 +11,6 @@ const CORNERS = [
   [-1, -1],
   [-1, 1],
 ].map(([x = 0, y = 0]) => new Vector3(x, y, 1).normalize());
-/** Share of the window that is left free around what is shown. */
-const MARGIN = 1.16;
 /** What has shrunk below this share of the view is framed anew. */
 const SMALL = 0.62;
 
@@ -22,8 +20,8 @@ export class Orbit {
   readonly #controls: OrbitControls;
   readonly #toward = new Vector3();
   #points: Vector3[] = [];
-  /** Of the view that holds all points; zooming leaves it. */
-  #fitted = 1;
+  /** Of the ball that the view holds; zooming leaves it. */
+  #radius = 1;
   #touched = false;
 
   constructor(
@@ -56,10 +54,9 @@ export class Orbit {
   frame(points: readonly Point[]): void {
     const first = this.#points.length === 0;
     this.#points = points.map((point) => new Vector3(...point));
+    const { radius } = this.#ball();
     if (first) this.reset();
-    if (first || this.#touched) return;
-    const needed = this.#fit();
-    if (needed > this.#fitted || needed < SMALL * this.#fitted) this.#refit();
+    else if (!this.#touched && (radius > this.#radius || radius < SMALL * this.#radius)) this.#refit();
   }
 
   /** Look from the corner from which the arm is seen most from its side. */
@@ -73,35 +70,24 @@ export class Orbit {
   }
 
   #refit(): void {
-    const [least, most] = [new Vector3(Infinity, Infinity, Infinity), new Vector3(-Infinity, -Infinity, -Infinity)];
-    for (const point of this.#points) {
-      least.min(point);
-      most.max(point);
-    }
-    this.#controls.target.addVectors(least, most).divideScalar(2);
-    this.#fitted = this.#fit();
-    this.#controls.minDistance = this.#fitted / 12;
-    this.#controls.maxDistance = this.#fitted / 0.3;
-    this.camera.near = this.#fitted / 100;
-    this.camera.far = this.#fitted * 30;
+    const { center, radius } = this.#ball();
+    const up = (this.camera.fov * Math.PI) / 360;
+    const distance = radius / Math.sin(Math.min(up, Math.atan(Math.tan(up) * this.camera.aspect)));
+    this.#radius = radius;
+    this.#controls.minDistance = distance / 12;
+    this.#controls.maxDistance = distance / 0.3;
+    this.camera.near = distance / 100;
+    this.camera.far = distance * 30;
     this.camera.updateProjectionMatrix();
-    this.camera.position.copy(this.#controls.target).addScaledVector(this.#toward, this.#fitted);
+    this.#controls.target.copy(center);
+    this.camera.position.copy(center).addScaledVector(this.#toward, distance);
     this.#controls.update();
     this.changed();
   }
 
-  /** Least distance of the camera from its target at which all points are seen. */
-  #fit(): number {
-    const up = Math.tan((this.camera.fov * Math.PI) / 360);
-    const across = up * this.camera.aspect;
-    const right = new Vector3(-this.#toward.y, this.#toward.x, 0).normalize();
-    const top = new Vector3().crossVectors(this.#toward, right);
-    const from = new Vector3();
-    return this.#points.reduce((most, point) => {
-      from.subVectors(point, this.#controls.target);
-      const beside = Math.max(Math.abs(from.dot(right)) / across, Math.abs(from.dot(top)) / up);
-      return Math.max(most, from.dot(this.#toward) + MARGIN * beside);
-    }, 0.3);
+  /** The ball about all points. */
+  #ball(): Sphere {
+    return new Box3().setFromPoints(this.#points).getBoundingSphere(new Sphere());
   }
 
   /** The size of the canvas has changed. */

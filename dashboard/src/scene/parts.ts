@@ -234,7 +234,6 @@ export class ScaleBar {
 export interface Label {
   name: string;
   at: Vector;
-  /** Class of the style sheet. */
   kind: "joint" | "target" | "x" | "y" | "z";
 }
 
@@ -266,7 +265,7 @@ export class Labels {
     this.#box.replaceChildren(
       ...labels.map(({ name, kind }) => {
         const label = document.createElement("span");
-        label.className = `label-${kind}`;
+        label.className = kind === "joint" ? "" : kind;
         label.textContent = name;
         return label;
       }),

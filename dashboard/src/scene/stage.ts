@@ -52,7 +52,12 @@ export class Stage {
 
   /** Throws where the device has no WebGL. */
   constructor(readonly canvas: HTMLCanvasElement) {
-    this.#renderer = new WebGLRenderer({ canvas, antialias: true, powerPreference: "low-power" });
+    this.#renderer = new WebGLRenderer({
+      canvas,
+      antialias: true,
+      powerPreference: "low-power",
+      preserveDrawingBuffer: true, // else paper stays blank
+    });
     this.#renderer.outputColorSpace = SRGBColorSpace;
     this.#renderer.setPixelRatio(Math.min(2, devicePixelRatio));
     this.#camera.up.set(0, 0, 1);
