@@ -76,7 +76,7 @@ class Job(Message):
         default=None, description="Progress; null for a job that is computed immediately."
     )
     request: Message
-    result: Message | None = Field(description="Time of success; present if the job has succeeded.")
+    result: Message | None = Field(description="Result; present if the job has succeeded.")
     error: Problem | None = Field(description="Present if the job has failed.")
     provenance: Provenance
     requested_by: Requester | None = Field(

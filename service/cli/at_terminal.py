@@ -43,6 +43,8 @@ class AtTerminal(Person):
     def told(self, state: LiveState, reading: LiveReading) -> None:
         """Print the reading's line, and why it is doubtful."""
         cli.warn(reading_line(state, reading))
+        if state.state == "measuring" and state.share is not None and state.share <= 1.0:
+            cli.warn(f"  goes on: {state.message}")
         found = reading.innovation
         if found is not None and found.doubtful:
             cli.warn(f"  {found.message}")

@@ -513,6 +513,8 @@ class LiveCampaign:
         if isinstance(self.result, JointstiffError):
             return "measuring", f"{read} {'does' if count == 1 else 'do'} not tell yet: {self.result.reason}"
         left = "" if missing is None else f"; about {missing} more"
+        if count < self.fewest and self.observations and self.share.greatest_share <= 1.0:
+            left = f" are too few to be sure of the goal, which takes {self.fewest} and a held-out one{left}"
         return "measuring", f"{read}{left}"
 
     def _assumed(self) -> str:
