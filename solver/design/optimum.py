@@ -23,7 +23,7 @@ Hence any supporting matrix G ⪰ 0 bounds it everywhere, ``φ(M′) ≤ ⟨G, M
 
 L selects the s parameters of interest, which are the first; the others are a nuisance. Each class has
 
-* ``information(M)``, φ(M), zero where M is singular;
+* ``information(M)``, φ(M) (...) of matrices (..., p, p), zero where M is singular;
 * ``support(M, dual)``, G at a positive definite M. For E the dual is Z, for G it is π; it is brought to what
   the proof asks of it, so that any is valid;
 * ``scaled(unit)``, the same criterion of parameters measured in other units, M → diag(u) M diag(u);
@@ -57,10 +57,12 @@ class DOptimality:
 
     interest: int  #: s, how many
 
-    def information(self, M: FloatArray) -> float:
+    def information(self, M: FloatArray) -> FloatArray:
         """Return det(C)^(1/s)."""
-        value = -_log_det(M) + _log_det(M[self.interest :, self.interest :])
-        return float(np.exp(-value / self.interest)) if np.isfinite(value) else 0.0
+        s = self.interest
+        rest = _log_det(M[..., s:, s:])
+        regular = np.isfinite(rest)
+        return np.asarray(regular * np.exp((_log_det(M) - np.where(regular, rest, 0.0)) / s))
 
     def support(self, M: FloatArray, dual: FloatArray | None = None) -> FloatArray:  # noqa: ARG002
         """Return φ/s · (M⁻¹ − M₂₂⁻¹)."""
@@ -92,9 +94,10 @@ class AOptimality:
 
     W: FloatArray  #: (p, p) positive semidefinite
 
-    def information(self, M: FloatArray) -> float:
+    def information(self, M: FloatArray) -> FloatArray:
         """Return 1 / tr(W M⁻¹)."""
-        return 1.0 / float((self.W * np.linalg.inv(M)).sum()) if np.isfinite(_log_det(M)) else 0.0
+        inverse, regular = _inverse(M)
+        return np.asarray(regular / (self.W * inverse).sum(axis=(-2, -1)))
 
     def support(self, M: FloatArray, dual: FloatArray | None = None) -> FloatArray:  # noqa: ARG002
         """Return φ² · M⁻¹ W M⁻¹."""
@@ -128,13 +131,12 @@ class EOptimality:
     #: (s,) V, by which C is multiplied on both sides, as the criterion depends on the units
     metric: FloatArray
 
-    def information(self, M: FloatArray) -> float:
+    def information(self, M: FloatArray) -> FloatArray:
         """Return λ_min(V C V)."""
-        if not np.isfinite(_log_det(M)):
-            return 0.0
         s = len(self.metric)
-        covariance = np.linalg.inv(M)[:s, :s] / np.outer(self.metric, self.metric)
-        return 1.0 / float(np.linalg.eigvalsh(covariance)[-1])
+        inverse, regular = _inverse(M)
+        covariance = inverse[..., :s, :s] / np.outer(self.metric, self.metric)
+        return np.asarray(regular / np.linalg.eigvalsh(covariance)[..., -1])
 
     def support(self, M: FloatArray, dual: FloatArray | None = None) -> FloatArray:
         """Return X V Z V Xᵀ; without Z that of the worst combination."""
@@ -162,9 +164,10 @@ class GOptimality:
 
     places: FloatArray  #: (R, p, p) W_r of each place, positive semidefinite
 
-    def information(self, M: FloatArray) -> float:
+    def information(self, M: FloatArray) -> FloatArray:
         """Return 1 / max_r tr(W_r M⁻¹)."""
-        return 1.0 / float(self.variances(M).max()) if np.isfinite(_log_det(M)) else 0.0
+        inverse, regular = _inverse(M)
+        return np.asarray(regular / np.einsum("rij,...ij->...r", self.places, inverse).max(axis=-1))
 
     def variances(self, M: FloatArray) -> FloatArray:
         """Return tr(W_r M⁻¹) of each place (R,)."""
@@ -216,18 +219,25 @@ def uncertainty_of(M: FloatArray, s: int) -> FloatArray:
     return np.where(free, np.inf, unit[..., :s] * np.sqrt(variance))
 
 
-def _log_det(M: FloatArray) -> float:
-    """Return log det M; −inf where M is not positive definite, or by rounding only."""
+def _log_det(M: FloatArray) -> FloatArray:
+    """Return log det M (...); −inf where M (..., p, p) is not positive definite, or by rounding only."""
     try:
-        pivots = np.square(np.linalg.cholesky(M).diagonal())
+        pivots = np.square(np.diagonal(np.linalg.cholesky(M), axis1=-2, axis2=-1))
     except np.linalg.LinAlgError:
-        return -np.inf
-    return float(np.log(pivots).sum()) if (pivots > _ROUNDING * M.diagonal()).all() else -np.inf
+        return np.array([_log_det(each) for each in M] if M.ndim > 2 else -np.inf)
+    regular = (pivots > _ROUNDING * np.diagonal(M, axis1=-2, axis2=-1)).all(axis=-1)
+    return np.where(regular, np.log(pivots).sum(axis=-1), -np.inf)
+
+
+def _inverse(M: FloatArray) -> tuple[FloatArray, BoolArray]:
+    """Return M⁻¹ (..., p, p), and where M is positive definite (...); elsewhere it is the identity."""
+    regular = np.isfinite(_log_det(M))
+    return np.linalg.inv(np.where(regular[..., None, None], M, np.eye(M.shape[-1]))), regular
 
 
 def _log_det_slope(M: FloatArray, K: FloatArray) -> tuple[float, FloatArray, FloatArray]:
     """Return log det M, its gradient (k,), and minus its Hessian (k, k), along K (k, p, p)."""
-    k, value = len(K), _log_det(M)
+    k, value = len(K), float(_log_det(M))
     if not np.isfinite(value):
         return value, np.zeros(k), np.zeros((k, k))
     X = np.linalg.inv(M) @ K
@@ -494,7 +504,7 @@ class DesignProblem:
         support = self.criterion.support(M, dual)
         prices = self.candidates.prices(support)
         upper = self.upper(support, float(prices.max()))
-        return Bound(min(1.0, self.criterion.information(M) / upper), support, prices)
+        return Bound(min(1.0, float(self.criterion.information(M)) / upper), support, prices)
 
     def upper(self, support: FloatArray, mean_price: float) -> float:
         """Return the bound ⟨G, M0⟩ + n d on φ, d a bound on the mean price of the readings."""

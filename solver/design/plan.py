@@ -302,9 +302,8 @@ def _blocks(information: FloatArray, base: FloatArray, criterion: Criterion) -> 
     vague = _SHARE_BEFORE * np.diag(np.diagonal(total))  # few readings of a gauge determine nothing
 
     def value(members: BoolArray) -> float:
-        return float(
-            np.log(max(criterion.information(base + vague + information[members].sum(axis=0)), 1e-300))
-        )
+        told = criterion.information(base + vague + information[members].sum(axis=0))
+        return float(np.log(np.maximum(told, 1e-300)))
 
     values = [value(block == b) for b in range(1 + int(block.max()))]
     random = np.random.default_rng(0)
@@ -453,7 +452,7 @@ def list_efficiency(problem: DesignProblem, distinct: Distinct, M: FloatArray, o
     upper = min(
         problem.upper(bound.support, distinct.best_mean(bound.prices, problem.readings)) for bound in bounds
     )
-    return min(1.0, problem.criterion.information(M) / upper)
+    return min(1.0, float(problem.criterion.information(M)) / upper)
 
 
 def _completed(
@@ -517,7 +516,7 @@ class _Search:
                 G = self._criterion.support(at)
                 prices = np.where(free, self._candidates.prices(G), -np.inf)
                 tried = self._candidates.atoms(np.argsort(-prices)[: min(_TRIED, int(free.sum()))], G)
-                reached = [self._criterion.information(rest + K) for K in tried.information]
+                reached = self._criterion.information(rest + tried.information)
                 best = int(np.argmax([_IMPROVES * value, *reached]))
                 if not best:
                     continue
@@ -540,7 +539,7 @@ def random_plans(problem: DesignProblem, M: FloatArray, s: int, seed: int) -> Ot
         other = problem.base + drawn.sum(axis=0)
         values.append(problem.criterion.information(other))
         variances.append(np.square(uncertainty_of(other / problem.squares, s)))
-    efficiency = float(np.mean(values)) / problem.criterion.information(M * problem.squares)
+    efficiency = float(np.mean(values) / problem.criterion.information(M * problem.squares))
     return OtherPlan(efficiency, np.sqrt(np.mean(variances, axis=0)))
 
 
@@ -550,7 +549,7 @@ def one_at_a_time(problem: DesignProblem, distinct: Distinct, M: FloatArray, s: 
     other = problem.base
     for atoms in _completed(problem, distinct, [], _SHARE_BEFORE / problem.readings * (M - problem.base)):
         other = other + atoms.information[0]
-    efficiency = problem.criterion.information(other) / problem.criterion.information(M)
+    efficiency = float(problem.criterion.information(other) / problem.criterion.information(M))
     return OtherPlan(efficiency, uncertainty_of(other / problem.squares, s))
 
 

@@ -234,7 +234,7 @@ class Ahead:
         prices = np.where(free, self.pool.candidates.prices(G), -np.inf)
         index = np.argsort(-prices)[: min(_TRIED, int(free.sum()))]
         tried = self.pool.candidates.atoms(index, G)
-        left = np.array([1.0 / criterion.information(M + K) for K in tried.information])
+        left = 1.0 / criterion.information(M + tried.information)
         good = np.flatnonzero(left <= _AS_GOOD * left.min())
         far = left[good] if at is None else np.abs(self.pool.readings.joints[index[good]] - at).max(axis=1)
         best = good[np.argmin(far)]

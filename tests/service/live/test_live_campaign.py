@@ -380,7 +380,7 @@ LIVE = {
     "noise": EXACT,
     "load_point": list(LOAD_POINT),
     "open": {
-        "goal": {"kind": "joints", "relative": 0.1},
+        "goal": {"kind": "joints", "relative": 0.15},
         "load": {"kind": "any_direction", "force": 600.0},
         "targets": OPEN["targets"],
     },

@@ -124,7 +124,7 @@ class TestPromise:
             np.testing.assert_allclose(plan.force[:, :2], 0.0)
 
     def test_for_a_work_area_with_elastic_links_as_nuisance(self, robot):
-        options = {"criterion": "work_area", "work_area": AREA, "readings": 15}
+        options = {"criterion": "work_area", "work_area": AREA, "readings": 15, "candidates": 120}
         alone, with_links = (
             plan_campaign(robot, request_of(equipment(), **options, links=links)) for links in (False, True)
         )
@@ -134,7 +134,7 @@ class TestPromise:
         assert (with_links.uncertainty > alone.uncertainty).all()
 
     def test_the_worst_place_with_elastic_links(self, robot):
-        request = request_of(equipment(), work_area=AREA, readings=15, candidates=120, links=True)
+        request = request_of(equipment(), work_area=AREA, readings=15, candidates=60, links=True)
         worst = plan_campaign(robot, replace(request, criterion="worst_place"))
         mean = plan_campaign(robot, replace(request, criterion="work_area"))
         assert worst.weights_gap < 0.02
