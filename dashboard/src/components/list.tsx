@@ -131,10 +131,15 @@ export interface Filter {
   q: string;
   robot: string;
   verdict: Usability | "";
+  state: keyof typeof words.states;
   sort: keyof typeof words.sorts;
 }
 
-const NONE: Filter = { q: "", robot: "", verdict: "", sort: "newest" };
+const NONE: Filter = { q: "", robot: "", verdict: "", state: "all", sort: "newest" };
+
+/** What of a filter is not usual, as an address says it. */
+export const unusual = (filter: Filter): Record<string, string> =>
+  Object.fromEntries(Object.entries(filter).filter(([name, value]) => value !== NONE[name as keyof Filter]));
 
 /** A filter, as an address may begin it. */
 export function useFilter(query?: URLSearchParams): [Filter, (part: Partial<Filter>) => void] {

@@ -638,7 +638,6 @@ export const later = {
     byLength: "rotations weighted by a length",
   },
   pair: {
-    title: (first: string, second: string) => `${first} → ${second}`,
     measured: "measured",
     predicted: "predicted",
     stiffness: "Stiffness on both sides",

@@ -386,14 +386,7 @@ export function CompareView({ kind }: { kind: string }) {
           ) : (
             <>
               {kind === "pairs" ? <StartPair names={known} /> : <StartMethods names={known} />}
-              <JobList
-                collection="comparisons"
-                title={text.earlier.comparisons}
-                names={known}
-                row={({ first_set_id: first, second_set_id: second }) => ({
-                  name: second ? later.pair.title(known.set(first), known.set(second)) : known.set(first),
-                })}
-              />
+              <JobList collection="comparisons" />
             </>
           )
         }

@@ -86,7 +86,6 @@ type Opened = { name: string; readings: Readings | null };
 
 export function GeometriesView() {
   const [opened, setOpened] = useState<Opened | null>(null);
-  const names = valueOf(useNames());
   const take = async (file: File) => setOpened({ name: file.name, readings: readingsOf(await file.text()) });
   useEffect(() => {
     const file = takeHanded();
@@ -113,7 +112,7 @@ export function GeometriesView() {
         </section>
         {opened?.readings && <Start key={opened.name} readings={opened.readings} />}
       </div>
-      <JobList collection="geometries" title={text.earlier.geometries} names={names} row={({ name }) => ({ name })} />
+      <JobList collection="geometries" />
     </>
   );
 }

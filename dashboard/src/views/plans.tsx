@@ -124,14 +124,7 @@ export function PlansView({ query }: { query: URLSearchParams }) {
           ) : (
             <>
               <Begin names={known} given={given} after={query.get("run")} />
-              <JobList
-                collection="plans"
-                title={text.earlier.plans}
-                names={known}
-                row={({ measurement_set_id: set, robot_id: robot }) => ({
-                  name: set ? known.set(set) : known.robot(robot),
-                })}
-              />
+              <JobList collection="plans" />
             </>
           )
         }

@@ -1,5 +1,5 @@
 /** One run: its result in parts. */
-import type { ComponentProps, ComponentType } from "preact";
+import type { ComponentType } from "preact";
 import { api } from "../api/client";
 import type { Run } from "../api/types";
 import { AlarmNote } from "../components/list";
@@ -7,7 +7,7 @@ import { NameLink, ActionButton, LinkButton, Tabs, lazy } from "../components/ba
 import { JobPage, variantBy } from "../components/job_page";
 import { freshKey } from "../lib/json";
 import { useAction, link } from "../state/action";
-import { valueOf, ofArm, useNames } from "../state/load";
+import { ofArm } from "../state/load";
 import { text } from "../i18n";
 import { JobList } from "./runs";
 import { type PartProps, type RunContext, contextOf, elasticityOf, isElastic } from "./run_context";
@@ -91,10 +91,6 @@ function Repeat({ run }: { run: Run }) {
   return <ActionButton action={repeat}>{text.run.repeat}</ActionButton>;
 }
 
-function Earlier<Of extends "maps" | "programs">(of: Omit<ComponentProps<typeof JobList<Of>>, "names">) {
-  return <JobList {...of} names={valueOf(useNames())} />;
-}
-
 function Parts({ context, part, query }: { context: RunContext; part: string; query: URLSearchParams }) {
   const { run, robot, set } = context;
   const { result } = run;
@@ -117,24 +113,14 @@ function Parts({ context, part, query }: { context: RunContext; part: string; qu
 const MapPart = ({ context }: PartProps) => (
   <>
     <MapForm context={context} />
-    <Earlier
-      collection="maps"
-      title={text.earlier.maps}
-      about={{ robot_id: context.robot.id }}
-      row={({ name }) => ({ name: name ?? text.run.views.map })}
-    />
+    <JobList collection="maps" about={{ robot_id: context.robot.id }} />
   </>
 );
 
 const ProgramPart = ({ context }: PartProps) => (
   <>
     <ProgramForm context={context} />
-    <Earlier
-      collection="programs"
-      title={text.earlier.programs}
-      about={{ robot_id: context.robot.id }}
-      row={({ file_name: name }) => ({ name: name ?? text.run.views.program })}
-    />
+    <JobList collection="programs" about={{ robot_id: context.robot.id }} />
   </>
 );
 

@@ -3,7 +3,7 @@ import type { ComponentChildren } from "preact";
 import { useEffect, useRef, useState, useCallback } from "preact/hooks";
 import { api, problemOf, type Collection, follow, goesOn, type Standing } from "../api/client";
 import type { Page, Problem, RunRequest, RunState, RunSummary, Usability } from "../api/types";
-import { AlarmState, chosen, FilterBar, type Row, Rows, useFilter } from "../components/list";
+import { AlarmState, chosen, type Filter, FilterBar, type Row, Rows, unusual, useFilter } from "../components/list";
 import {
   Badge,
   Busy,
@@ -28,10 +28,24 @@ import { text } from "../i18n";
 const words = text.list;
 /** A browser keeps six connections to a host; those that are followed must leave some for the rest of the page. */
 const FOLLOWED = 3;
-const STATES = ["all", "succeeded", "running", "failed", "cancelled", "deleted"] as const;
-type Shown = (typeof STATES)[number];
+const PAGE = 100;
 
-export type Summary<Of extends Collection> = Awaited<ReturnType<(typeof api)[Of]["list"]>>["items"][number];
+type Summary<Of extends Collection> = Awaited<ReturnType<(typeof api)[Of]["list"]>>["items"][number];
+type About = Pick<Row, "name"> & Partial<Row>;
+
+/** What jobs of each kind are about. */
+const ABOUT: { [Of in Collection]: (item: Summary<Of>, names: Names | null) => About } = {
+  runs: aboutRun,
+  comparisons: ({ first_set_id: first, second_set_id: second }, names) => ({
+    name: [first, ...(second ? [second] : [])].map((id) => names?.set(id) ?? "…").join(" → "),
+  }),
+  geometries: ({ name }) => ({ name }),
+  plans: ({ measurement_set_id: set, robot_id: robot }, names) => ({
+    name: (set ? names?.set(set) : names?.robot(robot)) ?? "…",
+  }),
+  maps: ({ name }) => ({ name: name ?? text.run.views.map }),
+  programs: ({ file_name: name }) => ({ name: name ?? text.run.views.program }),
+};
 
 /** What all jobs tell in a listing; what has numbers of joints has all that is told of a run. */
 interface Listed {
@@ -46,17 +60,12 @@ interface Listed {
 const addressOf = (collection: Collection, id: string): string =>
   link(collection === "comparisons" ? ["compare", "methods", id] : [collection, id]);
 
-/** A job as a row; `row` says what it is about. */
-export function jobRow<Of extends Collection>(
-  collection: Of,
-  item: Summary<Of>,
-  names: Names | null,
-  row: Pick<Row, "name"> & Partial<Row>,
-  live = true,
-): Row {
+/** A job as a row. */
+function rowOf<Of extends Collection>(collection: Of, item: Summary<Of>, names: Names | null, live = true): Row {
   const job = item as Listed;
   const set = (item as Partial<RunSummary>).measurement_set_id;
   const robot = job.robot_id === null ? "" : (names?.robot(job.robot_id) ?? "…");
+  const about: About = ABOUT[collection](item, names);
   return {
     id: job.id,
     href: addressOf(collection, job.id),
@@ -71,54 +80,42 @@ export function jobRow<Of extends Collection>(
     ),
     robot: job.robot_id,
     verdict: job.verdict ?? null,
-    ...row,
-    words: [robot, text.states[job.state], ...(row.words ?? [])],
+    ...about,
+    words: [robot, text.states[job.state], ...(about.words ?? [])],
   };
 }
 
-export function JobList<Of extends Collection>({
-  collection,
-  about = {},
-  names,
-  title,
-  row,
-  query,
-  address,
-  pick,
-  arrange = (rows) => [[null, rows]],
-  children,
-}: {
+interface ListProps<Of extends Collection> {
   collection: Of;
   /** Which jobs are listed at all. */
   about?: Record<string, string>;
-  names: Names | null;
-  /** Heading, unless the page's title is it. */
-  title?: string;
-  row: (item: Summary<Of>) => Pick<Row, "name"> & Partial<Row>;
   query?: URLSearchParams;
   /** Hear the search as parameters of an address, to be shared. */
   address?: (query: Record<string, string>) => void;
   /** What picks a job, before its row. */
-  pick?: (item: Summary<Of>) => ComponentChildren;
-  /** Rows under headings. */
-  arrange?: (rows: Row[], items: Summary<Of>[]) => [ComponentChildren, Row[]][];
+  pick?: (item: Summary<Of>, name: string) => ComponentChildren;
+  /** Runs under headings of their sets. */
+  grouped?: boolean;
   /** Beside the filters. */
   children?: ComponentChildren;
-}) {
+}
+
+export function JobList<Of extends Collection>(props: ListProps<Of>) {
+  const { collection, about = {}, query, address, pick, grouped = false, children } = props;
+  const title = (text.earlier as Partial<Record<Collection, string>>)[collection]; // of runs it is the page's
+  const names = valueOf(useNames());
   const [filter, change] = useFilter(query);
-  const [shown, setShown] = useState<Shown>((query?.get("state") as Shown | null) ?? "all");
-  const deleted = shown === "deleted";
-  const { items, more, problem, load, take, put } = usePages(collection, {
+  const { state, robot, verdict } = filter;
+  const deleted = state === "deleted";
+  const { items, more, problem, load, edit } = usePages(collection, {
     ...about,
-    ...(deleted ? { deleted: "true" } : shown === "all" ? {} : { state: shown }),
-    ...(filter.robot && { robot_id: filter.robot }),
-    ...(filter.verdict && { verdict: filter.verdict }),
+    ...(deleted ? { deleted: "true" } : state === "all" ? {} : { state }),
+    ...(robot && { robot_id: robot }),
+    ...(verdict && { verdict }),
   });
-  useEffect(() => {
-    const { sort, ...kept } = { ...filter, state: shown === "all" ? "" : shown };
-    const said = { ...kept, sort: sort === "newest" ? "" : sort };
-    address?.(Object.fromEntries(Object.entries(said).filter(([, value]) => value !== "")));
-  }, [filter, shown, address]);
+  const take = (id: string) => edit((before) => before.filter((item) => item.id !== id));
+  const put = (item: Summary<Of>) => edit((before) => [...before, item]);
+  useEffect(() => address?.(unusual(filter)), [filter, address]);
 
   const failed = (error: unknown) => toast(problemOf(error).detail);
   const restore = (item: Summary<Of>) =>
@@ -139,30 +136,33 @@ export function JobList<Of extends Collection>({
   };
   const live = new Set((items ?? []).filter(({ state }) => goesOn(state)).slice(0, FOLLOWED));
   const rows = (items ?? []).map((item): Row => {
-    const about = jobRow(collection, item, names, row(item), live.has(item));
+    const row = rowOf(collection, item, names, live.has(item));
     if (deleted) {
       const actions = (
         <Button onClick={() => restore(item)} acts>
           {text.lists.restore}
         </Button>
       );
-      return { ...about, href: undefined, actions };
+      return { ...row, href: undefined, actions };
     }
     const actions = !goesOn(item.state) && (
       <Button
         acts
         look="quiet icon"
-        aria-label={words.delete(about.name)}
+        aria-label={words.delete(row.name)}
         title={text.run.delete}
-        onClick={() => remove(item, about.name)}
+        onClick={() => remove(item, row.name)}
       >
         <Icon d="M5 7h14M10 7V5h4v2M7 7l1 12h8l1-12M10.5 11v5M13.5 11v5" />
       </Button>
     );
-    return { ...about, actions, pick: pick?.(item) };
+    return { ...row, actions, pick: pick?.(item, row.name) };
   });
   const found = chosen(rows, filter);
-  const plain = shown === "all" && filter.robot === "" && filter.verdict === "";
+  const plain = state === "all" && robot === "" && verdict === "";
+  const runs = collection === "runs" ? (items as RunSummary[] | null) : null;
+  const sets = new Map(grouped ? runs?.map((run) => [run.id, run.measurement_set_id]) : []);
+  const groups = Map.groupBy(runs ? nested(found, runs) : found, ({ id }) => sets.get(id));
   const nothing = deleted ? (
     <Empty title={words.noneDeleted} hint={words.deletedHint} />
   ) : items?.length === 0 && plain ? (
@@ -176,13 +176,13 @@ export function JobList<Of extends Collection>({
   );
   return (
     <section class="list">
-      {title !== undefined && <h2>{title}</h2>}
+      {title && <h2>{title}</h2>}
       <FilterBar filter={filter} change={change} names={"robot_id" in about ? null : names} judged>
         <Select
           label={text.runs.state}
-          value={shown}
-          change={(state) => setShown(state as Shown)}
-          options={STATES.map((value) => ({ value, label: words.states[value] }))}
+          value={state}
+          change={(chosen) => change({ state: chosen as Filter["state"] })}
+          options={words.states}
         />
         {children}
       </FilterBar>
@@ -194,10 +194,14 @@ export function JobList<Of extends Collection>({
           {words.count(found.length, items.length)}
         </p>
       )}
-      {arrange(found, items ?? []).map(([heading, members]) => (
+      {[...groups].map(([set, members]) => (
         <section>
-          {heading}
-          {members.length > 0 && <Rows rows={members} />}
+          {set !== undefined && (
+            <h2 class="group">
+              <NameLink to={["sets", set]}>{names?.set(set) ?? set}</NameLink>
+            </h2>
+          )}
+          <Rows rows={members} />
         </section>
       ))}
       {items && found.length === 0 && nothing}
@@ -251,49 +255,37 @@ function usePages<Of extends Collection>(collection: Of, filters: Record<string,
   const [items, setItems] = useState<Item[] | null>(null);
   const [next, setNext] = useState<string | null>(null);
   const [problem, setProblem] = useState<Problem | null>(null);
-  const ask = (cursor: string | null, hear: (page: Page<Item>) => void, isGone = () => false) => {
+  const asked = useRef(0);
+  const count = useRef(0);
+  count.current = items?.length ?? 0;
+  const ask = (cursor: string | null) => {
+    const round = ++asked.current;
     setProblem(null);
-    (api[collection].list({ ...filters, limit: 100, cursor }) as Promise<Page<Item>>).then(
+    (api[collection].list({ ...filters, limit: PAGE, cursor }) as Promise<Page<Item>>).then(
       (page) => {
-        if (isGone()) return;
-        hear(page);
+        if (round !== asked.current) return; // another question was asked since
+        setItems((before) => (cursor === null ? page.items : [...(before ?? []), ...page.items]));
         setNext(page.next);
       },
-      (error: unknown) => isGone() || setProblem(problemOf(error)),
+      (error: unknown) => round === asked.current && setProblem(problemOf(error)),
     );
   };
-  const pages = useRef(1);
-  const first = (page: Page<Item>) => {
-    pages.current = 1;
-    setItems(page.items);
-  };
   useEffect(() => {
-    let gone = false;
     setItems(null);
-    ask(null, first, () => gone);
+    ask(null);
     // What *More* brought stays: only a list of one page is asked for again.
-    const stop = whenSeen(() => {
-      if (pages.current === 1) ask(null, first, () => gone);
-    });
+    const stop = whenSeen(() => count.current <= PAGE && ask(null));
     return () => {
-      gone = true;
+      asked.current++;
       stop();
     };
   }, [collection, JSON.stringify(filters)]);
   return {
     items,
     problem,
-    load: () => ask(null, first),
-    more:
-      next === null
-        ? null
-        : () =>
-            ask(next, (page) => {
-              pages.current += 1;
-              setItems((before) => [...(before ?? []), ...page.items]);
-            }),
-    take: (id: string) => setItems((before) => before?.filter((item) => item.id !== id) ?? null),
-    put: (item: Item) => setItems((before) => [...(before ?? []), item]),
+    load: () => ask(null),
+    more: next === null ? null : () => ask(next),
+    edit: (change: (items: Item[]) => Item[]) => setItems((before) => before && change(before)),
   };
 }
 
@@ -315,8 +307,7 @@ const waysOf = ({ positive, weighting, elasticity, loss, leave_out: left, varian
 
 export const howOf = (run: Asked): string => [text.methods[run.method], ...waysOf(run)].join(", ");
 
-/** What a run is about, as a row says it. */
-function rowOf(run: RunSummary, names: Names | null): Pick<Row, "name"> & Partial<Row> {
+function aboutRun(run: RunSummary, names: Names | null): About {
   const method = text.methods[run.method];
   return {
     name: names?.set(run.measurement_set_id) ?? "…",
@@ -333,7 +324,7 @@ function rowOf(run: RunSummary, names: Names | null): Pick<Row, "name"> & Partia
 /** Rows of runs for lists of their own. */
 export const runRows = (runs: RunSummary[], names: Names | null): Row[] =>
   nested(
-    runs.map((run) => jobRow("runs", run, names, rowOf(run, names), false)),
+    runs.map((run) => rowOf("runs", run, names, false)),
     runs,
   );
 
@@ -359,7 +350,6 @@ function nested(rows: Row[], runs: RunSummary[]): Row[] {
 export function RunsView({ query }: { query: URLSearchParams }) {
   const [grouped, setGrouped] = useState(query.get("group") === "set");
   const [selected, setSelected] = useState<ReadonlySet<string>>(new Set());
-  const names = valueOf(useNames());
   const share = useCallback(
     (search: Record<string, string>) => {
       const kept = new URLSearchParams({ ...search, ...(grouped ? { group: "set" } : {}) }).toString();
@@ -375,34 +365,21 @@ export function RunsView({ query }: { query: URLSearchParams }) {
       <Title plain={text.runs.title}>{text.runs.title}</Title>
       <JobList
         collection="runs"
-        names={names}
         query={query}
         address={share}
-        row={(run) => rowOf(run, names)}
-        pick={(run) =>
+        grouped={grouped}
+        pick={(run, name) =>
           run.state === "succeeded" && (
             <label class="pick">
               <input
                 type="checkbox"
-                aria-label={text.lists.select(names?.set(run.measurement_set_id) ?? run.id)}
+                aria-label={text.lists.select(name)}
                 checked={selected.has(run.id)}
                 onChange={(event) => select(run.id, event.currentTarget.checked)}
               />
             </label>
           )
         }
-        arrange={(rows, runs) => {
-          const sets = new Map(runs.map((run) => [run.id, run.measurement_set_id]));
-          const groups = Map.groupBy(nested(rows, runs), ({ id }) => (grouped ? sets.get(id) : undefined));
-          return [...groups].map(([set, members]) => [
-            set !== undefined && (
-              <h2 class="group">
-                <NameLink to={["sets", set]}>{names?.set(set) ?? set}</NameLink>
-              </h2>
-            ),
-            members,
-          ]);
-        }}
       >
         <Toggle label={text.lists.groups} checked={grouped} change={setGrouped} />
       </JobList>

@@ -74,7 +74,7 @@ describe("what a list shows", () => {
     row("cell 9", { robot: "s", verdict: "do_not_use" as const }),
     row("bench"),
   ];
-  const none = { q: "", robot: "", verdict: "" as const, sort: "name" as const };
+  const none = { q: "", robot: "", verdict: "" as const, state: "all" as const, sort: "name" as const };
   const shown = (part: object) => chosen(rows, { ...none, ...part }).map(({ id }) => id);
   it("has all words somewhere", () => {
     expect(shown({ q: "keller CELL f-211" })).toEqual(["cell 10"]);
