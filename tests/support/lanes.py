@@ -7,6 +7,7 @@ that starts a process by itself must say `@pytest.mark.process`, else the start 
 import gc
 import sys
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 from support.shared_data import MISSING
@@ -21,6 +22,9 @@ LANES = {
     "browser": ("browser", "process"),
 }
 """Markers of the tests that use a fixture, directly or through others."""
+
+OF_PROCESSES = ("dashboard", "e2e")
+"""Folders all of whose tests start processes: not even imported where none is to be started."""
 
 STARTS = frozenset(
     {"subprocess.Popen", "os.fork", "os.forkpty", "os.posix_spawn", "os.spawn", "os.system", "pty.spawn"}
@@ -69,6 +73,12 @@ def pytest_runtest_setup(item: pytest.Item) -> Iterator[None]:
 def pytest_runtest_call(item: pytest.Item) -> Iterator[None]:
     """Refuse processes of an unmarked test."""
     return (yield from guard.watch(item))
+
+
+def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
+    """Pass over whole folders that `-m` leaves out."""
+    is_left_out = collection_path.name in OF_PROCESSES and "not process" in config.option.markexpr
+    return True if is_left_out else None
 
 
 def pytest_itemcollected(item: pytest.Item) -> None:

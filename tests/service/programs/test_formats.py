@@ -319,8 +319,8 @@ HOSTILE = {
     "huge number": "LIN " + PLACE.replace("1", "1e999"),
     "long number": "LIN " + PLACE.replace("1", "1" * 3000),
     "unclosed": f"LIN {PLACE[:-1]}\n" * 5000,
-    "relative": "LIN_REL {X 1}\n" * 50_000,
-    "variables": "LIN P1\n" * 50_000,
+    "relative": "LIN_REL {X 1}\n" * 10_000,
+    "variables": "LIN P1\n" * 10_000,
     "brackets": "[" * (BIG // 2),
     "quotes": '"' * 4000 + "\n" + "[1,2,'" * 600,
 }
