@@ -78,7 +78,7 @@ Frames: TypeAlias = tuple[FrameName | Cause, FrameName | Cause]
 
 
 class Columns:
-    """Targets, moves and what is left of a program, in the order of its moves."""
+    """Targets, moves and what is left of a program."""
 
     def __init__(
         self, kind: str, sources: tuple[Source, ...], numerals: Sequence[Numerals], *, folded: bool
@@ -221,7 +221,7 @@ class Columns:
         self._names = [name.partition(OF)[0] if name else name for name in self._names]
         rows = _columns(self._targets, _WIDTH)
         targets = self._filled(rows)
-        moves = Moves(*_columns(self._moves, 3), *_columns(self._visits, 1))
+        moves = _in_order(Moves(*_columns(self._moves, 3), *_columns(self._visits, 1)))
         kept = self._certain(targets, moves)
         left = sorted(self._left, key=lambda each: each[0].line)
         moved = tuple(each for each, _ in left)
@@ -313,6 +313,15 @@ class Columns:
             for i in np.flatnonzero(faults).tolist():
                 self._doubts.setdefault(i, Cause(int(line[i]), reason, remedy))
         return targets
+
+
+def _in_order(moves: Moves) -> Moves:
+    """Return moves in the order of their lines: a routine within another is passed through on its own."""
+    order = np.argsort(moves.line, kind="stable")
+    counts, rank = np.diff(moves.ends, prepend=0), np.empty_like(order)
+    rank[order] = np.arange(len(order))
+    visits = moves.visits[np.argsort(rank[moves.of_visit], kind="stable")]
+    return Moves(moves.line[order], moves.motion[order], np.cumsum(counts[order]), visits)
 
 
 def _kept(moves: Moves, targets: Targets, kept: BoolArray) -> tuple[Moves, Targets]:

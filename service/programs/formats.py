@@ -71,7 +71,8 @@ def read_program(
     sources = tuple(_source(name, content) for name, content in ordered)
     commas = chosen == "csv" and has_decimal_commas(sources[0].text)
     language = table.DECIMAL_COMMAS if commas else FORMATS[chosen]
-    program = Machine(chosen, sources, language, leave_alone).program()
+    columns, used, causes = Machine(chosen, sources, language, leave_alone).interpreted()
+    program = columns.program(used, causes)
     if program.faults and not leave_others:
         raise ProgramError(program.faults, left=program.left)
     return program

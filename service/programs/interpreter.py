@@ -12,7 +12,6 @@ from collections import defaultdict
 from collections.abc import Callable, Collection, Iterable
 from dataclasses import dataclass, field, replace
 from functools import partial, reduce
-from operator import itemgetter
 from sys import intern
 from typing import Final, NoReturn, TypeAlias
 
@@ -23,7 +22,7 @@ from jointstiff.service.programs.columns import MAX_VALUE, OF, Cause, Columns, F
 from jointstiff.service.programs.errors import CONSTANT, Fault, ProgramError, shown
 from jointstiff.service.programs.language import Language, Misread, Name, Op, Value
 from jointstiff.service.programs.notation import Numerals
-from jointstiff.service.programs.program import FrameName, Literal, Program, Source
+from jointstiff.service.programs.program import FrameName, Literal, Source
 from jointstiff.solver.arrays import FloatArray, IndexArray
 
 _MAX_SHAPES: Final = 10_000
@@ -245,7 +244,6 @@ class Machine:
         self._open: list[str] = []  # routines that are passed through
         self._moved = True  # whether a state has changed in this pass
         self._repeats: dict[int, array[int]] = defaultdict(partial(array, "q"))  # lines and first numbers
-        self._verdicts: list[tuple[int, Callable[[], None]]] = []
         self._named: dict[str, FrameName] = {}  # frames that are known by name
         self._poses: dict[tuple[Given, ...], FloatArray | None] = {}
         self._work = 0
@@ -333,12 +331,11 @@ class Machine:
 
     def _collect(self) -> None:
         """Find what may change names at all; a name that is changed is not what it was at first."""
-        steps = list(zip(self._places, self._ops, strict=True))
-        for place, op in steps:
+        for place, op in zip(self._places, self._ops, strict=True):
             if isinstance(op, ir.Assign):
                 name = place.name(op.name)
                 self._changes[name].append(place.cause(f"it gets numbers on line {place.line}"))
-        for place, op in steps:
+        for place, op in zip(self._places, self._ops, strict=True):
             if isinstance(op, ir.Havoc):
                 self._collect_havoc(place, op)
             elif isinstance(op, ir.Call) and not (op.quiet and op.name not in self._ways.begins):
@@ -570,11 +567,15 @@ class Machine:
 
     # judgement
 
-    def program(self) -> Program:
-        """Read and interpret the program; return what of it is certain, and what is left.
+    def interpreted(self) -> tuple[Columns, dict[str, int], list[Cause]]:
+        """Read and interpret the program.
+
+        Returns:
+            Targets and moves, names that are used otherwise than as targets with a line, and whatever is not
+            understood.
 
         Raises:
-            ProgramError: the text is not understood, or nothing of it is certain.
+            ProgramError: the text is not understood.
         """
         if self._language.read:
             self._language.read(self, self.sources)
@@ -602,9 +603,7 @@ class Machine:
             order.reverse()  # what routines return goes up in one pass, what they are given down
         for name, body in bodies.items():
             self._pass(name, body)
-        for _, verdict in sorted(self._verdicts, key=itemgetter(0)):
-            verdict()
-        return self.columns.program(self._used, self._causes)
+        return self.columns, self._used, self._causes
 
     def _judge(self, op: ir.Move | ir.Keep, i: int, state: State | None) -> None:
         """Tell the columns what is known of a move: targets, frames, and why it is left."""
@@ -623,20 +622,19 @@ class Machine:
         repeats = np.asarray(self._repeats.get(i, ()), dtype=np.intp).reshape(-1, 2)
         if len(repeats) and cause is None:
             lines, first = np.vstack([[place.line, place.first], repeats]).T
-            verdict = partial(self.columns.block, op, place.source, lines, first, frames[0])
-            self._verdicts.append((i, verdict))
+            self.columns.block(op, place.source, lines, first, frames[0])
             return
         at = place.line, place.source
         here = cause is not None and (not cause.line or (cause.line, cause.source) == at)
         for line, first in [(place.line, place.first), *repeats.tolist()]:
             own = replace(place, line=line, first=first)
             left = cause._replace(line=line, source=place.source) if cause and here else cause
-            self._verdicts.append((i, self._verdict(op, own, left, frames, state)))
+            self._tell(op, own, left, frames, state)
 
-    def _verdict(
+    def _tell(
         self, op: ir.Move, place: Place, cause: Cause | None, frames: list[Frames], state: State
-    ) -> Callable[[], None]:
-        """Return what the columns are told of one move."""
+    ) -> None:
+        """Tell the columns of one move."""
         held = [self._target(place, each, state) for each in op.targets]
         cause = cause or next((each for each in held if isinstance(each, Cause)), None)
         if cause is not None:
@@ -645,7 +643,7 @@ class Machine:
             )
             cause = cause if cause.line else cause._replace(line=place.line, source=place.source)
         given = [each for each in held if isinstance(each, Given)]
-        return partial(self.columns.move, op, place.line, given, frames, cause)
+        self.columns.move(op, place.line, given, frames, cause)
 
     def _why_left(self, place: Place, op: ir.Move, frames: list[Frames], state: State) -> Cause | None:
         """Return why a move is left whatever its targets are."""
