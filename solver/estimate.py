@@ -325,13 +325,14 @@ def _common_errors(robot: Robot, settings: Settings, last: _Pass, sigma: float) 
     """Return what a standard uncertainty of each shared error moves in the estimate; None without errors."""
     common = last.measurements.common_uncertainty
     fitted = common.fitted.terms
-    told = {term.name for term in fitted}  # the readings take the place of a statement
     stated = {name: (common.source(name), term.prior(common)) for name, term in TERMS.items()}
+    blocks = regressor_blocks(robot, last.measurements, last.balanced)
+    told = {term.name for term in fitted}  # the readings take the place of a statement
     terms = [TERMS[name] for name, (_, size) in stated.items() if any(size) and name not in told]
     if not (terms or fitted):
         return None
     responses = last.triangles.responses(
-        regressor_blocks(robot, last.measurements, last.balanced),
+        blocks,
         [*terms, *fitted],
         last.fit.compliance,
         np.flatnonzero(~last.observability.null),

@@ -21,6 +21,7 @@ from jointstiff.schemas.measurement import (
     ResolvedFrame,
 )
 from jointstiff.schemas.robot import DhModel, RobotDocument, UrdfModel
+from jointstiff.schemas.run import RunRequest
 from jointstiff.service.conversion.readings import (
     PointNoise,
     ReadingArrays,
@@ -32,10 +33,9 @@ from jointstiff.service.conversion.robots import dh_kinematics, robot_of_chain, 
 from jointstiff.service.conversion.units import LENGTH, to_instrument
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import MeasurementError, RequestError, RobotError, SolverError
-from jointstiff.solver.evidence.assessment import Assessment, assess, gross_mistake
-from jointstiff.solver.evidence.causes import Screening, fit_causes
-from jointstiff.solver.evidence.estimate import Estimate, Prediction
-from jointstiff.solver.fitting.method import Settings
+from jointstiff.solver.evidence.assessment import gross_mistake
+from jointstiff.solver.evidence.causes import fit_causes
+from jointstiff.solver.evidence.estimate import Estimate
 from jointstiff.solver.integrity import inspect
 from jointstiff.solver.messages import message
 from jointstiff.solver.readings.measurements import Measurements
@@ -232,15 +232,10 @@ class PreparedSet:
             return False
         return gross_mistake(self.robot, self.measurements, estimate) is None
 
-    def assess(
-        self,
-        settings: Settings,
-        estimate: Estimate,
-        prediction: Prediction,
-        screening: Screening | None = None,
-    ) -> Assessment:
-        """Assess an identification of this set by its prediction, with what was noticed in the readings."""
-        return assess(self.robot, self.measurements, settings, estimate, prediction, self.warnings, screening)
+    def run_hash(self, request: RunRequest) -> str:
+        """Return the SHA-256 of robot, readings and options, by which a run knows its campaign."""
+        options = request.model_dump_json(exclude={"measurement_set_id", "leave_out", "variant_of"})
+        return hash_of(self.content, options, "" if request.weight is None else repr(self.robot.bodies))
 
 
 def prepare_robot(document: RobotDocument) -> PreparedRobot:

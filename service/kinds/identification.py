@@ -23,7 +23,6 @@ from jointstiff.schemas.run import (
     RunResult,
 )
 from jointstiff.service.conversion.prepared import PreparedSet
-from jointstiff.service.conversion.readings import hash_of
 from jointstiff.service.conversion.robots import joint_index
 from jointstiff.service.kinds.own_weight import identified_by_weight
 from jointstiff.service.kinds.work import Arrays, QuickWork, Span, Work, spans
@@ -32,6 +31,7 @@ from jointstiff.solver.convex.solution import Bounds, Order
 from jointstiff.solver.design.plan import advise
 from jointstiff.solver.errors import JointstiffError, RequestError, SolverError, UnsupportedMethodError
 from jointstiff.solver.estimate import identify, refuse_unsupported
+from jointstiff.solver.evidence.assessment import assess
 from jointstiff.solver.evidence.causes import LINKS_LEVEL, Screening, screen_estimate
 from jointstiff.solver.evidence.estimate import Estimate, UncertaintyBudget, predict
 from jointstiff.solver.fitting.fit import DEFAULT_THRESHOLD
@@ -277,6 +277,7 @@ class ByJoints(Work):
         """Report joints alone, with what is known of links beside them; raises as `conclude` does."""
         prepared, options, (settings, estimate) = self._prepared, self._options, self.identified
         robot, measurements = prepared.robot, prepared.measurements
+        choice = choice or to_choice_of_joints(options, screening, self.excluded)
         model, left_out = JointModel.of(robot, estimate, settings.constraints), None
         error: ModelError | JointstiffError
         try:
@@ -295,7 +296,7 @@ class ByJoints(Work):
             balanced=estimate.balanced,
             estimated=estimate.estimated,
         )
-        assessment = prepared.assess(settings, estimate, prediction, screening)
+        assessment = assess(robot, measurements, settings, estimate, prediction, prepared.warnings, screening)
         # Behind a mistake, what another reading would bring is not known.
         usable = assessment.verdict != "do_not_use"
         return run_result(
@@ -307,7 +308,7 @@ class ByJoints(Work):
             advise(robot, measurements, estimate) if usable else (),
             budget,
             resampling=self._statistics(parts, estimate) if parts else None,
-            choice=choice or to_choice_of_joints(options, screening, self.excluded),
+            choice=choice,
             model=stored_model(model, error),
             causes=screening.tests,
         )
@@ -324,7 +325,7 @@ def identification(inputs: Inputs, request: RunRequest) -> Work:
     prepared = inputs.measured(request.measurement_set_id, "measurement_set_id", request.leave_out)
     if prepared.is_unloaded and prepared.robot.bodies:
         request = _by_own_weight(request)
-    input_hash = run_hash(prepared, request)
+    input_hash = prepared.run_hash(request)
     if request.weight is not None:
         compute = partial(identified_by_weight, prepared, request, request.weight)
         return QuickWork(compute, input_hash, prepared.robot_id, {"request": request})
@@ -369,13 +370,6 @@ def _excluded(prepared: PreparedSet, options: RunOptions, settings: Settings) ->
         return error.where or "elasticity"
     joints = prepared.measurements.joints
     return "observations" if (joints == joints[0]).all() else None  # one posture cannot be left out
-
-
-def run_hash(prepared: PreparedSet, request: RunRequest) -> str:
-    """Return the SHA-256 of robot, readings and options, by which a run knows its campaign."""
-    options = request.model_dump_json(exclude={"measurement_set_id", "leave_out", "variant_of"})
-    bodies = "" if request.weight is None else repr(prepared.robot.bodies)
-    return hash_of(prepared.content, options, bodies)
 
 
 Paths: TypeAlias = dict[tuple[ModelName, Loss], PenaltyPath]
@@ -571,14 +565,22 @@ class ByLinks(Work):
         screening: Screening,
         choice: ModelChoice,
     ) -> RunResult:
-        prepared, options = self._prepared, self._options
-        robot = prepared.robot
+        prepared, options, settings = self._prepared, self._options, self._settings
+        robot, measurements = prepared.robot, prepared.measurements
         effective = effective_compliances(
-            robot, elastic, self._settings.confidence, widest, with_ends=options.link_penalty is None
+            robot, elastic, settings.confidence, widest, with_ends=options.link_penalty is None
         )
         estimate = with_links(self._joints, elastic, effective)
         # No advice: what a further reading would bring is known for a model of joints alone.
-        assessment = prepared.assess(self._settings, estimate, elastic.prediction, screening)
+        assessment = assess(
+            robot,
+            prepared.measurements,
+            self._settings,
+            estimate,
+            elastic.prediction,
+            prepared.warnings,
+            screening,
+        )
         outlying = any(reason.code in _OUTLYING for reason in assessment.reasons)
         warnings = [each for each in prepared.warnings if outlying or each.code != "residual_outlier"]
         warnings += assessment.remarks

@@ -26,6 +26,7 @@ from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.design.candidates import Equipment, Loads, PlanRequest
 from jointstiff.solver.design.plan import CampaignPlan, plan_campaign
 from jointstiff.solver.errors import RequestError
+from jointstiff.solver.evidence.assessment import assess
 from jointstiff.solver.evidence.causes import screen_estimate
 from jointstiff.solver.evidence.estimate import predict
 from jointstiff.solver.messages import message, rows
@@ -118,7 +119,9 @@ def _plan(planned: Planned, request: plans.PlanRequest) -> PlanResult:
                 nominal[j] = joint.compliance
         prediction = predict(robot, prepared.measurements, estimate.compliance, balanced=estimate.balanced)
         screening = screen_estimate(robot, prepared.measurements, estimate)
-        judgement = prepared.assess(settings, estimate, prediction, screening)
+        judgement = assess(
+            robot, prepared.measurements, settings, estimate, prediction, prepared.warnings, screening
+        )
         assessment = to_assessment(judgement, estimate.joints)
         refuse_unaccepted(
             assessment,

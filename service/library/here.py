@@ -76,8 +76,6 @@ class Here:
         Raises:
             CampaignError: it has failed, or is not of its campaign by this version.
         """
-        from jointstiff.service.kinds.identification import run_hash
-
         run: TabledRun = source if isinstance(source, TabledRun) else function_of("identify")(source)
         if run.error is not None:
             raise CampaignError(run.error)
@@ -85,9 +83,8 @@ class Here:
         with as_campaign_error("prediction"):
             labels = {each.label for each in run.campaign.measurement_set.observations}
             left_out = run.request.leave_out
-            if not set(left_out) < labels or run.provenance.input_hash != run_hash(
-                self.inputs.measured(set_id, "run_id", left_out), run.request
-            ):
+            prepared = self.inputs.measured(set_id, "run_id", left_out) if set(left_out) < labels else None
+            if prepared is None or run.provenance.input_hash != prepared.run_hash(run.request):
                 raise RequestError(
                     f"the run '{run.id}' is of another robot or of other readings",
                     where="run_id",

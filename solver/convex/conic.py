@@ -24,9 +24,10 @@ from typing import TYPE_CHECKING, Final, TypeVar
 
 import numpy as np
 
-from jointstiff.solver.arrays import FloatArray, IndexArray, entries, weights
+from jointstiff.solver.arrays import FloatArray, IndexArray
 from jointstiff.solver.convex.solution import Certificate
 from jointstiff.solver.errors import SolverError
+from jointstiff.solver.terms.springs import entries, weights
 from jointstiff.solver.triangle import triangle_of
 
 if TYPE_CHECKING:

@@ -343,9 +343,9 @@ def _suspects(
     part, labels, loads = block.measurements, measurements.labels, _distinct_loads(measurements)
     tried = len(part) - 2 * _LEAST_PART + 1
     turn = turn_about(block.points[part.present].mean(axis=0))
+    later = {SHIFT.name: SHIFT, turn.name: turn, FORCE_SCALE.name: load_scale([labels])}
     own = [load_scale(loads)] if len(loads) > 1 else []
     found = [Suspect(t.name, t) for t in (*TERMS.values(), turn, *own) if t.suspected]
-    later = {SHIFT.name: SHIFT, turn.name: turn, FORCE_SCALE.name: load_scale([labels])}
     if firsts is not None:
         known = [first for first in firsts if first in labels]
         found += [Suspect(t.name, since(t, labels, first), first) for t in later.values() for first in known]

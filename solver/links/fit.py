@@ -24,7 +24,7 @@ from jointstiff.schemas.model import (
     LinkCompliance,
     PrincipalCompliance,
 )
-from jointstiff.solver.arrays import FloatArray, IndexArray, entries, weights
+from jointstiff.solver.arrays import FloatArray, IndexArray
 from jointstiff.solver.convex.conic import (
     diagonal,
     effective_freedom,
@@ -49,7 +49,7 @@ from jointstiff.solver.links.model import (
 from jointstiff.solver.messages import point
 from jointstiff.solver.readings.measurements import Measurements
 from jointstiff.solver.robot.model import Robot
-from jointstiff.solver.terms.springs import BASE, spring_frames
+from jointstiff.solver.terms.springs import BASE, entries, spring_frames, weights
 
 
 @dataclass(frozen=True, eq=False)

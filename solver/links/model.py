@@ -23,7 +23,7 @@ import numpy as np
 
 from jointstiff.schemas.options import ElasticModel as ModelName
 from jointstiff.schemas.options import Loss
-from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray, entries
+from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.convex.conic import (
     Cone,
     ConeSolution,
@@ -43,7 +43,7 @@ from jointstiff.solver.fitting.fit import DEFAULT_THRESHOLD, MEDIAN_NORM
 from jointstiff.solver.readings.measurements import Measurements, whitened
 from jointstiff.solver.robot.model import Robot
 from jointstiff.solver.terms.block import RegressorBlock, Term, regressor_blocks, rows_of
-from jointstiff.solver.terms.springs import BASE, COUPLED_JOINTS, JOINTS, link_motion, links_behind
+from jointstiff.solver.terms.springs import BASE, COUPLED_JOINTS, JOINTS, entries, link_motion, links_behind
 from jointstiff.solver.triangle import Triangle, triangle_of
 
 MOST_JOINTS = 12

@@ -633,10 +633,10 @@ def run_result(
     """
     labels, targets = np.array(measurements.labels), np.array(measurements.targets)
     names, kinds = [joint.name for joint in estimate.joints], [joint.kind for joint in estimate.joints]
-    joint_budgets, indices = to_joint_budgets(budget, len(names)), estimate.observability_indices
-    robust = to_robust_loss(estimate, measurements)
+    robust, joint_budgets = to_robust_loss(estimate, measurements), to_joint_budgets(budget, len(names))
     judgement = to_assessment(assessment, estimate.joints)
     whole_budget = to_budget(budget, names, [reason.code for reason in assessment.reasons])
+    indices = estimate.observability_indices
     i, t = np.nonzero(measurements.present)
     absent = dict.fromkeys(("resampling", "model", "links", "selection", "choice", "weight"))
     by_encoder, contributions = [], []

@@ -13,12 +13,12 @@ moves with the flange. A dead force has a potential, so its share of K_c is symm
 
 from __future__ import annotations
 
-from functools import partial
+from functools import lru_cache, partial
 from typing import Final
 
 import numpy as np
 
-from jointstiff.solver.arrays import FloatArray, entries, weights
+from jointstiff.solver.arrays import FloatArray, IndexArray
 from jointstiff.solver.robot.configuration import joint_frames, skew
 from jointstiff.solver.robot.model import Robot
 from jointstiff.solver.terms.block import Motion, RegressorBlock, Term, wrench_stiffness
@@ -67,6 +67,27 @@ def link_motion(block: RegressorBlock) -> tuple[FloatArray, FloatArray, FloatArr
     turn = -skew(block.points - origin.transpose(1, 0, 2)[:, :, None]) @ R[:, :, None]
     moves = np.concatenate([np.broadcast_to(R[:, :, None], turn.shape), turn], axis=-1)
     return moves, wrench[:, :, 0], lever
+
+
+@lru_cache(maxsize=64)
+def entries(size: int) -> tuple[IndexArray, IndexArray]:
+    """Rows and columns (size (size + 1) / 2,) of the entries: (0,0), (0,1), (1,1), (0,2), ...
+
+    The order that Clarabel's triangle cone has.
+    """
+    lower_rows, lower_columns = np.tril_indices(size)
+    for indices in (lower_rows, lower_columns):
+        indices.setflags(write=False)
+    return lower_columns, lower_rows
+
+
+@lru_cache(maxsize=64)
+def weights(size: int) -> FloatArray:
+    """1 for diagonal entries and √2 for the others, so that vectors have the matrices' inner product."""
+    rows, columns = entries(size)
+    weights: FloatArray = np.where(rows == columns, 1.0, np.sqrt(2.0))
+    weights.setflags(write=False)
+    return weights
 
 
 def products(moves: FloatArray, load: FloatArray) -> FloatArray:
