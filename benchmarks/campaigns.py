@@ -17,10 +17,10 @@ from jointstiff.simulator.campaign import (
     plan_experiment,
 )
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.convex.solution import Bounds
-from jointstiff.solver.fitting.method import Settings
-from jointstiff.solver.readings.measurements import Measurements
-from jointstiff.solver.robot.model import Robot
+from jointstiff.solver.estimation.method import Settings
+from jointstiff.solver.estimation.solution import Bounds
+from jointstiff.solver.mechanics.measurements import Measurements
+from jointstiff.solver.mechanics.robot import Robot
 from tests.support.springs import readings_of, robot_of
 
 __all__ = ["LARGE_NOISE", "SIGMA", "Campaign", "default_settings", "large_campaign", "small_campaign"]

@@ -14,12 +14,12 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from jointstiff.solver.errors import JointstiffError
-    from jointstiff.solver.estimate import identify
-    from jointstiff.solver.evidence.estimate import Estimate
-    from jointstiff.solver.fitting.method import Settings
+    from jointstiff.solver.estimation.estimate import Estimate
+    from jointstiff.solver.estimation.identify import identify
+    from jointstiff.solver.estimation.method import Settings
     from jointstiff.solver.geometry.poses import Poses
-    from jointstiff.solver.readings.measurements import Measurements
-    from jointstiff.solver.robot.model import Body, KinematicChain, Robot
+    from jointstiff.solver.mechanics.measurements import Measurements
+    from jointstiff.solver.mechanics.robot import Body, KinematicChain, Robot
     from jointstiff.solver.weight.identification import (
         Balancer,
         Burden,
@@ -47,18 +47,18 @@ __all__ = [
 
 _HOMES = {
     "Balancer": "weight.identification",
-    "Body": "robot.model",
+    "Body": "mechanics.robot",
     "Burden": "weight.identification",
-    "Estimate": "evidence.estimate",
+    "Estimate": "estimation.estimate",
     "JointstiffError": "errors",
-    "KinematicChain": "robot.model",
-    "Measurements": "readings.measurements",
+    "KinematicChain": "mechanics.robot",
+    "Measurements": "mechanics.measurements",
     "Poses": "geometry.poses",
-    "Robot": "robot.model",
-    "Settings": "fitting.method",
+    "Robot": "mechanics.robot",
+    "Settings": "estimation.method",
     "WeightEstimate": "weight.identification",
     "WeightReadings": "weight.identification",
-    "identify": "estimate",
+    "identify": "estimation.identify",
     "identify_weight": "weight.identification",
 }
 

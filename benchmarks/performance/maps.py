@@ -17,11 +17,11 @@ from benchmarks.campaigns import default_settings, small_campaign
 from benchmarks.performance.peers import pinocchio_model
 from benchmarks.report import Figure, Section
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.estimate import identify
+from jointstiff.solver.estimation.identify import identify
+from jointstiff.solver.mechanics.configuration import InverseKinematics
+from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.predict.answers import MapTask, map_places, map_postures, tool_rotations
 from jointstiff.solver.predict.models import JointModel
-from jointstiff.solver.robot.configuration import InverseKinematics
-from jointstiff.solver.robot.model import Robot
 
 __all__ = ["run"]
 

@@ -12,8 +12,8 @@ import numpy as np
 
 from benchmarks.campaigns import default_settings, large_campaign
 from benchmarks.report import Figure, Section
-from jointstiff.solver.estimate import identify
-from jointstiff.solver.readings.measurements import Measurements
+from jointstiff.solver.estimation.identify import identify
+from jointstiff.solver.mechanics.measurements import Measurements
 
 __all__ = ["run"]
 

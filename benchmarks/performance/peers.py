@@ -15,8 +15,8 @@ import qpsolvers
 from scipy.optimize import lsq_linear, nnls
 
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.readings.measurements import Measurements
-from jointstiff.solver.robot.model import Robot
+from jointstiff.solver.mechanics.measurements import Measurements
+from jointstiff.solver.mechanics.robot import Robot
 
 __all__ = [
     "bare_pinocchio_loop",

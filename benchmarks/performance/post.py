@@ -23,7 +23,7 @@ from benchmarks.campaigns import LARGE_NOISE, Campaign, default_settings, small_
 from benchmarks.performance.peers import cvxpy_clarabel, stacked_rows
 from benchmarks.report import Figure, Section, times_table
 from benchmarks.timing import Times, interleaved
-from jointstiff.solver.estimate import identify
+from jointstiff.solver.estimation.identify import identify
 
 __all__ = ["run"]
 

@@ -14,10 +14,10 @@ from benchmarks.report import Figure, Section, times_table
 from benchmarks.timing import Times, interleaved
 from jointstiff.schemas.options import Method, Resampling
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.convex.solution import Bounds
-from jointstiff.solver.estimate import identify
-from jointstiff.solver.fitting.method import Settings
-from jointstiff.solver.resampling import GramBlocks, Resamples, draws_of, gram_blocks, resample
+from jointstiff.solver.estimation.identify import identify
+from jointstiff.solver.estimation.method import Settings
+from jointstiff.solver.estimation.resampling import GramBlocks, Resamples, draws_of, gram_blocks, resample
+from jointstiff.solver.estimation.solution import Bounds
 
 __all__ = ["run"]
 

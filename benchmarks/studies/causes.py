@@ -20,9 +20,9 @@ from jointstiff.simulator import default_arm
 from jointstiff.simulator.campaign import TARGETS, SpringArm, plan_experiment
 from jointstiff.simulator.equilibrium import equilibrium
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.estimate import identify
-from jointstiff.solver.evidence.causes import fit_causes, screen_estimate
-from jointstiff.solver.readings.measurements import (
+from jointstiff.solver.estimation.causes import fit_causes, screen_estimate
+from jointstiff.solver.estimation.identify import identify
+from jointstiff.solver.mechanics.measurements import (
     CommonUncertainty,
     DifferenceNoise,
     Instrument,

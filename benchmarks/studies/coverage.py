@@ -16,12 +16,12 @@ from benchmarks.report import Figure, Section
 from jointstiff.schemas.options import Method
 from jointstiff.simulator import default_arm
 from jointstiff.solver.arrays import BoolArray, FloatArray
-from jointstiff.solver.convex.solution import Bounds
-from jointstiff.solver.estimate import identify
-from jointstiff.solver.evidence.estimate import Estimate, JointCompliance
-from jointstiff.solver.fitting.method import Settings
-from jointstiff.solver.readings.measurements import Measurements
-from jointstiff.solver.robot.model import Robot
+from jointstiff.solver.estimation.estimate import Estimate, JointCompliance
+from jointstiff.solver.estimation.identify import identify
+from jointstiff.solver.estimation.method import Settings
+from jointstiff.solver.estimation.solution import Bounds
+from jointstiff.solver.mechanics.measurements import Measurements
+from jointstiff.solver.mechanics.robot import Robot
 from tests.support.springs import robot_of
 
 __all__ = [

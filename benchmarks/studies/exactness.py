@@ -12,9 +12,9 @@ from flint import fmpq
 
 from benchmarks.report import Figure, Section
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.convex.solution import Bounds, IdentificationProblem, Solution, solve, solve_step
 from jointstiff.solver.errors import SolverError
-from jointstiff.solver.triangle import triangle_of
+from jointstiff.solver.estimation.solution import Bounds, IdentificationProblem, Solution, solve, solve_step
+from jointstiff.solver.estimation.triangle import triangle_of
 from tests.reference.exact_nnls import exact_nnls
 from tests.reference.exact_problems import (
     MOST_ACTIVE,

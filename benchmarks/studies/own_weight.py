@@ -15,8 +15,8 @@ from jointstiff.simulator.imperfections import with_link_errors
 from jointstiff.simulator.own_weight import Bodies, sag
 from jointstiff.solver import WeightEstimate, WeightReadings, identify_weight
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.convex.conic import GAP
-from jointstiff.solver.convex.solution import Bounds, Constraints
+from jointstiff.solver.estimation.conic import GAP
+from jointstiff.solver.estimation.solution import Bounds, Constraints
 from jointstiff.solver.predict.forward import LoadCases
 from jointstiff.solver.predict.models import JointModel
 from tests.support.sagging import ARM, BODIES, LOAD_POINT, ROBOT, burden_of, campaign

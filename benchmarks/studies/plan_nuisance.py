@@ -17,7 +17,7 @@ from jointstiff.solver.design.plan import plan_campaign
 from jointstiff.solver.links.choice import WEIGHTS, Folds, chosen_weight, fit_folds, refined
 from jointstiff.solver.links.fit import first_certified
 from jointstiff.solver.links.model import ElasticColumns, ElasticModel, elastic_blocks
-from jointstiff.solver.readings.measurements import Measurements
+from jointstiff.solver.mechanics.measurements import Measurements
 from tests.support.springs import robot_of
 
 __all__ = ["run"]

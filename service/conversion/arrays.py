@@ -17,8 +17,8 @@ from jointstiff.service.conversion.robots import refuse_far_point
 from jointstiff.service.conversion.units import ANGLE, FORCE, LENGTH, MOMENT
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import MeasurementError, RobotError
-from jointstiff.solver.robot.model import UNLIMITED, ChainJoint, KinematicChain
-from jointstiff.solver.robot.urdf import parse_xml, write_urdf
+from jointstiff.solver.mechanics.robot import UNLIMITED, ChainJoint, KinematicChain
+from jointstiff.solver.mechanics.urdf import parse_xml, write_urdf
 
 FAR_POSITION: Final = 100.0
 """Distance of a target from the origin beyond which the unit of positions is in doubt [m]."""

@@ -14,8 +14,8 @@ from jointstiff.solver.errors import MeasurementError
 from jointstiff.solver.geometry.identification import Conventions
 from jointstiff.solver.geometry.poses import Poses
 from jointstiff.solver.geometry.sweeps import Sweep, SweepSet
-from jointstiff.solver.readings.measurements import at_read_places
-from jointstiff.solver.robot.model import JointMap, Robot
+from jointstiff.solver.mechanics.measurements import at_read_places
+from jointstiff.solver.mechanics.robot import JointMap, Robot
 
 
 class _Readings:

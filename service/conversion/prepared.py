@@ -33,14 +33,14 @@ from jointstiff.service.conversion.robots import dh_kinematics, robot_of_chain, 
 from jointstiff.service.conversion.units import LENGTH, to_instrument
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import MeasurementError, RequestError, RobotError, SolverError
-from jointstiff.solver.evidence.assessment import gross_mistake
-from jointstiff.solver.evidence.causes import fit_causes
-from jointstiff.solver.evidence.estimate import Estimate
+from jointstiff.solver.estimation.assessment import gross_mistake
+from jointstiff.solver.estimation.causes import fit_causes
+from jointstiff.solver.estimation.estimate import Estimate
 from jointstiff.solver.integrity import inspect
+from jointstiff.solver.mechanics.measurements import Measurements
+from jointstiff.solver.mechanics.robot import KinematicChain, Robot
+from jointstiff.solver.mechanics.urdf import read_inertials, read_urdf, write_urdf
 from jointstiff.solver.messages import message
-from jointstiff.solver.readings.measurements import Measurements
-from jointstiff.solver.robot.model import KinematicChain, Robot
-from jointstiff.solver.robot.urdf import read_inertials, read_urdf, write_urdf
 
 if TYPE_CHECKING:
     from jointstiff.schemas.geometry import GeometryRequest

@@ -28,7 +28,8 @@ from jointstiff.service.conversion.robots import joint_factors, named_joints
 from jointstiff.service.conversion.units import ANGLE, FORCE, LENGTH, MOMENT, to_instrument
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import MeasurementError
-from jointstiff.solver.readings.measurements import (
+from jointstiff.solver.mechanics.configuration import Configurations
+from jointstiff.solver.mechanics.measurements import (
     ASSUMED_FORCE_SCALE,
     ASSUMED_LOAD_POINT,
     ISOTROPIC_DIFFERENCE,
@@ -39,8 +40,7 @@ from jointstiff.solver.readings.measurements import (
     position_covariances,
     refuse_no_covariance,
 )
-from jointstiff.solver.robot.configuration import Configurations
-from jointstiff.solver.robot.model import Robot
+from jointstiff.solver.mechanics.robot import Robot
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,9 +16,9 @@ from jointstiff.schemas.robot import Kinematics, Posture
 from jointstiff.service.conversion.units import ANGLE, LENGTH
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import RequestError, RobotError
+from jointstiff.solver.mechanics.configuration import Configurations, find_wrist, joint_frames
+from jointstiff.solver.mechanics.robot import Body, JointMap, KinematicChain, Robot, dh_chain
 from jointstiff.solver.messages import message, rows, stated_kinds
-from jointstiff.solver.robot.configuration import Configurations, find_wrist, joint_frames
-from jointstiff.solver.robot.model import Body, JointMap, KinematicChain, Robot, dh_chain
 
 if TYPE_CHECKING:  # geometry is no part of an identification
     from jointstiff.schemas.geometry import GeometryUnits

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from jointstiff.solver.readings.measurements import Instrument
+from jointstiff.solver.mechanics.measurements import Instrument
 
 if TYPE_CHECKING:
     from jointstiff.schemas.geometry import TrackerSheet

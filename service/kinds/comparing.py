@@ -28,9 +28,9 @@ from jointstiff.service.resources.inputs import Inputs, MeasuredRun
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.compare.campaigns import FreeEstimate, Side, compare_sides, models_differ
 from jointstiff.solver.errors import RequestError
+from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.predict.answers import forward_model
 from jointstiff.solver.predict.models import JointModel
-from jointstiff.solver.robot.model import Robot
 
 _NO_FIT: Final = Finding(
     code="no_joint_identified",

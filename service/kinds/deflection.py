@@ -38,10 +38,10 @@ from jointstiff.service.tables.report import verdict_lines
 from jointstiff.service.tables.table import NO_NUMBER, Chart, Column, Line, Part, Sheet, Table, number
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import RequestError
+from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.predict.answers import case_results
 from jointstiff.solver.predict.forward import LoadCases
 from jointstiff.solver.predict.models import EXTRAPOLATED, ModelError
-from jointstiff.solver.robot.model import Robot
 
 MAX_CASE_WORK: Final = 150_000
 """Load cases times joints squared in a request. Each end of an interval takes a matrix of the joints."""

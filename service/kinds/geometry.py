@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from jointstiff.service.resources.inputs import Inputs
     from jointstiff.solver.geometry.poses import Poses
     from jointstiff.solver.geometry.sweeps import SweepSet
-    from jointstiff.solver.robot.model import Robot
+    from jointstiff.solver.mechanics.robot import Robot
 
 _MILLI, _MICRO = 1e3, 1e6
 

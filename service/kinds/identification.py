@@ -27,15 +27,23 @@ from jointstiff.service.conversion.robots import joint_index
 from jointstiff.service.kinds.own_weight import identified_by_weight
 from jointstiff.service.kinds.work import Arrays, QuickWork, Span, Work, spans
 from jointstiff.service.resources.inputs import Inputs
-from jointstiff.solver.convex.solution import Bounds, Order
 from jointstiff.solver.design.plan import advise
 from jointstiff.solver.errors import JointstiffError, RequestError, SolverError, UnsupportedMethodError
-from jointstiff.solver.estimate import identify, refuse_unsupported
-from jointstiff.solver.evidence.assessment import assess
-from jointstiff.solver.evidence.causes import LINKS_LEVEL, Screening, screen_estimate
-from jointstiff.solver.evidence.estimate import Estimate, UncertaintyBudget, predict
-from jointstiff.solver.fitting.fit import DEFAULT_THRESHOLD
-from jointstiff.solver.fitting.method import Prior, Settings
+from jointstiff.solver.estimation.assessment import assess
+from jointstiff.solver.estimation.causes import LINKS_LEVEL, Screening, screen_estimate
+from jointstiff.solver.estimation.estimate import Estimate, UncertaintyBudget, predict
+from jointstiff.solver.estimation.fit import DEFAULT_THRESHOLD
+from jointstiff.solver.estimation.identify import identify, refuse_unsupported
+from jointstiff.solver.estimation.method import Prior, Settings
+from jointstiff.solver.estimation.resampling import (
+    GramBlocks,
+    Resamples,
+    gram_blocks,
+    refuse_nonlinear,
+    resample,
+    summarise,
+)
+from jointstiff.solver.estimation.solution import Bounds, Order
 from jointstiff.solver.links.choice import (
     WEIGHTS,
     Folds,
@@ -63,6 +71,7 @@ from jointstiff.solver.links.model import (
     ElasticModel,
     compared_losses,
 )
+from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.messages import message
 from jointstiff.solver.predict.answers import (
     run_result,
@@ -75,15 +84,6 @@ from jointstiff.solver.predict.models import (
     leave_folds_out,
     leave_postures_out,
 )
-from jointstiff.solver.resampling import (
-    GramBlocks,
-    Resamples,
-    gram_blocks,
-    refuse_nonlinear,
-    resample,
-    summarise,
-)
-from jointstiff.solver.robot.model import Robot
 from jointstiff.solver.text import length_text
 
 
@@ -132,7 +132,7 @@ def identified(prepared: PreparedSet, settings: Settings) -> tuple[Settings, Est
         The settings that were used, and the estimate.
 
     Raises:
-        JointstiffError: as `jointstiff.solver.estimate.identify`.
+        JointstiffError: as `jointstiff.solver.estimation.identify.identify`.
     """
     robot, measurements = prepared.robot, prepared.measurements
     try:
@@ -220,7 +220,7 @@ class ByJoints(Work):
         """Return the estimate of the joints, and how it was made.
 
         Raises:
-            JointstiffError: as `jointstiff.solver.estimate.identify` does.
+            JointstiffError: as `jointstiff.solver.estimation.identify.identify` does.
         """
         return identified(self._prepared, self._settings)
 
@@ -573,13 +573,7 @@ class ByLinks(Work):
         estimate = with_links(self._joints, elastic, effective)
         # No advice: what a further reading would bring is known for a model of joints alone.
         assessment = assess(
-            robot,
-            prepared.measurements,
-            self._settings,
-            estimate,
-            elastic.prediction,
-            prepared.warnings,
-            screening,
+            robot, measurements, settings, estimate, elastic.prediction, prepared.warnings, screening
         )
         outlying = any(reason.code in _OUTLYING for reason in assessment.reasons)
         warnings = [each for each in prepared.warnings if outlying or each.code != "residual_outlier"]
@@ -587,7 +581,7 @@ class ByLinks(Work):
         if options.link_penalty is None:
             warnings += judge_penalty(chosen.penalty or elastic.penalty, elastic.penalty)
             if options.loss == "automatic":
-                warnings += judge_losses(int(prepared.measurements.present.sum()))
+                warnings += judge_losses(int(measurements.present.sum()))
         return run_result(
             estimate,
             elastic.prediction,

@@ -27,6 +27,8 @@ from jointstiff.service.resources.inputs import Inputs
 from jointstiff.service.tables.table import Sheet
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import RequestError, RobotError
+from jointstiff.solver.mechanics.configuration import InverseKinematics
+from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.predict.answers import (
     STATUSES,
     DeflectionMap,
@@ -35,8 +37,6 @@ from jointstiff.solver.predict.answers import (
     map_places,
     tool_rotations,
 )
-from jointstiff.solver.robot.configuration import InverseKinematics
-from jointstiff.solver.robot.model import Robot
 
 POSES_A_STEP: Final = 10_000
 """Places times orientations of a quarter of a second."""

@@ -17,17 +17,17 @@ from jointstiff.schemas.run import (
 from jointstiff.service.conversion.prepared import PreparedSet
 from jointstiff.service.conversion.robots import joint_index
 from jointstiff.solver.arrays import IndexArray
-from jointstiff.solver.convex.solution import Bounds, Constraints, greatest_violations
 from jointstiff.solver.errors import RequestError
-from jointstiff.solver.evidence.assessment import assessed, implausible_joints, refuted_noise
-from jointstiff.solver.fitting.fit import Likelihood, sigma_test
+from jointstiff.solver.estimation.assessment import assessed, implausible_joints, refuted_noise
+from jointstiff.solver.estimation.fit import Likelihood, sigma_test
+from jointstiff.solver.estimation.solution import Bounds, Constraints, greatest_violations
+from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.messages import message, messages_of, rows
 from jointstiff.solver.predict.answers import (
     stored_model,
     to_assessment,
 )
 from jointstiff.solver.predict.models import JointModel
-from jointstiff.solver.robot.model import Robot
 
 if TYPE_CHECKING:
     from jointstiff.solver.weight.identification import WeightEstimate, WeightReadings

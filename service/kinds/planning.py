@@ -26,14 +26,14 @@ from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.design.candidates import Equipment, Loads, PlanRequest
 from jointstiff.solver.design.plan import CampaignPlan, plan_campaign
 from jointstiff.solver.errors import RequestError
-from jointstiff.solver.evidence.assessment import assess
-from jointstiff.solver.evidence.causes import screen_estimate
-from jointstiff.solver.evidence.estimate import predict
+from jointstiff.solver.estimation.assessment import assess
+from jointstiff.solver.estimation.causes import screen_estimate
+from jointstiff.solver.estimation.estimate import predict
+from jointstiff.solver.mechanics.block import targets_in_flange
+from jointstiff.solver.mechanics.measurements import Instrument, Measurements
+from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.messages import message, rows
 from jointstiff.solver.predict.answers import to_assessment
-from jointstiff.solver.readings.measurements import Instrument, Measurements
-from jointstiff.solver.robot.model import Robot
-from jointstiff.solver.terms.block import targets_in_flange
 from jointstiff.solver.weight.identification import Burden, planned_rows
 
 _LARGEST_RELATIVE: Final = 0.5

@@ -24,14 +24,14 @@ from jointstiff.service.programs.program import BLOCK, NUMBERS, FrameName, Progr
 from jointstiff.service.tables.files import rows_of
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import RequestError
-from jointstiff.solver.predict.forward import LoadCases
-from jointstiff.solver.robot.configuration import (
+from jointstiff.solver.mechanics.configuration import (
     Configurations,
     InverseKinematics,
     Unreached,
     choose_postures,
 )
-from jointstiff.solver.robot.model import Robot
+from jointstiff.solver.mechanics.robot import Robot
+from jointstiff.solver.predict.forward import LoadCases
 
 _LEAST_SINE: Final = 1e-3
 """Sine of the angle between tool and x axis under which they count as parallel."""

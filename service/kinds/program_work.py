@@ -50,6 +50,8 @@ from jointstiff.service.tables.table import Sheet
 from jointstiff.solver import messages
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import RequestError
+from jointstiff.solver.mechanics.configuration import Configurations, InverseKinematics, flange_poses
+from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.predict.forward import (
     Compensation,
     CorrectionLimits,
@@ -59,8 +61,6 @@ from jointstiff.solver.predict.forward import (
     residuals,
 )
 from jointstiff.solver.predict.models import EXTRAPOLATED
-from jointstiff.solver.robot.configuration import Configurations, InverseKinematics, flange_poses
-from jointstiff.solver.robot.model import Robot
 
 MAX_QUICK_POINTS: Final = 10_000
 """Points of a program that is corrected at once; one that several moves use counts for each."""

@@ -20,11 +20,11 @@ from jointstiff.service.problems import VerdictError
 from jointstiff.service.resources.inputs import Inputs, MeasuredRun
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import RequestError
+from jointstiff.solver.mechanics.block import OwnWeight
+from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.predict.answers import forward_model
 from jointstiff.solver.predict.forward import ForwardModel
 from jointstiff.solver.predict.models import IdentifiedWeight, JointModel, ModelError
-from jointstiff.solver.robot.model import Robot
-from jointstiff.solver.terms.block import OwnWeight
 
 
 def accepted_run(inputs: Inputs, request: MapRequest | ProgramRequest) -> MeasuredRun:

@@ -42,11 +42,11 @@ from jointstiff.service.live.fleet import Standing, standings
 from jointstiff.service.problems import TakenError
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import JointstiffError, RequestError
-from jointstiff.solver.evidence.estimate import stiffness_interval
-from jointstiff.solver.fitting.fit import student_quantile
+from jointstiff.solver.estimation.estimate import stiffness_interval
+from jointstiff.solver.estimation.fit import student_quantile
 from jointstiff.solver.live.ahead import Ahead, Known, Next, Share
 from jointstiff.solver.live.innovation import held_out, innovation
-from jointstiff.solver.robot.model import Robot
+from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.text import length_text
 
 FEWEST: Final = 5

@@ -26,10 +26,10 @@ from jointstiff.service.conversion.prepared import PreparedRobot, prepare_set
 from jointstiff.service.conversion.units import ANGLE, FORCE, LENGTH
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import RequestError
-from jointstiff.solver.readings.measurements import Measurements
-from jointstiff.solver.robot.configuration import Configurations
-from jointstiff.solver.robot.model import Robot
-from jointstiff.solver.terms.block import targets_in_flange
+from jointstiff.solver.mechanics.block import targets_in_flange
+from jointstiff.solver.mechanics.configuration import Configurations
+from jointstiff.solver.mechanics.measurements import Measurements
+from jointstiff.solver.mechanics.robot import Robot
 
 _DOWN: Final = -0.999
 """Part along z of R0 of a force's direction from which on it counts as a weight."""

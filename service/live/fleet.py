@@ -10,7 +10,7 @@ import numpy as np
 from jointstiff.schemas.options import StiffnessPrior
 from jointstiff.schemas.run import JointResult
 from jointstiff.solver.errors import RequestError
-from jointstiff.solver.fitting.fit import student_quantile
+from jointstiff.solver.estimation.fit import student_quantile
 from jointstiff.solver.live.ahead import Known
 
 FEWEST_ARMS: Final = 3

@@ -26,12 +26,12 @@ import numpy as np
 
 from jointstiff.service.problems import ServiceError
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.convex.solution import Bounds, Constraints
 from jointstiff.solver.errors import JointstiffError, RequestError
+from jointstiff.solver.estimation.solution import Bounds, Constraints
+from jointstiff.solver.mechanics.configuration import Configurations, joint_frames
+from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.predict.forward import LoadCases
 from jointstiff.solver.predict.models import JointModel
-from jointstiff.solver.robot.configuration import Configurations, joint_frames
-from jointstiff.solver.robot.model import Robot
 
 Place = tuple[float, float, float]
 Point = tuple[Place, float | None]

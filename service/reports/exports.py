@@ -16,8 +16,8 @@ from jointstiff.service.tables.files import csv_text, xlsx_bytes
 from jointstiff.service.tables.report import METHOD_NAMES, VERDICTS, judged
 from jointstiff.service.tables.stiffness import UNITS
 from jointstiff.service.tables.table import Sheet, Value
-from jointstiff.solver.robot.model import ChainJoint, KinematicChain, Robot
-from jointstiff.solver.robot.urdf import write_urdf
+from jointstiff.solver.mechanics.robot import ChainJoint, KinematicChain, Robot
+from jointstiff.solver.mechanics.urdf import write_urdf
 from jointstiff.solver.text import rounded_down, stiffness_text
 
 _UNIT = UNITS["MNm/rad"]
@@ -367,7 +367,7 @@ _MISSING: Final = (
 
 
 def urdf(model: ExportedModel) -> bytes:
-    """Return the chain as `solver.robot.urdf.write_urdf` does, with the stiffness of each joint beside it."""
+    """Return the chain as `mechanics.urdf.write_urdf` does, with the stiffness of each joint beside it."""
     robot = ElementTree.fromstring(write_urdf(model.chain))  # noqa: S314 - it was written here
     robot.set("name", model.name)
     remarks = ElementTree.Element("remarks")

@@ -13,7 +13,7 @@ from jointstiff.service.conversion.robots import to_kinematics
 from jointstiff.service.reports.document import Picture
 from jointstiff.service.tables.table import Chart
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.robot.model import Robot
+from jointstiff.solver.mechanics.robot import Robot
 
 INK, PALE, LINE, MARK = "#222222", "#b9c6d3", "#8a8a8a", "#1f5f8b"
 _FONT = "Libertinus Serif, Georgia, serif"

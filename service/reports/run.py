@@ -47,7 +47,7 @@ from jointstiff.service.tables.report import METHOD_NAMES, VERDICTS, requested, 
 from jointstiff.service.tables.stiffness import UNITS
 from jointstiff.service.tables.table import NO_NUMBER, figure, rounded, text_table
 from jointstiff.solver.errors import RequestError
-from jointstiff.solver.readings.measurements import ASSUMED_FORCE_SCALE, ASSUMED_LOAD_POINT
+from jointstiff.solver.mechanics.measurements import ASSUMED_FORCE_SCALE, ASSUMED_LOAD_POINT
 
 STATEMENTS: Final = (
     "The results relate only to the item that is identified here, in the state and under the conditions of "

@@ -32,7 +32,7 @@ from jointstiff.service.problems import FilesError, reworded
 from jointstiff.solver.errors import MeasurementError
 
 if TYPE_CHECKING:
-    from jointstiff.solver.robot.model import Robot
+    from jointstiff.solver.mechanics.robot import Robot
 
 _LENGTHS: Final = frozenset(("sigma", "station", "constant", "load_point", "target_places", "position"))
 """Fields with lengths, in `noise` and of the request."""

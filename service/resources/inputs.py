@@ -15,7 +15,7 @@ from jointstiff.schemas.measurement import MeasurementSetDocument
 from jointstiff.schemas.run import Run
 from jointstiff.service.conversion.prepared import PreparedRobot, PreparedSet, prepare_set, without
 from jointstiff.solver.errors import RequestError
-from jointstiff.solver.robot.model import Robot
+from jointstiff.solver.mechanics.robot import Robot
 
 
 @dataclass(frozen=True, eq=False)

@@ -49,7 +49,7 @@ from jointstiff.service.store.tables import (
 )
 from jointstiff.solver.errors import MeasurementError, RequestError
 from jointstiff.solver.geometry.identification import drift_findings
-from jointstiff.solver.robot.model import Robot
+from jointstiff.solver.mechanics.robot import Robot
 
 AnyJob = TypeVar("AnyJob", bound=Job)
 Prepared = TypeVar("Prepared")

@@ -39,15 +39,15 @@ from jointstiff.schemas.comparison import (
     OrderedResult,
 )
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
-from jointstiff.solver.convex.solution import Bounds, Constraints, Order, greatest_violations
 from jointstiff.solver.errors import RequestError
-from jointstiff.solver.evidence.estimate import predict, profile_ends, stiffness_of
-from jointstiff.solver.fitting.fit import Likelihood, StageFit, rows_of, student_quantile
+from jointstiff.solver.estimation.estimate import predict, profile_ends, stiffness_of
+from jointstiff.solver.estimation.fit import Likelihood, StageFit, rows_of, student_quantile
+from jointstiff.solver.estimation.solution import Bounds, Constraints, Order, greatest_violations
+from jointstiff.solver.mechanics.block import regressor_blocks
+from jointstiff.solver.mechanics.configuration import Configurations
+from jointstiff.solver.mechanics.measurements import Measurements
+from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.messages import rows
-from jointstiff.solver.readings.measurements import Measurements
-from jointstiff.solver.robot.configuration import Configurations
-from jointstiff.solver.robot.model import Robot
-from jointstiff.solver.terms.block import regressor_blocks
 
 SAME_PLACE: Final = 1e-9
 """Load points that differ by less are one [m]."""

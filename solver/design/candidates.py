@@ -21,14 +21,14 @@ from jointstiff.schemas.plan import DeflectionGoal, JointsGoal, PlanCriterion, S
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.design.optimum import Candidates
 from jointstiff.solver.errors import RequestError
-from jointstiff.solver.readings.measurements import DifferenceNoise, Instrument, Measurements
-from jointstiff.solver.robot.configuration import Configurations, joint_frames
-from jointstiff.solver.robot.model import Robot
-from jointstiff.solver.terms.block import regressor_blocks
-from jointstiff.solver.terms.block import whitened_rows as term_rows
-from jointstiff.solver.terms.errors import TERMS
-from jointstiff.solver.terms.springs import JOINTS, links_behind
-from jointstiff.solver.triangle import basis, unit_columns
+from jointstiff.solver.estimation.triangle import basis, unit_columns
+from jointstiff.solver.mechanics.block import regressor_blocks
+from jointstiff.solver.mechanics.block import whitened_rows as term_rows
+from jointstiff.solver.mechanics.configuration import Configurations, joint_frames
+from jointstiff.solver.mechanics.measurements import DifferenceNoise, Instrument, Measurements
+from jointstiff.solver.mechanics.robot import Robot
+from jointstiff.solver.mechanics.springs import JOINTS, links_behind
+from jointstiff.solver.mechanics.terms import TERMS
 
 LoadKind = Literal["dead_weight", "any_direction", "cable"]
 

@@ -40,12 +40,12 @@ from jointstiff.solver.design.optimum import (
     uncertainty_of,
 )
 from jointstiff.solver.errors import RequestError
-from jointstiff.solver.evidence.estimate import Estimate
-from jointstiff.solver.fitting.observability import Spectrum
-from jointstiff.solver.readings.measurements import Measurements, shown_along, whitened
-from jointstiff.solver.robot.configuration import Configurations
-from jointstiff.solver.robot.model import Robot
-from jointstiff.solver.terms.block import targets_in_flange
+from jointstiff.solver.estimation.estimate import Estimate
+from jointstiff.solver.estimation.observability import Spectrum
+from jointstiff.solver.mechanics.block import targets_in_flange
+from jointstiff.solver.mechanics.configuration import Configurations
+from jointstiff.solver.mechanics.measurements import Measurements, shown_along, whitened
+from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.text import posture_text
 
 _LINKS_GAP, _OTHERS_GAP = 1e-2, 1e-4

@@ -77,10 +77,10 @@ from jointstiff.solver.geometry.poses import (
     transformed,
 )
 from jointstiff.solver.geometry.sweeps import STILL, SweptAxes
+from jointstiff.solver.mechanics.configuration import WRIST_JOINTS, Wrist
+from jointstiff.solver.mechanics.measurements import whitener
+from jointstiff.solver.mechanics.robot import ChainJoint, Convention, KinematicChain
 from jointstiff.solver.messages import message, point, rows
-from jointstiff.solver.readings.measurements import whitener
-from jointstiff.solver.robot.configuration import WRIST_JOINTS, Wrist
-from jointstiff.solver.robot.model import ChainJoint, Convention, KinematicChain
 
 LEAST_SINE = 0.1
 """Sine of the angle between two axes below which the foot of their common perpendicular is unreliable."""
@@ -799,7 +799,7 @@ def dh_table(
 ) -> IdentifiedDh:
     """Write a chain as a table: flange to R0 = base · T_1(q_1) … T_n(q_n) · tool.
 
-    T_i are as in `jointstiff.solver.robot.model.dh_chain`; base is the identity if z of R0 is axis 1, tool if
+    T_i are as in `solver.mechanics.robot.dh_chain`; base is the identity if z of R0 is axis 1, tool if
     z of the flange is the last axis.
 
     Args:

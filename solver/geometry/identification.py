@@ -54,10 +54,10 @@ from jointstiff.solver.geometry.sweeps import (
     refine_axes,
     resting_angles,
 )
+from jointstiff.solver.mechanics.configuration import WRIST_JOINTS, skew
+from jointstiff.solver.mechanics.robot import JointMap, KinematicChain
+from jointstiff.solver.mechanics.urdf import write_urdf
 from jointstiff.solver.messages import message, rows
-from jointstiff.solver.robot.configuration import WRIST_JOINTS, skew
-from jointstiff.solver.robot.model import JointMap, KinematicChain
-from jointstiff.solver.robot.urdf import write_urdf
 from jointstiff.solver.text import length_text
 
 AnomalyCode = Literal["tracker_bumped", "position_suspect", "reading_suspect"]

@@ -43,10 +43,10 @@ from scipy.spatial.transform import Rotation
 from jointstiff.schemas.geometry import PoseEvidence
 from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.errors import MeasurementError, NotObservableError, RobotError
-from jointstiff.solver.readings.measurements import whitener
-from jointstiff.solver.robot.configuration import skew
-from jointstiff.solver.robot.model import JointMap, KinematicChain
-from jointstiff.solver.triangle import unit_columns
+from jointstiff.solver.estimation.triangle import unit_columns
+from jointstiff.solver.mechanics.configuration import skew
+from jointstiff.solver.mechanics.measurements import whitener
+from jointstiff.solver.mechanics.robot import JointMap, KinematicChain
 
 State = TypeVar("State")
 

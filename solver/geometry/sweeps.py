@@ -57,7 +57,7 @@ from jointstiff.solver.geometry.poses import (
     refuse_other_units,
     transformed,
 )
-from jointstiff.solver.robot.model import JointMap
+from jointstiff.solver.mechanics.robot import JointMap
 
 AngleUse = Literal["free", "controller"]
 

@@ -16,8 +16,8 @@ from jointstiff.solver.integrity.beside_model import (
     inspect_rigidity,
 )
 from jointstiff.solver.integrity.values import View, inspect_repeats, inspect_values
-from jointstiff.solver.readings.measurements import Measurements
-from jointstiff.solver.robot.model import Robot
+from jointstiff.solver.mechanics.measurements import Measurements
+from jointstiff.solver.mechanics.robot import Robot
 
 MAX_FINDINGS_PER_CODE: Final = 10
 """Further findings of a kind are counted in its last message."""

@@ -21,6 +21,7 @@ from scipy import special
 
 from jointstiff.schemas.finding import Action, Finding, FindingCode, Unit
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
+from jointstiff.solver.estimation.triangle import Triangle
 from jointstiff.solver.integrity.values import (
     DEG_AS_RAD,
     FALSE_ALARM,
@@ -36,11 +37,10 @@ from jointstiff.solver.integrity.values import (
     vector_quantile,
     vector_scale,
 )
-from jointstiff.solver.readings.measurements import Measurements
-from jointstiff.solver.robot.configuration import Configurations
-from jointstiff.solver.terms.block import RegressorBlock, regressor_blocks, whole_block
+from jointstiff.solver.mechanics.block import RegressorBlock, regressor_blocks, whole_block
+from jointstiff.solver.mechanics.configuration import Configurations
+from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.text import length_text
-from jointstiff.solver.triangle import Triangle
 
 LARGEST_MODEL_ERROR: Final = 0.02
 """Largest plausible deviation from the model's position [m]: more is a wrong frame, map, unit or angle."""

@@ -18,10 +18,10 @@ from scipy import special
 from jointstiff.schemas.finding import Action, Finding, FindingCode, Verdict
 from jointstiff.schemas.joints import JOINT_UNITS
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
-from jointstiff.solver.readings.measurements import NOISE_SIGMAS, Measurements, first_equal
-from jointstiff.solver.robot.configuration import Configurations
-from jointstiff.solver.robot.model import Robot
-from jointstiff.solver.terms.block import unloaded_configurations
+from jointstiff.solver.mechanics.block import unloaded_configurations
+from jointstiff.solver.mechanics.configuration import Configurations
+from jointstiff.solver.mechanics.measurements import NOISE_SIGMAS, Measurements, first_equal
+from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.text import length_text
 
 MM_AS_M: Final = "the lengths seem to be in mm and declared as m: set `units.length` to mm"

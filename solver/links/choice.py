@@ -19,7 +19,7 @@ from jointstiff.schemas.options import CrossValidation, Loss
 from jointstiff.schemas.options import ElasticModel as ModelName
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import SolverError, UnsupportedMethodError
-from jointstiff.solver.evidence.causes import CLEAR_GAIN, LINKS_LEVEL, Screening
+from jointstiff.solver.estimation.causes import CLEAR_GAIN, LINKS_LEVEL, Screening
 from jointstiff.solver.links.model import (
     LOSSES,
     MODELS,
@@ -33,8 +33,8 @@ from jointstiff.solver.links.model import (
     elastic_rows,
     formulate,
 )
-from jointstiff.solver.readings.measurements import Measurements, first_equal
-from jointstiff.solver.robot.model import Robot
+from jointstiff.solver.mechanics.measurements import Measurements, first_equal
+from jointstiff.solver.mechanics.robot import Robot
 
 
 def compared_models(screening: Screening, asked: ModelName | None) -> tuple[ModelName, ...]:

@@ -25,7 +25,8 @@ from jointstiff.schemas.model import (
     PrincipalCompliance,
 )
 from jointstiff.solver.arrays import FloatArray, IndexArray
-from jointstiff.solver.convex.conic import (
+from jointstiff.solver.errors import SolverError, UnsupportedMethodError
+from jointstiff.solver.estimation.conic import (
     diagonal,
     effective_freedom,
     penalised_range,
@@ -34,11 +35,10 @@ from jointstiff.solver.convex.conic import (
     solve_cone,
     to_matrix,
 )
-from jointstiff.solver.convex.solution import Certificate
-from jointstiff.solver.errors import SolverError, UnsupportedMethodError
-from jointstiff.solver.evidence.estimate import Estimate, JointCompliance, Prediction
-from jointstiff.solver.fitting.fit import student_quantile
-from jointstiff.solver.fitting.method import Settings
+from jointstiff.solver.estimation.estimate import Estimate, JointCompliance, Prediction
+from jointstiff.solver.estimation.fit import student_quantile
+from jointstiff.solver.estimation.method import Settings
+from jointstiff.solver.estimation.solution import Certificate
 from jointstiff.solver.links.choice import Folds
 from jointstiff.solver.links.model import (
     ElasticColumns,
@@ -46,10 +46,10 @@ from jointstiff.solver.links.model import (
     Formulation,
     elastic_blocks,
 )
+from jointstiff.solver.mechanics.measurements import Measurements
+from jointstiff.solver.mechanics.robot import Robot
+from jointstiff.solver.mechanics.springs import BASE, entries, spring_frames, weights
 from jointstiff.solver.messages import point
-from jointstiff.solver.readings.measurements import Measurements
-from jointstiff.solver.robot.model import Robot
-from jointstiff.solver.terms.springs import BASE, entries, spring_frames, weights
 
 
 @dataclass(frozen=True, eq=False)

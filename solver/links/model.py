@@ -24,7 +24,8 @@ import numpy as np
 from jointstiff.schemas.options import ElasticModel as ModelName
 from jointstiff.schemas.options import Loss
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
-from jointstiff.solver.convex.conic import (
+from jointstiff.solver.errors import UnsupportedMethodError
+from jointstiff.solver.estimation.conic import (
     Cone,
     ConeSolution,
     LeastSquares,
@@ -37,14 +38,20 @@ from jointstiff.solver.convex.conic import (
     solve_cone,
     solve_robust,
 )
-from jointstiff.solver.convex.solution import Bounds, IdentificationProblem, solve_step
-from jointstiff.solver.errors import UnsupportedMethodError
-from jointstiff.solver.fitting.fit import DEFAULT_THRESHOLD, MEDIAN_NORM
-from jointstiff.solver.readings.measurements import Measurements, whitened
-from jointstiff.solver.robot.model import Robot
-from jointstiff.solver.terms.block import RegressorBlock, Term, regressor_blocks, rows_of
-from jointstiff.solver.terms.springs import BASE, COUPLED_JOINTS, JOINTS, entries, link_motion, links_behind
-from jointstiff.solver.triangle import Triangle, triangle_of
+from jointstiff.solver.estimation.fit import DEFAULT_THRESHOLD, MEDIAN_NORM
+from jointstiff.solver.estimation.solution import Bounds, IdentificationProblem, solve_step
+from jointstiff.solver.estimation.triangle import Triangle, triangle_of
+from jointstiff.solver.mechanics.block import RegressorBlock, Term, regressor_blocks, rows_of
+from jointstiff.solver.mechanics.measurements import Measurements, whitened
+from jointstiff.solver.mechanics.robot import Robot
+from jointstiff.solver.mechanics.springs import (
+    BASE,
+    COUPLED_JOINTS,
+    JOINTS,
+    entries,
+    link_motion,
+    links_behind,
+)
 
 MOST_JOINTS = 12
 """Maximum number of joints of a robot with elastic links: beyond, unknowns exceed readings."""
@@ -59,7 +66,7 @@ _BLOCK = 256
 class ElasticColumns:
     """Columns of each compliance among the P columns of the richest model.
 
-    Entries of matrices are vectors as in `jointstiff.solver.convex.conic`.
+    Entries of matrices are vectors as in `jointstiff.solver.estimation.conic`.
     """
 
     n: int  #: joints

@@ -18,8 +18,8 @@ from jointstiff.solver.design.candidates import PlanRequest, Pool, known_rows
 from jointstiff.solver.design.optimum import AOptimality, Atoms, uncertainty_of
 from jointstiff.solver.design.plan import Distinct
 from jointstiff.solver.errors import RequestError
-from jointstiff.solver.readings.measurements import Measurements
-from jointstiff.solver.robot.model import Robot
+from jointstiff.solver.mechanics.measurements import Measurements
+from jointstiff.solver.mechanics.robot import Robot
 
 MOST_MORE: Final = 60
 """Readings that are looked ahead: where more are missing, the goal is not within reach."""

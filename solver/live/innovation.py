@@ -20,11 +20,11 @@ from jointstiff.schemas.live import HeldOut, Innovation
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import SolverError
 from jointstiff.solver.integrity.values import View
-from jointstiff.solver.readings.measurements import Measurements
-from jointstiff.solver.robot.model import Robot
-from jointstiff.solver.terms.block import Term, regressor_blocks, whitened_rows
-from jointstiff.solver.terms.errors import FORCE_SCALE, SHIFT, TERMS
-from jointstiff.solver.terms.springs import JOINTS
+from jointstiff.solver.mechanics.block import Term, regressor_blocks, whitened_rows
+from jointstiff.solver.mechanics.measurements import Measurements
+from jointstiff.solver.mechanics.robot import Robot
+from jointstiff.solver.mechanics.springs import JOINTS
+from jointstiff.solver.mechanics.terms import FORCE_SCALE, SHIFT, TERMS
 from jointstiff.solver.text import length_text
 
 DOUBTFUL: Final = (1e-5, 1e-4)

@@ -22,17 +22,21 @@ from jointstiff.schemas.fields import Message
 from jointstiff.schemas.finding import Finding
 from jointstiff.schemas.run import Budget
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
-from jointstiff.solver.convex.solution import Bounds, Constraints
 from jointstiff.solver.errors import JointstiffError, RequestError
-from jointstiff.solver.evidence.assessment import Assessment
-from jointstiff.solver.evidence.estimate import (
+from jointstiff.solver.estimation.assessment import Assessment
+from jointstiff.solver.estimation.estimate import (
     Estimate,
     JointCompliance,
     Prediction,
     UncertaintyBudget,
 )
-from jointstiff.solver.fitting.fit import Likelihood
+from jointstiff.solver.estimation.fit import Likelihood
+from jointstiff.solver.estimation.solution import Bounds, Constraints
 from jointstiff.solver.links.model import ElasticColumns
+from jointstiff.solver.mechanics.block import OwnWeight
+from jointstiff.solver.mechanics.configuration import InverseKinematics, apart, in_ranges
+from jointstiff.solver.mechanics.measurements import Measurements
+from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.messages import document, documents, message, rows, stated_kinds, table
 from jointstiff.solver.predict.forward import Deflection, ForwardModel, LoadCases, unit_vectors
 from jointstiff.solver.predict.models import (
@@ -43,10 +47,6 @@ from jointstiff.solver.predict.models import (
     ModelError,
     ModelErrorBound,
 )
-from jointstiff.solver.readings.measurements import Measurements
-from jointstiff.solver.robot.configuration import InverseKinematics, apart, in_ranges
-from jointstiff.solver.robot.model import Robot
-from jointstiff.solver.terms.block import OwnWeight
 
 PlaceStatus = Literal["reached", "out_of_reach", "joint_limits", "unseen_joint", "overloaded", "not_followed"]
 STATUSES: Final[tuple[PlaceStatus, ...]] = get_args(PlaceStatus)

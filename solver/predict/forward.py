@@ -18,9 +18,9 @@ import numpy as np
 
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import RequestError
-from jointstiff.solver.fitting.fit import student_quantile
-from jointstiff.solver.robot.configuration import Configurations, rotation_vectors
-from jointstiff.solver.robot.model import Robot
+from jointstiff.solver.estimation.fit import student_quantile
+from jointstiff.solver.mechanics.configuration import Configurations, rotation_vectors
+from jointstiff.solver.mechanics.robot import Robot
 
 LARGEST_TURN: Final = 0.25
 """Greatest deflection of a joint, or rotation of the flange, under a load of a process [rad]."""

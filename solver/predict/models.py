@@ -28,16 +28,22 @@ from scipy.spatial.transform import Rotation
 
 from jointstiff.schemas.options import CrossValidation
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
-from jointstiff.solver.convex.conic import diagonal, to_matrix
-from jointstiff.solver.convex.solution import Constraints
 from jointstiff.solver.errors import RequestError, SolverError
-from jointstiff.solver.evidence.estimate import Estimate, LeftOut, interval_ends
-from jointstiff.solver.fitting.fit import Likelihood
-from jointstiff.solver.fitting.method import Settings
-from jointstiff.solver.fitting.observability import Spectrum
+from jointstiff.solver.estimation.conic import diagonal, to_matrix
+from jointstiff.solver.estimation.estimate import Estimate, LeftOut, interval_ends
+from jointstiff.solver.estimation.fit import Likelihood
+from jointstiff.solver.estimation.method import Settings
+from jointstiff.solver.estimation.observability import Spectrum
+from jointstiff.solver.estimation.resampling import fit_subsets, gram_blocks
+from jointstiff.solver.estimation.solution import Constraints
 from jointstiff.solver.links.choice import Folds, fit_fold
 from jointstiff.solver.links.fit import ElasticEstimate
 from jointstiff.solver.links.model import ElasticColumns, elastic_blocks
+from jointstiff.solver.mechanics.block import Balance, OwnWeight, balance, wrench_stiffness
+from jointstiff.solver.mechanics.configuration import Configurations, joint_frames, rotation_vectors, skew
+from jointstiff.solver.mechanics.measurements import Measurements, whitened
+from jointstiff.solver.mechanics.robot import Robot
+from jointstiff.solver.mechanics.springs import products, spring_frames
 from jointstiff.solver.predict.forward import (
     LARGEST_TURN,
     CartesianCompliance,
@@ -46,12 +52,6 @@ from jointstiff.solver.predict.forward import (
     LoadCases,
     greatest_deviation,
 )
-from jointstiff.solver.readings.measurements import Measurements, whitened
-from jointstiff.solver.resampling import fit_subsets, gram_blocks
-from jointstiff.solver.robot.configuration import Configurations, joint_frames, rotation_vectors, skew
-from jointstiff.solver.robot.model import Robot
-from jointstiff.solver.terms.block import Balance, OwnWeight, balance, wrench_stiffness
-from jointstiff.solver.terms.springs import products, spring_frames
 
 _UNSEEN: Final = 1e-9
 """Share of a row in what the readings do not determine, below which it is rounding."""

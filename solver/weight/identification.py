@@ -37,12 +37,13 @@ from scipy import special
 
 from jointstiff.schemas.finding import Finding
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
-from jointstiff.solver.convex.conic import Block, Cones, Weighed, solve_weighed, weighed_ends
-from jointstiff.solver.convex.solution import Certificate
 from jointstiff.solver.errors import MeasurementError, NotObservableError, RequestError
-from jointstiff.solver.evidence.assessment import unidentified
-from jointstiff.solver.evidence.estimate import JointCompliance
-from jointstiff.solver.fitting.fit import student_quantile
+from jointstiff.solver.estimation.assessment import unidentified
+from jointstiff.solver.estimation.conic import Block, Cones, Weighed, solve_weighed, weighed_ends
+from jointstiff.solver.estimation.estimate import JointCompliance
+from jointstiff.solver.estimation.fit import student_quantile
+from jointstiff.solver.estimation.solution import Certificate
+from jointstiff.solver.estimation.triangle import Triangle, triangle_of
 from jointstiff.solver.geometry.poses import (
     LinearFit,
     Motion,
@@ -54,14 +55,13 @@ from jointstiff.solver.geometry.poses import (
     differences,
     transformed,
 )
+from jointstiff.solver.mechanics.block import STANDARD_GRAVITY, regressor_blocks, whitened_rows
+from jointstiff.solver.mechanics.configuration import Configurations, joint_frames
+from jointstiff.solver.mechanics.measurements import Measurements, check_array
+from jointstiff.solver.mechanics.robot import Body, Robot
+from jointstiff.solver.mechanics.springs import JOINTS
 from jointstiff.solver.predict.models import IdentifiedWeight, unit_levers
-from jointstiff.solver.readings.measurements import Measurements, check_array
-from jointstiff.solver.robot.configuration import Configurations, joint_frames
-from jointstiff.solver.robot.model import Body, Robot
-from jointstiff.solver.terms.block import STANDARD_GRAVITY, regressor_blocks, whitened_rows
-from jointstiff.solver.terms.springs import JOINTS
 from jointstiff.solver.text import length_text
-from jointstiff.solver.triangle import Triangle, triangle_of
 from jointstiff.solver.weight.masses import contradicted, contradiction, freed_masses, unchecked, widened
 
 _GEOMETRY: Final = 0.01

@@ -20,7 +20,7 @@ import numpy as np
 
 from jointstiff.schemas.finding import Finding
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.robot.model import Body
+from jointstiff.solver.mechanics.robot import Body
 
 if TYPE_CHECKING:
     from jointstiff.solver.weight.identification import Burden, Reduced

@@ -1,10 +1,10 @@
-"""One place whitens readings, `readings/measurements.py`, and one compresses rows, `triangle.py`."""
+"""One place whitens readings, `mechanics/measurements.py`, and one compresses rows, `triangle.py`."""
 
 import ast
 from pathlib import Path
 
 SOLVER = Path(__file__).parents[2] / "solver"
-WHITENED_BY_THEMSELVES = {"fitting/method.py", "geometry/poses.py", "geometry/frames.py"}
+WHITENED_BY_THEMSELVES = {"estimation/method.py", "geometry/poses.py", "geometry/frames.py"}
 """Maps of methods, and positions of geometry, which are no deflections."""
 
 
@@ -23,7 +23,7 @@ def _compresses(node):
 
 def test_only_the_triangle_compresses():
     places = {name for name, tree in _trees() if any(map(_compresses, ast.walk(tree)))}
-    assert places == {"triangle.py"}
+    assert places == {"estimation/triangle.py"}
 
 
 def test_only_readings_whiten_deflections():
@@ -41,7 +41,7 @@ def test_only_terms_know_the_columns_of_a_term():
         name
         for name, tree in _trees()
         for node in ast.walk(tree)
-        if isinstance(node, ast.Attribute) and node.attr == "motion" and not name.startswith("terms/")
+        if isinstance(node, ast.Attribute) and node.attr == "motion" and not name.startswith("mechanics/")
         if isinstance(node.value, ast.Name) and node.value.id.isupper()
     }
     assert not users

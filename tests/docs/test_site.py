@@ -91,7 +91,7 @@ def test_the_python_reference_has_every_public_module():
             parts = [part for part in path.relative_to(folder).with_suffix("").parts if part != "__init__"]
             if not any(part.startswith("_") for part in parts):
                 assert ".".join([package, *parts]) in documented
-    assert ".. automodule:: jointstiff.solver.robot.model" in pages["jointstiff.solver.robot"]
+    assert ".. automodule:: jointstiff.solver.mechanics.robot" in pages["jointstiff.solver.mechanics"]
 
 
 def test_a_name_that_a_door_offers_is_documented_where_it_is_defined():
@@ -99,4 +99,4 @@ def test_a_name_that_a_door_offers_is_documented_where_it_is_defined():
     for name in ("jointstiff.solver", "jointstiff.simulator"):
         offered = ", ".join(sorted(importlib.import_module(name).__all__))
         assert f".. automodule:: {name}\n   :exclude-members: {offered}\n" in doors[name]
-    assert ":exclude-members:" not in doors["jointstiff.solver.robot"]
+    assert ":exclude-members:" not in doors["jointstiff.solver.mechanics"]

@@ -36,15 +36,15 @@ from jointstiff.solver.errors import (
     NotObservableError,
     UnsupportedMethodError,
 )
-from jointstiff.solver.evidence.estimate import predict
-from jointstiff.solver.fitting.method import fit_displacement
-from jointstiff.solver.fitting.observability import observability_indices
-from jointstiff.solver.readings.measurements import whitened, whitener
-from jointstiff.solver.robot.configuration import Configurations, find_wrist
-from jointstiff.solver.robot.model import ChainJoint, Robot
-from jointstiff.solver.terms import block as regressor
-from jointstiff.solver.terms.block import regressor_blocks
-from jointstiff.solver.triangle import Triangle
+from jointstiff.solver.estimation.estimate import predict
+from jointstiff.solver.estimation.method import fit_displacement
+from jointstiff.solver.estimation.observability import observability_indices
+from jointstiff.solver.estimation.triangle import Triangle
+from jointstiff.solver.mechanics import block as regressor
+from jointstiff.solver.mechanics.block import regressor_blocks
+from jointstiff.solver.mechanics.configuration import Configurations, find_wrist
+from jointstiff.solver.mechanics.measurements import whitened, whitener
+from jointstiff.solver.mechanics.robot import ChainJoint, Robot
 
 FANUC_STIFFNESS = (861071.8805, 2743390.9984, 2069594.5785, 359217.0978, 444155.9142, 137986.3549)
 FANUC_COMPENSATION = 0.810339

@@ -12,12 +12,12 @@ from support.springs import SIGMA, SpringCampaign, load_cases, robot_of
 
 from jointstiff.simulator import equilibrium, torques
 from jointstiff.simulator.own_weight import Bodies, sag
-from jointstiff.solver.convex.solution import Bounds, Constraints
+from jointstiff.solver.estimation.solution import Bounds, Constraints
+from jointstiff.solver.mechanics.block import OwnWeight, whole_block
+from jointstiff.solver.mechanics.configuration import Configurations, find_wrist, joint_frames
+from jointstiff.solver.mechanics.springs import complementary_stiffness
 from jointstiff.solver.predict.forward import compensate
 from jointstiff.solver.predict.models import JointModel
-from jointstiff.solver.robot.configuration import Configurations, find_wrist, joint_frames
-from jointstiff.solver.terms.block import OwnWeight, whole_block
-from jointstiff.solver.terms.springs import complementary_stiffness
 
 ROBOTS = {"SCARA": scara(), "arm on a rail": arm_on_rail()}
 every_robot = pytest.mark.parametrize("arm", ROBOTS.values(), ids=ROBOTS.keys())

@@ -14,9 +14,9 @@ from benchmarks.designs import SIGMA, planned_design, with_compliances
 from benchmarks.studies.coverage import Way, judge
 from jointstiff.simulator import TARGETS, default_arm, deflections, linear_deflections, torques
 from jointstiff.solver.errors import MeasurementError
-from jointstiff.solver.evidence.estimate import UncertaintyBudget
-from jointstiff.solver.fitting.fit import Likelihood
-from jointstiff.solver.readings.measurements import CommonUncertainty, EncoderReadings
+from jointstiff.solver.estimation.estimate import UncertaintyBudget
+from jointstiff.solver.estimation.fit import Likelihood
+from jointstiff.solver.mechanics.measurements import CommonUncertainty, EncoderReadings
 
 pytestmark = pytest.mark.slow  # the studies of benchmarks/, each night
 

@@ -19,7 +19,7 @@ from benchmarks.studies.own_weight import (
     harmful,
     summary,
 )
-from jointstiff.solver.convex.conic import GAP, Block, Cones, solve_weighed
+from jointstiff.solver.estimation.conic import GAP, Block, Cones, solve_weighed
 
 pytestmark = pytest.mark.slow  # the studies of benchmarks/, each night
 

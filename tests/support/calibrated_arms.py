@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from jointstiff.schemas.robot import DhRow
-from jointstiff.solver.robot.model import Robot, dh_chain
+from jointstiff.solver.mechanics.robot import Robot, dh_chain
 
 HALF = np.pi / 2
 ARMS = {

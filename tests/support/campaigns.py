@@ -17,14 +17,14 @@ from jointstiff.service.kinds.identification import to_settings
 from jointstiff.simulator import TARGETS, SpringArm, default_arm, simulate_campaign
 from jointstiff.simulator.equilibrium import deflections, linear_deflections
 from jointstiff.solver.arrays import BoolArray, FloatArray
-from jointstiff.solver.convex.solution import Bounds
-from jointstiff.solver.estimate import identify
-from jointstiff.solver.evidence.estimate import Estimate
-from jointstiff.solver.fitting.method import Settings
-from jointstiff.solver.readings.measurements import Measurements
-from jointstiff.solver.resampling import GramBlocks, gram_blocks, refuse_nonlinear
-from jointstiff.solver.robot.model import ChainJoint, KinematicChain, Robot
-from jointstiff.solver.robot.urdf import read_urdf
+from jointstiff.solver.estimation.estimate import Estimate
+from jointstiff.solver.estimation.identify import identify
+from jointstiff.solver.estimation.method import Settings
+from jointstiff.solver.estimation.resampling import GramBlocks, gram_blocks, refuse_nonlinear
+from jointstiff.solver.estimation.solution import Bounds
+from jointstiff.solver.mechanics.measurements import Measurements
+from jointstiff.solver.mechanics.robot import ChainJoint, KinematicChain, Robot
+from jointstiff.solver.mechanics.urdf import read_urdf
 
 METHODS = ("complete_pose", "partial_pose", "decoupled_partial_pose")
 METHODS_AND_WEIGHTS = [

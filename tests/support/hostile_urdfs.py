@@ -2,7 +2,7 @@
 
 from support.urdf_documents import JOINT, LINKS, SMALL, changed, joint, robot_of, serial
 
-from jointstiff.solver.robot.urdf import MAX_ATTRIBUTE_LENGTH, MAX_BYTES, MAX_DEPTH, MAX_ELEMENTS
+from jointstiff.solver.mechanics.urdf import MAX_ATTRIBUTE_LENGTH, MAX_BYTES, MAX_DEPTH, MAX_ELEMENTS
 
 BILLION_LAUGHS = (
     '<!DOCTYPE lolz [<!ENTITY lol0 "lol">'

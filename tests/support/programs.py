@@ -13,7 +13,7 @@ from jointstiff.service.conversion.prepared import prepare_robot
 from jointstiff.service.kinds.program_work import ProgramWork, packed
 from jointstiff.simulator import default_arm, equilibrium, simulate_campaign
 from jointstiff.simulator.programs import PROGRAM_FILES
-from jointstiff.solver.robot.model import Robot
+from jointstiff.solver.mechanics.robot import Robot
 
 ARM = default_arm()
 START = np.radians([10.0, -5.0, 10.0, 5.0, 45.0, 3.0])

@@ -8,8 +8,8 @@ import numpy as np
 from jointstiff.simulator import TARGETS, SpringArm, default_arm, random_configurations, robot_document
 from jointstiff.simulator.own_weight import Balancer, Bodies, default_bodies, sag
 from jointstiff.solver.geometry.poses import Poses
-from jointstiff.solver.robot.model import Body, JointMap, Robot
-from jointstiff.solver.robot.urdf import read_urdf
+from jointstiff.solver.mechanics.robot import Body, JointMap, Robot
+from jointstiff.solver.mechanics.urdf import read_urdf
 from jointstiff.solver.weight.identification import Balancer as StatedBalancer
 from jointstiff.solver.weight.identification import Burden, WeightReadings
 

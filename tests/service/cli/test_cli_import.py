@@ -14,7 +14,7 @@ from jointstiff.schemas.robot import RobotDocument
 from jointstiff.schemas.run import Run
 from jointstiff.service.conversion.prepared import prepare_robot
 from jointstiff.simulator import default_arm, simulate_campaign
-from jointstiff.solver.robot.configuration import flange_poses
+from jointstiff.solver.mechanics.configuration import flange_poses
 
 UNITS = ["--units", "length=mm,angle=deg,force=N"]
 

@@ -17,7 +17,7 @@ from jointstiff.schemas.run import Campaign
 from jointstiff.service.kinds.deflection import load_cases, read_load_cases
 from jointstiff.simulator import default_arm, equilibrium, simulate_campaign
 from jointstiff.solver.errors import RequestError
-from jointstiff.solver.robot.model import Robot, dh_chain
+from jointstiff.solver.mechanics.robot import Robot, dh_chain
 
 ARM = default_arm()
 KINDS = dict.fromkeys((f"joint_{j}" for j in range(1, 7)), "revolute")

@@ -23,7 +23,7 @@ from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.document import robot_document
 from jointstiff.simulator.sweeps import HOME, SWEEPS, TrackedArm, imperfect_arm, rotation_by
 from jointstiff.solver.errors import MeasurementError, RequestError
-from jointstiff.solver.robot.configuration import Configurations
+from jointstiff.solver.mechanics.configuration import Configurations
 
 SIGMA = 15e-6
 FANUC = np.diag([1.0, 1.0, -1.0, -1.0, -1.0, -1.0])

@@ -30,7 +30,7 @@ from jointstiff.service.tables.table import Table
 from jointstiff.simulator import equilibrium, simulate_campaign
 from jointstiff.simulator.programs import program_text
 from jointstiff.solver.errors import MeasurementError, RequestError, RobotError
-from jointstiff.solver.robot.configuration import InverseKinematics
+from jointstiff.solver.mechanics.configuration import InverseKinematics
 
 MILLIMETRES = {"length": "mm", "angle": "deg", "force": "N"}
 RAIL = 1.25

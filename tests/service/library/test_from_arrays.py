@@ -12,7 +12,7 @@ from reference.kinematics import flange_by_pinocchio
 import jointstiff as js
 from jointstiff.service.conversion.prepared import prepare_robot
 from jointstiff.simulator import default_arm, simulate_campaign
-from jointstiff.solver.robot.configuration import flange_poses
+from jointstiff.solver.mechanics.configuration import flange_poses
 
 DOCUMENT = simulate_campaign(
     default_arm(),

@@ -15,9 +15,9 @@ from jointstiff.schemas.run import Campaign, JointResult
 from jointstiff.service.conversion.prepared import prepare_robot
 from jointstiff.service.reports.exports import FORMATS, ExportedModel, export_model
 from jointstiff.simulator import default_arm, simulate_campaign
-from jointstiff.solver.robot.configuration import Configurations
-from jointstiff.solver.robot.model import Robot
-from jointstiff.solver.robot.urdf import read_urdf
+from jointstiff.solver.mechanics.configuration import Configurations
+from jointstiff.solver.mechanics.robot import Robot
+from jointstiff.solver.mechanics.urdf import read_urdf
 
 ARM = default_arm()
 HOSTILE = '=HYPERLINK("http://x")--><!ENTITY & "\'<b>'

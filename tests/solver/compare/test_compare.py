@@ -28,13 +28,13 @@ from jointstiff.solver.compare.campaigns import (
     models_differ,
     ratio_interval,
 )
-from jointstiff.solver.convex.solution import Bounds
 from jointstiff.solver.errors import RequestError
-from jointstiff.solver.estimate import identify
-from jointstiff.solver.evidence.estimate import Estimate
-from jointstiff.solver.fitting.method import Settings
-from jointstiff.solver.readings.measurements import CommonUncertainty, Measurements
-from jointstiff.solver.robot.model import Robot
+from jointstiff.solver.estimation.estimate import Estimate
+from jointstiff.solver.estimation.identify import identify
+from jointstiff.solver.estimation.method import Settings
+from jointstiff.solver.estimation.solution import Bounds
+from jointstiff.solver.mechanics.measurements import CommonUncertainty, Measurements
+from jointstiff.solver.mechanics.robot import Robot
 
 MOTOR, SECONDARY = default_arm("motor"), default_arm("secondary")
 T95 = 1.959963984540054

@@ -24,7 +24,7 @@ from jointstiff.solver.design.optimum import (
 )
 from jointstiff.solver.design.plan import Distinct, exact_design
 from jointstiff.solver.errors import RequestError
-from jointstiff.solver.readings.measurements import Instrument
+from jointstiff.solver.mechanics.measurements import Instrument
 
 P = 4
 CRITERIA = [

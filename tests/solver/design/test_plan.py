@@ -30,10 +30,10 @@ from jointstiff.solver.design.candidates import (
 from jointstiff.solver.design.optimum import uncertainty_of
 from jointstiff.solver.design.plan import advise, plan_campaign
 from jointstiff.solver.errors import RequestError
-from jointstiff.solver.estimate import identify
-from jointstiff.solver.readings.measurements import CommonUncertainty, Instrument
-from jointstiff.solver.robot.configuration import Configurations
-from jointstiff.solver.robot.model import Robot
+from jointstiff.solver.estimation.identify import identify
+from jointstiff.solver.mechanics.configuration import Configurations
+from jointstiff.solver.mechanics.measurements import CommonUncertainty, Instrument
+from jointstiff.solver.mechanics.robot import Robot
 
 N = len(ARM.stiffnesses)
 PLACES = np.array(list(TARGETS.values()))

@@ -38,9 +38,9 @@ from jointstiff.solver.geometry.frames import (
 from jointstiff.solver.geometry.identification import Conventions, calibration_findings, identify_from_poses
 from jointstiff.solver.geometry.poses import Poses, PoseState, calibrate, transformed
 from jointstiff.solver.geometry.sweeps import identify_axes
-from jointstiff.solver.robot.configuration import Configurations
-from jointstiff.solver.robot.model import JointMap, KinematicChain, Robot, dh_chain
-from jointstiff.solver.robot.urdf import read_urdf
+from jointstiff.solver.mechanics.configuration import Configurations
+from jointstiff.solver.mechanics.robot import JointMap, KinematicChain, Robot, dh_chain
+from jointstiff.solver.mechanics.urdf import read_urdf
 
 ANGLES = np.random.default_rng(6).uniform(-np.pi, np.pi, (40, 6))
 

@@ -48,8 +48,8 @@ from jointstiff.solver.geometry.sweeps import (
     identify_axes,
     refine_axes,
 )
-from jointstiff.solver.robot.model import JointMap
-from jointstiff.solver.robot.urdf import read_urdf
+from jointstiff.solver.mechanics.robot import JointMap
+from jointstiff.solver.mechanics.urdf import read_urdf
 
 WAYS = ["one by one", "together", "together, controller's angles"]
 

@@ -14,7 +14,7 @@ from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.campaign import TARGETS, experiment_of, linear_deflections
 from jointstiff.simulator.imperfections import with_link_errors
 from jointstiff.solver.integrity import MAX_FINDINGS_PER_CODE, inspect
-from jointstiff.solver.robot.configuration import Configurations
+from jointstiff.solver.mechanics.configuration import Configurations
 
 ROBOT, CAMPAIGN = prepare(simulate_campaign(default_arm(), load="pull", configurations=15, seed=5))
 JOINTS, FORCE, POSITION, DEFLECTION = (

@@ -12,10 +12,10 @@ from support.shared_data import shared
 from jointstiff.schemas.options import CrossValidation
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.elastic_links import beam_arm, elastic_campaign
-from jointstiff.solver.convex.conic import LeastSquares, range_of_squares, to_vector
-from jointstiff.solver.convex.solution import Bounds
 from jointstiff.solver.errors import UnsupportedMethodError
-from jointstiff.solver.fitting.method import Settings
+from jointstiff.solver.estimation.conic import LeastSquares, range_of_squares, to_vector
+from jointstiff.solver.estimation.method import Settings
+from jointstiff.solver.estimation.solution import Bounds
 from jointstiff.solver.links.choice import (
     LIMITS,
     WEIGHTS,
@@ -50,12 +50,12 @@ from jointstiff.solver.links.model import (
     elastic_rows,
     formulate,
 )
+from jointstiff.solver.mechanics.block import regressor_blocks
+from jointstiff.solver.mechanics.configuration import Configurations
+from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.predict.answers import forward_model, stored_model
 from jointstiff.solver.predict.forward import LoadCases
 from jointstiff.solver.predict.models import ElasticPredictor, leave_folds_out
-from jointstiff.solver.robot.configuration import Configurations
-from jointstiff.solver.robot.model import Robot
-from jointstiff.solver.terms.block import regressor_blocks
 
 COLUMNS = ElasticColumns(6, tuple(range(6)))
 VISIBLE = np.ones(6, dtype=bool)

@@ -10,7 +10,7 @@ from scipy import stats
 from support.campaigns import ARM, estimate, simulated
 
 from jointstiff.solver.live.innovation import Expectation, held_out, innovation
-from jointstiff.solver.terms.block import regressor_blocks
+from jointstiff.solver.mechanics.block import regressor_blocks
 
 SIGMA = 2e-5
 ROBOT, EXACT = simulated(load="pull", configurations=12, seed=3, sigma=0.0)

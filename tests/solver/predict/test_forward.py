@@ -14,22 +14,22 @@ from jointstiff.schemas.options import CrossValidation
 from jointstiff.schemas.robot import DhRow
 from jointstiff.simulator import TARGETS, default_arm, equilibrium, torques
 from jointstiff.simulator.elastic_links import beam_arm, elastic_campaign, elastic_deflections
-from jointstiff.solver.convex.solution import Bounds, Constraints
 from jointstiff.solver.errors import RequestError
+from jointstiff.solver.estimation.solution import Bounds, Constraints
 from jointstiff.solver.links.choice import Folds
 from jointstiff.solver.links.fit import estimate_elastic
 from jointstiff.solver.links.model import ElasticColumns, ElasticModel
-from jointstiff.solver.predict.answers import STATUSES, MapTask, map_places, tool_rotations
-from jointstiff.solver.predict.forward import CorrectionLimits, LoadCases, compensate, ramp_shares
-from jointstiff.solver.predict.models import ElasticPredictor, JointModel
-from jointstiff.solver.robot.configuration import (
+from jointstiff.solver.mechanics.block import OwnWeight
+from jointstiff.solver.mechanics.configuration import (
     Configurations,
     InverseKinematics,
     flange_poses,
     joint_frames,
 )
-from jointstiff.solver.robot.model import Robot, dh_chain
-from jointstiff.solver.terms.block import OwnWeight
+from jointstiff.solver.mechanics.robot import Robot, dh_chain
+from jointstiff.solver.predict.answers import STATUSES, MapTask, map_places, tool_rotations
+from jointstiff.solver.predict.forward import CorrectionLimits, LoadCases, compensate, ramp_shares
+from jointstiff.solver.predict.models import ElasticPredictor, JointModel
 
 ARM = default_arm()
 ROBOT = robot_of(ARM)

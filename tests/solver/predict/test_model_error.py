@@ -10,11 +10,11 @@ from support.campaigns import prepare, shared
 from support.springs import SpringCampaign, robot_of
 
 from jointstiff.simulator import default_arm
-from jointstiff.solver.convex.solution import Bounds
 from jointstiff.solver.errors import RequestError
-from jointstiff.solver.estimate import identify
-from jointstiff.solver.evidence.estimate import LeftOut, UncertaintyBudget
-from jointstiff.solver.fitting.method import Settings
+from jointstiff.solver.estimation.estimate import LeftOut, UncertaintyBudget
+from jointstiff.solver.estimation.identify import identify
+from jointstiff.solver.estimation.method import Settings
+from jointstiff.solver.estimation.solution import Bounds
 from jointstiff.solver.predict.forward import LoadCases
 from jointstiff.solver.predict.models import (
     MOST_STEPS,

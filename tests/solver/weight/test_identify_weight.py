@@ -24,14 +24,14 @@ from jointstiff.simulator import deflections, random_configurations
 from jointstiff.simulator.base import SPRINGS, on_pedestal, standing
 from jointstiff.simulator.imperfections import with_link_errors
 from jointstiff.simulator.own_weight import Bodies, sag
-from jointstiff.solver.convex.solution import Bounds, Constraints
 from jointstiff.solver.errors import MeasurementError, NotObservableError, RequestError
+from jointstiff.solver.estimation.solution import Bounds, Constraints
 from jointstiff.solver.geometry.poses import PoseState, chain_axes, transformed
+from jointstiff.solver.mechanics.block import OwnWeight
+from jointstiff.solver.mechanics.configuration import Configurations
+from jointstiff.solver.mechanics.robot import Body
 from jointstiff.solver.predict.forward import CorrectionLimits, LoadCases, compensate
 from jointstiff.solver.predict.models import JointModel
-from jointstiff.solver.robot.configuration import Configurations
-from jointstiff.solver.robot.model import Body
-from jointstiff.solver.terms.block import OwnWeight
 from jointstiff.solver.weight.identification import Burden, identify_weight, rows_at
 from jointstiff.solver.weight.masses import contradicted, freed_masses
 

@@ -1,1 +1,0 @@
-"""Convex programs, their solution and their certificates."""

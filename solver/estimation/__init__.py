@@ -1,0 +1,1 @@
+"""Estimates and their evidence: triangle, convex programs, methods, intervals, causes, verdicts."""

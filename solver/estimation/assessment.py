@@ -1,0 +1,726 @@
+"""Assessment of an identification: one verdict on whether its numbers may be used, with the reasons.
+
+Reasons lie in the readings (mistakes that their checks found, and one that would explain them better), or in
+the fit (joints that are not identified, not certain, not explained or not plausible). No reason means "use":
+noise alone raises one in less than one of a hundred sets.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import chain
+from typing import Final
+
+import numpy as np
+
+from jointstiff.schemas.finding import Action, Finding, FindingCode, NamedCause, Verdict
+from jointstiff.schemas.joints import JOINT_UNITS
+from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.estimation.causes import (
+    LARGEST_RATIO,
+    AlternativeKind,
+    BetterAlternative,
+    Cause,
+    Screening,
+    better_alternative,
+    screen_estimate,
+)
+from jointstiff.solver.estimation.estimate import (
+    ComplementaryStiffness,
+    Estimate,
+    JointCompliance,
+    Prediction,
+)
+from jointstiff.solver.estimation.method import Settings
+from jointstiff.solver.estimation.triangle import nonnegative
+from jointstiff.solver.mechanics.block import targets_in_flange
+from jointstiff.solver.mechanics.measurements import (
+    ASSUMED_FORCE_SCALE,
+    ASSUMED_LOAD_POINT,
+    NOISE_SIGMAS,
+    Measurements,
+)
+from jointstiff.solver.mechanics.robot import Robot
+from jointstiff.solver.text import length_text, unknowns_text
+
+SAME_PLACE: Final = 2e-3
+"""Distance between load point and target [m] below which they count as the same."""
+OUTLYING: Final = 6.0
+"""Residual over the median, beyond which a model of more than joints does not explain an observation."""
+FEW: Final = 0.1
+"""Largest share of suspicious readings that the Huber loss, or omitting them, can handle."""
+MOST_LEFT_OUT: Final = 0.3
+"""Largest share of the observations that an action leaves out: beyond it something else is wrong."""
+HARMFUL: Final = 0.05
+"""Relative change of a compliance above which a proved mistake in the load forbids its use."""
+COVERED: Final = 2.0
+"""Standard uncertainties by the load point that the intervals hold of one that is elsewhere."""
+CARE_RATIO_OF_LINKS, UNUSABLE_RATIO = 1.5, 3.0
+"""Ratio of the residuals to sigma above which the uncertainties are too small: of a model with links, whose
+penalty leaves some of it and whose joints are not to be quoted; and above which they are of no use."""
+CARE_LEVEL: Final = 1e-3
+"""p-value of the residuals below which the uncertainties are too small: noise alone reaches it in one of two
+thousand campaigns."""
+WORTH_A_WARNING: Final = 0.1
+"""Relative error of sigma that changes no conclusion; in large sets the test detects even less."""
+CARE_SHARE, UNUSABLE_SHARE = 0.7, 0.5
+"""Compensation below which something besides the joints deflects; the joints of real robots explain 80 %."""
+LARGEST_SIGMA: Final = 1e-4
+"""Sigma from the residuals [m] that no laser tracker has: readings of a robot have 10 to 40 µm."""
+LEAST_SIGMA: Final = 1e-8
+"""Residuals [m] below which the readings are computed, not measured."""
+PLAUSIBLE_STIFFNESS: Final = (1e3, 1e9)
+"""Range of joint stiffness of industrial robots [N·m/rad, N/m], with a margin of three decades."""
+LARGEST_SHIFT: Final = 0.5
+"""Bias in standard uncertainties at which a 95 % interval covers only 92 %."""
+_PLACES: Final = 60
+_LEAST_FREEDOM: Final = 0.5
+_LEAST_POSTURES: Final = 3
+_DISTINCT: Final = float(np.radians(5.0))
+"""Difference of a joint's angle [rad] that makes a posture another one."""
+_SAME_MISTAKES: Final[frozenset[FindingCode]] = frozenset({"joint_sign_suspect", "joints_swapped"})
+"""Findings that the alternatives examine, too, and can undo."""
+_LENGTHS: Final[frozenset[FindingCode]] = frozenset(
+    {"length_unit_suspect", "deflection_implausibly_large", "deflection_implausibly_small"}
+)
+_ORDER: Final[dict[Verdict, int]] = {"use": 0, "use_with_care": 1, "do_not_use": 2}
+_BY_STATUS: Final[dict[str, Verdict]] = {
+    "identified": "use",
+    "uncertain": "use_with_care",
+    "at_bound": "use_with_care",
+    "not_observable": "do_not_use",
+}
+_CHECK_NOISE: Final = (
+    "check frames, joint map, units and noise; if all are correct, something besides the joints deflects: "
+    "omit `noise` so that sigma is estimated from the residuals"
+)
+
+
+@dataclass(frozen=True)
+class Assessment:
+    """The verdict on a whole result and on each joint."""
+
+    verdict: Verdict  #: the least of what the reasons allow
+    reasons: tuple[Finding, ...]  #: most severe first; none where the verdict is "use"
+    #: verdict on each joint, never better than what the reasons about the set or this joint allow
+    joints: tuple[Verdict, ...]
+    notes: tuple[str, ...] = ()  #: checks that the readings do not allow, in words
+    remarks: tuple[Finding, ...] = ()  #: of the weight "use", for information
+
+    def supported(self, prediction: Prediction) -> Prediction:
+        """Return what the readings support of a prediction.
+
+        An exact fit explains all, whatever was measured; without a joint no contribution is a joint's.
+        """
+        codes = {reason.code for reason in self.reasons}
+        exact = "no_residual_freedom" in codes
+        return replace(
+            prediction,
+            compensation=None if exact else prediction.compensation,
+            contributions=None if exact or "no_joint_identified" in codes else prediction.contributions,
+        )
+
+
+def assess(
+    robot: Robot,
+    measurements: Measurements,
+    settings: Settings,
+    estimate: Estimate,
+    prediction: Prediction,
+    findings: Sequence[Finding] = (),
+    screening: Screening | None = None,
+) -> Assessment:
+    """Assess an identification.
+
+    Args:
+        robot: n joints.
+        measurements: N observations.
+        settings: how it was identified.
+        estimate: of the joints.
+        prediction: of these measurements by the estimate.
+        findings: of the integrity checks of these measurements.
+        screening: of an identification of joints alone; None to make it here.
+    """
+    better = gross_mistake(robot, measurements, estimate)
+    if better is not None:
+        findings = [finding for finding in findings if finding.code not in _SAME_MISTAKES]
+    # Behind a gross error tests of smaller ones say nothing.
+    if any(finding.weight == "do_not_use" for finding in findings):
+        screening = None
+    elif screening is None and prediction.contributions is not None:
+        screening = screen_estimate(robot, measurements, estimate)
+    causes: Sequence[Cause] = () if screening is None else screening.causes
+    if better is not None:
+        if screening is not None and screening.proved and causes[0].ratio < LARGEST_RATIO * better.ratio:
+            better = None
+        else:
+            screening, causes = None, ()
+    reasons = chain(
+        () if better is None else [alternative_reason(robot, measurements, better)],
+        [causes_reason(causes, estimate)] if causes else (),
+        fitted_reason(measurements),
+        reading_reasons(robot, measurements, settings, prediction, findings),
+        fit_reasons(measurements, estimate, prediction, screening, explained=better is not None),
+    )
+    return replace(assessed(estimate.joints, reasons), notes=tuple(_notes(measurements, estimate)))
+
+
+def _notes(measurements: Measurements, estimate: Estimate) -> Iterator[str]:
+    """Yield what was assumed, and what the readings do not allow to check."""
+    if estimate.common is not None and estimate.common.of("assumed_load_point").any():
+        yield (
+            f"Load point: ±{1e3 * ASSUMED_LOAD_POINT:g} mm assumed. Measure where the force acts on the "
+            "flange, and enter its uncertainty (on the page: Advanced, Position of the load point)."
+        )
+    if estimate.common is not None and estimate.common.of("assumed_force_scale").any():
+        yield (
+            f"Forces: ±{100 * ASSUMED_FORCE_SCALE:g} % assumed. Enter the uncertainty of the load cell or of "
+            "the weight (`noise.force.scale`; on the page: Advanced, Scale of the force)."
+        )
+    if measurements.in_flange[measurements.present].all():
+        yield (
+            "The set has deflections and no positions, so the geometry of robot, frames and targets, and "
+            "the joint angles, cannot be checked."
+        )
+
+
+def gross_mistake(robot: Robot, measurements: Measurements, estimate: Estimate) -> BetterAlternative | None:
+    """Return the mistake that would explain the readings far better, where noise does not explain them."""
+    return None if within_noise(estimate) else better_alternative(robot, measurements)
+
+
+def within_noise(estimate: Estimate) -> bool:
+    """Tell whether the residuals leave nothing for another explanation."""
+    test = estimate.sigma_test
+    return test is not None and test.verdict != "residuals_too_large"
+
+
+def assessed(joints: Sequence[JointCompliance], findings: Iterable[Finding]) -> Assessment:
+    """Return the verdict on joints that findings allow, with the findings in their order."""
+    ordered = tuple(sorted(findings, key=lambda finding: -_ORDER[finding.weight]))
+    names = {joint.name for joint in joints}
+    verdicts = []
+    for joint in joints:  # by its status, capped by the findings that concern it
+        weights = [finding.weight for finding in ordered if finding.where not in names - {joint.name}]
+        verdicts.append(max([_BY_STATUS[joint.status], *weights], key=_ORDER.__getitem__))
+    return Assessment(
+        verdict=ordered[0].weight if ordered else "use",
+        reasons=tuple(finding for finding in ordered if finding.weight != "use"),
+        remarks=tuple(finding for finding in ordered if finding.weight == "use"),
+        joints=tuple(verdicts),
+    )
+
+
+_UNDONE: Final[dict[AlternativeKind, tuple[str, str]]] = {
+    "columns_exchanged": (
+        "the columns of {first} and {last} exchanged",
+        "check the columns of {first} and {last}; if they are exchanged, exchange them back",
+    ),
+    "load_and_target_exchanged": (
+        "the load applied at target {target}",
+        "check the load point and the target's position in the flange frame; if they are exchanged, exchange "
+        "them back",
+    ),
+    "zero_offset": (
+        "the zero of {first} offset by {turn:+.0f}°",
+        "check where the controller's zero of {first} is; correct the joint map's offset",
+    ),
+    "joint_map": (
+        "another joint map for {names}",
+        "check signs and coupling of the joint map against the controller's manual",
+    ),
+    "sign_reversed": ("the sign of {first} reversed", "check the joint map's signs"),
+    "joints_coupled": (
+        "the controller's angle of {first} {coupled} that of {last}",
+        "check in the manual whether the controller couples these joints, and correct the joint map",
+    ),
+}
+"""Words for alternatives: what is undone, and what to check."""
+
+
+def alternative_reason(robot: Robot, measurements: Measurements, better: BetterAlternative) -> Finding:
+    """Report the mistake that would explain the readings far better: what to check, what to do at a click."""
+    alternative = better.alternative
+    names = [robot.joint_names[j] for j in alternative.joints]
+    first, last = (alternative.joints[0], alternative.joints[-1]) if names else (0, 0)
+    words = {
+        "names": ", ".join(names),
+        "first": robot.joint_names[first],
+        "last": robot.joint_names[last],
+        "target": (alternative.target or 0) + 1,
+        "turn": float(np.degrees(alternative.offset[first])),
+        "coupled": "added to" if alternative.matrix[last, first] > 0.0 else "taken from",
+    }
+    what, remedy = (text.format(**words) for text in _UNDONE[alternative.kind])
+    if alternative.target is not None:
+        action = Action.of("exchange_load_and_target", target=measurements.targets[alternative.target])
+    elif alternative.kind == "columns_exchanged":
+        action = Action.of("exchange_columns", joints=names)
+    else:
+        matrix = robot.joint_map.matrix @ alternative.matrix
+        offset = robot.joint_map.matrix @ alternative.offset + robot.joint_map.offset
+        if alternative.kind == "zero_offset":  # whole turns bring the angles within the limits
+            off = robot.limits.mean(axis=1) - np.median(measurements.joints, axis=0) @ matrix.T - offset
+            offset = offset + 2.0 * np.pi * np.round(np.where(np.isfinite(off), off, 0.0) / (2.0 * np.pi))
+        action = Action.of("apply_joint_map", joints=names, joint_map=matrix.tolist(), offset=offset.tolist())
+    return Finding(
+        code="alternative_explains_better",
+        weight="do_not_use",
+        message=f"with {what}, the joints explain {100 * better.compensation:.3g} % of the mean deflection "
+        f"instead of {100 * better.compensation_as_given:.3g} %; the sum of squared residuals falls to "
+        f"{100 * better.ratio:.2g} %",
+        remedy=remedy,
+        action=action,
+    )
+
+
+def causes_reason(causes: Sequence[Cause], estimate: Estimate) -> Finding:
+    """Report the cause that explains most, or causes that explain as much: a tie.
+
+    It forbids the numbers where it is proved, and a compliance would change by more than `HARMFUL` and by
+    more than the intervals hold of a load point elsewhere: a load point stated to 1 mm that is 10 mm off
+    contradicts the statement, while the intervals of an assumed one hold 10 mm.
+    """
+    whats, remedies, changes, harm = [], [], [0.0], False
+    for cause in causes:
+        term = cause.suspect.term
+        whats.append(term.words.format(unknowns_text(term.unit, cause.unknowns.tolist())))
+        remedies.append(term.remedy)
+        known = estimate.estimated & (estimate.compliance > 0.0) & (cause.compliance > 0.0)
+        change = np.abs(cause.compliance[known] / estimate.compliance[known] - 1.0)
+        harmful = change > HARMFUL
+        if cause.suspect.name == "load_point" and estimate.common is not None:
+            # What the intervals hold of a load point elsewhere does no harm.
+            sources = [estimate.common.of("assumed_load_point"), estimate.common.of("load_point")]
+            held = np.linalg.norm(np.hstack(sources)[known], axis=1)
+            harmful &= change * estimate.compliance[known] > COVERED * held
+        changes.append(float(change.max(initial=0.0)))
+        harm |= bool(harmful.any())
+    proved = all(cause.proved for cause in causes)
+    beside = "" if proved else ", but links may bend beside it"
+    return Finding(
+        code="alternative_explains_better",
+        weight="do_not_use" if proved and harm else "use_with_care",
+        message=f"with {', or with '.join(whats)}, the joints explain the readings better than chance allows "
+        f"(F test, p = {max(cause.p_value for cause in causes):.1g}){beside}; a compliance changes by "
+        f"{100 * max(changes):.2g} %",
+        remedy="; ".join(dict.fromkeys(remedies)),
+        action=Action.of(
+            "fit_causes", causes=[NamedCause(name=c.suspect.name, first=c.suspect.first) for c in causes]
+        ),
+    )
+
+
+def fitted_reason(measurements: Measurements) -> Iterator[Finding]:
+    """Report causes that were fitted beside the joints: what was stated is refuted."""
+    fitted, start = measurements.common_uncertainty.fitted, 0
+    uncertainty = np.linalg.norm(fitted.root, axis=1)
+    for term, values in zip(fitted.terms, fitted.unknowns, strict=True):
+        half = 2.0 * uncertainty[start : start + len(values)]
+        start += len(values)
+        text = f"{unknowns_text(term.unit, values.tolist())} ± {unknowns_text(term.unit, half.tolist())}"
+        yield Finding(
+            code="cause_fitted",
+            weight="use_with_care",
+            message=f"{term.words.format(text)} (95 %) was fitted beside the joints; the intervals hold its "
+            "uncertainty, and what was stated stays refuted",
+            remedy=term.remedy,
+        )
+
+
+def reading_reasons(
+    robot: Robot,
+    measurements: Measurements,
+    settings: Settings,
+    prediction: Prediction,
+    findings: Sequence[Finding],
+) -> Iterator[Finding]:
+    """Yield what is wrong with the readings: the findings of their checks, one of each kind, and more.
+
+    Errors of the whole set come first; a wrong unit, or most of a set, is not to be left out.
+    """
+    labels = measurements.labels
+    yield from _load_at_target(robot, measurements)
+    outliers = [finding for finding in findings if finding.code == "residual_outlier"]
+    others = [finding for finding in findings if finding.code != "residual_outlier"]
+    errors = _kinds(others, "do_not_use")
+    for same in sorted(errors, key=lambda same: same[0].observation is not None):
+        first, observations = same[0], _observations(measurements, same)
+        if first.code == "target_moved" and first.observation is not None:
+            row = labels.index(first.observation)
+            # A target that stays elsewhere is two targets.
+            observations = min(labels[row:], labels[:row], key=len)
+        some = first.code not in _LENGTHS and 0 < len(observations) <= MOST_LEFT_OUT * len(labels)
+        code: FindingCode = "length_unit_suspect" if first.code in _LENGTHS else "gross_error"
+        yield _of_all(same, code, Action.of("leave_out_readings", observations) if some else first.action)
+    for same in _kinds(others, "use_with_care"):
+        observations = _observations(measurements, same)
+        action = Action.of("show_posture", observations) if observations else None
+        yield _of_all(same, "suspicious_readings", action)
+    yield from _outlying(measurements, settings, prediction, outliers)
+    noise = np.sqrt(2.0) * (measurements.sigma or 0.0)
+    greatest = float(np.linalg.norm(measurements.deflection, axis=2).max())
+    if measurements.sigma is not None and greatest <= NOISE_SIGMAS * noise:
+        yield Finding(
+            code="deflections_below_noise",
+            weight="use_with_care",
+            message=f"no target moved by more than {length_text(greatest)}, and the noise of a deflection is "
+            f"{length_text(noise)}: these readings give only lower limits of the stiffnesses",
+            remedy="increase the load; check that the loaded readings were taken with the load applied, and "
+            "check the stated noise",
+        )
+
+
+def _load_at_target(robot: Robot, measurements: Measurements) -> Iterator[Finding]:
+    """Report a load at one of several targets, where a reflector sits; one target may be the tool's point."""
+    part = measurements.evenly(_PLACES)
+    if part.present.shape[1] < 2 or not part.force.any():
+        return
+    places = np.where(part.in_flange[..., None], part.position, targets_in_flange(robot, part))
+    apart = np.linalg.norm(places - part.load_point[:, None], axis=2)
+    apart = np.where((part.coordinates == 3).any(axis=0), apart, np.inf).max(axis=0)
+    t = int(apart.argmin())
+    if apart[t] <= SAME_PLACE:
+        yield Finding(
+            code="load_at_target",
+            weight="use_with_care",
+            message=f"the load point coincides with target {t + 1}, a reflector",
+            remedy="check the load point in the flange frame",
+            action=Action.of("exchange_load_and_target", target=measurements.targets[t]),
+        )
+
+
+def _outlying(
+    measurements: Measurements, settings: Settings, prediction: Prediction, outliers: Sequence[Finding]
+) -> Iterator[Finding]:
+    """Report observations that springs fitted to all do not explain.
+
+    A few are wrong readings, and the Huber loss copes with them; many are a model that lacks something, such
+    as links that bend. What a model of more than joints explains is no outlier.
+    """
+    norm = np.linalg.norm(prediction.residual, axis=2).max(axis=1)
+    if prediction.contributions is None:
+        beyond = {measurements.labels[i] for i in np.flatnonzero(norm > OUTLYING * np.median(norm))}
+        outliers = [f for f in outliers if f.observation is None or f.observation in beyond]
+    observations = _observations(measurements, outliers)
+    if not observations:
+        return
+    count = int((norm >= norm[[measurements.labels.index(label) for label in observations]].min()).sum())
+    if count >= FEW * len(measurements):
+        yield Finding(
+            code="deflection_unexplained",
+            weight="use_with_care",
+            message=f"{count} of {len(measurements)} observations disagree with the joint springs that fit "
+            "the others: too many for single wrong readings, so something besides the joints bends, or "
+            "angles or loads are wrong",
+            remedy="check these postures; if their readings are right, try elasticity joints_and_links",
+            action=Action.of("show_posture", observations),
+        )
+    elif settings.loss != "huber":
+        action = Action.of("use_huber" if measurements.direction is None else "show_posture", observations)
+        yield _of_all(outliers, "suspicious_readings", action)
+
+
+def _kinds(findings: Sequence[Finding], weight: Verdict) -> list[list[Finding]]:
+    """Group the findings of a weight by their code, in the order of their first."""
+    weighty = [finding for finding in findings if finding.weight == weight]
+    codes = dict.fromkeys(finding.code for finding in weighty)
+    return [[finding for finding in weighty if finding.code == code] for code in codes]
+
+
+def _observations(measurements: Measurements, same: Sequence[Finding]) -> tuple[str, ...]:
+    """Return the labels of the findings' observations, in the order of the set."""
+    named = {finding.observation for finding in same}
+    return tuple(label for label in measurements.labels if label in named)
+
+
+def _of_all(same: Sequence[Finding], code: FindingCode, action: Action | None) -> Finding:
+    """Return one reason for findings of a kind: the first of them, with their number."""
+    more = f" (and {len(same) - 1} more of this kind)" if len(same) > 1 else ""
+    return same[0].model_copy(update={"code": code, "message": same[0].message + more, "action": action})
+
+
+def fit_reasons(
+    measurements: Measurements,
+    estimate: Estimate,
+    prediction: Prediction,
+    screening: Screening | None = None,
+    *,
+    explained: bool = False,
+) -> Iterator[Finding]:
+    """Yield what an estimate and its prediction show; what forbids nothing has the weight `use`.
+
+    Args:
+        measurements: N observations.
+        estimate: from these measurements.
+        prediction: by that estimate.
+        screening: of these measurements; None without one.
+        explained: whether another reason already explains the deflections.
+    """
+    statuses = [joint.status for joint in estimate.joints]
+    remedy, action = "add postures and loads that twist the joints", None
+    if set(statuses) - {"not_observable"} == {"at_bound"}:
+        remedy = (
+            "choose another robot, or check its joint map and the frame of the forces: the targets do not "
+            "move as the joints of this one would move them"
+        )
+        d = estimate.triangles.judged.rhs
+        if nonnegative(estimate.regressor, -d)[1] < (1.0 - UNUSABLE_SHARE) * np.linalg.norm(d):
+            remedy = "exchange unloaded and loaded readings, or change the sign of every force"
+            action = Action.of("exchange_readings")
+    yield from unidentified(statuses, remedy, action)
+    yield from _freedom(measurements, estimate)
+    postures: list[FloatArray] = []
+    for joints in measurements.joints:
+        if all(np.abs(joints - other).max() >= _DISTINCT for other in postures):
+            postures.append(joints)
+        if len(postures) >= _LEAST_POSTURES:
+            break
+    else:
+        yield Finding(
+            code="few_postures",
+            weight="use_with_care",
+            message=f"{len(postures)} distinct posture{'s' if len(postures) > 1 else ''}: the stiffnesses "
+            "were not tested in others",
+            remedy=f"measure at least {_LEAST_POSTURES} postures that differ by {np.degrees(_DISTINCT):.0f}° "
+            "or more",
+        )
+    yield from _residuals(measurements, estimate, joints_alone=prediction.contributions is not None)
+    if not explained:
+        yield from _unexplained(measurements, estimate, prediction)
+    yield from judge(estimate)
+    yield from _links(prediction, screening)
+
+
+def unidentified(statuses: Sequence[str], remedy: str, action: Action | None = None) -> Iterator[Finding]:
+    """Yield the reason that no joint is identified, if none is."""
+    if "identified" in statuses:
+        return
+    counts = Counter(status.replace("_", " ") for status in statuses)
+    yield Finding(
+        code="no_joint_identified",
+        weight="do_not_use",
+        message="the readings identify no joint: "
+        + ", ".join(f"{count} {status}" for status, count in counts.items()),
+        remedy=remedy,
+        action=action,
+    )
+
+
+def _freedom(measurements: Measurements, estimate: Estimate) -> Iterator[Finding]:
+    """Report a fit that no reading can contradict, and residuals that no instrument leaves.
+
+    A rigid flange moves by six coordinates at most.
+    """
+    coordinates = int(np.minimum(measurements.coordinates.sum(axis=1), 6).sum())
+    if measurements.encoders is not None:
+        coordinates += int(measurements.encoders.present.sum())
+    free = min(estimate.degrees_of_freedom, coordinates - estimate.rank)
+    sigma = None if estimate.sigma_given else estimate.sigma
+    if free < _LEAST_FREEDOM:
+        known = estimate.sigma_given
+        left = "its uncertainty comes from the stated noise only" if known else "the uncertainty is unknown"
+        yield Finding(
+            code="no_residual_freedom",
+            weight="use_with_care" if known else "do_not_use",
+            message="there are as many parameters as readings, so the fit is exact whatever was measured: "
+            f"{left}",
+            remedy="add observations: at least twice the present number",
+        )
+    elif sigma is not None and sigma < LEAST_SIGMA:
+        yield Finding(
+            code="residuals_vanish",
+            weight="use_with_care",
+            message=f"the residuals give a standard uncertainty of {sigma:.2g} m per reading, which no "
+            "tracker reaches: these readings are computed, not measured, and the uncertainties are "
+            "meaningless",
+            remedy="state `noise` from the tracker's data sheet",
+        )
+    elif sigma is not None and sigma > LARGEST_SIGMA:
+        yield Finding(
+            code="sigma_implausible",
+            weight="use_with_care",
+            message=f"the residuals give a standard uncertainty of {length_text(sigma)} per coordinate of a "
+            "reading; laser trackers have 10 to 40 µm, so most of it is what the model leaves unexplained",
+            remedy="state `noise` from the instrument's data sheet; check geometry, angles and loads, and "
+            "whether links bend",
+        )
+
+
+def refuted_noise(measurements: Measurements, sigma: float | None) -> Iterator[Finding]:
+    """Report a stated noise that the residuals refuted: a sigma [m] from them hides what the model lacks."""
+    refuted = measurements.refuted_sigma
+    if refuted is not None and sigma is not None:
+        yield Finding(
+            code="residuals_exceed_sigma",
+            weight="use_with_care",
+            message=f"the residuals give a standard uncertainty of {length_text(sigma)} per coordinate of a "
+            f"reading, {sigma / refuted:.3g} times the {length_text(refuted)} that were stated and "
+            "that they refuted: what the model leaves unexplained counts as noise, and may be no noise",
+            remedy=_CHECK_NOISE,
+        )
+
+
+def _residuals(measurements: Measurements, estimate: Estimate, *, joints_alone: bool) -> Iterator[Finding]:
+    """Compare the residuals with the stated sigma, by its chi-square test, and with one that they refuted."""
+    test = estimate.sigma_test
+    yield from refuted_noise(measurements, estimate.sigma)
+    ratio = float(np.sqrt(estimate.chi_square / max(estimate.degrees_of_freedom, _LEAST_FREEDOM)))
+    if test is None or test.verdict == "consistent" or abs(ratio - 1.0) < WORTH_A_WARNING:
+        return
+    if test.verdict == "residuals_too_small":
+        chance = "p < 0.001" if test.p_value < 0.001 else f"p = {test.p_value:.1g}"
+        yield Finding(
+            code="sigma_overstated",
+            weight="use",
+            message=f"the residuals are only {ratio:.3g} times as large as sigma predicts (chi-square test, "
+            f"{chance}), so the uncertainties are too large",
+            remedy="check `noise` and `units.length`; omit `noise` so that sigma is estimated from the "
+            "residuals",
+        )
+    else:
+        weight: Verdict = "use_with_care" if ratio <= UNUSABLE_RATIO else "do_not_use"
+        if test.p_value > CARE_LEVEL or (not joints_alone and ratio <= CARE_RATIO_OF_LINKS):
+            weight = "use"  # chance, or the penalty of the links, may do it
+        yield Finding(
+            code="residuals_exceed_sigma",
+            weight=weight,
+            message=f"the residuals are {ratio:.3g} times as large as the stated noise allows, so the "
+            "uncertainties are too small by the same factor",
+            remedy=_CHECK_NOISE,
+            action=Action.of("omit_noise"),
+        )
+
+
+def _unexplained(measurements: Measurements, estimate: Estimate, prediction: Prediction) -> Iterator[Finding]:
+    """Report deflections that the joints do not explain; for information where the stated noise does."""
+    share, noisy = prediction.compensation, within_noise(estimate)
+    if share is None or share >= (UNUSABLE_SHARE if noisy else CARE_SHARE):
+        return
+    weight: Verdict = "use_with_care" if share >= UNUSABLE_SHARE else "do_not_use"
+    norm = np.linalg.norm(prediction.residual, axis=2).max(axis=1)
+    yield Finding(
+        code="deflection_unexplained",
+        weight="use" if noisy else weight,
+        message=f"the joints explain only {100 * share:.3g} % of the mean deflection; those of industrial "
+        "robots explain about 80 %",
+        remedy="check the robot's model, the joint map, the frame and signs of the forces, and the units",
+        action=Action.of("show_posture", [measurements.labels[norm.argmax()]]),
+    )
+
+
+def judge(estimate: Estimate) -> Iterator[Finding]:
+    """Look at the joints and at K_c with the eyes of someone who has seen many robots."""
+    for joint in estimate.joints:
+        ratio = joint.prior_to_data
+        if ratio is not None and ratio > 1.0:
+            says = (
+                "alone separates it from other joints"
+                if np.isinf(ratio)
+                else f"carries {ratio:.3g} times as much information as the readings"
+            )
+            yield Finding(
+                code="prior_dominates",
+                weight="use_with_care",
+                message=f"the prior of {joint.name} {says}: the estimate mainly repeats the data sheet",
+                remedy="add loads and postures with more torque about its axis, or omit the prior to see "
+                "what was measured",
+                where=joint.name,
+            )
+    yield from implausible_joints(estimate.joints)
+    if estimate.complementary_stiffness is not None:
+        yield from _complementary_stiffness(estimate.complementary_stiffness)
+
+
+def implausible_joints(joints: Sequence[JointCompliance]) -> Iterator[Finding]:
+    """Yield the joints that are identified with a stiffness that no joint of an industrial robot has."""
+    identified = {
+        joint.name: 1.0 / joint.compliance if joint.compliance else np.inf
+        for joint in joints
+        if joint.status == "identified" and joint.compliance is not None
+    }
+    least, greatest = PLAUSIBLE_STIFFNESS
+    implausible = {name: k for name, k in identified.items() if not least <= abs(k) <= greatest}
+    units = {joint.name: JOINT_UNITS[joint.kind].stiffness for joint in joints}
+    for name, stiffness in implausible.items():
+        # A wrong unit scales all joints, a wrong column or map changes single joints.
+        remedy = (
+            f"check the angles and the joint map of {name} and its neighbours; the other joints are plausible"
+        )
+        if stiffness < 0.0:
+            remedy = (
+                "set non_negative; check the joint map, the order of the angles and the signs of the forces"
+            )
+        elif len(implausible) == len(identified):
+            remedy = "check the units of force, length and moment: all joints are out of range"
+        yield Finding(
+            code="stiffness_implausible",
+            weight="do_not_use",
+            message=f"the stiffness of {name} is {stiffness:.3g} {units[name]}; joints of industrial "
+            f"robots have {least:.0e} to {greatest:.0e} {units[name]}",
+            remedy=remedy,
+            where=name,
+        )
+
+
+def _complementary_stiffness(size: ComplementaryStiffness) -> Iterator[Finding]:
+    """Report a K_c that was neglected, though it matters or was asked for."""
+    if size.obstacle is not None:
+        yield Finding(
+            code="complementary_stiffness_matters",
+            weight="use_with_care",
+            message=f"the complementary stiffness K_c had to be neglected: {size.obstacle}",
+            remedy="check the units of force and length",
+        )
+    elif not size.included and size.largest_shift is not None and size.largest_shift > LARGEST_SHIFT:
+        yield Finding(
+            code="complementary_stiffness_matters",
+            weight="use_with_care",
+            message="neglecting the complementary stiffness K_c biases a compliance by "
+            f"{size.largest_shift:.2g} standard uncertainties",
+            remedy="set complementary_stiffness: included",
+            action=Action.of("include_complementary_stiffness"),
+        )
+
+
+def _links(prediction: Prediction, screening: Screening | None) -> Iterator[Finding]:
+    """Report that joints and links share what bends (method.md §7), or that joints alone lack something."""
+    gain, bends = None, ""
+    if screening is not None:
+        gain = screening.gain
+        bends = f"something besides the joints bends (F test, p = {screening.links_p_value:.1g})"
+    if gain is not None:
+        bends += (
+            f". With {gain.model.replace('_', ' ')}, held-out postures are predicted to "
+            f"{length_text(gain.error)}, by joints alone to {length_text(gain.error_of_joints)}"
+        )
+    evidence = "" if gain is None else f"{bends}. "
+    if prediction.base_bends:
+        yield Finding(
+            code="base_bends",
+            weight="use_with_care",
+            message=f"{evidence}The base below the first joint bends under the load. Readings cannot tell "
+            "its rotation about the first axis from that joint; the other joints' stiffnesses are without it",
+            remedy="tighten and stiffen the base, or use joints and base together: a target on the base "
+            "plate shows directly how it moves",
+        )
+    elif prediction.contributions is None:
+        yield Finding(
+            code="links_bend_with_joints",
+            weight="use_with_care",
+            message=f"{evidence}Each joint's stiffness includes some bending of its link; the bias exceeds "
+            "the stated uncertainty. Predicted deflections are not affected",
+            remedy="use the model to predict deflections; do not quote the stiffness of a single joint, as "
+            "readings under load cannot separate a joint from its link",
+        )
+    elif screening is not None and screening.lack_of_fit:
+        yield Finding(
+            code="lack_of_fit",
+            weight="use_with_care",
+            message=bends,
+            remedy="let the readings choose the model (elasticity automatic), or use these stiffnesses, of "
+            "joints and links together, for postures and loads like these only",
+            action=Action.of("choose_model") if gain is None and screening.comparable else None,
+        )

@@ -1,0 +1,723 @@
+"""Programs over cones: Clarabel proposes a point, and a certificate from the data decides.
+
+Semidefinite programs with a penalty on traces (method.md §7), of two losses:
+
+    minimise ‖R x − z‖² + pᵀx           subject to   x_j ≥ 0 for the first parameters, Mat(x_b) ⪰ 0
+    minimise Σ_i ρ(‖A_i x − d_i‖) + pᵀx     for the blocks that follow, p = λ on traces and some scalars
+
+ρ(u) is u²/(2h) up to h and u − h/2 beyond; h = 0 leaves the sum of the norms. Symmetric matrices are vectors:
+the upper triangle column by column, off-diagonal entries times √2. Then least squares over cones of products
+c η of a compliance with unknowns in a box (method.md §14), see `Cones`.
+
+Whatever led to an answer, it is made feasible exactly, and so is a point of the dual that its residual or
+Clarabel tells; the gap between the two is computed without cancellation, and only an answer whose gap is
+small enough leaves this module.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+from typing import TYPE_CHECKING, Final, TypeVar
+
+import numpy as np
+
+from jointstiff.solver.arrays import FloatArray, IndexArray
+from jointstiff.solver.errors import SolverError
+from jointstiff.solver.estimation.solution import Certificate
+from jointstiff.solver.estimation.triangle import triangle_of
+from jointstiff.solver.mechanics.springs import entries, weights
+
+if TYPE_CHECKING:
+    from jointstiff.solver.estimation.programs import Program  # takes a second to import
+
+GAP: Final = 1e-8
+"""Greatest excess of a loss over its optimum, with ‖b‖ = 1, that `solve_weighed` lets pass."""
+_CONE_LADDER: Final = (1e-8, 1e-9, 1e-10, 1e-11, 1e-12)
+"""Tolerances of Clarabel, tried in this order: not every problem can be solved to the tightest."""
+_NORMS_LADDER: Final = (1e-7, 1e-8, 1e-9, 1e-10)
+_WEIGHED_LADDER: Final = (1e-10, 1e-9, 1e-8)
+_END_LADDER: Final = (1e-8, 1e-7, 1e-6)
+"""The same for ends: relative to the estimate, no end needs more than the last."""
+_NEAR_LEAST_SQUARES: Final = 1e-6
+"""Singular values below this part of the first are left out of the point the program is stated around."""
+_LEAST_UNIT: Final = 1e-9
+"""Residual, beside the readings, in whose unit a program is stated at the least."""
+_NEWTON_STEPS: Final = 4
+"""Newton steps; each doubles the correct digits once the face is right."""
+_SLACK_ROUNDING: Final = 1e-13
+"""Largest negative slack that counts as zero, in units of the column's norm and the readings'."""
+_NORMS_SLACK_ROUNDING: Final = 1e-12
+"""The same for a robust loss."""
+_SMALL: Final = 1e-3
+"""Compliance, in the program's units, that is negligible for explaining the readings."""
+_ROUNDING: Final = 1e-12
+"""Tolerance relative to the largest entry: a smaller eigenvalue counts as zero."""
+_RIDGE: Final = 1e-13
+"""Regularisation of the Hessian, relative to its largest diagonal entry: undetermined directions stay put."""
+_UNSEEN: Final = 1e-10
+"""Singular value beside the greatest that is rounding of columns that depend on each other."""
+_OPEN: Final = 1e-6
+"""Share of a function outside of what the readings see that is rounding."""
+_LEAST_RADIUS: Final = 1e-6
+"""Radius of the ball of `weighed_ends`, beside ‖b‖, below which Clarabel's rounding shows: exact readings."""
+
+
+def diagonal(size: int) -> IndexArray:
+    """(size,) places of the diagonal entries in the vector."""
+    rows, columns = entries(size)
+    return np.flatnonzero(rows == columns)
+
+
+def to_matrix(vector: FloatArray, size: int) -> FloatArray:
+    """(..., size, size) of vectors (..., size (size + 1) / 2)."""
+    rows, columns = entries(size)
+    out = np.empty((*vector.shape[:-1], size, size))
+    out[..., rows, columns] = out[..., columns, rows] = vector / weights(size)
+    return out
+
+
+def to_vector(matrix: FloatArray) -> FloatArray:
+    """(..., size (size + 1) / 2) of symmetric matrices (..., size, size)."""
+    size = matrix.shape[-1]
+    rows, columns = entries(size)
+    return np.asarray(matrix[..., rows, columns] * weights(size))
+
+
+def raised(vector: FloatArray, size: int) -> FloatArray:
+    """A block with as much added to its diagonal as it takes for no computed eigenvalue to be negative.
+
+    It is rounding, of a few parts in 10¹⁶ of the greatest eigenvalue.
+    """
+    lift = np.finfo(float).eps * float(np.abs(vector).max(initial=0.0))
+    raised_vector = vector
+    while np.linalg.eigvalsh(to_matrix(raised_vector, size)).min() < 0.0:
+        raised_vector = vector.copy()
+        raised_vector[diagonal(size)] += lift
+        lift *= 2.0
+    return raised_vector
+
+
+@dataclass(frozen=True)
+class Cone:
+    """Layout of the parameters."""
+
+    nonnegative: int  #: how many of the first are zero or positive
+    sizes: tuple[int, ...] = ()  #: sizes of the blocks that follow, each a symmetric matrix as a vector
+    penalised: int = 0  #: how many of the scalars, the last ones, have a penalty as the blocks' traces have
+
+    @property
+    def dimension(self) -> int:
+        """Number of parameters."""
+        return self.nonnegative + sum(size * (size + 1) // 2 for size in self.sizes)
+
+    @property
+    def free(self) -> int:
+        """Number of the first scalars, those without a penalty."""
+        return self.nonnegative - self.penalised
+
+    def blocks(self) -> Iterator[tuple[int, slice]]:
+        """Size and place of each block."""
+        start = self.nonnegative
+        for size in self.sizes:
+            stop = start + size * (size + 1) // 2
+            yield size, slice(start, stop)
+            start = stop
+
+    def least(self, x: FloatArray) -> float:
+        """Least of the scalars and of the blocks' eigenvalues; inf of nothing."""
+        values = [
+            x[: self.nonnegative],
+            *(np.linalg.eigvalsh(to_matrix(x[place], size)) for size, place in self.blocks()),
+        ]
+        return float(min((value.min() for value in values if len(value)), default=np.inf))
+
+    def project(self, x: FloatArray) -> FloatArray:
+        """The nearest point of the cone, whose computed eigenvalues are not below zero either."""
+        out = np.maximum(x, 0.0)
+        for size, place in self.blocks():
+            eigenvalues, vectors = np.linalg.eigh(to_matrix(x[place], size))
+            kept = np.maximum(eigenvalues, 0.0)
+            out[place] = raised(to_vector((vectors * kept) @ vectors.T), size)
+        return out
+
+    def penalty(self, weight: float) -> FloatArray:
+        """(p,) the weight λ for the penalised scalars and on the diagonals of the blocks."""
+        out = np.zeros(self.dimension)
+        out[self.free : self.nonnegative] = weight
+        for size, place in self.blocks():
+            out[place][diagonal(size)] = weight
+        return out
+
+
+@dataclass(frozen=True, eq=False)
+class LeastSquares:
+    """The quadratic part, shared by programs with other penalties."""
+
+    R: FloatArray  #: (m, p) regressor; columns of parameters without a penalty have unit norm
+    z: FloatArray  #: (m,) readings of unit norm
+
+    @cached_property
+    def near(self) -> FloatArray:
+        """(p,) a point near the least-squares solution, of moderate size."""
+        return np.asarray(np.linalg.lstsq(self.R, self.z, rcond=_NEAR_LEAST_SQUARES)[0])
+
+    @cached_property
+    def compressed(self) -> tuple[FloatArray, FloatArray]:
+        """Upper triangle T (k, p) and y (k,) with ‖T x − y‖² = ‖R x − z‖² but for a constant."""
+        p = self.R.shape[1]
+        both = triangle_of(np.column_stack([self.R, self.z]))
+        return both[:p, :p], both[:p, p]
+
+
+@dataclass(frozen=True, eq=False)
+class SemidefiniteProgram:
+    """A program with squared residuals as data."""
+
+    fit: LeastSquares  #: quadratic part
+    cone: Cone  #: cone of the parameters; columns of scalars without a penalty are independent
+    weight: float  #: λ > 0 of the penalty
+
+    @cached_property
+    def penalty(self) -> FloatArray:
+        """P (p,)."""
+        return self.cone.penalty(self.weight)
+
+    def slack(self, x: FloatArray) -> FloatArray:
+        """(p,) gradient of the objective: in the dual cone, and orthogonal to x, at the optimum."""
+        return np.asarray(2.0 * self.fit.R.T @ (self.fit.R @ x - self.fit.z) + self.penalty)
+
+    def interior_point(self, tolerance: float, unit: float) -> FloatArray | None:
+        """Solve by Clarabel in y = (x − near) / unit, so that the objective does not drown in ‖z‖².
+
+        The program is homogeneous: in a unit of the residual's size Clarabel's absolute tolerances hold
+        there.
+
+        Returns:
+            (p,) a point near the optimum; None if Clarabel fails.
+        """
+        from jointstiff.solver.estimation import programs  # takes a second to import
+
+        near = self.fit.near
+        T, readings = self.fit.compressed
+        stated = programs.semidefinite(len(T), self.cone)
+        data = {"T": T, "z": (readings - T @ near) / unit, "p": self.penalty / unit, "near": near / unit}
+        moved = stated.solve(data, tolerance)
+        return None if moved is None else near + unit * moved
+
+
+@dataclass(frozen=True, eq=False)
+class NormSum:
+    """The loss of some targets, shared by programs with other penalties."""
+
+    A: FloatArray  #: (K, 3, p)
+    d: FloatArray  #: (K, 3) with ``Σ ‖d_i‖ = 1``
+    cone: Cone  #: cone of the parameters
+
+    @cached_property
+    def program(self) -> Program:
+        """Return the program for all penalties and thresholds."""
+        from jointstiff.solver.estimation import programs  # takes a second to import
+
+        return programs.sum_of_norms(self.A, self.d, self.cone)
+
+
+@dataclass(frozen=True, eq=False)
+class RobustProgram:
+    """A program with a robust loss as data."""
+
+    loss: NormSum  #: loss of the targets
+    weight: float  #: λ > 0 of the penalty
+    threshold: float  #: h ≥ 0, in the unit of d
+
+
+@dataclass(frozen=True, eq=False)
+class ConeSolution:
+    """The optimum (p,) with its evidence."""
+
+    x: FloatArray  #: the optimum
+    certificate: Certificate  #: at x
+
+
+_Proven = TypeVar("_Proven", bound=ConeSolution)
+
+
+def solve_cone(program: SemidefiniteProgram, *, gap: float, accepted: float | None = None) -> ConeSolution:
+    """Solve a program along a ladder of tolerances, polish its answer by Newton's method and prove it.
+
+    Args:
+        program: finite, readings of unit norm.
+        gap: gap of a certificate that ends the search, with ‖z‖ = 1.
+        accepted: greatest gap that is accepted where no answer reaches `gap`; the same if None.
+
+    Raises:
+        SolverError: no answer has such a certificate.
+    """
+
+    def solutions() -> Iterator[ConeSolution]:
+        """Yield points along the ladder, in the unit of the readings and in that of their residual."""
+        T, z = program.fit.compressed
+        left = max(float(np.linalg.norm(z - T @ program.fit.near)), _LEAST_UNIT)
+        for tolerance in _CONE_LADDER:
+            for unit in (1.0, left):
+                proposed = program.interior_point(tolerance, unit)
+                for _ in range(1 + _NEWTON_STEPS):
+                    if proposed is None:
+                        break
+                    x = program.cone.project(proposed)
+                    yield ConeSolution(x, certify_cone(program, x))
+                    proposed = Face(program, x).step()
+
+    return _first_proven(solutions(), gap, accepted)
+
+
+def solve_robust(program: RobustProgram, *, gap: float, accepted: float | None = None) -> ConeSolution:
+    """Solve a program with a robust loss and prove it.
+
+    Args:
+        program: finite.
+        gap: excess of the objective over the optimum that ends the search.
+        accepted: greatest that is accepted where no answer reaches `gap`; the same if None.
+
+    Raises:
+        SolverError: no answer has such a certificate.
+    """
+
+    def solutions() -> Iterator[ConeSolution]:
+        penalty, root = program.loss.cone.penalty(program.weight), np.sqrt(program.threshold)
+        data = {"p": penalty, "root": np.array([root])}
+        for tolerance in _NORMS_LADDER:
+            solution = program.loss.program.solve_with_duals(data, tolerance)
+            if solution is not None:
+                x = program.loss.cone.project(solution[0])
+                dual = -solution[1].reshape(-1, 4)[:, 1:]  # each cone's multipliers are (weight, −ν)
+                yield ConeSolution(x, certify_robust(program, x, dual))
+
+    return _first_proven(solutions(), gap, accepted)
+
+
+def _first_proven(solutions: Iterable[_Proven], gap: float, accepted: float | None) -> _Proven:
+    """Return the first feasible solution that a gap proves, or else the best one if it is accepted."""
+    best: _Proven | None = None
+    for solution in solutions:
+        better = best is None or solution.certificate.gap < best.certificate.gap
+        if better and solution.certificate.primal == 0.0:
+            best = solution
+        if best is not None and best.certificate.gap <= gap:
+            return best
+    limit = gap if accepted is None else accepted
+    if best is not None and best.certificate.gap <= limit:
+        return best
+    reason = "the solver did not converge"
+    if best is not None:
+        reason = f"its gap is {best.certificate.gap:.1e}, above {limit:.1e}"
+    raise SolverError(f"the optimum over cones could not be certified: {reason}")
+
+
+def certify_cone(program: SemidefiniteProgram, x: FloatArray) -> Certificate:
+    """Evaluate primal and dual at x, whatever led to it.
+
+    For any ν with slack ``s = p + Rᵀν`` in the dual cone, ``−‖ν‖²/4 − νᵀz`` is below the optimum, and the
+    objective at x is above that by ``‖ν/2 − r‖² + sᵀx`` with r = R x − z: a sum of what is not negative.
+    Here ν = 2 r, made feasible.
+    """
+    fit = program.fit
+    residual = fit.R @ x - fit.z
+    nu, outside, slack = _feasible_dual(program.cone, program.weight, fit.R, 2.0 * residual)
+    excess = _complementarity(slack, x, program.cone, _SLACK_ROUNDING)
+    gap = float(np.sqrt(np.square(0.5 * nu - residual).sum() + excess))
+    return Certificate(max(0.0, -program.cone.least(x)), outside, gap, nu, "clarabel")
+
+
+def certify_robust(program: RobustProgram, x: FloatArray, dual: FloatArray) -> Certificate:
+    """Evaluate primal and dual, whatever led to them.
+
+    For any ν with ‖ν_i‖ ≤ 1 and the slack ``s = p + Aᵀν`` in the dual cone, ``−Σ (ν_iᵀd_i + h‖ν_i‖²/2)`` is
+    below the optimum. The objective at x is above that by ``Σ [ρ(r_i) + h‖ν_i‖²/2 − ν_iᵀr_i] + sᵀx`` with
+    r = A x − d (Fenchel and Young), a sum of what is not negative, so that nothing cancels.
+
+    Args:
+        program: the program.
+        x: (p,) in the cone.
+        dual: (K, 3) ν, near a feasible one.
+    """
+    loss, h = program.loss, program.threshold
+    rows = loss.A.reshape(-1, len(x))
+    nu, outside, slack = _feasible_dual(loss.cone, program.weight, rows, dual)
+    # ρ(r) + h‖ν‖²/2 − νᵀr as squares and products that are not negative
+    r = loss.A @ x - loss.d
+    u = np.linalg.norm(r, axis=1)
+    beyond = u > h
+    direction = r / np.where(beyond, u, 1.0)[:, None]
+    along = np.maximum(0.0, 1.0 - (nu * direction).sum(axis=1))
+    outer = 0.5 * h * np.square(nu - direction).sum(axis=1) + (u - h) * along
+    inner = np.square(r - h * nu).sum(axis=1) / (2.0 * h) if h > 0.0 else np.zeros(len(r))
+    excess = _complementarity(slack, x, loss.cone, _NORMS_SLACK_ROUNDING)
+    gap = float(np.where(beyond, outer, inner).sum() + excess)
+    return Certificate(max(0.0, -loss.cone.least(x)), outside, gap, nu, "clarabel")
+
+
+def _feasible_dual(
+    cone: Cone, weight: float, rows: FloatArray, dual: FloatArray
+) -> tuple[FloatArray, float, FloatArray]:
+    """Move multipliers ν of the residuals so that the slack ``s = p + Aᵀν`` is in the dual cone.
+
+    Least squares make the slacks of scalars without a penalty feasible, shrinking by ``λ / (λ + outside)``
+    those of the blocks, which a penalty λ > 0 allows.
+
+    Args:
+        cone: of the parameters.
+        weight: λ of the penalty p.
+        rows: A (m, p).
+        dual: ν (m,), or (K, 3) of norms, which are one at most; near a feasible one.
+
+    Returns:
+        ν of the same shape, how far the least penalised slack was outside over λ, and s (p,).
+    """
+    penalty, moved = cone.penalty(weight), dual.ravel()
+    free = rows[:, : cone.free].T
+    short = np.maximum(-(free @ moved), 0.0)
+    if short.any():
+        moved = moved + np.linalg.lstsq(free, short, rcond=None)[0]
+    pull = rows.T @ moved
+    slack = pull + penalty
+    least = [float(np.linalg.eigvalsh(to_matrix(slack[place], size)).min()) for size, place in cone.blocks()]
+    outside = max(0.0, -min(least + slack[cone.free : cone.nonnegative].tolist(), default=0.0))
+    nu, shrink = moved.reshape(dual.shape), weight / (weight + outside)
+    if nu.ndim > 1:
+        shrink = min(shrink, 1.0 / max(float(np.linalg.norm(nu, axis=1).max(initial=0.0)), 1.0))
+    return shrink * nu, outside / weight, penalty + shrink * pull
+
+
+def _complementarity(slack: FloatArray, x: FloatArray, cone: Cone, rounding: float) -> float:
+    """Return ``sᵀx``; inf if the slack of a scalar without a penalty is negative beyond rounding."""
+    free = slice(cone.free)
+    if not (slack[free] >= -rounding).all():
+        return float("inf")
+    slack[free] = np.abs(slack[free])  # rounding, whose share is its product with the scalar
+    return max(0.0, float(slack @ x))
+
+
+def penalised_range(
+    program: SemidefiniteProgram, x: FloatArray, rise: float, functions: FloatArray
+) -> FloatArray:
+    """Return the least and the greatest value of linear functions where the objective is near its optimum.
+
+    ``min, max aᵀy subject to ‖R y − z‖² + pᵀy ≤ ‖R x − z‖² + pᵀx + rise``, y in the cone.
+
+    Args:
+        program: the program.
+        x: (p,) its optimum.
+        rise: of the objective, positive.
+        functions: (K, p) a.
+
+    Returns:
+        (K, 2); NaN where an end is not found.
+    """
+    from jointstiff.solver.estimation import programs  # takes a second to import
+
+    T, z = program.fit.compressed
+    limit = float(np.square(T @ x - z).sum() + program.penalty @ x) + rise
+    stated = programs.penalised_end(T, z, program.penalty, limit, program.cone)
+    ends = np.full((len(functions), 2), np.nan)
+    for number, side in np.ndindex(ends.shape):
+        a = functions[number]
+        if size := float(np.linalg.norm(a)):
+            point = stated.solve({"a": (1.0, -1.0)[side] * a / size}, *_END_LADDER)
+            ends[number, side] = np.nan if point is None else a @ point
+    return ends
+
+
+def range_of_squares(squares: LeastSquares, functions: FloatArray, radius: float) -> FloatArray:
+    """Return the range of linear functions where ``‖R x − z‖²`` exceeds its least by a square at most.
+
+    Args:
+        squares: of p parameters.
+        functions: (K, p).
+        radius: root of that excess.
+
+    Returns:
+        (K, 2); NaN where the squares leave a function open.
+    """
+    left, singular, right = np.linalg.svd(squares.R, full_matrices=False)
+    seen = singular > _UNSEEN * singular[0]
+    right, inverse = right[seen], functions @ (right[seen].T / singular[seen])
+    middle, half = inverse @ (left[:, seen].T @ squares.z), radius * np.linalg.norm(inverse, axis=1)
+    outside = np.linalg.norm(functions - functions @ right.T @ right, axis=1)
+    half[outside > _OPEN * np.linalg.norm(functions, axis=1)] = np.nan
+    return np.column_stack([middle - half, middle + half])
+
+
+@dataclass(frozen=True, eq=False)
+class _BlockFace:
+    """Face of one block: X = U X_r Uᵀ with slack V S_s Vᵀ."""
+
+    place: slice
+    U: FloatArray
+    V: FloatArray
+    core: FloatArray
+    slack: FloatArray
+
+    @cached_property
+    def basis(self) -> FloatArray:
+        """(q, d) orthonormal tangent vectors: those of A, then those of B, row by row."""
+        U, V = self.U, self.V
+        within = [
+            (np.outer(U[:, i], U[:, j]) + np.outer(U[:, j], U[:, i])) / (2.0 if i == j else np.sqrt(2.0))
+            for i in range(len(self.core))
+            for j in range(i + 1)
+        ]
+        across = [(np.outer(u, v) + np.outer(v, u)) / np.sqrt(2.0) for u in self.U.T for v in V.T]
+        matrices = [*within, *across]
+        size = len(U) * (len(U) + 1) // 2
+        return to_vector(np.array(matrices)).T if matrices else np.zeros((size, 0))
+
+    def moved(self, step: FloatArray) -> FloatArray | None:
+        """Return the block after a step (d,), with the same rank; None if that leaves the cone."""
+        if not len(self.core):
+            return np.zeros(len(self.basis))
+        tangent = to_matrix(self.basis @ step, len(self.U))
+        core = self.core + self.U.T @ tangent @ self.U
+        if np.linalg.eigvalsh(core).min() <= 0.0:
+            return None
+        half = self.U @ core + self.V @ (self.V.T @ tangent @ self.U)
+        return to_vector(half @ np.linalg.solve(core, half.T))
+
+
+class Face:
+    """The face of a cone next to a point near the optimum: what exceeds its slack is not zero.
+
+    On a face the program is smooth. Matrices of rank r around ``X = U X_r Uᵀ`` are, to second order,
+    ``X + U A Uᵀ + U B Vᵀ + V Bᵀ Uᵀ + V Bᵀ X_r⁻¹ B Vᵀ`` with any small symmetric A and any small B; the last
+    term meets the slack ``V S_s Vᵀ`` and bends the objective by ``tr(S_s Bᵀ X_r⁻¹ B)`` (Shapiro,
+    *Perturbation analysis of optimization problems in Banach spaces*, 1992). That gives Newton's method,
+    which an interior point's answer is polished with, and the derivative of the fit by the readings.
+    """
+
+    x: FloatArray  #: (p,) point on the face
+    free: IndexArray  #: scalars that are not zero
+    blocks: tuple[tuple[_BlockFace, slice], ...]  #: faces of the blocks, and their tangent coordinates
+    basis: FloatArray  #: (p, d) tangent vectors: the free scalars', then those of the blocks
+    information: FloatArray  #: (d, d) what the readings say of the tangent vectors: 2 RᵀR
+    hessian: FloatArray  #: (d, d) of the objective on the face
+
+    def __init__(self, program: SemidefiniteProgram, x: FloatArray) -> None:
+        """Find which scalars are zero, and what rank each block has, at a feasible point (p,)."""
+        slack, cone = program.slack(x), program.cone
+        self.free = free = np.flatnonzero(x[: cone.nonnegative] > slack[: cone.nonnegative])
+        largest = max(_SMALL, float(np.abs(x[cone.nonnegative :]).max(initial=0.0)))
+        self.x, split = np.zeros(len(x)), []
+        self.x[free] = x[free]
+        for size, place in cone.blocks():
+            X, S = to_matrix(x[place], size), to_matrix(slack[place], size)
+            values, vectors = np.linalg.eigh(X)
+            exceeds = np.linalg.eigvalsh(X - largest / program.weight * S) > 0.0
+            rank = min(int(exceeds.sum()), int((values > _ROUNDING * largest).sum()))
+            values, U, V = values[size - rank :], vectors[:, size - rank :], vectors[:, : size - rank]
+            self.x[place] = to_vector((U * values) @ U.T)
+            split.append((place, U, V, values))
+        self._slack = program.slack(self.x)
+        faces = []
+        for place, U, V, values in split:
+            # The nearest positive semidefinite matrix: what a slack is at the optimum
+            own, vectors = np.linalg.eigh(V.T @ to_matrix(self._slack[place], len(U)) @ V)
+            definite = (vectors * np.maximum(own, 0.0)) @ vectors.T
+            faces.append(_BlockFace(place, U, V, np.diag(values), definite))
+        ends = np.cumsum([len(free), *(face.basis.shape[1] for face in faces)]).tolist()
+        self.blocks = tuple(zip(faces, [slice(*each) for each in pairwise(ends)], strict=True))
+        self.basis = np.zeros((len(x), ends[-1]))
+        self.basis[free, np.arange(len(free))] = 1.0
+        for face, coordinates in self.blocks:
+            self.basis[face.place, coordinates] = face.basis
+        R = program.fit.R @ self.basis
+        self.information = 2.0 * R.T @ R
+        self.hessian = self.information.copy()
+        for face, coordinates in self.blocks:
+            if rank := len(face.core):  # the slack bends the part of B
+                across = slice(coordinates.start + rank * (rank + 1) // 2, coordinates.stop)
+                self.hessian[across, across] += np.kron(np.linalg.inv(face.core), face.slack)
+        self.hessian[np.diag_indices_from(self.hessian)] += _RIDGE * self.hessian.diagonal().max(initial=0.0)
+
+    def step(self) -> FloatArray | None:
+        """The point after a step of Newton's method; None if that leaves the face or does not exist.
+
+        The certificate of the outcome decides whether it is any better.
+        """
+        try:
+            step = np.asarray(np.linalg.solve(self.hessian, -(self.basis.T @ self._slack)), dtype=np.float64)
+        except np.linalg.LinAlgError:
+            return None
+        out = np.zeros(len(self.x))
+        out[self.free] = self.x[self.free] + step[: len(self.free)]
+        for face, coordinates in self.blocks:
+            moved = face.moved(step[coordinates])
+            if moved is None:
+                return None
+            out[face.place] = moved
+        return out if np.isfinite(out).all() and (out[self.free] >= 0.0).all() else None
+
+
+def effective_freedom(program: SemidefiniteProgram, x: FloatArray) -> FloatArray:
+    """Return the effective number of parameters: the divergence of the fitted readings (Stein 1981).
+
+    ``Σ_k ∂(R x)_k / ∂z_k = tr(H⁻¹ 2 RᵀR)`` on the face of the optimum, H with the bend of the penalty.
+
+    Args:
+        program: the program.
+        x: (p,) its optimum.
+
+    Returns:
+        (p,) the trace's share of each scalar, and of each block at its first parameter.
+    """
+    face, freedom = Face(program, x), np.zeros(len(x))
+    shares = np.diagonal(np.linalg.solve(face.hessian, face.information))
+    freedom[face.free] = shares[: len(face.free)]
+    for block, coordinates in face.blocks:
+        freedom[block.place.start] = shares[coordinates].sum()
+    return freedom
+
+
+@dataclass(frozen=True)
+class Block:
+    """Unknowns of one joint: c, then the boxes' ζ, then three ν for each ball."""
+
+    boxes: int  #: number of ζ
+    #: for each ball: index of the ζ by which its radius grows, −1 for none, and by how much beside c
+    balls: tuple[tuple[int, float], ...] = ()
+
+    @property
+    def size(self) -> int:
+        """Return the number of unknowns."""
+        return 1 + self.boxes + 3 * len(self.balls)
+
+
+@dataclass(frozen=True, eq=False)
+class Cones:
+    """Cones of products c η of a compliance with unknowns in a box, one block for each joint.
+
+    Unknowns π in a box and in balls, each multiplied by its joint's own c ≥ 0, lie in a convex cone: the
+    perspective of that set (Boyd & Vandenberghe 2004, §3.2.6). In units of the half-widths a block of x is
+
+        (c, ζ, ν)   with   0 ≤ c ≤ cap,   |ζ_k| ≤ c,   ‖ν_g‖ ≤ c + ratio_g ζ_own(g)
+    """
+
+    blocks: tuple[Block, ...]  #: one for each joint
+    cap: FloatArray  #: (n,) greatest c, in the unit of x
+
+    @property
+    def first(self) -> FloatArray:
+        """Return the indices (n,) of the blocks' c."""
+        sizes = [block.size for block in self.blocks]
+        return np.cumsum([0, *sizes[:-1]])
+
+    def least(self, s: FloatArray) -> float:
+        """Return the least value of sᵀx over the set, zero or negative, in closed form.
+
+        A linear function s of a block is at least ``cap · min(0, s_c − h(s))`` there, h the support function
+        of the set at c = 1. So any residual gives a bound on an optimum, feasible or not, by arithmetic
+        alone.
+        """
+        total = 0.0
+        for start, block, cap in zip(self.first.tolist(), self.blocks, self.cap.tolist(), strict=True):
+            zeta = s[start + 1 : start + 1 + block.boxes].copy()
+            nu = s[start + 1 + block.boxes : start + block.size].reshape(-1, 3)
+            pulls = np.linalg.norm(nu, axis=1)
+            for (box, ratio), pull in zip(block.balls, pulls.tolist(), strict=True):
+                if box >= 0:
+                    zeta[box] -= ratio * pull
+            total += cap * min(0.0, float(s[start] - np.abs(zeta).sum() - pulls.sum()))
+        return total
+
+    def projected(self, x: FloatArray) -> FloatArray:
+        """Return a point of the set near x: what lies outside is drawn in, block by block."""
+        x = x.copy()
+        for start, block, cap in zip(self.first.tolist(), self.blocks, self.cap.tolist(), strict=True):
+            c = x[start] = min(max(x[start], 0.0), cap)
+            box = slice(start + 1, start + 1 + block.boxes)
+            x[box] = np.clip(x[box], -c, c)
+            for ball, (own, ratio) in enumerate(block.balls):
+                part = slice(box.stop + 3 * ball, box.stop + 3 * ball + 3)
+                reach = c + (ratio * x[start + 1 + own] if own >= 0 else 0.0)
+                x[part] *= min(1.0, reach / max(float(np.linalg.norm(x[part])), 1e-300))
+        return x
+
+
+@dataclass(frozen=True, eq=False)
+class Weighed(ConeSolution):
+    """The optimum of `solve_weighed`, whose gap is the greatest excess of the loss, with ‖b‖ = 1."""
+
+    loss: float  #: ‖A x − b‖²
+
+
+def solve_weighed(A: FloatArray, b: FloatArray, cones: Cones) -> Weighed:
+    """Solve ``minimise ‖A x − b‖²`` over cones of products, and prove it.
+
+    Whatever x: ``‖A y − b‖² ≥ ‖A x − b‖² + 2 gᵀ(y − x)`` with g = Aᵀ(A x − b), so that the excess is at most
+    ``2 (gᵀx − min gᵀy)``.
+
+    Args:
+        A: (rows, p).
+        b: (rows,), not zero.
+        cones: of x, in units in which it is about ‖b‖.
+
+    Raises:
+        SolverError: no answer is certified.
+    """
+    from jointstiff.solver.estimation import programs  # takes a second to import
+
+    size = float(np.linalg.norm(b)) or 1.0
+    program = programs.weighed(len(b), cones.blocks)
+
+    def solutions() -> Iterator[Weighed]:
+        for tolerance in _WEIGHED_LADDER:
+            point = program.solve({"A": A, "b": b / size, "cap": cones.cap / size}, tolerance)
+            if point is not None:
+                x = cones.projected(size * point)
+                residual = A @ x - b
+                gradient = A.T @ residual
+                outside = -2.0 * cones.least(gradient) / size**2
+                gap = outside + 2.0 * float(gradient @ x) / size**2
+                evidence = Certificate(0.0, outside, gap, residual / size, "clarabel")
+                yield Weighed(x, evidence, float(residual @ residual))
+
+    return _first_proven(solutions(), GAP, None)
+
+
+def weighed_ends(A: FloatArray, b: FloatArray, optimum: Weighed, rise: float, cones: Cones) -> FloatArray:
+    """Bound each block's c over the points of the set with ``‖A x − b‖² ≤ loss + rise``.
+
+    For any u: ``aᵀy ≥ uᵀb − ‖u‖ + min (a − Aᵀu)ᵀy`` for all y with ‖A y − b‖ ≤ 1. Every point has a c of at
+    most the bounds found so far, which sharpens the others.
+
+    Args:
+        A: (rows, p).
+        b: (rows,).
+        optimum: of `solve_weighed`.
+        rise: of the loss, positive.
+        cones: of x.
+
+    Returns:
+        (n, 2) outer bounds on the least and greatest c; NaN where Clarabel has no answer.
+    """
+    from jointstiff.solver.estimation import programs  # takes a second to import
+
+    radius = max(float(np.sqrt(optimum.loss + rise)), _LEAST_RADIUS * float(np.linalg.norm(b)))
+    program = programs.weighed_end(len(b), cones.blocks)
+    data = {"A": A, "b": (b - A @ optimum.x) / radius, "near": optimum.x / radius, "cap": cones.cap / radius}
+    bounds, duals = np.full((len(cones.cap), 2), np.nan), {}
+    for j, side in np.ndindex(bounds.shape):
+        a = np.zeros(len(optimum.x))
+        a[cones.first[j]] = (1.0, -1.0)[side]
+        solution = program.solve_with_duals({"a": a, **data}, *_WEIGHED_LADDER)
+        if solution is not None:
+            duals[j, side] = a, solution[1][1 : 1 + len(b)]
+    cap = cones.cap
+    for _ in range(2):
+        for (j, side), (a, u) in duals.items():
+            least = u @ b - radius * float(np.linalg.norm(u)) + Cones(cones.blocks, cap).least(a - A.T @ u)
+            bounds[j, side] = least if side == 0 else -least
+        cap = np.fmin(cap, bounds[:, 1])
+    bounds[:, 0] = np.fmax(bounds[:, 0], 0.0)
+    return bounds

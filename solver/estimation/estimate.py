@@ -1,0 +1,839 @@
+"""The estimate: joint compliances with intervals, verdicts, budget (GUM, JCGM 100:2008) and predictions.
+
+Each joint has compliance and stiffness with intervals, or the reason why it has none (method.md §6, §8).
+Where the joints alone do not fit, held-out postures speak, too: the model error widens the intervals.
+
+The ends of an interval are the least and the greatest aᵀc, a = e_j for a joint, on the part of the ball
+``‖R (c − ĉ)‖² ≤ ρ²`` that the constraints leave, ``ρ² = min ‖R (c − ĉ)‖² + Δ``: a profile of the likelihood,
+and a second-order cone program each. Its optimum is also that of a quadratic program: with h such that
+``Rᵀ h = ±a``, the point that minimises ``‖R (c − ĉ) + s h‖²`` under the constraints satisfies all conditions
+of Karush, Kuhn and Tucker for the cone program but one, that it lies on the sphere, and its distance
+‖R (c − ĉ)‖ grows with s. So
+
+1. where the extremal point of the free ball satisfies the constraints, it is the end, in closed form;
+2. elsewhere s is found by Newton's method, in closed form on the face that the last point lies on and so
+   exact once the face is right; all ends at once, each point certified as the optimum of its program;
+3. where aᵀc comes to its least value on the box inside the ball, as a joint to its own bound, that is the
+   end.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from math import isfinite
+from typing import Final, Literal
+
+import numpy as np
+from scipy import linalg
+
+from jointstiff.schemas.joints import JOINT_UNITS, JointKind
+from jointstiff.schemas.run import Certificate as StagesCertificate
+from jointstiff.schemas.run import ObservabilityIndices, OneSidedBounds, SigmaTest
+from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
+from jointstiff.solver.errors import SolverError
+from jointstiff.solver.estimation.fit import Fit, Likelihood, RobustFit, Scale, sigma_test, student_quantile
+from jointstiff.solver.estimation.method import MethodTriangles
+from jointstiff.solver.estimation.observability import (
+    Identifiability,
+    Observability,
+    noise_reason,
+    observability_indices,
+)
+from jointstiff.solver.estimation.solution import (
+    Bounds,
+    Certificate,
+    Constraints,
+    IdentificationProblem,
+    Inequalities,
+    greatest_violations,
+    solve_batch,
+    solve_step,
+)
+from jointstiff.solver.mechanics.block import regressor_blocks
+from jointstiff.solver.mechanics.measurements import Measurements
+from jointstiff.solver.mechanics.robot import Robot
+from jointstiff.solver.text import rounded_down, stiffness_text
+
+RADIUS_TOLERANCE = 1e-11
+"""Largest relative deviation of an end's squared distance from ρ² that counts as rounding."""
+
+MOST_ROUNDS = 100
+"""Maximum rounds of the search for an end of an interval."""
+_POINT = 1e-9
+"""Relative radius of a ball that counts as a point, as of one-sided bounds at 50 %."""
+_NO_DIRECTION = 1e-13
+_AT_BOUND = 1e-9
+"""Distance from its own bound, in units of the ball's radius, at which a joint counts as at it."""
+_STANDS_STILL = 1e-13
+"""Movement of a joint on a face, relative to that without constraints, that counts as rounding."""
+_VIOLATION = 1e-9
+"""Tolerance of an inequality, in units of the ball's radius."""
+_NOT_CERTIFIED = "an end of a confidence interval could not be certified"
+
+
+def interval_ends(
+    likelihood: Likelihood,
+    constraints: Constraints,
+    rows: FloatArray,
+    radii: FloatArray,
+    value: FloatArray,
+    *,
+    by_profile: bool = True,
+) -> FloatArray:
+    """Return the ends of intervals of linear functions aᵀc: profiles, widened to cover what they should.
+
+    A profile-likelihood interval takes the constraints on the other joints for information, and where they
+    truly are at their bounds it covers too little: 86 % instead of 95 % were seen beside two rigid joints.
+    So it is widened to contain what the constraints leave of the unconstrained interval, whose coverage is
+    exact wherever the truth lies; that is where the profile ends anyway if no constraint matters. It is
+    widened, too, to contain the estimate: that of a method that is not maximum likelihood, such as the
+    decoupled one, may lie outside its own interval under constraints.
+
+    Args:
+        likelihood: of p compliances.
+        constraints: on the same p.
+        rows: (w, p) functions a, none zero; each determined by the readings.
+        radii: (q,) √Δ in units of ‖R c‖, one for each kind of interval.
+        value: (w,) the estimate, in the unit of aᵀc.
+        by_profile: whether the profile takes part; what the constraints leave covers by itself.
+
+    Returns:
+        (q, w, 2) lower and upper ends, in the unit of aᵀc.
+
+    Raises:
+        SolverError: if an end could not be certified.
+    """
+    half = radii[:, None] * np.sqrt(((rows @ likelihood.covariance) * rows).sum(axis=1))
+    box = range_on_box(rows, constraints.bounds)
+    centre = (rows @ likelihood.centre)[:, None]
+    held = np.clip(centre + half[..., None] * np.array([-1.0, 1.0]), box[:, :1], box[:, 1:])
+    ends = profile_ends(likelihood, constraints, rows, radii) if by_profile else held
+    lower = np.minimum(np.minimum(ends[..., 0], held[..., 0]), value)
+    upper = np.maximum(np.maximum(ends[..., 1], held[..., 1]), value)
+    return np.stack([lower, upper], axis=-1)
+
+
+def profile_ends(
+    likelihood: Likelihood, constraints: Constraints, rows: FloatArray, radii: FloatArray
+) -> FloatArray:
+    """Return the ends of the profile-likelihood intervals of linear functions aᵀc.
+
+    Args:
+        likelihood: of p compliances.
+        constraints: on the same p.
+        rows: (w, p) functions a, none zero; each determined by the readings.
+        radii: (q,) √Δ in units of ‖R c‖, one for each kind of interval.
+
+    Returns:
+        (q, w, 2) lower and upper ends, in the unit of aᵀc.
+
+    Raises:
+        SolverError: if an end could not be certified.
+    """
+    move = np.zeros(len(likelihood.centre))  # to the constrained optimum, argmin ‖R (c − ĉ)‖²
+    if not constraints.hold(likelihood.centre):
+        ball = _Ball(likelihood, constraints, float(radii.max()))
+        move = ball.optimum(np.zeros(len(ball.A)))[0] * ball.unit
+    distance = likelihood.rows @ move
+    radius = np.sqrt(radii**2 + distance @ distance)
+    signed = radius[:, None, None] * np.array([-1.0, 1.0])
+    covariance = rows @ likelihood.covariance  # (w, p)
+    deviation = np.sqrt((covariance * rows).sum(axis=1))
+    ends: FloatArray = (rows @ likelihood.centre)[:, None] + signed * deviation[:, None]
+    reach = signed[..., None] * (covariance / deviation[:, None])[:, None]  # (q, w, 2, p)
+    bent = ~constraints.hold(likelihood.centre + reach)
+    point = radii <= _POINT * radii.max()
+    nearest = np.clip(likelihood.centre + move, constraints.bounds.lower, constraints.bounds.upper)
+    ends[point], bent[point] = (rows @ nearest)[:, None], False
+    if bent.any():
+        kind, which, side = np.nonzero(bent)
+        ball, a = _Ball(likelihood, constraints, float(radius.max())), rows[which]
+        objective = np.where(side == 1, -1.0, 1.0)[:, None] * a * ball.unit
+        objective /= np.linalg.norm(objective, axis=1, keepdims=True)
+        x, at_bound = ball.march(objective, (radius[kind] / radius.max()) ** 2)
+        box = range_on_box(a, constraints.bounds)
+        value = a @ likelihood.centre + (a * ball.unit * x).sum(axis=1)
+        value = np.clip(value, box[:, 0], box[:, 1])
+        ends[bent] = np.where(at_bound, box[np.arange(len(a)), side], value)
+    return ends
+
+
+def range_on_box(rows: FloatArray, bounds: Bounds) -> FloatArray:
+    """Return the least and greatest values (w, 2) of linear functions (w, p) within bounds."""
+    with np.errstate(invalid="ignore"):
+        at = np.stack([rows * bounds.lower, rows * bounds.upper])
+    at = np.where(rows == 0.0, 0.0, at)
+    return np.stack([at.min(axis=0).sum(axis=1), at.max(axis=0).sum(axis=1)], axis=-1)
+
+
+class _Ball:
+    """The likelihood about its centre in equilibrated variables x, ``‖A x‖²``, with the constraints."""
+
+    def __init__(self, likelihood: Likelihood, constraints: Constraints, scale: float) -> None:
+        rows, centre = likelihood.rows, likelihood.centre
+        norms = np.linalg.norm(rows, axis=0)
+        self.unit: FloatArray = scale / norms
+        self.A: FloatArray = rows / norms
+        self.gram: FloatArray = self.A.T @ self.A
+        bounds = constraints.bounds
+        self.bounds = Bounds((bounds.lower - centre) / self.unit, (bounds.upper - centre) / self.unit)
+        self.inequalities: Inequalities | None = None
+        order = constraints.inequalities
+        if order is not None:
+            scaled = order.matrix * self.unit
+            size = np.linalg.norm(scaled, axis=1)
+            self.inequalities = Inequalities(
+                scaled / size[:, None], (order.least - order.matrix @ centre) / size
+            )
+
+    def optimum(self, rhs: FloatArray) -> tuple[FloatArray, BoolArray, FloatArray]:
+        """The point x that minimises ‖A x − rhs‖².
+
+        Returns:
+            (p,) x; (p,) the variables at a bound; (t, p) the rows of the inequalities that are tight.
+        """
+        solution = solve_step(IdentificationProblem(self.A, rhs, self.bounds, self.inequalities))
+        tight = np.zeros((0, self.A.shape[1]))
+        if self.inequalities is not None and solution.tight is not None:
+            tight = self.inequalities.matrix[solution.tight]
+            slack = self.inequalities.matrix @ solution.compliance - self.inequalities.least
+            if (slack < -_VIOLATION).any():  # s is so large that the solver takes it for rounding
+                raise SolverError(_NOT_CERTIFIED)
+        return solution.compliance, solution.active != 0, tight
+
+    def march(self, objective: FloatArray, radius2: FloatArray) -> tuple[FloatArray, BoolArray]:
+        """Find the points that minimise objectives (K, p) within ‖A x‖² ≤ radius2 (K,) and the constraints.
+
+        Returns:
+            (K, p) points, and (K,) whether the objective came to its least value on the box inside the ball.
+        """
+        count = len(objective)
+        pull = np.asarray(np.linalg.lstsq(self.A.T, objective.T, rcond=_NO_DIRECTION)[0].T, np.float64)  # h
+        free_slope = np.square(pull).sum(axis=1)
+        s = np.sqrt(radius2 / free_slope)
+        low, high = np.zeros(count), np.full(count, np.inf)
+        points, at_bound = np.zeros(objective.shape), np.zeros(count, dtype=np.bool_)
+        own = range_on_box(objective, self.bounds)[:, 0]
+        pending = np.arange(count)
+        for _ in range(MOST_ROUNDS):
+            x, step = self.optima(s[pending], objective[pending], pull[pending])
+            reached = np.square(x @ self.A.T).sum(axis=1)
+            slope = (objective[pending] * step).sum(axis=1)
+            slope = np.where(slope > _STANDS_STILL * free_slope[pending], slope, 0.0)
+            beyond_own = (objective[pending] * x).sum(axis=1) - own[pending]
+            at_own = beyond_own <= _AT_BOUND * np.maximum(1.0, np.abs(x).max(axis=1))
+            goal = radius2[pending]
+            inside = at_own & (reached <= goal * (1 + RADIUS_TOLERANCE))
+            done = inside | (np.abs(reached - goal) <= RADIUS_TOLERANCE * goal)
+            points[pending[done]], at_bound[pending[done]] = x[done], inside[done]
+            least = low[pending] = np.where(reached < goal, s[pending], low[pending])
+            most = high[pending] = np.where(reached > goal, s[pending], high[pending])
+            # Newton's step on the face, ‖A x(s)‖² = on_face + s² slope; the middle where that leads astray
+            on_face = np.square((x + s[pending, None] * step) @ self.A.T).sum(axis=1)
+            with np.errstate(all="ignore"):
+                newton = np.sqrt((goal - on_face) / slope)
+            middle = np.where(np.isfinite(most), 0.5 * (least + most), 4.0 * least)
+            s[pending] = np.where((newton > least) & (newton < most), newton, middle)
+            pending = pending[~done]
+            if not len(pending):
+                return points, at_bound
+        raise SolverError(_NOT_CERTIFIED)
+
+    def optima(self, s: FloatArray, objective: FloatArray, pull: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return optima (K, p) of the quadratic programs, and −dx/ds (K, p) on the face of each."""
+        x, step = np.zeros(objective.shape), np.zeros(objective.shape)
+        pending = np.ones(len(s), dtype=np.bool_)
+        if self.inequalities is None:
+            gram = np.broadcast_to(self.gram, (len(s), *self.gram.shape))
+            batch = solve_batch(gram, -s[:, None] * objective, self.bounds)
+            pending = ~batch.certified
+            settled, free = batch.certified, batch.active[batch.certified] == 0
+            x[settled] = batch.compliance[settled]
+            # C a on the free variables, C being the inverse of their part of the Gram matrix
+            matrices = np.where(free[:, :, None] & free[:, None, :], self.gram, np.eye(len(self.gram)))
+            slopes = np.where(free, objective[settled], 0.0)[..., None]
+            step[settled] = np.linalg.solve(matrices, slopes)[..., 0]
+        for k in np.flatnonzero(pending):
+            x[k], held, tight = self.optimum(-s[k] * pull[k])
+            rows = np.vstack([np.eye(len(held))[held], tight])
+            along = np.eye(len(held))  # directions of the face; A may lack rank
+            if len(rows):
+                _, singular, Vt = np.linalg.svd(rows, full_matrices=True)
+                along = Vt[int((singular > _NO_DIRECTION * singular[0]).sum()) :].T
+            if along.shape[1]:
+                inverse = np.linalg.pinv(self.A @ along, rcond=_NO_DIRECTION)
+                step[k] = along @ (inverse @ (inverse.T @ (along.T @ objective[k])))
+        return x, step
+
+
+def stiffness_of(compliance: float | None) -> float | None:
+    """Return 1 / c; None for a rigid joint and where the inverse overflows."""
+    if not compliance:
+        return None
+    stiffness = 1.0 / float(compliance)
+    return stiffness if isfinite(stiffness) else None
+
+
+def stiffness_interval(interval: tuple[float, float] | None) -> tuple[float, float | None] | None:
+    """Return [1/c_hi, 1/c_lo], open above (None) where the compliance reaches zero.
+
+    An interval of compliances that are all negative, or that spans zero downwards, is no interval of
+    stiffness: it has no least stiffness.
+    """
+    if interval is None or interval[0] < 0 or interval[1] <= 0:
+        return None
+    least = stiffness_of(interval[1])
+    return None if least is None else (least, stiffness_of(interval[0]))
+
+
+def one_sided_bounds(least: float, most: float) -> OneSidedBounds:
+    """Return bounds on a compliance from below and above, each at the full confidence [rad/(N·m)]."""
+    stiffness = stiffness_interval((least, most)) or (None, None)
+    return OneSidedBounds(
+        compliance_at_least=least,
+        compliance_at_most=most,
+        stiffness_at_least=stiffness[0],
+        stiffness_at_most=stiffness[1],
+    )
+
+
+@dataclass(frozen=True)
+class JointCompliance:
+    """Result for one joint; numbers are None if the joint is not observable."""
+
+    name: str
+    kind: JointKind  #: its units are of this kind
+    #: "uncertain" where the standard uncertainty reaches the compliance and the interval contains zero, so
+    #: that there is no greatest stiffness
+    status: Literal["identified", "uncertain", "at_bound", "not_observable"]
+    compliance: float | None = None  #: [rad/(N·m)]
+    standard_uncertainty: float | None = None  #: of the compliance, without constraints [rad/(N·m)]
+    #: profile-likelihood interval under the constraints [rad/(N·m)]
+    compliance_interval: tuple[float, float] | None = None
+    one_sided: OneSidedBounds | None = None  #: bounds from below and above [rad/(N·m)]
+    #: information of its prior over that of the readings; inf where the prior alone tells it from other
+    #: joints, None without a prior
+    prior_to_data: float | None = None
+    reason: str | None = None  #: why there is no number, or what holds it
+
+    @property
+    def stiffness(self) -> float | None:
+        """Stiffness [N·m/rad]; None for a rigid joint and where it overflows."""
+        return stiffness_of(self.compliance)
+
+    @property
+    def stiffness_interval(self) -> tuple[float, float | None] | None:
+        """Interval of the stiffness [N·m/rad], open above (None) where the joint may be rigid."""
+        return stiffness_interval(self.compliance_interval)
+
+
+@dataclass(frozen=True, eq=False)
+class CommonErrors:
+    """Effect of errors that all observations share on the estimate, to first order (method.md §8)."""
+
+    #: change (n, k) of the estimate by one standard uncertainty of each error of a source [rad/(N·m)]; at
+    #: least one source
+    by_source: Mapping[str, FloatArray]
+
+    @property
+    def responses(self) -> FloatArray:
+        """(n, K) all of them; their share of the covariance is the product with the transpose."""
+        return np.hstack(list(self.by_source.values()))
+
+    def of(self, source: str) -> FloatArray:
+        """Return the responses (n, k) of the errors of one source."""
+        return self.by_source.get(source, self.responses[:, :0])
+
+
+@dataclass(frozen=True)
+class ComplementaryStiffness:
+    """Effect of K_c on a fit. Dimensionless."""
+
+    included: bool  #: whether it is part of the model
+    iterations: int  #: fits until the deflected configurations stood still; 0 if neglected
+    largest_ratio: float  #: greatest ``|K_c,ij| c_i`` over the set, over the joints with an estimate
+    #: greatest change of a compliance between neglecting and including it, in units of its standard
+    #: uncertainty; None where that is unknown
+    largest_shift: float | None
+    #: (n,) change of the compliances by including it [rad/(N·m)]; None where it is not known
+    shift: FloatArray | None = None
+    obstacle: str | None = None  #: why it is neglected although it was asked for; None where it is not
+
+
+@dataclass(frozen=True, eq=False)
+class Estimate:
+    """Joint compliances with their evidence."""
+
+    joints: tuple[JointCompliance, ...]  #: one verdict a joint
+    #: (n,) the optimum that predictions use [rad/(N·m)]. Entries of joints that are not observable are no
+    #: estimates; `joints` withholds them.
+    compliance: FloatArray
+    #: (n,) compliances that bent the robot in the last fit, all but `compliance` [rad/(N·m)]: what is
+    #: computed with them is linear in `compliance`; None without K_c
+    balanced: FloatArray | None
+    #: (n, n) covariance of the unconstrained estimate [(rad/(N·m))²]; None where sigma is unknown
+    covariance: FloatArray | None
+    #: standard uncertainty of one coordinate of one reading [m]; None where it was not given and there are
+    #: no degrees of freedom to estimate it from
+    sigma: float | None
+    sigma_given: bool  #: whether sigma was stated with the readings
+    chi_square: float  #: chi square of the targets' residuals, under sigma
+    degrees_of_freedom: float  #: expectation of chi_square where model and sigma are right
+    identifiability: tuple[Identifiability, ...]  #: identifiability of each stage of the method
+    certificates: tuple[Certificate, ...]  #: certificates of each stage of the method
+    triangles: MethodTriangles  #: all readings, compressed, in units of sigma
+    observability: Observability  #: observability of the joints in the same readings
+    characteristic_length: float | None = None  #: [m], where the weighting used one
+    complementary_stiffness: ComplementaryStiffness | None = None  #: how much it matters
+    robust: RobustFit | None = None  #: weights of the readings by the Huber loss; None for the squared loss
+    #: likelihood of the compliances that the readings see, before any constraint, in units of sigma
+    likelihood: Likelihood | None = None
+    #: effect of errors that all observations share, part of `covariance`; None without them
+    common: CommonErrors | None = None
+
+    @property
+    def regressor(self) -> FloatArray:
+        """(m, n) of all readings, compressed and weighted by covariance, whatever the method made of them."""
+        return self.triangles.judged.matrix
+
+    @property
+    def estimated(self) -> BoolArray:
+        """(n,) joints with an estimate."""
+        return np.array([joint.compliance is not None for joint in self.joints])
+
+    @property
+    def parameters(self) -> int:
+        """Number of joints."""
+        return len(self.joints)
+
+    @property
+    def rank(self) -> int:
+        """Number of compliances, or combinations of them, that the readings determine in all stages."""
+        return sum(stage.rank for stage in self.identifiability)
+
+    @property
+    def condition_number(self) -> float:
+        """The greatest of the stages'; inf where a rank is not full."""
+        return max(stage.condition_number for stage in self.identifiability)
+
+    @property
+    def combinations(self) -> list[list[str]]:
+        """Groups of joints, by name, whose compliances show only together."""
+        groups = [group.joints for stage in self.identifiability for group in stage.combinations]
+        return [[self.joints[j].name for j in joints] for joints in groups]
+
+    @property
+    def weakest(self) -> list[str]:
+        """Joints that are hard to tell apart, in words, for each stage that has some."""
+        names = tuple(joint.name for joint in self.joints)
+        return [stage.weakest.in_words(names) for stage in self.identifiability if stage.weakest]
+
+    @property
+    def observability_indices(self) -> ObservabilityIndices | None:
+        """Indices over the joints that the readings see; None where the rank is not full."""
+        return observability_indices(self.regressor, self.observability)
+
+    @property
+    def certificate(self) -> StagesCertificate:
+        """The greatest violations over the stages."""
+        return greatest_violations(self.certificates)
+
+    @property
+    def sigma_source(self) -> Literal["given", "residuals"]:
+        """Origin of sigma."""
+        return "given" if self.sigma_given else "residuals"
+
+    @cached_property
+    def sigma_test(self) -> SigmaTest | None:
+        """Return the test of a stated sigma; None if not stated, or without residual freedom."""
+        return sigma_test(self.chi_square, self.degrees_of_freedom) if self.sigma_given else None
+
+
+_NO_UNCERTAINTY = (
+    "its uncertainty is unknown: sigma is not given, and there are no more readings than "
+    "joints to estimate it; state `noise`, or add observations"
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """Data on which the verdicts on the joints are based."""
+
+    names: tuple[str, ...]  #: names of the n joints
+    fit: Fit  #: outcome of the method
+    observability: Observability  #: observability in these readings
+    scale: Scale  #: sigma
+    constraints: Constraints  #: on the compliances
+    confidence: float  #: level of the intervals
+    prior_to_data: FloatArray  #: (n,) NaN where there is no prior, inf where only the prior speaks
+
+    def verdicts(self) -> tuple[JointCompliance, ...]:
+        """Return the result for each joint.
+
+        Raises:
+            SolverError: if the end of an interval could not be certified.
+        """
+        hidden = [self.why_hidden(j) for j in range(len(self.names))]
+        shown = np.array([j for j, reason in enumerate(hidden) if reason is None], dtype=np.intp)
+        ends: list[FloatArray | None] = [None] * len(shown)
+        sigma, likelihood = self.scale.sigma, self.fit.likelihood
+        if sigma is not None and len(shown):
+            tail = 1.0 - self.confidence
+            radii = sigma * np.array([self.scale.quantile(1.0 - part * tail) for part in (0.5, 1.0)])
+            constraints = self.constraints.select(likelihood.joints)
+            wanted = np.eye(len(likelihood.joints))[np.searchsorted(likelihood.joints, shown)]
+            value = self.fit.compliance[shown]
+            ends = [*interval_ends(likelihood, constraints, wanted, radii, value).transpose(1, 0, 2)]
+        joints = [
+            JointCompliance(name, kind, "not_observable", reason=reason)
+            for name, kind, reason in zip(self.names, self.observability.kinds, hidden, strict=True)
+        ]
+        for j, both in zip(shown.tolist(), ends, strict=True):
+            joints[j] = self.verdict(j, both)
+        return tuple(joints)
+
+    def verdict(self, j: int, ends: FloatArray | None) -> JointCompliance:
+        """Return the result for a joint that has a number, by its interval and one-sided bounds (2, 2)."""
+        name, value, ratio = self.names[j], float(self.fit.compliance[j]), float(self.prior_to_data[j])
+        kind = self.observability.kinds[j]
+        units = JOINT_UNITS[kind]
+        uncertainty = self.uncertainty(j)
+        status: Literal["identified", "uncertain", "at_bound"] = "identified"
+        reason = self.constraint_that_holds(j, ends)
+        if reason is not None:
+            status = "at_bound"
+        elif ends is None:
+            reason = _NO_UNCERTAINTY
+        elif uncertainty is not None and ends[0, 0] <= 0.0 <= ends[0, 1]:
+            status = "uncertain"
+            size = "exceeds the compliance itself" if uncertainty >= abs(value) else "leaves no upper limit"
+            reason = (
+                f"{self.stiffer_than(j, ends)}the standard uncertainty of its compliance, "
+                f"{1e6 * uncertainty:.2g} {units.micro_compliance}, {size}: add loads with more {units.load} "
+                f"{name}"
+            )
+        alone = "the readings show {} only in combination with other joints: only its prior separates them"
+        two_sided, one_sided = (None, None) if ends is None else ends.tolist()
+        return JointCompliance(
+            name,
+            kind,
+            status,
+            value,
+            uncertainty,
+            None if two_sided is None else (two_sided[0], two_sided[1]),
+            None if one_sided is None else one_sided_bounds(*one_sided),
+            None if np.isnan(ratio) else ratio,
+            "; ".join(filter(None, [reason, alone.format(name) if np.isinf(ratio) else None])) or None,
+        )
+
+    def uncertainty(self, j: int) -> float | None:
+        """Return the standard uncertainty without constraints [rad/(N·m)]; None where sigma is unknown."""
+        sigma = self.scale.sigma
+        return None if sigma is None else sigma * float(np.sqrt(self.fit.covariance[j, j]))
+
+    def constraint_that_holds(self, j: int, ends: FloatArray | None) -> str | None:
+        """Return the active constraint of a joint in words, or None.
+
+        An order ties joints to equality in the last digit, which noise never does; one through a joint that
+        the readings do not see ties those on both sides of it.
+        """
+        compliance, active = self.fit.compliance, int(self.fit.active[j])
+        if active and compliance[j] == 0.0:
+            limit = self.stiffer_than(j, ends) or "its compliance is zero: "
+            return f"{limit}these readings cannot distinguish it from a rigid joint"
+        if self.fit.tied[j] or active:
+            seen = np.flatnonzero(~self.observability.null)
+            pairs = [seen[[i, k]].tolist() for i, k in self.constraints.select(seen).order]
+            tied = [i + k - j for i, k in pairs if j in (i, k) and compliance[i] == compliance[k]]
+            if tied:
+                partners = ", ".join(self.names[k] for k in tied)
+                return f"`stiffness_order` makes its stiffness equal to that of {partners}"
+        if active:
+            return f"it is at the {'maximum' if active < 0 else 'minimum'} stiffness of `stiffness_bounds`"
+        return None
+
+    def stiffer_than(self, j: int, ends: FloatArray | None) -> str:
+        """Return the lower limit of a stiffness, as in the tables; empty without one."""
+        if ends is None or ends[1, 1] <= 0.0:
+            return ""
+        stiffness = stiffness_text(rounded_down(1.0 / float(ends[1, 1])), self.observability.kinds[j])
+        return f"stiffer than {stiffness} at {100 * self.confidence:g} %: "
+
+    def why_hidden(self, j: int) -> str | None:
+        """Return why a joint has no stiffness, or None if it has one."""
+        observability, name = self.observability, self.names[j]
+        if observability.null[j]:
+            if np.isnan(self.prior_to_data[j]):
+                return observability.reasons[j]
+            return (
+                f"{observability.reasons[j]}; its prior is not returned as a result, because the readings do "
+                f"not determine {name}"
+            )
+        for group in self.fit.undetermined:
+            if j in group.joints:
+                return group.reason(self.names)
+        uncertainty = self.uncertainty(j)
+        if uncertainty is not None and uncertainty > float(observability.reference_compliance[j]):
+            return noise_reason(j, self.names, observability, uncertainty)
+        return None
+
+
+_LEAST_POSTURES: Final = 2
+"""Postures beyond the number of joints that it takes to tell model error from the noise of the readings."""
+_NO_UPPER_END = "without single postures its stiffness has no upper limit: something besides the joints bends"
+
+
+@dataclass(frozen=True, eq=False)
+class Spread:
+    """Uncertainty of all compliances, by one source or by several; or of a stack of such."""
+
+    covariance: FloatArray  #: (..., n, n) [(rad/(N·m))²]
+
+    @property
+    def uncertainty(self) -> FloatArray:
+        """Return the standard uncertainty (..., n) of each compliance [rad/(N·m)]."""
+        return np.sqrt(np.maximum(np.diagonal(self.covariance, axis1=-2, axis2=-1), 0.0))
+
+    @property
+    def correlation(self) -> FloatArray:
+        """Return the correlation (..., n, n) between the joints; zero where an uncertainty is zero."""
+        size = self.uncertainty
+        scale = np.divide(1.0, size, out=np.zeros_like(size), where=size > 0.0)
+        scales = scale[..., None] * scale[..., None, :]
+        return np.asarray(np.clip(self.covariance * scales, -1.0, 1.0))
+
+
+@dataclass(frozen=True, eq=False)
+class BudgetComponent(Spread):
+    """Uncertainty of all compliances by one source."""
+
+    #: `readings`, the name of a term whose uncertainty is stated or assumed, `model_error` or
+    #: `complementary_stiffness`
+    source: str
+    #: "A" from these readings by statistics, "B" by other means, as stated with them
+    evaluation: Literal["A", "B"]
+    included: bool  #: whether it is part of the standard uncertainty of the joints
+    degrees_of_freedom: float | None = None  #: of an evaluation of type A; None for infinitely many
+
+
+@dataclass(frozen=True, eq=False)
+class LeftOut:
+    """Estimates without single postures."""
+
+    compliance: FloatArray  #: (P, n) without each posture in turn [rad/(N·m)]; NaN where undetermined
+    postures: int  #: number of postures that were measured, at least P
+
+
+@dataclass(frozen=True, eq=False)
+class UncertaintyBudget:
+    """Components of the uncertainty of a run's compliances."""
+
+    joints: IndexArray  #: (p,) joints that have an estimate
+    #: the squares of the included ones add up to that of the standard uncertainty
+    components: tuple[BudgetComponent, ...]
+    probability: float  #: coverage probability of the expanded uncertainties
+    #: normal, or Student's where sigma comes from the residuals or the model error is included
+    coverage_factor: float
+
+    @classmethod
+    def of(
+        cls,
+        estimate: Estimate,
+        probability: float,
+        left_out: LeftOut | None = None,
+        *,
+        lack_of_fit: bool = False,
+    ) -> UncertaintyBudget | None:
+        """Return the budget; None where the uncertainty of the readings is unknown.
+
+        Args:
+            estimate: of n compliances.
+            probability: coverage probability.
+            left_out: estimates without single postures; None leaves out the model error.
+            lack_of_fit: whether the joints alone do not fit: the model error is then included.
+        """
+        if estimate.covariance is None:
+            return None
+        common, given, readings = estimate.common, estimate.sigma_given, estimate.covariance
+        if common is not None:
+            readings = readings - common.responses @ common.responses.T
+        own_freedom = None if given else estimate.degrees_of_freedom
+        components = [BudgetComponent(readings, "readings", "B" if given else "A", True, own_freedom)]
+        if common is not None:
+            components += [
+                BudgetComponent(own @ own.T, source, "A" if source == "fitted_causes" else "B", True)
+                for source, own in common.by_source.items()
+                if own.any()
+            ]
+        joints = np.flatnonzero(estimate.estimated)
+        if left_out is not None:
+            components += _model_error(left_out, readings, joints, included=lack_of_fit)
+        size = estimate.complementary_stiffness
+        if size is not None and not size.included and size.shift is not None:
+            shift = np.outer(size.shift, size.shift)
+            components.append(BudgetComponent(shift, "complementary_stiffness", "B", False))
+        factor = max(
+            student_quantile(0.5 * (1.0 + probability), part.degrees_of_freedom)
+            for part in components
+            if part.source == "readings" or (part.source == "model_error" and part.included)
+        )
+        return cls(joints, tuple(components), probability, factor)
+
+    def total(self, *, whole: bool = False) -> Spread:
+        """Return all included components together; of the `whole` budget, the others too."""
+        parts = [part.covariance for part in self.components if part.included or whole]
+        return Spread(np.sum(parts, axis=0))
+
+    @property
+    def spread(self) -> Spread:
+        """Return the components in turn, then the included ones together, then the whole budget."""
+        parts = [*self.components, self.total(), self.total(whole=True)]
+        return Spread(np.stack([part.covariance for part in parts]))
+
+    def widened(self, estimate: Estimate, bounds: Bounds) -> Estimate:
+        """Return the estimate whose intervals hold the compliances ± the expanded uncertainty.
+
+        Args:
+            estimate: of n joints, the one that the budget is of.
+            bounds: on the compliances; an interval that ends at one does not pass it.
+        """
+        joints = list(estimate.joints)
+        uncertainty = self.total().uncertainty
+        for j in self.joints.tolist():
+            joint = joints[j]
+            interval, sides, value = joint.compliance_interval, joint.one_sided, joint.compliance
+            if interval is None or sides is None or value is None:
+                continue
+            half = self.coverage_factor * float(uncertainty[j])
+            least, most = max(float(bounds.lower[j]), value - half), min(float(bounds.upper[j]), value + half)
+            interval = min(interval[0], least), max(interval[1], most)
+            unsure = joint.status == "identified" and interval[0] <= 0.0
+            joints[j] = replace(
+                joint,
+                status="uncertain" if unsure else joint.status,
+                standard_uncertainty=float(uncertainty[j]),
+                compliance_interval=interval,
+                one_sided=one_sided_bounds(
+                    min(sides.compliance_at_least, least), max(sides.compliance_at_most, most)
+                ),
+                reason="; ".join(filter(None, [joint.reason, _NO_UPPER_END if unsure else None])) or None,
+            )
+        return replace(estimate, joints=tuple(joints))
+
+
+def _model_error(
+    left_out: LeftOut, readings: FloatArray, joints: IndexArray, *, included: bool
+) -> list[BudgetComponent]:
+    """Return the dispersion that the noise of the readings does not explain, over the postures.
+
+    The jackknife's covariance holds both. In the readings' own units its eigenvalues are 1 on average where
+    there is noise alone, and at most ``(1 + √(p/P))²`` (Marchenko & Pastur, 1967): below that it is noise.
+    """
+    fits = left_out.compliance[:, joints]
+    fits = fits[np.isfinite(fits).all(axis=1)]
+    count, p = fits.shape
+    if count < p + _LEAST_POSTURES:
+        return []
+    around = fits - fits.mean(axis=0)
+    spread = (left_out.postures - 1.0) / count * around.T @ around
+    noise = readings[np.ix_(joints, joints)]
+    if not (np.isfinite(spread).all() and np.isfinite(noise).all()):
+        return []
+    try:
+        values, vectors = linalg.eigh(spread, noise)
+    except np.linalg.LinAlgError:  # readings without any noise: there is nothing to compare with
+        return []
+    chance = (1.0 + np.sqrt(p / count)) ** 2
+    root = noise @ vectors * np.sqrt(np.where(values > chance, values - 1.0, 0.0))
+    covariance = np.zeros_like(readings)
+    covariance[np.ix_(joints, joints)] = root @ root.T
+    return [BudgetComponent(covariance, "model_error", "A", included, count - 1.0)]
+
+
+@dataclass(frozen=True, eq=False)
+class Contributions:
+    """Parts of n joints in the predicted deflection, each projected on that deflection.
+
+    Joint j alone moves a target by ``A_X,j c_j``; its part is ``A_X,j c_j · δp̂ / ‖δp̂‖``, and the parts of all
+    joints add up to ‖δp̂‖. A joint without an estimate counts as rigid.
+    """
+
+    by_observation: FloatArray  #: (n, N) mean over the targets of each observation [m]
+    mean: FloatArray  #: (n,) mean over all readings [m]
+    #: (n,) share of the mean length of the predicted deflections, dimensionless; zero if nothing moves
+    share: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Prediction:
+    """Deflections of N observations of T targets, axes of R0 [m]."""
+
+    predicted: FloatArray  #: (N, T, 3) predicted by the joint compliances
+    residual: FloatArray  #: (N, T, 3) measured minus predicted; zero where a target was not read
+    compensation: float | None  #: ``1 − mean‖residual‖ / mean‖δp‖``; None where nothing moved
+    rms_residual: float  #: root mean square of ‖residual‖ [m]
+    contributions: Contributions | None = None  #: of the joints; None where more than joints bends
+    base_bends: bool = False  #: whether the base bends beside the joints, and no link
+    #: (N, n) deflections ``δθ = diag(τ) c`` of the joints behind their gearboxes [rad]; None where more bends
+    encoders: FloatArray | None = None
+
+    @classmethod
+    def of(
+        cls, measurements: Measurements, predicted: FloatArray, contributions: Contributions | None = None
+    ) -> Prediction:
+        """Judge predicted deflections (N, T, 3) [m]."""
+        residual = np.where(measurements.present[..., None], measurements.deflection - predicted, 0.0)
+        left = np.linalg.norm(residual[measurements.present], axis=-1)
+        moved = np.linalg.norm(measurements.deflection[measurements.present], axis=-1).mean()
+        return cls(
+            predicted=predicted,
+            residual=residual,
+            compensation=float(1.0 - left.mean() / moved) if moved > 0 else None,
+            rms_residual=float(np.sqrt(np.mean(left**2))),
+            contributions=contributions,
+        )
+
+
+def predict(
+    robot: Robot,
+    measurements: Measurements,
+    compliance: FloatArray,
+    *,
+    balanced: FloatArray | None = None,
+    estimated: BoolArray | None = None,
+) -> Prediction:
+    """Predict the deflections of the targets, ``δp_X = A_X c`` (method.md §2).
+
+    Args:
+        robot: n joints.
+        measurements: N observations.
+        compliance: (n,) [rad/(N·m)].
+        balanced: (n,) compliances that bend the robot, as `Estimate.balanced`: the deflections are then
+            those of the exact balance, to third order. None leaves out how they move the load.
+        estimated: (n,) joints with an estimate; all if None. The others contribute nothing by name.
+
+    Raises:
+        SolverError: the load finds no balance with joints of those compliances.
+    """
+    named = compliance if estimated is None else np.where(estimated, compliance, 0.0)
+    predicted, along, turned = [], [], []
+    for block in regressor_blocks(robot, measurements, balanced):
+        predicted.append(block.A @ compliance)
+        turned.append(block.torque * compliance)
+        moved = block.A * named
+        whole = moved.sum(axis=-1)
+        length = np.linalg.norm(whole, axis=-1)
+        direction = whole / np.where(length > 0.0, length, 1.0)[..., None]
+        along.append(np.einsum("btij,bti->btj", moved, direction))
+    parts, present = np.concatenate(along), measurements.present  # parts are zero where nothing was read
+    mean = parts.sum(axis=(0, 1)) / present.sum()
+    total = float(mean.sum())
+    contributions = Contributions(
+        by_observation=(parts.sum(axis=1) / present.sum(axis=1)[:, None]).T,
+        mean=mean,
+        share=mean / total if total > 0.0 else np.zeros_like(mean),
+    )
+    prediction = Prediction.of(measurements, np.concatenate(predicted), contributions)
+    return replace(prediction, encoders=np.concatenate(turned))

@@ -1,0 +1,373 @@
+"""Identification of joint stiffnesses: the story from measurements to an estimate (method.md §2-§6, §8).
+
+Fit once without K_c; then again until the compliances that bend the robot are those that are found; carry the
+errors that all observations share; give the fit its scale, its uncertainties and its verdicts.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+
+from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.errors import MeasurementError, NotObservableError, SolverError, UnsupportedMethodError
+from jointstiff.solver.estimation.estimate import CommonErrors, ComplementaryStiffness, Estimate, Evidence
+from jointstiff.solver.estimation.fit import Fit, RobustFit, TargetRows, fit_huber, fit_method, scale_of
+from jointstiff.solver.estimation.method import (
+    Method,
+    MethodTriangles,
+    Prior,
+    Settings,
+    length_of_least_condition,
+    refuse_unless_posed,
+    spherical_wrist,
+)
+from jointstiff.solver.estimation.observability import Excitation, Observability
+from jointstiff.solver.mechanics.block import regressor_blocks
+from jointstiff.solver.mechanics.measurements import Measurements
+from jointstiff.solver.mechanics.robot import Robot
+from jointstiff.solver.mechanics.springs import NEGLECTED_STIFFNESS, complementary_stiffness
+from jointstiff.solver.mechanics.terms import TERMS
+
+MAX_ITERATIONS: Final = 20
+"""Maximum number of fits with K_c: each shrinks the change by the ratio of K_c to the joint stiffness,
+typically 1/1000."""
+_STILL: Final = 1e-10
+"""Relative change of the compliances still to come at which the iteration has converged."""
+_FAR_BELOW: Final = 1e-4
+"""The same in standard uncertainties by the residuals: readings without noise are fitted to rounding."""
+_SHRINKS: Final = 1e-3
+"""Least factor by which a fit is taken to shrink the change: the ratio of K_c to the joint stiffness."""
+SHIFT_OBSERVATIONS: Final = 4096
+"""Number of observations that show the effect of K_c."""
+_LEAST_SIGMA: Final = 1e-15
+"""Rounding of a position [m], the unit of common errors where the readings are exact."""
+
+
+def identify(robot: Robot, measurements: Measurements, settings: Settings) -> Estimate:
+    """Identify the joint compliances.
+
+    Raises:
+        UnsupportedMethodError: the readings or the robot cannot support the method or weighting.
+        NotObservableError: the readings determine no joint.
+        MeasurementError: an array is not what it should be.
+        SolverError: optimality could not be certified.
+    """
+    refuse_unsupported(robot, measurements, settings)
+    length = settings.characteristic_length if settings.weighting == "characteristic_length" else None
+    if settings.weighting == "characteristic_length" and length is None:
+        excitation = Excitation(robot.joint_names, robot.joint_kinds)
+        for block in regressor_blocks(robot, measurements):
+            excitation.add(block)
+        null = _require_observable(excitation).null
+        of_unit_length = Method(robot, settings, 1.0)
+        length = length_of_least_condition(of_unit_length, regressor_blocks(robot, measurements), null)
+    method = Method(robot, settings, length)
+    first = last = _fit(robot, measurements, settings, method)
+    iterations = 0
+    if settings.complementary_stiffness:
+        last, iterations = _iterate_to_convergence(robot, measurements, settings, first)
+    estimate = replace(_judged(robot, measurements, settings, last), characteristic_length=length)
+    if settings.complementary_stiffness:
+        shift: FloatArray | None = last.fit.compliance - first.fit.compliance
+    else:
+        shift = _neglected_shift(robot, first, settings.prior, estimate.sigma)
+    known = estimate.estimated
+    ratios = np.abs(estimate.compliance)[:, None] * first.largest_stiffness
+    size = ComplementaryStiffness(
+        included=settings.complementary_stiffness,
+        iterations=iterations,
+        largest_ratio=float(ratios[np.ix_(known, known)].max(initial=0.0)),
+        largest_shift=_in_standard_uncertainties(shift, estimate),
+        shift=shift,
+    )
+    return replace(estimate, complementary_stiffness=size)
+
+
+def refuse_unsupported(robot: Robot, measurements: Measurements, settings: Settings) -> None:
+    """Refuse what the readings or the robot cannot support, before any work is done.
+
+    Raises:
+        UnsupportedMethodError: saying what is missing.
+    """
+    if settings.method != "partial_pose":
+        refuse_unless_posed(measurements)
+    if settings.method == "decoupled_partial_pose":
+        spherical_wrist(robot)
+    if settings.loss != "squared" and measurements.direction is not None:
+        raise UnsupportedMethodError(
+            f"loss {settings.loss} compares the lengths of residuals, which a reading along one direction "
+            "does not show",
+            where="loss",
+            remedy="use loss squared, or omit the readings along a direction",
+        )
+    weighting = settings.weighting
+    others, length = weighting != "covariance", weighting == "characteristic_length"
+    for refused, why, remedy in (
+        (
+            others and settings.prior is not None,
+            "has no uncertainty of a reading to weigh a prior against",
+            "use weighting covariance, or omit `priors`",
+        ),
+        (
+            others and measurements.encoders is not None,
+            "cannot combine encoder readings (angles) with positions (lengths)",
+            "use weighting covariance, or omit the encoder readings",
+        ),
+        (
+            length and settings.method != "complete_pose",
+            f"needs rotations, which method {settings.method} does not use",
+            "use weighting covariance, or method complete_pose",
+        ),
+    ):
+        if refused:
+            raise UnsupportedMethodError(f"weighting {weighting} {why}", where="weighting", remedy=remedy)
+
+
+@dataclass(frozen=True, eq=False)
+class _Pass:
+    """One fit of a whole set."""
+
+    measurements: Measurements  # as they were weighted
+    balanced: FloatArray | None  # (n,) compliances that bend the robot [rad/(N·m)]; None without K_c
+    observability: Observability  # in the unloaded configurations; the first pass settles it for all
+    triangles: MethodTriangles  # of what was fitted
+    fit: Fit
+    largest_stiffness: FloatArray  # (n, n) largest entries of K_c over the set, of the first pass [N·m/rad]
+    robust: RobustFit | None  # weights of the readings by the Huber loss; None for the squared loss
+    targets: TargetRows | None  # rows of that loss
+
+    def noise(self) -> float:
+        """Return sigma by the residuals [m]; zero where there is no freedom."""
+        return scale_of(self.fit, self.triangles.judged, None).sigma or 0.0
+
+
+def _fit(
+    robot: Robot,
+    measurements: Measurements,
+    settings: Settings,
+    method: Method,
+    before: _Pass | None = None,
+) -> _Pass:
+    """Fit once, bent by the compliances of an earlier pass; None neglects K_c."""
+    compliance = None if before is None else before.fit.compliance
+    excitation, triangles = Excitation(robot.joint_names, robot.joint_kinds), MethodTriangles(method)
+    targets = TargetRows(robot.n) if settings.loss == "huber" else None
+    largest = np.zeros((robot.n, robot.n))
+    for block in regressor_blocks(robot, measurements, compliance):
+        (triangles if targets is None else targets).add(block)
+        if before is None:
+            excitation.add(block)
+            np.maximum(largest, np.abs(complementary_stiffness(block)).max(axis=0), out=largest)
+    observability = _require_observable(excitation) if before is None else before.observability
+    robust, sigma = None, measurements.sigma
+    if targets is not None:  # a scale that is not known is settled by the first pass
+        robust = fit_huber(
+            targets,
+            observability.null,
+            settings.constraints,
+            prior=settings.prior,
+            sigma=sigma if before is None or before.robust is None else before.robust.sigma,
+            threshold=settings.huber_threshold,
+        )
+        sigma, measurements = robust.sigma, robust.weigh(measurements)
+        for block in regressor_blocks(robot, measurements, compliance):
+            triangles.add(block)
+    # Each unknown that was fitted beside the joints takes a reading.
+    triangles.judged.rows -= measurements.common_uncertainty.fitted.told
+    fit = fit_method(triangles, observability.null, settings.constraints)
+    if settings.prior is not None:
+        # A prior's weight is sigma/s₀; a sigma that is not given is estimated from the readings alone.
+        sigma = scale_of(fit, triangles.judged, sigma).sigma
+        if not sigma:
+            raise UnsupportedMethodError(
+                "weighting a prior needs sigma, which is not given and cannot be estimated from these "
+                "readings",
+                where="priors",
+                remedy="state `noise`, or add observations",
+            )
+        prior = settings.prior.in_units_of(sigma)
+        fit = replace(fit_method(triangles, observability.null, settings.constraints, prior), alone=fit)
+    return _Pass(measurements, compliance, observability, triangles, fit, largest, robust, targets)
+
+
+def _require_observable(excitation: Excitation) -> Observability:
+    """Return what the readings see; refuse readings that see nothing at all."""
+    observability = excitation.observability()
+    if not excitation.anything_moved:
+        raise NotObservableError(
+            "no target moved, so no compliance can be identified",
+            where="observations",
+            remedy="check that the loaded readings were taken with the load applied",
+        )
+    if observability.null.all():
+        reasons = "; ".join(str(reason).split(":")[0] for reason in observability.reasons)
+        raise NotObservableError(
+            f"the readings do not determine any joint: {reasons}",
+            where="observations",
+            remedy="add loads with a torque about the joints' axes, and targets away from these axes",
+        )
+    return observability
+
+
+def _iterate_to_convergence(
+    robot: Robot, measurements: Measurements, settings: Settings, first: _Pass
+) -> tuple[_Pass, int]:
+    """Fit with K_c until the compliances that bend the robot are those that are found.
+
+    The first fit starts from the first-order effect of K_c; noise leaves nothing for a second one to find.
+
+    Returns:
+        The last fit, and how many it took after the first.
+    """
+    shift = _neglected_shift(robot, first, settings.prior, measurements.sigma or first.noise())
+    at = replace(first, fit=replace(first.fit, compliance=first.fit.compliance + shift))
+    reference = first.observability.reference_compliance
+    shrinks = float((np.abs(shift) / np.maximum(np.abs(first.fit.compliance), reference)).max())
+    for rounds in range(1, MAX_ITERATIONS + 1):
+        last = _fit(robot, measurements, settings, first.triangles.method, at)
+        change = np.abs(last.fit.compliance - at.fit.compliance)
+        size = np.maximum(np.abs(last.fit.compliance), reference)
+        uncertainty = last.noise() * np.sqrt(np.diagonal(last.fit.covariance))
+        if (change * max(shrinks, _SHRINKS) <= np.maximum(_STILL * size, _FAR_BELOW * uncertainty)).all():
+            return last, rounds
+        at = last
+    raise SolverError(
+        f"the iteration with the complementary stiffness did not converge: after {MAX_ITERATIONS} "
+        f"fits the compliances still change by {(change / size).max():.1e} (relative)",
+        where="complementary_stiffness",
+        remedy="neglect the complementary stiffness, or add postures and loads that excite every joint",
+    )
+
+
+def _neglected_shift(robot: Robot, neglected: _Pass, prior: Prior | None, sigma: float | None) -> FloatArray:
+    """Return the change (n,) of the compliances if K_c were included, to first order [rad/(N·m)].
+
+    The readings lose what the model left out, and the estimator is linear where bounds stay as active as
+    they are; joints at a bound stay there. Of a set beyond `SHIFT_OBSERVATIONS` as many stand for the whole,
+    evenly spread. Where loads of all directions make the observations' shares cancel, that overstates it: by
+    the root of the set's size over theirs. A prior takes part where sigma [m] is known.
+    """
+    fit, part = neglected.fit, neglected.measurements.evenly(SHIFT_OBSERVATIONS)
+    times = len(neglected.measurements) / len(part)
+    estimated = np.flatnonzero(~neglected.observability.null & (fit.active == 0))
+    prior = prior.in_units_of(sigma) if prior and sigma else None
+    responses = neglected.triangles.responses(
+        regressor_blocks(robot, part), [NEGLECTED_STIFFNESS], fit.compliance, estimated, prior
+    )
+    return -responses[NEGLECTED_STIFFNESS.name][:, 0] * times
+
+
+def _judged(robot: Robot, measurements: Measurements, settings: Settings, last: _Pass) -> Estimate:
+    """Give the fit its scale, its uncertainties and its verdicts.
+
+    A robust scale takes the place of a sigma that is not known.
+    """
+    fit, robust, judged = last.fit, last.robust, last.triangles.judged
+    sigma = measurements.sigma if robust is None else robust.sigma
+    scale = scale_of(fit if fit.alone is None else fit.alone, judged, sigma)
+    if fit.alone is not None:
+        scale = replace(scale_of(fit, judged, scale.sigma), given=scale.given)
+    scale = replace(scale, given=scale.given and measurements.sigma is not None)
+    fit = fit.inflated(1.0 if robust is None else robust.inflation)
+    common = None
+    if scale.sigma is not None:
+        scale = replace(scale, sigma=max(scale.sigma, _LEAST_SIGMA))
+        common = _common_errors(robot, settings, last, scale.sigma or 1.0)
+        fit = fit if common is None else fit.with_common(common.responses / (scale.sigma or 1.0))
+    covariance = None if scale.sigma is None else np.float64(scale.sigma) ** 2 * fit.covariance
+    numbers = [fit.compliance, np.array([scale.chi_square, scale.degrees_of_freedom])]
+    numbers += [] if covariance is None else [covariance]
+    if not all(np.isfinite(array).all() for array in numbers):
+        raise MeasurementError(
+            "the numbers overflow: the magnitudes of loads, lengths and sigma are inconsistent",
+            where="units",
+            remedy="check the units of force, length and sigma",
+        )
+    ratios = np.full(robot.n, np.nan)
+    if fit.alone is not None and settings.prior is not None and scale.sigma is not None:
+        ratios = _prior_to_data(fit.alone, settings.prior, scale.sigma)
+    chi_square, certificates = scale.chi_square, fit.certificates
+    if robust is not None and last.targets is not None:
+        chi_square = last.targets.chi_square(fit.compliance, sigma=robust.sigma, threshold=robust.threshold)
+        certificates = (robust.certificate, *certificates)
+    evidence = Evidence(
+        robot.joint_names,
+        fit,
+        last.observability,
+        scale,
+        settings.constraints,
+        settings.confidence,
+        ratios,
+    )
+    return Estimate(
+        joints=evidence.verdicts(),
+        compliance=fit.compliance,
+        balanced=last.balanced,
+        covariance=covariance,
+        sigma=scale.sigma,
+        sigma_given=scale.given,
+        chi_square=chi_square,
+        degrees_of_freedom=scale.degrees_of_freedom,
+        identifiability=fit.identifiability,
+        certificates=certificates,
+        triangles=last.triangles,
+        observability=last.observability,
+        likelihood=fit.likelihood,
+        common=common,
+        robust=robust,
+    )
+
+
+def _common_errors(robot: Robot, settings: Settings, last: _Pass, sigma: float) -> CommonErrors | None:
+    """Return what a standard uncertainty of each shared error moves in the estimate; None without errors."""
+    common = last.measurements.common_uncertainty
+    fitted = common.fitted.terms
+    stated = {name: (common.source(name), term.prior(common)) for name, term in TERMS.items()}
+    blocks = regressor_blocks(robot, last.measurements, last.balanced)
+    told = {term.name for term in fitted}  # the readings take the place of a statement
+    terms = [TERMS[name] for name, (_, size) in stated.items() if any(size) and name not in told]
+    if not (terms or fitted):
+        return None
+    responses = last.triangles.responses(
+        blocks,
+        [*terms, *fitted],
+        last.fit.compliance,
+        np.flatnonzero(~last.observability.null),
+        None if settings.prior is None else settings.prior.in_units_of(sigma),
+    )
+    by_source = {}
+    for source, size, response in ((*stated[term.name], responses[term.name]) for term in terms):
+        by_source[source] = np.resize(size, response.shape[1]) * response
+    if fitted:
+        moved = np.hstack([responses[term.name] for term in fitted])
+        by_source["fitted_causes"] = moved @ common.fitted.root
+    return CommonErrors(by_source)
+
+
+def _prior_to_data(alone: Fit, prior: Prior, sigma: float) -> FloatArray:
+    """Return the information of the prior over that of the readings, ``s₀⁻² / (sigma² C_jj)⁻¹``.
+
+    Returns:
+        (n,) NaN where there is no prior; inf where the readings determine no more than a combination.
+    """
+    variance = sigma**2 * np.diagonal(alone.covariance)
+    ratio = np.where(prior.known, variance / prior.standard_uncertainty**2, np.nan)
+    for group in alone.undetermined:
+        for joint in group.joints:
+            ratio[joint] = np.inf if prior.known[joint] else np.nan
+    return ratio
+
+
+def _in_standard_uncertainties(shift: FloatArray | None, estimate: Estimate) -> float | None:
+    """Return the largest change of an estimate in units of its standard uncertainty, less what is assumed."""
+    if shift is None or estimate.covariance is None:
+        return None
+    variance = np.diagonal(estimate.covariance)
+    if estimate.common is not None:
+        for source in ("assumed_load_point", "assumed_force_scale"):
+            variance = variance - np.square(estimate.common.of(source)).sum(axis=1)
+    known = estimate.estimated & (variance > 0.0)
+    return float((np.abs(shift[known]) / np.sqrt(variance[known])).max()) if known.any() else None

@@ -1,0 +1,424 @@
+"""Settings of an identification, and methods as linear maps of the targets' whitened readings (method.md §4).
+
+With the whitened rows T = W [A d] of an observation, of unit covariance, a stage of a method fits N T:
+
+    partial pose            N = I: three rows a target, positions only
+    complete pose           N = Qᵀ, the whitened G = Q R of the rigid motion ``δp_X = δp_b + δφ × (X − b)``
+    decoupled, the arm      N = Q_cᵀ, the displacement ``E R⁻¹ Qᵀ`` carried to P_wrist, with orthonormal rows
+    decoupled, the wrist    N = I, less the deflection by the arm
+
+Other weightings than that by covariance scale the readings themselves, N = S W⁻¹ or S R⁻¹ Qᵀ, and leave a
+sandwich covariance: with the spread ``NᵀN A`` it is ``(AᵀNᵀN A)⁻¹ (NᵀN A)ᵀ(NᵀN A) (AᵀNᵀN A)⁻¹``. Secondary
+encoders take part in every method: what they say of a joint does not pass through the targets.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+
+from jointstiff.schemas.options import Method as MethodName
+from jointstiff.schemas.options import Weighting
+from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
+from jointstiff.solver.errors import RequestError, UnsupportedMethodError
+from jointstiff.solver.estimation.observability import Excitation, Spectrum
+from jointstiff.solver.estimation.solution import Bounds, Constraints
+from jointstiff.solver.estimation.triangle import Triangle
+from jointstiff.solver.mechanics.block import RegressorBlock, Rows, Term, whitened_rows
+from jointstiff.solver.mechanics.configuration import WRIST_JOINTS, Wrist, find_wrist, skew
+from jointstiff.solver.mechanics.measurements import Measurements, whitener
+from jointstiff.solver.mechanics.robot import Robot
+from jointstiff.solver.mechanics.springs import JOINTS
+
+Loss = Literal["squared", "huber"]
+
+
+@dataclass(frozen=True, eq=False)
+class Prior:
+    """Independent Gaussian priors of the compliances (method.md §5).
+
+    Raises:
+        RequestError: if a known joint's uncertainty is not positive and finite.
+    """
+
+    mean: FloatArray  #: (n,) c₀ [rad/(N·m)]; NaN for joints of which nothing is known
+    standard_uncertainty: FloatArray  #: (n,) s₀ [rad/(N·m)], positive; inf for the same joints
+
+    def __post_init__(self) -> None:
+        known = self.known
+        if (
+            not (self.standard_uncertainty[known] > 0).all()
+            or not np.isfinite(self.standard_uncertainty[known]).all()
+        ):
+            raise RequestError(
+                "a prior's standard uncertainty is not positive",
+                where="priors",
+                remedy="give a positive stiffness and a positive standard uncertainty",
+            )
+
+    @property
+    def known(self) -> BoolArray:
+        """(n,) joints of which something is known."""
+        return np.isfinite(self.mean)
+
+    def in_units_of(self, sigma: float) -> Prior:
+        """Return the prior with its uncertainties in units of that of one coordinate of one reading [m]."""
+        return Prior(self.mean, self.standard_uncertainty / sigma)
+
+    def rows(self, joints: IndexArray) -> tuple[FloatArray, FloatArray]:
+        """Return the prior as readings of p joints: ``c_j / s₀ = c₀ / s₀`` where something is known.
+
+        Returns:
+            (k, p), and the right-hand side (k,).
+        """
+        known = np.flatnonzero(self.known[joints])
+        rows = np.eye(len(joints))[known] / self.standard_uncertainty[joints[known], None]
+        return rows, rows[:, known] @ self.mean[joints[known]]
+
+
+@dataclass(frozen=True, eq=False)
+class Settings:
+    """Settings of an identification."""
+
+    method: MethodName  #: see method.md §4
+    weighting: Weighting  #: see method.md §3; `characteristic_length` goes with the complete pose only
+    bounds: Bounds  #: on the compliances
+    characteristic_length: float | None = None  #: [m]; None for the length of least condition number
+    confidence: float = 0.95  #: level of the intervals, between 0 and 1
+    #: pairs (i, j) of joints with c_i ≤ c_j: joint i at least as stiff as joint j
+    order: tuple[tuple[int, int], ...] = ()
+    #: what is known of the compliances beforehand; with weighting by covariance only
+    prior: Prior | None = None
+    loss: Loss = "squared"  #: loss of the norm of each target's whitened residual
+    huber_threshold: float = 2.8  #: for the loss `huber`, in units of sigma
+    complementary_stiffness: bool = False  #: whether K_c is part of the model (method.md §2)
+
+    @cached_property
+    def constraints(self) -> Constraints:
+        """Return what is known of the compliances for certain.
+
+        Raises:
+            RequestError: if order and bounds contradict each other.
+        """
+        return Constraints(self.bounds, self.order)
+
+
+MIN_TARGETS = 3
+_COLLINEAR = 1e-3
+"""Least ratio of the targets' triangle, height to length: below it, rotation about the line is noise."""
+_DECADES = (-3.0, 3.0)
+"""Range of the characteristic length, powers of ten [m]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Stage:
+    """A least-squares problem of a method."""
+
+    joints: IndexArray  #: (p,) joints that it estimates
+    known: IndexArray  #: (q,) joints that an earlier stage has estimated; their deflection is subtracted
+
+
+@dataclass(frozen=True, eq=False)
+class StageRows:
+    """Rows of B observations in one stage."""
+
+    #: (B, r, K + 1) columns of all terms and readings; after those of the targets those of the encoders of
+    #: the stage's joints
+    fitted: FloatArray
+    spread: FloatArray | None  #: (B, 3 T, K + 1) ``NᵀN`` times the targets' rows; None where N = I
+
+
+class Method:
+    """A method with its weighting, as linear maps of whitened readings."""
+
+    def __init__(self, robot: Robot, settings: Settings, length: float | None) -> None:
+        """Choose the stages.
+
+        Args:
+            robot: n joints.
+            settings: method and weighting.
+            length: characteristic length [m], if the weighting uses one.
+
+        Raises:
+            UnsupportedMethodError: the decoupled method, and the robot has no spherical wrist.
+        """
+        joints = np.arange(robot.n)
+        self.joint_names, self.joint_kinds = robot.joint_names, robot.joint_kinds
+        self.name, self.weighting = settings.method, settings.weighting
+        self.length = 1.0 if settings.weighting == "uniform" else length
+        self.stages: tuple[Stage, ...] = (Stage(joints, joints[:0]),)
+        if settings.method == "decoupled_partial_pose":
+            self.centre = spherical_wrist(robot).centre
+            arm, wrist = joints[:-WRIST_JOINTS], joints[-WRIST_JOINTS:]
+            self.stages = (Stage(arm, joints[:0]), Stage(wrist, arm))
+
+    @property
+    def by_covariance(self) -> bool:
+        """Return whether the rows are weighted by their covariance, as in the likelihood."""
+        return self.weighting == "covariance"
+
+    @property
+    def is_plain(self) -> bool:
+        """Return whether the whitened readings themselves are fitted."""
+        return self.by_covariance and self.name == "partial_pose"
+
+    def rows(self, block: RegressorBlock, whitened: Rows) -> Iterator[StageRows]:
+        """Yield the rows of each stage.
+
+        Args:
+            block: B observations.
+            whitened: their rows of all terms, in units of sigma.
+
+        Raises:
+            UnsupportedMethodError: if the targets of an observation lie on a line, and a pose is needed.
+        """
+        targets, encoders = whitened.targets, whitened.encoders
+        flat = targets.reshape(len(targets), -1, targets.shape[-1])
+        for stage, (N, root) in zip(self.stages, self._maps(block), strict=True):
+            if N is not None:
+                fitted = N @ flat
+                spread = N.transpose(0, 2, 1) @ fitted
+            elif root is not None:  # S W⁻¹, target by target
+                fitted = root @ targets
+                spread = (root.swapaxes(-1, -2) @ fitted).reshape(flat.shape)
+                fitted = fitted.reshape(flat.shape)
+            else:
+                fitted, spread = flat, None
+            if encoders is not None:
+                fitted = np.concatenate([fitted, encoders[:, stage.joints]], axis=1)
+            yield StageRows(fitted, spread)
+
+    def _maps(self, block: RegressorBlock) -> list[tuple[FloatArray | None, FloatArray | None]]:
+        """Return the map of each stage: of observations (B, m, 3 T) or targets (B, T, 3, 3); None for I."""
+        part = block.measurements
+        by_target = None
+        if not self.by_covariance:
+            weight = np.ones(part.present.shape) if part.weight is None else part.weight
+            by_target = np.sqrt(weight)[..., None, None] * np.linalg.inv(whitener(part.covariance))
+        if self.name == "partial_pose":
+            return [(None, by_target)]
+        Q, R, reference = fit_displacement(block)
+        # A pose is as good as the poorest of its targets, by the weights of a robust loss.
+        poorest: FloatArray | float = 1.0
+        if part.weight is not None:
+            poorest = np.sqrt(np.where(part.present, part.weight, 1.0).min(axis=1))[:, None, None]
+        if self.name == "complete_pose":
+            if self.by_covariance:
+                return [(Q.transpose(0, 2, 1), None)]
+            unit = np.repeat([1.0 / (self.length or 1.0), 1.0], 3)
+            return [(poorest * unit[:, None] * np.linalg.solve(R, Q.transpose(0, 2, 1)), None)]
+        centre = block.configurations.to_base(np.broadcast_to(self.centre, (len(Q), 1, 3)))[:, 0]
+        extrapolation = np.concatenate(
+            [np.broadcast_to(np.eye(3), (len(Q), 3, 3)), -skew(centre - reference)], axis=2
+        )
+        carried = extrapolation @ np.linalg.solve(R, Q.transpose(0, 2, 1))
+        if self.by_covariance:
+            carried = np.linalg.qr(carried.transpose(0, 2, 1))[0].transpose(0, 2, 1)
+        return [(poorest * carried if not self.by_covariance else carried, None), (None, by_target)]
+
+
+class MethodTriangles:
+    """Triangles of a method on a measurement set, filled block by block.
+
+    Attributes:
+        method: maps and stages.
+        judged: triangle of all readings, weighted by covariance. Whatever a method fits, it is judged on
+            these: residuals, sigma and degrees of freedom are those of the same readings.
+        stages: triangle of each stage.
+        spreads: triangle of the spread of each stage; None where the rows are weighted by covariance.
+        cross: (n, n) covariance between the readings of both stages, weighted: ``A₂ᵀΩ₂ Σ Ω₁A₁``.
+        seen_from_centre: excitation of the joints, seen from P_wrist by the decoupled method.
+    """
+
+    def __init__(self, method: Method) -> None:
+        """Start without observations."""
+        n = len(method.joint_names)
+        self.method = method
+        self.judged = Triangle(joints=n)
+        self.stages = [self.judged] if method.is_plain else [Triangle(joints=n) for _ in method.stages]
+        self.spreads = None if method.by_covariance else [Triangle(joints=n) for _ in method.stages]
+        self.cross: FloatArray = np.zeros((n, n))
+        self.seen_from_centre = Excitation(method.joint_names, method.joint_kinds)
+
+    def add(self, block: RegressorBlock) -> None:
+        """Take in a block of observations."""
+        part = block.measurements
+        whitened = whitened_rows(block, [JOINTS], np.zeros(block.robot.n))
+        self.judged.add(whitened.targets, count=int(part.coordinates.sum()))
+        if part.encoders is not None and whitened.encoders is not None:
+            self.judged.add(whitened.encoders, count=int(part.encoders.present.sum()))
+        if self.method.is_plain:
+            return
+        spreads = []
+        for s, rows in enumerate(self.method.rows(block, whitened)):
+            self.stages[s].add(rows.fitted)
+            spread = whitened.targets if rows.spread is None else rows.spread
+            spreads.append(spread.reshape(-1, spread.shape[-1])[:, :-1])
+            if self.spreads is not None and rows.spread is not None:
+                self.spreads[s].add(rows.spread)
+        if len(spreads) > 1:
+            self.cross += spreads[1].T @ spreads[0]
+            points = block.configurations.to_base(
+                np.broadcast_to(self.method.centre, (len(block.torque), 1, 3))
+            )
+            jacobian = block.configurations.jacobian_at(points)
+            self.seen_from_centre.add_seen_from(block, jacobian, np.ones((len(points), 1), dtype=bool))
+
+    def responses(
+        self,
+        blocks: Iterable[RegressorBlock],
+        terms: Sequence[Term],
+        compliance: FloatArray,
+        joints: IndexArray,
+        prior: Prior | None = None,
+    ) -> dict[str, FloatArray]:
+        """Return what one unit of each unknown of terms that are left out adds to the estimate, bounds apart.
+
+        The estimator is linear: it takes the columns for ``H A_term`` of compliance.
+
+        Args:
+            blocks: observations, as they were taken in.
+            terms: K unknowns together.
+            compliance: (n,) of the joints, at which errors show [rad/(N·m)].
+            joints: (p,) joints that are estimated.
+            prior: as in the fit.
+
+        Returns:
+            (n, k) of each term [rad/(N·m) per unit]; zero for the other joints.
+        """
+        n = len(self.method.joint_names)
+        moments: list[FloatArray | float] = [0.0] * len(self.stages)
+        for block in blocks:
+            whitened = whitened_rows(block, [JOINTS, *terms], compliance)
+            for s, rows in enumerate(self.method.rows(block, whitened)):
+                flat = rows.fitted.reshape(-1, rows.fitted.shape[-1])
+                moments[s] = moments[s] + flat[:, :n].T @ flat[:, n:-1]
+        out = np.zeros(np.shape(moments[0]))
+        for stage, triangle, moment in zip(self.method.stages, self.stages, moments, strict=True):
+            own, known = np.intersect1d(stage.joints, joints), np.intersect1d(stage.known, joints)
+            rows_of = triangle.matrix
+            left = np.asarray(moment)[own] - rows_of[:, own].T @ (rows_of[:, known] @ out[known])
+            beside = rows_of[:, own] if prior is None else np.vstack([rows_of[:, own], prior.rows(own)[0]])
+            inverse = Spectrum(beside).inverse
+            out[own] = inverse @ (inverse.T @ left)
+        ends = np.cumsum([whitened.widths[term.name] for term in terms])[:-1]
+        return dict(zip((term.name for term in terms), np.split(out, ends, axis=1), strict=True))
+
+
+def fit_displacement(block: RegressorBlock) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Factorise the whitened G of ``δp_X = δp_b + δφ × (P1X − b)``, b the barycentre of the targets.
+
+    Args:
+        block: B observations with at least three targets each.
+
+    Returns:
+        Orthonormal Q (B, 3 T, 6), upper triangular R (B, 6, 6), and b (B, 3) in R0 [m]: the displacement of
+        b, then the rotation, is ``x = R⁻¹ Qᵀ W d`` of covariance ``(Rᵀ R)⁻¹`` in units of sigma².
+
+    Raises:
+        UnsupportedMethodError: if the targets of an observation lie on a line.
+    """
+    part = block.measurements
+    present = part.present[..., None]
+    reference = (block.points * present).sum(axis=1) / present.sum(axis=1)
+    arm = np.where(present, block.points - reference[:, None], 0.0)
+    singular = np.linalg.svd(arm, compute_uv=False)
+    flat = np.flatnonzero(singular[:, 1] <= _COLLINEAR * singular[:, 0])
+    if len(flat):
+        raise UnsupportedMethodError(
+            "the targets lie on a line, so the flange's rotation about it is not observable "
+            f"({len(flat)} observations)",
+            where="readings",
+            remedy="use method partial_pose, or place the three targets so that they form a triangle",
+        )
+    W = np.where(present[..., None], whitener(part.covariance), 0.0)
+    G = part.shown(np.concatenate([np.broadcast_to(np.eye(3), W.shape), -skew(arm)], axis=-1))
+    Q, R = np.linalg.qr((W @ G).reshape(len(arm), -1, 6))
+    return Q, R, reference
+
+
+def refuse_unless_posed(measurements: Measurements) -> None:
+    """Refuse observations with fewer than three targets whose three coordinates were read.
+
+    Raises:
+        UnsupportedMethodError: naming the first such observation.
+    """
+    counts = (measurements.coordinates == 3).sum(axis=1)
+    poor = np.flatnonzero(counts < MIN_TARGETS)
+    if len(poor):
+        first = int(poor[0])
+        raise UnsupportedMethodError(
+            f"the pose of the flange needs {MIN_TARGETS} targets, but this observation has "
+            f"{counts[first]} ({len(poor)} of {len(counts)} observations have too few)",
+            where=f"observations[{first}].readings",
+            remedy="use method partial_pose, or read three targets in every observation",
+        )
+
+
+def spherical_wrist(robot: Robot) -> Wrist:
+    """Return the robot's wrist, which the decoupled method needs.
+
+    Raises:
+        UnsupportedMethodError: if the robot has none, with the miss distance.
+    """
+    wrist = find_wrist(robot)
+    if wrist is None or robot.n == WRIST_JOINTS:
+        raise UnsupportedMethodError(
+            f"a robot with {robot.n} joints has no arm with a spherical wrist",
+            where="method",
+            remedy="use method partial_pose",
+        )
+    if not wrist.spherical:
+        raise UnsupportedMethodError(
+            f"the last three axes miss each other by {1e3 * wrist.miss_distance:.3g} mm, more than "
+            f"{1e3 * Wrist.TOLERANCE:g} mm, so the wrist has no centre",
+            where="method",
+            remedy="use method partial_pose, or correct the robot's model",
+        )
+    return wrist
+
+
+def length_of_least_condition(method: Method, blocks: Iterable[RegressorBlock], null: BoolArray) -> float:
+    """Return the length L that minimises the condition number of the rows [A_v / L; A_ω] (Khan & Angeles).
+
+    It is the baseline that the paper compares with (method.md §3). Columns are brought to unit norm first, as
+    for the solve: otherwise the spread of the torques between arm and wrist decides, and the least condition
+    number lies at an infinite length.
+
+    Args:
+        method: complete pose with a length of 1 m.
+        blocks: all observations.
+        null: (n,) joints that the readings do not see.
+
+    Returns:
+        L between 1 mm and 1 km [m].
+    """
+    n = len(null)
+    parts = Triangle(joints=n), Triangle(joints=n)
+    for block in blocks:
+        (rows,) = method.rows(block, whitened_rows(block, [JOINTS], np.zeros(n)))
+        parts[0].add(rows.fitted[:, :3])
+        parts[1].add(rows.fitted[:, 3:])
+    linear, angular = (part.matrix[:, ~null] for part in parts)
+
+    def log_condition(decade: float) -> float:
+        stacked = np.concatenate([linear / 10.0**decade, angular])
+        singular = np.linalg.svd(stacked / np.linalg.norm(stacked, axis=0), compute_uv=False)
+        return float(np.log(singular[0] / max(singular[-1], np.finfo(float).tiny)))
+
+    # The condition number has several local minima where singular values cross: scan, then refine.
+    grid = np.linspace(*_DECADES, 121)
+    best = int(np.argmin([log_condition(decade) for decade in grid]))
+    step = grid[1] - grid[0]
+    refined = minimize_scalar(
+        log_condition,
+        bounds=(grid[best] - step, grid[best] + step),
+        method="bounded",
+        options={"xatol": 1e-10},
+    )
+    return float(10.0 ** np.clip(refined.x, *_DECADES))

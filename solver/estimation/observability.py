@@ -1,0 +1,364 @@
+"""Observability: which compliances the readings show, alone or in combination, and why not (method.md §6)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from jointstiff.schemas.joints import JOINT_UNITS, JointKind
+from jointstiff.schemas.run import ObservabilityIndices
+from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
+from jointstiff.solver.estimation.triangle import unit_columns
+from jointstiff.solver.mechanics.block import RegressorBlock
+
+NULL_COLUMN = 1e-9
+"""Norm of a column, relative to what the joint's levers allow, that counts as rounding."""
+NULL_DIRECTION = 1e-7
+"""Singular value of the equilibrated regressor, relative to the first, below which it counts as zero.
+
+One threshold for rank, pseudo-inverse and fit: no reading determines a digit in such a direction, and
+the square of its inverse, which covariances hold, would drown in rounding.
+"""
+HARD_TO_TELL = 100.0
+"""Condition number above which results are unreliable (Schröer et al. 1992, as quoted by
+Nahvi & Hollerbach 1996)."""
+_PARTICIPATES = 1e-6
+"""Component of a unit vector in a null space above which a joint belongs to a combination."""
+_MATTERS = 0.1
+"""Coefficient relative to the largest below which it is not mentioned."""
+_UNSPOKEN = 0.005
+"""Coefficient that vanishes when two digits are printed."""
+
+
+@dataclass(frozen=True, eq=False)
+class Combination:
+    """Joints whose compliances appear in the readings only together."""
+
+    joints: tuple[int, ...]  #: m of them
+    #: (m − k, m) what the readings do show of them, k being the number of directions that they do not: sums
+    #: of the compliances, one a row, in reduced echelon form. Dimensionless.
+    seen: FloatArray
+
+    def in_words(self, names: tuple[str, ...]) -> str:
+        """The sums that show, such as ``c(joint_4) + 0.8 c(joint_6)``."""
+        return " and ".join(_sum_in_words(row, self.joints, names) for row in self.seen)
+
+    def reason(self, names: tuple[str, ...]) -> str:
+        """Return why these joints have no stiffness, with the remedy."""
+        together = ", ".join(names[joint] for joint in self.joints)
+        return (
+            f"only a combination of {together} is observable, {self.in_words(names)}: add postures in "
+            "which their axes differ"
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class WeakDirection:
+    """The change of the compliances that shows least."""
+
+    joints: tuple[int, ...]  #: m that matter in it
+    #: (m,) change of their compliances, the largest of size 1, the first positive. Dimensionless.
+    change: FloatArray
+    #: how many times less it shows than what shows best, each joint's column brought to unit norm: the
+    #: condition number
+    attenuation: float
+
+    def in_words(self, names: tuple[str, ...]) -> str:
+        """Return which joints are hard to distinguish, and in which ratio."""
+        together = ", ".join(names[joint] for joint in self.joints)
+        change = " : ".join(f"{part:+.2g}" for part in self.change)
+        return (
+            f"{together} are hard to distinguish: a change of their compliances in the ratio {change} "
+            f"has {self.attenuation:.2g} times less effect on the readings than the most visible change"
+        )
+
+
+def combinations(null_space: FloatArray, scale: FloatArray, columns: IndexArray) -> tuple[Combination, ...]:
+    """Split a null space into groups of joints that do not mix.
+
+    Args:
+        null_space: (k, p) orthonormal directions that the equilibrated regressor does not see.
+        scale: (p,) norms of the regressor's columns, by which it was equilibrated.
+        columns: (p,) the joint of each column.
+    """
+    if not len(null_space):
+        return ()
+    # The projector onto the null space does not depend on its basis, and it is block diagonal over groups
+    linked = np.abs(null_space.T @ null_space) > _PARTICIPATES
+    _, labels = connected_components(coo_array(linked), directed=False)
+    involved = linked.diagonal()
+    groups = [np.flatnonzero((labels == label) & involved) for label in np.unique(labels[involved])]
+    return tuple(_combination(null_space, scale, group, columns) for group in groups)
+
+
+def _combination(
+    null_space: FloatArray, scale: FloatArray, group: IndexArray, columns: IndexArray
+) -> Combination:
+    """Return what the readings show of a group: the sums of compliances that no null direction changes.
+
+    With the null directions ν (k, m) and k of the joints set free, a row ``w = e_i + Σ_f w_f e_f`` shows
+    if ``ν w = 0``, that is ``w_f = −ν_f⁻¹ ν_i``.
+    """
+    members = null_space[:, group]
+    values, vectors = np.linalg.eigh(members.T @ members)  # a projector: its values are 0 or 1
+    null = vectors[:, values > 0.5].T
+    # As many independent columns as `null` (k, m) has rows: the last ones that serve, rather than the
+    # largest, so that rounding does not choose between equals
+    rest, pivots = null, list[int]()
+    for _ in range(len(null)):
+        norms = np.linalg.norm(rest, axis=0)
+        last = int(np.flatnonzero(norms > _MATTERS * norms.max())[-1])
+        along = rest[:, last] / norms[last]
+        rest = rest - np.outer(along, along @ rest)
+        pivots.append(last)
+    free = sorted(pivots)
+    bound = np.setdiff1d(np.arange(len(group)), free)
+    null = null / (scale[group] / scale[group].max())  # of the compliances themselves
+    seen = np.zeros((len(bound), len(group)))
+    seen[np.arange(len(bound)), bound] = 1.0
+    seen[:, free] = -np.linalg.solve(null[:, free], null[:, bound]).T
+    return Combination(tuple(int(columns[i]) for i in group), seen)
+
+
+def _sum_in_words(row: FloatArray, joints: tuple[int, ...], names: tuple[str, ...]) -> str:
+    words = ""
+    for part, joint in zip(row.tolist(), joints, strict=True):
+        if abs(part) < _UNSPOKEN:
+            continue
+        size = f"{abs(part):.2g}"
+        sign = "-" if part < 0 else "+" if words else ""
+        words += f" {sign} " if words else sign
+        words += f"c({names[joint]})" if size == "1" else f"{size} c({names[joint]})"
+    return words
+
+
+@dataclass(frozen=True, eq=False)
+class Observability:
+    """Joints that the readings depend on."""
+
+    null: BoolArray  #: (n,) joints whose columns hold no information: exact zeros up to rounding
+    #: (n,) compliance with which the joint alone, at its full lever, would explain all deflection
+    #: [rad/(N·m)]
+    reference_compliance: FloatArray
+    reasons: tuple[str | None, ...]  #: (n,) for null joints why, with a remedy; None for the others
+    #: (n,) norm of the joint's column over what it would be had the force pulled across the joint's lever
+    #: and the moment turned about its axis in every observation; 0 to 1
+    excitation: FloatArray
+    greatest_torque: FloatArray  #: (n,) greatest torque of the load about the joint, over the set [N·m]
+    kinds: tuple[JointKind, ...]  #: (n,) kinds of the joints
+
+
+class Excitation:
+    """Excitation of each joint by the load, and its visibility at the targets, over a whole set.
+
+    For each joint it compares what the load and targets did with what they could have done at the same
+    levers, had the force pulled across them. These ratios need no unit and no frame.
+    """
+
+    def __init__(self, joint_names: tuple[str, ...], joint_kinds: tuple[JointKind, ...]) -> None:
+        n = len(joint_names)
+        self._names, self._kinds = joint_names, joint_kinds
+        self._torque, self._lever, self._column, self._potential, self._greatest_torque = np.zeros((5, n))
+        self._deflection = 0.0
+
+    def add(self, block: RegressorBlock) -> None:
+        """Take in a block of observations, as its targets see them."""
+        self.add_seen_from(block, block.jacobian, block.measurements.present)
+
+    def add_seen_from(self, block: RegressorBlock, jacobian: FloatArray, present: BoolArray) -> None:
+        """Take in a block of observations, as other points and the joints' encoders see them.
+
+        An encoder counts like a target on the lever on which both weigh the same.
+
+        Args:
+            block: B observations.
+            jacobian: (B, T, 3, n) J_v at the points [m/rad].
+            present: (B, T) which of them count.
+        """
+        part = block.measurements
+        force = np.linalg.norm(part.force, axis=1)[:, None]
+        moment = np.linalg.norm(part.moment, axis=1)[:, None]
+        lever = np.sqrt(np.einsum("bij,bij->bj", block.load_jacobian, block.load_jacobian))
+        seen = jacobian if present.all() else jacobian * present[..., None, None]
+        seen = seen.reshape(len(seen), -1, seen.shape[-1])
+        motion = np.einsum("bij,bij->bj", seen, seen)
+        if part.encoders is not None:
+            motion += part.encoder_lever**2 * part.encoders.present
+            self._deflection += float((part.encoder_lever**2 * part.encoders.deflection**2).sum())
+        reach = (lever * force + moment) ** 2
+        self._torque += (block.torque**2).sum(axis=0)
+        np.maximum(self._greatest_torque, np.abs(block.torque).max(axis=0), out=self._greatest_torque)
+        self._lever += reach.sum(axis=0)
+        self._column += (block.torque**2 * motion).sum(axis=0)
+        self._potential += (reach * motion).sum(axis=0)
+        self._deflection += float((part.deflection**2).sum())
+
+    @property
+    def anything_moved(self) -> bool:
+        """Return whether any target moved."""
+        return self._deflection > 0
+
+    def observability(self) -> Observability:
+        """Judge what has come in so far."""
+        blind = self._potential <= NULL_COLUMN**2 * self._potential.max()
+        null = blind | (self._column <= NULL_COLUMN**2 * self._potential)
+        potential = np.where(self._potential > 0, self._potential, np.inf)
+        return Observability(
+            null=null,
+            reference_compliance=np.sqrt(self._deflection / potential),
+            reasons=tuple(self._reason(j) if null[j] else None for j in range(len(null))),
+            excitation=np.sqrt(self._column / potential),
+            greatest_torque=self._greatest_torque,
+            kinds=self._kinds,
+        )
+
+    def _reason(self, joint: int) -> str:
+        name, words = self._names[joint], JOINT_UNITS[self._kinds[joint]]
+        # A load on the joint's own axis has no lever: it is measured against the greatest one.
+        lever = max(self._lever[joint], 1e-6 * self._lever.max())
+        if self._torque[joint] <= NULL_COLUMN**2 * lever:
+            return f"the load never {words.loads} {name}: add loads that {words.load_verb} it"
+        return f"no target moves when {name} {words.moves}: place a target away from its axis"
+
+
+@dataclass(frozen=True, eq=False)
+class Identifiability:
+    """Observability analysis of the equilibrated, weighted regressor over the observable joints."""
+
+    rank: int  #: number of directions determined
+    condition_number: float  #: ratio of the extreme singular values; inf if rank deficient
+    singular_values: FloatArray  #: largest first, dimensionless
+    combinations: tuple[Combination, ...]  #: groups that appear only together
+    #: least observable direction; None if the rank is not full, or every direction is well observable
+    weakest: WeakDirection | None
+
+    @property
+    def combined(self) -> frozenset[int]:
+        """The joints that appear only in combination."""
+        return frozenset(joint for group in self.combinations for joint in group.joints)
+
+
+class Spectrum:
+    """Singular value decomposition of a weighted regressor, its columns brought to unit norm.
+
+    One threshold decides the rank for all who ask: the verdicts, the fit and the covariance.
+
+    Attributes:
+        rank: number of singular values that count.
+        singular_values: (p,) largest first.
+        scale: (p,) norms of the columns, 1 where a norm is zero.
+        weakest: (p,) unit vector of the least singular value, columns of unit norm.
+        null_space: (p − rank, p) orthonormal directions that the readings do not see.
+        determined: (m, p) the regressor without those directions, so that no fit follows rounding
+            along them; the regressor itself where the rank is full.
+        inverse: (p, m) pseudo-inverse of the regressor.
+        seen: (rank, p) functions of the compliances that the readings determine, one a row.
+    """
+
+    def __init__(self, R: FloatArray) -> None:
+        """Decompose.
+
+        Args:
+            R: (m, p) weighted regressor, compressed; p may be zero.
+        """
+        unit, self.scale = unit_columns(R)
+        scale = self.scale
+        U, singular, Vt = np.linalg.svd(unit, full_matrices=R.shape[0] < R.shape[1])
+        self.singular_values = np.zeros(R.shape[1])
+        self.singular_values[: len(singular)] = singular
+        largest = singular.max(initial=0.0)
+        self.rank = rank = int((self.singular_values > NULL_DIRECTION * largest).sum())
+        self.weakest: FloatArray = Vt[-1] if len(Vt) else np.zeros(0)
+        self.null_space: FloatArray = Vt[rank:]
+        strong = U[:, :rank] * singular[:rank]
+        self.determined: FloatArray = R if rank == R.shape[1] else strong @ Vt[:rank] * scale
+        self.seen: FloatArray = Vt[:rank] * scale
+        self.inverse: FloatArray = (Vt[:rank].T / singular[:rank]) @ U[:, :rank].T / scale[:, None]
+
+    def deviation(self, column: int) -> float | None:
+        """Return the standard uncertainty of a column's unknown; None where the rows do not determine it."""
+        if (self.null_space[:, column] ** 2).sum() > _PARTICIPATES:
+            return None
+        return float(np.linalg.norm(self.inverse[column]))
+
+
+def analyse(spectrum: Spectrum, columns: IndexArray) -> Identifiability:
+    """Return the observability of the joints from a spectrum.
+
+    Args:
+        spectrum: of the regressor of p joints.
+        columns: (p,) the joint of each column.
+
+    Returns:
+        The analysis, with joints numbered as in `columns`.
+    """
+    singular = spectrum.singular_values
+    full = spectrum.rank == len(columns)
+    condition, weakest = float(singular[0] / singular[-1]) if full else float("inf"), None
+    if full and condition > HARD_TO_TELL:
+        direction = spectrum.weakest
+        parts = np.flatnonzero(np.abs(direction) > _MATTERS * np.abs(direction).max())
+        change = direction[parts] / spectrum.scale[parts]
+        # The sign of a singular vector is arbitrary: the first joint's part counts as a rise.
+        change = change * (np.sign(change[0]) / np.abs(change).max())
+        weakest = WeakDirection(tuple(int(columns[i]) for i in parts), change, condition)
+    return Identifiability(
+        rank=spectrum.rank,
+        condition_number=condition,
+        singular_values=singular,
+        combinations=combinations(spectrum.null_space, spectrum.scale, columns),
+        weakest=weakest,
+    )
+
+
+def noise_reason(joint: int, names: tuple[str, ...], observability: Observability, uncertainty: float) -> str:
+    """Return why noise hides a joint that the readings depend on.
+
+    Args:
+        joint: its index.
+        names: of the n joints.
+        observability: of the same observations.
+        uncertainty: standard uncertainty of its compliance [rad/(N·m)].
+    """
+    torque, most = observability.greatest_torque, int(np.argmax(observability.greatest_torque))
+    own, other = (JOINT_UNITS[observability.kinds[j]] for j in (joint, most))
+    beside = "" if most == joint else f", and {names[most]} with up to {torque[most]:.2g} {other.effort}"
+    return (
+        f"{names[joint]} is hidden by noise: its standard uncertainty of {uncertainty:.2g} "
+        f"{own.compliance} exceeds {observability.reference_compliance[joint]:.2g} {own.compliance}, the "
+        f"compliance with which it alone would explain all deflections; the load {own.loads} it with at "
+        f"most {torque[joint]:.2g} {own.effort}{beside}: add loads that {own.load_verb} it more"
+    )
+
+
+def observability_indices(regressor: FloatArray, observability: Observability) -> ObservabilityIndices | None:
+    """Return the indices over the joints that the readings see.
+
+    Each column is divided by the norm that it would have had if, in every observation, the force had pulled
+    across the joint's lever and the moment had turned about its axis. As ``Σ s² ≤ p``, no index exceeds 1.
+    Borm & Menq divide by the root of the number of readings; these norms grow with it, so that readings
+    taken twice change nothing.
+
+    Args:
+        regressor: (m, n) of all readings, weighted by their covariance, in any unit.
+        observability: of the same readings.
+
+    Returns:
+        The indices; None where the rank is not full.
+    """
+    visible = ~observability.null
+    spectrum = Spectrum(regressor[:, visible])
+    if spectrum.rank < np.count_nonzero(visible):
+        return None
+    columns = regressor[:, visible] / spectrum.scale * observability.excitation[visible]
+    s = np.linalg.svd(columns, compute_uv=False).astype(np.float64, copy=False)
+    return ObservabilityIndices(
+        o1=float(np.exp(np.log(s).mean())),
+        o2=float(s[-1] / s[0]),
+        o3=float(s[-1]),
+        o4=float(s[-1] ** 2 / s[0]),
+        o5=float(1.0 / np.sum(1.0 / s)),
+    )

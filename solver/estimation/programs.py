@@ -1,0 +1,369 @@
+"""Convex programs of the project, stated in cvxpy and solved by Clarabel; docs/method.md has the formulas.
+
+    least_squares    minimise ‖A x − b‖²                             identification (§5)
+    huber            minimise Σ_i ρ(‖d_i − A_i x‖) + ½ ‖S x − t‖²    identification with Huber's loss (§5)
+    semidefinite     minimise ‖T y − z‖² + pᵀy                       elastic links (§7)
+    sum_of_norms     minimise Σ_i ρ(‖A_i x − d_i‖) + pᵀx             elastic links, robust losses (§7)
+    penalised_end    minimise aᵀx subject to ‖T x − z‖² + pᵀx ≤ J    effective compliance's interval (§7)
+    weighed          minimise ‖A x − b‖²                             stiffness without a load (§14)
+    weighed_end      minimise aᵀx subject to ‖A x − b‖ ≤ 1           end of an interval without a load (§14)
+    worst_direction  maximise t subject to M(w) − t diag(V⁻², 0) ⪰ 0             E-optimal design (§10)
+
+The first two are subject to lower ≤ x ≤ upper and B x ≥ d, the next three to x_j ≥ 0 and Mat(x_b) ⪰ 0,
+with x = near + y in the first of them, the next two to the cones of `conic.Cones`, and the last one to
+M(w) = M0 + Σ w_i K_i, Σ w = 1 and w ≥ 0. Variables are equilibrated. A program is compiled once for a
+shape, its data being parameters. `huber`, `sum_of_norms`, `penalised_end` and designs are stated with their
+data, as that compiles faster. Ends of joints' intervals are found in batches, by `estimation.estimate`.
+
+The points returned are near an optimum, to Clarabel's tolerance: callers polish them, and certify the outcome
+from the data. cvxpy takes a second to import: this module is imported where a program is needed first.
+"""
+
+from __future__ import annotations
+
+import threading
+import warnings
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from functools import lru_cache
+from typing import Any, Final
+
+import clarabel
+import cvxpy as cp
+import numpy as np
+from cvxpy.reductions.solvers.conic_solvers.clarabel_conif import dims_to_solver_cones
+from scipy.sparse import csc_array, csr_array, triu
+
+from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.errors import SolverError
+from jointstiff.solver.estimation.conic import Block, Cone, to_matrix
+from jointstiff.solver.estimation.solution import IdentificationProblem, Scaled
+
+TOLERANCE: Final = 1e-10
+"""Clarabel's default absolute gap of 1e-8 bounds the residual only by its square root."""
+
+_DESIGN_TOLERANCES: Final = (1e-9, 1e-7)
+"""Tolerances for designs, tried in this order."""
+
+SETTINGS: Final[Mapping[str, Any]] = {
+    "verbose": False,
+    "max_iter": 200,
+    "max_threads": 1,
+    "iterative_refinement_abstol": 1e-14,
+    "iterative_refinement_reltol": 1e-14,
+    "iterative_refinement_max_iter": 30,
+}
+
+COMPILING: Final = threading.RLock()
+"""Held while a program is stated and compiled: cvxpy numbers its variables by a counter of the process."""
+
+
+class Program:
+    """A program that cvxpy has compiled: cone data ``minimise ½ vᵀP v + qᵀv, A v + s = b, s in a cone``.
+
+    P is constant, and q, A and b are affine in the parameters; cvxpy says how (its `ParamConeProg`). Solving
+    changes nothing in the program, so that threads may share it.
+    """
+
+    def __init__(self, objective: cp.Minimize, constraints: Sequence[cp.Constraint], x: cp.Variable) -> None:
+        """Compile a program.
+
+        Args:
+            objective: quadratic or linear, without parameters in the quadratic part.
+            constraints: cones.
+            x: the variable that is asked for.
+        """
+        problem = cp.Problem(objective, list(constraints))
+        for parameter in problem.parameters():
+            parameter.value = np.zeros(parameter.shape)
+        data, _, _ = problem.get_problem_data(cp.CLARABEL)
+        compiled = data[cp.settings.PARAM_PROB]
+        self._P, self._q, self._A, self._b = (data.get(name) for name in ("P", "c", "A", "b"))
+        self._P = csc_array((len(self._q),) * 2) if self._P is None else triu(self._P, format="csc")
+        self._cones = dims_to_solver_cones(data["dims"])
+        first = int(data["dims"].zero) + int(data["dims"].nonneg)
+        self._norms = slice(first, first + int(sum(data["dims"].soc)))
+        self._columns = {each.name(): compiled.param_id_to_col[each.id] for each in problem.parameters()}
+        self._maps: tuple[csr_array, csr_array, tuple[Any, ...]] | None = None
+        if self._columns:
+            reduced = compiled.reduced_A
+            self._maps = compiled.q.tocsr(), reduced.reduced_mat, reduced.problem_data_index
+        start = compiled.var_id_to_col[x.id]
+        self._x = slice(start, start + x.size)
+
+    def solve(self, data: Mapping[str, FloatArray], *tolerances: float) -> FloatArray | None:
+        """Return the point that `solve_with_duals` finds, or None."""
+        answer = self.solve_with_duals(data, *tolerances)
+        return None if answer is None else answer[0]
+
+    def solve_with_duals(
+        self, data: Mapping[str, FloatArray], *tolerances: float
+    ) -> tuple[FloatArray, FloatArray] | None:
+        """Solve by Clarabel to the first of some tolerances that it reaches.
+
+        Returns:
+            The point, and the multipliers of the second-order cones; None for any status but `Solved`,
+            whatever values it left behind.
+        """
+        settings = clarabel.DefaultSettings()
+        for name, value in SETTINGS.items():
+            setattr(settings, name, value)
+        q, A, b = self._at(data)
+        for tolerance in tolerances:
+            settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = tolerance
+            answer = clarabel.DefaultSolver(self._P, q, A, b, self._cones, settings).solve()
+            x = np.asarray(answer.x[self._x], dtype=np.float64)
+            if answer.status == clarabel.SolverStatus.Solved and np.isfinite(x).all():
+                return x, np.asarray(answer.z[self._norms], dtype=np.float64)
+        return None
+
+    def _at(self, data: Mapping[str, FloatArray]) -> tuple[FloatArray, csc_array, FloatArray]:
+        """Return q, A and b for values of the parameters; whatever else the data hold is left."""
+        if self._maps is None:
+            return self._q, self._A, self._b
+        to_q, to_Ab, (indices, indptr, (m, columns)) = self._maps
+        values = np.zeros(to_Ab.shape[1])
+        values[-1] = 1.0  # the constant part
+        for name, column in self._columns.items():
+            values[column : column + data[name].size] = data[name].ravel(order="F")
+        entries, last = to_Ab @ values, indptr[-2]  # column by column, those of b last
+        A = csc_array((-entries[:last], indices[:last], indptr[:-1]), shape=(m, columns - 1))
+        b = np.zeros(m)
+        b[indices[last:]] = entries[last:]
+        return (to_q @ values)[:-1], A, b
+
+
+def least_squares(scaled: Scaled) -> FloatArray | None:
+    """Solve ``minimise ‖A x − b‖² subject to lower ≤ x ≤ upper, B x ≥ d``; (n,) x, or None."""
+    return _least_squares(*_shape(scaled)).solve(_data(scaled), TOLERANCE)
+
+
+@lru_cache(maxsize=128)
+def _least_squares(rows: int, columns: int, below: _Places, above: _Places, inequalities: int) -> Program:
+    with COMPILING:
+        x, r = cp.Variable(columns), cp.Variable(rows)
+        A, b = cp.Parameter((rows, columns), name="A"), cp.Parameter(rows, name="b")
+        constraints = [r == A @ x - b, *_constraints(x, below, above, inequalities)]
+        return Program(cp.Minimize(cp.sum_squares(r)), constraints, x)
+
+
+def huber(
+    A: FloatArray, d: FloatArray, S: FloatArray, t: FloatArray, squared: IdentificationProblem
+) -> FloatArray | None:
+    """Solve ``minimise Σ_i ρ(‖d_i − A_i c‖) + ½ ‖S c − t‖²`` under the constraints.
+
+    ρ(u) is u²/2 up to 1, and u − ½ beyond (Huber 1964, on norms, so that no frame is preferred).
+
+    Args:
+        A: (K, 3, n) rows of K targets, in units of the threshold.
+        d: (K, 3).
+        S: (q, n) rows whose loss stays squared.
+        t: (q,).
+        squared: the same problem with the squared loss; its constraints hold, its columns scale.
+
+    Returns:
+        (n,) compliances [rad/(N·m)] to Clarabel's tolerance, or None.
+    """
+    scaled = Scaled.of(squared)
+    n = len(scaled.unit)
+    with COMPILING:
+        x = cp.Variable(n)
+        residuals = d.ravel() - (A * scaled.unit).reshape(-1, n) @ x
+        norms = cp.norm(cp.reshape(residuals, d.shape, order="C"), axis=1)
+        loss = 0.5 * cp.sum(cp.huber(norms, 1.0)) + 0.5 * cp.sum_squares((S * scaled.unit) @ x - t)
+        _, _, below, above, inequalities = _shape(scaled)
+        program = Program(cp.Minimize(loss), _constraints(x, below, above, inequalities), x)
+    point = program.solve(_data(scaled), TOLERANCE)
+    return None if point is None else scaled.bounds.snap(point) * scaled.unit
+
+
+@lru_cache(maxsize=8)  # one of 264 parameters takes 15 MB
+def semidefinite(rows: int, cone: Cone) -> Program:
+    """State ``minimise ‖T y − z‖² + pᵀy subject to near_j + y_j ≥ 0, Mat(near_b + y_b) ⪰ 0``.
+
+    With the residual as a variable of its own the Gram matrix, whose condition is the square of the
+    regressor's, is never formed.
+
+    Args:
+        rows: of T.
+        cone: of near + y, m parameters.
+
+    Returns:
+        The program; its parameters are T (rows, m), z (rows,), p (m,) and near (m,).
+    """
+    with COMPILING:
+        m = cone.dimension
+        y, r = cp.Variable(m), cp.Variable(rows)
+        T, z = cp.Parameter((rows, m), name="T"), cp.Parameter(rows, name="z")
+        p, near = cp.Parameter(m, name="p"), cp.Parameter(m, name="near")
+        constraints = [r == T @ y - z, *_semidefinite(near + y, cone)]
+        return Program(cp.Minimize(cp.sum_squares(r) + p @ y), constraints, y)
+
+
+def sum_of_norms(A: FloatArray, d: FloatArray, cone: Cone) -> Program:
+    """State ``minimise Σ_i ρ(‖A_i x − d_i‖) + pᵀx subject to x_j ≥ 0, Mat(x_b) ⪰ 0``.
+
+    ρ(u) is u²/(2h) up to h and u − h/2 beyond (Huber's), as ``min_s ‖s‖²/(2h) + ‖A_i x − d_i − s‖``: one
+    second-order cone a target. With h = 0 it is u, the sum of the norms.
+
+    Args:
+        A: (K, 3, m) of K targets.
+        d: (K, 3).
+        cone: of x.
+
+    Returns:
+        The program; its parameters are p (m,) and root (1,), the square root of h.
+    """
+    with COMPILING:
+        K, _, m = A.shape
+        x, t, s = cp.Variable(m), cp.Variable(K), cp.Variable(3 * K)
+        p, root = cp.Parameter(m, name="p"), cp.Parameter(1, name="root")
+        residual = A.reshape(-1, m) @ x - d.ravel() - root[0] * s
+        norms = cp.SOC(t, cp.reshape(residual, (K, 3), order="C"), axis=1)
+        loss = cp.sum(t) + 0.5 * cp.sum_squares(s)
+        return Program(cp.Minimize(loss + p @ x), [norms, *_semidefinite(x, cone)], x)
+
+
+def penalised_end(T: FloatArray, z: FloatArray, p: FloatArray, limit: float, cone: Cone) -> Program:
+    """State ``minimise aᵀx subject to ‖T x − z‖² + pᵀx ≤ J, x_j ≥ 0, Mat(x_b) ⪰ 0``.
+
+    Args:
+        T: (k, m).
+        z: (k,).
+        p: (m,).
+        limit: J > 0.
+        cone: of x.
+
+    Returns:
+        The program; its parameter is a (m,).
+    """
+    with COMPILING:
+        x, a = cp.Variable(T.shape[1]), cp.Parameter(T.shape[1], name="a")
+        left = 1.0 - (p / limit) @ x  # ‖u‖² ≤ v as ‖(2u, 1 − v)‖ ≤ 1 + v
+        norm = cp.hstack([(2.0 / np.sqrt(limit)) * (T @ x - z), cp.reshape(1.0 - left, (1,), order="C")])
+        near = cp.SOC(1.0 + left, norm)
+        return Program(cp.Minimize(a @ x), [near, *_semidefinite(x, cone)], x)
+
+
+@lru_cache(maxsize=32)
+def weighed(rows: int, blocks: tuple[Block, ...]) -> Program:
+    """State ``minimise ‖A x − b‖² subject to x in the cones of the blocks, x ≤ cap`` (see `conic.Cones`).
+
+    Returns:
+        The program; its parameters are A, b (rows,) and cap, one for each block.
+    """
+    with COMPILING:
+        p = sum(block.size for block in blocks)
+        x, r = cp.Variable(p), cp.Variable(rows)
+        A, b = cp.Parameter((rows, p), name="A"), cp.Parameter(rows, name="b")
+        return Program(cp.Minimize(cp.sum_squares(r)), [r == A @ x - b, *_perspectives(x, blocks)], x)
+
+
+@lru_cache(maxsize=32)
+def weighed_end(rows: int, blocks: tuple[Block, ...]) -> Program:
+    """State ``minimise aᵀy subject to ‖A y − b‖ ≤ 1``, near + y as x for `weighed`.
+
+    About the optimum, in units of the ball's radius, the program is scaled, which Clarabel asks for. The ball
+    is the first of its cones.
+    """
+    with COMPILING:
+        p = sum(block.size for block in blocks)
+        y, a, near = cp.Variable(p), cp.Parameter(p, name="a"), cp.Parameter(p, name="near")
+        A, b = cp.Parameter((rows, p), name="A"), cp.Parameter(rows, name="b")
+        ball = cp.SOC(cp.Constant(1.0), A @ y - b)
+        return Program(cp.Minimize(a @ y), [ball, *_perspectives(near + y, blocks)], y)
+
+
+def _perspectives(x: cp.Expression, blocks: tuple[Block, ...]) -> list[cp.Constraint]:
+    """Return ``0 ≤ c ≤ cap``, ``|ζ_k| ≤ c`` and ``‖ν‖ ≤ c + ratio ζ_own`` for each block (c, ζ, ν)."""
+    cap = cp.Parameter(len(blocks), name="cap")
+    constraints, start = [], 0
+    for number, block in enumerate(blocks):
+        c, zeta = x[start], x[start + 1 : start + 1 + block.boxes]
+        constraints += [c >= 0, c <= cap[number]]
+        if block.boxes:
+            constraints += [zeta <= c, -zeta <= c]
+        first = start + 1 + block.boxes
+        for ball, (box, ratio) in enumerate(block.balls):
+            reach = c + ratio * zeta[box] if box >= 0 else c
+            constraints.append(cp.SOC(reach, x[first + 3 * ball : first + 3 * ball + 3]))
+        start += block.size
+    return constraints
+
+
+def _semidefinite(x: cp.Expression, cone: Cone) -> list[cp.Constraint]:
+    """Return x_j ≥ 0 for the first parameters, and Mat(x_b) ⪰ 0 for the blocks behind them."""
+    constraints = [x[: cone.nonnegative] >= 0] if cone.nonnegative else []
+    for size, place in cone.blocks():
+        entries = place.stop - place.start
+        basis = to_matrix(np.eye(entries), size).reshape(entries, -1).T
+        block = cp.reshape(basis @ x[place], (size, size), order="C")
+        constraints.append(x[place] >= 0 if size == 1 else block >> 0)
+    return constraints
+
+
+_Places = tuple[int, ...]
+"""Indices of the parameters that have a bound."""
+
+
+def _shape(scaled: Scaled) -> tuple[int, int, _Places, _Places, int]:
+    """Return all that a program is compiled for: sizes, and which parameters have bounds."""
+    bounds = scaled.bounds
+    below, above = (np.flatnonzero(np.isfinite(bound)).tolist() for bound in (bounds.lower, bounds.upper))
+    return *scaled.A.shape, tuple(below), tuple(above), len(scaled.d)
+
+
+def _constraints(x: cp.Variable, below: _Places, above: _Places, inequalities: int) -> list[cp.Constraint]:
+    constraints = []
+    if below:
+        constraints.append(x[list(below)] >= cp.Parameter(len(below), name="lower"))
+    if above:
+        constraints.append(x[list(above)] <= cp.Parameter(len(above), name="upper"))
+    if inequalities:
+        B, d = cp.Parameter((inequalities, x.size), name="B"), cp.Parameter(inequalities, name="d")
+        constraints.append(B @ x >= d)
+    return constraints
+
+
+def _data(scaled: Scaled) -> dict[str, FloatArray]:
+    lower, upper = (bound[np.isfinite(bound)] for bound in (scaled.bounds.lower, scaled.bounds.upper))
+    return {"A": scaled.A, "b": scaled.b, "lower": lower, "upper": upper, "B": scaled.B, "d": scaled.d}
+
+
+def worst_direction(base: FloatArray, K: FloatArray, metric: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Solve ``maximise t subject to M(w) − t diag(V⁻², 0) ⪰ 0``: the best design for the worst combination.
+
+    t is the least eigenvalue of V C V, C the information on the first s parameters.
+
+    Args:
+        base: M0 (p, p).
+        K: (k, p, p).
+        metric: V (s,).
+
+    Returns:
+        Weights (k,) and Z (s, s), the dual variable.
+
+    Raises:
+        SolverError: Clarabel does not solve it.
+    """
+    s, p = len(metric), len(base)
+    E = np.zeros(base.shape)
+    E[:s, :s] = np.diag(metric**-2.0)
+    with COMPILING:
+        w, t = cp.Variable(len(K)), cp.Variable()
+        M = cp.reshape(K.reshape(len(K), -1).T @ w + base.ravel(), (p, p), order="C")
+        inequality = 0.5 * (M + M.T) - t * E >> 0
+        problem = cp.Problem(cp.Maximize(t), [inequality, cp.sum(w) == 1, w >= 0])
+        for tolerance in _DESIGN_TOLERANCES:
+            settings = dict.fromkeys(("tol_gap_abs", "tol_gap_rel", "tol_feas"), tolerance)
+            with suppress(cp.SolverError), warnings.catch_warnings():
+                warnings.simplefilter("ignore")  # the status says the same
+                problem.solve(solver=cp.CLARABEL, max_threads=1, **settings)
+            if problem.status == cp.OPTIMAL:
+                break
+        else:
+            raise SolverError(f"Clarabel ended a design's program as {problem.status}")
+    weights = np.clip(np.asarray(w.value, dtype=np.float64), 0.0, 1.0)
+    weights[weights < 1e-7] = 0.0  # rounding
+    dual = np.asarray(inequality.dual_value)[:s, :s] / np.outer(metric, metric)
+    return np.asarray(weights / weights.sum()), dual

@@ -1,0 +1,713 @@
+"""Identification problems as data, and their solution: Clarabel proposes, a certificate decides.
+
+The steps are those of method.md §5. Columns and right-hand side are brought to unit norm, so that
+neither units nor twelve decades between the joints matter. The program stated in `programs` is solved by
+Clarabel; its answer tells which bounds and inequalities are active, and least squares on these are exact. The
+point is accepted only if the conditions of Karush, Kuhn and Tucker hold in the data. Where an interior point
+blurs a tie, an exact active set takes its place. By convexity it does not matter who proposed what is
+certified.
+
+Many small problems with bounds alone are solved at once from their Gram matrices (`solve_batch`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import chain
+from typing import Final
+
+import numpy as np
+
+from jointstiff.schemas.run import Certificate as StagesCertificate
+from jointstiff.schemas.run import SupportFinder
+from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray, Support
+from jointstiff.solver.errors import RequestError, SolverError
+
+FREE, LOWER, UPPER = 0, -1, 1
+
+TOLERANCE: Final = 1e-12
+"""Largest violation of an optimality condition, in equilibrated variables, that counts as rounding."""
+MOST_PIVOTS: Final = 8
+"""Maximum rounds of pivoting; nearly all problems settle in two or three."""
+_NO_DIRECTION: Final = 1e-13
+"""Relative singular value that counts as zero."""
+
+Order = tuple[tuple[int, int], ...]
+"""Pairs (i, j) with c_i ≤ c_j: joint i is at least as stiff as joint j."""
+
+
+@dataclass(frozen=True, eq=False)
+class Bounds:
+    """Bounds on the compliances [rad/(N·m)]; -inf and inf where there is none.
+
+    Raises:
+        RequestError: if a lower bound is not below its upper bound, or is NaN.
+    """
+
+    lower: FloatArray  #: (n,) least compliances
+    upper: FloatArray  #: (n,) greatest compliances
+
+    def __post_init__(self) -> None:
+        if not (self.lower < self.upper).all():
+            raise RequestError(
+                "a lower bound is not less than its upper bound",
+                where="stiffness_bounds",
+                remedy="give the minimum stiffness first, then the maximum",
+            )
+
+    @classmethod
+    def unconstrained(cls, n: int) -> Bounds:
+        """No bounds at all."""
+        return cls(np.full(n, -np.inf), np.full(n, np.inf))
+
+    @classmethod
+    def positive(cls, n: int) -> Bounds:
+        """Compliance zero or positive: no joint bends against its load."""
+        return cls(np.zeros(n), np.full(n, np.inf))
+
+    def select(self, columns: IndexArray) -> Bounds:
+        """The bounds of some of the parameters."""
+        return Bounds(self.lower[columns], self.upper[columns])
+
+    def in_units(self, unit: FloatArray) -> Bounds:
+        """Return the bounds of ``x = c / unit``; units (n,) or (K, n)."""
+        return Bounds(self.lower / unit, self.upper / unit)
+
+    def support_at(self, x: FloatArray) -> Support:
+        """Return the support of a point whose parameters lie exactly on their bounds or within them."""
+        return np.where(x == self.lower, LOWER, np.where(x == self.upper, UPPER, FREE)).astype(np.int8)
+
+    def held(self, active: Support) -> FloatArray:
+        """Return the bound of each parameter that one holds, and zero for those that are free."""
+        return np.where(active == LOWER, self.lower, np.where(active == UPPER, self.upper, 0.0))
+
+    def snap(self, x: FloatArray) -> FloatArray:
+        """Clip to the bounds and snap values within rounding of one; a certificate is computed afterwards."""
+        x = np.where(x - self.lower <= TOLERANCE, self.lower, x)
+        return np.where(self.upper - x <= TOLERANCE, self.upper, x)
+
+    def hold_exactly(self, c: FloatArray, active: Support) -> FloatArray:
+        """Undo the rounding of a scaling, so that a zero is a zero and no compliance is below it.
+
+        Args:
+            c: (n,) or (K, n) compliances [rad/(N·m)]; NaN stays NaN.
+            active: of the same shape: -1 at the lower bound, 1 at the upper one, else 0.
+        """
+        return np.clip(np.where(active == FREE, c, self.held(active)), self.lower, self.upper)
+
+    def pivot(self, active: Support, x: FloatArray, gradient: FloatArray) -> Support:
+        """Move all parameters that violate their condition: one round of block principal pivoting.
+
+        A free parameter outside its bounds goes to the bound, one at a bound with a multiplier of the wrong
+        sign is freed. Rounds may cycle, which the certificate detects (Portugal, Júdice & Vicente 1994).
+        """
+        pull = np.where(active == LOWER, gradient, np.where(active == UPPER, -gradient, 1.0))
+        moved = np.where(pull < 0, FREE, active)
+        return np.where(x < self.lower, LOWER, np.where(x > self.upper, UPPER, moved)).astype(np.int8)
+
+    def gradient_violation(self, x: FloatArray, gradient: FloatArray) -> FloatArray:
+        """Return the gradient's part of the wrong sign at a bound, and all of it off the bounds."""
+        at_upper_or_free = np.where(x >= self.upper, gradient, np.abs(gradient))
+        return np.asarray(np.where(x <= self.lower, -gradient, at_upper_or_free), dtype=np.float64)
+
+
+@dataclass(frozen=True, eq=False)
+class Inequalities:
+    """Linear inequalities ``matrix @ c ≥ least`` besides the bounds."""
+
+    matrix: FloatArray  #: (k, n), no row of zeros
+    least: FloatArray  #: (k,)
+
+
+@dataclass(frozen=True, eq=False)
+class Constraints:
+    """Bounds on the compliances and an order among them.
+
+    The bounds of what is constructed are tight: each is reached by some c that satisfies all constraints,
+    as ``c_i ≤ c_j`` hands the lower bound of i on to j, and the upper one of j to i.
+
+    Raises:
+        RequestError: if the order goes round in a circle, or contradicts the bounds.
+    """
+
+    bounds: Bounds  #: bounds of the n compliances [rad/(N·m)]
+    order: Order = ()  #: pairs (i, j) with c_i ≤ c_j: joint i is at least as stiff as joint j
+
+    def __post_init__(self) -> None:
+        if not self.order:
+            return
+        below = self._below()
+        if below.diagonal().any():
+            raise RequestError(
+                "`stiffness_order` contradicts itself: the chains of joints form a cycle",
+                where="stiffness_order",
+                remedy="name each joint once per chain, and let no two chains contradict each other",
+            )
+        before = below | np.eye(len(below), dtype=np.bool_)
+        lower = np.where(before, self.bounds.lower[:, None], -np.inf).max(axis=0)
+        upper = np.where(before, self.bounds.upper, np.inf).min(axis=1)
+        if not (lower < upper).all():
+            raise RequestError(
+                "the stiffness bounds contradict `stiffness_order`",
+                where="stiffness_order",
+                remedy="widen the bounds, or omit `stiffness_order`",
+            )
+        object.__setattr__(self, "bounds", Bounds(lower, upper))
+
+    @property
+    def inequalities(self) -> Inequalities | None:
+        """The order as rows ``c_j − c_i ≥ 0``; None if there is none."""
+        if not self.order:
+            return None
+        pairs = np.array(self.order)
+        identity = np.eye(len(self.bounds.lower))
+        return Inequalities(identity[pairs[:, 1]] - identity[pairs[:, 0]], np.zeros(len(pairs)))
+
+    def select(self, columns: IndexArray) -> Constraints:
+        """Return the constraints on some joints (p,), ascending, while the others are free."""
+        below = self._below()[np.ix_(columns, columns)]
+        below &= ~(below @ below)  # what follows from others is left out
+        order = tuple((int(i), int(j)) for i, j in np.argwhere(below))
+        return Constraints(self.bounds.select(columns), order)
+
+    def given(self, joints: IndexArray, compliance: FloatArray, others: IndexArray) -> Constraints:
+        """Return the constraints on other joints once some are known: the order becomes a bound.
+
+        Args:
+            joints: (q,) that are known.
+            compliance: (q,) of these joints [rad/(N·m)].
+            others: (p,) ascending.
+
+        Raises:
+            RequestError: if the known joints leave another no room.
+        """
+        below = self._below()
+        lower, upper = self.bounds.lower.copy(), self.bounds.upper.copy()
+        for joint, value in zip(joints.tolist(), compliance.tolist(), strict=True):
+            lower[below[joint]] = np.maximum(lower[below[joint]], value)
+            upper[below[:, joint]] = np.minimum(upper[below[:, joint]], value)
+        if not (lower[others] < upper[others]).all():
+            raise RequestError(
+                "the decoupled method fits the arm first, which leaves no feasible compliance for a wrist "
+                "joint between its bounds and the order",
+                where="stiffness_order",
+                remedy="use method partial_pose, which fits all joints at once",
+            )
+        return Constraints(Bounds(lower, upper), self.order).select(others)
+
+    def hold(self, compliance: FloatArray) -> BoolArray:
+        """Return whether compliances (..., n) satisfy them all: (...)."""
+        inside = ((self.bounds.lower <= compliance) & (compliance <= self.bounds.upper)).all(axis=-1)
+        for i, j in self.order:
+            inside &= compliance[..., i] <= compliance[..., j]
+        return np.asarray(inside)
+
+    def level(self, compliance: FloatArray, tied: BoolArray) -> FloatArray:
+        """Make the compliances of tied pairs equal to the last digit.
+
+        Args:
+            compliance: (n,) in which they are equal up to rounding [rad/(N·m)].
+            tied: (k,) which pairs of the order are.
+        """
+        value = compliance.copy()
+        pairs = [pair for pair, equal in zip(self.order, tied.tolist(), strict=True) if equal]
+        for _ in pairs:  # the least value reaches all that are tied to it in as many rounds as there are ties
+            for i, j in pairs:
+                value[i] = value[j] = min(value[i], value[j])
+        return np.clip(value, self.bounds.lower, self.bounds.upper)
+
+    def _below(self) -> BoolArray:
+        """(n, n) whether c_i ≤ c_j follows from the order."""
+        n = len(self.bounds.lower)
+        below = np.zeros((n, n), dtype=np.bool_)
+        for i, j in self.order:
+            below[i, j] = True
+        for k in range(n if self.order else 0):
+            below |= below[:, k, None] & below[k]
+        return below
+
+
+@dataclass(frozen=True, eq=False)
+class IdentificationProblem:
+    """minimise ‖R c − z‖² subject to lower ≤ c ≤ upper, and to linear inequalities if there are any.
+
+    Raises:
+        SolverError: if a number is not finite, or a column is zero.
+    """
+
+    R: FloatArray  #: (m, n) compressed, weighted regressor; every column has a positive norm
+    z: FloatArray  #: (m,) compressed, weighted deflections
+    bounds: Bounds  #: bounds of the n compliances
+    inequalities: Inequalities | None = None  #: inequalities that hold besides, or None
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.R).all() and np.isfinite(self.z).all()):
+            raise SolverError(
+                "the regressor contains numbers that are too large",
+                remedy="check the units and the magnitudes of the readings",
+            )
+        if not (self.column_norms > 0).all():
+            raise SolverError("a parameter has no effect on the readings")
+
+    @cached_property
+    def column_norms(self) -> FloatArray:
+        """(n,) norms of the columns of R, which equilibrate it."""
+        largest = np.abs(self.R).max(axis=0, initial=0.0)
+        # Scaled first: the squares of a column in other units may under- or overflow.
+        safe = np.where(largest > 0, largest, 1.0)
+        return np.asarray(np.linalg.norm(self.R / safe, axis=0) * largest)
+
+
+@dataclass(frozen=True, eq=False)
+class Scaled:
+    """minimise ‖A x − b‖² subject to lower ≤ x ≤ upper and B x ≥ d, all rows and columns of unit norm."""
+
+    A: FloatArray  #: (m, n) columns of unit norm
+    b: FloatArray  #: (m,) unit norm, or zero
+    bounds: Bounds  #: bounds of the n variables
+    B: FloatArray  #: (k, n) rows of unit norm; k = 0 without inequalities
+    d: FloatArray  #: (k,)
+    unit: FloatArray  #: (n,) units of the variables, ``c = unit · x`` [rad/(N·m)]
+
+    @classmethod
+    def of(cls, problem: IdentificationProblem) -> Scaled:
+        """Equilibrate a problem."""
+        size = float(np.linalg.norm(problem.z)) or 1.0
+        unit = size / problem.column_norms
+        B, d = np.zeros((0, len(unit))), np.zeros(0)
+        if problem.inequalities is not None:
+            B = problem.inequalities.matrix * unit
+            norms = np.linalg.norm(B, axis=1)
+            B, d = B / norms[:, None], problem.inequalities.least / norms
+        return cls(
+            problem.R / problem.column_norms, problem.z / size, problem.bounds.in_units(unit), B, d, unit
+        )
+
+    @cached_property
+    def rows(self) -> tuple[FloatArray, FloatArray]:
+        """``G x ≥ h``: rows (k, n) of unit norm for the bounds, then for the inequalities, and h (k,)."""
+        lower, upper = self.bounds.lower, self.bounds.upper
+        below, above = np.isfinite(lower), np.isfinite(upper)
+        identity = np.eye(len(lower))
+        return (
+            np.vstack([identity[below], -identity[above], self.B]),
+            np.concatenate([lower[below], -upper[above], self.d]),
+        )
+
+    def gradient(self, x: FloatArray) -> FloatArray:
+        """Return ``Aᵀ(A x − b)`` (n,), half the gradient of the objective."""
+        return np.asarray(self.A.T @ (self.A @ x - self.b))
+
+    def tight_rows(self, x: FloatArray, slack: float = TOLERANCE) -> BoolArray:
+        """Return which rows (k,) hold with equality up to a slack relative to the variables; to rounding."""
+        G, h = self.rows
+        return np.asarray(G @ x - h <= slack * max(1.0, float(np.abs(x).max())))
+
+    def multipliers_at(self, x: FloatArray, slack: float = TOLERANCE) -> FloatArray:
+        """Return the multipliers (k,) of the rows, none negative, that best balance the gradient.
+
+        Args:
+            x: (n,) a point.
+            slack: relative to the variables, beyond which a row has none; rounding if not given.
+        """
+        from scipy.optimize import nnls
+
+        G, h = self.rows
+        multipliers = np.zeros(len(h))
+        tight = self.tight_rows(x, slack)
+        if tight.any():
+            try:
+                multipliers[tight] = nnls(G[tight].T, self.gradient(x))[0]
+            except RuntimeError:  # it gave up: without multipliers nothing is certified
+                return multipliers
+        return multipliers
+
+    def polished(self, active: Support, near: FloatArray | None = None) -> FloatArray:
+        """Solve least squares on the support, the others at their bounds; nearest to `near`, or shortest."""
+        free = active == FREE
+        x = self.bounds.held(active)
+        if near is not None:
+            x[free] = near[free]
+        if free.any():
+            rhs = self.b - self.A @ x
+            x[free] += np.linalg.lstsq(self.A[:, free], rhs, rcond=_NO_DIRECTION)[0]
+        return x
+
+    def pivoted(self, active: Support) -> FloatArray:
+        """Return the polished point of a support that pivoting no longer changes, or of its last round."""
+        x = self.polished(active)
+        for _ in range(MOST_PIVOTS):
+            moved = self.bounds.pivot(active, x, self.gradient(x))
+            if (moved == active).all():
+                break
+            active = moved
+            x = self.polished(active)
+        return x
+
+    def polished_on_rows(self, active: BoolArray, near: FloatArray) -> FloatArray:
+        """Solve least squares on the face where the active rows hold with equality, nearest to a point.
+
+        Args:
+            active: (k,) rows that hold with equality.
+            near: (n,) decides where the optimum is not unique.
+        """
+        G, h = self.rows
+        rows, values = G[active], h[active]
+        x = near
+        along = np.eye(len(x))
+        if len(rows):
+            U, singular, Vt = np.linalg.svd(rows, full_matrices=True)
+            rank = int((singular > _NO_DIRECTION * singular[0]).sum())
+            x = x + Vt[:rank].T @ ((U[:, :rank].T @ (values - rows @ x)) / singular[:rank])
+            along = Vt[rank:].T
+        # Twice: rows that are nearly parallel may have taken x far away, and the first step leaves its
+        # rounding.
+        for _ in range(2 if along.shape[1] else 0):
+            step = np.linalg.lstsq(self.A @ along, self.b - self.A @ x, rcond=_NO_DIRECTION)[0]
+            x = x + along @ step
+        return np.asarray(x, dtype=np.float64)
+
+
+LEAST_EIGENVALUE: Final = 1e-6
+"""Largest condition of an equilibrated Gram matrix: rounding of 1e-16 in its entries grows to 1e-10 in the
+answer."""
+_ROUNDING: Final = 64 * np.finfo(float).eps
+"""Rounding of a gradient, relative to the largest variable."""
+_TOUCHES: Final = 1e-6
+"""Largest slack of an interior point at a row that is active at the optimum."""
+
+
+@dataclass(frozen=True, eq=False)
+class Certificate:
+    """Evidence that an answer is the optimum of a convex program, from the data at the answer itself.
+
+    Violations are dimensionless, and beyond rounding. For least squares in equilibrated variables a gradient
+    is the cosine between a column and the residual, times ‖residual‖/‖z‖.
+    """
+
+    primal: float  #: greatest violation of a constraint, of a cone by a scalar or an eigenvalue
+    #: greatest part of the gradient that the multipliers do not balance. For a cone, how far the slack was
+    #: outside of it before the multipliers were moved, over the weight of the penalty
+    dual: float
+    #: greatest min(multiplier, slack). For a cone, root of the objective's excess over what the multipliers
+    #: prove, with ‖z‖ = 1: the fitted readings differ from the optimum's by no more. For a robust loss, the
+    #: excess itself
+    gap: float
+    #: (n + k,) of the bounds, positive at a lower and negative at an upper one, then of the inequalities. For
+    #: a cone, (m,) or (K, 3) of the equations that define the residuals
+    multipliers: FloatArray
+    solved_by: SupportFinder  #: algorithm that found the support
+
+    def is_optimal(self) -> bool:
+        """Return whether no violation exceeds rounding."""
+        return max(self.primal, self.dual, self.gap) <= TOLERANCE
+
+
+def greatest_violations(stages: Sequence[Certificate]) -> StagesCertificate:
+    """Combine the certificates of the stages of a method, at least one."""
+    return StagesCertificate(
+        primal=max(stage.primal for stage in stages),
+        dual=max(stage.dual for stage in stages),
+        complementarity=max(stage.gap for stage in stages),
+        solved_by=[stage.solved_by for stage in stages],
+    )
+
+
+def certify(scaled: Scaled, x: FloatArray, solved_by: SupportFinder) -> Certificate:
+    """Evaluate the optimality conditions at x (n,), in equilibrated variables, found by some algorithm."""
+    gradient, size = scaled.gradient(x), max(1.0, float(np.abs(x).max()))
+    if len(scaled.d):
+        # Multipliers that are not negative are sought for the tight rows alone, so complementarity holds by
+        # construction, and it does not matter that the rows may depend on each other.
+        G, h = scaled.rows
+        multipliers = scaled.multipliers_at(x)
+        left = np.abs(gradient - G.T @ multipliers)
+        # A balance is known to the rounding of its largest terms: rows that are nearly parallel, as where a
+        # joint hardly shows, pull against each other with multipliers far beyond the gradient.
+        largest = max(size, float((np.abs(G.T) @ multipliers).max(initial=0.0)))
+        bounds = len(h) - len(scaled.d)
+        return Certificate(
+            primal=max(0.0, float((h - G @ x).max(initial=0.0)) - _ROUNDING * size),
+            dual=max(0.0, float(left.max()) - _ROUNDING * largest),
+            gap=0.0,
+            multipliers=np.concatenate([G[:bounds].T @ multipliers[:bounds], multipliers[bounds:]]),
+            solved_by=solved_by,
+        )
+    lower, upper = scaled.bounds.lower, scaled.bounds.upper
+    below, above = x - lower, upper - x
+    # The multiplier of a lower bound is the positive part of the gradient, of an upper the negative.
+    product = np.maximum(
+        np.minimum(np.maximum(gradient, 0.0), below), np.minimum(np.maximum(-gradient, 0.0), above)
+    )
+    # A gradient is known to the rounding of the terms that cancel in it.
+    wrong = scaled.bounds.gradient_violation(x, gradient)
+    return Certificate(
+        primal=max(0.0, float(-np.minimum(below, above).min())),
+        dual=max(0.0, float(wrong.max()) - _ROUNDING * size),
+        gap=max(0.0, float(product.max()) - _ROUNDING * size),
+        multipliers=np.where((x <= lower) | (x >= upper), gradient, 0.0),
+        solved_by=solved_by,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """The optimum of an `IdentificationProblem`."""
+
+    compliance: FloatArray  #: (n,) [rad/(N·m)]
+    active: Support  #: (n,) -1 where the lower bound holds it, 1 where the upper one does, else 0
+    certificate: Certificate  #: evidence that it is the optimum
+    #: (k,) inequalities that hold with equality up to rounding; None where the problem has none
+    tight: BoolArray | None = None
+
+
+_Proposal = tuple[FloatArray, SupportFinder]
+"""A point (n,) in equilibrated variables, and the algorithm that found its support."""
+
+
+def solve(problem: IdentificationProblem) -> Solution:
+    """Solve a problem by Clarabel, polish its answer exactly and prove it.
+
+    Returns:
+        The optimum with its certificate. Where R is rank deficient the fitted R c is unique, but c
+        is one of many; see `solver.estimation.observability`.
+
+    Raises:
+        SolverError: if no candidate satisfies the optimality conditions.
+    """
+    scaled = Scaled.of(problem)
+    exact = _by_least_distance(scaled) if len(scaled.d) else _by_active_set(scaled)
+    return _first_certified(problem, scaled, chain(_by_clarabel(scaled), exact))
+
+
+def solve_step(problem: IdentificationProblem) -> Solution:
+    """Solve a problem that is one step of many, proposing its support by pivoting from plain least squares.
+
+    It has the certificate that `solve` gives, which takes over where pivoting finds none.
+
+    Raises:
+        SolverError: as `solve`.
+    """
+    scaled = Scaled.of(problem)
+    if len(scaled.d):
+        return _first_certified(problem, scaled, chain(_by_least_distance(scaled), _by_clarabel(scaled)))
+    x = scaled.pivoted(np.zeros(len(scaled.unit), dtype=np.int8))
+    inside = bool(((x > scaled.bounds.lower) & (x < scaled.bounds.upper)).all())
+    pivoted: _Proposal = x, "least_squares" if inside else "pivoting"
+    return _first_certified(problem, scaled, chain([pivoted], _by_clarabel(scaled), _by_active_set(scaled)))
+
+
+def _first_certified(
+    problem: IdentificationProblem, scaled: Scaled, proposals: Iterable[_Proposal]
+) -> Solution:
+    certificate = Certificate(np.inf, np.inf, 0.0, np.zeros(0), "clarabel")
+    for point, solved_by in proposals:
+        x = scaled.bounds.snap(point)
+        certificate = certify(scaled, x, solved_by)
+        if certificate.is_optimal():
+            active = scaled.bounds.support_at(x)
+            compliance = problem.bounds.hold_exactly(x * scaled.unit, active)
+            tight = scaled.tight_rows(x)[-len(scaled.d) :] if len(scaled.d) else None
+            return Solution(compliance, active, certificate, tight)
+    raise SolverError(
+        f"no solution satisfies the optimality conditions to {TOLERANCE:g} (primal "
+        f"{certificate.primal:.1e}, dual {certificate.dual:.1e})"
+    )
+
+
+def _by_clarabel(scaled: Scaled) -> Iterator[_Proposal]:
+    """Yield the points of the supports that Clarabel's answer tells."""
+    from jointstiff.solver.estimation import programs  # takes a second to import
+
+    near = programs.least_squares(scaled)
+    if near is None:
+        return
+    if len(scaled.d):  # the rows with a multiplier among those that the answer all but touches
+        rows = scaled.multipliers_at(near, _TOUCHES) > 0
+        if rows[-len(scaled.d) :].any():
+            yield from _on_rows(scaled, rows, near, "clarabel")
+            return
+        # The inequalities have slack: the answer is that without them.
+    gradient = scaled.gradient(near)
+    active = np.zeros(len(near), dtype=np.int8)  # at a bound where the multiplier exceeds the slack
+    active[gradient > near - scaled.bounds.lower] = LOWER
+    active[-gradient > scaled.bounds.upper - near] = UPPER
+    yield scaled.pivoted(active), "clarabel"
+    # Where the optimum is not unique, the shortest point may violate a bound that Clarabel's point keeps.
+    yield scaled.polished(active, near), "clarabel"
+
+
+def _by_active_set(scaled: Scaled) -> Iterator[_Proposal]:
+    """Find the support under bounds alone by bounded-variable least squares (Stark & Parker 1995)."""
+    from scipy.optimize import lsq_linear
+
+    bounds = scaled.bounds.lower, scaled.bounds.upper
+    outcome = lsq_linear(scaled.A, scaled.b, bounds=bounds, method="bvls", tol=1e-15)
+    yield scaled.polished(np.asarray(outcome.active_mask, dtype=np.int8)), "active_set"
+
+
+def _by_least_distance(scaled: Scaled) -> Iterator[_Proposal]:
+    """Find the rows (k,) that are tight at the optimum, unless A has not full rank, or it failed.
+
+    The problem is turned into one of least distance, whose dual is a non-negative least-squares problem that
+    ends after finitely many steps (Lawson & Hanson 1974, chapter 23). With A = Q R and w = R x − Qᵀb the rows
+    are ``G R⁻¹ w ≥ h − G R⁻¹ Qᵀ b =: g``, and w is wanted of least length: NNLS on ``E = [(G R⁻¹)ᵀ; gᵀ]``
+    with right-hand side (0, …, 0, 1) has its multipliers.
+    """
+    from scipy.optimize import nnls
+
+    Q, R = np.linalg.qr(scaled.A)
+    diagonal = np.abs(np.diagonal(R))
+    if len(R) < R.shape[1] or diagonal.min() <= 1e-9 * diagonal.max():
+        return
+    G, h = scaled.rows
+    rows = np.linalg.solve(R.T, G.T).T
+    least = h - rows @ (Q.T @ scaled.b)
+    E = np.vstack([rows.T, least])
+    scale = np.linalg.norm(E, axis=0)
+    target = np.zeros(len(E))
+    target[-1] = 1.0
+    try:
+        multipliers, _ = nnls(E / scale, target)
+    except RuntimeError:
+        return
+    yield from _on_rows(scaled, multipliers > 0, np.zeros(len(scaled.unit)), "least_distance")
+
+
+def _on_rows(scaled: Scaled, active: BoolArray, near: FloatArray, name: SupportFinder) -> Iterator[_Proposal]:
+    """Polish on the active rows, then also on those left out that hold up to rounding, and pull.
+
+    The second comes first; it asks too much where a tiny variable holds a large one to its rounding.
+    """
+    x = scaled.polished_on_rows(active, near)
+    yield scaled.polished_on_rows(scaled.multipliers_at(x) > 0, x), name
+    yield x, name
+
+
+@dataclass(frozen=True, eq=False)
+class BatchSolution:
+    """The optima of K problems over n parameters."""
+
+    compliance: FloatArray  #: (K, n) [rad/(N·m)]; NaN where not certified
+    active: Support  #: (K, n) -1 where the lower bound holds it, 1 where the upper one does, else 0
+    #: (K,) whether the optimality conditions hold to `TOLERANCE`. False means that the Gram matrix is
+    #: singular or too ill-conditioned to answer.
+    certified: BoolArray
+
+
+def solve_batch(gram: FloatArray, moment: FloatArray, bounds: Bounds) -> BatchSolution:
+    """Solve K problems ``minimise cᵀ G c − 2 hᵀ c subject to lower ≤ c ≤ upper``, with G = AᵀA and h = Aᵀd.
+
+    The Gram matrix squares the condition number, so it is asked only where it can answer to about nine
+    digits; whoever has the rows goes back to them for the rest. As in `solve_step` no answer leaves without a
+    certificate, and where pivoting does not find it, `solve_step` does, one problem at a time.
+
+    Each problem is solved by itself, by operations of its own size: its numbers do not depend, to the
+    last bit, on which others are in the batch.
+
+    Args:
+        gram: (K, n, n) G, symmetric, in any unit.
+        moment: (K, n) h.
+        bounds: on the n parameters of every problem.
+
+    Returns:
+        The optima, certified from G and h.
+
+    Raises:
+        SolverError: if a number is not finite, or `solve_step` finds no certificate either.
+    """
+    if not (np.isfinite(gram).all() and np.isfinite(moment).all()):
+        raise SolverError(
+            "the Gram matrices overflow", remedy="check the units and magnitudes of the readings"
+        )
+    # Equilibrated variables x with c = unit · x (K, n); columns of zeros are left as they are
+    diagonal = np.diagonal(gram, axis1=1, axis2=2)
+    norms = np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
+    b = moment / norms
+    greatest = np.abs(b).max(axis=1, keepdims=True, initial=0.0)
+    size = np.where(greatest > 0, greatest, 1.0)
+    unit = size / norms
+    A = gram / (norms[:, :, None] * norms[:, None, :])
+    problems = GramProblems(A, b / size, bounds.in_units(unit))
+    certified = problems.well_conditioned()
+    sound = problems.select(np.flatnonzero(certified))
+    x, active = np.full(moment.shape, np.nan), np.zeros(moment.shape, dtype=np.int8)
+    x[certified] = optima = sound.optima()
+    active[certified] = sound.bounds.support_at(optima)
+    return BatchSolution(bounds.hold_exactly(x * unit, active), active, certified)
+
+
+@dataclass(frozen=True, eq=False)
+class GramProblems:
+    """K problems in equilibrated variables: A has a unit diagonal, the greatest entry of |b| is one."""
+
+    A: FloatArray  #: (K, n, n)
+    b: FloatArray  #: (K, n)
+    bounds: Bounds  #: (K, n)
+
+    def select(self, which: IndexArray) -> GramProblems:
+        """Return some of the problems."""
+        return GramProblems(self.A[which], self.b[which], self.bounds.select(which))
+
+    def well_conditioned(self) -> BoolArray:
+        """Return whether the eigenvalues of each Gram matrix are at least `LEAST_EIGENVALUE`: (K,).
+
+        Their diagonals are one at most, so the mean of all eigenvalues but the least is n/(n − 1) at most,
+        and ``det A ≤ λ (n/(n − 1))ⁿ⁻¹``: most need no eigenvalues.
+        """
+        n = self.A.shape[1]
+        sound = np.asarray(np.linalg.det(self.A) * (1.0 - 1.0 / n) ** (n - 1) >= LEAST_EIGENVALUE)
+        sound[~sound] = np.linalg.eigvalsh(self.A[~sound])[:, 0] >= LEAST_EIGENVALUE
+        return sound
+
+    def optima(self) -> FloatArray:
+        """Return the optima (K, n) of well-conditioned problems, by pivoting or else by the exact path."""
+        x = self.bounds.snap(self.pivoted())
+        # The conditions of Karush, Kuhn and Tucker at x, which keeps its bounds: the gradient vanishes off
+        # the bounds, is positive at a lower bound and negative at an upper one. It is known to the rounding
+        # of the terms that cancel in it.
+        wrong = self.bounds.gradient_violation(x, self.gradient(x))
+        rounding = _ROUNDING * np.maximum(1.0, np.abs(x).max(axis=1))
+        holds: BoolArray = wrong.max(axis=1) <= TOLERANCE + rounding
+        for k in np.flatnonzero(~holds):
+            # Stated by a triangle R with RᵀR = A and z with Rᵀz = b
+            factor = np.linalg.cholesky(self.A[k])
+            z = np.linalg.solve(factor, self.b[k])
+            bounds = Bounds(self.bounds.lower[k], self.bounds.upper[k])
+            x[k] = solve_step(IdentificationProblem(factor.T, z, bounds)).compliance
+        return x
+
+    def pivoted(self) -> FloatArray:
+        """Return the polished points (K, n) of the supports that pivoting no longer changes."""
+        points, active = np.empty(self.b.shape), np.zeros(self.b.shape, dtype=np.int8)
+        unsettled, part = np.arange(len(active)), self
+        for _ in range(MOST_PIVOTS):
+            side = active[unsettled]
+            points[unsettled] = x = part.polished(side)
+            moved = part.bounds.pivot(side, x, part.gradient(x))
+            changed = (moved != side).any(axis=1)
+            unsettled = unsettled[changed]
+            active[unsettled] = moved[changed]
+            if not len(unsettled):
+                return points
+            part = self.select(unsettled)
+        points[unsettled] = part.polished(active[unsettled])
+        return points
+
+    def polished(self, active: Support) -> FloatArray:
+        """Solve least squares on each support: rows and columns at a bound become those of the unit matrix.
+
+        The eigenvalues of what is left lie between those of A, so no system is singular.
+        """
+        free = active == FREE
+        at_bounds = self.bounds.held(active)
+        system = np.where(free[:, :, None] & free[:, None, :], self.A, np.eye(free.shape[1]))
+        right = np.where(free, -self.gradient(at_bounds), at_bounds)
+        x = np.linalg.solve(system, right[:, :, None])[:, :, 0]
+        return np.where(free, x, at_bounds)
+
+    def gradient(self, x: FloatArray) -> FloatArray:
+        """Return A x − b (K, n), summed without BLAS, whose order of summation may depend on threads."""
+        return np.asarray((self.A * x[:, None, :]).sum(axis=2) - self.b)

@@ -1,1 +1,0 @@
-"""Evidence of a fit: intervals, budget, causes, predictions, verdicts."""

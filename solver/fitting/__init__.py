@@ -1,1 +1,0 @@
-"""Fits of the joint compliances by the three methods."""

@@ -1,0 +1,439 @@
+"""Blocks of observations with their exact balance, and terms: what can move a target, as columns.
+
+A block holds kinematics, loads and regressors of some observations (method.md §2, §9, §13), so few that
+memory stays flat however many there are. From it every term makes the columns by which its unknowns move the
+targets.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, ClassVar, Final, NamedTuple
+from weakref import WeakKeyDictionary
+
+import numpy as np
+
+from jointstiff.solver.arrays import BoolArray, FloatArray
+from jointstiff.solver.errors import RequestError, SolverError
+from jointstiff.solver.mechanics.configuration import Configurations, joint_frames
+from jointstiff.solver.mechanics.measurements import CommonUncertainty, Measurements, whitened
+from jointstiff.solver.mechanics.robot import Robot
+
+if TYPE_CHECKING:
+    from jointstiff.solver.predict.forward import LoadCases
+
+_STEPS: Final = 20
+"""Newton's; three suffice for the loads of machining."""
+_LAST_STEP: Final = 1e-8
+"""Step [rad] that is taken to first order: it leaves half of its square, 1e-16 m at an arm's reach."""
+_LARGEST_DEFLECTION: Final = 1.0
+"""A balance further away [rad] may be on another branch."""
+
+
+STANDARD_GRAVITY: FloatArray = np.array([0.0, 0.0, -9.80665])
+"""In R0, z upwards [m/s²]."""
+
+
+@dataclass(frozen=True, eq=False)
+class OwnWeight:
+    """Masses of the n links, each carried by a joint; a tool and its payload belong to the last.
+
+    Raises:
+        RequestError: a mass is negative, or a number is not finite.
+    """
+
+    absolute: ClassVar[bool] = False
+    """Whether deflections are from the arm that does not bend; else from where the weight alone takes it."""
+
+    #: (n,) [kg], zero for a link whose weight is left out; or (n, n), row j as the torque of joint j has them
+    mass: FloatArray
+    #: (n, 3) centres of mass in the frames that move with the joints [m]; or (n, n, 3) likewise
+    centre: FloatArray
+    gravity: FloatArray = field(default_factory=lambda: STANDARD_GRAVITY)  #: (3,) in R0 [m/s²]
+
+    def __post_init__(self) -> None:
+        finite = all(np.isfinite(array).all() for array in (self.mass, self.centre, self.gravity))
+        if not finite or (self.mass < 0.0).any() or self.centre.shape != (*self.mass.shape, 3):
+            raise RequestError(
+                "a mass is negative, or a number is not finite",
+                where="own_weight",
+                remedy="give each link a mass in kg and its centre in m",
+            )
+
+    def torque_and_stiffness(
+        self, robot: Robot, configurations: Configurations
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return the torques g(q) and ``∂g/∂q`` of the weights (method.md §9).
+
+        Joint j carries the links behind it: ``g_j = a_j · (S_j × γ)``, a its axis, γ gravity, S their first
+        moment about it; a prismatic joint carries the part of their weight along its axis. An angle behind j
+        moves the moment of the links behind that angle, one before it turns all that j carries, which is to
+        turn gravity back.
+
+        Returns:
+            (B, n) [N·m] and (B, n, n) [N·m/rad].
+        """
+        n = robot.n
+        rotation, origin = joint_frames(robot, configurations.q)
+        axes = configurations.angular_jacobian.transpose(0, 2, 1)  # zero for a prismatic joint
+        mass = np.triu(np.broadcast_to(self.mass, (n, n)))
+        centre = (mass[..., None] * self.centre).transpose(1, 2, 0)  # (l, 3, j)
+        moments = mass[..., None] * origin[:, None] + (rotation @ centre).transpose(0, 3, 1, 2)
+        behind = moments[:, :, ::-1].cumsum(axis=2)[:, :, ::-1]  # (B, j, k, 3), of the links from k on
+        carried = mass[:, ::-1].cumsum(axis=1)[:, ::-1]  # (j, k) [kg]
+        behind = behind - carried[..., None] * origin[:, None]
+        own = np.einsum("bjji->bji", behind)
+        torque = np.einsum("bji,bji->bj", axes, np.cross(own, self.gravity))
+        moves = np.cross(axes[:, None], behind)  # (B, j, k, 3), of that moment by joint k
+        if robot.prismatic.any():
+            slides = np.where(robot.prismatic, configurations.jacobian[:, :3], 0.0).transpose(0, 2, 1)
+            pulled = np.diag(carried)[:, None] * slides
+            torque += pulled @ self.gravity
+            moves += carried[..., None] * slides[:, None]
+        later = np.cross(moves, self.gravity)
+        sooner = -np.cross(own[:, :, None], np.cross(axes, self.gravity)[:, None])
+        before = np.tri(n, k=-1, dtype=np.bool_)
+        moved = np.where(before[..., None], sooner, later)
+        stiffness = np.einsum("bji,bjki->bjk", axes, moved)
+        if robot.prismatic.any():
+            stiffness -= before * (pulled @ np.cross(axes, self.gravity).transpose(0, 2, 1))
+        return torque, stiffness
+
+
+@dataclass(frozen=True, eq=False)
+class Balance:
+    """B load cases in balance: ``δθ = c ∘ (τ(q + δθ) + g(q + δθ) − g(q))``; without g(q) for the sag, too.
+
+    Torques and stiffness are of a posture one last step before the balance.
+    """
+
+    loaded: Configurations  #: kinematics there
+    step: FloatArray  #: (B, n) the last step [rad]
+    #: (B, n) torque by which the load, with the change of the own weight's, twists the joints [N·m]
+    torque: FloatArray
+    stiffness: FloatArray  #: (B, n, n) K_c + ∂g/∂q of load and own weight [N·m/rad]
+    slope: FloatArray  #: (B, n, n) ``I − diag(c)(K_c + ∂g/∂q)``
+
+
+def balance(
+    robot: Robot,
+    compliance: FloatArray,
+    cases: Measurements | LoadCases,
+    weight: OwnWeight | None,
+    unloaded: Configurations,
+    near: Configurations,
+) -> Balance:
+    """Find the balance by Newton's method.
+
+    Args:
+        robot: n joints.
+        compliance: (n,) [rad/(N·m)].
+        cases: B loads, measured or asked about.
+        weight: of the links; None leaves it out.
+        unloaded: kinematics without the load.
+        near: kinematics to start from.
+
+    Raises:
+        RequestError: a load finds no stable balance near the unloaded posture.
+    """
+    rest: FloatArray | float = 0.0
+    if weight is not None and not weight.absolute:
+        rest = weight.torque_and_stiffness(robot, unloaded)[0]
+    loaded = near
+    for _ in range(_STEPS):
+        deflection = loaded.q - unloaded.q
+        jacobian, torque = loaded.load(cases.load_point, cases.force, cases.moment)
+        stiffness = wrench_stiffness(loaded.angular_jacobian, jacobian, cases.force, cases.moment)
+        if weight is not None:
+            own, own_stiffness = weight.torque_and_stiffness(robot, loaded)
+            torque, stiffness = torque + own - rest, stiffness + own_stiffness
+        slope = np.eye(robot.n) - compliance[:, None] * stiffness
+        residual = compliance * torque - deflection
+        try:
+            step = np.asarray(np.linalg.solve(slope, residual[..., None])[..., 0], dtype=np.float64)
+        except np.linalg.LinAlgError:
+            _refuse(np.linalg.slogdet(slope).sign == 0.0)
+            raise
+        deflection = deflection + step
+        if (np.abs(step) <= _LAST_STEP).all():
+            _refuse(np.asarray((np.abs(deflection) > _LARGEST_DEFLECTION).any(axis=1)))
+            _refuse(_unstable(slope))
+            return Balance(loaded, step, torque, stiffness, slope)
+        _refuse(np.asarray(~(np.abs(deflection) <= 2.0 * _LARGEST_DEFLECTION).all(axis=1)))
+        loaded = Configurations(robot, unloaded.q + deflection)
+    raise _no_balance(int(np.argmax(np.abs(step).max(axis=1))))
+
+
+def wrench_stiffness(
+    axes: FloatArray, load_jacobian: FloatArray, force: FloatArray, moment: FloatArray
+) -> FloatArray:
+    """Return ``K_c,jk = ∂τ_j/∂θ_k`` of wrenches, as `complementary_stiffness` states it.
+
+    Args:
+        axes: (B, 3, n) of the joints, R0.
+        load_jacobian: (B, 3, n) J_v at the load points [m/rad].
+        force: (B, 3) on the robot, axes of R0 [N].
+        moment: (B, 3) on the robot about the load point, axes of R0 [N·m].
+
+    Returns:
+        (B, n, n) [N·m/rad].
+    """
+    axes, v = axes.transpose(1, 2, 0), load_jacobian.transpose(1, 2, 0)
+    by_force = (np.cross(force.T[:, None], axes, axis=0)[:, :, None] * v[:, None]).sum(axis=0)
+    below = np.tri(len(by_force), k=-1, dtype=np.bool_)[..., None]
+    stiffness: FloatArray = np.where(below, by_force.transpose(1, 0, 2), by_force)
+    if moment.any():
+        turned = np.cross(moment.T[:, None], axes, axis=0)
+        stiffness += below * (axes[:, :, None] * turned[:, None]).sum(axis=0)
+    return stiffness.transpose(2, 0, 1)
+
+
+def _unstable(slope: FloatArray) -> BoolArray:
+    """Return whether balances (B,) are not stable: slopes, similar to scaled stiffnesses, not positive.
+
+    Rows and columns that stay close to those of the identity show it without eigenvalues (Gershgorin).
+    """
+    off = np.abs(slope - np.eye(slope.shape[1]))
+    unstable: BoolArray = off.sum(axis=2).max(axis=1) >= 1.0
+    if unstable.any():
+        doubtful = slope[unstable]
+        singular = np.linalg.slogdet(doubtful).sign == 0.0  # whose eigenvalue may be rounded to either side
+        unstable[unstable] = singular | (np.linalg.eigvals(doubtful).real <= 0.0).any(axis=1)
+    return unstable
+
+
+def _refuse(failed: BoolArray) -> None:
+    """Raise for the first case (B,) that finds no stable balance."""
+    if failed.any():
+        raise _no_balance(int(np.argmax(failed)))
+
+
+def _no_balance(case: int) -> RequestError:
+    return RequestError(
+        "the load finds no stable balance near the unloaded posture",
+        where=f"cases[{case}]",
+        remedy="check the units of force, moment and length, or reduce the load",
+    )
+
+
+BLOCK_LENGTH = 3072
+"""Configurations per block: its arrays stay in the cache, and numpy's overhead is spread well."""
+
+_MOST_KEPT = 256
+"""Observations of a set whose regressors are kept as long as the set: they take a MB at most."""
+_KEPT: WeakKeyDictionary[Measurements, dict[bool, dict[str, Any]]] = WeakKeyDictionary()
+"""Fields of the last block of a set, without K_c and with it."""
+
+
+@dataclass(frozen=True, eq=False)
+class RegressorBlock:
+    """Regressors of B observations of T targets of a robot with n joints.
+
+    Without a compliance the configurations are the unloaded ones. With one, they are those half-way to the
+    balance of springs and load, and the torques are those in that balance.
+    """
+
+    robot: Robot  #: n joints
+    compliance: FloatArray | None  #: (n,) at which it is taken [rad/(N·m)]; None without K_c
+    configurations: Configurations  #: the kinematics
+    torque: FloatArray  #: (B, n) torque of the load about each joint [N·m]
+    load_jacobian: FloatArray  #: (B, 3, n) J_v at the load point [m/rad]
+    points: FloatArray  #: (B, T, 3) the targets in R0, in these configurations [m]
+    #: (B, T, 3, n) J_v at the targets [m/rad], or the part of it that a reading along a direction shows
+    jacobian: FloatArray
+    A: FloatArray  #: (B, T, 3, n) regressor of the deflections [m / (rad/(N·m))]; zero where not present
+    measurements: Measurements  #: the observations themselves
+
+
+def regressor_blocks(
+    robot: Robot, measurements: Measurements, compliance: FloatArray | None = None
+) -> Iterator[RegressorBlock]:
+    """Return the regressors block by block.
+
+    With a compliance c they hold the complementary stiffness (method.md §2): A c is then the deflection of
+    the exact balance ``δθ = c ∘ τ(q + δθ)`` up to third order in δθ. Torques are those at q + δθ; Jacobians
+    and targets are those half-way, at q + δθ/2, where they are secants of the motion: between two poses the
+    rotation of the flange about its half-way axes moves each target by ``δφ × (its half-way lever)``.
+
+    Args:
+        robot: n joints.
+        measurements: N observations.
+        compliance: (n,) of the joints [rad/(N·m)]; None leaves out how they move the load.
+
+    Returns:
+        Blocks of at most `BLOCK_LENGTH` observations, in order.
+
+    Raises:
+        SolverError: the load finds no balance with joints of that compliance.
+    """
+    if len(measurements.joints) <= BLOCK_LENGTH:
+        return iter((whole_block(robot, measurements, compliance),))
+    return _blocks_ahead(robot, measurements, compliance)
+
+
+def _blocks_ahead(
+    robot: Robot, measurements: Measurements, compliance: FloatArray | None
+) -> Iterator[RegressorBlock]:
+    before: Future[RegressorBlock] | None = None
+    with ThreadPoolExecutor(1) as ahead:  # one block, while the caller works on the one before
+        for start in range(0, len(measurements), BLOCK_LENGTH):
+            coming = ahead.submit(_block, robot, measurements[start : start + BLOCK_LENGTH], compliance)
+            if before is not None:
+                yield before.result()
+            before = coming
+        yield coming.result()
+
+
+def whole_block(
+    robot: Robot, measurements: Measurements, compliance: FloatArray | None = None
+) -> RegressorBlock:
+    """Return the regressors of a whole set, kept with a small one: checks, fit and prediction share them."""
+    if len(measurements.joints) > _MOST_KEPT:
+        return _block(robot, measurements, compliance)
+    kept = _KEPT.setdefault(measurements, {})
+    fields = kept.get(compliance is not None)
+    at = None if fields is None else fields["compliance"]
+    same = compliance is None or (at is not None and np.array_equal(at, compliance))
+    if fields is None or fields["robot"] is not robot or not same:
+        block = _block(robot, measurements, compliance)
+        fields = {name: part for name, part in vars(block).items() if name != "measurements"}
+        kept[compliance is not None] = fields
+    return RegressorBlock(measurements=measurements, **fields)
+
+
+def unloaded_configurations(robot: Robot, measurements: Measurements) -> Configurations:
+    """Return the kinematics of a set without load, kept with a small one."""
+    if len(measurements.joints) > _MOST_KEPT:
+        return Configurations(robot, robot.joint_map.model_angles(measurements.joints))
+    return whole_block(robot, measurements).configurations
+
+
+def targets_in_flange(robot: Robot, part: Measurements) -> FloatArray:
+    """Return the mean places (T, 3) of the targets in the flange frame [m], as given or read."""
+    read = unloaded_configurations(robot, part).to_flange(part.position)
+    places, present = np.where(part.in_flange[..., None], part.position, read), part.present[..., None]
+    return np.asarray(np.where(present, places, 0.0).sum(axis=0) / np.maximum(present.sum(axis=0), 1))
+
+
+def _block(robot: Robot, part: Measurements, compliance: FloatArray | None) -> RegressorBlock:
+    if compliance is None:
+        return unloaded_block(robot, Configurations(robot, robot.joint_map.model_angles(part.joints)), part)
+    unloaded = unloaded_configurations(robot, part)
+    try:
+        equilibrium = balance(robot, compliance, part, None, unloaded, unloaded)
+    except RequestError:
+        raise SolverError(
+            "there is no equilibrium under the load near the unloaded posture with joints as soft as these",
+            where="complementary_stiffness",
+            remedy="neglect the complementary stiffness, or check the units of force and length",
+        ) from None
+    torque = equilibrium.torque + (equilibrium.stiffness @ equilibrium.step[..., None])[..., 0]
+    halfway = Configurations(robot, unloaded.q + 0.5 * compliance * torque)
+    in_flange = np.where(part.in_flange[..., None], part.position, unloaded.to_flange(part.position))
+    load_jacobian, _ = halfway.load(part.load_point, part.force, part.moment)
+    return _assembled(
+        robot, compliance.copy(), halfway, load_jacobian, torque, halfway.to_base(in_flange), part
+    )
+
+
+def unloaded_block(robot: Robot, configurations: Configurations, part: Measurements) -> RegressorBlock:
+    """Return the regressors of observations whose kinematics are known, without K_c."""
+    points = part.position
+    if part.in_flange.any():
+        points = np.where(part.in_flange[..., None], configurations.to_base(points), points)
+    load_jacobian, torque = configurations.load(part.load_point, part.force, part.moment)
+    return _assembled(robot, None, configurations, load_jacobian, torque, points, part)
+
+
+def _assembled(
+    robot: Robot,
+    compliance: FloatArray | None,
+    configurations: Configurations,
+    load_jacobian: FloatArray,
+    torque: FloatArray,
+    points: FloatArray,
+    part: Measurements,
+) -> RegressorBlock:
+    jacobian = part.shown(configurations.jacobian_at(points))
+    A = np.multiply(jacobian, torque[:, None, None], order="C")
+    if not part.present.all():
+        A[~part.present] = 0.0
+    return RegressorBlock(robot, compliance, configurations, torque, load_jacobian, points, jacobian, A, part)
+
+
+class Rows(NamedTuple):
+    """Columns of terms, K together, then the readings; zero where nothing was read."""
+
+    targets: FloatArray  #: (B, T, 3, K + 1) of the targets [m], axes of R0
+    encoders: FloatArray | None  #: (B, n, K + 1) of the encoders [rad]; None without
+    widths: dict[str, int]  #: number of columns of each term
+
+
+class Motion(NamedTuple):
+    """Motion by one unit of each of k unknowns."""
+
+    targets: FloatArray  #: (B, T, 3, k) of the targets [m per unit], axes of R0
+    joints: FloatArray | None = (
+        None  #: (B, n, k) of the joints behind their encoders [rad per unit]; None for none
+    )
+
+
+@dataclass(frozen=True)
+class Term:
+    """Something that can move a target.
+
+    What a fit assumes, what a test suspects, what a budget lists and what a plan hedges against are terms.
+    """
+
+    name: str  #: name in budgets, tests and plans
+    unit: str  #: unit of its unknowns
+    #: motion by its unknowns at a compliance (n,) of the joints [rad/(N·m)]
+    motion: Callable[[RegressorBlock, FloatArray], Motion]
+    #: standard uncertainties of its unknowns as the readings state them, repeated over them; none without
+    prior: Callable[[CommonUncertainty], tuple[float, ...]] = lambda _: ()
+    suspected: bool = False  #: whether it is tested as a cause of what the joints leave unexplained
+    #: measurements under the loads that its unknowns say; None for what moves the targets by itself
+    under: Callable[[Robot, Measurements, FloatArray], Measurements] | None = None
+    nonnegative: bool = False  #: whether its unknowns cannot be negative
+    words: str = ""  #: what it is as a cause, with a place {} for its unknowns
+    remedy: str = ""  #: what to check, or to read, to be certain of it
+    #: standard uncertainty of its unknowns as a nuisance of plans under one load; 0 leaves it out
+    hedged: float = 0.0
+
+
+def by_torque(block: RegressorBlock, compliance: FloatArray, torque: FloatArray) -> Motion:
+    """Return what torques (B, n, k) about the joints move: ``J (c ∘ τ)`` and ``c ∘ τ``."""
+    bent = compliance[:, None] * torque
+    return Motion(block.jacobian @ bent[:, None], bent)
+
+
+def rows_of(block: RegressorBlock, terms: Sequence[Term], compliance: FloatArray) -> Rows:
+    """Return the columns of terms at a compliance (n,) of the joints, at which errors show [rad/(N·m)]."""
+    part = block.measurements
+    motions = {term.name: term.motion(block, compliance) for term in terms}
+    targets = np.concatenate([*(m.targets for m in motions.values()), part.deflection[..., None]], axis=-1)
+    if part.direction is not None:
+        targets = part.shown(targets)
+    if not part.present.all():
+        targets[~part.present] = 0.0
+    widths = {name: motion.targets.shape[-1] for name, motion in motions.items()}
+    if part.encoders is None:
+        return Rows(targets, None, widths)
+    columns = [
+        np.zeros((*part.joints.shape, widths[name])) if motion.joints is None else motion.joints
+        for name, motion in motions.items()
+    ]
+    encoders = np.concatenate([*columns, part.encoders.deflection[..., None]], axis=-1)
+    return Rows(targets, np.where(part.encoders.present[..., None], encoders, 0.0), widths)
+
+
+def whitened_rows(block: RegressorBlock, terms: Sequence[Term], compliance: FloatArray) -> Rows:
+    """Return `rows_of` in units of sigma: of unit covariance where the terms hold all that moves.
+
+    An encoder's deflection has the variance 2 σ_e² (method.md §2).
+    """
+    rows, part = rows_of(block, terms, compliance), block.measurements
+    encoders = None if rows.encoders is None else part.encoder_lever / np.sqrt(2.0) * rows.encoders
+    return rows._replace(targets=whitened(part.covariance, rows.targets), encoders=encoders)

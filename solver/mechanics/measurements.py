@@ -1,0 +1,478 @@
+"""Measurements: arrays in SI units, checked once, that the identification reads, and their uncertainty.
+
+They may hold readings of secondary encoders (angles behind the gearboxes, before and under load), and errors
+that all observations share: of one load cell, one load hook, one set of reflectors. A laser tracker
+(method.md §3) measures a distance and two angles, with ``σ_r = a + b d`` in the line of sight and
+``σ_t = c + e d`` across it, d the distance from the station: the covariance of a position turns with the line
+of sight and grows with the distance.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
+from jointstiff.solver.errors import MeasurementError
+from jointstiff.solver.mechanics.configuration import Configurations
+from jointstiff.solver.mechanics.robot import Robot
+
+if TYPE_CHECKING:
+    from jointstiff.solver.mechanics.block import Term
+
+ISOTROPIC_DIFFERENCE: FloatArray = 2.0 * np.eye(3)
+"""Covariance of a deflection in units of sigma²: it is a difference of two readings (method.md §3)."""
+ISOTROPIC_DIFFERENCE.setflags(write=False)
+SHORTEST_SIGHT: Final = 0.01
+"""Distance from station to target [m] below which the line of sight is undefined."""
+LEAST_SIGMA: Final = 1e-12
+"""Least standard uncertainty of an instrument [m]: a picometre."""
+LARGEST_CONDITION: Final = 1e12
+"""Largest condition number of a covariance: standard uncertainties in a ratio of a million, beyond any
+instrument's."""
+
+
+@dataclass(frozen=True)
+class Instrument:
+    """A laser tracker at its station."""
+
+    station: tuple[float, float, float]  #: where it stands, in R0 [m]
+    range_constant: float  #: a [m]
+    range_per_distance: float  #: b [m/m]
+    transverse_constant: float  #: c [m]
+    transverse_per_distance: float  #: e [m/m]
+
+    def covariance(self, places: FloatArray) -> FloatArray:
+        """Σ = σ_t² I + (σ_r² − σ_t²) u uᵀ, u the line of sight.
+
+        Args:
+            places: (..., 3) of targets in R0 [m].
+
+        Returns:
+            (..., 3, 3) covariance of a reading there, axes of R0 [m²].
+
+        Raises:
+            MeasurementError: a target stands at the station, or the instrument is exact or far beyond any.
+        """
+        sight = places - np.array(self.station)
+        distance = np.linalg.norm(sight, axis=-1)
+        if (distance < SHORTEST_SIGHT).any():
+            raise MeasurementError(
+                f"a target is only {1e3 * distance.min():.3g} mm away from the tracker",
+                where="noise.instrument.station",
+                remedy="give the tracker's station in R0, in `units.length`",
+            )
+        along = self.range_constant + self.range_per_distance * distance
+        across = self.transverse_constant + self.transverse_per_distance * distance
+        least = min(float(along.min()), float(across.min()))
+        ratio = float(np.maximum(along / across, across / along).max()) if least > 0.0 else np.inf
+        if least < LEAST_SIGMA or ratio**2 > LARGEST_CONDITION:
+            raise MeasurementError(
+                f"the standard uncertainties of {along.max():.3g} m along and {across.max():.3g} m across "
+                "the line of sight are implausible for a tracker",
+                where="noise.instrument",
+                remedy="check the constants, which are in `units.length`, and the terms per distance",
+            )
+        u = sight / distance[..., None]
+        spread = (along**2 - across**2)[..., None, None] * u[..., :, None] * u[..., None, :]
+        covariance: FloatArray = (across**2)[..., None, None] * np.eye(3) + spread
+        return covariance
+
+    def typical_sigma(self, places: FloatArray) -> float:
+        """Return the root mean square of the standard uncertainties of all coordinates (K, 3) [m]."""
+        covariance = self.covariance(places)
+        return float(np.sqrt(np.trace(covariance, axis1=-2, axis2=-1).mean() / 3.0))
+
+
+def whitener(covariance: FloatArray) -> FloatArray:
+    """Return W with ``Wᵀ W = Σ⁻¹``, the inverse of the Cholesky factor of Σ (method.md §5, step 1).
+
+    Args:
+        covariance: (..., m, m).
+
+    Returns:
+        (..., m, m) lower triangular.
+
+    Raises:
+        MeasurementError: if a covariance is not finite, symmetric and positive definite.
+    """
+    refused = MeasurementError(
+        "a covariance is not finite, symmetric and positive definite",
+        where="noise",
+        remedy="check the stated uncertainties",
+    )
+    scale = np.abs(covariance).max()
+    if not np.isfinite(scale) or (np.abs(covariance - np.swapaxes(covariance, -1, -2)) > 1e-9 * scale).any():
+        raise refused
+    try:
+        inverse: FloatArray = np.linalg.inv(np.linalg.cholesky(covariance))
+    except np.linalg.LinAlgError:
+        raise refused from None
+    return inverse
+
+
+def whitened(covariance: FloatArray, rows: FloatArray) -> FloatArray:
+    """Return rows (..., 3, k) of readings with a covariance (3, 3) or (..., 3, 3), in units of sigma."""
+    if covariance is ISOTROPIC_DIFFERENCE:  # of most sets: one product instead of three
+        return np.asarray(rows / np.sqrt(2.0))
+    return np.asarray(whitener(covariance) @ rows)
+
+
+@dataclass(frozen=True, eq=False)
+class DifferenceNoise:
+    """Stated noise of N observations of T targets as `Measurements` takes it."""
+
+    #: root mean square, over the coordinates of all readings, of the standard uncertainty of a position
+    #: [m]. It only is the unit of `covariance`: no estimate depends on it.
+    sigma: float
+    covariance: FloatArray  #: (N, T, 3, 3) covariance of the deflections, in units of sigma²
+
+    @classmethod
+    def of(cls, unloaded: FloatArray, loaded: FloatArray, coordinates: IndexArray) -> DifferenceNoise:
+        """Both readings count: Σ_d = Σ_unloaded + Σ_loaded.
+
+        Args:
+            unloaded: (N, T, 3, 3) covariance of the positions before the load [m²].
+            loaded: (N, T, 3, 3) under load [m²].
+            coordinates: (N, T) number of coordinates that each reading shows.
+        """
+        total = unloaded + loaded
+        trace = np.trace(total, axis1=-2, axis2=-1)
+        variance = np.average(trace, weights=coordinates) / 6.0
+        read = (coordinates > 0)[..., None, None]
+        covariance = np.where(read, total / variance, ISOTROPIC_DIFFERENCE)
+        return cls(float(np.sqrt(variance)), covariance)
+
+    @classmethod
+    def by(cls, instrument: Instrument, robot: Robot, plain: Measurements) -> DifferenceNoise:
+        """Return the noise of measurements that were read by an instrument."""
+        return cls.of(*position_covariances(instrument, robot, plain), plain.coordinates)
+
+
+def position_covariances(
+    instrument: Instrument, robot: Robot, plain: Measurements
+) -> tuple[FloatArray, FloatArray]:
+    """(N, T, 3, 3) covariances [m²] of the unloaded and the loaded positions that an instrument read.
+
+    Targets that are given in the flange frame stand where the model says.
+    """
+    places = plain.position
+    if plain.in_flange.any():
+        configurations = Configurations(robot, robot.joint_map.model_angles(plain.joints))
+        places = np.where(plain.in_flange[..., None], configurations.to_base(places), places)
+    before = at_read_places(places, plain.present)
+    return instrument.covariance(before), instrument.covariance(before + plain.deflection)
+
+
+def at_read_places(places: FloatArray, present: BoolArray) -> FloatArray:
+    """Put targets that were not read, which have no place, where one was read: it does not matter where."""
+    return np.where(present[..., None], places, places[present][0])
+
+
+def first_equal(keys: FloatArray) -> IndexArray:
+    """Return the first row (N,) that equals each row of keys (N, k)."""
+    first: dict[bytes, int] = {}
+    # Adding zero leaves no negative zeros.
+    return np.array([first.setdefault(row.tobytes(), i) for i, row in enumerate(keys + 0.0)])
+
+
+def refuse_no_covariance(covariance: FloatArray, present: BoolArray, field: str) -> None:
+    """Refuse matrices that are no covariance of anything.
+
+    Args:
+        covariance: (N, T, 3, 3) [any unit].
+        present: (N, T) which of them count.
+        field: of a reading, for the message.
+
+    Raises:
+        MeasurementError: the first that is not symmetric and positive definite within rounding.
+    """
+    skew = np.abs(covariance - np.swapaxes(covariance, -1, -2)).max(axis=(-1, -2))
+    values = np.linalg.eigvalsh(covariance)
+    good = (values[..., 0] * LARGEST_CONDITION > values[..., -1]) & (values[..., 0] > 0.0)
+    good &= skew <= 1e-9 * np.abs(values).max(axis=-1)
+    bad = np.argwhere(present & ~good)
+    if len(bad):
+        i, t = bad[0].tolist()
+        position = int(present[i, :t].sum())
+        raise MeasurementError(
+            "the covariance matrix is not symmetric and positive definite",
+            where=f"observations[{i}].readings[{position}].{field}",
+            remedy="give the covariance of the three coordinates, axes of R0, in `units.length` squared",
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class EncoderReadings:
+    """Readings of secondary encoders in N observations of a robot with n joints.
+
+    While the motors' encoders close the position loop, the angle behind the gearbox changes under load by
+    the deflection of the joint itself: ``δθ_j = c_j τ_j``, free of what else bends.
+
+    Raises:
+        MeasurementError: shapes disagree, a number is not finite, or sigma is not positive.
+    """
+
+    deflection: FloatArray  #: (N, n) loaded minus unloaded, angles of the model's joints [rad]
+    present: BoolArray  #: (N, n) which joints were read; the others hold zeros
+    sigma: float  #: standard uncertainty of one encoder reading [rad]
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.sigma) and self.sigma > 0):
+            raise MeasurementError(
+                f"the encoders' sigma must be positive, but is {self.sigma}",
+                where="noise.encoder_sigma",
+                remedy="give a positive angle",
+            )
+        check_array("encoder_readings", self.deflection, self.present.shape)
+        self.present.setflags(write=False)
+
+    def __getitem__(self, rows: slice | IndexArray) -> EncoderReadings:
+        """Select observations, in the given order."""
+        return EncoderReadings(self.deflection[rows], self.present[rows], self.sigma)
+
+
+NOISE_SIGMAS: Final = 3.0
+"""Number of standard deviations below which a deflection carries little information."""
+ASSUMED_LOAD_POINT: Final = 0.01
+"""Standard uncertainty of each coordinate of a load point of which nothing is stated [m]."""
+ASSUMED_FORCE_SCALE: Final = 0.01
+"""Relative standard uncertainty of all forces and moments of which nothing is stated."""
+
+
+@dataclass(frozen=True, eq=False)
+class FittedErrors:
+    """Errors that were fitted beside the joints and taken out of the readings: K unknowns."""
+
+    terms: tuple[Term, ...]  #: terms that they are of
+    unknowns: tuple[FloatArray, ...]  #: (k,) of each term, in its unit
+    root: FloatArray  #: (K, r); its product with the transpose is the covariance of all unknowns
+    told: int  #: number of combinations of the unknowns that the readings tell apart from the joints
+
+
+NOTHING_FITTED: Final = FittedErrors((), (), np.zeros((0, 0)), 0)
+
+
+@dataclass(frozen=True)
+class CommonUncertainty:
+    """Standard uncertainties, each fully correlated over the observations (method.md §8).
+
+    The true wrench is ``(1 + ε) (I + φ×) W``: ε scales force and moment of all observations alike, φ turns
+    both about the axes of R0. Load and targets are off their stated places in the flange frame.
+
+    Raises:
+        MeasurementError: one is negative or not finite.
+    """
+
+    scale: float = 0.0  #: standard uncertainty of ε, dimensionless
+    direction: float = 0.0  #: standard uncertainty of each component of φ [rad]
+    load_point: float = 0.0  #: standard uncertainty of each coordinate of the load point [m]
+    #: standard uncertainty of each coordinate of a target's place, independent of other targets [m]
+    target_places: float = 0.0
+    #: standard uncertainty of a joint axis's place in the model, in each direction across it [m]
+    axis_position: float = 0.0
+    #: standard uncertainty of a joint axis's direction, about each direction across it [rad]
+    axis_direction: float = 0.0
+    assumed: frozenset[str] = frozenset()  #: terms whose uncertainty was not stated with the readings
+    fitted: FittedErrors = NOTHING_FITTED  #: errors fitted beside the joints
+
+    @property
+    def stated(self) -> CommonUncertainty:
+        """Return what was stated: an assumed error is the same in campaigns under one hook and load cell."""
+        place = 0.0 if "load_point" in self.assumed else self.load_point
+        scale = 0.0 if "force_scale" in self.assumed else self.scale
+        return replace(self, load_point=place, scale=scale, assumed=frozenset())
+
+    def source(self, term: str) -> str:
+        """Return the source of uncertainty that a budget names for a term: what was not stated is assumed."""
+        return f"assumed_{term}" if term in self.assumed else term
+
+    def __post_init__(self) -> None:
+        for where, value in (
+            ("force.scale", self.scale),
+            ("force.direction", self.direction),
+            ("load_point", self.load_point),
+            ("target_places", self.target_places),
+            ("axes.position", self.axis_position),
+            ("axes.direction", self.axis_direction),
+        ):
+            if not (np.isfinite(value) and value >= 0.0):
+                raise MeasurementError(
+                    f"the standard uncertainty is {value}",
+                    where=f"noise.{where}",
+                    remedy="give a number that is zero or positive",
+                )
+
+
+EXACT: Final = CommonUncertainty()
+"""Loads and places without uncertainty."""
+
+
+def shown_along(direction: FloatArray | None, motion: FloatArray) -> FloatArray:
+    """Return the motion of targets, of those that are read along a direction the part along it.
+
+    A reading along n is the least-squares row ``nᵀ δp``. The three rows ``n nᵀ δp`` of isotropic noise have
+    the same square, so that all that works with vectors works with them (method.md §3).
+
+    Args:
+        direction: (N, T, 3) unit vectors, zero for readings of all three coordinates; None for those alone.
+        motion: (N, T, 3) or (N, T, 3, k).
+    """
+    if direction is None:
+        return motion
+    columns = motion.reshape(*direction.shape, -1)
+    along = direction[..., None] * (direction[..., None, :] @ columns)
+    full = np.asarray(~direction.any(axis=-1))
+    return np.where(full[..., None, None], columns, along).reshape(motion.shape)
+
+
+@dataclass(frozen=True, eq=False)
+class Measurements:
+    """N observations of up to T targets. Arrays are checked and made read-only.
+
+    Raises:
+        MeasurementError: shapes disagree, a number is not finite, there is no observation, sigma is
+            not positive, encoders were read and sigma is unknown, or a covariance is not symmetric
+            positive definite.
+    """
+
+    joints: FloatArray  #: (N, n) angles as the controller shows them [rad]
+    force: FloatArray  #: (N, 3) force on the robot, axes of R0 [N]
+    moment: FloatArray  #: (N, 3) moment on the robot about the load point, axes of R0 [N·m]
+    load_point: FloatArray  #: (N, 3) where the force acts, flange frame [m]
+    #: (N, T, 3) unloaded place of each target [m]: in R0 if measured, in the flange frame where `in_flange`
+    #: says so
+    position: FloatArray
+    in_flange: BoolArray  #: (N, T) frame of `position`
+    deflection: FloatArray  #: (N, T, 3) loaded minus unloaded, axes of R0 [m]
+    present: BoolArray  #: (N, T) True for targets that were read; the others hold zeros
+    sigma: float | None = None  #: standard uncertainty of one coordinate of one reading [m]; None if unknown
+    #: standard uncertainty that was stated and that the residuals refuted [m], `sigma` being None
+    refuted_sigma: float | None = None
+    #: (3, 3) or (N, T, 3, 3) covariance of the deflections in units of sigma²
+    covariance: FloatArray = field(default_factory=lambda: ISOTROPIC_DIFFERENCE)
+    #: (N, T, 3) unit vectors, axes of R0, of readings along one direction; zero for readings of all three
+    #: coordinates. None if there are only those.
+    direction: FloatArray | None = None
+    #: what secondary encoders read of the joints; None if there are none. It takes a sigma to weigh them
+    #: against the targets.
+    encoders: EncoderReadings | None = None
+    #: (N, T) what a robust loss leaves of each reading, 1 of a good one; `covariance` is divided by it
+    #: already, and rows that are not weighted by covariance are weighted by it. None for ones.
+    weight: FloatArray | None = None
+    #: uncertainty of loads and places that all observations share
+    common_uncertainty: CommonUncertainty = EXACT
+    #: (N, T) targets that were read without load and not under it: `position` alone counts, `present` is
+    #: False. None if there are none.
+    unloaded_only: BoolArray | None = None
+    labels: tuple[str, ...] = ()  #: (N,) labels of the observations; "1", "2", … where none are given
+    targets: tuple[str, ...] = ()  #: (T,) names of the targets; "1", "2", … where none are given
+
+    def __post_init__(self) -> None:
+        count, targets = self.present.shape
+        if count == 0 or targets == 0:
+            raise MeasurementError("no observation", remedy="give at least one observation")
+        object.__setattr__(self, "labels", _named("labels", self.labels, count))
+        object.__setattr__(self, "targets", _named("targets", self.targets, targets))
+        if self.sigma is not None and not (np.isfinite(self.sigma) and self.sigma > 0):
+            raise MeasurementError(
+                f"sigma must be positive, but is {self.sigma} m",
+                where="noise.sigma",
+                remedy="give a positive length; omit `noise` to estimate it from the residuals",
+            )
+        for name, shape in self._by_row.items():
+            check_array(name, getattr(self, name), (count, *shape))
+        if self.covariance.ndim == 2:
+            check_array("covariance", self.covariance, (3, 3))
+        if self.direction is not None:
+            object.__setattr__(self, "deflection", self.shown(self.deflection))
+        if self.encoders is not None:
+            check_array("encoder_readings", self.encoders.deflection, self.joints.shape)
+        if self.encoders is not None and self.sigma is None:
+            raise MeasurementError(
+                "there are encoder readings but no sigma of the tracker, so angles and lengths cannot be "
+                "weighted",
+                where="noise",
+                remedy="state `noise.sigma` and `noise.encoder_sigma`, or omit the encoder readings",
+            )
+
+    @property
+    def _by_row(self) -> dict[str, tuple[int, ...]]:
+        """Return the shape of a row of each array that is there and has one for each observation."""
+        targets = self.present.shape[1:]
+        shapes = {"joints": self.joints.shape[-1:], "covariance": (*targets, 3, 3)}
+        shapes |= dict.fromkeys(("force", "moment", "load_point"), (3,))
+        shapes |= dict.fromkeys(("position", "deflection", "direction"), (*targets, 3))
+        shapes |= dict.fromkeys(("in_flange", "present", "weight", "unloaded_only"), targets)
+        return {
+            name: shape
+            for name, shape in shapes.items()
+            if getattr(self, name) is not None and (name != "covariance" or self.covariance.ndim > 2)
+        }
+
+    @property
+    def encoder_lever(self) -> float:
+        """Length on which an encoder's deflection weighs like a target's [m]; 0 without encoders.
+
+        A target on that lever moves by ``lever · δθ``, and tells as much of the joint as the encoder.
+        """
+        return 0.0 if self.encoders is None or self.sigma is None else self.sigma / self.encoders.sigma
+
+    @property
+    def coordinates(self) -> IndexArray:
+        """(N, T) number of coordinates that each reading shows: 3, 1 along a direction, 0 of none."""
+        along = False if self.direction is None else self.direction.any(axis=-1)
+        return np.where(self.present, np.where(along, 1, 3), 0)
+
+    def shown(self, motion: FloatArray) -> FloatArray:
+        """Return what the readings show of the targets' motion (N, T, 3) or (N, T, 3, k), axes of R0."""
+        return shown_along(self.direction, motion)
+
+    def __len__(self) -> int:
+        return len(self.joints)
+
+    def place(self, row: int) -> str:
+        """Return the place of an observation, as messages name it."""
+        return f"observations[{row}] '{self.labels[row]}'"
+
+    def evenly(self, most: int) -> Measurements:
+        """Return at most so many of the observations, evenly spread; the set itself if it has no more."""
+        count = len(self)
+        return self if count <= most else self[np.arange(most) * (count - 1) // max(most - 1, 1)]
+
+    def __getitem__(self, rows: slice | IndexArray) -> Measurements:
+        """Some of the observations, in the given order."""
+        parts = {name: getattr(self, name)[rows] for name in self._by_row}
+        encoders = None if self.encoders is None else self.encoders[rows]
+        labels = tuple(self.labels[i] for i in np.arange(len(self))[rows].tolist())
+        return replace(self, **parts, encoders=encoders, labels=labels)
+
+
+def _named(where: str, names: tuple[str, ...], count: int) -> tuple[str, ...]:
+    if names and len(names) != count:
+        raise MeasurementError(
+            f"there are {len(names)} {where} for {count} of them",
+            where=where,
+            remedy="give one label for each observation, and one name for each target",
+        )
+    return names or tuple(map(str, range(1, count + 1)))
+
+
+def check_array(name: str, array: npt.NDArray[np.generic], shape: tuple[int, ...]) -> None:
+    """Make an array read-only, unless it has another shape or a number that is not finite.
+
+    Raises:
+        MeasurementError: naming it.
+    """
+    if array.shape != shape:
+        raise MeasurementError(
+            f"the shape is {array.shape} instead of {shape}",
+            where=name,
+            remedy="give one entry for each observation and target",
+        )
+    if array.dtype != np.bool_ and not np.isfinite(array).all():
+        raise MeasurementError("a number is not finite", where=name, remedy="omit or repeat the reading")
+    array.setflags(write=False)

@@ -1,0 +1,236 @@
+"""Errors that a set may state, a test suspects, a budget lists and a plan hedges against (method.md §8, §13).
+
+Of the load: with W = (F, M), J_F and J_ω its Jacobians, R the flange's rotation and c the compliances, each
+error adds torques τ, which move the targets by ``J (c ∘ τ)``. Of geometry: places of targets on the flange,
+axes of joints, tracker and base.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+
+from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.mechanics.block import (
+    Motion,
+    RegressorBlock,
+    Term,
+    by_torque,
+    regressor_blocks,
+    unloaded_configurations,
+)
+from jointstiff.solver.mechanics.configuration import skew
+from jointstiff.solver.mechanics.measurements import Measurements
+from jointstiff.solver.mechanics.robot import Robot, displaced_axis
+
+_STEP = 1e-5
+"""Half the step of the difference quotients of an axis [m and rad]."""
+_READ_AGAIN = "read a posture again without the load: if it is elsewhere, tracker or base moved"
+_SETTLED, _WOUND = 50.0, 3e-5
+"""Torque [N·m], or winding of its spring [rad] where that is less, at which a gear lies against one side of
+its play; below it, in proportion. Makers state lost motion at 3 % of the rated torque, which winds a gear by
+30 µrad (Nabtesco RV-20E: 167 N·m at 49 N·m/arcmin; RV-320E: 3136 N·m at 980)."""
+
+
+def _load_point(block: RegressorBlock, compliance: FloatArray) -> Motion:
+    """Move the load point by e along the flange's axes: it adds the moment e × F."""
+    moment = -skew(block.measurements.force) @ block.configurations.flange_rotation
+    return by_torque(block, compliance, block.configurations.angular_jacobian.transpose(0, 2, 1) @ moment)
+
+
+def _force_scale(block: RegressorBlock, compliance: FloatArray) -> Motion:
+    """Scale all forces and moments."""
+    return by_torque(block, compliance, block.torque[..., None])
+
+
+def _force_direction(block: RegressorBlock, compliance: FloatArray) -> Motion:
+    """Turn all forces and moments about the axes of R0: φ × F, φ × M."""
+    part = block.measurements
+    by_force = block.load_jacobian.transpose(0, 2, 1) @ -skew(part.force)
+    by_moment = block.configurations.angular_jacobian.transpose(0, 2, 1) @ -skew(part.moment)
+    return by_torque(block, compliance, by_force + by_moment)
+
+
+def _constant_force(block: RegressorBlock, compliance: FloatArray) -> Motion:
+    """Add one force, axes of R0, to every load."""
+    return by_torque(block, compliance, block.load_jacobian.transpose(0, 2, 1))
+
+
+def _load_zero(block: RegressorBlock, compliance: FloatArray) -> Motion:
+    """Add one force, axes of the flange, to every load: the zero of a load cell that turns with it."""
+    forces = block.load_jacobian.transpose(0, 2, 1) @ block.configurations.flange_rotation
+    return by_torque(block, compliance, forces)
+
+
+LOAD_POINT = Term(
+    "load_point",
+    "m",
+    _load_point,
+    lambda common: (common.load_point,),
+    suspected=True,
+    under=lambda _, part, error: replace(part, load_point=part.load_point + error),
+    words="every load point moved by {} in the flange frame",
+    remedy="measure the load point on the flange",
+)
+FORCE_SCALE = Term("force_scale", "1", _force_scale, lambda common: (common.scale,))
+FORCE_DIRECTION = Term("force_direction", "rad", _force_direction, lambda common: (common.direction,))
+CONSTANT_FORCE = Term(
+    "constant_force",
+    "N",
+    _constant_force,
+    suspected=True,
+    under=lambda _, part, force: replace(part, force=part.force + force),
+    words="a constant force of {} (axes of R0) added to every load",
+    remedy="check for a weight that hangs on the flange only while loaded, and the load cell's zero",
+)
+LOAD_ZERO = Term(
+    "load_zero",
+    "N",
+    _load_zero,
+    suspected=True,
+    under=lambda robot, part, force: replace(
+        part, force=part.force + unloaded_configurations(robot, part).flange_rotation @ force
+    ),
+    words="a constant force of {} (axes of the flange) added to every load",
+    remedy="read the load cell without load in two postures",
+)
+
+
+def load_scale(groups: Collection[Collection[str]]) -> Term:
+    """Return the term of a scale of its own for each group of loads, by the labels of their observations."""
+
+    def members(part: Measurements) -> FloatArray:
+        return np.stack([np.isin(part.labels, list(group)) for group in groups], axis=1).astype(np.float64)
+
+    def motion(block: RegressorBlock, compliance: FloatArray) -> Motion:
+        """Scale forces and moments of each group."""
+        torque = block.torque[..., None] * members(block.measurements)[:, None]
+        return by_torque(block, compliance, torque)
+
+    def under(robot: Robot, part: Measurements, scale: FloatArray) -> Measurements:  # noqa: ARG001
+        factor = 1.0 + members(part) @ scale[:, None]
+        return replace(part, force=factor * part.force, moment=factor * part.moment)
+
+    return Term(
+        "load_scale",
+        "1",
+        motion,
+        suspected=True,
+        under=under,
+        words="the loads scaled by {}, one group after the other,",
+        remedy="weigh the loads, or check the load cell against one of them",
+    )
+
+
+def _target_places(block: RegressorBlock, compliance: FloatArray) -> Motion:
+    """Move each target by e along the flange's axes: with the flange's rotation φ it moves by φ × e."""
+    rotation = np.einsum("bij,bj->bi", block.configurations.angular_jacobian, compliance * block.torque)
+    moved = skew(rotation) @ block.configurations.flange_rotation
+    B, T = block.points.shape[:2]
+    columns = np.zeros((B, T, 3, T, 3))
+    columns[:, np.arange(T), :, np.arange(T)] = moved
+    return Motion(columns.reshape(B, T, 3, 3 * T))
+
+
+def _axes(block: RegressorBlock, compliance: FloatArray) -> Motion:
+    """Move each axis along both directions across it, and turn it about them: [m, rad, m, rad] a joint."""
+    targets, joints = [], []
+    for j, axis in enumerate(block.robot.axes):
+        for across in _STEP * np.linalg.svd(axis[None])[2][1:]:
+            for step, turn in ((across, 0.0 * across), (0.0 * across, across)):
+                ahead, behind = (
+                    next(regressor_blocks(robot, block.measurements, block.compliance))
+                    for robot in (
+                        displaced_axis(block.robot, j, step, turn),
+                        displaced_axis(block.robot, j, -step, -turn),
+                    )
+                )
+                targets.append((ahead.A @ compliance - behind.A @ compliance) / (2.0 * _STEP))
+                joints.append((ahead.torque - behind.torque) * compliance / (2.0 * _STEP))
+    return Motion(np.stack(targets, axis=-1), np.stack(joints, axis=-1))
+
+
+def _play(block: RegressorBlock, compliance: FloatArray) -> Motion:
+    """Turn each joint through half of its gear's play, to the side that the torque pushes it."""
+    settled = _WOUND / np.maximum(compliance, _WOUND / _SETTLED)  # (n,) torques
+    side = np.where(block.robot.prismatic, 0.0, 0.5 * np.clip(block.torque / settled, -1.0, 1.0))
+    return Motion(block.jacobian * side[:, None, None], side[..., None] * np.eye(side.shape[1]))
+
+
+def _shift(block: RegressorBlock, compliance: FloatArray) -> Motion:  # noqa: ARG001
+    """Shift what was read under load: tracker or base moved."""
+    return Motion(np.broadcast_to(np.eye(3), (*block.points.shape, 3)))
+
+
+def turn_about(pivot: FloatArray) -> Term:
+    """Return the term of a shift and a turn, about a pivot (3,) in R0 [m], of what was read under load."""
+
+    def motion(block: RegressorBlock, compliance: FloatArray) -> Motion:
+        turned = -skew(block.points - pivot)
+        return Motion(np.concatenate([_shift(block, compliance).targets, turned], axis=-1))
+
+    return Term(
+        "turn",
+        "m, rad",
+        motion,
+        suspected=True,
+        words="what was read under load moved by {}",
+        remedy=_READ_AGAIN,
+    )
+
+
+def since(term: Term, labels: Sequence[str], first: str) -> Term:
+    """Return a term that came about with an observation: it moves the targets of this and later ones only.
+
+    Loads before and after have a scale of their own each.
+    """
+    row = labels.index(first)
+    later, label = labels[row:], first.replace("{", "{{").replace("}", "}}")  # words are a format
+
+    def motion(block: RegressorBlock, compliance: FloatArray) -> Motion:
+        moved = np.isin(block.measurements.labels, later)
+        return Motion(np.where(moved[:, None, None, None], term.motion(block, compliance).targets, 0.0))
+
+    words = f"{term.words} since observation '{label}'"
+    own = load_scale([labels[:row], later]) if term.name == "load_scale" else replace(term, motion=motion)
+    return replace(own, name=f"{term.name} since {first}", words=words)
+
+
+TARGET_PLACES = Term("target_places", "m", _target_places, lambda common: (common.target_places,))
+AXES = Term("axes", "m, rad", _axes, lambda common: (common.axis_position, common.axis_direction))
+PLAY = Term(
+    "play",
+    "rad",
+    _play,
+    suspected=True,
+    nonnegative=True,
+    words="play of {} in the gears",
+    remedy="read the same posture at half the load: play stays, and a spring bends by half",
+)
+SHIFT = Term(
+    "shift",
+    "m",
+    _shift,
+    suspected=True,
+    words="what was read under load moved by {}",
+    remedy=_READ_AGAIN,
+)
+
+TERMS: Final[dict[str, Term]] = {
+    term.name: term
+    for term in (
+        FORCE_SCALE,
+        FORCE_DIRECTION,
+        LOAD_POINT,
+        CONSTANT_FORCE,
+        LOAD_ZERO,
+        PLAY,
+        SHIFT,
+        TARGET_PLACES,
+        AXES,
+    )
+}
+"""Errors by name. Each has its line in the budget where the readings state its uncertainty."""

@@ -1,0 +1,530 @@
+"""Read a URDF from a stranger into a `KinematicChain`, and write a chain as a URDF.
+
+The XML parser is expat, one pass, and each limit is checked as an element arrives, before anything is
+built from it. Document types, entities and processing instructions are refused, so nothing expands
+and nothing is fetched; text and comments are not kept.
+
+A document is refused with the place of the fault and its remedy. What kinematics do not need
+(inertial, visual, collision, mesh, transmission, gazebo) is ignored and never opened. Branches off the
+chain are cut away: they must be sound (names, types, finite numbers, one tree), but their joints may
+be of any type.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import defaultdict
+from collections.abc import Collection, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Final, Literal
+from xml.etree import ElementTree
+from xml.parsers import expat
+
+import numpy as np
+import pinocchio as pin
+
+from jointstiff.schemas.joints import JOINT_UNITS, JointKind
+from jointstiff.solver.errors import RobotError
+from jointstiff.solver.mechanics.robot import UNLIMITED, Body, ChainJoint, KinematicChain, check_name
+
+MAX_BYTES: Final = 2 * 1024 * 1024
+"""Largest document, in bytes of UTF-8; text and comments have no other limit."""
+MAX_DEPTH: Final = 16
+"""Maximum depth of elements; the root is at depth 1."""
+MAX_ELEMENTS: Final = 20_000
+"""Maximum number of elements in a document."""
+MAX_ATTRIBUTES: Final = 64
+"""Maximum number of attributes of one element."""
+MAX_ATTRIBUTE_LENGTH: Final = 4_096
+"""Maximum length of an attribute's value, or of the name of an element or attribute."""
+MAX_DOCUMENT_JOINTS: Final = 1_000
+"""Maximum number of joints in a document, before the chain is extracted; a tree has one link more."""
+AXIS_TOLERANCE: Final = 1e-3
+"""Largest deviation from 1 of the norm of an <axis>; within it, the axis is normalised."""
+
+_UNFIT = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f\ud800-\udfff]")
+_NUMBER = re.compile(r"[+-]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")
+_SPACE = re.compile(r"[ \t\r\n]+")
+_TYPES = ("revolute", "continuous", "fixed", "prismatic", "floating", "planar")
+_CHAIN_KINDS: Final[Mapping[str, JointKind | Literal["fixed"]]] = {
+    "revolute": "revolute",
+    "continuous": "revolute",
+    "prismatic": "prismatic",
+    "fixed": "fixed",
+}
+_ORIGIN = {"xyz": 100.0, "rpy": 1e3}  # largest magnitudes [m], [rad]
+_AXIS = {"xyz": 1e6}  # its norm is judged on the chain only: exporters leave odd axes on fixed joints
+_LARGEST_LIMIT = 1e300  # some documents write ±1e16 for no limit
+_LARGEST_MASS = 1e6  # [kg]
+_ZERO = (0.0, 0.0, 0.0)
+_DEFAULT_AXIS = (1.0, 0.0, 0.0)  # of the URDF standard
+_SHOWN = 8  # names listed in a message
+
+
+def read_urdf(text: str, base: str, flange: str) -> KinematicChain:
+    """Read the chain from the base link to the flange link.
+
+    An axis is normalised if its norm is within `AXIS_TOLERANCE` of 1. A `continuous` joint becomes a
+    revolute joint without limits, as does one with limits of ±`model.UNLIMITED` or beyond.
+
+    Args:
+        text: the document, xacro expanded.
+        base: link whose frame is R0; what is above it is cut away.
+        flange: link whose frame is the flange frame; what is below it is cut away.
+
+    Returns:
+        The chain, with 1 to `chain.MAX_MOVING_JOINTS` moving joints.
+
+    Raises:
+        RobotError: the document is not a robot that can be used, with the place and the remedy.
+    """
+    robot = parse_xml(text)
+    _check_robot(robot)
+    links = _named(robot, "link", MAX_DOCUMENT_JOINTS + 1)
+    if not links:
+        raise RobotError("the robot has no link", remedy="add links and joints", where="<robot>")
+    elements = _named(robot, "joint", MAX_DOCUMENT_JOINTS)
+    joints = [UrdfJoint.read(element, name) for name, element in elements.items()]
+    chain = tuple(joint.of_chain() for joint in _path_down(links, joints, base, flange))
+    return KinematicChain(name=robot.attributes["name"], base=base, flange=flange, joints=chain)
+
+
+def write_urdf(chain: KinematicChain) -> str:
+    """Write a chain as a URDF that `read_urdf` reads back.
+
+    Links come without inertia, visual or mesh. Numbers keep every digit, except that a rotation
+    becomes roll, pitch and yaw (to a few units in the last place). A joint without limits gets limits of
+    ±`UNLIMITED`, so that each joint has exactly one coordinate.
+    """
+    robot = ElementTree.Element("robot", name=chain.name)
+    links = (chain.base, *(joint.child for joint in chain.joints))
+    for link in links:
+        ElementTree.SubElement(robot, "link", name=link)
+    for joint, parent in zip(chain.joints, links[:-1], strict=True):
+        element = ElementTree.SubElement(robot, "joint", name=joint.name, type=joint.kind)
+        ElementTree.SubElement(element, "parent", link=parent)
+        ElementTree.SubElement(element, "child", link=joint.child)
+        xyz, rpy = _numbers(joint.translation), _numbers(joint.roll_pitch_yaw)
+        ElementTree.SubElement(element, "origin", xyz=xyz, rpy=rpy)
+        if joint.is_moving:
+            lower, upper = joint.limits or (-UNLIMITED, UNLIMITED)
+            ElementTree.SubElement(element, "axis", xyz=_numbers(joint.axis))
+            bounds = {"lower": _numbers([lower]), "upper": _numbers([upper])}
+            ElementTree.SubElement(element, "limit", bounds, effort="0", velocity="0")
+    ElementTree.indent(robot)
+    return ElementTree.tostring(robot, encoding="unicode")
+
+
+def _numbers(values: Iterable[float]) -> str:
+    return " ".join(repr(float(value)) for value in values)
+
+
+def read_inertials(text: str, chain: KinematicChain) -> tuple[Body, ...]:
+    """Read masses and centres of mass of the links on a chain from its URDF.
+
+    What a URDF says of the inertia of other branches is not part of it, nor what stands before the first
+    moving joint. A document with an inertial that makes no sense gives no bodies at all.
+
+    Args:
+        text: the document, which `read_urdf` has read.
+        chain: what it read.
+    """
+    links = {link.attributes.get("name", ""): link for link in parse_xml(text).named("link")}
+    bodies, placement, moving = [], pin.SE3.Identity(), -1
+    try:
+        for joint in chain.joints:
+            placement = placement * pin.SE3(joint.rotation, joint.translation)
+            if joint.is_moving:
+                moving, placement = moving + 1, pin.SE3.Identity()
+            inertial = links[joint.child].only("inertial", joint.child)
+            mass = None if inertial is None else inertial.only("mass", joint.child)
+            if inertial is None or mass is None or moving < 0:
+                continue
+            origin = inertial.only("origin", joint.child)
+            xyz = "0 0 0" if origin is None else origin.attributes.get("xyz", "0 0 0")
+            (value,) = read_numbers(mass.attributes.get("value", ""), 1, _LARGEST_MASS, joint.child)
+            centre = placement * np.array(read_numbers(xyz, 3, _ORIGIN["xyz"], joint.child))
+            if value < 0.0:
+                return ()
+            if value:
+                bodies.append(Body.within(joint.child, moving, value, tuple(centre.tolist())))
+    except RobotError:
+        return ()
+    return tuple(bodies)
+
+
+@dataclass(frozen=True)
+class UrdfJoint:
+    """A joint as a document has it, its numbers read but not yet judged."""
+
+    name: str  #: its name
+    parent: str  #: link that carries it
+    child: str  #: link that it carries
+    kind: str  #: one of the six types
+    xyz: tuple[float, ...]  #: origin of the joint's frame in the parent link's frame [m]
+    rpy: tuple[float, ...]  #: about the parent link's fixed axes [rad]
+    axis: tuple[float, ...]  #: in the joint's frame
+    limit: dict[str, float]  #: numbers of <limit> by name [rad, m of a prismatic joint]
+    mimics: bool  #: it follows another joint
+
+    @classmethod
+    def read(cls, element: XmlElement, name: str) -> UrdfJoint:
+        """Read a joint of any of the six types, on the chain or off it.
+
+        Raises:
+            RobotError: another type, a child that is given twice, or a number that is none.
+        """
+        place = f"joint '{name}'"
+        kind = element.attributes.get("type", "")
+        if kind not in _TYPES:
+            remedy = f"use one of {', '.join(_TYPES)}"
+            raise RobotError(f"unknown joint type {quoted(kind)}", remedy=remedy, where=place)
+        origin = _triples(element, "origin", _ORIGIN, place)
+        axis = _triples(element, "axis", _AXIS, place)
+        if not axis and element.named("axis"):
+            remedy = "add the attribute xyz"
+            raise RobotError("the <axis> has no attribute xyz", remedy=remedy, where=f"{place} <axis>")
+        limit = element.only("limit", place)
+        limits: dict[str, float] = {
+            key: read_numbers(limit.attributes[key], 1, _LARGEST_LIMIT, f"{place} <limit> {key}")[0]
+            for key in ("lower", "upper", "effort", "velocity")
+            if limit is not None and key in limit.attributes
+        }
+        links = {}
+        for role in ("parent", "child"):
+            link = element.only(role, place)
+            links[role] = link.attributes.get("link", "") if link else ""
+            check_name(links[role], f"{place} <{role}>")
+        return cls(
+            name=name,
+            parent=links["parent"],
+            child=links["child"],
+            kind=kind,
+            xyz=origin.get("xyz", _ZERO),
+            rpy=origin.get("rpy", _ZERO),
+            axis=axis.get("xyz", _DEFAULT_AXIS),
+            limit=limits,
+            mimics=bool(element.named("mimic")),
+        )
+
+    def of_chain(self) -> ChainJoint:
+        """Turn a joint between base and flange into one that the solver can move.
+
+        Raises:
+            RobotError: it is of another kind, mimics, or its axis or limits make no sense.
+        """
+        place = f"joint '{self.name}'"
+        if self.mimics:
+            raise RobotError(
+                "there is a mimic joint between base and flange",
+                remedy="remove <mimic>, and describe the coupling in `joint_map`",
+                where=f"{place} <mimic>",
+            )
+        kind = _CHAIN_KINDS.get(self.kind)
+        if kind is None:
+            raise RobotError(
+                f"there is a {self.kind} joint between base and flange",
+                remedy="only revolute, continuous, prismatic and fixed joints are supported there: fix it at "
+                "its position, or choose another base or flange",
+                where=place,
+            )
+        if self.kind in JOINT_UNITS and not self.limit.keys() & {"lower", "upper"}:
+            raise RobotError(
+                f"a {self.kind} joint needs <limit> with lower and upper",
+                remedy="give the limits in m"
+                if self.kind == "prismatic"
+                else "give the limits in rad, or make the joint continuous",
+                where=f"{place} <limit>",
+            )
+        lower, upper = self.limit.get("lower", 0.0), self.limit.get("upper", 0.0)
+        unlimited = lower <= -UNLIMITED and upper >= UNLIMITED
+        axis = np.array(_DEFAULT_AXIS if kind == "fixed" else self.axis)
+        norm = float(np.linalg.norm(axis))
+        if abs(norm - 1.0) > AXIS_TOLERANCE:
+            raise RobotError(
+                f"the axis has norm {norm:.6g}, not 1" if axis.any() else "the axis is zero",
+                remedy="give a unit vector, such as 0 0 1",
+                where=f"{place} <axis>",
+            )
+        return ChainJoint(
+            name=self.name,
+            kind=kind,
+            rotation=pin.rpy.rpyToMatrix(*self.rpy),
+            translation=np.array(self.xyz),
+            axis=axis / norm,
+            limits=None if unlimited or self.kind not in JOINT_UNITS else (lower, upper),
+            child=self.child,
+        )
+
+
+def _check_robot(robot: XmlElement) -> None:
+    for element in robot.walk():
+        # Refuse xacro that is not expanded; the xmlns:xacro that it leaves behind is harmless
+        in_names = any(name.startswith("xacro:") for name in (element.tag, *element.attributes))
+        in_values = any("${" in text or "$(" in text for text in element.attributes.values())
+        if in_names or in_values:
+            raise RobotError(
+                f"unexpanded xacro in <{element.tag[:40]}>",
+                remedy="expand it first: xacro robot.urdf.xacro > robot.urdf",
+                where=f"line {element.line}",
+            )
+    if robot.tag != "robot":
+        reason = f"the root element is <{robot.tag[:40]}>, not <robot>"
+        remedy = "send a URDF document, not SDF or MJCF"
+        raise RobotError(reason, remedy=remedy, where=f"line {robot.line}")
+    if nested := robot.named("robot"):
+        reason, remedy = "there is a second <robot> within the first", "send one robot per document"
+        raise RobotError(reason, remedy=remedy, where=f"line {nested[0].line}")
+    check_name(robot.attributes.get("name", ""), "<robot>")
+
+
+def _named(robot: XmlElement, tag: str, most: int) -> dict[str, XmlElement]:
+    """Return all links or joints by name, unless they are many or a name is empty, unfit or taken."""
+    elements = robot.named(tag)
+    if len(elements) > most:
+        remedy = f"at most {most} are supported: send only the arm"
+        raise RobotError(f"the robot has {len(elements)} {tag}s", remedy=remedy, where="<robot>")
+    named: dict[str, XmlElement] = {}
+    for element in elements:
+        name = element.attributes.get("name", "")
+        check_name(name, f"<{tag}> on line {element.line}")
+        if name in named:
+            reason = f"there is a second {tag} of this name, on line {element.line}"
+            raise RobotError(reason, remedy=f"give each {tag} a unique name", where=f"{tag} '{name}'")
+        named[name] = element
+    return named
+
+
+def _triples(
+    parent: XmlElement, tag: str, largest: Mapping[str, float], place: str
+) -> dict[str, tuple[float, ...]]:
+    """Read the attributes of a child, three numbers each; nothing if there is no such child."""
+    element = parent.only(tag, place)
+    if element is None:
+        return {}
+    if unknown := element.attributes.keys() - largest.keys():
+        remedy = f"use only {' and '.join(largest)}"
+        raise RobotError(f"unknown attribute {quoted(min(unknown))}", remedy=remedy, where=f"{place} <{tag}>")
+    return {
+        name: read_numbers(text, 3, largest[name], f"{place} <{tag}> {name}")
+        for name, text in element.attributes.items()
+    }
+
+
+def _path_down(
+    links: Collection[str], joints: Iterable[UrdfJoint], base: str, flange: str
+) -> list[UrdfJoint]:
+    """Return the joints from the base down to the flange, at least one.
+
+    Args:
+        links: names of all links, each once.
+        joints: all joints, each once.
+        base: link to start from; it need not be the root.
+        flange: link to end at.
+
+    Raises:
+        RobotError: links and joints are not one tree, base or flange is not among them, or the
+            flange is not below the base.
+    """
+    above = _joint_above(links, joints)
+    for link, role in ((base, "base"), (flange, "flange")):
+        if link not in links:
+            reason = f"there is no link {link[:60]!a} for the {role} frame"
+            raise RobotError(reason, remedy=f"use one of the links {_listed(links)}", where=role)
+    if base == flange:
+        raise RobotError(
+            f"base and flange are the same link, '{base}'",
+            remedy="choose a flange with moving joints between the base and it",
+            where="flange",
+        )
+    path, link = [], flange
+    while link != base:
+        if link not in above:
+            raise RobotError(
+                f"the flange '{flange}' is not below the base '{base}'",
+                remedy="choose a base on the way from the root to the flange",
+                where="flange",
+            )
+        path.append(above[link])
+        link = above[link].parent
+    return path[::-1]
+
+
+def _joint_above(links: Collection[str], joints: Iterable[UrdfJoint]) -> dict[str, UrdfJoint]:
+    """Map each link that has a parent to the joint that carries it, unless links are not one tree."""
+    above: dict[str, UrdfJoint] = {}
+    below = defaultdict(list)
+    for joint in joints:
+        for link, role in ((joint.parent, "parent"), (joint.child, "child")):
+            if link not in links:
+                remedy = f"use one of the links {_listed(links)}"
+                where = f"joint '{joint.name}' <{role}>"
+                raise RobotError(f"there is no link '{link[:60]}'", remedy=remedy, where=where)
+        if joint.child in above:
+            raise RobotError(
+                f"the link has two parents, by joints '{above[joint.child].name}' and '{joint.name}'",
+                remedy="a URDF is a tree: keep one of them",
+                where=f"link '{joint.child}'",
+            )
+        above[joint.child] = joint
+        below[joint.parent].append(joint.child)
+    roots = [link for link in links if link not in above]
+    if len(roots) > 1:
+        reason = f"{len(roots)} links have no parent: {_listed(roots)}"
+        raise RobotError(reason, remedy="join all links into one tree with one root", where="<robot>")
+    for link in roots:  # grows on the way
+        roots.extend(below[link])
+    reached = set(roots)
+    if cycle := [link for link in links if link not in reached]:
+        raise RobotError(
+            f"links hang in a cycle, not from the root: {_listed(cycle)}",
+            remedy="a URDF is a tree: give one of them another parent",
+            where=f"link '{cycle[0]}'",
+        )
+    return above
+
+
+def _listed(names: Collection[str]) -> str:
+    shown = ", ".join(f"'{name[:40]}'" for name in list(names)[:_SHOWN])
+    return shown + (f" and {len(names) - _SHOWN} more" if len(names) > _SHOWN else "")
+
+
+@dataclass(frozen=True)
+class XmlElement:
+    """An element without its text."""
+
+    tag: str  #: name, with its prefix if it has one
+    attributes: dict[str, str]  #: values by name
+    line: int  #: line of the document on which it opens, from 1
+    children: list[XmlElement] = field(default_factory=list)  #: elements directly within, in order
+
+    def named(self, tag: str) -> list[XmlElement]:
+        """Return the children with this tag, in order."""
+        return [child for child in self.children if child.tag == tag]
+
+    def only(self, tag: str, place: str) -> XmlElement | None:
+        """Return the only child with this tag, or None.
+
+        Raises:
+            RobotError: there are several, of which other readers silently take the first.
+        """
+        children = self.named(tag)
+        if len(children) > 1:
+            reason = f"<{tag}> is given {len(children)} times"
+            raise RobotError(reason, remedy="keep one of them", where=f"{place} <{tag}>")
+        return children[0] if children else None
+
+    def walk(self) -> Iterator[XmlElement]:
+        """Yield this element and all within it; the depth is limited, so recursion is safe."""
+        yield self
+        for child in self.children:
+            yield from child.walk()
+
+
+def parse_xml(text: str) -> XmlElement:
+    """Parse a document and return its root.
+
+    Raises:
+        RobotError: not well-formed, beyond a limit of this module, or with a document type, an
+            entity, a processing instruction or a control character.
+    """
+    beginning = text[: MAX_BYTES + 1].lstrip("\ufeff \t\r\n")
+    if beginning and not beginning.startswith("<"):
+        reason = f"this is not XML: it begins with {text[:40]!r}"
+        raise RobotError(reason, remedy="send the document itself, not its file name", where="document")
+    data = text.encode("utf-8", "surrogatepass")
+    if len(data) > MAX_BYTES:
+        raise RobotError(
+            f"the document has {len(data)} bytes",
+            remedy=f"send at most {MAX_BYTES} bytes; only links and joints are needed",
+            where="document",
+        )
+    if unfit := _UNFIT.search(text):
+        raise RobotError(
+            f"it has a control character or half of a surrogate pair, {unfit.group()!a}",
+            remedy="send plain text in UTF-8 without it",
+            where=f"line {text.count(chr(10), 0, unfit.start()) + 1}",
+        )
+    builder = _Builder()
+    try:
+        builder.parser.Parse(data, True)
+    except expat.ExpatError as error:
+        reason = f"not well-formed XML: {expat.ErrorString(error.code)}"
+        remedy = "check the document with an XML tool"
+        if error.code == expat.errors.codes[expat.errors.XML_ERROR_JUNK_AFTER_DOC_ELEMENT]:
+            reason = "there is content after the end of the document, such as a second robot"
+            remedy = "send one robot per document"
+        raise RobotError(reason, remedy=remedy, where=f"line {error.lineno}") from None
+    return builder.document.children[0]
+
+
+class _Builder:
+    """Check expat's events and build the tree from them.
+
+    An exception in a handler stops expat at once.
+    """
+
+    def __init__(self) -> None:
+        self.document = XmlElement("", {}, 0)  # its only child is the root
+        self._open = [self.document]
+        self._count = 0
+        self.parser = expat.ParserCreate("utf-8")  # whatever encoding the document claims to have
+        self.parser.StartElementHandler = self._start
+        self.parser.EndElementHandler = lambda _tag: self._open.pop()
+        self.parser.StartDoctypeDeclHandler = lambda *_declaration: self._refuse(
+            "it has a document type declaration (DTD), which can define entities",
+            "remove <!DOCTYPE …> and write the entities out",
+        )
+        self.parser.ProcessingInstructionHandler = lambda target, _data: self._refuse(
+            f"it has a processing instruction <?{target[:40]} …?>", "remove it"
+        )
+
+    def _start(self, tag: str, attributes: dict[str, str]) -> None:
+        self._count += 1
+        longest = max(len(text) for text in (tag, *attributes, *attributes.values()))
+        for count, most, what in (
+            (self._count, MAX_ELEMENTS, "elements"),
+            (len(self._open), MAX_DEPTH, "levels of nesting"),
+            (len(attributes), MAX_ATTRIBUTES, "attributes of one element"),
+            (longest, MAX_ATTRIBUTE_LENGTH, "characters in one name or attribute"),
+        ):
+            if count > most:
+                self._refuse(f"it has more than {most} {what}", "send only links and joints")
+        element = XmlElement(tag, attributes, self.parser.CurrentLineNumber)
+        self._open[-1].children.append(element)
+        self._open.append(element)
+
+    def _refuse(self, reason: str, remedy: str) -> None:
+        raise RobotError(reason, remedy=remedy, where=f"line {self.parser.CurrentLineNumber}")
+
+
+def read_numbers(text: str, count: int, largest: float, where: str) -> tuple[float, ...]:
+    """Read decimal numbers separated by spaces, exactly as many as needed.
+
+    Args:
+        text: for instance ``"0 0.35 1e-3"``.
+        count: how many numbers there must be.
+        largest: largest magnitude that makes sense, in the unit of the numbers.
+        where: place for the message.
+
+    Raises:
+        RobotError: another count, another notation (hexadecimal, underscores, inf, nan, a comma),
+            or a number beyond `largest`.
+    """
+    words = [word for word in _SPACE.split(text) if word]
+    if len(words) != count:
+        reason = f"needs exactly {count} {'number' if count == 1 else 'numbers'}, has {len(words)}"
+        raise RobotError(reason, remedy="write decimal numbers separated by spaces", where=where)
+    for word in words:
+        if not _NUMBER.fullmatch(word):
+            reason = f"{quoted(word)} is not a finite decimal number"
+            raise RobotError(reason, remedy="write it like 0.35 or -1.2e-3", where=where)
+        if not abs(float(word)) <= largest:
+            remedy = "check the number and its unit: lengths in m, angles in rad"
+            raise RobotError(f"{quoted(word)} is outside ±{largest:g}", remedy=remedy, where=where)
+    return tuple(map(float, words))
+
+
+def quoted(text: str, length: int = 40) -> str:
+    """Quote text from a stranger so that it is short and harmless in a message."""
+    return ascii(text[:length]) + ("…" if len(text) > length else "")

@@ -1,1 +1,0 @@
-"""Readings in SI units: measurement sets, secondary encoders and tracker noise."""

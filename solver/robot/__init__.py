@@ -1,1 +1,0 @@
-"""Build robots from DH tables and URDFs, and compute their kinematics."""

@@ -1,1 +1,0 @@
-"""Terms: everything that can move a target, each by the columns of its unknowns."""

@@ -1,0 +1,416 @@
+"""Assessments of simulated campaigns: planted mistakes have their reasons, whose actions undo them."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from support.campaigns import first_target, only_deflections, prepare
+from support.shared_data import shared
+
+from jointstiff.schemas.finding import Finding
+from jointstiff.schemas.options import RunOptions
+from jointstiff.service.kinds.identification import to_settings
+from jointstiff.service.resources.catalogue import find_arm, nominal_robot
+from jointstiff.simulator import default_arm, simulate_campaign
+from jointstiff.simulator.campaign import TARGETS
+from jointstiff.solver.estimation.assessment import assess, implausible_joints
+from jointstiff.solver.estimation.causes import better_alternative
+from jointstiff.solver.estimation.estimate import JointCompliance, predict
+from jointstiff.solver.estimation.identify import identify
+from jointstiff.solver.estimation.method import Prior
+from jointstiff.solver.integrity import inspect
+from jointstiff.solver.mechanics.measurements import CommonUncertainty
+from jointstiff.solver.mechanics.robot import JointMap, Robot
+
+TRUTH = default_arm().compliances
+COLUMNS = [(0, 1), (0, 3), (1, 2), (1, 4), (2, 3), (2, 5), (3, 4), (3, 5), (4, 5)]
+
+
+@pytest.fixture(scope="module")
+def pulls():
+    """Pulls of 1500 N that show every joint, sigma stated."""
+    return prepare(simulate_campaign(default_arm(), load="pull", seed=3))
+
+
+@pytest.fixture(scope="module")
+def deflections(pulls):
+    """The same where no position was read, and sigma is not stated."""
+    return pulls[0], replace(only_deflections(pulls[1]), sigma=None)
+
+
+@pytest.fixture(scope="module")
+def fanuc():
+    """Readings of a real robot."""
+    return prepare(shared("fanuc_r2000ic/campaign"))
+
+
+def two(measurements):
+    """Return two readings of one target, which determine six compliances exactly."""
+    return first_target(measurements)[np.array([0, 9])]
+
+
+def exchanged(measurements, columns):
+    joints = measurements.joints.copy()
+    joints[:, columns] = joints[:, columns[::-1]]
+    return replace(measurements, joints=joints)
+
+
+def assessed(robot, measurements, *, findings=None, prior=None, **options):
+    """Inspect, identify, and assess with the options of a run; K_c included if nothing is said."""
+    options = {"complementary_stiffness": "included"} | options
+    settings = replace(to_settings(RunOptions(**options), robot), prior=prior)
+    if findings is None:
+        findings = tuple(inspect(robot, measurements, degrees=False))
+    found = identify(robot, measurements, settings)
+    prediction = predict(robot, measurements, found.compliance, balanced=found.balanced)
+    return assess(robot, measurements, settings, found, prediction, findings), found
+
+
+def reason_of(assessment, code):
+    reasons = [reason for reason in assessment.reasons if reason.code == code]
+    assert len(reasons) == 1, assessment.reasons
+    return reasons[0]
+
+
+def is_true(found, truth=TRUTH):
+    u = np.array([joint.standard_uncertainty for joint in found.joints])
+    return bool((np.abs(found.compliance - truth) < 5 * u).all())
+
+
+class TestClean:
+    @pytest.mark.parametrize("loss", ["squared", "huber"])
+    def test_model_error_of_a_real_robot_is_no_mistake_but_lack_of_fit(self, fanuc, loss):
+        assessment, _ = assessed(*fanuc, loss=loss)
+        codes = {reason.code for reason in assessment.reasons}
+        assert codes == {"lack_of_fit", "sigma_implausible"}
+        assert "146 µm" in reason_of(assessment, "sigma_implausible").message or loss == "huber"
+        assert reason_of(assessment, "lack_of_fit").action.kind == "choose_model"
+        assert set(assessment.joints) == {assessment.verdict} == {"use_with_care"}
+
+
+class TestAlternatives:
+    """Without the findings of the integrity checks, which would name some of these mistakes as well."""
+
+    @pytest.mark.parametrize("columns", COLUMNS)
+    def test_exchanged_columns_are_named_and_exchanged_back(self, deflections, columns):
+        robot, measurements = deflections
+        wrong = exchanged(measurements, list(columns))
+        assessment, found = assessed(robot, wrong, findings=())
+        reason = reason_of(assessment, "alternative_explains_better")
+        assert assessment.verdict == reason.weight == "do_not_use"
+        assert set(assessment.joints) == {"do_not_use"}
+        assert reason.action.kind == "exchange_columns"
+        assert reason.action.joints == [robot.joint_names[j] for j in columns]
+        assert f"{reason.action.joints[0]} and {reason.action.joints[1]}" in reason.message
+        back = [robot.joint_names.index(name) for name in reason.action.joints]
+        assessment, found = assessed(robot, exchanged(wrong, back), findings=())
+        assert assessment.verdict == "use"
+        assert is_true(found)
+
+    @pytest.mark.parametrize(("joint", "turn"), [(0, 0.5), (1, -0.5), (2, 0.5), (4, 1.0)])
+    def test_another_zero_of_a_joint_is_corrected_in_the_joint_map(self, deflections, joint, turn):
+        right, measurements = deflections
+        joints = measurements.joints.copy()
+        joints[:, joint] += turn * np.pi
+        assessment, _ = assessed(right, replace(measurements, joints=joints), findings=())
+        action = reason_of(assessment, "alternative_explains_better").action
+        assert action.kind == "apply_joint_map"
+        mended = Robot(right.chain, JointMap(np.array(action.joint_map), np.array(action.offset)))
+        assessment, found = assessed(mended, replace(measurements, joints=joints), findings=())
+        assert assessment.verdict == "use"
+        assert is_true(found)
+
+    def test_load_and_target_are_exchanged_back(self, deflections):
+        robot, measurements = deflections
+        position, place = measurements.position.copy(), measurements.position[:, 1].copy()
+        position[:, 1] = measurements.load_point
+        assessment, _ = assessed(
+            robot, replace(measurements, position=position, load_point=place), findings=()
+        )
+        action = reason_of(assessment, "alternative_explains_better").action
+        assert (action.kind, action.target) == ("exchange_load_and_target", "P11")
+
+    @pytest.mark.parametrize("load", ["pull", "dead_weight"])
+    def test_forces_of_the_wrong_sign_are_no_other_zero_of_a_joint(self, load):
+        for seed in (0, 3):
+            campaign = simulate_campaign(default_arm(), load=load, seed=seed, configurations=20)
+            robot, measurements = prepare(campaign)
+            reversed_force = replace(measurements, force=-measurements.force)
+            assert better_alternative(robot, reversed_force) is None
+            assessment, _ = assessed(robot, reversed_force)
+            assert "exchange_readings" in {r.action.kind for r in assessment.reasons if r.action}
+
+    def test_readings_of_another_arm_are_not_to_be_exchanged(self):
+        """The dead weight of one arm on the model of another, whose joints would lift the targets."""
+        campaign = simulate_campaign(default_arm(), load="dead_weight", seed=3, configurations=20)
+        other = nominal_robot(find_arm("KUKA KR 210 R2700 extra", "name"))
+        robot, measurements = prepare(campaign | {"robot": json.loads(other.model_dump_json())})
+        assessment, _ = assessed(robot, measurements)
+        reason = reason_of(assessment, "no_joint_identified")
+        assert reason.action is None
+        assert "choose another robot" in reason.remedy
+
+    @pytest.mark.parametrize("columns", COLUMNS)
+    def test_on_a_real_robot_exchanged_columns_are_named(self, fanuc, columns):
+        robot, measurements = fanuc
+        assessment, _ = assessed(robot, exchanged(measurements, list(columns)))
+        reason = reason_of(assessment, "alternative_explains_better")
+        assert reason.action.joints == [robot.joint_names[j] for j in columns]
+
+    def test_on_a_real_robot_without_joint_map_the_makers_map_is_found(self, fanuc):
+        right, measurements = fanuc
+        assessment, _ = assessed(Robot(right.chain), measurements)
+        action = reason_of(assessment, "alternative_explains_better").action
+        np.testing.assert_array_equal(action.joint_map, right.joint_map.matrix)
+
+    def test_parts_of_a_real_set_have_no_better_alternative(self, fanuc):
+        robot, measurements = fanuc
+        rng = np.random.default_rng(0)
+        for count in (5, 8, 12, 20):
+            for _ in range(10):
+                part = measurements[np.sort(rng.permutation(30)[:count])]
+                codes = {reason.code for reason in assessed(robot, part)[0].reasons}
+                assert "alternative_explains_better" not in codes
+
+
+class TestReadings:
+    def test_few_outliers_ask_for_the_huber_loss_which_copes_with_them(self, pulls):
+        robot, measurements = pulls
+        deflection = measurements.deflection.copy()
+        deflection[5, 1] += [0.0, 1e-3, 0.0]
+        wrong = replace(only_deflections(measurements), deflection=deflection, sigma=None)
+        assessment, _ = assessed(robot, wrong)
+        reason = reason_of(assessment, "suspicious_readings")
+        assert assessment.verdict == "use_with_care"
+        assert reason.where == "observations[5] 'c06'"
+        assert (reason.action.kind, reason.action.observations) == ("use_huber", ["c06"])
+        assessment, found = assessed(robot, wrong, loss="huber")
+        assert assessment.verdict == "use"
+        assert is_true(found)
+
+    def test_a_gross_error_asks_to_leave_the_readings_out(self, pulls):
+        robot, measurements = pulls
+        force = measurements.force.copy()
+        force[7] *= -1
+        wrong = replace(measurements, force=force)
+        assessment, _ = assessed(robot, wrong)
+        reason = reason_of(assessment, "gross_error")
+        assert assessment.verdict == "do_not_use"
+        assert (reason.action.kind, reason.action.observations) == ("leave_out_readings", ["c08"])
+        assert assessed(robot, wrong[np.delete(np.arange(19), 7)])[0].verdict == "use"
+
+    def test_a_length_unit_is_named(self, pulls):
+        wrong = replace(pulls[1], deflection=1e3 * pulls[1].deflection)
+        assessment, _ = assessed(pulls[0], wrong, complementary_stiffness="neglected")
+        assert reason_of(assessment, "length_unit_suspect").weight == "do_not_use"
+
+    @pytest.mark.parametrize(("row", "left_out"), [(2, ["c01", "c02"]), (17, ["c18", "c19"]), (9, None)])
+    def test_of_a_target_that_stays_elsewhere_the_shorter_side_is_left_out(self, pulls, row, left_out):
+        label = pulls[1].labels[row]
+        moved = Finding(code="target_moved", weight="do_not_use", observation=label, message="m", remedy="r")
+        action = reason_of(assessed(*pulls, findings=(moved,))[0], "gross_error").action
+        assert (action and action.observations) == left_out
+
+
+class TestFit:
+    @pytest.mark.parametrize(
+        ("factor", "verdict"),
+        [(1.0, "use"), (1.4, "use_with_care"), (2.0, "use_with_care"), (5.0, "do_not_use")],
+    )
+    def test_uncertainties_too_small(self, pulls, factor, verdict):
+        robot, measurements = pulls
+        wrong = replace(measurements, sigma=measurements.sigma / factor)
+        assessment, _ = assessed(robot, wrong, findings=())
+        assert assessment.verdict == verdict
+        if factor > 1:
+            reason = reason_of(assessment, "residuals_exceed_sigma")
+            assert reason.action.kind == "omit_noise"
+            assert f"{factor:.1f}"[0] in reason.message
+            assert assessed(robot, replace(wrong, sigma=None), findings=())[0].verdict == "use"
+            refuted = replace(wrong, sigma=None, refuted_sigma=wrong.sigma)
+            assessment, _ = assessed(robot, refuted, findings=())
+            assert assessment.verdict == "use_with_care"
+            assert f"{factor:.1f}"[0] in reason_of(assessment, "residuals_exceed_sigma").message
+
+    def test_neglected_complementary_stiffness_is_included_at_a_click(self):
+        campaign = simulate_campaign(default_arm(), load="pull", seed=5, force=4000.0, sigma=5e-6)
+        robot, measurements = prepare(campaign)
+        measurements = replace(measurements, sigma=2e-5)  # so that the residuals agree with sigma
+        assessment, found = assessed(robot, measurements, complementary_stiffness="neglected", findings=())
+        assert found.complementary_stiffness.largest_shift > 0.5
+        reason = reason_of(assessment, "complementary_stiffness_matters")
+        assert assessment.verdict == "use_with_care"
+        assert reason.action.kind == "include_complementary_stiffness"
+        assert assessed(robot, measurements, findings=())[0].verdict == "use"
+
+    def test_a_prior_that_dominates_caps_its_joint_alone(self, pulls):
+        robot, measurements = pulls
+        mean, s = np.full(6, np.nan), np.full(6, np.inf)
+        mean[3], s[3] = TRUTH[3], 1e-4 * TRUTH[3]
+        assessment, _ = assessed(robot, measurements, prior=Prior(mean, s))
+        assert reason_of(assessment, "prior_dominates").where == robot.joint_names[3]
+        assert assessment.verdict == "use_with_care"
+        assert assessment.joints == ("use", "use", "use", "use_with_care", "use", "use")
+
+    @pytest.mark.parametrize(("postures", "few"), [([0, 0, 0, 0], True), ([0, 1], True), ([0, 1, 2], False)])
+    def test_few_postures(self, pulls, postures, few):
+        robot, measurements = pulls
+        assessment, _ = assessed(robot, measurements[np.array(postures)], findings=())
+        assert ("few_postures" in {reason.code for reason in assessment.reasons}) == few
+
+    @pytest.mark.parametrize(
+        ("change", "code", "weight", "says"),
+        [
+            (two, "no_residual_freedom", "use_with_care", "stated noise"),
+            (lambda m: replace(two(m), sigma=None), "no_residual_freedom", "do_not_use", "unknown"),
+            (lambda m: first_target(m)[:1], "no_joint_identified", "do_not_use", "6 not observable"),
+            (
+                lambda m: replace(m, load_point=np.broadcast_to(list(TARGETS.values())[2], m.force.shape)),
+                "load_at_target",
+                "use_with_care",
+                "target 3",
+            ),
+        ],
+    )
+    def test_what_readings_do_not_allow_is_said(self, pulls, change, code, weight, says):
+        robot, measurements = pulls
+        wrong = change(measurements)
+        assessment, _ = assessed(robot, wrong, complementary_stiffness="neglected", findings=())
+        reason = reason_of(assessment, code)
+        assert (reason.weight, says in reason.message) == (weight, True)
+        assert reason.action is None or reason.action.target == "P12"
+
+    def test_computed_readings_leave_no_residuals(self):
+        robot, measurements = prepare(simulate_campaign(default_arm(), load="pull", seed=3, sigma=0.0))
+        assessment, _ = assessed(robot, replace(measurements, sigma=None), findings=())
+        assert reason_of(assessment, "residuals_vanish").weight == "use_with_care"
+
+    def test_most_of_the_deflection_unexplained(self, fanuc):
+        robot, measurements = fanuc
+        wrong = replace(measurements, force=measurements.force[:, [1, 2, 0]])
+        assessment, _ = assessed(robot, wrong, findings=())
+        reason = reason_of(assessment, "deflection_unexplained")
+        assert (assessment.verdict, reason.action.kind) == ("do_not_use", "show_posture")
+        assert "joints explain" in reason.message
+
+    def test_the_posture_to_look_at_is_that_of_the_largest_residual(self, pulls):
+        robot, measurements = pulls
+        deflection = measurements.deflection.copy()
+        deflection[3, 1] += [0.0, 0.02, 0.0]  # of one target alone
+        wrong = replace(measurements, force=measurements.force[:, [1, 2, 0]], deflection=deflection)
+        assessment, found = assessed(robot, wrong, findings=(), complementary_stiffness="neglected")
+        left = np.linalg.norm(predict(robot, wrong, found.compliance).residual, axis=2)
+        shown = reason_of(assessment, "deflection_unexplained").action.observations
+        assert shown == ["c04"] == [measurements.labels[left.max(axis=1).argmax()]]
+        assert left.min(axis=1).argmax() != 3
+
+    def test_behind_a_gross_error_no_smaller_cause_is_sought(self, pulls):
+        """A load point 5 cm off is one; another finding that forbids nothing does not matter."""
+        robot, measurements = pulls
+        wrong = replace(measurements, load_point=np.add(measurements.load_point, [0.05, 0.0, 0.0]))
+        told = [Finding(code="zero_load", weight=w, message="m", remedy="r") for w in ("use", "do_not_use")]
+        for findings, sought in (((), True), (told[:1], True), (told, False)):
+            assessment, _ = assessed(robot, wrong, findings=findings)
+            kinds = [reason.action.kind for reason in assessment.reasons if reason.action]
+            assert ("fit_causes" in kinds) == sought
+
+    def test_implausible_stiffness_names_the_joint_and_the_range(self, pulls):
+        robot, measurements = pulls
+        soft = replace(measurements, force=1e-4 * measurements.force)
+        assessment, _ = assessed(robot, soft, complementary_stiffness="neglected", findings=())
+        reasons = [reason for reason in assessment.reasons if reason.code == "stiffness_implausible"]
+        assert reasons[0].weight == "do_not_use"
+        assert reasons[0].where in robot.joint_names
+        assert "1e+03 to 1e+09 N.m/rad" in reasons[0].message
+
+
+def test_a_joint_less_certain_than_its_size_is_used_with_care_at_best():
+    robot, measurements = prepare(simulate_campaign(default_arm(), load="pull", seed=9, sigma=2e-3))
+    assessment, found = assessed(robot, measurements, findings=())
+    assert {joint.status for joint in found.joints} >= {"identified", "uncertain"}
+    for verdict, joint in zip(assessment.joints, found.joints, strict=True):
+        if joint.status == "identified":
+            assert joint.compliance_interval[0] > 0
+        if joint.status != "uncertain":
+            continue
+        assert verdict != "use"
+        assert joint.compliance > 0
+        assert joint.compliance_interval[0] == 0.0
+        larger = joint.standard_uncertainty >= joint.compliance
+        assert ("exceeds the compliance" if larger else "leaves no upper limit") in joint.reason
+        assert joint.reason.startswith("stiffer than")
+        number, unit = joint.reason.removeprefix("stiffer than ").split(" at ")[0].split(" ", 1)
+        stated = float(number) * {"N·m/rad": 1.0, "· 10⁶ N·m/rad": 1e6}[unit]
+        assert 0.9 / joint.one_sided.compliance_at_most < stated <= 1 / joint.one_sided.compliance_at_most
+
+
+@pytest.mark.parametrize(
+    ("stiffnesses", "named", "remedy"),
+    [
+        ([1e6, 2e6, -3e6], "", ""),
+        ([1e6, 2e6, -30.0], "joint_3", "set non_negative"),
+        ([1e6, 2e6, 30.0], "joint_3", "the other joints are plausible"),
+        ([1e2, 2e2, 30.0], "joint_1 joint_2 joint_3", "check the units of force, length and moment"),
+        ([1e10, 2e6, 3e6], "joint_1", "the other joints are plausible"),
+        ([1e2, 2e2, -30.0], "joint_3", "set non_negative"),
+    ],
+)
+def test_the_remedy_of_an_implausible_stiffness(stiffnesses, named, remedy):
+    """A sign is the order or the map, one joint its own column, all joints together a unit."""
+    joints = [
+        JointCompliance(f"joint_{number}", "revolute", "identified", 1.0 / stiffness, 1e-9)
+        for number, stiffness in enumerate(stiffnesses, 1)
+    ]
+    joints.append(JointCompliance("joint_4", "revolute", "not_observable", reason="never twists"))
+    found = list(implausible_joints(joints))
+    assert set(named.split()) <= {finding.where for finding in found}
+    assert bool(named) == bool(found)
+    for finding in found:
+        assert finding.where is not None
+        if finding.where in named:
+            assert remedy in finding.remedy
+
+
+@pytest.mark.parametrize(
+    ("offset", "stated", "weight"),
+    [(0.02, None, "use_with_care"), (0.05, None, "do_not_use"), (0.02, 1e-4, "do_not_use")],
+)
+def test_a_load_point_elsewhere_does_harm_beyond_what_the_intervals_hold(pulls, offset, stated, weight):
+    """An assumed load point may be 10 mm off; one that was stated to 0.1 mm may not."""
+    robot, measurements = pulls
+    assumed = frozenset(() if stated else ("load_point",))
+    common = CommonUncertainty(load_point=stated or 0.01, assumed=assumed)
+    wrong = replace(
+        measurements,
+        load_point=np.add(measurements.load_point, [offset, 0.0, 0.0]),
+        common_uncertainty=common,
+    )
+    reason = reason_of(assessed(robot, wrong, findings=())[0], "alternative_explains_better")
+    assert [cause.name for cause in reason.action.causes] == ["load_point"]
+    assert reason.weight == weight
+
+
+@pytest.mark.parametrize("count", [1, 2, 5])
+def test_reasons_of_a_kind_are_one_with_their_number(pulls, count):
+    robot, measurements = pulls
+    told = [
+        Finding(code="targets_not_rigid", weight="do_not_use", observation=label, message="m", remedy="r")
+        for label in measurements.labels[:count]
+    ]
+    reason = reason_of(assessed(robot, measurements, findings=tuple(told))[0], "gross_error")
+    assert reason.message == ("m" if count == 1 else f"m (and {count - 1} more of this kind)")
+
+
+@pytest.mark.parametrize("load", ["pull", "dead_weight"])
+@pytest.mark.parametrize("assumed", [(), ("load_point",), ("force_scale",), ("load_point", "force_scale")])
+def test_what_was_assumed_is_noted_also_where_a_joint_is_not_seen(load, assumed):
+    """A weight never twists joint 1, whose compliance then depends on no assumption."""
+    robot, measurements = prepare(simulate_campaign(default_arm(), load=load, seed=3))
+    common = CommonUncertainty(load_point=0.01, scale=0.01, assumed=frozenset(assumed))
+    notes = assessed(robot, replace(measurements, common_uncertainty=common), findings=())[0].notes
+    beginnings = {"load_point": "Load point: ±10 mm", "force_scale": "Forces: ±1 %"}
+    noted = {name for name, text in beginnings.items() if any(note.startswith(text) for note in notes)}
+    assert noted == set(assumed)

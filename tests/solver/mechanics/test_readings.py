@@ -1,0 +1,354 @@
+"""What readings are worth: encoders, gauges, and a tracker's sheet against geometry done by hand."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from support.campaigns import (
+    ARM,
+    METHODS,
+    SIGMA,
+    assert_covariance,
+    blocks_of_set,
+    covariance_by_moving,
+    estimate,
+    prepare,
+    settings_of,
+    wrench_of,
+)
+from support.encoders import with_encoders
+from support.gauges import by_gauges, triads
+
+from jointstiff.schemas.options import Resampling
+from jointstiff.simulator import simulate_campaign
+from jointstiff.simulator.campaign import torques
+from jointstiff.solver.errors import MeasurementError, UnsupportedMethodError
+from jointstiff.solver.estimation.estimate import predict
+from jointstiff.solver.estimation.resampling import draws_of, resample
+from jointstiff.solver.estimation.solution import Bounds
+from jointstiff.solver.integrity import inspect
+from jointstiff.solver.mechanics.measurements import (
+    EncoderReadings,
+    Instrument,
+    refuse_no_covariance,
+)
+
+ENCODER_SIGMA = 5e-6
+
+
+def campaign(*, joints=None, noise=ENCODER_SIGMA, **options):
+    document = simulate_campaign(ARM, **{"load": "pull", "seed": 3, **options})
+    return with_encoders(ARM, document, joints=joints, sigma=ENCODER_SIGMA, noise=noise), document
+
+
+def prepared(**options):
+    return prepare(campaign(**options)[0])
+
+
+def changed(measurements, **encoders):
+    return replace(measurements, encoders=replace(measurements.encoders, **encoders))
+
+
+@pytest.mark.parametrize("method", ["partial_pose", "complete_pose"])
+@pytest.mark.parametrize(("joints", "every"), [([1], 1), ([0, 1, 2], 1), (None, 1), (None, 2)])
+def test_information_adds_up_exactly(method, joints, every):
+    """Of the joints that have encoders, in the observations where they were read."""
+    robot, measurements = prepared(joints=joints)
+    present = measurements.encoders.present.copy()
+    present[np.arange(len(present)) % every > 0] = False
+    m = changed(measurements, present=present)
+    torque = torques(ARM, m.joints, *wrench_of(m))
+    added = np.where(present, torque**2, 0.0).sum(axis=0) / (2 * ENCODER_SIGMA**2)
+    before, after = (
+        estimate(robot, each, method=method, positive=False).covariance
+        for each in (replace(m, encoders=None), m)
+    )
+    expected = np.linalg.inv(before) + np.diag(added)
+    np.testing.assert_allclose(np.linalg.inv(after), expected, rtol=1e-7, atol=1e-7 * np.abs(expected).min())
+    seen = present.any(axis=0)
+    assert (np.diag(after)[seen] < np.diag(before)[seen]).all()
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_covariance_is_that_of_a_linear_function_of_all_readings(method):
+    """ĉ = H d: H by perturbing one reading at a time, then H Σ Hᵀ with no formula of ours."""
+    robot, measurements = prepared(configurations=6)
+
+    def compliance(targets=measurements.deflection, encoders=measurements.encoders.deflection):
+        moved = replace(changed(measurements, deflection=encoders), deflection=targets)
+        return estimate(robot, moved, method=method, positive=False).compliance
+
+    expected = covariance_by_moving(
+        compliance,
+        targets=(measurements.deflection, np.sqrt(2) * SIGMA),
+        encoders=(measurements.encoders.deflection, np.sqrt(2) * ENCODER_SIGMA),
+    )
+    found = estimate(robot, measurements, method=method, positive=False)
+    assert_covariance(found.covariance, expected, atol=1e-7)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_resampling_takes_the_encoders_along(method):
+    robot, measurements = prepared(configurations=12, joints=(1, 2, 4))
+    settings = settings_of(robot, method=method)
+    plan = Resampling(size=8, repetitions=5, seed=2)
+    drawn = resample(blocks_of_set(robot, measurements, settings), plan, Bounds.positive(6), 0, 5)
+    for rows, compliance in zip(draws_of(plan, 12, 0, 5), drawn.compliance, strict=True):
+        alone = estimate(robot, measurements[rows], method=method)
+        np.testing.assert_allclose(compliance, alone.compliance, rtol=1e-7)
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_clean_encoders_raise_no_finding(seed):
+    assert not inspect(*prepared(seed=seed), degrees=False)
+
+
+def one_swapped(deflection):
+    swapped = deflection.copy()
+    swapped[7, 1] *= -1
+    return swapped
+
+
+@pytest.mark.parametrize(
+    ("change", "code", "observation", "words"),
+    [
+        (lambda d: d * [1, 1, -1, 1, 1, 1], "encoder_against_torque", None, "joint_3 .* sign"),
+        (one_swapped, "encoder_against_torque", "c08", "joint_2"),
+        (np.rad2deg, "encoder_deflection_implausibly_large", None, "unit"),
+    ],
+)
+def test_mistakes_are_noticed_where_they_are(change, code, observation, words):
+    robot, measurements = prepared(load="dead_weight" if observation else "pull")
+    mistaken = changed(measurements, deflection=change(measurements.encoders.deflection))
+    findings = inspect(robot, mistaken, degrees=False)
+    assert {finding.code for finding in findings} == {code}
+    if code == "encoder_against_torque":
+        (finding,) = findings
+        assert finding.observation == observation
+    assert re.search(words, f"{findings[0].message} {findings[0].remedy}", re.DOTALL)
+
+
+def test_predicted_deflections_are_those_of_springs_under_a_small_load():
+    robot, measurements = prepared(noise=0.0, force=10.0)
+    predicted = predict(robot, measurements, ARM.compliances).encoders
+    exact = measurements.encoders.deflection
+    np.testing.assert_allclose(predicted, exact, atol=2e-4 * np.abs(exact).max())
+
+
+@pytest.mark.parametrize(
+    ("method", "weighting"),
+    [("partial_pose", "uniform"), ("complete_pose", "characteristic_length"), ("complete_pose", "uniform")],
+)
+def test_other_weightings_are_refused(method, weighting):
+    with pytest.raises(UnsupportedMethodError, match="encoder") as refusal:
+        estimate(*prepared(), method=method, weighting=weighting)
+    assert refusal.value.where == "weighting"
+
+
+@pytest.mark.parametrize(
+    ("joints", "where", "reason"),
+    [
+        (["elbow"], "observations[2].encoder_readings", "no joint"),
+        (["joint_2", "joint_2"], "observations[2].encoder_readings[1].joint", "two readings"),
+    ],
+)
+def test_readings_of_no_joint_or_twice_of_one_are_refused(joints, where, reason):
+    document, _ = campaign()
+    readings = [{"joint": joint, "unloaded": 0.0, "loaded": 0.0} for joint in joints]
+    document["measurement_set"]["observations"][2]["encoder_readings"] = readings
+    with pytest.raises(MeasurementError, match=reason) as refusal:
+        prepare(document)
+    assert refusal.value.where == where
+    assert refusal.value.remedy
+
+
+@pytest.mark.parametrize(
+    ("deflection", "sigma", "reason"),
+    [*((0.0, sigma, "sigma") for sigma in (0.0, -1.0, np.nan, np.inf)), (np.nan, 1e-6, "finite")],
+)
+def test_numbers_that_are_none_are_refused(deflection, sigma, reason):
+    with pytest.raises(MeasurementError, match=reason):
+        EncoderReadings(np.full((1, 2), deflection), np.ones((1, 2), dtype=bool), sigma)
+
+
+def test_arrays_of_another_shape_are_refused():
+    with pytest.raises(MeasurementError, match="shape"):
+        changed(prepared()[1], deflection=np.zeros((19, 2)), present=np.ones((19, 2), dtype=bool))
+
+
+SPREAD = {"P0": (0.15, 0.0, 0.1), "P1": (-0.1, 0.12, 0.1), "P2": (-0.1, -0.12, 0.05)}
+
+
+ONE = {"P0": (0.1, 0.05, 0.1)}
+
+
+def tracked(targets=ONE, **options):
+    options = {"load": "pull", "seed": 3, "configurations": 20, "readings": "deflections"} | options
+    return simulate_campaign(ARM, targets=targets, **options)
+
+
+def test_what_gauges_do_not_support_is_refused():
+    robot, measurements = prepare(by_gauges(tracked(targets=SPREAD), triads(20)))
+    with pytest.raises(UnsupportedMethodError, match="3 targets"):
+        estimate(robot, measurements, method="complete_pose")
+    with pytest.raises(UnsupportedMethodError, match="one direction"):
+        estimate(robot, measurements, loss="huber")
+
+
+STATION = (3.5, -2.0, 0.8)
+SHEET = {
+    "range": {"constant": 3e-6, "per_distance": 1e-6},
+    "transverse": {"constant": 2e-5, "per_distance": 2e-5},
+}
+TRACKER = {"instrument": {"station": list(STATION), **SHEET}}
+
+
+def pulled(noise, **options):
+    document = simulate_campaign(ARM, load="pull", seed=4, **options)
+    document["measurement_set"]["noise"] = noise
+    return document
+
+
+def readings_of(document):
+    return [r for o in document["measurement_set"]["observations"] for r in o["readings"]]
+
+
+def estimate_of(document, **options):
+    return estimate(*prepare(document), **options)
+
+
+def same_estimates(one, other):
+    np.testing.assert_allclose(one.compliance, other.compliance, rtol=1e-9)
+    np.testing.assert_allclose(one.covariance, other.covariance, rtol=1e-9)
+    assert one.chi_square == pytest.approx(other.chi_square, rel=1e-9)
+    assert one.degrees_of_freedom == pytest.approx(other.degrees_of_freedom)
+    for a, b in zip(one.joints, other.joints, strict=True):
+        np.testing.assert_allclose(a.compliance_interval, b.compliance_interval, rtol=1e-6)
+
+
+class TestInstrument:
+    @pytest.mark.parametrize(
+        ("instrument", "place", "covariance"),
+        [
+            # Along and across the line of sight, at 5 m and at 10 m.
+            (((1, 0, 0), 1e-5, 2e-6, 3e-5, 4e-6), (6, 0, 0), np.diag([2e-5, 5e-5, 5e-5]) ** 2),
+            (((1, 0, 0), 1e-5, 2e-6, 3e-5, 4e-6), (1, -10, 0), np.diag([7e-5, 3e-5, 7e-5]) ** 2),
+            # In the direction (3, 4, 0)/5, by hand: σ_r = 1, σ_t = 2 give Σ = 4 I − 3 u uᵀ.
+            (
+                ((0, 0, 0), 1.0, 0.0, 2.0, 0.0),
+                (3, 4, 0),
+                [[2.92, -1.44, 0.0], [-1.44, 2.08, 0.0], [0.0, 0.0, 4.0]],
+            ),
+        ],
+    )
+    def test_covariance_by_hand(self, instrument, place, covariance):
+        found = Instrument(*instrument).covariance(np.array([place], dtype=float))
+        np.testing.assert_allclose(found[0], covariance, rtol=1e-12, atol=1e-15 * np.max(covariance))
+
+    @pytest.mark.parametrize(
+        ("instrument", "reason"),
+        [
+            (((0.0, 0.001, 0.0), 1e-5, 0.0, 1e-5, 0.0), "from the tracker"),
+            ((STATION, 1e-5, 0.0, 1e-16, 0.0), "implausible"),
+            ((STATION, 1e2, 0.0, 1e-6, 0.0), "implausible"),
+        ],
+    )
+    def test_impossible_sheets_and_places_are_refused(self, instrument, reason):
+        with pytest.raises(MeasurementError, match=reason):
+            Instrument(*instrument).covariance(np.zeros((1, 3)))
+
+    @pytest.mark.parametrize(
+        "matrix", [np.diag([1.0, 1.0, -1.0]), np.diag([1.0, 1.0, 0.0]), np.eye(3) + np.eye(3, k=1) * 0.1]
+    )
+    def test_matrices_that_are_no_covariance(self, matrix):
+        covariance = np.broadcast_to(np.eye(3), (2, 2, 3, 3)).copy()
+        covariance[1, 1] = matrix
+        present = np.array([[True, True], [False, True]])
+        with pytest.raises(MeasurementError) as caught:
+            refuse_no_covariance(covariance, present, "loaded_covariance")
+        assert caught.value.where == "observations[1].readings[0].loaded_covariance"
+        present[1, 1] = False
+        refuse_no_covariance(covariance, present, "loaded_covariance")
+
+
+class TestKindsAgree:
+    """The same noise said in three ways is one noise, in every method and unit."""
+
+    @pytest.mark.parametrize("method", METHODS)
+    @pytest.mark.parametrize("readings", ["positions", "deflections"])
+    def test_an_isotropic_instrument_equals_sigma(self, method, readings):
+        flat = {"constant": SIGMA, "per_distance": 0.0}
+        stated = {"instrument": {"station": list(STATION), "range": flat, "transverse": flat}}
+        one, other = (
+            estimate_of(pulled(noise, readings=readings), method=method)
+            for noise in ({"sigma": SIGMA}, stated)
+        )
+        same_estimates(one, other)
+
+    def test_targets_given_in_the_flange_are_as_far_as_those_read(self):
+        documents = (pulled(TRACKER, readings=readings) for readings in ("positions", "deflections"))
+        by_position, in_flange = (m.sigma**2 * m.covariance for _, m in map(prepare, documents))
+        np.testing.assert_allclose(in_flange, by_position, atol=1e-4 * by_position.max())
+
+    def test_equal_per_reading_and_by_instrument(self):
+        """Covariances worked out here, reading by reading, are those of the instrument."""
+        by_hand = pulled(None)
+        for reading in readings_of(by_hand):
+            for state in ("unloaded", "loaded"):
+                reading[f"{state}_covariance"] = covariance_at(reading[state])
+        same_estimates(estimate_of(pulled(TRACKER)), estimate_of(by_hand))
+
+
+def covariance_at(place):
+    """By rotation into the line of sight, unlike the projection under test."""
+    sight = np.subtract(place, STATION)
+    d = np.linalg.norm(sight)
+    axes = np.linalg.qr(np.column_stack([sight, np.eye(3)[:, :2]]))[0]
+    r, t = (SHEET[k]["constant"] + SHEET[k]["per_distance"] * d for k in ("range", "transverse"))
+    matrix = axes @ np.diag([r**2, t**2, t**2]) @ axes.T
+    return (0.5 * (matrix + matrix.T)).tolist()
+
+
+class TestKindsExclude:
+    @pytest.mark.parametrize(
+        "noise",
+        [
+            {},
+            {"sigma": 2e-5, "instrument": {"station": [0, 0, 0], **SHEET}},
+            {"instrument": {"station": [0, 0, 0], **SHEET, "range": {"constant": 0.0, "per_distance": 0.0}}},
+        ],
+    )
+    def test_of_the_set(self, noise):
+        with pytest.raises(ValueError, match="give"):
+            prepare(pulled(noise))
+
+    def test_of_a_reading(self):
+        document = pulled(None)
+        reading = readings_of(document)[0]
+        reading["unloaded_covariance"] = np.eye(3).tolist()
+        with pytest.raises(ValueError, match="give both"):
+            prepare(document)
+        reading["loaded_covariance"], reading["sigma"] = np.eye(3).tolist(), 1e-5
+        with pytest.raises(ValueError, match="not both"):
+            prepare(document)
+
+    @pytest.mark.parametrize(
+        ("noise", "where"), [({"sigma": 2e-5}, "noise.sigma"), (None, "observations[3].readings")]
+    )
+    def test_of_set_and_some_readings(self, noise, where):
+        document = with_own_sigma(pulled(noise))
+        if noise is None:
+            del document["measurement_set"]["observations"][3]["readings"][1]["sigma"]
+        with pytest.raises(MeasurementError) as caught:
+            prepare(document)
+        assert caught.value.where == where
+
+
+def with_own_sigma(document):
+    for observation in document["measurement_set"]["observations"]:
+        for k, reading in enumerate(observation["readings"]):
+            reading["sigma"] = (1 + k) * 1e-5
+    return document
