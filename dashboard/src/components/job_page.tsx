@@ -27,7 +27,7 @@ import { sentence } from "../lib/said";
 import { STIFFNESS_UNITS } from "../lib/stiffness";
 import { useCached, namesChanged, useLoad } from "../state/load";
 import { useSettings } from "../state/session";
-import { TableCard, fileName, save } from "./table";
+import { TableCard, fileName, saveJson } from "./table";
 import type { RunContext } from "../views/run_context";
 import type { ComponentChildren } from "preact";
 
@@ -369,7 +369,7 @@ function Actions({ collection, job, name, list }: ActionsProps) {
     deleted: text.runs.deleted(name),
   });
   const kind = collection.replace(/ies$/, "y").replace(/s$/, "");
-  const download = () => save(JSON.stringify(job, null, 2), "application/json", fileName(`${kind}-${job.id}`, "json"));
+  const download = () => saveJson(job, fileName(`${kind}-${job.id}`, "json"));
   return (
     <>
       {REPORTED.includes(collection) && job.result && (

@@ -138,6 +138,9 @@ export function save(content: string, type: string, name: string): void {
   setTimeout(() => URL.revokeObjectURL(address), 10_000);
 }
 
+export const saveJson = (document: unknown, name: string): void =>
+  save(JSON.stringify(document, null, 2), "application/json", name);
+
 /** A drawing of the page as a document of its own: what the style sheet says becomes attributes of each element. */
 export function standalone(svg: SVGSVGElement, title: string): string {
   const copy = svg.cloneNode(true) as SVGSVGElement;

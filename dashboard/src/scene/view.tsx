@@ -120,7 +120,8 @@ export function roomOf(postures: Posture[]): Vector[] {
 const TURNED: number[] = [-0.9, 0.8];
 
 interface ArmProps {
-  source: RobotSource;
+  /** Null: the arm stands here once there is one. */
+  source: RobotSource | null;
   start: number[] | null;
   sliders?: boolean;
 }
@@ -140,6 +141,7 @@ export function Arm({ source, start, sliders = true }: ArmProps) {
     return [...points, ...TURNED.map((f) => [f * reach, f * reach * 0.6, 0] as const)];
   }, [JSON.stringify(source), startKey, posture === undefined]);
   const current = names.map((_, i) => angles?.[i] ?? 0);
+  if (!source) return <p class="stage blank">{text.start.armHere}</p>;
   return (
     <div class="arm">
       {problem && <ProblemNote problem={problem} />}

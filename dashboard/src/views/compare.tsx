@@ -2,6 +2,7 @@
 import { api, ApiError, goesOn } from "../api/client";
 import type { Comparison, Run, ComparedRun, RunSummary } from "../api/types";
 import { contentKey, freshKey } from "../lib/json";
+import type { ComponentProps } from "preact";
 import { useState } from "preact/hooks";
 import { BarFigure, Figure } from "../charts/figure";
 import { Intervals, StiffnessFigure } from "./joint_table";
@@ -115,7 +116,6 @@ export async function compareSides(sides: SideOf[], ordered: boolean, methods: b
 const words = later.compare;
 const two = later.pair;
 type Result = NonNullable<Comparison["result"]>;
-type Avoided = NonNullable<Result["avoided"]>;
 /** Names of the sides: one set, or two. */
 type Sides = readonly string[];
 
@@ -165,6 +165,7 @@ function ComparisonPage({ id, result, sides }: { id: string; result: Result; sid
   const level = percent(result.confidence);
   const { assessment, warnings, entries, avoided } = result;
   const paired = avoided !== null;
+  const { mm, share } = text.units;
   return (
     <>
       <VerdictCard assessment={assessment} context={null} />
@@ -187,11 +188,11 @@ function ComparisonPage({ id, result, sides }: { id: string; result: Result; sid
         const own = entries.filter((fit) => fit.side === (i ? "second" : "first") && !fit.error);
         return own.length > 2 || !paired ? <Methods entries={own} level={level} side={paired ? side : null} /> : null;
       })}
-      {paired && <Deflections result={result} sides={sides} />}
-      {sides.map((side, i) => (
-        <Left result={result} at={i} side={paired ? side : null} />
+      {paired && <BarFigure unit={mm} {...ofDeflections(result, sides)} />}
+      {result.sides.map((own, i) => (
+        <BarFigure unit={mm} {...ofWhatIsLeft(own, entries, paired ? words.leftOf(sides[i] ?? "") : words.left)} />
       ))}
-      {avoided && <ByConfiguration avoided={avoided} />}
+      {avoided && <BarFigure unit={share} {...ofAvoided(avoided)} />}
     </>
   );
 }
@@ -271,45 +272,42 @@ function Methods({ entries, level, side }: { entries: ComparedRun[]; level: stri
 const inMillimetres = (lengths: (number | null)[]): (number | null)[] =>
   lengths.map((length) => (length === null ? null : length * 1e3));
 
+type Bars = Omit<ComponentProps<typeof BarFigure>, "unit">;
+
 /** The paper's figure 7: the deflection of each configuration on both sides. */
-function Deflections({ result: { sides: compared }, sides }: { result: Result; sides: Sides }) {
+function ofDeflections({ sides: compared }: Result, sides: Sides): Bars {
   const names = [...new Set(compared.flatMap(({ configurations }) => configurations))];
   const series = compared.map(({ configurations, deflection }, i) => {
     const lengths = new Map(configurations.map((name, c) => [name, deflection[c] ?? null]));
     const values = inMillimetres(names.map((name) => lengths.get(name) ?? null));
     return { mark: i ? "method-0" : "measured", label: sides[i] ?? "", values };
   });
-  return <BarFigure unit={text.units.mm} title={words.deflection} note={words.deflectionNote} {...{ names, series }} />;
+  return { title: words.deflection, note: words.deflectionNote, names, series };
 }
 
 /** The paper's figure 8: what is left of a side's deflection after compensation by each method. */
-function Left({ result, at, side }: { result: Result; at: number; side: string | null }) {
-  const own = result.sides[at];
-  if (!own) return null;
-  const fits = result.entries.filter((fit) => fit.side === own.side && fit.left.length > 0);
-  const chosen = byMethod(
-    fits,
-    fits.some((fit) => fit.positive),
-  );
+function ofWhatIsLeft(own: Result["sides"][number], entries: ComparedRun[], title: string): Bars {
+  const fits = entries.filter((fit) => fit.side === own.side && fit.left.length > 0);
+  const isHeld = fits.some((fit) => fit.positive);
   const series = [
     { mark: "measured", label: two.measured, values: inMillimetres(own.deflection) },
-    ...chosen.map((fit, i) => ({ mark: `method-${i}`, label: entryName(fit), values: inMillimetres(fit.left) })),
+    ...byMethod(fits, isHeld).map((fit, i) => ({
+      mark: `method-${i}`,
+      label: entryName(fit),
+      values: inMillimetres(fit.left),
+    })),
   ];
-  const title = side === null ? words.left : words.leftOf(side);
-  return (
-    <BarFigure unit={text.units.mm} title={title} note={words.leftNote} names={own.configurations} series={series} />
-  );
+  return { title, note: words.leftNote, names: own.configurations, series };
 }
 
-function ByConfiguration({ avoided: { configurations } }: { avoided: Avoided }) {
-  const names = configurations.map((one) => one.observation);
+function ofAvoided({ configurations }: NonNullable<Result["avoided"]>): Bars {
   const share = (value: number | null | undefined) => (value == null ? null : value * 100);
   const series = [
     { mark: "measured", label: two.measured, values: configurations.map((one) => share(one.measured?.value)) },
     { mark: "predicted", label: two.predicted, values: configurations.map((one) => share(one.predicted)) },
   ];
-  const { byConfiguration: title, byConfigurationNote: note } = two;
-  return <BarFigure unit={text.units.share} {...{ title, note, names, series }} />;
+  const names = configurations.map((one) => one.observation);
+  return { title: two.byConfiguration, note: two.byConfigurationNote, names, series };
 }
 
 const sideBySideWords = text.lists;

@@ -14,7 +14,7 @@ import { meaningsFor, widthOf, type Template, fits, UNKNOWN, dimensionOf } from 
 import { keptTemplates, type Opened, freshDraft, keepDraft, keepFiles, keptDraft, keepTemplate } from "../state/opened";
 import { Assumptions, FaultList, ImportTable } from "./import_table";
 import { Arm } from "../scene/view";
-import { save } from "../components/table";
+import { saveJson } from "../components/table";
 import { Findings, Preview } from "../components/findings";
 import { factsOf, notedIn, noiseOf, statesNoise } from "../lib/campaign";
 import { significant } from "../lib/format";
@@ -344,22 +344,9 @@ export function ImportFlow({
         {facts && <Preview facts={facts} />}
         {bodies.length > 0 && <p>{words.bodies(bodies.length, significant(mass, 4))}</p>}
         {answer?.findings && <Findings warnings={answer.findings} />}
-        {robot ? (
-          <Arm source={{ robot_id: robot }} start={facts?.firstJoints ?? null} sliders={false} />
-        ) : (
-          <p class="stage blank">{text.start.armHere}</p>
-        )}
+        <Arm source={robot ? { robot_id: robot } : null} start={facts?.firstJoints ?? null} sliders={false} />
         {answer?.template && (
-          <Button
-            look="quiet"
-            onClick={() =>
-              save(
-                JSON.stringify(answer.template, null, 1),
-                "application/json",
-                `${files[0]?.name ?? "import"}.template.json`,
-              )
-            }
-          >
+          <Button look="quiet" onClick={() => saveJson(answer.template, `${files[0]?.name ?? "import"}.template.json`)}>
             {words.saveTemplate}
           </Button>
         )}

@@ -19,7 +19,7 @@ import { asking, useAction, link } from "../state/action";
 import { useDraft } from "../state/session";
 import { JobList } from "./runs";
 import { NoRobots } from "./robots";
-import { save, fileName } from "../components/table";
+import { fileName, saveJson } from "../components/table";
 import { JobLines, JobPage, JobTables } from "../components/job_page";
 
 const words = later.plan;
@@ -234,7 +234,7 @@ export function PlanView({ id }: { id: string }) {
             <Button
               onClick={() => {
                 const campaign = toFillIn(job.request, job.result?.readings ?? [], robot.id, base);
-                save(JSON.stringify(campaign, null, 1), "application/json", fileName(`${subject} planned`, "json"));
+                saveJson(campaign, fileName(`${subject} planned`, "json"));
               }}
             >
               {words.fillIn}

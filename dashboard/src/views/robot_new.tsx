@@ -254,7 +254,7 @@ export function RobotNewView() {
         </section>
         <section class="card sticky">
           <h2>{words.draw}</h2>
-          {source ? <Arm source={source} start={null} /> : <p class="stage blank">{text.start.armHere}</p>}
+          <Arm source={source} start={null} />
           <div class="go">
             <ActionButton look="primary big" action={save} disabled={!document || !named} going={words.saving}>
               {words.save}

@@ -117,11 +117,7 @@ export function CampaignFlow({
                 <LinkButton href="#/robots/new">{later.robots.add}</LinkButton>
               </div>
             )}
-            {source ? (
-              <Arm source={source} start={facts?.firstJoints ?? null} />
-            ) : (
-              <p class="stage blank">{text.start.armHere}</p>
-            )}
+            <Arm source={source} start={facts.firstJoints} />
           </Step>
           <Advanced form={form} joints={ofRobot?.joints.map((joint) => joint.name) ?? []} />
         </>

@@ -12,7 +12,7 @@ import { namesChanged, useLoad, useNames, valueOf } from "../state/load";
 import { later } from "../i18n/later";
 import { alike } from "../components/table";
 import { Rows } from "../components/list";
-import { intervalIn, maybeInUnit, unitOf } from "../lib/stiffness";
+import { unitOf } from "../lib/stiffness";
 import { useSettings } from "../state/session";
 import { type IntervalMark, Mark } from "./joint_table";
 import { text } from "../i18n";
@@ -411,15 +411,13 @@ function JointTrend({ joint, trend }: { joint: TrendJoint; trend: Found }) {
           text.run.verdict,
         ],
         rows: trend.campaigns.map(({ name, at, assessment }, i) => {
-          const point = joint.points[i];
+          const [drawn, point] = [points[i], joint.points[i]];
           return [
             name,
             at.slice(0, 16).replace("T", " "),
             point ? words.roles[point.role] : "",
-            maybeInUnit(point?.stiffness, unit, joint.kind),
-            ...intervalIn(point?.interval, unit, joint.kind),
-            maybeInUnit(point?.smoothed, unit, joint.kind),
-            ...(points[i]?.limits ?? [null, null]),
+            ...[drawn?.value, drawn?.low, point?.interval ? drawn?.high : null, drawn?.smoothed],
+            ...(drawn?.limits ?? [null, null]),
             point?.change ? changeText(point.change) : (point?.reason ?? ""),
             text.usability[assessment.verdict],
           ];
