@@ -184,8 +184,7 @@ export const api = {
     ),
   apply: (run: string, action: of.Action) => call<of.Run>("POST", `/v1/runs/${run}/apply?wait=1`, { body: action }),
   webhooks: (signal?: AbortSignal) => call<{ items: of.Webhook[] }>("GET", "/v1/webhooks", { signal }),
-  addWebhook: (body: { url: string; events: readonly string[] }) =>
-    call<of.NewWebhook>("POST", "/v1/webhooks", { body }),
+  addWebhook: (body: unknown) => call<of.NewWebhook>("POST", "/v1/webhooks", { body }),
   deleteWebhook: (hook: string) => call<undefined>("DELETE", `/v1/webhooks/${id(hook)}`),
   addProgram: (files: File[], stated: unknown, key: string) => programs.add(form(files, stated), key),
   programPoints: (program: string) => call<Columns>("GET", jobs.file(program, "points.json")),

@@ -394,12 +394,14 @@ export const MeasureLink = ({ robot }: { robot?: string }) => (
 interface ShowProps<Value> {
   of: Loading<Value>;
   title?: string;
+  /** Shown in its place, where there is nothing in it. */
+  instead?: (value: Value) => ComponentChildren;
   children: (value: Value) => ComponentChildren;
 }
 
 /** What was loaded, or why not; `title` heads the view until what was loaded brings its own. */
-export function Show<Value>({ of, title, children }: ShowProps<Value>) {
-  if (of.state === "ready") return <>{children(of.value)}</>;
+export function Show<Value>({ of, title, instead, children }: ShowProps<Value>) {
+  if (of.state === "ready") return <>{instead?.(of.value) || children(of.value)}</>;
   return (
     <>
       {title !== undefined && <Title plain={title}>{title}</Title>}
@@ -417,15 +419,19 @@ export interface Fact {
   value: ComponentChildren;
 }
 
-export function Facts({ facts, wide = false }: { facts: Fact[]; wide?: boolean }) {
+/** Labels with their values; what is no fact is left out. */
+export function Facts({ facts, wide = false }: { facts: (Fact | false | null | undefined | "")[]; wide?: boolean }) {
   return (
     <dl class={wide ? "facts wide" : "facts"}>
-      {facts.map(({ label, value }) => (
-        <div>
-          <dt>{label}</dt>
-          <dd>{value}</dd>
-        </div>
-      ))}
+      {facts.map(
+        (fact) =>
+          fact && (
+            <div>
+              <dt>{fact.label}</dt>
+              <dd>{fact.value}</dd>
+            </div>
+          ),
+      )}
     </dl>
   );
 }

@@ -200,7 +200,7 @@ export function FilterBar({
             label={text.lists.robot}
             value={filter.robot}
             change={(robot) => change({ robot })}
-            options={robotOptions(names, { value: "", label: text.app.all })}
+            options={robotOptions(names, text.app.all)}
           />
         )}
         {judged && (

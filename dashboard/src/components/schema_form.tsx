@@ -117,6 +117,15 @@ const USUAL: Record<string, Unit> = {
   kg: ["kg", 1],
 };
 
+/** What is small, by name. */
+const MICRO: Unit = [text.units.micrometre, 1e-6];
+const FINE: Record<string, Unit> = {
+  ...{ sigma: MICRO, constant: MICRO, uncertainty: MICRO, limit: MICRO },
+  per_distance: [`${text.units.micrometre}/m`, 1e-6],
+  encoder_sigma: ["µrad", 1e-6],
+  ...{ scale: [text.units.share, 0.01], relative: [text.units.share, 0.01] },
+};
+
 interface Known {
   all: Schemas;
   terms: Terms;
@@ -194,8 +203,9 @@ function Property({ schema: raw, value, change, path }: Part) {
   const { all, terms } = useContext(Form);
   const unitOf = useUnits();
   const schema = plain(raw, all);
-  const [unit, factor] = terms.units?.[path] ?? unitOf(schema);
-  const label = terms.labels?.[path] ?? spoken(path.split(".").at(-1) ?? "");
+  const name = path.split(".").at(-1) ?? "";
+  const [unit, factor] = terms.units?.[path] ?? FINE[name] ?? unitOf(schema);
+  const label = terms.labels?.[path] ?? spoken(name);
   const place = (terms.within ?? "") + path;
   const usual = schema.default ?? "";
   const help = terms.labels?.[path] ? undefined : sentence(helpOf(schema, String(value ?? usual)) ?? "") || undefined;
@@ -239,19 +249,19 @@ function Property({ schema: raw, value, change, path }: Part) {
       </>
     );
   }
-  const { joints = [] } = terms;
-  if (schema.items?.type === "string" && joints.length > 0) {
-    const chosen = Array.isArray(value) && value.length > 0 ? (value as string[]) : joints; // none means all
+  const several = schema.items?.enum ?? terms.joints ?? [];
+  if (schema.items?.type === "string" && several.length > 0) {
+    const chosen = Array.isArray(value) && value.length > 0 ? (value as string[]) : several; // none means all
     const toggled = (name: string, on: boolean) => {
-      const next = joints.filter((each) => (each === name ? on : chosen.includes(each)));
-      change(next.length === joints.length ? [] : next);
+      const next = several.filter((each) => (each === name ? on : chosen.includes(each)));
+      change(next.length === several.length ? [] : next);
     };
     return (
       <fieldset class="choice">
         <legend>{label}</legend>
         <div class="toggles">
-          {joints.map((name) => (
-            <Toggle label={name} checked={chosen.includes(name)} change={(on) => toggled(name, on)} />
+          {several.map((name) => (
+            <Toggle label={WORDS[name] ?? name} checked={chosen.includes(name)} change={(on) => toggled(name, on)} />
           ))}
         </div>
         <small class="soft">{described.help}</small>
@@ -287,6 +297,7 @@ const WORDS: Record<string, string> = {
   ...text.losses,
   ...later.robots.kinds,
   ...later.robots.conventions,
+  ...later.webhooks.events,
   ...formWords.values,
 };
 

@@ -244,10 +244,12 @@ export const en = {
       of: (total: number) => `of ${total}`,
       compensation: "of the deflection is explained by the model",
       rms: "rms residual",
-      noiseFits: "Residuals are consistent with the stated noise",
-      noiseLarge: "Residuals are larger than the stated noise",
-      noiseSmall: "Residuals are smaller than the stated noise",
-      noiseEstimated: "Noise estimated from the residuals",
+      noise: {
+        consistent: "Residuals are consistent with the stated noise",
+        residuals_too_large: "Residuals are larger than the stated noise",
+        residuals_too_small: "Residuals are smaller than the stated noise",
+        estimated: "Noise estimated from the residuals",
+      },
     },
     stiffness: "Joint stiffness",
     stiffnessNote: (level: string) =>

@@ -146,7 +146,7 @@ export const later = {
     title: "Webhooks",
     intro:
       "The service posts events to these addresses, signed by Standard Webhooks. It repeats a message for one day if there is no answer.",
-    url: "Address to post to, without user and password",
+    labels: { url: "Address to post to, without user and password", events: "Events" },
     events: {
       "run.succeeded": "run succeeded",
       "run.failed": "run failed",

@@ -9,6 +9,7 @@ import type {
   Robot,
   RobotSummary,
   Kinematics,
+  RobotDocument,
   RobotSource,
 } from "../api/types";
 import { listen, news, tell } from "../lib/events";
@@ -210,11 +211,19 @@ export const robotsToldApart = (
     ];
   });
 
-/** Robots to choose from, after a first option that is none or of a file. */
-export const robotOptions = (names: Names | null, ...first: { value: string; label: string }[]) => [
-  ...first,
+/** The robot that a file brings along, among those to choose from. */
+export const FROM_FILE = "file";
+
+/** Robots to choose from, after none, and that of a file. */
+export const robotOptions = (names: Names | null, none: string, ofFile?: { name?: unknown } | null) => [
+  { value: "", label: none },
+  ...(ofFile ? [{ value: FROM_FILE, label: text.start.fromFile(String(ofFile.name ?? "")) }] : []),
   ...(names?.robots ?? []).map(({ id }) => ({ value: id, label: names?.robot(id) ?? id })),
 ];
+
+/** The robot of a choice, that of a file or a stored one. */
+export const sourceOf = (chosen: string | undefined, ofFile: RobotDocument | null | undefined): RobotSource | null =>
+  chosen === FROM_FILE ? (ofFile ? { robot: ofFile } : null) : chosen ? { robot_id: chosen } : null;
 
 /** Sets to choose from, with their robots. */
 export const setOptions = (names: Names) =>

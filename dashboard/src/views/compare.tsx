@@ -98,14 +98,12 @@ async function comparable(run: Run): Promise<Run[]> {
 const compared = (runs: Run[], ordered = false): Promise<Comparison> =>
   api.comparisons.add({ run_ids: [...new Set(runs.map((run) => run.id))], ordered }, freshKey("comparison"));
 
-/** A side of a comparison: a run, or a set, which is identified. */
-export type SideOf = { run: Run } | { set: string };
-
-/** Compare two sides, on request by all methods. */
-export async function compareSides(sides: SideOf[], ordered: boolean, methods: boolean): Promise<Comparison> {
+/** Compare two sides, `run:…` or `set:…`, which is identified; on request by all methods. */
+async function compareSides(sides: string[], ordered: boolean, methods: boolean): Promise<Comparison> {
   const runs = await Promise.all(
     sides.map(async (side) => {
-      const own = "run" in side ? side.run : await identified(optionsOf(side.set, PARTIAL, true));
+      const [kind, id = ""] = side.split(":", 2);
+      const own = await (kind === "run" ? api.runs.one(id) : identified(optionsOf(id, PARTIAL, true)));
       const leading = await comparable(own);
       return methods ? [...leading, ...(await byMethods(own.request.measurement_set_id, null))] : leading;
     }),
@@ -321,23 +319,21 @@ export function SideBySideView({ ids }: { ids: string[] }) {
     [ids.join()],
   );
   return (
-    <Show of={loaded} title={sideBySideWords.compare}>
-      {(columns) =>
-        columns.length < 2 ? (
-          <Empty title={sideBySideWords.compare} hint={sideBySideWords.selectTwo} />
-        ) : (
-          <Page columns={columns} />
-        )
-      }
+    <Show
+      of={loaded}
+      title={sideBySideWords.compare}
+      instead={({ length }) => length < 2 && <Empty title={sideBySideWords.compare} hint={sideBySideWords.selectTwo} />}
+    >
+      {(columns) => <Page columns={columns} />}
     </Show>
   );
 }
 
 function Page({ columns }: { columns: RunColumn[] }) {
-  const [first, second] = columns;
+  const [first] = columns;
   const pair = useAction(async () => {
-    if (!first || !second) return;
-    const made = await compareSides([{ run: first.run }, { run: second.run }], false, false);
+    const sides = columns.map(({ run }) => `run:${run.id}`);
+    const made = await compareSides(sides, false, false);
     return link(["compare", "methods", made.id]);
   });
   const title = columns.map((column) => column.name).join(" · ");
@@ -377,17 +373,13 @@ export function CompareView({ kind }: { kind: string }) {
         current={kind}
         tabs={KINDS.map((id) => ({ id, label: words[id], href: link(["compare", id]) }))}
       />
-      <Show of={names}>
-        {(known) =>
-          known.sets.length === 0 ? (
-            <NoSets />
-          ) : (
-            <>
-              {kind === "pairs" ? <StartPair names={known} /> : <StartMethods names={known} />}
-              <JobList collection="comparisons" />
-            </>
-          )
-        }
+      <Show of={names} instead={(known) => known.sets.length === 0 && <NoSets />}>
+        {(known) => (
+          <>
+            {kind === "pairs" ? <StartPair names={known} /> : <StartMethods names={known} />}
+            <JobList collection="comparisons" />
+          </>
+        )}
       </Show>
     </>
   );
@@ -412,12 +404,6 @@ function StartMethods({ names }: { names: Names }) {
       </ActionButton>
     </section>
   );
-}
-
-/** A side as the select box holds it: `set:…` or `run:…`. */
-async function side(chosen: string): Promise<SideOf> {
-  const [kind, id = ""] = chosen.split(":", 2);
-  return kind === "run" ? { run: await api.runs.one(id) } : { set: id };
 }
 
 function sideOptions(names: Names, runs: RunSummary[]): { value: string; label: string }[] {
@@ -450,8 +436,7 @@ function StartPair({ names }: { names: Names }) {
     setOrdered(false);
   };
   const start = useAction(async () => {
-    const sides = await Promise.all([side(first), side(second)]);
-    const pair = await compareSides(sides, ordered, methods);
+    const pair = await compareSides([first, second], ordered, methods);
     return link(["compare", "methods", pair.id]);
   }, "pair");
   const possible = !first.endsWith(":") && !second.endsWith(":") && first !== second;

@@ -11,7 +11,7 @@ import type { ComponentChildren } from "preact";
 import type { Action } from "../state/action";
 
 const words = later.settings;
-const { mm, micrometre, share } = text.units;
+const { mm } = text.units;
 
 const GROUPS = {
   fit: ["method", "elasticity", "loss", "huber_threshold", "weighting", "characteristic_length", "confidence"],
@@ -46,17 +46,10 @@ export const NOISE: Terms = {
   within: "noise.",
   seeds: { instrument: { range: {}, transverse: {} } },
   units: {
-    sigma: [micrometre, 1e-6],
-    encoder_sigma: ["µrad", 1e-6],
     load_point: [mm, 1e-3],
     target_places: [mm, 1e-3],
-    "force.scale": [share, 0.01],
     "force.direction": ["mrad", 1e-3],
     "instrument.station": [mm, 1e-3],
-    "instrument.range.constant": [micrometre, 1e-6],
-    "instrument.transverse.constant": [micrometre, 1e-6],
-    "instrument.range.per_distance": [`${micrometre}/m`, 1e-6],
-    "instrument.transverse.per_distance": [`${micrometre}/m`, 1e-6],
   },
 };
 

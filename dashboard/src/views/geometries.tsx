@@ -8,7 +8,7 @@ import { Arm } from "../scene/view";
 import { ActionButton, Facts, Title } from "../components/basics";
 import { TextField, Select } from "../components/fields";
 import { useAction, link } from "../state/action";
-import { namesChanged, valueOf, robotOptions, useNames } from "../state/load";
+import { FROM_FILE, namesChanged, valueOf, robotOptions, sourceOf, useNames } from "../state/load";
 import { DropZone } from "../components/schema_form";
 import { DataTable } from "../components/table";
 import { fixed } from "../lib/format";
@@ -80,8 +80,6 @@ function SaveAsRobot({ geometry, result }: { geometry: Geometry; result: Geometr
   );
 }
 
-const FROM_FILE = "file";
-
 type Opened = { name: string; readings: Readings | null };
 
 export function GeometriesView() {
@@ -152,8 +150,7 @@ function Start({ readings }: { readings: Readings }) {
   const known = valueOf(useNames());
   const [chosen, setChosen] = useState(readings.robot ? FROM_FILE : (readings.robotId ?? ""));
   const needed = readings.facts.poses !== null;
-  const stored = chosen && chosen !== FROM_FILE ? { robot_id: chosen } : null;
-  const source = chosen === FROM_FILE && readings.robot ? { robot: readings.robot } : stored;
+  const source = sourceOf(chosen, readings.robot);
   const start = useAction(async () => {
     const request = { ...readings.request, ...source };
     const made = await api.geometries.add(request, contentKey("geometry", request));
@@ -167,13 +164,7 @@ function Start({ readings }: { readings: Readings }) {
         value={chosen}
         change={setChosen}
         help={words.nominalHint}
-        options={robotOptions(
-          known,
-          { value: "", label: needed ? words.pickNominal : words.noNominal },
-          ...(readings.robot
-            ? [{ value: FROM_FILE, label: text.start.fromFile(String(readings.robot.name ?? "")) }]
-            : []),
-        )}
+        options={robotOptions(known, needed ? words.pickNominal : words.noNominal, readings.robot)}
       />
       {source && <Arm key={chosen} source={source} start={null} sliders={false} />}
       <ActionButton look="primary big" action={start} disabled={needed && !source} going={words.going}>

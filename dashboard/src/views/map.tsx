@@ -203,14 +203,7 @@ function Explorer({ own, other }: { own: Loaded; other: Loaded | null }) {
   const values = sides.map(({ places }) => places.map((place) => valueOfPlace(place, quantity)));
   const scale = extent(values.flat()) ?? [0, 1];
   const [across, setAcross] = useState<Axis>(() => thinnest(grid));
-  const [chosen, setChosen] = useState(() => {
-    const isMiddle = (place: number) => layerOf(grid, across, place) === Math.floor(grid[across] / 2);
-    return (
-      greatest((values[0] ?? []).map((value, i) => (isMiddle(i) ? value : Number.NaN))) ??
-      greatest(values[0] ?? []) ??
-      0
-    );
-  });
+  const [chosen, setChosen] = useState(() => greatest(values[0] ?? []) ?? 0); // the worst place is seen first
   const layer = layerOf(grid, across, chosen);
   const unit =
     quantity === "deflection" || quantity === "upper" ? text.units.micrometre : text.units.micrometrePerNewton;

@@ -37,17 +37,9 @@ export function MeasureView({ query }: { query: URLSearchParams }) {
     <>
       <Head plain={words.title} first={<TrySimulated />} />
       <OpenCampaigns />
-      <Show of={names}>
+      <Show of={names} instead={(known) => known.robots.length === 0 && <NoRobots />}>
         {(known) => (
-          <Show of={plan}>
-            {(of) =>
-              known.robots.length === 0 ? (
-                <NoRobots />
-              ) : (
-                <Declaration names={known} robot={query.get("robot") ?? ""} plan={of} />
-              )
-            }
-          </Show>
+          <Show of={plan}>{(of) => <Declaration names={known} robot={query.get("robot") ?? ""} plan={of} />}</Show>
         )}
       </Show>
     </>
@@ -115,15 +107,7 @@ export function TrySimulated() {
 type Kind = keyof typeof GOALS;
 const GOALS = { deflection: "DeflectionGoal-Input", joints: "JointsGoal", decision: "DecisionGoal-Input" } as const;
 
-const GOAL: Terms = {
-  labels: words.labels,
-  within: "open.goal.",
-  units: {
-    relative: [text.units.share, 0.01],
-    uncertainty: [text.units.micrometre, 1e-6],
-    limit: [text.units.micrometre, 1e-6],
-  },
-};
+const GOAL: Terms = { labels: words.labels, within: "open.goal." };
 
 function Declaration({ names, robot: given, plan }: { names: Names; robot: string; plan: Plan | null }) {
   const planned = plan?.result ? plan : null;
@@ -195,12 +179,7 @@ function Declaration({ names, robot: given, plan }: { names: Names; robot: strin
           {words.ofPlan} <Name>{names.robot(robot)}</Name>
         </p>
       ) : (
-        <Select
-          label={words.robot}
-          value={robot}
-          change={setRobot}
-          options={robotOptions(names, { value: "", label: text.start.pick })}
-        />
+        <Select label={words.robot} value={robot} change={setRobot} options={robotOptions(names, text.start.pick)} />
       )}
       <Choice
         look="choice cards"

@@ -98,13 +98,6 @@ const WIDTH = { constant: 2e-5, per_distance: 0 };
 export const EQUIPMENT: Terms = {
   labels: words.labels,
   seeds: { tracker: { range: WIDTH, transverse: WIDTH } },
-  units: {
-    sigma: [text.units.micrometre, 1e-6],
-    "tracker.range.constant": [text.units.micrometre, 1e-6],
-    "tracker.range.per_distance": [`${text.units.micrometre}/m`, 1e-6],
-    "tracker.transverse.constant": [text.units.micrometre, 1e-6],
-    "tracker.transverse.per_distance": [`${text.units.micrometre}/m`, 1e-6],
-  },
   hidden: [
     ...["inside", "obstacles", "link_radius", "facing", "acceptance"].map((name) => `surroundings.${name}`),
     ...["gravity", "balancers"].map((name) => `load.${name}`),
@@ -117,17 +110,13 @@ export function PlansView({ query }: { query: URLSearchParams }) {
   return (
     <>
       <Title plain={words.begin}>{words.begin}</Title>
-      <Show of={names}>
-        {(known) =>
-          known.robots.length === 0 ? (
-            <NoRobots />
-          ) : (
-            <>
-              <Begin names={known} given={given} after={query.get("run")} />
-              <JobList collection="plans" />
-            </>
-          )
-        }
+      <Show of={names} instead={(known) => known.robots.length === 0 && <NoRobots />}>
+        {(known) => (
+          <>
+            <Begin names={known} given={given} after={query.get("run")} />
+            <JobList collection="plans" />
+          </>
+        )}
       </Show>
     </>
   );

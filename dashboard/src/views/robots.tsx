@@ -359,7 +359,7 @@ function Kinematics({ robot }: { robot: Robot }) {
       {robot.nominal_arm && <p class="note warn">{words.nominalNote}</p>}
       <Facts
         facts={[
-          ...(robot.nominal_arm ? [{ label: words.nominalArm, value: <Name>{robot.nominal_arm}</Name> }] : []),
+          robot.nominal_arm && { label: words.nominalArm, value: <Name>{robot.nominal_arm}</Name> },
           {
             label: words.description,
             value:
@@ -395,19 +395,15 @@ export function FleetView() {
     <>
       <Title plain={fleetWords.title}>{fleetWords.title}</Title>
       <RobotTabs current="fleet" />
-      <Show of={fleet}>
-        {({ items, is_whole: whole }) =>
-          items.length === 0 ? (
-            <NoRobots />
-          ) : (
-            <>
-              {!whole && <p class="note">{fleetWords.some}</p>}
-              <div class="fleet">
-                <Rows rows={items.map(rowOf)} />
-              </div>
-            </>
-          )
-        }
+      <Show of={fleet} instead={({ items }) => items.length === 0 && <NoRobots />}>
+        {({ items, is_whole: whole }) => (
+          <>
+            {!whole && <p class="note">{fleetWords.some}</p>}
+            <div class="fleet">
+              <Rows rows={items.map(rowOf)} />
+            </div>
+          </>
+        )}
       </Show>
     </>
   );

@@ -181,14 +181,7 @@ function Summary({ result }: { result: RunResult }) {
   const words = text.run.summary;
   const found = result.joints.filter((joint) => joint.stiffness !== null).length;
   const { goodness } = result;
-  const noise =
-    goodness.sigma_source === "residuals" || !goodness.test
-      ? words.noiseEstimated
-      : goodness.test.verdict === "consistent"
-        ? words.noiseFits
-        : goodness.test.verdict === "residuals_too_large"
-          ? words.noiseLarge
-          : words.noiseSmall;
+  const verdict = goodness.sigma_source === "residuals" ? undefined : goodness.test?.verdict;
   const figure = (value: string | number, unit: string, said: string) => (
     <li>
       <b>
@@ -203,7 +196,11 @@ function Summary({ result }: { result: RunResult }) {
       {figure(found, words.of(result.joints.length), words.numbered)}
       {result.compensation !== null && figure(percent(result.compensation), "", words.compensation)}
       {figure(significant(result.rms_residual * 1e3, 2), text.units.mm, words.rms)}
-      {figure(result.sigma === null ? "–" : significant(result.sigma * 1e6, 2), `${text.units.micrometre} σ`, noise)}
+      {figure(
+        result.sigma === null ? "–" : significant(result.sigma * 1e6, 2),
+        `${text.units.micrometre} σ`,
+        words.noise[verdict ?? "estimated"],
+      )}
     </ul>
   );
 }

@@ -9,7 +9,17 @@ import { Findings, Preview } from "../components/findings";
 import { type Campaign, factsOf, noiseOf, type StatedNoise, statesNoise } from "../lib/campaign";
 import { contentKey, freshKey, type Fields as Document } from "../lib/json";
 import { useAction, link, go } from "../state/action";
-import { useLoad, valueOf, namesChanged, robotOptions, setOptions, useNames, storedSet } from "../state/load";
+import {
+  useLoad,
+  valueOf,
+  FROM_FILE,
+  namesChanged,
+  robotOptions,
+  setOptions,
+  sourceOf,
+  useNames,
+  storedSet,
+} from "../state/load";
 import { type Opened, handOver, keepFiles, keptBefore, keptFiles, open } from "../state/opened";
 import { text } from "../i18n";
 import { later } from "../i18n/later";
@@ -18,8 +28,6 @@ import { AlarmNote } from "../components/list";
 import { ImportFlow } from "./import_flow";
 import { OpenCampaigns, TrySimulated } from "./measure";
 import { RunList } from "./runs";
-
-const FROM_FILE = "file";
 
 export function CampaignFlow({
   opened,
@@ -51,9 +59,7 @@ export function CampaignFlow({
   const [added, setAdded] = useState<{ of: Campaign; set: MeasurementSet } | null>(null);
   const set = campaign ? (added?.of === campaign ? added.set : null) : valueOf(stored);
   const facts = set ? factsOf(set as never) : (campaign?.facts ?? null);
-  const id = storedId ? set?.robot_id : chosenRobot;
-  const ofFile = campaign?.robot && chosenRobot === FROM_FILE ? { robot: campaign.robot } : null;
-  const source = ofFile ?? (id && id !== FROM_FILE ? { robot_id: id } : null);
+  const source = sourceOf(storedId ? set?.robot_id : chosenRobot, campaign?.robot);
   const identify = useAction(async () => {
     const known = set ?? (campaign && chosenRobot ? await store(campaign, chosenRobot) : null);
     if (!known) return;
@@ -106,13 +112,7 @@ export function CampaignFlow({
                   value={chosenRobot}
                   change={setRobot}
                   {...(campaign && !chosenRobot ? { help: text.start.needRobot } : {})}
-                  options={robotOptions(
-                    known,
-                    { value: "", label: text.start.pick },
-                    ...(campaign?.robot
-                      ? [{ value: FROM_FILE, label: text.start.fromFile(String(campaign.robot.name ?? "")) }]
-                      : []),
-                  )}
+                  options={robotOptions(known, text.start.pick, campaign?.robot)}
                 />
                 <LinkButton href="#/robots/new">{later.robots.add}</LinkButton>
               </div>
@@ -211,16 +211,17 @@ function Recent({ example }: { example: () => Promise<void> }) {
   const recent = useLoad((signal) => api.runs.list({ limit: 5 }, signal), []);
   const names = valueOf(useNames());
   return (
-    <Show of={recent}>
-      {({ items }) =>
-        items.length === 0 ? (
+    <Show
+      of={recent}
+      instead={({ items }) =>
+        items.length === 0 && (
           <Empty title={text.runs.none} hint={text.start.recentNone}>
             <Button onClick={() => void example()}>{text.start.example}</Button>
           </Empty>
-        ) : (
-          <RunList runs={items} names={names} />
         )
       }
+    >
+      {({ items }) => <RunList runs={items} names={names} />}
     </Show>
   );
 }

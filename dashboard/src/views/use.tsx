@@ -167,18 +167,13 @@ export function Answer({ answer: { assessment, cases, confidence, remarks } }: {
         <Facts
           facts={[
             { label: later.map.deflection, value: <b>{`${length} ${micrometre}`}</b> },
-            ...(budget
-              ? [{ label: words.expanded(level, factor), value: `± ${micro(budget.expanded_uncertainty)}` }]
-              : []),
-            ...(budget && model
-              ? [
-                  {
-                    label: words.expandedWithModel(level, factor),
-                    value: `± ${micro(budget.expanded_with_model_error)}`,
-                  },
-                ]
-              : []),
-            ...(!budget && model ? [{ label: words.modelAlone(level), value: micro(model.radius) }] : []),
+            budget && { label: words.expanded(level, factor), value: `± ${micro(budget.expanded_uncertainty)}` },
+            budget &&
+              model && {
+                label: words.expandedWithModel(level, factor),
+                value: `± ${micro(budget.expanded_with_model_error)}`,
+              },
+            !budget && model && { label: words.modelAlone(level), value: micro(model.radius) },
             ...(readings?.displacement ?? []).map(([low, high], i) => ({
               label: words.along("xyz"[i] ?? "", level),
               value: `${um(low, (high - low) / 4)} … ${um(high, (high - low) / 4)}\u00a0${micrometre}`,

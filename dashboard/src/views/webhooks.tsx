@@ -2,26 +2,26 @@
 import { useState } from "preact/hooks";
 import { api } from "../api/client";
 import type { NewWebhook, Webhook } from "../api/types";
-import { ActionButton, Button, Empty, ProblemNote, Show, timeText, Title, Toggle } from "../components/basics";
-import { TextField } from "../components/fields";
+import { ActionButton, Button, Empty, ProblemNote, Show, timeText, Title } from "../components/basics";
 import { type Row, Rows } from "../components/list";
+import { SchemaFields } from "../components/schema_form";
 import { TableCard } from "../components/table";
+import type { Fields } from "../lib/json";
 import { useAction } from "../state/action";
 import { useLoad } from "../state/load";
 import { text } from "../i18n";
 import { later } from "../i18n/later";
 
 const words = later.webhooks;
-const EVENTS = ["run.succeeded", "run.failed", "alarm.raised", "worker.lost"] as const satisfies Webhook["events"];
 
 export function WebhooksView() {
   const hooks = useLoad((signal) => api.webhooks(signal), []);
-  const [url, setUrl] = useState("");
-  const [events, setEvents] = useState<readonly string[]>(EVENTS);
+  const [asked, setAsked] = useState<Fields>({});
   const [made, setMade] = useState<NewWebhook | null>(null);
   const add = useAction(async () => {
-    setMade(await api.addWebhook({ url: url.trim(), events }));
-    setUrl("");
+    const { events } = asked as { events?: string[] };
+    setMade(await api.addWebhook({ ...asked, events: events?.length ? events : undefined }));
+    setAsked({});
     hooks.reload();
   });
   const remove = useAction(async (hook: Webhook) => {
@@ -34,17 +34,14 @@ export function WebhooksView() {
       <Title plain={words.title}>{words.title}</Title>
       <section class="card form">
         <p>{words.intro}</p>
-        <TextField label={words.url} value={url} change={setUrl} placeholder="https://…" maxLength={2000} />
-        <div class="toggles">
-          {EVENTS.map((event) => (
-            <Toggle
-              label={words.events[event]}
-              checked={events.includes(event)}
-              change={(on) => setEvents(EVENTS.filter((one) => (one === event ? on : events.includes(one))))}
-            />
-          ))}
-        </div>
-        <ActionButton look="primary" action={add} disabled={!url.trim() || events.length === 0}>
+        <SchemaFields
+          of="WebhookRequest"
+          show={["url", "events"]}
+          value={asked}
+          change={setAsked}
+          terms={{ labels: words.labels }}
+        />
+        <ActionButton look="primary" action={add} disabled={!asked["url"]}>
           {words.add}
         </ActionButton>
         {made && (
@@ -54,19 +51,18 @@ export function WebhooksView() {
         )}
       </section>
       {remove.problem && <ProblemNote problem={remove.problem} />}
-      <Show of={hooks}>
-        {({ items }) =>
-          items.length === 0 ? (
-            <Empty title={words.none} hint={words.noneHint} />
-          ) : (
-            <>
-              <div class="fleet">
-                <Rows rows={items.map((hook) => rowOf(hook, () => remove.run(hook)))} />
-              </div>
-              <Undelivered hooks={items.filter(({ undelivered }) => undelivered.length > 0)} />
-            </>
-          )
-        }
+      <Show
+        of={hooks}
+        instead={({ items }) => items.length === 0 && <Empty title={words.none} hint={words.noneHint} />}
+      >
+        {({ items }) => (
+          <>
+            <div class="fleet">
+              <Rows rows={items.map((hook) => rowOf(hook, () => remove.run(hook)))} />
+            </div>
+            <Undelivered hooks={items.filter(({ undelivered }) => undelivered.length > 0)} />
+          </>
+        )}
       </Show>
     </>
   );
