@@ -42,9 +42,7 @@ describe("what it says", () => {
     const { facts } = read;
     expect(facts).toMatchObject({
       observations: 2,
-      joints: 2,
       targets: ["P10", "P11"],
-      readings: 3,
       encoders: "motor",
     });
     expect(facts.forces?.[0]).toBeCloseTo(980.665);

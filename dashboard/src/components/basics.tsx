@@ -7,7 +7,6 @@ import type { Problem, Finding, RunState, Usability } from "../api/types";
 import type { Loading } from "../state/load";
 import { Viewer } from "../state/session";
 import { listen } from "../lib/events";
-import { entriesOf } from "../lib/json";
 import { roughTime } from "../lib/format";
 import { placeName, sentence } from "../lib/said";
 import { problemOf } from "../api/client";
@@ -447,7 +446,9 @@ interface Option<Value extends string> {
 export type Options<Value extends string> = Option<Value>[] | Record<Value, string>;
 
 export const optionsOf = <Value extends string>(options: Options<Value>): Option<Value>[] =>
-  Array.isArray(options) ? options : entriesOf<Value, string>(options).map(([value, label]) => ({ value, label }));
+  Array.isArray(options)
+    ? options
+    : (Object.entries(options) as [Value, string][]).map(([value, label]) => ({ value, label }));
 
 interface ChoiceProps<Value extends string> {
   label: string;

@@ -88,12 +88,9 @@ interface Typed extends Hints {
 /** Of the box, where it is not plain. */
 interface Box {
   type?: "text" | "password" | "search" | "number" | "date" | "datetime-local" | undefined;
-  inputMode?: "decimal" | "numeric" | undefined;
   placeholder?: string | undefined;
   maxLength?: number | undefined;
   required?: boolean | undefined;
-  min?: number | undefined;
-  max?: number | undefined;
   "aria-invalid"?: boolean | undefined;
 }
 
@@ -159,6 +156,8 @@ interface HandleProps {
   /** The place in words. */
   said?: string;
   look?: string;
+  /** The first place. */
+  from?: number;
   count: number;
   value: number;
   change: (value: number) => void;
@@ -166,13 +165,13 @@ interface HandleProps {
 }
 
 /** One place of many in a row, by a handle below its name. */
-export const Handle = ({ label, said, look = "field", count, value, change, children }: HandleProps) => (
+export const Handle = ({ label, said, look = "field", from = 0, count, value, change, children }: HandleProps) => (
   <label class={look}>
     <span>{children}</span>
     <input
       type="range"
-      min={0}
-      max={count - 1}
+      min={from}
+      max={from + count - 1}
       step={1}
       value={value}
       aria-label={label}

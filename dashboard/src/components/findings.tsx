@@ -26,59 +26,44 @@ export function Further({ warnings }: { warnings: Finding[] }) {
   );
 }
 
+/** Targets by name, as many as have room. */
+const TARGETS = 6;
+
 /** What was understood of a file: units first, as they cannot be found out later. */
 export function Preview({ facts }: { facts: FileFacts }) {
-  const words = text.files.facts;
+  const { notSaid, facts: labels, ...words } = text.files;
+  const { units, encoders, targets, forces, sigma, noise, loadPoint } = facts;
+  const [low, high] = forces?.map((force) => fixed(force, 0)) ?? [];
   const shown: Fact[] = [
-    { label: words.units, value: units(facts) },
-    { label: words.encoders, value: encoders(facts) },
-    { label: words.observations, value: String(facts.observations) },
-    { label: words.targets, value: targets(facts) },
-    { label: words.load, value: load(facts) },
-    { label: words.noise, value: noise(facts) },
-    { label: words.loadPoint, value: loadPoint(facts) },
-    ...(facts.framed ? [{ label: words.frame, value: text.files.trackerFrame }] : []),
-  ];
-  return <Facts facts={shown} />;
-}
-
-function noise({ sigma, noise: kind }: FileFacts): string {
-  if (sigma !== null) return `${significant(sigma * 1e6, 2)} ${text.units.micrometre}`;
-  return kind === null ? text.files.noiseAbsent : text.files.noiseKinds[kind];
-}
-
-function units({ units: given }: FileFacts): string {
-  return given ? [given.length, given.angle, given.force].join(", ") : text.files.notSaid;
-}
-
-function encoders({ encoders: given }: FileFacts): string {
-  return given === null ? text.files.notSaid : text.files.encoders[given];
-}
-
-function targets({ targets: given }: FileFacts) {
-  if (given.length === 0) return text.files.notSaid;
-  return (
-    <>
-      {given.length}:{" "}
-      {given.slice(0, 6).map((target, i) => (
+    { label: labels.units, value: units ? [units.length, units.angle, units.force].join(", ") : notSaid },
+    { label: labels.encoders, value: encoders ? words.encoders[encoders] : notSaid },
+    { label: labels.observations, value: String(facts.observations) },
+    {
+      label: labels.targets,
+      value: targets.length > 0 && (
         <>
-          {i > 0 && ", "}
-          <Name>{target}</Name>
+          {targets.length}: {targets.slice(0, TARGETS).map((target, i) => [i > 0 && ", ", <Name>{target}</Name>])}
+          {targets.length > TARGETS && " …"}
         </>
-      ))}
-      {given.length > 6 && " …"}
-    </>
-  );
-}
-
-function load({ forces }: FileFacts): string {
-  if (!forces) return text.files.notSaid;
-  const [low, high] = forces;
-  const same = high - low <= 0.005 * high;
-  return `${same ? "" : `${fixed(low, 0)} – `}${fixed(high, 0)} ${text.units.newton}`;
-}
-
-function loadPoint({ loadPoint: given }: FileFacts): string {
-  if (!given) return text.files.loadPointPer;
-  return `(${given.map((v) => fixed(v * 1e3, 0)).join(", ")}) ${text.units.mm}`;
+      ),
+    },
+    { label: labels.load, value: forces && `${low === high ? "" : `${low} – `}${high} ${text.units.newton}` },
+    {
+      label: labels.noise,
+      value:
+        sigma !== null
+          ? `${significant(sigma * 1e6, 2)} ${text.units.micrometre}`
+          : noise
+            ? words.noiseKinds[noise]
+            : words.noiseAbsent,
+    },
+    {
+      label: labels.loadPoint,
+      value: loadPoint
+        ? `(${loadPoint.map((part) => fixed(part * 1e3, 0)).join(", ")}) ${text.units.mm}`
+        : words.loadPointPer,
+    },
+    ...(facts.framed ? [{ label: labels.frame, value: words.trackerFrame }] : []),
+  ];
+  return <Facts facts={shown.map(({ label, value }) => ({ label, value: value || notSaid }))} />;
 }

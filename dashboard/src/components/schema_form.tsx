@@ -9,7 +9,7 @@ import { type Codec, codecOf, OF_TEXT, plain, type Schema, type Schemas } from "
 import { isUnread, type Fields, faultsAt } from "../lib/json";
 import { sentence } from "../lib/said";
 import { api } from "../api/client";
-import { formUnit } from "../lib/stiffness";
+import { formUnit, radians } from "../lib/stiffness";
 import { useCached } from "../state/load";
 import { useSettings } from "../state/session";
 import { text } from "../i18n";
@@ -109,10 +109,9 @@ export interface Terms {
   within?: string;
 }
 
-const DEGREE = Math.PI / 180;
 const USUAL: Record<string, Unit> = {
   m: [text.units.mm, 1e-3],
-  rad: [text.units.deg, DEGREE],
+  rad: [text.units.deg, radians(1)],
   N: [text.units.newton, 1],
   kg: ["kg", 1],
 };

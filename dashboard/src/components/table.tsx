@@ -110,22 +110,8 @@ function shown(cell: Cell, column: Column | undefined): string {
   return typeof cell === "number" ? (show ?? ((value) => significant(value, 4)))(cell) : cell;
 }
 
-const STYLED = [
-  "fill",
-  "fill-opacity",
-  "stroke",
-  "stroke-width",
-  "stroke-dasharray",
-  "stroke-opacity",
-  "opacity",
-  "font-size",
-  "font-weight",
-  "font-family",
-  "text-anchor",
-  "dominant-baseline",
-  "paint-order",
-  "pointer-events",
-];
+const STYLED = `fill fill-opacity stroke stroke-width stroke-dasharray stroke-opacity opacity font-size font-weight
+  font-family text-anchor dominant-baseline paint-order pointer-events`.split(/\s+/);
 
 export function save(content: string, type: string, name: string): void {
   const address = URL.createObjectURL(new Blob([content], { type }));

@@ -8,9 +8,10 @@ import {
   type Metadata,
 } from "../api/types";
 import { type Fields, isFields, parsed, stated } from "./json";
+import { extent } from "./format";
 import { factors, degrees } from "./stiffness";
 import { norm, times, type Vector } from "./vector";
-import { scaled } from "./schema";
+import { sized } from "./schema";
 
 const ENCODERS: MeasurementSet["encoders"][] = ["motor", "secondary"];
 
@@ -29,9 +30,7 @@ export interface Facts {
   units: Units | null;
   encoders: MeasurementSet["encoders"] | null;
   observations: number;
-  joints: number | null;
   targets: string[];
-  readings: number;
   forces: [number, number] | null;
   sigma: number | null;
   /** Where the noise comes from if not from one sigma: the tracker's sheet, or each reading. */
@@ -94,9 +93,9 @@ function campaign(given: Fields, robot: unknown, run: unknown): Campaign {
 }
 
 export function factsOf(set: Fields): Facts {
-  const observations = (Array.isArray(set["observations"]) ? set["observations"] : []).filter(isFields);
+  const observations = list(set["observations"]);
   const units = unitsOf(set["units"]);
-  const readings = observations.flatMap((o) => (Array.isArray(o["readings"]) ? o["readings"].filter(isFields) : []));
+  const readings = observations.flatMap((o) => list(o["readings"]));
   const joints = observations.map((o) => numbers(o["joints"])).find((angles) => angles !== null) ?? null;
   const given = isFields(set["noise"]) ? set["noise"] : {};
   const noise = given["sigma"];
@@ -107,15 +106,8 @@ export function factsOf(set: Fields): Facts {
     units,
     encoders: ENCODERS.find((kind) => kind === set["encoders"]) ?? null,
     observations: observations.length,
-    joints: joints?.length ?? null,
     targets: [...new Set(readings.map((r) => r["target"]).filter((t): t is string => typeof t === "string"))],
-    readings: readings.length,
-    forces:
-      unit &&
-      range(
-        observations.map((o) => vector(o["force"])),
-        unit.force,
-      ),
+    forces: unit && extent(observations.map((o) => unit.force * norm(vector(o["force"]) ?? NOTHING))),
     sigma: unit && typeof noise === "number" ? noise * unit.length : null,
     noise: isFields(given["instrument"]) ? "instrument" : readings.some(readingStatesNoise) ? "readings" : null,
     framed: isFields(set["frame"]),
@@ -123,6 +115,9 @@ export function factsOf(set: Fields): Facts {
     firstJoints: unit && joints && joints.map((angle) => angle * unit.angle),
   };
 }
+
+/** The force of an observation that states none. */
+const NOTHING: Vector = [Number.NaN, 0, 0];
 
 const readingStatesNoise = (reading: Fields): boolean =>
   Object.keys(reading).some((key) => /sigma|covariance/.test(key) && reading[key] !== null);
@@ -134,12 +129,6 @@ function unitsOf(value: unknown): Units | null {
     ["rad", "deg"].includes(String(value["angle"])) &&
     ["N", "kN", "kgf", "kg"].includes(String(value["force"]));
   return known ? (value as unknown as Units) : null;
-}
-
-function range(forces: (Vector | null)[], factor: number): [number, number] | null {
-  const strengths = forces.filter((f) => f !== null).map((f) => norm(f) * factor);
-  if (strengths.length === 0) return null;
-  return strengths.reduce<[number, number]>(([low, high], s) => [Math.min(low, s), Math.max(high, s)], [Infinity, 0]);
 }
 
 function vector(value: unknown): Vector | null {
@@ -206,12 +195,12 @@ function sweepFactsOf(request: Fields): ReadingFacts {
 function arcOf(positions: Fields[], unit: unknown): number | null {
   const rows = positions.map((p) => p["joints"]).filter((row): row is number[] => Array.isArray(row));
   const joints = rows[0]?.length ?? 0;
-  const ranges = Array.from({ length: joints }, (_, j) => {
-    const angles = rows.map((row) => Number(row[j]));
-    return Math.max(...angles) - Math.min(...angles);
-  });
-  const widest = Math.max(0, ...ranges);
-  if (!Number.isFinite(widest) || joints === 0) return null;
+  const ranges = Array.from(
+    { length: joints },
+    (_, j) => extent(rows.map((row) => Number(row[j]))) ?? ([0, 0] as const),
+  );
+  if (joints === 0) return null;
+  const widest = Math.max(...ranges.map(([low, high]) => high - low));
   return unit === "rad" ? degrees(widest) : unit === "deg" ? widest : null;
 }
 
@@ -236,10 +225,7 @@ export function notedIn(typed: Typed): Metadata | null {
 
 /** A time as the browser's field for a date and a time takes it: of this device's zone, to the minute. */
 function localTime(time: string): string {
-  const at = new Date(time);
-  const two = (value: number) => String(value).padStart(2, "0");
-  const day = `${at.getFullYear()}-${two(at.getMonth() + 1)}-${two(at.getDate())}`;
-  return `${day}T${two(at.getHours())}:${two(at.getMinutes())}`;
+  return new Date(time).toLocaleString("sv").slice(0, 16).replace(" ", "T"); // Swedish is written as in ISO 8601
 }
 
 /** Whether a set was measured on or between the days. */
@@ -247,10 +233,8 @@ export function wasMeasured(
   { measured_at: at }: Partial<Metadata>,
   { from, to }: { from: string; to: string },
 ): boolean {
-  if (from === "" && to === "") return true;
-  if (!at) return false;
-  const day = localTime(at).slice(0, 10);
-  return (from === "" || day >= from) && (to === "" || day <= to);
+  const day = at ? localTime(at).slice(0, 10) : "";
+  return (from === "" || day >= from) && (to === "" || (day !== "" && day <= to));
 }
 
 type Noise = NonNullable<MeasurementSet["noise"]>;
@@ -264,14 +248,6 @@ export const statesNoise = (noise: StatedNoise): boolean =>
 
 /** Zero is stated: it is known exactly. */
 const isStated = (value: unknown): boolean => value !== null && value !== undefined;
-
-/** Numbers times a factor; what is no number goes as it was typed. */
-const sized = (value: unknown, factor: number): unknown =>
-  Array.isArray(value)
-    ? value.map((part) => sized(part, factor))
-    : typeof value === "number"
-      ? scaled(value, factor)
-      : value;
 
 /** The noise to post with a set in `units` that had the noise `before`. */
 export function noiseOf({ residuals, ...asked }: StatedNoise, before: Noise | null, units: Units): unknown {

@@ -43,9 +43,6 @@ export const stated = (value: unknown): unknown =>
       )
     : value;
 
-export const entriesOf = <Key extends string, Value>(of: { [key in Key]: Value }): [Key, Value][] =>
-  Object.entries(of) as [Key, Value][];
-
 export interface Columns {
   /** Null where there is no number. */
   columns: { name: string; unit: string; values: (number | string | null)[] }[];

@@ -1,8 +1,8 @@
 /** One reading of a live campaign: from what is typed (lengths in mm), planned or simulated to what is posted. */
 import type { JointKind, Observation, Units, MeasurementSet, PlanRequest, PlanResult, Posture } from "../api/types";
-import { numberIn, scaled, vectorIn } from "./schema";
+import { listIn, numberIn, scaled, sized, vectorIn } from "./schema";
 import { factors, positionIn } from "./stiffness";
-import { type Vector, norm, times, carried, add, cross, dot, fromFlange, subtract } from "./vector";
+import { type Vector, bendOf, bent, norm, times, carried, fromFlange } from "./vector";
 import type { Fields } from "./json";
 
 /** A posture with its load: joints in rad or m, force in N. */
@@ -75,37 +75,26 @@ const LENGTHS = ["unloaded", "loaded", "deflection", "displacement", "sigma"] as
 export function inUnits(observation: Observation, from: Units, to: Units, kinds: readonly JointKind[]): Observation {
   const [a, b] = [factors(from), factors(to)];
   const length = a.length / b.length;
-  const each = <Value>(value: Value, factor: number): Value =>
-    (Array.isArray(value)
-      ? value.map((part) => each(part, factor))
-      : typeof value === "number" && factor !== 1
-        ? scaled(value, factor)
-        : value) as Value;
   return {
     ...observation,
-    joints: observation.joints.map((value, i) => each(value, perJoint(to, kinds[i]) / perJoint(from, kinds[i]))),
-    force: each(observation.force, a.force / b.force),
-    moment: each(observation.moment, a.moment / b.moment),
-    load_point: each(observation.load_point, length),
+    joints: observation.joints.map((value, i) => sized(value, perJoint(to, kinds[i]) / perJoint(from, kinds[i]))),
+    force: sized(observation.force, a.force / b.force),
+    moment: sized(observation.moment, a.moment / b.moment),
+    load_point: sized(observation.load_point, length),
     readings: observation.readings.map((reading) => ({
       ...reading,
-      ...Object.fromEntries(LENGTHS.map((name) => [name, each(reading[name], length)])),
-      unloaded_covariance: each(reading.unloaded_covariance, length ** 2),
-      loaded_covariance: each(reading.loaded_covariance, length ** 2),
+      ...Object.fromEntries(LENGTHS.map((name) => [name, sized(reading[name], length)])),
+      unloaded_covariance: sized(reading.unloaded_covariance, length ** 2),
+      loaded_covariance: sized(reading.loaded_covariance, length ** 2),
     })),
   };
 }
 
 /** Joints as typed, in degrees and mm, and a force in N; null if a number is missing. */
 export function standTyped(joints: string, force: string, kinds: readonly JointKind[]): Stand | null {
-  const angles = joints
-    .trim()
-    .split(/[\s;]+|,\s+/)
-    .map(numberIn);
-  const along = vectorIn(force);
-  if (!along || angles.length !== kinds.length || !angles.every((value) => value !== null && Number.isFinite(value)))
-    return null;
-  return { joints: angles.map((value, i) => positionIn(value as number, kinds[i])), force: along, anchor: null };
+  const [angles, along] = [listIn(joints), vectorIn(force)];
+  if (!along || angles?.length !== kinds.length) return null;
+  return { joints: angles.map((value, i) => positionIn(value, kinds[i])), force: along, anchor: null };
 }
 
 /**
@@ -271,17 +260,10 @@ export const seedOf = (notes: string | null | undefined): number => Number(/seed
  */
 export function givenWay(posture: Posture, stiffnesses: readonly number[], at: Vector, force: Vector): number[] {
   const count = posture.joint_origins.length;
-  const point = onFlange(posture, at);
+  const [point, compliances] = [onFlange(posture, at), stiffnesses.map((stiffness) => 1 / stiffness)];
   let angles = Array<number>(count).fill(0);
-  for (let round = 0; round < BALANCES; round++) {
-    const load = carried(posture, angles, point, count);
-    angles = angles.map((_, j) => {
-      const origin = carried(posture, angles, posture.joint_origins[j] as unknown as Vector, j);
-      const end = add(posture.joint_origins[j] as unknown as Vector, posture.joint_axes[j] as unknown as Vector);
-      const axis = subtract(carried(posture, angles, end, j), origin);
-      return dot(axis, cross(subtract(load, origin), force)) / (stiffnesses[j] ?? Number.POSITIVE_INFINITY);
-    });
-  }
+  for (let round = 0; round < BALANCES; round++)
+    angles = bendOf(bent(posture, angles), compliances, { point: carried(posture, angles, point, count), force });
   return angles;
 }
 

@@ -1,6 +1,7 @@
 /** Places of a map and points of a compensated program as their tables have them, and what of them is drawn. */
 import type { MapRequest } from "../api/types";
 import { type Columns, numeric, readerOf } from "./json";
+import { radians } from "./stiffness";
 import type { Vector } from "./vector";
 
 /** Why a place has no numbers, or that it has. */
@@ -116,7 +117,6 @@ export function boxAround(points: Vector[], margin = 0.05): [Vector, Vector] {
 
 export interface PathPoint {
   number: number;
-  name: string;
   line: number;
   place: Vector;
   /** Controller's angles where the loaded tool is wanted [rad]. */
@@ -127,20 +127,16 @@ export interface PathPoint {
   residual: number;
 }
 
-const DEGREE = Math.PI / 180;
-
 /** The points of a program's table, in the order of the path. */
 export function pointsOf(table: Columns): PathPoint[] {
   const { column, numbers } = readerOf(table);
-  const names = column("name");
   return column("point").map((number, i) => {
     const at = (head: string): number => numbers(head, i);
     return {
       number: numeric(number),
-      name: String(names[i] ?? ""),
       line: at("line"),
       place: [at("place x [m]"), at("place y [m]"), at("place z [m]")],
-      joints: [1, 2, 3, 4, 5, 6].map((j) => at(`J${j} [deg]`) * DEGREE),
+      joints: [1, 2, 3, 4, 5, 6].map((j) => radians(at(`J${j} [deg]`))),
       deflection: at("deflection [mm]"),
       residual: at("residual [mm]"),
     };

@@ -22,19 +22,13 @@ export function posted(text: string, factor = 1): number | string | null {
 export const scaled = (value: number, factor: number): number =>
   factor === 1 ? value : Number((value * factor).toPrecision(15));
 
-/** Three numbers, parted by semicolons, blanks or commas; null of an empty text, undefined of anything else. */
-export function vectorIn(text: string): [number, number, number] | null | undefined {
-  const trimmed = text
-    .trim()
-    .replace(/^[([]|[)\]]$/g, "")
-    .trim();
-  if (trimmed === "") return null;
-  const parts = trimmed.split(/\s*;\s*|\s*,\s+|\s+/);
-  const values = (parts.length === 1 ? trimmed.split(",") : parts).map(numberIn);
-  const [x, y, z] = values;
-  const three = values.length === 3 && values.every((value) => value !== null && Number.isFinite(value));
-  return three ? [x as number, y as number, z as number] : undefined;
-}
+/** Numbers at any depth times a factor; what is no number stays as it is. */
+export const sized = <Value>(value: Value, factor: number): Value =>
+  (Array.isArray(value)
+    ? value.map((part) => sized(part, factor))
+    : typeof value === "number"
+      ? scaled(value, factor)
+      : value) as Value;
 
 export interface Schema {
   type?: string;
@@ -100,6 +94,13 @@ const ofList = (inner: Codec, count?: number): Codec => ({
     return understood && (count === undefined || count === values.length) ? values : undefined;
   },
 });
+
+/** Numbers in a row; null of an empty text, undefined of anything else. */
+export const listIn = (text: string) => ofList(ofNumber(1)).read(text) as number[] | null | undefined;
+
+/** Three numbers in a row. */
+export const vectorIn = (text: string) =>
+  ofList(ofNumber(1), 3).read(text) as [number, number, number] | null | undefined;
 
 /** A value a line, after its name where they have names. */
 const ofLines = (inner: Codec, named: boolean): Codec => ({

@@ -1,10 +1,11 @@
 /** The 3D view as a part of the page: what it shows, and the arm with its sliders; the drawing code is loaded when it is first needed. */
-import type { Posture, JointKind, RobotSource } from "../api/types";
+import type { Posture, RobotSource } from "../api/types";
 import type { Vector } from "../lib/vector";
 import type { Arrow } from "./parts";
 import { text } from "../i18n";
 import { useEffect, useRef, useState, useMemo } from "preact/hooks";
 import { Busy, Button, ProblemNote } from "../components/basics";
+import { Handle } from "../components/fields";
 import { PostureSketch } from "../components/posture";
 import type { Stage } from "./stage";
 import { fixed } from "../lib/format";
@@ -117,6 +118,9 @@ export function roomOf(postures: Posture[]): Vector[] {
   return postures.flatMap((posture) => [...posture.joint_origins, posture.flange_origin]);
 }
 
+/** Most that a slider moves a joint: half a turn, or 2 m [mm]. */
+const MOST = { revolute: 180, prismatic: 2000 } as const;
+
 const TURNED: number[] = [-0.9, 0.8];
 
 interface ArmProps {
@@ -149,49 +153,25 @@ export function Arm({ source, start, sliders = true }: ArmProps) {
       {posture && sliders && (
         <details class="sliders">
           <summary>{later.robots.sliders}</summary>
-          {names.map((name, i) => (
-            <Slider
-              name={name}
-              kind={posture.joint_kinds[i] ?? "revolute"}
-              value={current[i] ?? 0}
-              change={(value) => setAngles(current.map((old, j) => (j === i ? value : old)))}
-            />
-          ))}
+          {posture.joint_kinds.map((kind, i) => {
+            const shown = `${fixed(position(current[i] ?? 0, kind), 0)}${positionUnit(kind)}`;
+            return (
+              <Handle
+                look="slider"
+                label={later.robots.angle(names[i] ?? "")}
+                said={shown}
+                from={-MOST[kind]}
+                count={2 * MOST[kind] + 1}
+                value={Math.round(position(current[i] ?? 0, kind))}
+                change={(to) => setAngles(current.map((old, j) => (j === i ? positionIn(to, kind) : old)))}
+              >
+                <bdi>{names[i]}</bdi> <b>{shown}</b>
+              </Handle>
+            );
+          })}
           <Button onClick={() => setAngles(names.map(() => 0))}>{later.robots.zero}</Button>
         </details>
       )}
     </div>
-  );
-}
-
-/** Most that a slider moves a joint: half a turn, or 2 m [mm]. */
-const MOST = { revolute: 180, prismatic: 2000 } as const;
-
-interface SliderProps {
-  name: string;
-  kind: JointKind;
-  value: number;
-  change: (value: number) => void;
-}
-
-function Slider({ name, kind, value, change }: SliderProps) {
-  const shown = position(value, kind);
-  return (
-    <label class="slider">
-      <bdi>{name}</bdi>
-      <input
-        type="range"
-        min={-MOST[kind]}
-        max={MOST[kind]}
-        step={1}
-        value={Math.round(shown)}
-        aria-label={later.robots.angle(name)}
-        onInput={(event) => change(positionIn(Number(event.currentTarget.value), kind))}
-      />
-      <output>
-        {fixed(shown, 0)}
-        {positionUnit(kind)}
-      </output>
-    </label>
   );
 }
