@@ -1,14 +1,15 @@
 /** Tables of numbers, scrollable on their own where they are wide; as CSV and other files that the page makes itself. */
-import type { ComponentChildren } from "preact";
+import type { ComponentChildren, VNode } from "preact";
 import { significant } from "../lib/format";
+import { NameLink } from "./basics";
 
-export type Cell = string | number | null | undefined;
+export type Cell = string | number | null | undefined | VNode;
 
 const FORMULA = /^[\s]*[=+\-@＝＋－＠\t\r|%]/;
 
-/** One field: numbers as they are, text guarded against formulas and quoted where needed. */
+/** One field: numbers as they are, text guarded against formulas and quoted where needed; marks are for the page alone. */
 export function csvCell(cell: Cell): string {
-  if (cell === null || cell === undefined) return "";
+  if (cell === null || typeof cell === "object" || cell === undefined) return "";
   if (typeof cell === "number") return Number.isFinite(cell) ? String(cell) : "";
   const guarded = FORMULA.test(cell) ? `'${cell}` : cell;
   return /["',;\r\n\t]/.test(guarded) ? `"${guarded.replaceAll('"', '""')}"` : guarded;
@@ -28,8 +29,10 @@ export function fileName(title: string, extension: string): string {
   return `${plain.slice(0, 80).toLowerCase() || "jointstiff"}.${extension}`;
 }
 
-/** Its title; with the unit, and how a number is shown: the CSV has all its digits. */
-export type Column = string | { title: string; unit?: string; show?: (value: number) => string };
+/** Its title; with the unit, and how a number is shown: the CSV has all its digits; where it leads, and a note. */
+export type Column =
+  | string
+  | { title: string; unit?: string; show?: (value: number) => string; to?: string[]; note?: string | undefined };
 
 export interface Table {
   columns: Column[];
@@ -54,7 +57,7 @@ export function DataTable({ table, caption }: { table: Table; caption: string })
           <tr>
             {table.columns.map((column, i) => (
               <th scope="col" class={numeric(table, i) ? "number" : undefined}>
-                {heading(column)}
+                <Head column={column} />
               </th>
             ))}
           </tr>
@@ -77,6 +80,16 @@ export function DataTable({ table, caption }: { table: Table; caption: string })
         </tbody>
       </table>
     </Scroll>
+  );
+}
+
+function Head({ column }: { column: Column }) {
+  if (typeof column === "string" || !column.to) return <>{heading(column)}</>;
+  return (
+    <>
+      <NameLink to={column.to}>{column.title}</NameLink>
+      {column.note && <small class="soft">{column.note}</small>}
+    </>
   );
 }
 
@@ -104,7 +117,7 @@ export function Scroll({ label, children }: { label: string; children: Component
   );
 }
 
-function shown(cell: Cell, column: Column | undefined): string {
+function shown(cell: Cell, column: Column | undefined): string | VNode {
   if (cell === null || cell === undefined) return "–";
   const show = typeof column === "object" ? column.show : undefined;
   return typeof cell === "number" ? (show ?? ((value) => significant(value, 4)))(cell) : cell;

@@ -1,7 +1,7 @@
 /** The first tab of a result: whether it may be used, what it comes to, each joint, and why the numbers can be trusted. */
 import type { Run, RunResult } from "../api/types";
 import { Badge, NameLink, Name, Facts, When, Term, ActionButton } from "../components/basics";
-import { Scroll } from "../components/table";
+import { type Cell, DataTable, type Table } from "../components/table";
 import { fixed, percent, significant } from "../lib/format";
 import { shownStiffness, STIFFNESS_UNITS } from "../lib/stiffness";
 import { useSettings } from "../state/session";
@@ -24,65 +24,38 @@ export interface RunColumn {
   note?: string;
 }
 
-/** Names of all joints that any of the runs has. */
-const jointsOf = (columns: RunColumn[]): string[] => [
-  ...new Set(columns.flatMap(({ run }) => run.result?.joints.map((joint) => joint.name) ?? [])),
-];
-
-const jointOf = ({ run }: RunColumn, name: string) => run.result?.joints.find((joint) => joint.name === name);
-
+/** Runs beside each other: verdict, what they explain, and each joint that any of them has. */
 export function RunsTable({ columns, label }: { columns: RunColumn[]; label: string }) {
   const { unit } = useSettings();
-  const row = (title: string, cell: (column: RunColumn) => preact.ComponentChildren, note?: string) => (
-    <tr>
-      <th scope="row">
-        <Name>{title}</Name> {note && <small class="soft">{note}</small>}
-      </th>
-      {columns.map((column) => (
-        <td>{cell(column) ?? "–"}</td>
-      ))}
-    </tr>
-  );
+  const results = columns.map(({ run }) => run.result);
+  const row = (title: string, cell: (result: RunResult) => Cell): Cell[] => [
+    title,
+    ...results.map((result) => result && cell(result)),
+  ];
+  const stiffness = (name: string) => (result: RunResult) => {
+    const joint = result.joints.find((one) => one.name === name);
+    const shown = joint && shownStiffness(joint, unit);
+    return (
+      <>
+        <b>{shown?.value ?? shown?.limit ?? "–"}</b>
+        {shown?.uncertainty && <span class="soft"> ±&nbsp;{shown.uncertainty}</span>}
+      </>
+    );
+  };
+  const names = new Set(results.flatMap((result) => result?.joints.map(({ name }) => name) ?? []));
+  const table: Table = {
+    columns: ["", ...columns.map(({ run, name, note }) => ({ title: name, to: ["runs", run.id], note }))],
+    rows: [
+      row(text.run.verdict, ({ assessment }) => <Badge verdict={assessment.verdict} />),
+      row(text.lists.explainedTitle, ({ compensation }) => compensation && percent(compensation)),
+      row(`${text.lists.rms} [${text.units.mm}]`, (result) => fixed(result.rms_residual * 1e3, 3)),
+      ...[...names].map((name) => row(`${name} [${STIFFNESS_UNITS[unit].label}]`, stiffness(name))),
+    ],
+  };
   return (
-    <Scroll label={label}>
-      <table class="side-by-side">
-        <thead>
-          <tr>
-            <th scope="col" />
-            {columns.map(({ run, name, note }) => (
-              <th scope="col">
-                <NameLink to={["runs", run.id]}>{name}</NameLink>
-                {note && <small class="soft">{note}</small>}
-              </th>
-            ))}
-          </tr>
-        </thead>
-        <tbody>
-          {row(text.run.verdict, ({ run }) => run.result && <Badge verdict={run.result.assessment.verdict} />)}
-          {row(text.lists.explainedTitle, ({ run }) => {
-            const share = run.result?.compensation ?? null;
-            return share === null ? null : percent(share);
-          })}
-          {row(text.lists.rms, ({ run }) => run.result && fixed(run.result.rms_residual * 1e3, 3), text.units.mm)}
-          {jointsOf(columns).map((name) =>
-            row(
-              name,
-              (column) => {
-                const joint = jointOf(column, name);
-                const shown = joint && shownStiffness(joint, unit);
-                return (
-                  <>
-                    <b>{shown?.value ?? shown?.limit ?? "–"}</b>
-                    {shown?.uncertainty && <span class="soft"> ±&nbsp;{shown.uncertainty}</span>}
-                  </>
-                );
-              },
-              STIFFNESS_UNITS[unit].label,
-            ),
-          )}
-        </tbody>
-      </table>
-    </Scroll>
+    <div class="side-by-side">
+      <DataTable table={table} caption={label} />
+    </div>
   );
 }
 

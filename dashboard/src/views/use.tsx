@@ -245,7 +245,6 @@ function proposal(set: RunContext["set"], postures: Posture[]): Fields {
   const sum = postures.reduce<Vector>((all, { flange_axes: axes }) => add(all, axes[2] ?? [0, 0, 0]), [0, 0, 0]);
   const mean: Vector = norm(sum) > 0.2 * postures.length ? times(sum, 1 / norm(sum)) : [0, 0, -1];
   const point = times(set.load_point ?? set.observations[0]?.load_point ?? [0, 0, 0], factors(set.units).length);
-  const rounded = (vector: Vector, digits: number) => vector.map((part) => Number(part.toFixed(digits)));
   return {
     area: boxAround(loads.map((load) => load.point)),
     grid: [15, 15, 5],
@@ -270,7 +269,7 @@ const OF_LOAD: Terms = { labels: programWords.labels, within: "load.", units: { 
 /** What a program is corrected for: its files, tool, base, process force, and the controller's accuracy option. */
 export function ProgramForm({ context: { run } }: { context: RunContext }) {
   const [files, setFiles] = useState<File[]>([]);
-  const [asked, change] = useDraft<Fields>(`program/${run.id}`, { load: { force: [0, 0, -500] } });
+  const [asked, change] = useDraft<Fields>(`programs/${run.id}`, { load: { force: [0, 0, -500] } });
   const [leave, setLeave] = useState(false);
   const make = useAction(async () => {
     const units = { length: "mm", angle: "deg", force: "N" };
