@@ -16,8 +16,6 @@ export type {
   UnitsOutput as Units,
 } from "./schema";
 
-/** Columns of a DH table that every row has. */
-export type DhColumn = Exclude<keyof messages.DhRowOutput, "lower" | "upper" | "kind">;
 export type ImportOptions = Partial<messages.ImportRequest>;
 export type JointKind = messages.Joint["kind"];
 /** What people note about a measurement set. */
@@ -26,12 +24,9 @@ export type RunOptions = Omit<messages.RunRequestOutput, "measurement_set_id" | 
 export type TrendState = messages.TrendJoint["state"];
 export type Elasticity = messages.RunRequestOutput["elasticity"];
 export type Loss = Exclude<messages.RunRequestOutput["loss"], "automatic">;
-export type ElementKind = messages.ElementShare["kind"];
 export type Method = messages.RunRequestOutput["method"];
 export type RunState = messages.Run["state"];
-export type Solver = messages.RunResult["certificate"]["solved_by"][number];
 export type Usability = messages.Assessment["verdict"];
-export type Weighting = messages.RunRequestOutput["weighting"];
 
 /** A table for people, each cell a text. */
 export interface ShownTable {

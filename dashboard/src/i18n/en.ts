@@ -1,19 +1,6 @@
 /** All words of the page, in English: those of its first views; the others are in later.ts. */
-import type {
-  Action,
-  Elasticity,
-  ElementKind,
-  Loss,
-  MeasurementSet,
-  Method,
-  Progress,
-  RunState,
-  Solver,
-  Usability,
-  Weighting,
-} from "../api/types";
-import type { Facts, Fault } from "../lib/campaign";
-import type { Verdict } from "../lib/stiffness";
+import type { Action, Loss, Progress } from "../api/types";
+import type { Fault } from "../lib/campaign";
 
 /** Reasons why a file is refused before it is sent. */
 export type FileFault = Fault | "mixed" | "several" | "too_large";
@@ -124,15 +111,9 @@ export const en = {
       loadPoint: "Load point on the flange",
       frame: "Frame",
     },
-    encoders: { motor: "motor encoders", secondary: "secondary encoders" } satisfies Record<
-      MeasurementSet["encoders"],
-      string
-    >,
+    encoders: { motor: "motor encoders", secondary: "secondary encoders" },
     notSaid: "not stated",
-    noiseKinds: { instrument: "from the tracker's data sheet", readings: "stated per reading" } satisfies Record<
-      NonNullable<Facts["noise"]>,
-      string
-    >,
+    noiseKinds: { instrument: "from the tracker's data sheet", readings: "stated per reading" },
     trackerFrame: "of the tracker, transformed to R0",
     noiseAbsent: "not given: estimated from the residuals",
     loadPointPer: "per configuration, or flange origin",
@@ -187,12 +168,12 @@ export const en = {
     partial_pose: "Partial pose",
     complete_pose: "Complete pose",
     decoupled_partial_pose: "Decoupled partial pose",
-  } satisfies Record<Method, string>,
+  },
   weightings: {
     covariance: "covariance",
     characteristic_length: "characteristic length",
     uniform: "uniform",
-  } satisfies Record<Weighting, string>,
+  },
   options: {
     constrained: "constrained",
     unconstrained: "unconstrained",
@@ -203,7 +184,7 @@ export const en = {
     succeeded: "Done",
     failed: "Failed",
     cancelled: "Cancelled",
-  } satisfies Record<RunState, string>,
+  },
   run: {
     kind: "Identification",
     method: "Method",
@@ -286,14 +267,14 @@ export const en = {
     use: "Use",
     use_with_care: "Use with care",
     do_not_use: "Do not use",
-  } satisfies Record<Usability, string>,
+  },
   assessment: {
     title: "Assessment",
     sentence: {
       use: "The readings support these stiffnesses.",
       use_with_care: "Use these stiffnesses only with the reservations below.",
       do_not_use: "Do not use these stiffnesses before the cause below is removed.",
-    } satisfies Record<Usability, string>,
+    },
     supported: (identified: number, count: number) =>
       `The readings support the stiffness of ${identified === count ? "all" : `${identified} of`} ${count} joints.`,
     identified: (identified: number, count: number) => `${identified} of ${count} joints identified.`,
@@ -382,7 +363,7 @@ export const en = {
     lower_limit: "only a lower limit",
     negative: "negative: not physical",
     unobservable: "not observable",
-  } satisfies Record<Verdict, string>,
+  },
   verdictHints: {
     firm: "Use this value.",
     fair: "Use this value with its interval.",
@@ -392,7 +373,7 @@ export const en = {
     lower_limit: "The readings cannot distinguish this joint from a rigid one.",
     negative: "The readings do not determine this joint, or contradict the model. See the constrained result.",
     unobservable: "The load does not twist this joint, or the targets do not show it.",
-  } satisfies Record<Verdict, string>,
+  },
   elasticities: {
     joints: "joints",
     coupled_joints: "coupled joints",
@@ -401,13 +382,13 @@ export const en = {
     joints_and_base: "joints and base",
     links_and_base: "joints, links and base",
     automatic: "automatic",
-  } satisfies Record<Elasticity, string>,
+  },
   losses: { squared: "squared", huber: "Huber", absolute: "absolute" } satisfies Record<Loss, string>,
   links: {
     elements: "Contribution of each part that bends",
     elementsNote:
       "Shares of the squared deflection; with the unexplained share they sum to 100 %. What the run explains of the mean deflection is a share of lengths.",
-    kinds: { coupling: "coupling", joint: "joint", link: "link", base: "base" } satisfies Record<ElementKind, string>,
+    kinds: { coupling: "coupling", joint: "joint", link: "link", base: "base" },
     link: (joint: string) => `link ${joint}`,
     unexplained: "unexplained",
   },
@@ -472,7 +453,7 @@ export const en = {
       clarabel: "Clarabel",
       active_set: "exact active set",
       least_distance: "least distance",
-    } satisfies Record<Solver, string>,
+    },
     provenance: "Provenance",
     created: "Created",
     input: "Input hash",

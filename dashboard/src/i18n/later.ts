@@ -1,6 +1,6 @@
 /** Words of the views that are not looked at first: they come with these views. */
-import type { DhColumn, DhModel, ImportAnswer, Metadata, NominalArm, Usability } from "../api/types";
-import type { FilePreview, ImportFault, MeaningGroup } from "../lib/imports";
+import type { DhModel, Metadata } from "../api/types";
+import type { FilePreview, ImportFault } from "../lib/imports";
 import { causeNames, plural, some } from "./en";
 
 function waits(count: number): string {
@@ -38,7 +38,7 @@ export const later = {
       use: "The readings support this geometry.",
       use_with_care: "Read the findings before you use this geometry.",
       do_not_use: "The readings have a fault. Correct it before you use this geometry.",
-    } satisfies Record<Usability, string>,
+    },
     result: "Result",
     noLinks: "A comparison needs a nominal model.",
   },
@@ -196,7 +196,7 @@ export const later = {
       joints: "Joint angles",
       loads: "Load",
       target: "Position, target named elsewhere",
-    } satisfies Record<MeaningGroup["group"], string>,
+    },
     meanings: {
       ignored: "not used",
       name: "label of the configuration or point",
@@ -250,7 +250,7 @@ export const later = {
       encoders: "Choose the encoders that close the position loop",
       "units.force": "Choose the unit of the force",
       accept_unusual: "Confirm the unusual values",
-    } satisfies Record<ImportAnswer["missing_fields"][number], string>,
+    },
     reading: {
       nameColumns: "Name the columns by hand",
       unloadedWord: "Word for columns without load",
@@ -519,7 +519,7 @@ export const later = {
     urdf: "URDF",
     conventions: { standard: "Standard", modified: "Modified (Craig)" } satisfies Record<DhModel["convention"], string>,
     rowsTitle: "One row per joint, base to flange",
-    column: { a: "a", alpha: "α", d: "d", theta: "θ offset" } satisfies Record<DhColumn, string>,
+    column: { a: "a", alpha: "α", d: "d", theta: "θ offset" },
     cell: (column: string, joint: number) => `${column} of joint ${joint}`,
     kinds: { revolute: "turns", prismatic: "slides" },
     jointMap: "Controller's angles differ from the model's",
@@ -566,10 +566,7 @@ export const later = {
       "Nominal values of the maker. Your arm differs by some tenths of a millimetre; identify its geometry to find the actual values.",
     edit: "Edit as a table",
     reach: "Reach",
-    reachOf: { wrist_centre: "wrist centre", flange: "flange", stated: "as the maker states it" } satisfies Record<
-      NominalArm["reach_of"],
-      string
-    >,
+    reachOf: { wrist_centre: "wrist centre", flange: "flange", stated: "as the maker states it" },
     origin: "Origin of R0",
     sources: "Sources",
     preset: "Preset",
@@ -596,7 +593,7 @@ export const later = {
       instrument: "Instrument",
       conditions: "Conditions of the room",
       notes: "Notes",
-    } satisfies Record<keyof Metadata, string>,
+    },
     placeholders: {
       serial_number: "F-211034",
       item_condition: "as found",
