@@ -41,14 +41,13 @@ _TAIL: Final = re.compile(
     r"(?: ?(?:FINE|Wjnt|PTH|BREAK|MROT|(?:CNT|CR|CD|ACC|AP_LD|RT_LD)(?:\d++| ?\0)|(?:CNT|ACC) ?R\[[^\[\]]*\]"
     r"|EV ?\0%"
     r"|(?:SPOT|Arc (?:Start|End)) ?\[[^\[\]]*\]"
-    r"|(?:TB|TA|DB) ?\0 ?(?:sec|mm)?,(?:CALL ?\w++(?:\([^()]*\))?|(?:DO|RO|GO|AO)\[[^\[\]]*\]=\w++)))*"
+    r"|(?:TB|TA|DB) ?\0 ?(?:sec|mm)?,(?:P-SPS|CALL ?\w++(?:\([^()]*\))?|(?:DO|RO|GO|AO)\[[^\[\]]*\]=\w++)))*"
 )
 # Behind it, what moves this target only: an increment, an offset, coordinated motion, a remote tool
 _OFFSETS: Final = (
     r"(?:INC|RTCP|COORD(?:\[[^\[\]]*\])?|(?:Tool_)?Offset(?:,PR\[[^\[\]]*\])?|VOFFSET,VR\[[^\[\]]*\])"
 )
-_OFFSET: Final = re.compile(rf"(?:^| ){_OFFSETS}(?: |$)")
-_ALL_OFFSETS: Final = re.compile(rf" ?{_OFFSETS}(?: {_OFFSETS})*")
+_OFFSET: Final = re.compile(rf"(?:^| ){_OFFSETS}(?= |$)")
 _REMEDY: Final = (
     "write positions in numbers in /POS: no PR[], no P[R[]]; choose frames by numbers, line by line"
 )
@@ -96,15 +95,18 @@ def _changed(line: Line) -> list[Op]:
     return [ir.Havoc(frozenset({name}), "the position changes while the program runs", _REMEDY)]
 
 
+def _leaves(tail: str) -> bool:
+    """Return whether the text after a target, offsets aside, is known to leave it where it is."""
+    return _TAIL.fullmatch(_OFFSET.sub("", tail).strip()) is not None
+
+
 def _move(line: Line) -> list[Op]:
     """Return a move to one position, or through one to another."""
     letter, tail = line["letter"], line["tail"]
     if bool(line["second"]) != (letter == "C"):
         raise Misread("an arc has two positions, another move has one; its second one is on the next line")
     offset = _OFFSET.search(tail)
-    shifts = tail[offset.start() :].rstrip() if offset else ""
-    rest = tail.removesuffix(shifts).rstrip()
-    if not _TAIL.fullmatch(rest) or (shifts and not _ALL_OFFSETS.fullmatch(shifts)):
+    if not _leaves(tail):
         what = "the text after the target moves it, or is unknown"
         raise Misread(f"{what}; its position in /POS is not all that counts")
     ordinals = line.ordinals[: 1 + bool(line["second"])]
@@ -113,10 +115,24 @@ def _move(line: Line) -> list[Op]:
         tuple(ir.Copy((f"P[%s].{kind}", ordinal), through=True) for ordinal in ordinals)
         for kind in ("UF", "UT")
     )
-    reason = f"{offset[0].strip()} moves the target" if offset else ""
+    place = line.span("tail")[0] + offset.start() if offset else 0
+    moved = ir.quoted(offset[0], line.numbers(place, len(line.text))) if offset else ""
+    reason = f"{moved} moves the target" if offset else ""
     agree = ("UFRAME_NUM", "UTOOL_NUM")
     move = ir.Move(_MOTIONS[letter], names, bases, tools, agree, reason=reason, remedy=_REMEDY)
     return [*(ir.Call(name, attached=True) for name in re.findall(r",CALL ?(\w++)", tail)), move]
+
+
+def _any_changed(_line: Line) -> list[Op]:
+    return [ir.Havoc(frozenset({"P"}), "a position of a computed number changes", _REMEDY)]
+
+
+def _elsewhere(line: Line) -> list[Op]:
+    """Return a move to a register, or to a position of a computed number."""
+    if not _leaves(line["tail"]) or "CALL" in line["tail"]:
+        raise Misread("the target is no position in /POS, and the text after it is unknown")
+    what = ir.quoted(line.text, line.ordinals)
+    return ir.left([], f"{what}: the target is no position in /POS", _REMEDY)
 
 
 def _computed(_line: Line) -> list[Op]:
@@ -142,7 +158,8 @@ def _position(line: Line) -> list[Op]:
     name = "P[%s]", number
     try:
         own, others = _groups(line)
-        ops: list[Op] = [ir.Assign(name, _whole(own, others), "variable")]
+        # chapter 4: no other program knows a position
+        ops: list[Op] = [ir.Assign(name, _whole(own, others), "variable", own=True)]
     except Misread as fault:
         return [ir.Havoc(frozenset({name}), fault.reason, fault.remedy)]
     for kind, active in (("UF", "UFRAME_NUM"), ("UT", "UTOOL_NUM")):
@@ -208,7 +225,8 @@ def read_fanuc(machine: Machine, sources: tuple[Source, ...]) -> None:
     for line, (start, end) in enumerate(zip(source.starts.tolist(), source.ends.tolist(), strict=True), 1):
         text = source.text[start:end].rstrip("\r\n")
         if match := _SECTION.match(text):
-            if match[1] in sections or _ORDER.index(match[1]) < max(map(_ORDER.index, sections), default=0):
+            again = match[1] in sections and match[1] != "APPL"
+            if again or _ORDER.index(match[1]) < max(map(_ORDER.index, sections), default=0):
                 machine.refuse(line, f"a second or misplaced /{match[1]}", "send one program")
             here, sections[match[1]] = match[1], start + len(text)
         elif here == "END" and text.strip():
@@ -232,15 +250,18 @@ def _columns(spans: list[tuple[int, int]]) -> tuple[IndexArray, IndexArray]:
 def _add_instruction(
     machine: Machine, spans: list[tuple[int, int]], line: int, start: int, text: str
 ) -> None:
-    """Add a line of /MN to the instructions; one without a number continues the one before."""
+    """Add a line of /MN to the instructions; one without a number continues what has no end."""
     head = _LINE.match(text)
+    if text.lstrip().startswith("--"):  # the end of the logic of P-SPS
+        return
     if head is None and not _END.match(text):
         reason = f"the line {shown(text)} has no number and colon"
         machine.refuse(line, reason, "write the program in the controller's form")
     body = head.end() if head else 0
     if text[body:].lstrip().startswith(("!", "//", "--")):
         return
-    if spans and not (head and head[1]):
+    last = machine.sources[0].text[slice(*spans[-1])].rstrip() if spans else ";"
+    if not (head and head[1]) and not last.endswith(";"):
         spans[-1] = spans[-1][0], start + len(text)
     else:
         spans.append((start + body, start + len(text)))
@@ -281,6 +302,7 @@ LANGUAGE: Final = ir.Language(
     is_frame=lambda name: name.startswith(("UF ", "UT ")),
     rules=(
         (r"(?P<letter>[JLCAS]) P\[\0\] ?(?P<second>P\[\0\] ?)?(?P<tail>.*)", _move),
+        (r"[JLAS] (?:PR?\[[RA]+\[\0\]\]|PR\[\0\]) ?(?P<tail>.*)", _elsewhere),
         (r"(?P<kind>UFRAME_NUM|UTOOL_NUM|\$MNUFRAMENUM\[\0\]|\$MNUTOOLNUM\[\0\])=#{number}", _frame),
         (r"IF ?(.+?) ?THEN", "if"),
         (r"FOR R\[\0\]=(.+?)(?: TO| DOWNTO) ?(.+)", "loop"),
@@ -293,6 +315,6 @@ LANGUAGE: Final = ir.Language(
         (_QUIET, _quiet),
         (r".*(?:UFRAME|UTOOL).*", _computed),
         (r"P\[\0(?:,\0)?\]=.*", _changed),
-        (r"(?:(?!(?<!\w)P\[).)*P\[[^=]*=.*", lambda _: [ir.Call("P[...]", attached=True)]),
+        (r"(?:(?!(?<!\w)P\[).)*P\[[^=]*=.*", _any_changed),
     ),
 )

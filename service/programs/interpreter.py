@@ -520,8 +520,13 @@ class Machine:
 
     def _is_steady(self, name: str) -> bool:
         """Return whether no unknown routine changes what a name has."""
-        own = _whole(name) in self._own and name not in self._changes and _whole(name) not in self._changes
+        own = _whole(name) in self._own and not self._changed_by(name)
         return own or name in self._steady or OF in name
+
+    def _changed_by(self, name: str) -> list[Cause]:
+        """Return what changes a name, the whole that it is a part of, or some of its array."""
+        among = name, _whole(name), name.partition("[")[0]
+        return next((changes for each in among if (changes := self._changes.get(each))), [])
 
     def _value(self, place: Place, name: str, value: Value, state: State) -> Held:
         if isinstance(value, Literal):
@@ -553,7 +558,7 @@ class Machine:
 
     def _at_first(self, name: str, *, steady: bool) -> Held:
         """Return what a name has when the program begins."""
-        changes = self._changes.get(name) or self._changes.get(_whole(name))
+        changes = self._changed_by(name)
         if name in self._initial and not changes:
             return self._initial[name] if steady or self._earlier is None else self._earlier
         if (active := self._language.active.get(name)) is not None:

@@ -167,6 +167,7 @@ LANGUAGE: Final = ir.Language(
             rf"set_tcp\((?:pose=)?p{_SIX}(?:,.*)?\)",
             lambda line: [ir.Assign(_ACTIVE, Literal(POSE, line.ordinals[:6]))],
         ),
+        (rf"(run {_WORD}\(.*\))", ""),
         (r"(?P<motion>move[jlpc])\((?P<arguments>.*)\)", _move),
         (r"@{name}\(.*\)", _called),
         (

@@ -11,7 +11,7 @@ from support.written_programs import moves_of, targets_of
 
 from jointstiff.service.kinds.program_path import ProgramFrames, StatedConfigurations
 from jointstiff.service.programs.errors import ProgramError
-from jointstiff.service.programs.formats import read_program
+from jointstiff.service.programs.formats import explained, read_program
 
 FREE = "[9E9,9E9,9E9,9E9,9E9,9E9]"
 POSE = f"[[10,20,30],[0.5,0.5,0.5,0.5],[0,0,-2,0],{FREE}]"
@@ -175,6 +175,50 @@ def test_fanuc_with_tabs_and_a_second_group_that_stands_still():
     assert targets_of(program)[1].values == (1602.081761, -315.778136, 423.04837, 180.0, -0.384, 0.0)
 
 
+def explained_fanuc(*body):
+    """Line, target, base, tool, and whether it is corrected, of each move."""
+    head, _, rest = fanuc([]).partition("/MN\n")
+    text = "\n".join([head + "/MN", *body, rest[rest.index("/POS") :]])
+    return [(*each[:4], each.corrected) for each in explained([("a.LS", text.encode())])]
+
+
+def test_fanuc_logic_within_a_motion_ends_with_a_line_of_dashes():
+    found = explained_fanuc(
+        "   1:J P[1] 10% CNT0 ACC100 TB    .00sec,P-SPS    ;",
+        "      1:  IF (DO[3]=ON),R[2]=5 ;",
+        "      2:  DO[3]=OFF ;",
+        "       ------ ;",
+        "   2:L P[2] 100mm/sec FINE    ;",
+    )
+    assert [each[1:] for each in found] == [("P[1]", "UF 0", "UT 0", True), ("P[2]", "UF 0", "UT 0", True)]
+
+
+def test_fanuc_positions_belong_to_their_program_whatever_is_called():
+    found = explained_fanuc(
+        "   1:L P[1] 100mm/sec FINE ;", "   2:  CALL OTHER ;", "   3:L P[2] 100mm/sec FINE ;"
+    )
+    # other frames may be active then
+    assert [each[1:] for each in found] == [("P[1]", "UF 0", "UT 0", True), ("P[2]", "UF 0", "UT 0", False)]
+
+
+@pytest.mark.parametrize("move", ["J PR[3:REST] 100% FINE", "L P[R[2]] 50mm/sec CNT10 Offset,PR[1]"])
+def test_fanuc_moves_to_registers_leave_the_others(move):
+    found = explained_fanuc(f"   1:{move} ;", "   2:L P[1] 100mm/sec FINE ;")
+    assert [each[4] for each in found] == [False, True]
+
+
+def test_fanuc_positions_are_unknown_where_one_of_a_computed_number_changes():
+    found = explained_fanuc("   1:L P[1] 100mm/sec FINE ;", "   2:  P[R[1]]=LPOS ;")
+    assert [each[4] for each in found] == [False]
+
+
+def test_fanuc_lines_of_other_writers_have_no_number_and_an_end():
+    found = explained_fanuc(
+        ":R[1]=5;", "1: L P[1] 240cm/min CNT100 ;", ": DO[3]=ON;", "2: L P[2] WELD_SPEED CNT100 PTH ;"
+    )
+    assert [each[4] for each in found] == [True, True]
+
+
 def test_fanuc_second_group_that_moves_is_refused():
     fault = refusal("a.LS", fanuc(FANUC_MOVES, GROUP, turn=1.0))
     assert "group" in fault.reason
@@ -248,6 +292,13 @@ end
 
 Milling()
 """
+
+
+def test_ur_threads_may_run_without_a_name():
+    body = "def a():\n set_tcp(p[0,0,0.1,0,0,0])\n thread t():\n  sync()\n end\n run t()\n movel(p[1,2,3,0,0,0])\nend\n"
+    assert len(moves_of(read("a.script", body))) == 1
+    moving = body.replace("sync()", "set_tcp(p[0,0,0.2,0,0,0])")
+    assert refusal("a.script", moving).line == 4
 
 
 def test_ur_frames_that_are_set_one_after_the_other():
