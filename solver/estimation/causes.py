@@ -123,8 +123,10 @@ class Screening:
     causes: tuple[Cause, ...]  #: the cause that explains most, and those that explain as much; none, or few
     gain: HeldOutGain | None = None  #: gain of the cross-validation; None where none was run
     base_p_value: float = 1.0  #: p-value of the test of a base beside the joints
-    links_beside_base: float = 1.0  #: p-value of the test of links beside joints and base
-    base_beside_links: float = 1.0  #: p-value of the test of a base beside joints and links
+    #: p-value of the test of links beside joints and base, and of a base beside joints and links; of a base
+    #: that its own test speaks for
+    links_beside_base: float = 1.0
+    base_beside_links: float = 1.0
     comparable: bool = True  #: whether the options allow for comparing joints alone with elastic links
 
     @property
@@ -181,12 +183,16 @@ def screen_estimate(robot: Robot, measurements: Measurements, estimate: Estimate
     named = tuple(cause for cause in reversed(of_name.values()) if cause.criterion <= best + AS_WELL)
     if links < LINKS_LEVEL and triangles.links_criterion() < best - AS_WELL:
         named = tuple(cause for cause in named if cause.proved)
+    told = tuple(messages_of(CauseTest, ordered, p_value=[tests[suspect] for suspect in ordered]))
+    if base >= MISTAKE_LEVEL:
+        return Screening(links, told, named, base_p_value=base)
+    with_base = _Triangles(block, compliance, seen, before, [FULL_BASE])
     return Screening(
         links,
-        tuple(messages_of(CauseTest, ordered, p_value=[tests[suspect] for suspect in ordered])),
+        told,
         named,
         base_p_value=base,
-        links_beside_base=triangles.links_p_value(FULL_BASE.name),
+        links_beside_base=with_base.links_p_value(FULL_BASE.name),
         base_beside_links=triangles.p_values([DIAGONAL_BASE.name], DIAGONAL_LINKS.name)[0],
     )
 
@@ -445,7 +451,7 @@ class _Triangles:
         self.beside = (JOINTS.name, *(term.name for term in before))
         self.compliance = compliance
         self._block, self._seen = block, np.flatnonzero(seen)
-        self._terms = [JOINTS, *before, *terms, DIAGONAL_LINKS, DIAGONAL_BASE, FULL_BASE]
+        self._terms = [JOINTS, *before, *terms, DIAGONAL_LINKS, DIAGONAL_BASE]
         self._n = len(seen)
         self._equal: Triangle | None = None
         self.stated = self._triangle(equal=False)

@@ -301,9 +301,9 @@ def _consensus(seen: FloatArray) -> FloatArray:
 
 def _median(seen: FloatArray) -> FloatArray:
     """(T, 3) median place of each target; nan where it was not measured."""
-    place, read = np.full(seen.shape[1:], np.nan), ~np.isnan(seen[..., 0]).all(axis=0)
-    place[read] = np.nanmedian(seen[:, read], axis=0)
-    return place
+    ordered, count = np.sort(seen, axis=0), np.maximum((~np.isnan(seen)).sum(axis=0), 1)
+    middle = np.take_along_axis(ordered, np.stack([(count - 1) // 2, count // 2]), axis=0)
+    return np.asarray(0.5 * middle.sum(axis=0))
 
 
 def _true_target_of_each(seen: FloatArray, place: FloatArray) -> IndexArray | None:

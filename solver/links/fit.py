@@ -46,9 +46,10 @@ from jointstiff.solver.links.model import (
     Formulation,
     elastic_blocks,
 )
+from jointstiff.solver.mechanics.block import spring_frames
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.robot import Robot
-from jointstiff.solver.mechanics.springs import BASE, entries, spring_frames, weights
+from jointstiff.solver.mechanics.springs import BASE, entries, weights
 from jointstiff.solver.messages import point
 
 

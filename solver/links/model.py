@@ -49,7 +49,6 @@ from jointstiff.solver.mechanics.springs import (
     COUPLED_JOINTS,
     JOINTS,
     entries,
-    link_motion,
     links_behind,
 )
 
@@ -163,7 +162,7 @@ def elastic_rows(robot: Robot, measurements: Measurements, columns: ElasticColum
         in_sigma = whitened(part.covariance, rows)
         triangle.add(in_sigma, count=3 * int(part.present.sum()))
         each.append(in_sigma[part.present] if few else in_sigma[:0, 0])
-        lever += np.square(link_motion(block)[2]).sum(axis=(0, 2))
+        lever += np.square(block.frames[2]).sum(axis=(0, 2))
     return ElasticRows(
         triangle=triangle.R,
         configurations=len(measurements),

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar, Final, NamedTuple
 from weakref import WeakKeyDictionary
 
@@ -17,7 +18,7 @@ import numpy as np
 
 from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.errors import RequestError, SolverError
-from jointstiff.solver.mechanics.configuration import Configurations, joint_frames
+from jointstiff.solver.mechanics.configuration import Configurations, joint_frames, skew
 from jointstiff.solver.mechanics.measurements import CommonUncertainty, Measurements, whitened
 from jointstiff.solver.mechanics.robot import Robot
 
@@ -227,6 +228,18 @@ _KEPT: WeakKeyDictionary[Measurements, dict[bool, dict[str, Any]]] = WeakKeyDict
 """Fields of the last block of a set, without K_c and with it."""
 
 
+def spring_frames(robot: Robot, q: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return rotations (B, n + 1, 3, 3) and origins (B, n + 1, 3) [m] in R0 of all joints, then of R0 itself.
+
+    Args:
+        robot: n joints.
+        q: (B, n) [rad].
+    """
+    axes, origin = joint_frames(robot, q)
+    own = np.broadcast_to(np.eye(3), (len(q), 1, 3, 3))
+    return np.concatenate([axes, own], axis=1), np.concatenate([origin, np.zeros((len(q), 1, 3))], axis=1)
+
+
 @dataclass(frozen=True, eq=False)
 class RegressorBlock:
     """Regressors of B observations of T targets of a robot with n joints.
@@ -245,6 +258,25 @@ class RegressorBlock:
     jacobian: FloatArray
     A: FloatArray  #: (B, T, 3, n) regressor of the deflections [m / (rad/(N·m))]; zero where not present
     measurements: Measurements  #: the observations themselves
+
+    @cached_property
+    def frames(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return how the frames of links and base move the targets, and how the load pulls at them.
+
+        Returns:
+            (n + 1, B, T, 3, 6) motion of the targets with translations, then rotations of the frame of each
+            joint and of the base; (n + 1, B, 6) wrench of the load in it, force then moment about its origin
+            [N, N·m]; and (B, n + 1, 3) the load point from the origins, axes of R0 [m].
+        """
+        part = self.measurements
+        axes, origin = spring_frames(self.robot, self.configurations.q)
+        lever = self.configurations.to_base(part.load_point[:, None]) - origin
+        moment = part.moment[:, None] + np.cross(lever, part.force[:, None])
+        R = axes.transpose(1, 0, 2, 3)  # (n + 1, B, 3, 3)
+        wrench = np.concatenate([part.force[:, None] @ R, moment.transpose(1, 0, 2)[:, :, None] @ R], axis=-1)
+        turn = -skew(self.points - origin.transpose(1, 0, 2)[:, :, None]) @ R[:, :, None]
+        moves = np.concatenate([np.broadcast_to(R[:, :, None], turn.shape), turn], axis=-1)
+        return moves, wrench[:, :, 0], lever
 
 
 def regressor_blocks(

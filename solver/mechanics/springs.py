@@ -20,8 +20,6 @@ import numpy as np
 
 from jointstiff.solver.arrays import FloatArray, IndexArray
 from jointstiff.solver.mechanics.block import Motion, RegressorBlock, Term, wrench_stiffness
-from jointstiff.solver.mechanics.configuration import joint_frames, skew
-from jointstiff.solver.mechanics.robot import Robot
 
 
 def _joints(block: RegressorBlock, compliance: FloatArray) -> Motion:  # noqa: ARG001  # linear
@@ -36,37 +34,6 @@ JOINTS = Term("joints", "rad/(N·m)", _joints)
 
 BASE: Final = -1
 """Number of the base among the frames that bend: the last, after those of the joints."""
-
-
-def spring_frames(robot: Robot, q: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return rotations (B, n + 1, 3, 3) and origins (B, n + 1, 3) [m] in R0 of all joints, then of R0 itself.
-
-    Args:
-        robot: n joints.
-        q: (B, n) [rad].
-    """
-    axes, origin = joint_frames(robot, q)
-    own = np.broadcast_to(np.eye(3), (len(q), 1, 3, 3))
-    return np.concatenate([axes, own], axis=1), np.concatenate([origin, np.zeros((len(q), 1, 3))], axis=1)
-
-
-def link_motion(block: RegressorBlock) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return how the frames of links and base move the targets, and how the load pulls at them.
-
-    Returns:
-        (n + 1, B, T, 3, 6) motion of the targets with translations, then rotations of the frame of each joint
-        and of the base; (n + 1, B, 6) wrench of the load in it, force then moment about its origin [N, N·m];
-        and (B, n + 1, 3) the load point from the origins, axes of R0 [m].
-    """
-    part = block.measurements
-    axes, origin = spring_frames(block.robot, block.configurations.q)
-    lever = block.configurations.to_base(part.load_point[:, None]) - origin
-    moment = part.moment[:, None] + np.cross(lever, part.force[:, None])
-    R = axes.transpose(1, 0, 2, 3)  # (n + 1, B, 3, 3)
-    wrench = np.concatenate([part.force[:, None] @ R, moment.transpose(1, 0, 2)[:, :, None] @ R], axis=-1)
-    turn = -skew(block.points - origin.transpose(1, 0, 2)[:, :, None]) @ R[:, :, None]
-    moves = np.concatenate([np.broadcast_to(R[:, :, None], turn.shape), turn], axis=-1)
-    return moves, wrench[:, :, 0], lever
 
 
 @lru_cache(maxsize=64)
@@ -106,13 +73,13 @@ def _coupled(block: RegressorBlock, compliance: FloatArray) -> Motion:  # noqa: 
 
 def _links(frames: tuple[int, ...], block: RegressorBlock, compliance: FloatArray) -> Motion:  # noqa: ARG001
     """Bend links behind some joints, or the base, each by 21 entries of its compliance."""
-    moves, wrench, _ = link_motion(block)
+    moves, wrench, _ = block.frames
     return Motion(np.concatenate([products(moves[j], wrench[j, :, None, None]) for j in frames], axis=-1))
 
 
 def _diagonal(frames: slice, block: RegressorBlock, compliance: FloatArray) -> Motion:  # noqa: ARG001
     """Bend each link, or the base, along and about the axes of its frame: six compliances each."""
-    moves, wrench, _ = link_motion(block)
+    moves, wrench, _ = block.frames
     return Motion(np.concatenate(list((moves * wrench[:, :, None, None])[frames]), axis=-1))
 
 

@@ -39,11 +39,11 @@ from jointstiff.solver.estimation.solution import Constraints
 from jointstiff.solver.links.choice import Folds, fit_fold
 from jointstiff.solver.links.fit import ElasticEstimate
 from jointstiff.solver.links.model import ElasticColumns, elastic_blocks
-from jointstiff.solver.mechanics.block import Balance, OwnWeight, balance, wrench_stiffness
+from jointstiff.solver.mechanics.block import Balance, OwnWeight, balance, spring_frames, wrench_stiffness
 from jointstiff.solver.mechanics.configuration import Configurations, joint_frames, rotation_vectors, skew
 from jointstiff.solver.mechanics.measurements import Measurements, whitened
 from jointstiff.solver.mechanics.robot import Robot
-from jointstiff.solver.mechanics.springs import products, spring_frames
+from jointstiff.solver.mechanics.springs import products
 from jointstiff.solver.predict.forward import (
     LARGEST_TURN,
     CartesianCompliance,
