@@ -72,11 +72,6 @@ def table(**columns: Sequence[Any] | np.ndarray[Any, Any]) -> list[dict[str, Any
     return [dict(zip(columns, row, strict=True)) for row in values]
 
 
-def finite(value: float) -> float | None:
-    """Return a number as messages take it: None for one that is not finite."""
-    return float(value) if isfinite(value) else None
-
-
 def point(vector: np.ndarray[Any, Any]) -> tuple[float, float, float]:
     """Return three components as messages take them."""
     x, y, z = vector.tolist()
@@ -93,7 +88,7 @@ def _plain(value: object) -> object:
     if value is None or isinstance(value, str | int | dict | Message):
         return value
     if isinstance(value, float):
-        return finite(value)
+        return float(value) if isfinite(value) else None
     if isinstance(value, np.ndarray):
         return value.tolist() if value.dtype.kind != "f" or np.isfinite(value).all() else None
     if isinstance(value, np.generic):

@@ -22,7 +22,7 @@ import math
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from itertools import combinations, product
 from typing import Final, Literal
 
@@ -47,6 +47,7 @@ from jointstiff.solver.estimation.triangle import (
 )
 from jointstiff.solver.mechanics.block import (
     RegressorBlock,
+    Rows,
     Term,
     regressor_blocks,
     rows_of,
@@ -450,19 +451,20 @@ class _Triangles:
         """Compress a block's rows; joints that are not seen are left out."""
         self.beside = (JOINTS.name, *(term.name for term in before))
         self.compliance = compliance
-        self._block, self._seen = block, np.flatnonzero(seen)
+        self._block, self._seen = block, seen
         self._terms = [JOINTS, *before, *terms, DIAGONAL_LINKS, DIAGONAL_BASE]
-        self._n = len(seen)
-        self._equal: Triangle | None = None
-        self.stated = self._triangle(equal=False)
+        self.stated = self._triangle(whitened_rows)
 
-    def _triangle(self, *, equal: bool) -> Triangle:
-        make = rows_of if equal else whitened_rows
+    @cached_property
+    def _equal(self) -> Triangle:
+        return self._triangle(rows_of)
+
+    def _triangle(self, make: Callable[..., Rows]) -> Triangle:
         rows = make(self._block, self._terms, self.compliance)
         count = int(self._block.measurements.coordinates.sum())
         triangle = Triangle(**rows.widths)
         triangle.add(rows.targets, count=count)
-        triangle.span[JOINTS.name] = self._seen
+        triangle.span[JOINTS.name] = np.flatnonzero(self._seen)
         return triangle
 
     def _larger(self, level: float, test: Callable[[Triangle], FloatArray]) -> FloatArray:
@@ -470,8 +472,6 @@ class _Triangles:
         p = test(self.stated)
         if (p >= level).all() or self._block.measurements.covariance.ndim == 2:
             return p
-        if self._equal is None:
-            self._equal = self._triangle(equal=True)
         return np.where(p >= level, p, np.maximum(p, test(self._equal)))
 
     def p_values(self, names: Sequence[str], *others: str) -> list[float]:
@@ -490,7 +490,7 @@ class _Triangles:
 
     @property
     def _leading(self) -> int:
-        return max(0, min(_LEADING, (self.stated.rows - self._n) // 3))
+        return max(0, min(_LEADING, (self.stated.rows - len(self._seen)) // 3))
 
     @property
     def sigma(self) -> float:
