@@ -1,6 +1,6 @@
 /** The API over fetch: JSON in, JSON out, every failure as problem details with a remedy; server-sent events of jobs. */
 import { text } from "../i18n";
-import { tell } from "../lib/events";
+import { listen, tell } from "../lib/events";
 import { type Columns, jsonOf } from "../lib/json";
 import type { Schemas } from "../lib/schema";
 import type * as of from "./types";
@@ -88,30 +88,22 @@ const id = encodeURIComponent;
 
 const SESSION = "/v1/session";
 
-/** The addresses that all collections share. */
-function collection<Item, Summary, Change = never>(name: string) {
+/** How jobs are posted: one waits a second for the answer. */
+const WAIT = "?wait=1";
+
+/** The addresses that all collections share; `asked`: how items are posted. */
+function collection<Item, Summary, Change = never>(name: string, asked = "") {
   const at = (item: string) => `/v1/${name}/${id(item)}`;
   return {
     list: (filters: Filters = {}, signal?: AbortSignal) =>
       call<of.Page<Summary>>("GET", `/v1/${name}${query(filters)}`, { signal }),
     one: (item: string, signal?: AbortSignal) => call<Item>("GET", at(item), { signal }),
-    add: (body: unknown, key: string) => call<Item>("POST", `/v1/${name}`, { body, key }),
+    add: (body: unknown, key: string) => call<Item>("POST", `/v1/${name}${asked}`, { body, key }),
     change: (item: string, body: Change) => call<unknown>("PATCH", at(item), { body }),
     delete: (item: string) => call<unknown>("PATCH", at(item), { body: { deleted: true } }),
     restore: (item: string) => call<unknown>("PATCH", at(item), { body: { deleted: false } }),
     /** The address of what belongs to an item. */
     below: (item: string, name: string) => `${at(item)}/${name}`,
-  };
-}
-
-/** The addresses of a kind of job; one waits a second for the answer to a post. */
-function kind<Job, Summary>(name: string) {
-  const { list, one, below } = collection<Job, Summary>(name);
-  return {
-    list,
-    one,
-    below,
-    add: (body: unknown, key: string) => call<Job>("POST", `/v1/${name}?wait=1`, { body, key }),
   };
 }
 
@@ -123,9 +115,9 @@ const jobs = {
   file: (job: string, name: string) => `/v1/jobs/${id(job)}/files/${name}`,
 };
 
-const runs = kind<of.Run, of.RunSummary>("runs");
-const maps = kind<of.Map, of.MapSummary>("maps");
-const programs = kind<of.Program, of.ProgramSummary>("programs");
+const runs = collection<of.Run, of.RunSummary>("runs", WAIT);
+const maps = collection<of.Map, of.MapSummary>("maps", WAIT);
+const programs = collection<of.Program, of.ProgramSummary>("programs", WAIT);
 const openSets = collection<of.OpenSet, of.MeasurementSetSummary, of.SetChange>("measurement-sets");
 const robots = collection<of.Robot, of.RobotSummary, of.RobotChange>("robots");
 
@@ -171,9 +163,9 @@ export const api = {
   authorise: (run: string, body: Partial<of.AuthorisationRequest>) =>
     call<of.Authorisation>("POST", runs.below(run, "authorisations"), { body }),
   predict: (body: unknown) => call<of.DeflectionResult>("POST", "/v1/deflections", { body }),
-  comparisons: kind<of.Comparison, of.ComparisonSummary>("comparisons"),
-  geometries: kind<of.Geometry, of.GeometrySummary>("geometries"),
-  plans: kind<of.Plan, of.PlanSummary>("plans"),
+  comparisons: collection<of.Comparison, of.ComparisonSummary>("comparisons", WAIT),
+  geometries: collection<of.Geometry, of.GeometrySummary>("geometries", WAIT),
+  plans: collection<of.Plan, of.PlanSummary>("plans", WAIT),
   maps,
   mapTable: (map: string) => call<Columns>("GET", jobs.file(map, "map.json")),
   programs,
@@ -239,10 +231,7 @@ export function follow(
     if (ended) source.close(); // else the browser would come back and hear it again
     tell(JSON.parse(event.data) as Standing, ended);
   };
-  source.addEventListener("open", () => away?.(false));
-  source.addEventListener("error", () => away?.(true));
-  source.addEventListener("progress", hear(false));
-  source.addEventListener("end", hear(true));
+  listen(source, { open: () => away?.(false), error: () => away?.(true), progress: hear(false), end: hear(true) });
   return () => source.close();
 }
 

@@ -14,7 +14,7 @@ import {
   Vector3,
   WebGLRenderer,
 } from "three";
-import { bent, type Vector, norm } from "../lib/vector";
+import { bent, type Vector, norm, times } from "../lib/vector";
 import { Arm, type Arrow, Arrows, Cloud, ScaleBar, type Label, Labels } from "./parts";
 import { Orbit } from "./orbit";
 import type { Show } from "./view";
@@ -35,10 +35,11 @@ export class Stage {
   readonly #predicted = new Arrows();
   readonly #load = new Arrows();
   readonly #cloud = new Cloud();
-  readonly #triad = [new Arrows(), new Arrows(), new Arrows()] as const;
+  readonly #triad = new Arrows();
   readonly #labels: Labels;
   readonly #bar: ScaleBar;
   #ramp: Ramp = [new Color(), new Color(), new Color()];
+  #axisColors: Color[] = [];
   #mapRamp: Ramp = [new Color(), new Color(), new Color()];
   #bendStart: number | null = null;
   readonly #observer: ResizeObserver;
@@ -64,8 +65,13 @@ export class Stage {
     const sun = new DirectionalLight(0xffffff, 1.6);
     sun.position.copy(new Vector3(2, -3, 5));
     this.#scene.add(new HemisphereLight(0xffffff, 0x8a938f, 1.9), sun, this.#arm.group);
-    this.#scene.add(this.#measured.group, this.#predicted.group, this.#load.group, this.#cloud.points);
-    this.#scene.add(...this.#triad.map((axis) => axis.group));
+    this.#scene.add(
+      this.#measured.group,
+      this.#predicted.group,
+      this.#load.group,
+      this.#cloud.points,
+      this.#triad.group,
+    );
     this.#labels = new Labels(canvas);
     this.#bar = new ScaleBar(canvas);
     this.#orbit = new Orbit(this.#camera, canvas, () => this.request());
@@ -114,7 +120,7 @@ export class Stage {
     this.#observer.disconnect();
     removeEventListener("themechange", this.#paint);
     this.#dark.removeEventListener("change", this.#paint);
-    for (const part of [this.#arm, this.#measured, this.#predicted, this.#load, this.#cloud, ...this.#triad])
+    for (const part of [this.#arm, this.#measured, this.#predicted, this.#load, this.#cloud, this.#triad])
       part.dispose();
     this.#orbit.dispose();
     this.#labels.dispose();
@@ -173,9 +179,8 @@ export class Stage {
     this.#measured.set(show.measured, show.factor, thin * (ramp === null ? 2.4 : 1.5), ramp);
     this.#predicted.set(ramp === null ? show.predicted : [], show.factor, thin); // shows inside the measured one
     this.#load.set(show.load ? [loadArrow(show.load, this.#reach)] : [], 1, this.#reach * 0.008);
-    this.#triad.forEach((axis, i) =>
-      axis.set([{ from: [0, 0, 0], along: axisOf(i, this.#reach * 0.26) }], 1, this.#reach * 0.006),
-    );
+    const axes = AXES.map(({ along }) => ({ from: [0, 0, 0], along: times(along, this.#reach * 0.26) }) as const);
+    this.#triad.set(axes, 1, this.#reach * 0.006, this.#axisColors);
     const { places = [], shares = [], size = 0 } = show.cloud ?? {};
     this.#cloud.set(
       places,
@@ -186,8 +191,14 @@ export class Stage {
     this.#labels.set(labelsOf(show, this.#reach));
   }
 
+  /** A colour of the style sheet as the browser resolves it for the theme. */
   #color(name: string): Color {
-    return new Color().setStyle(resolved(this.canvas, name), SRGBColorSpace);
+    const probe = document.createElement("i");
+    probe.style.color = `var(${name})`;
+    this.canvas.parentElement?.append(probe);
+    const { color } = getComputedStyle(probe);
+    probe.remove();
+    return new Color().setStyle(color, SRGBColorSpace);
   }
 
   readonly #paint = (): void => {
@@ -197,7 +208,8 @@ export class Stage {
     this.#arm.jointMaterial.color = color("--arm-joint");
     this.#arm.axisMaterial.color = color("--axis");
     this.#arm.baseMaterial.color = color("--arm-joint");
-    this.#triad.forEach((axis, i) => axis.paint(color(["--x", "--y", "--z"][i] ?? "--x")));
+    this.#axisColors = AXES.map(({ kind }) => color(`--${kind}`));
+    this.#triad.paint(new Color(1, 1, 1), true);
     this.#ramp = [color("--good"), color("--warn"), color("--bad")];
     this.#mapRamp = [color("--ramp-0"), color("--ramp-1"), color("--ramp-2")];
     this.#shown = null;
@@ -212,7 +224,7 @@ export class Stage {
       this.#scene.remove(this.#grid);
       this.#grid.dispose();
     }
-    const line = new Color().setStyle(resolved(this.canvas, "--stage-line"), SRGBColorSpace);
+    const line = this.#color("--stage-line");
     const size = Math.ceil(this.#reach * 2.6);
     this.#grid = new GridHelper(size, size * 2, line, line);
     (this.#grid.material as LineBasicMaterial).vertexColors = true;
@@ -242,14 +254,14 @@ function bendPart(time: number): number {
   return time < BEND.down + BEND.held ? ease(time / BEND.down) : 1 - ease((time - BEND.down - BEND.held) / BEND.up);
 }
 
-const axisOf = (i: number, length: number): Vector => [
-  i === 0 ? length : 0,
-  i === 1 ? length : 0,
-  i === 2 ? length : 0,
-];
+const AXES = [
+  { kind: "x", along: [1, 0, 0] },
+  { kind: "y", along: [0, 1, 0] },
+  { kind: "z", along: [0, 0, 1] },
+] as const;
 
 function labelsOf(show: Show, reach: number): Label[] {
-  const axes = (["x", "y", "z"] as const).map((kind, i): Label => ({ name: kind, kind, at: axisOf(i, reach * 0.3) }));
+  const axes = AXES.map(({ kind, along }): Label => ({ name: kind, kind, at: times(along, reach * 0.3) }));
   if (show.names.length === 0) return axes;
   const joints = show.posture.joint_origins.map((at, j): Label => ({ name: show.names[j] ?? "", kind: "joint", at }));
   const targets = show.targets.map(
@@ -260,16 +272,5 @@ function labelsOf(show: Show, reach: number): Label[] {
 
 /** Of one length whatever the load: it shows where and which way. */
 function loadArrow(load: Arrow, reach: number): Arrow {
-  const factor = (reach * 0.3) / (norm(load.along) || 1);
-  return { from: load.from, along: [load.along[0] * factor, load.along[1] * factor, load.along[2] * factor] };
-}
-
-/** A colour of the style sheet as the browser resolves it for the theme. */
-function resolved(near: Element, name: string): string {
-  const probe = document.createElement("i");
-  probe.style.color = `var(${name})`;
-  near.parentElement?.append(probe);
-  const color = getComputedStyle(probe).color;
-  probe.remove();
-  return color;
+  return { from: load.from, along: times(load.along, (reach * 0.3) / (norm(load.along) || 1)) };
 }

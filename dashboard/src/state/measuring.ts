@@ -2,6 +2,7 @@
 import { useCallback, useEffect, useRef, useState } from "preact/hooks";
 import { api, problemOf } from "../api/client";
 import type { LiveState, Observation, Problem } from "../api/types";
+import { listen } from "../lib/events";
 import { recalled, remember } from "./session";
 
 /** A reading on its way; with what the service has against it. */
@@ -94,11 +95,11 @@ export function useMeasuring(id: string, first: LiveState): Measuring {
       if (source.readyState === EventSource.CLOSED) source = followed(id, put, back, () => setAway(true));
       void flush();
     }, AGAIN_MS);
-    addEventListener("online", back);
+    const stop = listen(window, { online: back });
     return () => {
       source.close();
       clearInterval(timer);
-      removeEventListener("online", back);
+      stop();
     };
   }, [id, state.state === "closed"]);
   return { state, away, waiting, put, send, resend };
@@ -108,13 +109,12 @@ const unsent = (queue: Waiting[]): Waiting | undefined => queue.find(({ problem 
 
 function followed(id: string, put: (state: LiveState) => void, back: () => void, gone: () => void): EventSource {
   const source = new EventSource(api.openSets.followed(id));
-  source.addEventListener("open", back);
-  source.addEventListener("error", gone);
-  source.addEventListener("state", (event: MessageEvent<string>) => {
+  const hear = (event: MessageEvent<string>) => {
     const state = JSON.parse(event.data) as LiveState;
     if (state.state === "closed") source.close(); // else the browser would come back and hear it again
     put(state);
-  });
+  };
+  listen(source, { open: back, error: gone, state: hear });
   return source;
 }
 
