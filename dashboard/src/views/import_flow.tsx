@@ -10,7 +10,7 @@ import { type Fields, unreadIn, contentKey, freshKey } from "../lib/json";
 import { useLoad, valueOf, namesChanged, useNames } from "../state/load";
 import { text } from "../i18n";
 import { later } from "../i18n/later";
-import { meaningsFor, widthOf, type Template, fits, UNKNOWN, dimensionOf } from "../lib/imports";
+import { meaningsFor, widthOf, fits, UNKNOWN, dimensionOf } from "../lib/imports";
 import { keptTemplates, type Opened, freshDraft, keepDraft, keepFiles, keptDraft, keepTemplate } from "../state/opened";
 import { Assumptions, FaultList, ImportTable } from "./import_table";
 import { Arm } from "../scene/view";
@@ -25,15 +25,11 @@ const words = later.imports;
 
 const GRAVITY = 9.80665; // m/s², standard gravity
 
-/** The unit of what is stated: that of a template, else mm, whatever the files have. */
-/** Unit of the lengths that are stated: that of a template that has some, its noise among them. */
-const lengthOf = ({
-  length_unit: unit,
-  load_point: point,
-  flange_targets: targets,
-  noise,
-  units,
-}: ImportOptions): string => unit ?? (point || targets || noise ? units?.length : null) ?? text.units.mm;
+/** Unit of the lengths that are stated: that of a template that has some, its noise among them; else mm, whatever the files have. */
+const lengthOf = ({ length_unit: unit, units, ...stated }: ImportOptions): string => {
+  const ofTemplate = stated.load_point || stated.flange_targets || stated.noise ? units?.length : null;
+  return unit ?? ofTemplate ?? text.units.mm;
+};
 
 const termsOf = (options: ImportOptions): Terms => ({
   labels: words.labels,
@@ -105,7 +101,6 @@ function ImportForm({ answer, options, change }: ImportProps) {
   );
 }
 
-/** The frame of the positions, where it is a tracker's: by a geometry of the robot, or by a transform. */
 interface FrameProps {
   frame: Fields;
   change: (frame: Fields) => void;
@@ -115,6 +110,7 @@ interface FrameProps {
   length: string;
 }
 
+/** The frame of the positions, where it is a tracker's: by a geometry of the robot, or by a transform. */
 function FrameForm({ frame, change, robot, length }: FrameProps) {
   const geometries = valueOf(
     useLoad(
@@ -149,13 +145,8 @@ function FrameForm({ frame, change, robot, length }: FrameProps) {
   );
 }
 
-interface ContentProps extends ImportProps {
-  files: File[];
-  use: (template: Template) => void;
-}
-
 /** What was read of the files, column by column, and what is wrong with it. */
-function ImportContent({ answer, files, options, change, use }: ContentProps) {
+function ImportContent({ answer, files, options, change }: ImportProps & { files: File[] }) {
   const { preview, faults } = answer;
   const groups = useMemo(() => meaningsFor(preview.files, preview.targets), [answer]);
   const named = new Set(preview.files.map(({ file }) => file));
@@ -166,7 +157,7 @@ function ImportContent({ answer, files, options, change, use }: ContentProps) {
       {offered && !inUse && (
         <div class="note good row">
           <p>{words.fits(offered.name)}</p>
-          <Button onClick={() => use(offered)}>{words.useTemplate}</Button>
+          <Button onClick={() => change(offered.options)}>{words.useTemplate}</Button>
         </div>
       )}
       {inUse && (
@@ -197,7 +188,7 @@ function ImportContent({ answer, files, options, change, use }: ContentProps) {
 const readingWords = words.reading;
 
 /** How files are read where that is not plain: controls for the options that faults name, and for those that are set. */
-function ImportReading({ answer: { faults }, files, options, change }: Omit<ContentProps, "use">) {
+function ImportReading({ answer: { faults }, files, options, change }: ImportProps & { files: File[] }) {
   const named = new Set(faults.map((fault) => fault.option));
   const shown = (option: keyof ImportOptions & string) => named.has(option) || Boolean(options[option]);
   const put = (part: Partial<ImportOptions>) => change({ ...options, ...part });
@@ -264,14 +255,14 @@ export function ImportFlow({
   take: (...files: File[]) => void;
 }) {
   const known = valueOf(useNames());
-  const begun = keptDraft(files) ?? freshDraft(template?.options ?? {});
-  const [options, setOptions] = useState<ImportOptions>(begun.options);
-  const [frame, setFrame] = useState(begun.frame);
-  const [typed, setTyped] = useState(begun.typed);
+  const [draft, setDraft] = useState(() => keptDraft(files) ?? freshDraft(template?.options ?? {}));
+  const { options, frame, typed } = draft;
+  const put = (part: Partial<typeof draft>) => setDraft((before) => ({ ...before, ...part }));
+  const change = (next: ImportOptions) => put({ options: next });
   const [chosen, setChosen] = useState<string | null>(asked || null);
   const [joints, setJoints] = useState<number | null>(null);
   const form = useRunForm();
-  useEffect(() => keepDraft({ options, frame, typed }), [options, frame, typed]);
+  useEffect(() => keepDraft(draft), [draft]);
 
   const robots = (known?.robots ?? [])
     .filter((one) => joints === null || one.joints.length === joints)
@@ -299,7 +290,6 @@ export function ImportFlow({
     keepFiles(null);
     return link(["runs", run.id]);
   });
-  const use = ({ options: kept }: Template) => setOptions(kept);
 
   return (
     <RequestFields action={identify} look="flow">
@@ -307,14 +297,14 @@ export function ImportFlow({
         <FileDrop again take={take} />
         {problem && <ProblemNote problem={problem} />}
         {answer ? (
-          <ImportContent answer={answer} files={files} options={options} change={setOptions} use={use} />
+          <ImportContent {...{ answer, files, options, change }} />
         ) : (
           busy && <Busy label={words.readingFiles} />
         )}
       </Step>
 
       <Step at={2} title={words.rest}>
-        {answer && <ImportForm answer={answer} options={options} change={setOptions} />}
+        {answer && <ImportForm {...{ answer, options, change }} />}
         {robots.length > 0 && (
           <Choice
             label={text.start.robot}
@@ -329,12 +319,12 @@ export function ImportFlow({
         </p>
         <details open={framed}>
           <summary>{words.frameTitle}</summary>
-          <FrameForm frame={frame} change={setFrame} robot={robot} length={length} />
+          <FrameForm frame={frame} change={(next) => put({ frame: next })} robot={robot} length={length} />
         </details>
         <details>
           <summary>{later.metadata.title}</summary>
           <div class="import-form">
-            <MetadataForm typed={typed} change={setTyped} />
+            <MetadataForm typed={typed} change={(next) => put({ typed: next })} />
           </div>
         </details>
         {known && robots.length === 0 && joints !== null && <p class="soft">{words.noRobot(joints)}</p>}

@@ -42,7 +42,7 @@ import { type RunColumn, RunsTable } from "./run_stiffness";
 import { useState } from "preact/hooks";
 import { AlarmState, FilterBar, type Row, Rows, chosen, useFilter, AlarmNote, StoredActions } from "../components/list";
 import { TextField } from "../components/fields";
-import { factsOf, notedIn, typedOf, wasMeasured } from "../lib/campaign";
+import { factsOf, notedIn, type Typed, typedOf, wasMeasured } from "../lib/campaign";
 import { MetadataForm } from "../components/schema_form";
 import { Preview } from "../components/findings";
 import { Arm } from "../scene/view";
@@ -494,28 +494,28 @@ function SetPage({ set, changed }: { set: MeasurementSet; changed: () => void })
 /** What people noted about a set, and the form to change it: the readings stay as they are. */
 export function SetMetadata({ set, changed }: { set: MeasurementSet; changed: () => void }) {
   const words = later.metadata;
-  const [typed, setTyped] = useState(() => typedOf(set));
-  const [editing, setEditing] = useState(false);
+  /** What is typed; null while nothing is changed. */
+  const [typed, setTyped] = useState<Typed | null>(null);
+  const noted = typed && notedIn(typed);
   const save = useAction(async () => {
-    const noted = notedIn(typed);
-    if (noted === null) return;
+    if (!noted) return;
     await api.sets.change(set.id, noted);
     namesChanged();
-    setEditing(false);
+    setTyped(null);
     changed();
   });
   const known = METADATA.filter((name) => set[name]);
   return (
     <section class="card">
       <h2>{words.title}</h2>
-      {editing ? (
+      {typed ? (
         <Form action={save} class="noting">
           <MetadataForm typed={typed} change={setTyped} />
           <div class="actions">
-            <Button acts type="submit" look="primary" disabled={save.busy || notedIn(typed) === null}>
+            <Button acts type="submit" look="primary" disabled={save.busy || !noted}>
               {words.save}
             </Button>
-            <Button onClick={() => setEditing(false)}>{words.cancel}</Button>
+            <Button onClick={() => setTyped(null)}>{words.cancel}</Button>
           </div>
         </Form>
       ) : (
@@ -530,13 +530,7 @@ export function SetMetadata({ set, changed }: { set: MeasurementSet; changed: ()
               }))}
             />
           )}
-          <Button
-            onClick={() => {
-              setTyped(typedOf(set));
-              setEditing(true);
-            }}
-            acts
-          >
+          <Button onClick={() => setTyped(typedOf(set))} acts>
             {known.length === 0 ? words.add : words.edit}
           </Button>
         </>
