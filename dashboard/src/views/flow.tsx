@@ -67,14 +67,13 @@ export function useRunForm(): RunForm {
   return { run, setRun, noise, setNoise, request: (set) => requestOf(set, run) };
 }
 
-/** `joints`: names of the robot's joints; empty while no robot is chosen. */
-export function Advanced({
-  form: { run, setRun, noise, setNoise, request },
-  joints,
-}: {
+interface AdvancedProps {
   form: RunForm;
   joints: string[];
-}) {
+}
+
+/** `joints`: names of the robot's joints; empty while no robot is chosen. */
+export function Advanced({ form: { run, setRun, noise, setNoise, request }, joints }: AdvancedProps) {
   const problem = useContext(FormProblem);
   const [open, setOpen] = useState(false);
   const details = useRef<HTMLDetailsElement>(null);

@@ -245,15 +245,13 @@ const READING = ["decimal_mark", "delimiter", "allow_missing", "by_order", "shee
 /** A header by which no column is used yet: the table is shown, and each is given its meaning there. */
 const unnamed = (content: string): string[] => Array.from({ length: widthOf(content) }, () => "ignore");
 
-export function ImportFlow({
-  opened: { files, template },
-  robot: asked,
-  take,
-}: {
+interface FlowProps {
   opened: Opened & { kind: "tables" };
   robot: string;
   take: (...files: File[]) => void;
-}) {
+}
+
+export function ImportFlow({ opened: { files, template }, robot: asked, take }: FlowProps) {
   const known = valueOf(useNames());
   const [draft, setDraft] = useState(() => keptDraft(files) ?? freshDraft(template?.options ?? {}));
   const { options, frame, typed } = draft;

@@ -453,19 +453,16 @@ function reasonsOf(joints: JointResult[]): [string, string[]][] {
 /** Height of a row with its mark, and width of the longest share [px]. */
 const [ROW, SHARE_WIDTH] = [40, 64];
 
-/** Stiffnesses of several fits beside each other. */
-export function StiffnessFigure({
-  title,
-  level,
-  series,
-  tools,
-}: {
+interface FigureProps {
   title: string;
   /** Of the intervals. */
   level: string;
   series: { label: string; mark: string; joints: JointResult[] }[];
   tools?: preact.ComponentChildren;
-}) {
+}
+
+/** Stiffnesses of several fits beside each other. */
+export function StiffnessFigure({ title, level, series, tools }: FigureProps) {
   const { unit } = useSettings();
   const names = [...new Set(series.flatMap(({ joints }) => joints.map(({ name }) => name)))];
   const rows = names.map((name) => ({

@@ -29,17 +29,14 @@ import { ImportFlow } from "./import_flow";
 import { OpenCampaigns, TrySimulated } from "./measure";
 import { RunList } from "./runs";
 
-export function CampaignFlow({
-  opened,
-  robot: asked,
-  set: askedSet,
-  take,
-}: {
+interface FlowProps {
   opened: Opened | null;
   robot: string;
   set: string;
   take: (...files: File[]) => void;
-}) {
+}
+
+export function CampaignFlow({ opened, robot: asked, set: askedSet, take }: FlowProps) {
   const known = valueOf(useNames());
   const [choice, setChoice] = useState<{ of: Campaign | null; robot: string }>({ of: null, robot: asked });
   const [chosenSet, setChosenSet] = useState(askedSet);

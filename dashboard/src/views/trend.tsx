@@ -46,19 +46,15 @@ interface Ground {
   y: (value: number) => number;
 }
 
-function TrendChart({
-  points,
-  bands,
-  width,
-  label,
-  unit,
-}: {
+interface ChartProps {
   points: TrendPoint[];
   bands: TrendBand[];
   width: number;
   label: string;
   unit: string;
-}) {
+}
+
+function TrendChart({ points, bands, width, label, unit }: ChartProps) {
   const [left, right, bottom] = [60, width - 16, HEIGHT - 34];
   const numbers = points
     .flatMap((p) => [p.value, p.low, p.high, p.smoothed, ...(p.limits ?? [])])
