@@ -617,8 +617,10 @@ export const later = {
     first: "First side",
     second: "Second side",
     runSide: (set: string, how: string, when: string) => `Run: ${set}, ${how}, ${when}`,
-    firstHint: "for example motor encoders, or before",
-    secondHint: "for example secondary encoders, or after",
+    hints: {
+      first: "for example motor encoders, or before",
+      second: "for example secondary encoders, or after",
+    },
     ordered: "No joint is softer on the second side",
     allMethods: "By all methods, too (the paper's Table II)",
     left: "Deflection, and what is left",

@@ -1,6 +1,6 @@
 /** Comparisons: where they start, methods on one set or two sets with the ratios of their stiffnesses, and runs side by side. */
 import { api, ApiError, goesOn } from "../api/client";
-import type { Comparison, Run, ComparedRun, RunSummary } from "../api/types";
+import type { Comparison, Run, ComparedRun } from "../api/types";
 import { contentKey, freshKey } from "../lib/json";
 import type { ComponentProps } from "preact";
 import { useState } from "preact/hooks";
@@ -351,8 +351,8 @@ function Page({ columns }: { columns: RunColumn[] }) {
       <StiffnessFigure
         title={text.run.stiffness}
         level={percent(first?.run.request.confidence ?? 0.95)}
-        series={columns.map(({ run, name }, i) => ({
-          label: `${name}: ${howOf(run.request)}`,
+        series={columns.map(({ run, name, note }, i) => ({
+          label: `${name}: ${note}`,
           mark: `method-${i}`,
           joints: run.result?.joints ?? [],
         }))}
@@ -406,52 +406,50 @@ function StartMethods({ names }: { names: Names }) {
   );
 }
 
-function sideOptions(names: Names, runs: RunSummary[]): { value: string; label: string }[] {
-  return [
+function StartPair({ names }: { names: Names }) {
+  const runs =
+    valueOf(useLoad((signal) => api.runs.list({ elasticity: "joints", state: "succeeded", limit: 100 }, signal), []))
+      ?.items ?? [];
+  const options = [
     ...setOptions(names).map(({ value, label }) => ({ value: `set:${value}`, label })),
     ...runs.map((run) => ({
       value: `run:${run.id}`,
       label: words.runSide(names.set(run.measurement_set_id), howOf(run), timeText(run.created_at)),
     })),
   ];
-}
-
-function StartPair({ names }: { names: Names }) {
-  const runs =
-    valueOf(useLoad((signal) => api.runs.list({ elasticity: "joints", state: "succeeded", limit: 100 }, signal), []))
-      ?.items ?? [];
-  const options = sideOptions(names, runs);
   const newest = names.sets[0];
   const others = names.sets.filter((set) => set.id !== newest?.id && set.robot_id === newest?.robot_id);
   const unlike = others.find((set) => set.encoders !== newest?.encoders);
   const other = unlike ?? others[0] ?? names.sets[1];
   const [begin, end] = unlike?.encoders === "secondary" ? [newest, unlike] : [other, newest];
   const query = parse(location.hash).query;
-  const [first, setFirst] = useState(query.get("first") ?? `set:${begin?.id ?? ""}`);
-  const [second, setSecond] = useState(query.get("second") ?? `set:${end?.id ?? ""}`);
+  const [sides, setSides] = useState([
+    query.get("first") ?? `set:${begin?.id ?? ""}`,
+    query.get("second") ?? `set:${end?.id ?? ""}`,
+  ]);
   const [ordered, setOrdered] = useState(unlike !== undefined && !query.has("first") && !query.has("second"));
   const [methods, setMethods] = useState(false);
-  const choose = (set: (side: string) => void) => (chosen: string) => {
-    set(chosen);
-    setOrdered(false);
-  };
   const start = useAction(async () => {
-    const pair = await compareSides([first, second], ordered, methods);
+    const pair = await compareSides(sides, ordered, methods);
     return link(["compare", "methods", pair.id]);
   }, "pair");
-  const possible = !first.endsWith(":") && !second.endsWith(":") && first !== second;
+  const possible = sides.every((side) => !side.endsWith(":")) && sides[0] !== sides[1];
   return (
     <section class="card form">
       <p>{words.pairsIntro}</p>
       <div class="row">
-        <Select label={words.first} help={words.firstHint} value={first} change={choose(setFirst)} options={options} />
-        <Select
-          label={words.second}
-          help={words.secondHint}
-          value={second}
-          change={choose(setSecond)}
-          options={options}
-        />
+        {(["first", "second"] as const).map((name, i) => (
+          <Select
+            label={words[name]}
+            help={words.hints[name]}
+            value={sides[i] ?? ""}
+            change={(chosen) => {
+              setSides(sides.with(i, chosen));
+              setOrdered(false);
+            }}
+            options={options}
+          />
+        ))}
       </div>
       <Toggle label={words.ordered} checked={ordered} change={setOrdered} />
       <Toggle label={words.allMethods} checked={methods} change={setMethods} />
