@@ -342,6 +342,11 @@ function Rows({ context, result: { joints, contributions, identifiability }, bar
   const shares = !bare && contributions.some(({ mean }) => mean !== 0);
   const most = Math.max(0, ...contributions.map(({ share }) => Math.abs(share)));
   const { label } = STIFFNESS_UNITS[unit];
+  /** Why joints are uncertain: each reason once. */
+  const reasons = Map.groupBy(
+    joints.filter(({ reason }) => reason),
+    ({ reason }) => reason ?? "",
+  );
   return (
     <div
       class={shares ? "joints shares" : bare ? "joints bare" : "joints"}
@@ -407,6 +412,11 @@ function Rows({ context, result: { joints, contributions, identifiability }, bar
                 <span class={cap ? `lamp ${cap}` : "lamp"} aria-hidden="true" />
                 {cap ? text.usability[cap] : text.verdicts[verdict]}
               </span>
+              {shares && !part?.mean && (
+                <span role="cell" class="part soft">
+                  –
+                </span>
+              )}
               {shares && part && part.mean !== 0 && (
                 <span role="cell" class="part">
                   <svg width={SHARE_WIDTH} height={10} aria-hidden="true">
@@ -418,11 +428,6 @@ function Rows({ context, result: { joints, contributions, identifiability }, bar
                   </span>
                 </span>
               )}
-              {shares && !part?.mean && (
-                <span role="cell" class="part soft">
-                  –
-                </span>
-              )}
             </div>
             <NextMeasurement
               pieces={advice.filter((one) => one.advice.joint === joint.name)}
@@ -432,22 +437,15 @@ function Rows({ context, result: { joints, contributions, identifiability }, bar
           </Fragment>
         );
       })}
-      {reasonsOf(joints).map(([reason, names]) => (
+      {[...reasons].map(([reason, own]) => (
         <div class="reason soft" role="row">
           <span role="cell">
-            <Name>{names.join(", ")}</Name>: <Prose text={reason} />
+            <Name>{own.map(({ name }) => name).join(", ")}</Name>: <Prose text={reason} />
           </span>
         </div>
       ))}
     </div>
   );
-}
-
-/** Why joints are uncertain: each reason once, with the names of the joints that it is true of. */
-function reasonsOf(joints: JointResult[]): [string, string[]][] {
-  const names = new Map<string, string[]>();
-  for (const { name, reason } of joints) if (reason) names.set(reason, [...(names.get(reason) ?? []), name]);
-  return [...names];
 }
 
 /** Height of a row with its mark, and width of the longest share [px]. */
