@@ -180,7 +180,7 @@ function ImportContent({ answer, files, options, change }: ImportProps & { files
           groups={groups}
         />
       ))}
-      <Assumptions said={preview.assumptions} />
+      <Assumptions of={preview.assumptions} />
     </>
   );
 }

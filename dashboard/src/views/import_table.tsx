@@ -1,20 +1,6 @@
 /** The first rows of a file, a meaning and a unit over each column, and faults in their cells. */
 import { useId } from "preact/hooks";
-import {
-  type ColumnMeaning,
-  type FilePreview,
-  HEADER,
-  type ImportFault,
-  type MeaningGroup,
-  UNITS,
-  UNKNOWN,
-  cellOf,
-  dimensionOf,
-  said,
-  withMeaning,
-  withoutColumns,
-  writtenHeader,
-} from "../lib/imports";
+import * as imports from "../lib/imports";
 import type { ImportOptions } from "../api/types";
 import { Faults } from "../components/fields";
 import { text } from "../i18n";
@@ -30,9 +16,9 @@ interface Told {
 }
 
 interface Props extends Told {
-  preview: FilePreview;
-  faults: ImportFault[];
-  groups: MeaningGroup[];
+  preview: imports.FilePreview;
+  faults: imports.ImportFault[];
+  groups: imports.MeaningGroup[];
 }
 
 export function ImportTable({ preview, faults, options, change, groups }: Props) {
@@ -40,7 +26,7 @@ export function ImportTable({ preview, faults, options, change, groups }: Props)
   const lines = [...preview.first_lines, ...preview.fault_lines];
   const rows = [...preview.first_rows, ...preview.fault_rows].map((cells, i) => ({ line: lines[i] ?? i + 1, cells }));
   const shown = rows.map(({ line }) => line);
-  const places = faults.map((fault) => cellOf(preview, fault, shown));
+  const places = faults.map((fault) => imports.cellOf(preview, fault, shown));
   const at = (line: number, column: number) => faults.filter((_, i) => places[i] === `${line}:${column}`);
   return (
     <section class="import-file" aria-labelledby={`${id}-name`}>
@@ -59,10 +45,10 @@ export function ImportTable({ preview, faults, options, change, groups }: Props)
               {preview.columns.map((column, i) => (
                 <ColumnHead
                   column={column}
-                  faults={at(HEADER, i + 1)}
+                  faults={at(imports.HEADER, i + 1)}
                   groups={groups}
                   options={options}
-                  mean={(meaning) => change(withMeaning(options, preview, i, meaning))}
+                  mean={(meaning) => change(imports.withMeaning(options, preview, i, meaning))}
                   change={change}
                 />
               ))}
@@ -77,7 +63,7 @@ export function ImportTable({ preview, faults, options, change, groups }: Props)
                   return (
                     <td class={here.length > 0 ? "faulty" : undefined}>
                       <bdi>{cell}</bdi>
-                      <Faults role="alert" faults={here.map(said)} />
+                      <Faults role="alert" faults={here.map(imports.said)} />
                     </td>
                   );
                 })}
@@ -87,16 +73,16 @@ export function ImportTable({ preview, faults, options, change, groups }: Props)
         </table>
       </Scroll>
       <FaultList faults={faults.filter((_, i) => places[i] === null)} />
-      <Assumptions said={preview.assumptions} />
+      <Assumptions of={preview.assumptions} />
     </section>
   );
 }
 
 /** What was assumed of a file, to be checked. */
-export const Assumptions = ({ said }: { said: string[] }) =>
-  said.length === 0 ? null : (
+export const Assumptions = ({ of }: { of: string[] }) =>
+  of.length === 0 ? null : (
     <ul class="assumptions">
-      {said.map((assumption) => (
+      {of.map((assumption) => (
         <li>{assumption}</li>
       ))}
     </ul>
@@ -107,7 +93,7 @@ const IN_VIEW = 8;
 
 /** Columns that want a look, far to the right as they may be: a tap brings each into view. */
 interface LookProps extends Told {
-  preview: FilePreview;
+  preview: imports.FilePreview;
   places: (string | null)[];
   table: string;
 }
@@ -115,10 +101,10 @@ interface LookProps extends Told {
 function ToLookAt({ preview, options, change, places, table }: LookProps) {
   const faulty = new Set(places.flatMap((place) => (place === null ? [] : [Number(place.split(":")[1])])));
   const columns = preview.columns.filter(
-    ({ column, guessed, meaning }) => faulty.has(column) || guessed || meaning === UNKNOWN,
+    ({ column, guessed, meaning }) => faulty.has(column) || guessed || meaning === imports.UNKNOWN,
   );
   if (columns.length === 0) return null;
-  const unknown = columns.filter(({ meaning }) => meaning === UNKNOWN);
+  const unknown = columns.filter(({ meaning }) => meaning === imports.UNKNOWN);
   const show = (column: number) => {
     const head = document.getElementById(table)?.querySelectorAll("thead th")[column];
     head?.scrollIntoView({ block: "nearest", inline: "center" });
@@ -130,15 +116,15 @@ function ToLookAt({ preview, options, change, places, table }: LookProps) {
       {columns.slice(0, IN_VIEW).map((column) => (
         <button
           type="button"
-          class={faulty.has(column.column) || column.meaning === UNKNOWN ? "button bad" : "button"}
+          class={faulty.has(column.column) || column.meaning === imports.UNKNOWN ? "button bad" : "button"}
           onClick={() => show(column.column)}
         >
-          <bdi>{writtenHeader(options, column) || words.columnNumber(column.column)}</bdi>
+          <bdi>{imports.writtenHeader(options, column) || words.columnNumber(column.column)}</bdi>
         </button>
       ))}
       {columns.length > IN_VIEW && <span class="soft">{words.andMore(columns.length - IN_VIEW)}</span>}
       {unknown.length > 1 && (
-        <Button onClick={() => change(withoutColumns(options, preview, unknown))}>
+        <Button onClick={() => change(imports.withoutColumns(options, preview, unknown))}>
           {words.leaveUnknown(unknown.length)}
         </Button>
       )}
@@ -147,7 +133,7 @@ function ToLookAt({ preview, options, change, places, table }: LookProps) {
 }
 
 /** Faults that stand in no cell that is shown, by their place. */
-export function FaultList({ faults }: { faults: ImportFault[] }) {
+export function FaultList({ faults }: { faults: imports.ImportFault[] }) {
   if (faults.length === 0) return null;
   return (
     <ul class="warnings" role="alert">
@@ -168,15 +154,15 @@ export function FaultList({ faults }: { faults: ImportFault[] }) {
 
 /** The head of a column: what it was taken for, to be changed, its unit, and what is wrong with it. */
 interface HeadProps extends Told {
-  column: ColumnMeaning;
-  faults: ImportFault[];
-  groups: MeaningGroup[];
+  column: imports.ColumnMeaning;
+  faults: imports.ImportFault[];
+  groups: imports.MeaningGroup[];
   mean: (meaning: string) => void;
 }
 
 function ColumnHead({ column, faults, groups, options, mean, change }: HeadProps) {
-  const header = writtenHeader(options, column) || words.columnNumber(column.column);
-  const unknown = column.meaning === UNKNOWN;
+  const header = imports.writtenHeader(options, column) || words.columnNumber(column.column);
+  const unknown = column.meaning === imports.UNKNOWN;
   const listed = unknown || groups.some(({ meanings }) => meanings.includes(column.meaning));
   const plain = plainly(faults, unknown);
   const kind = faults.length > 0 || unknown ? "faulty" : column.guessed ? "guessed" : undefined;
@@ -190,7 +176,7 @@ function ColumnHead({ column, faults, groups, options, mean, change }: HeadProps
         onChange={(event) => mean(event.currentTarget.value)}
       >
         {unknown && (
-          <option value={UNKNOWN} selected>
+          <option value={imports.UNKNOWN} selected>
             {words.unknown}
           </option>
         )}
@@ -211,21 +197,21 @@ function ColumnHead({ column, faults, groups, options, mean, change }: HeadProps
       </select>
       <Unit column={column} header={header} options={options} change={change} />
       {column.guessed && <small class="guess">{words.guessed}</small>}
-      <Faults role="alert" faults={plain === null ? faults.map(said) : [plain]} />
+      <Faults role="alert" faults={plain === null ? faults.map(imports.said) : [plain]} />
     </th>
   );
 }
 
 /** What to do where the remedy is a choice that stands above it; null for the service's own words. */
-function plainly(faults: ImportFault[], unknown: boolean): string | null {
+function plainly(faults: imports.ImportFault[], unknown: boolean): string | null {
   if (unknown && faults.every(({ option }) => option === "columns")) return words.chooseMeaning;
   const units = faults.length > 0 && faults.every(({ option }) => option?.startsWith("units."));
   return units ? words.chooseUnit : null;
 }
 
 /** The unit that the file says, or one to choose, which holds for all columns of its dimension. */
-function Unit({ column, header, options, change }: Told & { column: ColumnMeaning; header: string }) {
-  const dimension = dimensionOf(column.meaning);
+function Unit({ column, header, options, change }: Told & { column: imports.ColumnMeaning; header: string }) {
+  const dimension = imports.dimensionOf(column.meaning);
   if (dimension === null) return <span class="unit">{column.unit ?? ""}</span>;
   const stated = options.units?.[dimension] ?? null;
   if (column.unit !== null && stated === null) return <span class="unit">{column.unit}</span>;
@@ -239,7 +225,7 @@ function Unit({ column, header, options, change }: Told & { column: ColumnMeanin
       }
     >
       <option value="">{words.pickUnit}</option>
-      {UNITS[dimension].map((unit) => (
+      {imports.UNITS[dimension].map((unit) => (
         <option value={unit} selected={unit === stated}>
           {unit}
         </option>

@@ -20,24 +20,7 @@ import { DropZone } from "../components/schema_form";
 import { Select, TextField } from "../components/fields";
 import { understand } from "../lib/campaign";
 import { fixed, percent, significant } from "../lib/format";
-import {
-  type Rows,
-  type Stand,
-  type Typed,
-  filledRows,
-  freeLabel,
-  inUnits,
-  observationOf,
-  pasted,
-  standOf,
-  standTyped,
-  unread,
-  readSoFar,
-  SIMULATED,
-  exchanged,
-  seedOf,
-  simulatedRows,
-} from "../lib/live";
+import * as live from "../lib/live";
 import { sentence } from "../lib/said";
 import { position, labelOf, inUnit } from "../lib/stiffness";
 import { type Vector, norm, times } from "../lib/vector";
@@ -69,7 +52,7 @@ export function LiveView({ id }: { id: string }) {
 }
 
 /** A posture that is read instead of the suggested one; `again`: the reading that it repeats. */
-type Own = Stand & { again?: string };
+type Own = live.Stand & { again?: string };
 
 function Campaign({ set, robot, first }: { set: OpenSet; robot: Robot; first: LiveState }) {
   const measuring = useMeasuring(set.id, first);
@@ -80,8 +63,8 @@ function Campaign({ set, robot, first }: { set: OpenSet; robot: Robot; first: Li
     [...state.readings, ...waiting.map(({ observation }) => observation)].map(({ label }) => label),
   );
   const suggested = state.next && !taken.has(state.next.label) ? state.next : null;
-  const stand = own ?? (suggested as Stand | null);
-  const label = freeLabel(suggested?.label ?? `m${String(taken.size + 1).padStart(2, "0")}`, taken);
+  const stand = own ?? (suggested as live.Stand | null);
+  const label = live.freeLabel(suggested?.label ?? `m${String(taken.size + 1).padStart(2, "0")}`, taken);
   const change = useAction(async (body: Parameters<typeof api.openSets.change>[1]) => {
     await api.openSets.change(set.id, body);
     put(await api.openSets.state(set.id));
@@ -90,7 +73,7 @@ function Campaign({ set, robot, first }: { set: OpenSet; robot: Robot; first: Li
     const { observations } = await api.openSets.one(set.id);
     const read = observations.find((one) => one.label === doubted);
     change.run({ withdrawn: { [doubted]: words.againReason } });
-    if (read) setOwn({ ...standOf(read, set.units, kindsOf(robot)), again: doubted });
+    if (read) setOwn({ ...live.standOf(read, set.units, kindsOf(robot)), again: doubted });
   };
   const close = useAction(async () => {
     if (state.state === "measuring" && !confirm(words.sureToClose)) return;
@@ -125,7 +108,7 @@ function Campaign({ set, robot, first }: { set: OpenSet; robot: Robot; first: Li
         }
         first={state.state !== "closed" && !(reached && !own) && closing(false)}
       />
-      {set.instrument === SIMULATED && <p class="note">{words.simulated}</p>}
+      {set.instrument === live.SIMULATED && <p class="note">{words.simulated}</p>}
       <Waits measuring={measuring} taken={taken} />
       {change.problem && <ProblemNote problem={change.problem} />}
       {doubts.map(({ label: doubted, innovation }) => (
@@ -217,7 +200,7 @@ function Waits({ measuring: { away, waiting, resend }, taken }: { measuring: Mea
         </p>
       )}
       {refused.map(({ observation: { label }, problem }) => {
-        const other = freeLabel(label, taken);
+        const other = live.freeLabel(label, taken);
         const conflict = problem?.type.endsWith("label-taken") ?? false;
         return (
           <div class="note bad" role="alert">
@@ -243,12 +226,12 @@ interface PostureProps {
   set: OpenSet;
   robot: Robot;
   label: string;
-  stand: Stand;
+  stand: live.Stand;
   state: LiveState;
   /** What to call a posture that was not suggested. */
   isOwn: string | null;
   back: () => void;
-  send: (observation: ReturnType<typeof observationOf>) => void;
+  send: (observation: ReturnType<typeof live.observationOf>) => void;
   skip: (() => void) | null;
 }
 
@@ -262,23 +245,23 @@ function Posture({ set, robot, label, stand, state, isOwn, back, send, skip }: P
     string,
     Vector
   >;
-  const [rows, setRows] = useState<Rows>(() => drafted(set.id, stand, Object.keys(targets)));
-  const change = (next: Rows) => {
+  const [rows, setRows] = useState<live.Rows>(() => drafted(set.id, stand, Object.keys(targets)));
+  const change = (next: live.Rows) => {
     setRows(next);
     remember(draftKey(set.id), { joints: stand.joints, rows: next });
   };
   const { kinematics, problem } = useKinematics({ robot_id: robot.id }, [stand.joints]);
   const posture = kinematics?.postures[0];
   const room = posture ? roomOf([posture]).flatMap((place) => [place, times(place, WITH_LABELS)]) : [];
-  const lacking = unread(rows, unloadedOnly);
+  const lacking = live.unread(rows, unloadedOnly);
   const simulate = (mistake: boolean) => {
     if (!posture) return;
     const loadPoint = (set.load_point ?? [0, 0, 0]) as Vector;
-    const read = simulatedRows(posture, stand.force, seedOf(set.notes), label, { targets, loadPoint });
-    change(mistake ? exchanged(read) : read);
+    const read = live.simulatedRows(posture, stand.force, live.seedOf(set.notes), label, { targets, loadPoint });
+    change(mistake ? live.exchanged(read) : read);
   };
   const tell = () => {
-    send(observationOf(label, stand, rows, set.units, kinds, unloadedOnly));
+    send(live.observationOf(label, stand, rows, set.units, kinds, unloadedOnly));
     remember(draftKey(set.id), null);
   };
   const next = !isOwn && state.next;
@@ -312,7 +295,7 @@ function Posture({ set, robot, label, stand, state, isOwn, back, send, skip }: P
       </p>
       {next && <p class="soft">{next.held_out ? words.heldOut : words.why(next.reason)}</p>}
       <ReadingsTable {...{ rows, change, unloadedOnly }} />
-      {set.instrument === SIMULATED && (
+      {set.instrument === live.SIMULATED && (
         <div class="row">
           <Button disabled={!posture} onClick={() => simulate(false)}>
             {words.simulate}
@@ -342,22 +325,22 @@ function Posture({ set, robot, label, stand, state, isOwn, back, send, skip }: P
 }
 
 /** What was typed for this posture before the page was left. */
-function drafted(id: string, stand: Stand, targets: string[]): Rows {
-  const draft = recalled(draftKey(id)) as { joints: number[]; rows: Rows } | null;
+function drafted(id: string, stand: live.Stand, targets: string[]): live.Rows {
+  const draft = recalled(draftKey(id)) as { joints: number[]; rows: live.Rows } | null;
   const blank = Object.fromEntries(targets.map((name) => [name, { unloaded: "", loaded: "" }]));
   return draft && JSON.stringify(draft.joints) === JSON.stringify(stand.joints) ? { ...blank, ...draft.rows } : blank;
 }
 
 interface RowsProps {
-  rows: Rows;
-  change: (rows: Rows) => void;
+  rows: live.Rows;
+  change: (rows: live.Rows) => void;
   unloadedOnly: boolean;
 }
 
 function ReadingsTable({ rows, change, unloadedOnly }: RowsProps) {
-  const columns = (unloadedOnly ? ["unloaded"] : ["unloaded", "loaded"]) as (keyof Typed)[];
-  const paste = (target: string, column: keyof Typed) => (event: ClipboardEvent) => {
-    const filled = pasted(rows, target, column, event.clipboardData?.getData("text") ?? "");
+  const columns = (unloadedOnly ? ["unloaded"] : ["unloaded", "loaded"]) as (keyof live.Typed)[];
+  const paste = (target: string, column: keyof live.Typed) => (event: ClipboardEvent) => {
+    const filled = live.pasted(rows, target, column, event.clipboardData?.getData("text") ?? "");
     if (!filled) return;
     event.preventDefault();
     change(filled);
@@ -412,8 +395,8 @@ async function readingsOf(file: File, stated: ImportOptions = {}): Promise<Recor
 interface OthersProps {
   set: OpenSet;
   robot: Robot;
-  stand: Stand | null;
-  use: (stand: Stand) => void;
+  stand: live.Stand | null;
+  use: (stand: live.Stand) => void;
   send: Measuring["send"];
   taken: Set<string>;
 }
@@ -429,18 +412,18 @@ function Others({ set, robot, stand, use, send, taken }: OthersProps) {
     setJoints(stand.joints.map((value, i) => Number(position(value, kinds[i]).toFixed(4))).join(" "));
     setForce(stand.force.map((part) => Number(part.toFixed(2))).join(" "));
   }, [JSON.stringify(stand)]);
-  const typed = standTyped(joints, force, kinds);
+  const typed = live.standTyped(joints, force, kinds);
   const planId = set.open.plan_id;
   const plan = valueOf(useLoad(async (signal) => (planId ? await api.plans.one(planId, signal) : null), [planId]));
   const planned = plan?.result?.readings ?? [];
   const take = useAction(async (file: File) => {
     setFault(null);
     const read = await readingsOf(await filled(file), { encoders: set.encoders });
-    const done = typeof read === "string" ? null : readSoFar(read);
+    const done = typeof read === "string" ? null : live.readSoFar(read);
     if (!done) return setFault(typeof read === "string" ? read : later.plan.nothingRead);
     const { observations, units } = done.document as unknown as Pick<OpenSet, "observations" | "units">;
     const fresh = observations.filter(({ label }) => !taken.has(label));
-    send(...fresh.map((one) => inUnits(one, units, set.units, kinds)));
+    send(...fresh.map((one) => live.inUnits(one, units, set.units, kinds)));
     toast(words.dropped(fresh.length));
   });
   return (
@@ -453,7 +436,7 @@ function Others({ set, robot, stand, use, send, taken }: OthersProps) {
             value=""
             change={(label) => {
               const found = planned.find((one) => one.label === label);
-              if (found) use(found as unknown as Stand);
+              if (found) use(found as unknown as live.Stand);
             }}
             options={[
               { value: "", label: words.pick },
@@ -496,7 +479,7 @@ function Others({ set, robot, stand, use, send, taken }: OthersProps) {
 /** A file without the rows that are to be filled in yet. */
 const filled = async (file: File): Promise<File> =>
   /\.(csv|tsv|txt)$/i.test(file.name)
-    ? new File([filledRows(await file.text())], file.name, { type: file.type })
+    ? new File([live.filledRows(await file.text())], file.name, { type: file.type })
     : file;
 
 /** How near the goal is, and the joints so far. */

@@ -6,17 +6,7 @@ import { ActionButton, Choice, Head, Name, NameLink, Show } from "../components/
 import { RequestFields as Form, Select, TextField } from "../components/fields";
 import { SchemaFields, type Terms } from "../components/schema_form";
 import { freshKey, type Fields, unreadIn } from "../lib/json";
-import {
-  equipmentOf,
-  unchanged,
-  SIGMA,
-  SIMULATED,
-  SIMULATED_ARM,
-  SIMULATED_LOAD_POINT,
-  SIMULATED_MASS,
-  SIMULATED_TARGETS,
-  stiffnessesOf,
-} from "../lib/live";
+import * as live from "../lib/live";
 import { useAction, go, link } from "../state/action";
 import { useLoad, valueOf, type Names, namesChanged, robotOptions, useNames, storedSet } from "../state/load";
 import { factors } from "../lib/stiffness";
@@ -74,23 +64,23 @@ export function TrySimulated() {
     const robot =
       known.items.find(({ name }) => name === words.simulatedArm) ??
       (await api.robots.add(
-        { name: words.simulatedArm, model: { format: "catalogue", arm: SIMULATED_ARM } },
+        { name: words.simulatedArm, model: { format: "catalogue", arm: live.SIMULATED_ARM } },
         freshKey("robot"),
       ));
     const seed = Math.floor(1e6 * Math.random());
-    const truth = stiffnessesOf(seed).map((stiffness) => (stiffness / 1e6).toPrecision(3));
+    const truth = live.stiffnessesOf(seed).map((stiffness) => (stiffness / 1e6).toPrecision(3));
     const set = await api.openSets.add(
       {
         robot_id: robot.id,
         name: words.simulatedName,
         units: SI,
         encoders: "motor",
-        instrument: SIMULATED,
+        instrument: live.SIMULATED,
         notes: words.simulatedNotes(truth.join(", "), seed),
-        noise: { sigma: SIGMA, load_point: 1e-4, force: { scale: 1e-3 } },
-        load_point: SIMULATED_LOAD_POINT,
-        flange_targets: SIMULATED_TARGETS,
-        open: { goal: { kind: "joints", relative: 0.1 }, load: { kind: "dead_weight", mass: SIMULATED_MASS } },
+        noise: { sigma: live.SIGMA, load_point: 1e-4, force: { scale: 1e-3 } },
+        load_point: live.SIMULATED_LOAD_POINT,
+        flange_targets: live.SIMULATED_TARGETS,
+        open: { goal: { kind: "joints", relative: 0.1 }, load: { kind: "dead_weight", mass: live.SIMULATED_MASS } },
       },
       freshKey("live"),
     );
@@ -131,8 +121,8 @@ function Declaration({ names, robot: given, plan }: { names: Names; robot: strin
     if (!campaign) return;
     const { length } = factors(campaign.units);
     const { sigma, force, load_point: place } = campaign.noise ?? {};
-    const found = { ...equipmentOf(campaign), ...(sigma ? { sigma: sigma * length } : {}) };
-    setAsked((before) => ({ ...before, ...unchanged(found, before, START) }));
+    const found = { ...live.equipmentOf(campaign), ...(sigma ? { sigma: sigma * length } : {}) };
+    setAsked((before) => ({ ...before, ...live.unchanged(found, before, START) }));
     setNoise((before) => ({
       ...(force ? { force } : {}),
       ...(place != null ? { load_point: place * length } : {}),
