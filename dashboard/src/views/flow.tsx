@@ -53,19 +53,14 @@ export const NOISE: Terms = {
   },
 };
 
-export interface RunForm {
-  run: Fields;
-  setRun: (run: Fields) => void;
-  noise: StatedNoise;
-  setNoise: (noise: StatedNoise) => void;
-  request: (set: string) => Fields;
-}
-
-export function useRunForm(): RunForm {
+/** What a run and its noise are told. */
+export function useRunForm() {
   const [run, setRun] = useState<Fields>({});
   const [noise, setNoise] = useState<StatedNoise>({});
-  return { run, setRun, noise, setNoise, request: (set) => requestOf(set, run) };
+  return { run, setRun, noise, setNoise, request: (set: string) => requestOf(set, run) };
 }
+
+export type RunForm = ReturnType<typeof useRunForm>;
 
 interface AdvancedProps {
   form: RunForm;

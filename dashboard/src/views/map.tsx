@@ -10,14 +10,13 @@ import {
   sliceOf,
   thinnest,
   valueOfPlace,
-  type PathPoint,
   pointsOf,
   thinned,
 } from "../lib/map";
 import { fixed, decimalsFor, percent, significant, extent } from "../lib/format";
 import { text } from "../i18n";
 import { api, goesOn } from "../api/client";
-import type { Map as WorkMap, Program } from "../api/types";
+import type { Map as WorkMap } from "../api/types";
 import { Busy, Download, NameLink, Choice, Facts, ProblemNote, useWidth } from "../components/basics";
 import { Handle, Select } from "../components/fields";
 import { Going, JobPage, JobLines, JobTables } from "../components/job_page";
@@ -28,7 +27,7 @@ import { ArmView, roomOf } from "../scene/view";
 import { asking, useAction, link } from "../state/action";
 import { cached, useCached, useNames, valueOf, useKinematics } from "../state/load";
 import { later } from "../i18n/later";
-import { contextOfEnded, type RunContext } from "./run_context";
+import { contextOfEnded } from "./run_context";
 
 const AXES = ["x", "y", "z"] as const;
 const MARGIN = { left: 46, bottom: 40, top: 8, right: 8 };
@@ -152,16 +151,13 @@ function RampLegend({ scale: [low, high], unit, label }: { scale: Look["scale"];
 const words = later.map;
 
 /** A map with what it is about; without places while it goes on. */
-interface Loaded extends RunContext {
-  map: WorkMap;
-  places: MapPlace[];
-}
-
-async function load(id: string, signal: AbortSignal): Promise<Loaded> {
+async function load(id: string, signal: AbortSignal) {
   const map = await api.maps.one(id, signal);
   const places = map.result ? placesOf(await cached(`map/${id}`, () => api.mapTable(id))) : [];
   return { map, places, ...(await contextOfEnded(map.request.run_id)) };
 }
+
+type Loaded = Awaited<ReturnType<typeof load>>;
 
 export function MapView({ id, beside }: { id: string; beside: string | null }) {
   return (
@@ -405,12 +401,7 @@ const MOST_DRAWN = 3_000;
 const FINEST = 150; // points side by side along the path: more are drawn over each other
 const COARSEST = 25;
 
-interface LoadedProgram extends RunContext {
-  job: Program;
-  points: PathPoint[];
-}
-
-async function loadProgram(id: string, signal: AbortSignal): Promise<LoadedProgram> {
+async function loadProgram(id: string, signal: AbortSignal) {
   const job = await api.programs.one(id, signal);
   const points = job.result ? pointsOf(await api.programPoints(id)) : [];
   return { job, points, ...(await contextOfEnded(job.request.run_id)) };
@@ -446,7 +437,7 @@ export function ProgramView({ id }: { id: string }) {
   );
 }
 
-function Path({ loaded: { points, robot } }: { loaded: LoadedProgram }) {
+function Path({ loaded: { points, robot } }: { loaded: Awaited<ReturnType<typeof loadProgram>> }) {
   const [when, setWhen] = useState<"before" | "after">("before");
   const [chosen, setChosen] = useState(0);
   const drawn = useMemo(() => thinned(points, MOST_DRAWN), [points]);

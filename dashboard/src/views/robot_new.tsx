@@ -285,14 +285,8 @@ interface UrdfText {
   flange: string;
 }
 
-interface Links {
-  all: string[];
-  root: string;
-  leaf: string;
-}
-
 /** The links of a document; null where it is no XML. The service vets it, this only fills two lists. */
-function linksOf(urdf: string): Links | null {
+function linksOf(urdf: string) {
   const document = new DOMParser().parseFromString(urdf, "text/xml");
   if (document.querySelector("parsererror")) return null;
   const names = (selector: string, attribute: string) =>
