@@ -6,6 +6,7 @@ import hashlib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict
 from datetime import UTC, datetime, timedelta
+from functools import cache
 from types import MappingProxyType
 from typing import Any, ClassVar, Final, Generic, TypeVar
 
@@ -359,8 +360,7 @@ class Collection(Generic[Record, Entry]):
     def _hold_parents(self, connection: sa.Connection, record: object) -> None:
         """Keep what this one names from being deleted until it is stored; refuse it if it was."""
         for table, parent, identifier in self._parents(record):
-            held = sa.select(table.c.deleted_at).where(table.c.id == identifier).with_for_update(read=True)
-            row = connection.execute(held).one_or_none()
+            row = connection.execute(_held(table), {"id": identifier}).one_or_none()
             if row is not None and row.deleted_at is not None:
                 raise problems.DeletedError(parent, identifier)
 
@@ -425,6 +425,12 @@ def parse_cursor(cursor: str) -> int:
         if 0 < sequence <= LAST_SEQUENCE:
             return sequence
     raise problems.CursorError(cursor)
+
+
+@cache
+def _held(table: sa.Table) -> sa.Select[Any]:
+    """Return the query of when a record was deleted; none is from then until the transaction ends."""
+    return sa.select(table.c.deleted_at).where(table.c.id == sa.bindparam("id")).with_for_update(read=True)
 
 
 def _hash(key: str) -> str:

@@ -17,6 +17,7 @@ are kept meanwhile: 24 (n + 1) bytes a reading.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Final
@@ -136,6 +137,10 @@ class Fit:
         )
 
 
+Find = Callable[[IdentificationProblem], Solution]
+"""Finds and certifies an optimum."""
+
+
 @dataclass(frozen=True, eq=False)
 class StageFit:
     """One stage solved."""
@@ -157,6 +162,7 @@ class StageFit:
         joints: IndexArray,
         constraints: Constraints,
         prior: Prior | None = None,
+        find: Find = solve,
     ) -> StageFit:
         """Solve ``‖R c − z‖²`` for p joints, on which the constraints are."""
         readings = spectrum = Spectrum(R)
@@ -167,7 +173,7 @@ class StageFit:
             spectrum = Spectrum(np.vstack([R, rows]))
             undetermined = analyse(spectrum, joints).combinations
             parameters = float(np.sum(spectrum.inverse[:, : len(R)].T * R))
-        solution = solve(
+        solution = find(
             IdentificationProblem(
                 spectrum.determined,
                 np.concatenate([z, known]),
@@ -189,7 +195,11 @@ class StageFit:
 
 
 def fit_method(
-    triangles: MethodTriangles, null: BoolArray, constraints: Constraints, prior: Prior | None = None
+    triangles: MethodTriangles,
+    null: BoolArray,
+    constraints: Constraints,
+    prior: Prior | None = None,
+    find: Find = solve,
 ) -> Fit:
     """Solve the stages of a method, leaving out the null columns.
 
@@ -201,6 +211,7 @@ def fit_method(
         null: (n,) joints that the readings do not see.
         constraints: on all n compliances.
         prior: of the n compliances, in units of sigma; with weighting by covariance only.
+        find: `solve_step` where another fit follows.
 
     Raises:
         RequestError: if such a bound leaves a wrist joint no room.
@@ -219,7 +230,7 @@ def fit_method(
             continue
         R, z, by_known = triangle.matrix[:, joints], triangle.rhs, triangle.matrix[:, known]
         remaining = constraints.given(known, compliance[known], joints)
-        fitted = StageFit.of(R, z - by_known @ compliance[known], joints, remaining, prior)
+        fitted = StageFit.of(R, z - by_known @ compliance[known], joints, remaining, prior, find)
         if fitted.undetermined and stage is not method.stages[-1]:
             combined = sorted(j for group in fitted.undetermined for j in group.joints)
             raise UnsupportedMethodError(

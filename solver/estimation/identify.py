@@ -25,6 +25,7 @@ from jointstiff.solver.estimation.method import (
     spherical_wrist,
 )
 from jointstiff.solver.estimation.observability import Excitation, Observability
+from jointstiff.solver.estimation.solution import solve, solve_step
 from jointstiff.solver.mechanics.block import regressor_blocks
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.robot import Robot
@@ -177,7 +178,8 @@ def _fit(
             triangles.add(block)
     # Each unknown that was fitted beside the joints takes a reading.
     triangles.judged.rows -= measurements.common_uncertainty.fitted.told
-    fit = fit_method(triangles, observability.null, settings.constraints)
+    find = solve_step if before is None and settings.complementary_stiffness else solve
+    fit = fit_method(triangles, observability.null, settings.constraints, find=find)
     if settings.prior is not None:
         # A prior's weight is sigma/s₀; a sigma that is not given is estimated from the readings alone.
         sigma = scale_of(fit, triangles.judged, sigma).sigma
@@ -189,7 +191,7 @@ def _fit(
                 remedy="state `noise`, or add observations",
             )
         prior = settings.prior.in_units_of(sigma)
-        fit = replace(fit_method(triangles, observability.null, settings.constraints, prior), alone=fit)
+        fit = replace(fit_method(triangles, observability.null, settings.constraints, prior, find), alone=fit)
     return _Pass(measurements, compliance, observability, triangles, fit, largest, robust, targets)
 
 

@@ -329,8 +329,8 @@ def unit_vectors(vectors: FloatArray) -> FloatArray:
 def greatest_deviation(half: FloatArray) -> FloatArray:
     """Return the greatest standard uncertainty (B,) in any direction, by roots (B, 3, p) of covariances.
 
-    The eigenvalue is that of a symmetric 3 × 3 matrix in closed form (Smith, *Eigenvalues of a symmetric 3 × 3
-    matrix*, 1961).
+    The eigenvalue is that of a symmetric 3 × 3 matrix in closed form (Smith, *Eigenvalues of a symmetric
+    3 × 3 matrix*, 1961).
     """
     roots = half.transpose(1, 2, 0)
     covariance = np.einsum("ikn,jkn->ijn", roots, roots)
