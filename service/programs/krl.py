@@ -203,12 +203,6 @@ def _routine(line: Line) -> list[Op]:
     return ir.routine(line["name"], names, _REMEDY, shared=line.text.startswith("GLOBAL"))
 
 
-def _called(line: Line) -> list[Op]:
-    if re.fullmatch(_RESERVED, line["name"]):
-        raise Misread(f"{line['name']} is not a routine")
-    return line.expression(line.text)
-
-
 def _attached(line: Line) -> list[Op]:
     """Take an interrupt or a trigger: what it calls may run at any time."""
     action = re.sub(r" ?\bPRIO=", "+", line["action"]).replace("=", "+", 1)
@@ -313,8 +307,8 @@ LANGUAGE: Final = ir.Language(
             rf"|(?:E6)?(?:POS|AXIS)|[FPL]DAT|LOAD)) (?P<names>{_NAME}.*)",
             _declared,
         ),
-        (r"@{name}\(.*\)", _called),
-        (r"@{name}(?P<index>(?:\[[^\]=]*+\]|\.\w++)*)=(?!=)(?P<value>.+)", _assigned),
+        (r"@{name}\(.*\)", lambda line: line.expression(line.text)),
+        (rf"(?P<name>{_NAME})(?P<index>(?:\[[^\]=]*+\]|\.\w++)*)=(?!=)(?P<value>.+)", _assigned),
         (
             rf"S?(?P<motion>PTP|LIN|CIRC|SPL)(?P<relative>_REL)?(?: |(?=\{{))(?P<targets>.+?){_BLEND}"
             rf"(?: ?WITH (?P<settings>.*?))?{_BLEND}",

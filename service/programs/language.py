@@ -182,7 +182,7 @@ class Language:
 
     comment: str  # pattern of a comment
     # forms of statements in normal form: groups with names are for the rule, others are expressions;
-    # `@{name}` is a word of that name, `#{name}` a number
+    # `@{name}` is a word of that name that is not reserved, `#{name}` a number
     rules: tuple[tuple[str, Rule], ...] = ()
     motion: str = r"(?!)"  # pattern of the words of moves
     remedy: str = CONSTANT  # what to do where a target is not understood
@@ -192,7 +192,7 @@ class Language:
     blank: str = ""  # pattern of what ends a line that is continued, as a blank does
     folded: bool = True  # whether capitals and small letters are the same: the normal form has capitals
     operators: str = ""  # pattern of words between or before operands
-    reserved: str = ""  # pattern of words that begin statements: none of them is a variable
+    reserved: str = r"(?!)"  # pattern of words that begin statements: none of them is a variable
     functions: str = ""  # pattern of the controller's functions, which tell a value and change nothing
     active: Mapping[str, str] = field(default_factory=dict)  # frames that are active, and their names
     constants: Mapping[str, FloatArray] = field(default_factory=dict)  # frames that no program changes
@@ -220,7 +220,7 @@ class Language:
 
     @cached_property
     def _rules(self) -> tuple[tuple[re.Pattern[str], Rule], ...]:
-        words = {"@": self.word, "#": r"\0"}
+        words = {"@": rf"(?!(?:{self.reserved})(?![\w$])){self.word}", "#": r"\0"}
         return tuple(
             (re.compile(_PART.sub(lambda match: f"(?P<{match[2]}>{words[match[1]]})", pattern)), rule)
             for pattern, rule in self.rules

@@ -74,8 +74,6 @@ def _if(_line: Line) -> list[Op]:
 def _other(line: Line) -> list[Op]:
     """Take an instruction of the controller, or a call."""
     name = line["name"]
-    if re.fullmatch(_RESERVED, name):
-        raise Misread("the statement is unknown: it may move the robot, targets or frames")
     arguments = re.sub(r",{2,}", ",", re.sub(r"\\(\w+)(:=)?", r",\1,", line["arguments"])).strip(",")
     found = line.expression(arguments)
     names = frozenset(each for op in found if isinstance(op, ir.Use) for each in op.names)
@@ -124,8 +122,6 @@ def _product(name: str, kind: str) -> ir.Product:
 
 def _declared(line: Line) -> list[Op]:
     name, value = line["name"], line["value"]
-    if re.fullmatch(_RESERVED, name):
-        raise Misread("the declaration is unknown")
     found: list[Op] = [
         ir.Local(frozenset({name})),
         *line.expression(line["array"]),
@@ -142,8 +138,6 @@ def _declared(line: Line) -> list[Op]:
 
 def _assigned(line: Line) -> list[Op]:
     name, part, value = line["name"], line["part"], line["value"]
-    if re.fullmatch(_RESERVED, name):
-        raise Misread("the statement is unknown")
     given = [] if part else _given(line, name, *line.span("value"), *_LITERALS)
     if part in {".UFRAME", ".OFRAME", ".TFRAME"} and re.fullmatch(_POSES, value):
         given = [ir.Assign(name + part, Literal(POSE, line.numbers(*line.span("value"))))]

@@ -54,12 +54,12 @@ def _routine(line: Line) -> list[Op]:
     return [*ir.attached(given), *ir.routine(line["name"], own, _REMEDY, aside=line["kind"] != "def")]
 
 
+def _unknown_tool(_line: Line) -> list[Op]:
+    raise Misread("the tool is not given by numbers", "write set_tcp(p[x, y, z, rx, ry, rz])")
+
+
 def _called(line: Line) -> list[Op]:
     name = line["name"]
-    if name == "set_tcp":
-        raise Misread("the tool is not given by numbers", "write set_tcp(p[x, y, z, rx, ry, rz])")
-    if re.fullmatch(_RESERVED, name):
-        raise Misread("the statement is unknown")
     found = line.expression(line.text)
     if not _MOVING.fullmatch(name):
         return found
@@ -80,8 +80,6 @@ def _uses(line: Line, text: str) -> list[Op]:
 
 def _assigned(line: Line) -> list[Op]:
     name, index = line["name"], line["index"]
-    if re.fullmatch(_RESERVED, name):
-        raise Misread("the statement is unknown")
     own: list[Op] = [ir.Local(frozenset({name}))] if line["local"] else []
     literal = None if index else _literal(line, *line.span("value"))
     if literal is not None:
@@ -168,6 +166,7 @@ LANGUAGE: Final = ir.Language(
             lambda line: [ir.Assign(_ACTIVE, Literal(POSE, line.ordinals[:6]))],
         ),
         (rf"(run {_WORD}\(.*\))", ""),
+        (r"set_tcp\(.*", _unknown_tool),
         (r"(?P<motion>move[jlpc])\((?P<arguments>.*)\)", _move),
         (r"@{name}\(.*\)", _called),
         (
