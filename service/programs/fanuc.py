@@ -52,20 +52,12 @@ _REMEDY: Final = (
     "write positions in numbers in /POS: no PR[], no P[R[]]; choose frames by numbers, line by line"
 )
 _AGAIN: Final = "record the position again"
-_FRAMES: Final = {
-    "UFRAME_NUM": "UF %s",
-    "UTOOL_NUM": "UT %s",
-    "$MNUFRAMENUM": "UF %s",
-    "$MNUTOOLNUM": "UT %s",
-}
 _LOGIC: Final = r"(?P<action>JMP LBL ?\[.*\]|CALL .+|(?:DO|RO|GO|AO|R|F|WO)\[[^=]*\]=.+)"
 
 
 def _frame(line: Line) -> list[Op]:
-    frame = _FRAMES[line["kind"].partition("[")[0]]
-    return [
-        ir.Assign(f"U{'FRAME' if frame[1] == 'F' else 'TOOL'}_NUM", ir.Named((frame, line.number("number"))))
-    ]
+    which = line["which"]
+    return [ir.Assign(f"U{which}_NUM", ir.Named((f"U{which[0]} %s", line.number("number"))))]
 
 
 def _jump(line: Line) -> list[Op]:
@@ -91,7 +83,7 @@ def _quiet(line: Line) -> list[Op]:
 
 
 def _changed(line: Line) -> list[Op]:
-    name = "P[%s]", line.ordinals[0]
+    name: ir.Name = ("P[%s]", line.number("place")) if line["place"] else "P"
     return [ir.Havoc(frozenset({name}), "the position changes while the program runs", _REMEDY)]
 
 
@@ -121,10 +113,6 @@ def _move(line: Line) -> list[Op]:
     agree = ("UFRAME_NUM", "UTOOL_NUM")
     move = ir.Move(_MOTIONS[letter], names, bases, tools, agree, reason=reason, remedy=_REMEDY)
     return [*(ir.Call(name, attached=True) for name in re.findall(r",CALL ?(\w++)", tail)), move]
-
-
-def _any_changed(_line: Line) -> list[Op]:
-    return [ir.Havoc(frozenset({"P"}), "a position of a computed number changes", _REMEDY)]
 
 
 def _elsewhere(line: Line) -> list[Op]:
@@ -303,7 +291,7 @@ LANGUAGE: Final = ir.Language(
     rules=(
         (r"(?P<letter>[JLCAS]) P\[\0\] ?(?P<second>P\[\0\] ?)?(?P<tail>.*)", _move),
         (r"[JLAS] (?:PR?\[[RA]+\[\0\]\]|PR\[\0\]) ?(?P<tail>.*)", _elsewhere),
-        (r"(?P<kind>UFRAME_NUM|UTOOL_NUM|\$MNUFRAMENUM\[\0\]|\$MNUTOOLNUM\[\0\])=#{number}", _frame),
+        (r"(?:\$MN(?=\w+NUM\[))?U(?P<which>FRAME|TOOL)(?:_NUM|NUM\[\0\])=#{number}", _frame),
         (r"IF ?(.+?) ?THEN", "if"),
         (r"FOR R\[\0\]=(.+?)(?: TO| DOWNTO) ?(.+)", "loop"),
         (r"ELSE", "turn"),
@@ -314,7 +302,6 @@ LANGUAGE: Final = ir.Language(
         (r"(?:CALL|RUN|MONITOR) (?P<name>\w++)(?:\((.*)\))?", lambda line: [ir.Call(line["name"])]),
         (_QUIET, _quiet),
         (r".*(?:UFRAME|UTOOL).*", _computed),
-        (r"P\[\0(?:,\0)?\]=.*", _changed),
-        (r"(?:(?!(?<!\w)P\[).)*P\[[^=]*=.*", _any_changed),
+        (r"P\[#{place}(?:,\0)?\]=.*|(?:(?!(?<!\w)P\[).)*P\[[^=]*=.*", _changed),
     ),
 )

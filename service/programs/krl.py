@@ -213,11 +213,6 @@ def _attached(line: Line) -> list[Op]:
     return [ir.Assign(name, ir.Named(name)), *found] if line["number"] else found
 
 
-def _later(line: Line) -> list[Op]:
-    """Take an action that is not understood: it may be carried out at any time."""
-    return [ir.Call(line.text.replace("\0", "n"), attached=True)]
-
-
 def _bas(line: Line) -> list[Op]:
     which, argument = line["which"], line["argument"]
     if which in {"TOOL", "BASE"} and argument == "\0":
@@ -299,7 +294,10 @@ LANGUAGE: Final = ir.Language(
             rf"TRIGGER WHEN (?:DISTANCE|PATH)=(.+?) DELAY=(.+?) ?DO (?P<action>(?:\$OUT\[|{_NAME}\().*)",
             _attached,
         ),
-        (r"(?:GLOBAL )?(?:INTERRUPT DECL|TRIGGER) .*", _later),
+        (
+            r"(?:GLOBAL )?(?:INTERRUPT DECL|TRIGGER) .*",
+            lambda line: [ir.Call(line.text.replace("\0", "n"), attached=True)],
+        ),
         (r"BAS\(#(?P<which>\w+)(?:,(?P<argument>.+))?\)", _bas),
         (rf"(?:PTP_)?SPLINE{_BLEND}(?: ?WITH (?P<settings>.*?))?{_BLEND}", _spline),
         (
