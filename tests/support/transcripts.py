@@ -36,7 +36,9 @@ FOLDER = Path(__file__).parents[1] / "recorded" / "transcripts"
 LONG, WIDE, SHOWN, FEW, LINES = 8, 110, 3, 3, 24
 """Numbers that a list prints, characters of a line, and what is printed of longer lists and of tables."""
 _NUMBER = re.compile(r"(?<![\w.])\d+(?:\.\d+)?(?:[eE][-+]?\d+)?")
-_ID = re.compile(r"\b(?:[0-9a-f]{64}|[0-9a-f]{32}|[0-9a-f]{16})\b")
+_ID = re.compile(r"(?<![\w.])(?=\d*[a-f])(?:[0-9a-f]{64}|[0-9a-f]{32})\b")
+_EXACT = re.compile(r"(?<![\w.])(?=[\d.]{9})\d+\.\d+(?:e[-+]?\d+)?(?![\w.])")
+"""Numbers that are written with more digits than are compared."""
 _MOMENT = re.compile(rf"{_ID.pattern}|\\d{{4}}-\\d\\d-\\d\\dT[\\d:]+\\.\\d+Z")
 _TIME = re.compile(r"\b(\d{4}-\d\d-\d\d)(?:[T ](\d\d:\d\d)(?::\d\d(?:\.\d+)?)?(?:Z|\+00:00)?)?")
 
@@ -92,14 +94,22 @@ class Session:
         text = re.sub(r"<(\w+) [0-9a-f]{8},", r"<\1 <short id>,", text)
         text = re.sub(r"(\.xlsx: )[\d,]+ bytes", r"\1<size>", text)
         text = _ID.sub(lambda found: self._placeholder(found[0]), text)
+        text = re.sub(r'("request_id": )"\w+"', r'\1"<request>"', text)
         text = _TIME.sub(_now_or_stated, text)
+        text = _EXACT.sub(lambda found: number(float(found[0]), 6), text)
         text = re.sub(r"([━─═])\1{2,}", r"\1", re.sub(r"(?<=\S) {3,}", "  ", text))
-        return "\n".join(line.rstrip() for line in text.splitlines()).strip("\n")
+        return "\n".join(map(_without_rounding, text.splitlines())).strip("\n")
 
     def _placeholder(self, text: str) -> str:
-        kind = {16: "request", 32: "id", 64: "hash"}[len(text)]
+        kind = "id" if len(text) == 32 else "hash"
         count = sum(known.startswith(f"<{kind}") for known in self.known.values())
         return self.known.setdefault(text, f"<{kind} {count + 1}>")
+
+
+def _without_rounding(line: str) -> str:
+    """Return a line with 0 in place of rounding errors; a covariance of compliances may be small."""
+    least = "2[5-9]|[3-9]\\d" if "covariance" in line else "1[5-9]|[2-9]\\d"
+    return re.sub(rf"(?<![\w.])-?\d\.\d+e-(?:{least})\b", "0.0", line).rstrip()
 
 
 def _now_or_stated(found: re.Match[str]) -> str:
@@ -169,6 +179,8 @@ def printed(value: Any, indent: str = "") -> str:
         return number(value)
     if isinstance(value, str):
         return json.dumps(shortened(value), ensure_ascii=False)
+    if isinstance(value, list) and (numbers := _numbers_in(value)):
+        value = _without_noise(value, max(abs(each or 0.0) for each in numbers))
     if isinstance(value, list) and len(numbers := _numbers_in(value)) > LONG:
         first = ", ".join(map(number, numbers[:SHOWN]))
         return f"[{first}, … {summed(numbers)}]"
@@ -224,6 +236,13 @@ def summed(numbers: list[Any]) -> str:
     ordered = sum(abs(each) * (1 + i % 7) for i, each in enumerate(known))
     sums = ", ".join(number(float(each), 6) for each in (total, size, ordered))
     return f"{len(numbers)} numbers: {sums}"
+
+
+def _without_noise(value: Any, greatest: float) -> Any:
+    """Return nested lists with 0 in place of numbers that are rounding errors beside the others."""
+    if isinstance(value, list):
+        return [_without_noise(part, greatest) for part in value]
+    return 0.0 if isinstance(value, float) and abs(value) < max(1e-9 * greatest, 1e-30) else value
 
 
 def _numbers_in(value: Any) -> list[Any]:
@@ -295,7 +314,7 @@ def text_of_arrays(content: bytes) -> str:
     """Return the arrays of a file of NumPy: their shapes and their numbers."""
     with np.load(io.BytesIO(content)) as arrays:
         return "\n".join(
-            f"{name} {each.shape} {summed(each.ravel().tolist())}" for name, each in arrays.items()
+            f"{name} {each.shape} {summed(each.ravel().tolist())}" for name, each in sorted(arrays.items())
         )
 
 
