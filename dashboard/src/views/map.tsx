@@ -1,18 +1,6 @@
 /** What lies in space by its deflection: a map, slice by slice, with the same by another run; and the path of a program that was compensated. */
 import { useMemo, useRef, useState } from "preact/hooks";
-import {
-  type MapPlace,
-  type Slice,
-  type Axis,
-  greatest,
-  placesOf,
-  type Quantity,
-  sliceOf,
-  thinnest,
-  valueOfPlace,
-  pointsOf,
-  thinned,
-} from "../lib/map";
+import * as maps from "../lib/map";
 import { fixed, decimalsFor, percent, significant, extent } from "../lib/format";
 import { text } from "../i18n";
 import { api, goesOn } from "../api/client";
@@ -34,8 +22,8 @@ const MARGIN = { left: 46, bottom: 40, top: 8, right: 8 };
 const HEIGHT = 440;
 
 interface SliceProps extends Pick<Look, "values" | "scale" | "chosen" | "choose"> {
-  slice: Slice;
-  places: MapPlace[];
+  slice: maps.Slice;
+  places: maps.MapPlace[];
   width: number;
   label: string;
 }
@@ -153,7 +141,7 @@ const words = later.map;
 /** A map with what it is about; without places while it goes on. */
 async function load(id: string, signal: AbortSignal) {
   const map = await api.maps.one(id, signal);
-  const places = map.result ? placesOf(await cached(`map/${id}`, () => api.mapTable(id))) : [];
+  const places = map.result ? maps.placesOf(await cached(`map/${id}`, () => api.mapTable(id))) : [];
   return { map, places, ...(await contextOfEnded(map.request.run_id)) };
 }
 
@@ -195,11 +183,11 @@ export function MapView({ id, beside }: { id: string; beside: string | null }) {
 function Explorer({ own, other }: { own: Loaded; other: Loaded | null }) {
   const { grid } = own.map.request;
   const sides = [own, other].filter((one): one is Loaded => one !== null && one.places.length > 0);
-  const [quantity, setQuantity] = useState<Quantity>("deflection");
-  const values = sides.map(({ places }) => places.map((place) => valueOfPlace(place, quantity)));
+  const [quantity, setQuantity] = useState<maps.Quantity>("deflection");
+  const values = sides.map(({ places }) => places.map((place) => maps.valueOfPlace(place, quantity)));
   const scale = extent(values.flat()) ?? [0, 1];
-  const [across, setAcross] = useState<Axis>(() => thinnest(grid));
-  const [chosen, setChosen] = useState(() => greatest(values[0] ?? []) ?? 0); // the worst place is seen first
+  const [across, setAcross] = useState<maps.Axis>(() => maps.thinnest(grid));
+  const [chosen, setChosen] = useState(() => maps.greatest(values[0] ?? []) ?? 0); // the worst place is seen first
   const layer = layerOf(grid, across, chosen);
   const unit =
     quantity === "deflection" || quantity === "upper" ? text.units.micrometre : text.units.micrometrePerNewton;
@@ -218,7 +206,7 @@ function Explorer({ own, other }: { own: Loaded; other: Loaded | null }) {
           <Choice
             label={words.across}
             value={String(across)}
-            change={(axis) => setAcross(Number(axis) as Axis)}
+            change={(axis) => setAcross(Number(axis) as maps.Axis)}
             options={AXES.map((label, i) => ({ value: String(i), label }))}
           />
           <Handle
@@ -247,7 +235,7 @@ interface Look {
   scale: readonly [number, number];
   chosen: number;
   choose: (place: number) => void;
-  across: Axis;
+  across: maps.Axis;
   layer: number;
 }
 
@@ -282,7 +270,7 @@ function Sliced({ loaded, look, label }: { loaded: Loaded; look: Look; label: st
   const { map, places, run, set } = loaded;
   const { across, layer, chosen } = look;
   const [box, width] = useWidth<HTMLDivElement>();
-  const slice = sliceOf(map.request.grid, across, layer);
+  const slice = maps.sliceOf(map.request.grid, across, layer);
   const place = places[chosen];
   return (
     <section class="card">
@@ -296,7 +284,7 @@ function Sliced({ loaded, look, label }: { loaded: Loaded; look: Look; label: st
   );
 }
 
-function Numbers({ place, map }: { place: MapPlace; map: WorkMap }) {
+function Numbers({ place, map }: { place: maps.MapPlace; map: WorkMap }) {
   const level = percent(map.request.confidence);
   const um = (value: number, width: number) => fixed(value * 1e6, Math.max(0, decimalsFor(width * 0.25e6)));
   const { mm, micrometre, micrometrePerNewton: perNewton } = text.units;
@@ -375,7 +363,7 @@ function Beside({ own, other }: { own: Loaded; other: Loaded | null }) {
 type Grid = WorkMap["request"]["grid"];
 
 /** Index of a place along an axis of the grid. */
-function layerOf(grid: Grid, axis: Axis, place: number): number {
+function layerOf(grid: Grid, axis: maps.Axis, place: number): number {
   const z = place % grid[2];
   const y = Math.floor(place / grid[2]) % grid[1];
   const x = Math.floor(place / (grid[2] * grid[1]));
@@ -383,7 +371,7 @@ function layerOf(grid: Grid, axis: Axis, place: number): number {
 }
 
 /** The place in another layer across an axis. */
-function moved(grid: Grid, axis: Axis, place: number, layer: number): number {
+function moved(grid: Grid, axis: maps.Axis, place: number, layer: number): number {
   const step = [grid[1] * grid[2], grid[2], 1][axis] ?? 1;
   return place + (layer - layerOf(grid, axis, place)) * step;
 }
@@ -403,7 +391,7 @@ const COARSEST = 25;
 
 async function loadProgram(id: string, signal: AbortSignal) {
   const job = await api.programs.one(id, signal);
-  const points = job.result ? pointsOf(await api.programPoints(id)) : [];
+  const points = job.result ? maps.pointsOf(await api.programPoints(id)) : [];
   return { job, points, ...(await contextOfEnded(job.request.run_id)) };
 }
 
@@ -440,22 +428,16 @@ export function ProgramView({ id }: { id: string }) {
 function Path({ loaded: { points, robot } }: { loaded: Awaited<ReturnType<typeof loadProgram>> }) {
   const [when, setWhen] = useState<"before" | "after">("before");
   const [chosen, setChosen] = useState(0);
-  const drawn = useMemo(() => thinned(points, MOST_DRAWN), [points]);
+  const drawn = useMemo(() => maps.thinned(points, MOST_DRAWN), [points]);
   const point = points[chosen];
   const { kinematics } = useKinematics(point ? { robot_id: robot.id } : null, point ? [point.joints] : []);
   const posture = kinematics?.postures[0];
-  const size = useMemo(
-    () => lengthOf(drawn.map((one) => one.place)) / Math.min(FINEST, Math.max(COARSEST, drawn.length)),
-    [drawn],
-  );
-  const greatest = useMemo(
-    () => points.reduce((most, one) => (one.deflection > most ? one.deflection : most), 0),
-    [points],
-  );
+  const size = lengthOf(drawn.map((one) => one.place)) / Math.min(FINEST, Math.max(COARSEST, drawn.length));
+  const most = points.reduce((top, one) => (one.deflection > top ? one.deflection : top), 0);
   const loaded = drawn.filter((one) => Number.isFinite(one.deflection));
   const cloud = {
     places: loaded.map((one) => one.place),
-    shares: loaded.map((one) => share(when === "before" ? one.deflection : one.residual, [0, greatest])),
+    shares: loaded.map((one) => share(when === "before" ? one.deflection : one.residual, [0, most])),
     size,
   };
   if (!posture || !point) return <Busy label={text.scene.loading} />;
@@ -479,7 +461,7 @@ function Path({ loaded: { points, robot } }: { loaded: Awaited<ReturnType<typeof
           change={setWhen}
           options={{ before: programWords.beforeShort, after: programWords.afterShort }}
         />
-        <RampLegend scale={[0, greatest]} unit={text.units.mm} label={programWords.off} />
+        <RampLegend scale={[0, most]} unit={text.units.mm} label={programWords.off} />
         <Handle label={programWords.choosePoint} count={points.length} value={chosen} change={setChosen}>
           {programWords.point(point.number, point.line)}
         </Handle>

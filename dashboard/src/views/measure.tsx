@@ -1,8 +1,8 @@
 /** Where live campaigns begin: a goal, loads, targets and noise, declared before the first reading; or one that goes on. */
 import { useEffect, useState } from "preact/hooks";
 import { api } from "../api/client";
-import type { MeasurementSetSummary, Plan } from "../api/types";
-import { ActionButton, Choice, Head, Name, NameLink, Show } from "../components/basics";
+import type { Plan } from "../api/types";
+import { ActionButton, Choice, Head, Name, Show } from "../components/basics";
 import { RequestFields as Form, Select, TextField } from "../components/fields";
 import { SchemaFields, type Terms } from "../components/schema_form";
 import { freshKey, type Fields, unreadIn } from "../lib/json";
@@ -15,6 +15,7 @@ import { later } from "../i18n/later";
 import { NOISE } from "./flow";
 import { EQUIPMENT, Equipment, START } from "./plans";
 import { NoRobots } from "./robots";
+import { Rows } from "../components/list";
 
 const words = later.measure;
 const SI = { length: "m", angle: "rad", force: "N" };
@@ -43,16 +44,14 @@ export function OpenCampaigns() {
   return (
     <section class="card" aria-labelledby="open-campaigns">
       <h2 id="open-campaigns">{words.goOn}</h2>
-      <ul>
-        {open.items.map((set: MeasurementSetSummary) => (
-          <li>
-            <p class="meta">
-              <NameLink to={["measure", set.id]}>{set.name}</NameLink>
-              <span>{words.opened(set.observation_count)}</span>
-            </p>
-          </li>
-        ))}
-      </ul>
+      <Rows
+        rows={open.items.map(({ id, name, observation_count: count }) => ({
+          id,
+          name,
+          href: link(["measure", id]),
+          note: words.opened(count),
+        }))}
+      />
     </section>
   );
 }
