@@ -7,7 +7,7 @@ import {
   METADATA,
   type Metadata,
 } from "../api/types";
-import { type Fields, isFields, parsed, stated } from "./json";
+import { type Fields, isFields, listOf, parsed, stated } from "./json";
 import { extent } from "./format";
 import { factors, degrees } from "./stiffness";
 import { norm, times, type Vector } from "./vector";
@@ -93,9 +93,9 @@ function campaign(given: Fields, robot: unknown, run: unknown): Campaign {
 }
 
 export function factsOf(set: Fields): Facts {
-  const observations = list(set["observations"]);
+  const observations = listOf(set["observations"]);
   const units = unitsOf(set["units"]);
-  const readings = observations.flatMap((o) => list(o["readings"]));
+  const readings = observations.flatMap((o) => listOf(o["readings"]));
   const joints = observations.map((o) => numbers(o["joints"])).find((angles) => angles !== null) ?? null;
   const given = isFields(set["noise"]) ? set["noise"] : {};
   const noise = given["sigma"];
@@ -174,12 +174,15 @@ export function readingsOf(content: string): Readings | null {
 
 function sweepFactsOf(request: Fields): ReadingFacts {
   const units = isFields(request["units"]) ? request["units"] : {};
-  const sweeps = list(request["sweeps"]).map((sweep) => ({
+  const sweeps = listOf(request["sweeps"]).map((sweep) => ({
     joint: String(sweep["joint"] ?? ""),
-    positions: list(sweep["observations"]).length,
-    arc: arcOf(list(sweep["observations"]), units["angle"]),
+    positions: listOf(sweep["observations"]).length,
+    arc: arcOf(listOf(sweep["observations"]), units["angle"]),
   }));
-  const positions = [...list(request["sweeps"]).flatMap((s) => list(s["observations"])), ...list(request["poses"])];
+  const positions = [
+    ...listOf(request["sweeps"]).flatMap((s) => listOf(s["observations"])),
+    ...listOf(request["poses"]),
+  ];
   const targets = positions.flatMap((p) => (isFields(p["targets"]) ? Object.keys(p["targets"]) : []));
   const { length, angle } = units;
   return {
@@ -203,8 +206,6 @@ function arcOf(positions: Fields[], unit: unknown): number | null {
   const widest = Math.max(...ranges.map(([low, high]) => high - low));
   return unit === "rad" ? degrees(widest) : unit === "deg" ? widest : null;
 }
-
-const list = (value: unknown): Fields[] => (Array.isArray(value) ? value.filter(isFields) : []);
 
 /** Texts of a form; a blank one is nothing. */
 export type Typed = Record<keyof Metadata, string>;

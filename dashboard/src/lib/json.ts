@@ -15,6 +15,9 @@ export function parsed(content: string): unknown {
 export const isFields = (value: unknown): value is Fields =>
   typeof value === "object" && value !== null && !Array.isArray(value);
 
+/** The objects of a list; none of anything else. */
+export const listOf = (value: unknown): Fields[] => (Array.isArray(value) ? value.filter(isFields) : []);
+
 /** A text that is no value of its field: posted as it was typed, so that the service names the field. */
 export interface Unread {
   unread: string;

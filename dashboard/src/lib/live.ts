@@ -3,7 +3,7 @@ import type { JointKind, Observation, Units, MeasurementSet, PlanRequest, PlanRe
 import { listIn, numberIn, scaled, sized, vectorIn } from "./schema";
 import { factors, positionIn } from "./stiffness";
 import { type Vector, bendOf, bent, norm, times, carried, fromFlange } from "./vector";
-import type { Fields } from "./json";
+import { type Fields, isFields, listOf } from "./json";
 
 /** A posture with its load: joints in rad or m, force in N. */
 export interface Stand {
@@ -199,27 +199,20 @@ export function toFillIn(
 
 /** The set with those observations only whose readings are all there; null if there is none. */
 export function readSoFar(set: Fields): { document: Fields; labels: string[] } | null {
-  const observations = (Array.isArray(set["observations"]) ? set["observations"] : []).filter(isRead);
+  const observations = listOf(set["observations"]).filter(isRead);
   if (observations.length === 0) return null;
   return { document: { ...set, observations }, labels: observations.map((each) => String(each["label"])) };
 }
 
+/** Whether all positions of its readings are there; a deflection may be missing beside them. */
 function isRead(observation: unknown): observation is Fields {
-  if (typeof observation !== "object" || observation === null) return false;
-  const { readings } = observation as { readings?: unknown };
-  return (
-    Array.isArray(readings) &&
-    readings.length > 0 &&
-    readings.every((reading: Fields) =>
-      Object.entries(reading).every(
-        ([key, value]) =>
-          !POSITION.test(key) || value !== null || (key === "deflection" && Array.isArray(reading["unloaded"])),
-      ),
-    )
-  );
+  const readings = isFields(observation) ? listOf(observation["readings"]) : [];
+  const isThere = (reading: Fields, name: string) =>
+    reading[name] !== null || (name === "deflection" && Array.isArray(reading["unloaded"]));
+  return readings.length > 0 && readings.every((each) => POSITIONS.every((name) => isThere(each, name)));
 }
 
-const POSITION = /^(unloaded|loaded|deflection)$/;
+const POSITIONS = ["unloaded", "loaded", "deflection"];
 
 /** What a set says that was opened as a simulated one. */
 export const SIMULATED = "simulated by the page";
