@@ -33,51 +33,50 @@ export class Arm {
   readonly baseMaterial = new MeshLambertMaterial();
   readonly #cylinder = new CylinderGeometry(1, 1, 1, 20);
   readonly #sphere = new SphereGeometry(1, 20, 14);
-  readonly #tubes: Mesh[] = [];
-  readonly #balls: Mesh[] = [];
-  readonly #drums: Mesh[] = [];
-  readonly #lines: Mesh[] = [];
-  readonly #pedestal: Mesh;
+  /** By what they are, made when they are first needed. */
+  readonly #parts = new Map<string, Mesh>();
   readonly #turn = new Quaternion();
   readonly #direction = new Vector3();
 
   constructor() {
     this.group.add(this.axes);
-    this.#pedestal = this.#add(this.group, this.#cylinder, this.baseMaterial);
   }
 
   /** Put the arm into a posture; `reach` sets how thick it is. */
   set(posture: Posture, reach: number): void {
     const points: Vector[] = [[0, 0, 0], ...posture.joint_origins, posture.flange_origin];
     const thick = (i: number) => reach * (0.046 - (0.028 * i) / Math.max(1, points.length - 1));
-    this.#span(this.#pedestal, [0, 0, 0], [0, 0, reach * 0.05], reach * 0.13);
-    this.#grow(points.length, posture.joint_axes.length);
+    this.#span(this.#part("pedestal", this.baseMaterial), [0, 0, 0], [0, 0, reach * 0.05], reach * 0.13);
     points.forEach((point, i) => {
-      this.#balls[i]?.position.set(...point);
-      this.#balls[i]?.scale.setScalar(thick(i));
+      const ball = this.#part(`ball ${i}`, this.linkMaterial, this.#sphere);
+      ball.position.set(...point);
+      ball.scale.setScalar(thick(i));
       const next = points[i + 1];
-      if (next) this.#span(this.#tubes[i], point, next, thick(i));
+      if (next) this.#span(this.#part(`tube ${i}`, this.linkMaterial), point, next, thick(i));
     });
     posture.joint_axes.forEach((axis, j) => {
       const origin = posture.joint_origins[j] ?? [0, 0, 0];
+      const about = (part: Mesh, half: number, radius: number) =>
+        this.#span(part, subtract(origin, times(axis, half)), add(origin, times(axis, half)), radius);
       const drum = thick(j + 1) * 1.5;
-      this.#span(
-        this.#drums[j],
-        subtract(origin, times(axis, drum * 0.9)),
-        add(origin, times(axis, drum * 0.9)),
-        drum * 0.86,
-      );
-      this.#span(
-        this.#lines[j],
-        subtract(origin, times(axis, reach * 0.13)),
-        add(origin, times(axis, reach * 0.13)),
-        reach * 0.0035,
-      );
+      about(this.#part(`drum ${j}`, this.jointMaterial), drum * 0.9, drum * 0.86);
+      about(this.#part(`axis ${j}`, this.axisMaterial, this.#cylinder, this.axes), reach * 0.13, reach * 0.0035);
     });
   }
 
-  #span(mesh: Mesh | undefined, from: Vector, to: Vector, radius: number): void {
-    if (!mesh) return;
+  #part(
+    name: string,
+    material: MeshLambertMaterial,
+    geometry: BufferGeometry = this.#cylinder,
+    group = this.group,
+  ): Mesh {
+    const mesh = this.#parts.get(name) ?? new Mesh(geometry, material);
+    if (!this.#parts.has(name)) group.add(mesh);
+    this.#parts.set(name, mesh);
+    return mesh;
+  }
+
+  #span(mesh: Mesh, from: Vector, to: Vector, radius: number): void {
     const along = subtract(to, from);
     const length = norm(along);
     mesh.visible = length > 1e-9;
@@ -86,19 +85,6 @@ export class Arm {
     mesh.quaternion.copy(this.#turn.setFromUnitVectors(UP, this.#direction));
     mesh.position.set(...times(add(from, to), 0.5));
     mesh.scale.set(radius, length, radius);
-  }
-
-  #grow(points: number, joints: number): void {
-    while (this.#balls.length < points) this.#balls.push(this.#add(this.group, this.#sphere, this.linkMaterial));
-    while (this.#tubes.length < points - 1) this.#tubes.push(this.#add(this.group, this.#cylinder, this.linkMaterial));
-    while (this.#drums.length < joints) this.#drums.push(this.#add(this.group, this.#cylinder, this.jointMaterial));
-    while (this.#lines.length < joints) this.#lines.push(this.#add(this.axes, this.#cylinder, this.axisMaterial));
-  }
-
-  #add(group: Group, geometry: CylinderGeometry | SphereGeometry, material: MeshLambertMaterial): Mesh {
-    const mesh = new Mesh(geometry, material);
-    group.add(mesh);
-    return mesh;
   }
 
   dispose(): void {

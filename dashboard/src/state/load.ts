@@ -15,16 +15,9 @@ import type {
 import { listen, news, tell } from "../lib/events";
 import { text } from "../i18n";
 
-export type Loading<Value> = (
-  | { state: "loading" }
-  | { state: "ready"; value: Value }
-  | { state: "failed"; problem: Problem }
-) & { reload: () => void };
+type Loaded<Value> = { state: "loading" } | { state: "ready"; value: Value } | { state: "failed"; problem: Problem };
 
-type Loaded<Value> =
-  | Omit<Extract<Loading<Value>, { state: "ready" }>, "reload">
-  | { state: "loading" }
-  | { state: "failed"; problem: Problem };
+export type Loading<Value> = Loaded<Value> & { reload: () => void };
 
 /** Load again whenever `inputs` change; what is `known` is shown meanwhile. */
 export function useLoad<Value>(
