@@ -1,5 +1,5 @@
 /** The camera about a point: three's own controls turn and zoom; here it is held so that all is in view. */
-import { Box3, type PerspectiveCamera, Sphere, Vector3 } from "three";
+import { type PerspectiveCamera, Sphere, Vector3 } from "three";
 import { OrbitControls } from "three/addons/controls/OrbitControls.js";
 
 const KEY_TURN = 0.12;
@@ -87,7 +87,7 @@ export class Orbit {
 
   /** The ball about all points. */
   #ball(): Sphere {
-    return new Box3().setFromPoints(this.#points).getBoundingSphere(new Sphere());
+    return new Sphere().setFromPoints(this.#points);
   }
 
   /** The size of the canvas has changed. */
