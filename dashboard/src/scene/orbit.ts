@@ -20,8 +20,8 @@ export class Orbit {
   readonly #controls: OrbitControls;
   readonly #toward = new Vector3();
   #points: Vector3[] = [];
-  /** Of the ball that the view holds; zooming leaves it. */
-  #radius = 1;
+  /** What the view holds; zooming leaves it. */
+  #held = new Sphere();
   #touched = false;
 
   constructor(
@@ -54,9 +54,10 @@ export class Orbit {
   frame(points: readonly Point[]): void {
     const first = this.#points.length === 0;
     this.#points = points.map((point) => new Vector3(...point));
-    const { radius } = this.#ball();
+    const within = this.#points.every((point) => this.#held.distanceToPoint(point) < 0.01 * this.#held.radius);
+    const small = new Sphere().setFromPoints(this.#points).radius < SMALL * this.#held.radius;
     if (first) this.reset();
-    else if (!this.#touched && (radius > this.#radius || radius < SMALL * this.#radius)) this.#refit();
+    else if (!this.#touched && (!within || small)) this.#refit();
   }
 
   /** Look from the corner from which the arm is seen most from its side. */
@@ -70,10 +71,9 @@ export class Orbit {
   }
 
   #refit(): void {
-    const { center, radius } = this.#ball();
+    const { center, radius } = this.#held.setFromPoints(this.#points);
     const up = (this.camera.fov * Math.PI) / 360;
     const distance = radius / Math.sin(Math.min(up, Math.atan(Math.tan(up) * this.camera.aspect)));
-    this.#radius = radius;
     this.#controls.minDistance = distance / 12;
     this.#controls.maxDistance = distance / 0.3;
     this.camera.near = distance / 100;
@@ -83,11 +83,6 @@ export class Orbit {
     this.camera.position.copy(center).addScaledVector(this.#toward, distance);
     this.#controls.update();
     this.changed();
-  }
-
-  /** The ball about all points. */
-  #ball(): Sphere {
-    return new Sphere().setFromPoints(this.#points);
   }
 
   /** The size of the canvas has changed. */
