@@ -32,14 +32,6 @@ def test_help_names_every_command_and_where_to_start():
     assert "jointstiff simulate campaign.json" in shown
 
 
-def test_units_and_details_are_options_of_every_table(campaign):
-    for command in (("identify", campaign), ("compare", campaign), ("compare", campaign, campaign)):
-        shown = run(*command, "--unit", "nm/arcmin", "--details")
-        assert shown.exit_code == 0, shown.output
-        assert "N·m/arcmin" in shown.stdout
-    assert "docs/glossary.md" in run("identify", "--help").stdout
-
-
 def test_negative_stiffness_is_shown_as_what_it_is(tmp_path):
     document = shared("fanuc_r2000ic/campaign")
     del document["robot"]["joint_map"]
@@ -114,23 +106,6 @@ def test_post_follows_a_long_run(campaign, service):
     assert f"{service.url}/v1/runs/" in shown.stdout
     assert "Joint stiffness" in shown.stdout
     assert "100000 fits" in shown.stdout
-
-
-def test_version():
-    assert run("--version").stdout.startswith("jointstiff 0.")
-
-
-def test_simulate_where_nothing_can_be_written(tmp_path):
-    shown = run("simulate", tmp_path / "nowhere" / "x.json")
-    assert shown.exit_code == 2
-    assert "cannot write" in shown.stderr
-
-
-def test_post_to_nobody(campaign):
-    shown = run("post", campaign, "--server", "http://127.0.0.1:9")
-    assert shown.exit_code == 2
-    assert "jointstiff serve" in shown.stderr
-    assert "--server" in shown.stderr
 
 
 @pytest.mark.process

@@ -9,7 +9,6 @@ from support.terminal import terminal
 from support.workbooks import table_of
 
 from jointstiff.schemas.imports import ImportAnswer
-from jointstiff.schemas.measurement import MeasurementSetDocument
 from jointstiff.schemas.robot import RobotDocument
 from jointstiff.schemas.run import Run
 from jointstiff.service.conversion.prepared import prepare_robot
@@ -84,32 +83,6 @@ def test_readings_with_errors_are_not_written_unasked(folder, robot_file):
     assert (folder / "new.json").exists()
 
 
-def test_a_measurement_set_without_a_robot(folder):
-    options = (
-        "--encoders",
-        "secondary",
-        "--load-point",
-        "0,0,120",
-        "--name",
-        "cell 3",
-        "--output",
-        "set.json",
-    )
-    shown = run("table.csv", *options, "--json")
-    assert shown.exit_code == 0, shown.output
-    written = MeasurementSetDocument.model_validate_json((folder / "set.json").read_bytes())
-    assert written == ImportAnswer.model_validate_json(shown.stdout).measurement_set
-    assert (written.name, written.encoders, written.load_point) == ("cell 3", "secondary", (0.0, 0.0, 120.0))
-
-
-def test_what_is_missing_is_not_written(folder):
-    shown = run("table.csv", "--output", "set.json", "--encoders", "motor")
-    assert shown.exit_code == 2
-    assert "label" in shown.stdout
-    assert "load point" in shown.stderr
-    assert not (folder / "set.json").exists()
-
-
 def test_names_made_up_otherwise(folder):
     text = POINTS.replace("_unloaded", ".0kg").replace("_loaded", ".150kg").replace("_P10", ".P10")
     (folder / "points.txt").write_text(text)
@@ -118,30 +91,6 @@ def test_names_made_up_otherwise(folder):
     assert run("points.txt", *UNITS, *options).exit_code == 2
     found = ImportAnswer.model_validate_json(run("points.txt", *UNITS, *options, *words, "--json").stdout)
     assert (found.preview.targets, found.preview.reading_count) == (["P10"], 2)
-
-
-@pytest.mark.parametrize(
-    ("change", "arguments", "words"),
-    [
-        (("-20.25", "x"), (), "table.csv:3:3: 'x' is not a number"),
-        (("J2 [deg]", "elbow"), (), "table.csv:2:3: "),
-        (("", ""), ("--units", "length=inch,angle=deg,force=N"), "--units length"),
-        (("", ""), ("--point-name", ""), "--point-name"),
-        (("", ""), ("--state-word", "a=heavy"), "--state-word a"),
-        (("", ""), ("--robot", "table.csv"), "JSON"),
-        (("", ""), ("--robot", "empty.json"), "name"),
-        (("", ""), ("--load-point", "1,2"), "0,0,120.5"),
-        (("", ""), ("--flange-target", "P10"), "has no '='"),
-        (("", ""), ("--about", "measured_at=2026-11-20"), "add the time zone, such as"),
-    ],
-)
-def test_refused_with_place_and_remedy(folder, change, arguments, words):
-    (folder / "table.csv").write_text(CAMPAIGN.replace(*change, 1))
-    (folder / "empty.json").write_text("{}")
-    shown = run("table.csv", *arguments)
-    assert shown.exit_code == 2
-    assert words in shown.stderr
-    assert "Traceback" not in shown.output
 
 
 def test_a_terminal_is_asked_and_nothing_else_is(folder, robot_file, monkeypatch):
@@ -182,22 +131,6 @@ def test_a_terminal_is_asked_and_nothing_else_is(folder, robot_file, monkeypatch
     other = run("cell.csv", "--template", "t.json")
     assert other.exit_code == 2
     assert "does not fit the template; missing: 'shift'" in other.stderr
-
-
-def test_unknown_words_for_states_are_asked_about(folder, monkeypatch):
-    text = CAMPAIGN.replace("unloaded", "pre").replace("loaded", "post")
-    (folder / "table.csv").write_text(text)
-    assert "'pre' and 'post' in the headers of positions may be states" in run("table.csv").stderr
-    monkeypatch.setattr("jointstiff.service.cli.imports.may_ask", lambda: True)
-    answers = "\n".join(["", "0,0,6000", "", "y", "none"]) + "\n"
-    shown = terminal("import", "table.csv", "--output", "set.json", input=answers, width=160)
-    assert shown.exit_code == 0, shown.output
-    assert "Word for readings without load (pre, post) [pre]" in shown.output
-    assert shown.output.count("Enter alone takes the answer in brackets") == 1
-    assert "Is this right: the load point is 6 m from the flange?" in shown.output
-    written = json.loads((folder / "set.json").read_text())
-    assert written["load_point"] == [0, 0, 6000]
-    assert written["observations"][0]["readings"][0]["target"] == "P10"
 
 
 def test_lengths_are_in_millimetres_whatever_the_files_unit(folder):

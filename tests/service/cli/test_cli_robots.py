@@ -7,7 +7,6 @@ import pytest
 from support.terminal import terminal
 from support.workbooks import table_of
 
-from jointstiff.schemas.robot import Catalogue, RobotDocument
 from jointstiff.schemas.run import Campaign
 from jointstiff.simulator import default_arm, simulate_campaign
 
@@ -19,27 +18,6 @@ def folder(tmp_path, monkeypatch):
 
 
 run = partial(terminal, width=160)
-
-
-def test_lists_arms_and_shows_one(folder):
-    listed = run("robots")
-    assert listed.exit_code == 0, listed.output
-    for words in ("reach [mm]", "KUKA KR 210 R2700 extra", "2696", "FANUC: J3 from the horizontal"):
-        assert words in listed.stdout
-    shown = run("robots", "kr 210")
-    assert shown.exit_code == 0, shown.output
-    for words in ("(nominal)", "a [mm]", "1150", "-140 to -5", "joint map, row 1: -1 0 0", "kr210r2700extra"):
-        assert words in shown.stdout
-    assert Catalogue.model_validate_json(run("robots", "--json").stdout).arms
-
-
-def test_writes_a_robot(folder):
-    assert run("robots", "UR5e", "--output", "robot.json").exit_code == 0
-    written = RobotDocument.model_validate_json((folder / "robot.json").read_text())
-    assert written.name == "Universal Robots UR5e (nominal)"
-    assert run("robots", "UR3e", "--output", "robot.json").exit_code == 2
-    assert run("robots", "UR3e", "--output", "robot.json", "--overwrite").exit_code == 0
-    assert run("robots", "--output", "all.json").exit_code == 2
 
 
 @pytest.mark.parametrize(

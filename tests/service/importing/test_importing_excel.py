@@ -50,50 +50,6 @@ def refused(content, reason, line=None, column=None, **options):
     return samples.refused(("a.xlsx", content), reason=reason, line=line, column=column, **options)
 
 
-def test_comments_empty_rows_and_columns():
-    rows = [["# day 1"], [], *([*row, None, None] for row in rows_of_values()), [], ["% end"]]
-    imported = read(("a.xlsx", workbook(rows)))
-    assert points_of(imported) == points_of(read(("a.csv", CAMPAIGN)))
-    assert imported.preview.files[0].assumptions == ["comments were skipped (2 rows), the first in row 1"]
-
-
-def test_which_sheet():
-    def other(book, _):
-        book.create_sheet("notes")["A1"] = "windy"
-
-    content = workbook(change=other)
-    refused(content, "several sheets have data: 'Sheet, notes'")
-    assert read(("a.xlsx", content), sheet="Sheet").preview.files[0].sheet == "Sheet"
-    refused(content, "there is no sheet 'Tabelle1'", sheet="Tabelle1")
-    empty = workbook(change=lambda book, _: book.create_sheet("empty"))
-    assert read(("a.xlsx", empty)).preview.files[0].sheet == "Sheet"
-    refused(workbook([]), "no row of data")
-
-
-@pytest.mark.parametrize(
-    ("value", "number_format", "reason"),
-    [
-        ("=B2+1", None, "has type formula"),  # openpyxl stores no value
-        (datetime.date(2026, 5, 1), None, "has type date"),
-        (45000.5, "dd.mm.yyyy", "has type date"),
-        (45000.5, '[$-407]d. mmm "x"', "has type date"),
-        (0.5, "0.00%", "has type percentage"),
-        (True, None, "has type truth value"),
-        ("#DIV/0!", None, "has type error"),
-        ("1.5", "@", "has type text"),
-        ("1,5", None, "has type text"),
-        ("n/a", None, "has type text"),
-    ],
-)
-def test_cells_that_are_no_numbers(value, number_format, reason):
-    def change(_, sheet):
-        sheet["C3"] = value
-        if number_format:
-            sheet["C3"].number_format = number_format
-
-    refused(workbook(change=change), reason, 3, 3)
-
-
 @pytest.mark.parametrize(
     "number_format", ["0.000", '0.00 "mm"', "0.00E+00", "#,##0.00_-;[Red]-#,##0.00", "@", "General"]
 )
@@ -145,15 +101,6 @@ def test_formulas_have_the_values_that_are_stored_with_them(cell, reason):
 def test_a_cell_far_from_the_others(far):
     """Which made python-calamine 0.9 abort the process."""
     refused(repacked(workbook(), SHEET, lambda data: data.replace(b'r="M4"', b'r="%s"' % far)), "", 4, 12)
-
-
-def test_hidden_rows_are_read_and_told():
-    def hide(_, sheet):
-        sheet.row_dimensions[3].hidden = True
-
-    imported = read(("a.xlsx", workbook(change=hide)))
-    assert imported.preview.observation_count == 3
-    assert "1 rows or columns are hidden" in imported.preview.files[0].assumptions[0]
 
 
 @pytest.mark.parametrize(

@@ -1,7 +1,7 @@
 """Unloaded positions of a robot with masses: a set for its own weight; masses as a table beside."""
 
 import pytest
-from support.importing_samples import faults, sources_of
+from support.importing_samples import sources_of
 from support.workbooks import table_of
 
 import jointstiff
@@ -65,31 +65,3 @@ def test_a_table_of_masses_gives_the_bodies(table):
         assert (body.name, body.joint, body.mass) == (stated["name"], stated["joint"], stated["mass"])
         assert body.mass_uncertainty == pytest.approx(stated["mass_uncertainty"], rel=1e-9)
         assert body.centre == pytest.approx(tuple(stated["centre"]), rel=1e-9)
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "reason"),
-    [
-        ("mass [kg]", "mass", "the unit of 'mass' is not one of kg"),
-        ("mass [kg]", "mass [lb]", "not one of kg"),
-        ("cog z [mm]", "cog w [mm]", "'cog w [mm]' of a table of masses is not known"),
-        ("± [%]", "±", "is not one of %, kg"),
-        ("body;", "x;", "is not one of m, mm"),
-        ("link 1;joint_1;", "link 1;joint_1;-", "mass"),
-        ("link 1;joint_1;", "link 1;joint_1;x", "is not a number"),
-    ],
-)
-def test_a_table_of_masses_that_is_not_clear_is_refused(old, new, reason):
-    name, content = masses()
-    assert old in content
-    found = faults(POSITIONS, (name, content.replace(old, new, 1)))
-    assert reason in found[0].reason
-    assert found[0].place.file == name
-
-
-def test_masses_alone_or_of_another_robot_are_refused():
-    assert "no readings" in faults(masses())[0].reason
-    with pytest.raises(Exception, match="no joint 'elbow'"):
-        import_files(
-            sources_of(POSITIONS, masses(joint="elbow")), ImportRequest(encoders="motor"), prepared(BARE)
-        )

@@ -14,7 +14,6 @@ TABLE = """name,J1 [deg],J2 [deg],P1 unloaded x [mm],P1 unloaded y [mm],P1 unloa
 c01,10,20,1000,200,300,0.5,-0.25,0.125
 c02,30,40,900,400,350,-0.5,0.75,0
 """
-PLUS = {f"d{axis}": f"P1 unloaded plus {axis} [mm]" for axis in "xyz"}
 UR = {
     "ur5": ((0, 0.089159), (-0.425, 0), (-0.39225, 0), (0, 0.10915), (0, 0.09465), (0, 0.0823)),
     "ur10": ((0, 0.1273), (-0.612, 0), (-0.5723, 0), (0, 0.163941), (0, 0.1157), (0, 0.0922)),
@@ -34,33 +33,6 @@ def robot_of(name):
     ]
     model = {"format": "dh", "convention": "standard", "rows": rows}
     return RobotDocument.model_validate({"name": name, "model": model})
-
-
-@pytest.mark.parametrize(
-    ("columns", "last", "words"),
-    [
-        (
-            {"dx": "P1 unloaded plus x [mm]", "dy": "ignore", "dz": "ignore"},
-            "0",
-            "P1 unloaded plus y is missing",
-        ),
-        ({**PLUS, "dz": "P2 unloaded plus z [mm]"}, "0", "is missing"),
-        (
-            {axis: meaning.replace("P1", "P2") for axis, meaning in PLUS.items()},
-            "0",
-            "belongs to no position",
-        ),
-        ({**PLUS, "dx": "P1 unloaded plus U95 x [mm]"}, "0", "unknown column header"),
-        ({**PLUS, "dx": "P1 unloaded plus [mm]"}, "0", "unknown column header"),
-        (PLUS, "", "the deviation to be added is empty"),
-        ({**PLUS, "dx": "P1 unloaded plus x [m]"}, "0", "use one unit for every length"),
-    ],
-)
-def test_a_deviation_that_belongs_to_no_position_or_is_none_is_refused(columns, last, words):
-    table = TABLE if last else TABLE.replace("-0.5,0.75,0\n", ",,\n")
-    answer = answered(table, columns=columns, show_faults=True)
-    assert answer.poses is None
-    assert any(words in f"{fault.reason}; {fault.remedy}" for fault in answer.faults), answer.faults
 
 
 def test_uncertainties_in_the_files_become_one_sigma():

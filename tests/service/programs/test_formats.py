@@ -140,62 +140,6 @@ def test_rapid_frames_are_composed():
     assert moves_of(program)[-1].targets == moves_of(program)[1].targets  # used twice, corrected once
 
 
-@pytest.mark.parametrize(
-    ("name", "content", "line", "words"),
-    [
-        ("a.src", "DEF a()\nLIN {X 1,Y 2,Z 3}\nEND", 2, "whole pose"),
-        ("a.src", "DEF a()\nLIN {X x1,Y 2,Z 3,A 0,B 0,C 0}\nEND", 2, "numbers"),
-        ("a.src", "DEF a()\nLIN {X 1,Y 2,Z 3,A 0,B 0,C 0}:{X 1}\nEND", 2, "text after"),
-        ("a.src", "DEF a()\nLIN {X 1,Y 2,Z NaN,A 0,B 0,C 0}\nEND", 2, "numbers"),
-        ("a.src", "DEF a()\nLIN {X 1,Y 2,Z 1e300,A 0,B 0,C 0}\nEND", 2, "range"),
-        (
-            "a.src",
-            "DEF a()\nIF x THEN\n$BASE=BASE_DATA[2]\nENDIF\nLIN {X 1,Y 2,Z 3,A 0,B 0,C 0}\nEND",
-            3,
-            "branch",
-        ),
-        (
-            "a.src",
-            "DEF a()\nLIN {X 1,Y 2,Z 3,A 0,B 0,C 0,E1 0}\nLIN {X 1,Y 2,Z 3,A 0,B 0,C 0,E1 5}\nEND",
-            3,
-            "external",
-        ),
-        ("a.LS", "/PROG A\n/MN\n   1:L PR[1] 10mm/sec FINE ;\n/POS\n/END\n", 3, "PR[1]"),
-        ("a.mod", "MODULE a\nPROC main()\nPDispSet x;\nENDPROC\nENDMODULE", 3, "moves targets"),
-        ("a.script", "def a():\n  x = [d2r(1),0,0,0,0,0]\n  movej(x)\nend", 3, "numbers"),
-        ("a.csv", "x,y\n1,2\n", 1, "header"),
-        ("a.csv", "x [mm],y [mm],z [mm]\n1,2,a\n", 2, "column 3"),
-        ("a.csv", "x,y,z\n1,2,3\n", 1, "no units"),
-        ("a.csv", 'n,x [mm],y [mm],z [mm]\n"P1,5",1,2,3\n', 2, "columns"),
-        ("a.src", "DEF a()\nCIRC $POS_ACT,{X 1,Y 2,Z 3,A 0,B 0,C 0}\nEND", 2, "arc"),
-        (
-            "a.src",
-            "DEF a()\nBASE_DATA[1]={A1 1,A2 2,A3 3,A4 4,A5 5,A6 6}\n$BASE=BASE_DATA[1]\n"
-            "LIN {X 1,Y 2,Z 3,A 0,B 0,C 0}\nEND",
-            2,
-            "no whole frame",
-        ),
-        (
-            "a.mod",
-            "MODULE a\nPROC main()\nMoveL [[1,2,3],[0,0,0,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]],v10,fine,tool0;\nENDPROC\nENDMODULE",
-            3,
-            "quaternion",
-        ),
-        ("a.LS", "/PROG A\n/MN\n   1:L P[1] 10mm/sec " + "SPOT[]" * 600 + "x ;\n/POS\n/END\n", 3, "P[1]"),
-        ("a.csv", "x [deg],y [deg],z [deg]\n1,2,3\n", 1, "units"),
-        ("a.txt", "x", None, "format"),
-        ("a.src", "\0", None, "text"),
-        ("a.src", "x" * 5000, 1, "characters"),
-    ],
-)
-def test_what_is_not_understood_is_refused_by_line(name, content, line, words):
-    error = refusal(name, content)
-    assert error.faults[0].line == line, error
-    assert words in str(error)
-    assert all(fault.remedy for fault in error.faults)
-    assert len(str(error)) < 8000
-
-
 def test_one_point_under_two_bases_is_refused():
     point = "XP1={X 1,Y 2,Z 3,A 0,B 0,C 0}"
     text = f"DEF a()\n{point}\n$BASE=BASE_DATA[1]\nLIN XP1\n$BASE=BASE_DATA[2]\nLIN XP1\nEND"

@@ -57,21 +57,6 @@ def test_links_are_refused(tmp_path):
         read_laboratory(path)
 
 
-@pytest.mark.parametrize(
-    ("text", "reason"),
-    [
-        ("name = ", "is not TOML"),
-        ("", "name: Field required"),
-        ('name = "x"\ncolour = "red"\n', "colour: Extra inputs"),
-        (f'name = "{"x" * 70_000}"\n', "exceeds 64 KiB"),
-        ('name = "a\\u0007b"\n', "name: "),
-    ],
-)
-def test_other_settings_are_refused(tmp_path, text, reason):
-    with pytest.raises(SettingsError, match=reason):
-        read_laboratory(written(tmp_path, text=text))
-
-
 def test_a_missing_file_is_named(tmp_path):
     with pytest.raises(SettingsError, match="cannot read"):
         read_laboratory(tmp_path / "lab.toml")
