@@ -92,7 +92,7 @@ def _against_cvxpy(pool: Pool, rounds: int) -> Section:
         if theirs is not None:
             reached = criterion.information(pool.information(theirs))
             best = criterion.information(ours.matrix) / ours.bound.efficiency
-            gaps["fresh cvxpy + Clarabel"] = 1 - reached / best
+            gaps["fresh cvxpy + Clarabel"] = float(1 - reached / best)
         columns, table = times_table(
             times, "ours, from the rows", [("gap", {n: f"{g:.1e}" for n, g in gaps.items()})]
         )

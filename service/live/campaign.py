@@ -496,13 +496,7 @@ class LiveCampaign:
             found = self.of_label[label].innovation
             return "measuring", f"{label} is doubtful: {found.message if found else ''}"
         if self.met:
-            if self.check is not None and self.check.inside:
-                return (
-                    "reached",
-                    f"reached after {read}{self._assumed()}; the held-out one lies in its 90 % ball",
-                )
-            failed = "" if self.check is None else f"held-out {self.check.label} lies outside its ball; "
-            return "measuring", f"{failed}the goal is met; one held-out reading checks it"
+            return self._checked(read)
         wrong = self.mistake
         if self._is_small and wrong is not None:
             words = f"{wrong.observation}: {wrong.message}; {wrong.remedy}"
@@ -516,6 +510,13 @@ class LiveCampaign:
         if count < self.fewest and self.observations and self.share.greatest_share <= 1.0:
             left = f" are too few to be sure of the goal, which takes {self.fewest} and a held-out one{left}"
         return "measuring", f"{read}{left}"
+
+    def _checked(self, read: str) -> tuple[Literal["measuring", "reached"], str]:
+        """Return where a campaign stands whose goal is met: a held-out reading decides."""
+        if self.check is not None and self.check.inside:
+            return "reached", f"reached after {read}{self._assumed()}; the held-out one lies in its 90 % ball"
+        failed = "" if self.check is None else f"held-out {self.check.label} lies outside its ball; "
+        return "measuring", f"{failed}the goal is met; one held-out reading checks it"
 
     def _assumed(self) -> str:
         """Return what the goal's joints are known to with assumed errors, if that is beyond the goal."""
