@@ -123,6 +123,13 @@ def _elsewhere(line: Line) -> list[Op]:
     return ir.left([], f"{what}: the target is no position in /POS", _REMEDY)
 
 
+def _frame_changed(line: Line) -> list[Op]:
+    """Return that a frame of the controller changes, which is then another when the program runs again."""
+    reason = f"{ir.quoted(line.text, line.ordinals)}: the frame changes while the program runs"
+    remedy = "set frames before the program, not in it: all of its moves have to know them"
+    return [ir.Havoc(frozenset(), reason, remedy, anytime=True)]
+
+
 def _computed(_line: Line) -> list[Op]:
     raise Misread("a frame is computed, or chosen in a branch")
 
@@ -301,6 +308,7 @@ LANGUAGE: Final = ir.Language(
         (rf"(?:IF ?(.+?)|SELECT ?(?P<which>.+?)|=(.+?)|ELSE),{_LOGIC}", _leads),
         (r"(?:CALL|RUN|MONITOR) (?P<name>\w++)(?:\((.*)\))?", lambda line: [ir.Call(line["name"])]),
         (_QUIET, _quiet),
+        (r"(?:.*\W)?\$?(?:MN)?(?:UFRAME|UTOOL)(?:\[.*\])?=.*", _frame_changed),
         (r".*(?:UFRAME|UTOOL).*", _computed),
         (r"P\[#{place}(?:,\0)?\]=.*|(?:(?!(?<!\w)P\[).)*P\[[^=]*=.*", _changed),
     ),

@@ -348,6 +348,8 @@ class Machine:
         cause = place.cause(op.reason, op.remedy)
         self._causes.append(cause)
         self._earlier = self._earlier or (None if op.names else cause)
+        if op.anytime:
+            self._anytime[UNKNOWN] = cause
         for each in op.names:
             self._changes[place.name(each)].append(cause)
 

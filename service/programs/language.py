@@ -74,6 +74,7 @@ class Havoc(NamedTuple):
     names: frozenset[Name]
     reason: str
     remedy: str
+    anytime: bool = False  # whether all is unknown before it, too: an earlier run has changed it
 
 
 class Call(NamedTuple):

@@ -212,6 +212,25 @@ def test_fanuc_positions_are_unknown_where_one_of_a_computed_number_changes():
     assert [each[4] for each in found] == [False]
 
 
+FRAME_CHANGES = (
+    "UFRAME[1]=PR[1]",
+    "UTOOL[R[1]]=LPOS",
+    "$MNUFRAME[1,1]=PR[1]",
+    "$GROUP[1].$UFRAME=PR[1]",
+    "IF R[1]=1,UFRAME[1]=PR[2]",
+    "IF P[1,1]=5,RUN X",
+    "FOO P[R[1]]=LPOS",
+)
+
+
+@pytest.mark.parametrize("change", FRAME_CHANGES)
+def test_fanuc_frames_that_change_are_others_when_the_program_runs_again(change):
+    found = explained_fanuc(
+        "   1:L P[1] 100mm/sec FINE ;", f"   2:  {change} ;", "   3:L P[2] 100mm/sec FINE ;"
+    )
+    assert [each[4] for each in found] == [False, False]
+
+
 def test_fanuc_lines_of_other_writers_have_no_number_and_an_end():
     found = explained_fanuc(
         ":R[1]=5;", "1: L P[1] 240cm/min CNT100 ;", ": DO[3]=ON;", "2: L P[2] WELD_SPEED CNT100 PTH ;"
