@@ -7,11 +7,13 @@ from support.shared_data import MISSING, SHARED
 CASES = recorded()
 SLOW = ("beam: ", "fanuc: joints_and_links", ": default", "dead_weight_motor: {", "joints, absolute")
 """Words of cases that take seconds, or are much like others; small campaigns have all of them by day."""
+LARGE = {"pair", "pair in order", "plan", "geometry", "map", "compare: methods"}
+"""Names of others: of the shared data."""
 
 
 def _case(name):
-    marks = [pytest.mark.slow] if any(word in name for word in SLOW) else []
-    return pytest.param(CASES[name], id=name, marks=marks)
+    slow = name in LARGE or any(word in name for word in SLOW)
+    return pytest.param(CASES[name], id=name, marks=[pytest.mark.slow] if slow else [])
 
 
 @pytest.mark.parametrize("case", [_case(name) for name in CASES])
