@@ -1,5 +1,5 @@
 /** The frame of every chart: title, note, legend, axes, and folded away the table behind it; charts by configuration, a path a series. */
-import { type Scale, extent, linear, clip, percent, significant } from "../lib/format";
+import { type Scale, extent, linear, significant } from "../lib/format";
 import { type ComponentChildren, render } from "preact";
 import { useRef, useState } from "preact/hooks";
 import { DataTable, heading, type Table, save, standalone, csv, fileName, alike } from "../components/table";
@@ -334,39 +334,4 @@ function axisFormat(ticks: number[]): (value: number) => string {
   const step = Math.abs((ticks[1] ?? 1) - (ticks[0] ?? 0)) || 1;
   const decimals = Math.max(0, -Math.floor(Math.log10(step) + 1e-9));
   return (value) => value.toFixed(Math.min(decimals, 6)).replace("-", "\u2212");
-}
-
-interface SharesProps {
-  shares: { name: string; share: number; note: string }[];
-  width: number;
-  label: string;
-}
-
-/** A bar a joint, its share written at its end. */
-export function Shares({ shares, width, label }: SharesProps) {
-  const longest = Math.max(0, ...shares.map(({ name }) => name.length));
-  const left = Math.min(longest * 10 + 20, width < 480 ? 150 : 260);
-  const room = Math.max(40, width - left - (shares.some(({ note }) => note) ? 150 : 80));
-  const [low, high] = extent([0, ...shares.map(({ share }) => share)]) ?? [0, 1];
-  const place = (share: number) => left + ((share - low) / Math.max(1e-9, high - low)) * room;
-  return (
-    <Chart width={width} height={shares.length * 44 + 8} label={label}>
-      {shares.map(({ name, share, note }, i) => (
-        <g class={`bars joint-${i % 6}`}>
-          <text class="row" x={left - 10} y={i * 44 + 31} text-anchor="end">
-            {clip(name, Math.floor((left - 20) / 10))}
-          </text>
-          <rect
-            x={Math.min(place(0), place(share))}
-            y={i * 44 + 10}
-            height={30}
-            width={Math.max(1.5, Math.abs(place(share) - place(0)))}
-          />
-          <text class="row strong" x={Math.max(place(share), place(0)) + 10} y={i * 44 + 31}>
-            {percent(share)} <tspan class="soft">{note}</tspan>
-          </text>
-        </g>
-      ))}
-    </Chart>
-  );
 }

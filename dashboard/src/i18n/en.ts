@@ -384,14 +384,6 @@ export const en = {
     automatic: "automatic",
   },
   losses: { squared: "squared", huber: "Huber", absolute: "absolute" } satisfies Record<Loss, string>,
-  links: {
-    elements: "Contribution of each part that bends",
-    elementsNote:
-      "Shares of the squared deflection; with the unexplained share they sum to 100 %. What the run explains of the mean deflection is a share of lengths.",
-    kinds: { coupling: "coupling", joint: "joint", link: "link", base: "base" },
-    link: (joint: string) => `link ${joint}`,
-    unexplained: "unexplained",
-  },
   deflection: {
     title: "Deflection before and after compensation",
     note: "Mean over the targets of a configuration: as measured, and after subtraction of the prediction.",

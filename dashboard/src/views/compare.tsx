@@ -310,6 +310,11 @@ function ofAvoided({ configurations }: NonNullable<Result["avoided"]>): Bars {
 
 const sideBySideWords = text.lists;
 export function SideBySideView({ ids }: { ids: string[] }) {
+  const pair = useAction(async () => {
+    const sides = ids.map((id) => `run:${id}`);
+    const made = await compareSides(sides, false, false);
+    return link(["compare", "methods", made.id]);
+  });
   const loaded = useLoad(
     async (signal) => {
       const runs = await Promise.all(ids.slice(0, MOST_RUNS).map((id) => api.runs.one(id, signal)));
@@ -324,40 +329,32 @@ export function SideBySideView({ ids }: { ids: string[] }) {
       title={sideBySideWords.compare}
       instead={({ length }) => length < 2 && <Empty title={sideBySideWords.compare} hint={sideBySideWords.selectTwo} />}
     >
-      {(columns) => <Page columns={columns} />}
+      {(columns) => {
+        const title = columns.map((column) => column.name).join(" · ");
+        return (
+          <>
+            <Head
+              kind={words.title}
+              plain={title}
+              title={sideBySideWords.sideBySide(columns.length)}
+              first={columns.length === 2 && <ActionButton action={pair}>{sideBySideWords.test}</ActionButton>}
+            />
+            <section class="card">
+              <RunsTable columns={columns} label={title} />
+            </section>
+            <StiffnessFigure
+              title={text.run.stiffness}
+              level={percent(columns[0]?.run.request.confidence ?? 0.95)}
+              series={columns.map(({ run, name, note }, i) => ({
+                label: `${name}: ${note}`,
+                mark: `method-${i}`,
+                joints: run.result?.joints ?? [],
+              }))}
+            />
+          </>
+        );
+      }}
     </Show>
-  );
-}
-
-function Page({ columns }: { columns: RunColumn[] }) {
-  const [first] = columns;
-  const pair = useAction(async () => {
-    const sides = columns.map(({ run }) => `run:${run.id}`);
-    const made = await compareSides(sides, false, false);
-    return link(["compare", "methods", made.id]);
-  });
-  const title = columns.map((column) => column.name).join(" · ");
-  return (
-    <>
-      <Head
-        kind={later.compare.title}
-        plain={title}
-        title={sideBySideWords.sideBySide(columns.length)}
-        first={columns.length === 2 && <ActionButton action={pair}>{sideBySideWords.test}</ActionButton>}
-      />
-      <section class="card">
-        <RunsTable columns={columns} label={title} />
-      </section>
-      <StiffnessFigure
-        title={text.run.stiffness}
-        level={percent(first?.run.request.confidence ?? 0.95)}
-        series={columns.map(({ run, name, note }, i) => ({
-          label: `${name}: ${note}`,
-          mark: `method-${i}`,
-          joints: run.result?.joints ?? [],
-        }))}
-      />
-    </>
   );
 }
 

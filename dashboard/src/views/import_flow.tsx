@@ -1,7 +1,7 @@
 /** From tables of readings to their result. Nothing is stored before the last tap. */
 import { useState, useMemo, useRef, useEffect } from "preact/hooks";
-import { api, problemOf } from "../api/client";
-import type { ImportAnswer, ImportOptions, Problem, Units } from "../api/types";
+import { api } from "../api/client";
+import type { ImportAnswer, ImportOptions, Units } from "../api/types";
 import { Prose, Button, Choice, Busy, LinkButton, ProblemNote } from "../components/basics";
 import { TextField, RequestFields } from "../components/fields";
 import { SchemaFields, type Terms, MetadataForm } from "../components/schema_form";
@@ -379,34 +379,19 @@ function lackOf(answer: ImportAnswer | null, robot: string): string | null {
 /** Someone who types is let finish before the files are sent again. */
 const PAUSE_MS = 300;
 
-interface Understood {
-  answer: ImportAnswer | null;
-  problem: Problem | null;
-  /** Whether a newer answer is on its way. */
-  busy: boolean;
-}
-
 /** While a new answer is on its way the last one stays, and counts as busy from the first moment. */
-function useImport(files: File[], options: ImportOptions): Understood {
+function useImport(files: File[], options: ImportOptions) {
   const asked = JSON.stringify(options);
-  const [{ of, ...heard }, set] = useState<Omit<Understood, "busy"> & { of: string | null }>({
-    answer: null,
-    problem: null,
-    of: null,
-  });
-  useEffect(() => {
-    const abort = new AbortController();
-    const ask = () =>
-      api.importFiles(files, { ...options, show_faults: true }, abort.signal).then(
-        (answer) => abort.signal.aborted || set({ answer, problem: null, of: asked }),
-        (error: unknown) =>
-          abort.signal.aborted || set(({ answer }) => ({ answer, problem: problemOf(error), of: asked })),
-      );
-    const pause = setTimeout(() => void ask(), of === null ? 0 : PAUSE_MS);
-    return () => {
-      clearTimeout(pause);
-      abort.abort();
-    };
-  }, [files, asked]);
-  return { ...heard, busy: of !== asked };
+  const last = useRef<{ answer: ImportAnswer | null; of: string | null }>({ answer: null, of: null });
+  const loaded = useLoad(
+    async (signal) => {
+      if (last.current.of !== null) await new Promise((go) => setTimeout(go, PAUSE_MS));
+      if (signal.aborted) return;
+      last.current.of = asked;
+      last.current.answer = await api.importFiles(files, { ...options, show_faults: true }, signal);
+    },
+    [files, asked],
+  );
+  const busy = loaded.state === "loading" || last.current.of !== asked;
+  return { answer: last.current.answer, problem: loaded.state === "failed" && !busy ? loaded.problem : null, busy };
 }

@@ -16,6 +16,7 @@ import {
   Show,
   Warnings,
 } from "../components/basics";
+import { Rows } from "../components/list";
 import { DropZone } from "../components/schema_form";
 import { Select, TextField } from "../components/fields";
 import { understand } from "../lib/campaign";
@@ -575,37 +576,28 @@ function Record({ state, withdraw }: { state: LiveState; withdraw: (label: strin
     ]
       .filter(Boolean)
       .join(", ");
+  const ask = (label: string) => {
+    const reason = prompt(words.why_withdrawn(label))?.trim();
+    if (reason) withdraw(label, reason);
+  };
   return (
     <section class="card">
       <details>
         <summary>
           {words.record} ({state.readings.length})
         </summary>
-        <ul class="live-record">
-          {state.readings.map((one) => (
-            <li>
-              <span>
-                <b>
-                  <Name>{one.label}</Name>
-                </b>{" "}
-                <span class={one.state === "doubtful" ? "bad" : "soft"}>{words.states[one.state]}</span>{" "}
-                <small class="soft">{about(one)}</small>
-              </span>
-              {one.state !== "withdrawn" && (
-                <Button
-                  look="quiet"
-                  onClick={() => {
-                    const reason = prompt(words.why_withdrawn(one.label));
-                    if (reason?.trim()) withdraw(one.label, reason.trim());
-                  }}
-                  acts
-                >
-                  {words.withdraw}
-                </Button>
-              )}
-            </li>
-          ))}
-        </ul>
+        <Rows
+          rows={state.readings.map((one) => ({
+            id: one.label,
+            name: one.label,
+            note: `${words.states[one.state]} ${about(one)}`,
+            actions: one.state !== "withdrawn" && (
+              <Button look="quiet" onClick={() => ask(one.label)} acts>
+                {words.withdraw}
+              </Button>
+            ),
+          }))}
+        />
       </details>
     </section>
   );

@@ -1,5 +1,5 @@
 /** One run: its result in parts. */
-import type { ComponentType } from "preact";
+import type { ComponentType, VNode } from "preact";
 import { api } from "../api/client";
 import type { Run } from "../api/types";
 import { AlarmNote } from "../components/list";
@@ -110,26 +110,22 @@ function Parts({ context, part, query }: { context: RunContext; part: string; qu
   );
 }
 
-const MapPart = ({ context }: PartProps) => (
-  <>
-    <MapForm context={context} />
-    <JobList collection="maps" about={{ robot_id: context.robot.id }} />
-  </>
-);
-
-const ProgramPart = ({ context }: PartProps) => (
-  <>
-    <ProgramForm context={context} />
-    <JobList collection="programs" about={{ robot_id: context.robot.id }} />
-  </>
-);
+/** A form, and what was made by it before of runs of this robot. */
+const withList =
+  (Form: ComponentType<Pick<PartProps, "context">>, collection: "maps" | "programs") =>
+  ({ context }: PartProps): VNode => (
+    <>
+      <Form context={context} />
+      <JobList collection={collection} about={{ robot_id: context.robot.id }} />
+    </>
+  );
 
 const VIEWS: Record<keyof typeof text.run.views, ComponentType<PartProps>> = {
   result: StiffnessPart,
   deflection: DeflectionPart,
   robot: RobotPart,
   predict: PredictPart,
-  map: MapPart,
-  program: ProgramPart,
+  map: withList(MapForm, "maps"),
+  program: withList(ProgramForm, "programs"),
   report: RunFiles,
 };

@@ -9,7 +9,6 @@ import { text } from "../i18n";
 import { JobLines, JobTables, VerdictCard } from "../components/job_page";
 import { useState } from "preact/hooks";
 import { type PartProps, type RunContext, isElastic } from "./run_context";
-import { Shares, Figure } from "../charts/figure";
 import { useCached, valueOf } from "../state/load";
 import { api } from "../api/client";
 import { unsaid } from "../lib/said";
@@ -142,7 +141,6 @@ export function StiffnessPart({ context, result }: PartProps) {
           )
         }
       />
-      {result.links && <ElementShares links={result.links} />}
       {(result.links || result.selection || result.resampling) && <JobTables collection="runs" id={run.id} from={1} />}
       <Further warnings={unsaid(result.warnings, result.assessment.reasons)} />
       <Evidence context={context} result={result} />
@@ -210,22 +208,4 @@ function changes(before: Run, after: Run): string[] {
       : []),
     ...(a.measurement_set_id !== b.measurement_set_id ? [assessmentWords.changed.set] : []),
   ];
-}
-
-const linksWords = text.links;
-type Links = NonNullable<RunResult["links"]>;
-
-/** Where more than joints may bend: what each joint and link explains, and which model the readings call for. */
-function ElementShares({ links }: { links: Links }) {
-  const named = links.elements.map(({ kind, joint, share }) => ({
-    name: joint === null ? linksWords.kinds[kind] : kind === "link" ? linksWords.link(joint) : joint,
-    share,
-    note: "",
-  }));
-  const rows = [...named, { name: linksWords.unexplained, share: links.unexplained, note: "" }];
-  return (
-    <Figure title={linksWords.elements} note={linksWords.elementsNote}>
-      {(width) => <Shares shares={rows} width={width} label={linksWords.elements} />}
-    </Figure>
-  );
 }
