@@ -508,7 +508,7 @@ class LiveCampaign:
             return "measuring", f"{read} {'does' if count == 1 else 'do'} not tell yet: {self.result.reason}"
         left = "" if missing is None else f"; about {missing} more"
         if count < self.fewest and self.observations and self.share.greatest_share <= 1.0:
-            left = f" are too few to be sure of the goal, which takes {self.fewest} and a held-out one{left}"
+            left = f": the goal takes {self.fewest} and a held-out one to be sure of{left}"
         return "measuring", f"{read}{left}"
 
     def _checked(self, read: str) -> tuple[Literal["measuring", "reached"], str]:
