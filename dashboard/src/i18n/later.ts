@@ -139,8 +139,8 @@ export const later = {
     dropped: (count: number) => `${count} ${count === 1 ? "reading" : "readings"} taken from the file`,
     simulatedArm: "Simulated arm",
     simulatedName: "Simulated campaign",
-    simulatedNotes: (stiffnesses: string, seed: number) =>
-      `Simulated by the page: no arm was measured. True stiffnesses, joint 1 to 6: ${stiffnesses} × 10⁶ N·m/rad; noise 20 µm; seed ${seed}.`,
+    simulatedNotes: (stiffnesses: string) =>
+      `Simulated by the page: no arm was measured. True stiffnesses, joint 1 to 6: ${stiffnesses} × 10⁶ N·m/rad; noise 20 µm.`,
   },
   webhooks: {
     title: "Webhooks",

@@ -103,24 +103,13 @@ export function cellOf(file: FilePreview, { line, column }: ImportFault, shown: 
 /** A fault and its remedy in one sentence. */
 export const said = ({ reason, remedy }: ImportFault): string => `${reason}: ${remedy}`;
 
-const MARKS = { comma: ",", semicolon: ";", tab: "\t" } as const;
-
-/** The number of cells in the first row of a text, by the mark that parts it most. */
+/** The number of cells in the first row of a text, by the mark that parts it most; what is quoted parts none. */
 export function widthOf(content: string): number {
-  const first = content.split(/\r\n|\r|\n/).find((line) => line.trim() !== "" && !/^\s*(#|\/\/|%)/.test(line)) ?? "";
-  const by = (["tab", "semicolon"] as const).find((mark) => first.includes(MARKS[mark]));
-  return cellsOf(first.trim(), by ?? (first.includes(",") ? "comma" : "whitespace")).length;
-}
-
-/** Cells as they stand between delimiters; one between quotation marks within quotation marks parts none. */
-function cellsOf(text: string, delimiter: NonNullable<FilePreview["delimiter"]>): string[] {
-  const cells = delimiter === "whitespace" ? text.match(/"(?:[^"]|"")*"|\S+/g) : between(text, MARKS[delimiter]);
-  return (cells ?? []).map((cell) => (/^".*"$/.test(cell) ? cell.slice(1, -1).replaceAll('""', '"') : cell));
-}
-
-function between(text: string, mark: string): string[] {
-  const cells = `${mark}${text}`.matchAll(new RegExp(`${mark}("(?:[^"]|"")*"|[^${mark}]*)`, "g"));
-  return [...cells].map(([, cell = ""]) => cell.trim());
+  const rows = content.split(/\r\n|\r|\n/).map((line) => line.trim());
+  const first = rows.find((line) => line !== "" && !/^(#|\/\/|%)/.test(line)) ?? "";
+  const mark = ["\t", ";", ","].find((each) => first.includes(each));
+  if (mark === undefined) return first.match(/"(?:[^"]|"")*"|\S+/g)?.length ?? 0;
+  return [...`${mark}${first}`.matchAll(new RegExp(`${mark}("(?:[^"]|"")*"|[^${mark}]*)`, "g"))].length;
 }
 
 export interface Template {

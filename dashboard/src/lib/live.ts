@@ -225,27 +225,9 @@ export const SIMULATED_TARGETS: Record<string, Vector> = {
   P3: [-0.007, -0.14, 0.12],
 };
 export const SIGMA = 2e-5;
-const USUAL = [3.8e6, 3.1e6, 2.5e6, 0.45e6, 0.25e6, 0.09e6];
+/** Of its joints [N·m/rad]. */
+export const SIMULATED_STIFFNESSES = [3.4e6, 3.6e6, 2.1e6, 0.51e6, 0.22e6, 0.1e6];
 const BALANCES = 30;
-
-/** Numbers between 0 and 1 that a text decides: the same on every device. */
-export function numbersOf(seed: string): () => number {
-  let state = [...seed].reduce((hash, letter) => Math.imul(hash ^ letter.charCodeAt(0), 16777619), 2166136261);
-  return () => {
-    state = (state + 0x6d2b79f5) | 0;
-    let mixed = Math.imul(state ^ (state >>> 15), 1 | state);
-    mixed = (mixed + Math.imul(mixed ^ (mixed >>> 7), 61 | mixed)) ^ mixed;
-    return ((mixed ^ (mixed >>> 14)) >>> 0) / 4294967296;
-  };
-}
-
-/** Stiffnesses of the simulated arm [N·m/rad]: usual ones, each up to 30 % off. */
-export function stiffnessesOf(seed: number): number[] {
-  const draw = numbersOf(`arm ${seed}`);
-  return USUAL.map((usual) => Number((usual * (0.7 + 0.6 * draw())).toPrecision(3)));
-}
-
-export const seedOf = (notes: string | null | undefined): number => Number(/seed (\d+)/.exec(notes ?? "")?.[1] ?? 0);
 
 /**
  * Angles [rad] by which revolute joints give way until the springs balance a force [N] at a point of the flange:
@@ -267,13 +249,10 @@ const onFlange = (posture: Posture, place: Vector): Vector =>
 export function simulatedRows(
   posture: Posture,
   force: Vector,
-  seed: number,
-  label: string,
   { targets, loadPoint }: { targets: Record<string, Vector>; loadPoint: Vector },
 ): Rows {
-  const draw = numbersOf(`${seed} ${label}`);
-  const normal = () => Math.sqrt(-2 * Math.log(1 - draw())) * Math.cos(2 * Math.PI * draw());
-  const angles = givenWay(posture, stiffnessesOf(seed), loadPoint, force);
+  const normal = () => Math.sqrt(-2 * Math.log(1 - Math.random())) * Math.cos(2 * Math.PI * Math.random());
+  const angles = givenWay(posture, SIMULATED_STIFFNESSES, loadPoint, force);
   const read = (place: Vector) => place.map((part) => (1e3 * (part + SIGMA * normal())).toFixed(4)).join(" ");
   return Object.fromEntries(
     Object.entries(targets).map(([name, place]) => {
@@ -285,11 +264,7 @@ export function simulatedRows(
 
 /** The same with the first two targets exchanged: a mistake as it happens. */
 export function exchanged(rows: Rows): Rows {
-  const [first, second, ...others] = Object.keys(rows);
+  const [first, second] = Object.keys(rows);
   if (first === undefined || second === undefined) return rows;
-  return Object.fromEntries([
-    [first, rows[second] as Rows[string]],
-    [second, rows[first] as Rows[string]],
-    ...others.map((name) => [name, rows[name] as Rows[string]]),
-  ]) as Rows;
+  return { ...rows, [first]: rows[second] as Typed, [second]: rows[first] as Typed };
 }

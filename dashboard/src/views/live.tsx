@@ -258,7 +258,7 @@ function Posture({ set, robot, label, stand, state, isOwn, back, send, skip }: P
   const simulate = (mistake: boolean) => {
     if (!posture) return;
     const loadPoint = (set.load_point ?? [0, 0, 0]) as Vector;
-    const read = live.simulatedRows(posture, stand.force, live.seedOf(set.notes), label, { targets, loadPoint });
+    const read = live.simulatedRows(posture, stand.force, { targets, loadPoint });
     change(mistake ? live.exchanged(read) : read);
   };
   const tell = () => {

@@ -66,8 +66,7 @@ export function TrySimulated() {
         { name: words.simulatedArm, model: { format: "catalogue", arm: live.SIMULATED_ARM } },
         freshKey("robot"),
       ));
-    const seed = Math.floor(1e6 * Math.random());
-    const truth = live.stiffnessesOf(seed).map((stiffness) => (stiffness / 1e6).toPrecision(3));
+    const truth = live.SIMULATED_STIFFNESSES.map((stiffness) => (stiffness / 1e6).toPrecision(3));
     const set = await api.openSets.add(
       {
         robot_id: robot.id,
@@ -75,7 +74,7 @@ export function TrySimulated() {
         units: SI,
         encoders: "motor",
         instrument: live.SIMULATED,
-        notes: words.simulatedNotes(truth.join(", "), seed),
+        notes: words.simulatedNotes(truth.join(", ")),
         noise: { sigma: live.SIGMA, load_point: 1e-4, force: { scale: 1e-3 } },
         load_point: live.SIMULATED_LOAD_POINT,
         flange_targets: live.SIMULATED_TARGETS,
