@@ -1,4 +1,5 @@
 /** The frame of the page: header, the view of the address, messages; signing in before it. */
+import type { FunctionComponent } from "preact";
 import { useCallback, useEffect, useState, useRef } from "preact/hooks";
 import { api } from "./api/client";
 import type { Session } from "./api/types";
@@ -147,59 +148,48 @@ export function App() {
   );
 }
 
-/** Sections of the views that are not called like theirs. */
-const WITHIN: Record<string, string> = {
-  ...{ sets: "robots", fleet: "robots", plans: "robots", geometries: "robots" },
-  ...{ measure: "", maps: "runs", programs: "runs" },
-};
+/** What an address says beside its section. */
+interface Place {
+  id: string;
+  part: string;
+  query: URLSearchParams;
+}
 
-const sectionOf = ({ parts: [first = ""] }: Route): string => WITHIN[first] ?? first;
+const OneRobot = ({ id }: Place) => (id === "new" ? <RobotNewView /> : <RobotView id={id} />);
+
+/** What has no id, what has one, and the section in the header where that is another one. */
+const VIEWS = new Map<string, [FunctionComponent<Place>, FunctionComponent<Place>, string?]>([
+  ["", [StartView, StartView]],
+  ["runs", [RunsView, RunView]],
+  ["programs", [RunsView, ProgramView, "runs"]],
+  ["maps", [RunsView, MapView, "runs"]],
+  ["sets", [() => <RobotsView list="sets" />, SetView, "robots"]],
+  ["geometries", [GeometriesView, GeometryView, "robots"]],
+  ["plans", [PlansView, PlanView, "robots"]],
+  ["measure", [MeasureView, LiveView, ""]],
+  ["robots", [() => <RobotsView list="robots" />, OneRobot]],
+  ["webhooks", [WebhooksView, WebhooksView]],
+  ["fleet", [FleetView, FleetView, "robots"]],
+  ["compare", [Compared, Compared]],
+]);
+
+const sectionOf = ({ parts: [first = ""] }: Route): string => VIEWS.get(first)?.[2] ?? first;
 
 /** Parts of one run are one view, which keeps what it has loaded. */
 const viewKey = ({ parts }: Route): string => (parts[0] === "runs" ? parts.slice(0, 2) : parts).join("/");
 
-function View({ route }: { route: Route }) {
-  const [first, second, third] = route.parts;
-  switch (first) {
-    case undefined:
-      return <StartView query={route.query} />;
-    case "runs":
-      return second ? (
-        <RunView id={second} part={third ?? "result"} query={route.query} />
-      ) : (
-        <RunsView query={route.query} />
-      );
-    case "programs":
-      return second ? <ProgramView id={second} /> : <RunsView query={route.query} />;
-    case "maps":
-      return second ? <MapView id={second} beside={route.query.get("beside")} /> : <RunsView query={route.query} />;
-    case "sets":
-      return second ? <SetView id={second} /> : <RobotsView list="sets" />;
-    case "geometries":
-      return second ? <GeometryView id={second} /> : <GeometriesView />;
-    case "plans":
-      return second ? <PlanView id={second} /> : <PlansView query={route.query} />;
-    case "measure":
-      return second ? <LiveView id={second} /> : <MeasureView query={route.query} />;
-    case "robots":
-      return second === "new" ? <RobotNewView /> : second ? <RobotView id={second} /> : <RobotsView list="robots" />;
-    case "webhooks":
-      return <WebhooksView />;
-    case "fleet":
-      return <FleetView />;
-    case "compare":
-      return <Compared kind={second} id={third} query={route.query} />;
-    default:
-      return <Lost />;
-  }
+function View({ route: { parts, query } }: { route: Route }) {
+  const [section = "", id = "", part = ""] = parts;
+  const [Several, One] = VIEWS.get(section) ?? [Lost, Lost];
+  return id ? <One {...{ id, part, query }} /> : <Several {...{ id, part, query }} />;
 }
 
-function Compared({ kind, id, query }: { kind: string | undefined; id: string | undefined; query: URLSearchParams }) {
+function Compared({ id: kind, part: id, query }: Place) {
   if (kind === "runs") return <SideBySideView ids={(query.get("ids") ?? "").split(",").filter(Boolean)} />;
   if ((kind === "methods" || kind === "pairs") && id) return <ComparisonView id={id} />;
   if (kind === "trend")
     return id ? <TrendView key={query.get("serial")} robot={id} serial={query.get("serial")} /> : <FleetView />;
-  return <CompareView kind={kind ?? "methods"} />;
+  return <CompareView kind={kind || "methods"} />;
 }
 
 function Lost() {

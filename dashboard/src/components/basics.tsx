@@ -1,5 +1,5 @@
 /** The small parts all views are made of. */
-import { type RefObject, type ComponentChildren, type ComponentProps, Component, type ComponentType } from "preact";
+import { type RefObject, type ComponentChildren, type ComponentProps, Component, type FunctionComponent } from "preact";
 import { useLayoutEffect, useRef, useState, useEffect, useContext, useId } from "preact/hooks";
 import { go, type Action, hasNavigated, link, toast } from "../state/action";
 import { text } from "../i18n";
@@ -568,10 +568,10 @@ export function Term({ of, children }: { of: Known; children?: string }) {
 }
 
 /** A view in a module of its own. After an update of the service its file is another: the page has to be loaded again. */
-export function lazy<Props extends object>(load: () => Promise<ComponentType<Props>>): ComponentType<Props> {
-  let loaded: ComponentType<Props> | null = null;
+export function lazy<Props extends object>(load: () => Promise<FunctionComponent<Props>>): FunctionComponent<Props> {
+  let loaded: FunctionComponent<Props> | null = null;
   return function Lazy(props: Props) {
-    const [View, setView] = useState<ComponentType<Props> | null>(() => loaded);
+    const [View, setView] = useState<FunctionComponent<Props> | null>(() => loaded);
     const [failed, setFailed] = useState(false);
     useEffect(() => {
       if (loaded) return;

@@ -4,7 +4,6 @@ import {
   Group,
   Mesh,
   MeshLambertMaterial,
-  Quaternion,
   SphereGeometry,
   Vector3,
   BufferGeometry,
@@ -12,7 +11,7 @@ import {
   ConeGeometry,
   Float32BufferAttribute,
   InstancedMesh,
-  Matrix4,
+  Object3D,
   Points,
   PointsMaterial,
   type PerspectiveCamera,
@@ -24,8 +23,16 @@ import { text } from "../i18n";
 
 const UP = new Vector3(0, 1, 0);
 
-export class Arm {
-  readonly group = new Group();
+/** Lay something that is one long and stands upright from a place along a vector. */
+function lay(part: Object3D, from: Vector, along: Vector, radius: number): Object3D {
+  const length = norm(along) || 1e-9;
+  part.quaternion.setFromUnitVectors(UP, new Vector3(...times(along, 1 / length)));
+  part.position.set(...add(from, times(along, 0.5)));
+  part.scale.set(radius, length, radius);
+  return part;
+}
+
+export class Arm extends Group {
   readonly axes = new Group();
   readonly linkMaterial = new MeshLambertMaterial();
   readonly jointMaterial = new MeshLambertMaterial();
@@ -35,29 +42,28 @@ export class Arm {
   readonly #sphere = new SphereGeometry(1, 20, 14);
   /** By what they are, made when they are first needed. */
   readonly #parts = new Map<string, Mesh>();
-  readonly #turn = new Quaternion();
-  readonly #direction = new Vector3();
 
   constructor() {
-    this.group.add(this.axes);
+    super();
+    this.add(this.axes);
   }
 
   /** Put the arm into a posture; `reach` sets how thick it is. */
   set(posture: Posture, reach: number): void {
     const points: Vector[] = [[0, 0, 0], ...posture.joint_origins, posture.flange_origin];
     const thick = (i: number) => reach * (0.046 - (0.028 * i) / Math.max(1, points.length - 1));
-    this.#span(this.#part("pedestal", this.baseMaterial), [0, 0, 0], [0, 0, reach * 0.05], reach * 0.13);
+    lay(this.#part("pedestal", this.baseMaterial), [0, 0, 0], [0, 0, reach * 0.05], reach * 0.13);
     points.forEach((point, i) => {
       const ball = this.#part(`ball ${i}`, this.linkMaterial, this.#sphere);
       ball.position.set(...point);
       ball.scale.setScalar(thick(i));
       const next = points[i + 1];
-      if (next) this.#span(this.#part(`tube ${i}`, this.linkMaterial), point, next, thick(i));
+      if (next) lay(this.#part(`tube ${i}`, this.linkMaterial), point, subtract(next, point), thick(i));
     });
     posture.joint_axes.forEach((axis, j) => {
       const origin = posture.joint_origins[j] ?? [0, 0, 0];
       const about = (part: Mesh, half: number, radius: number) =>
-        this.#span(part, subtract(origin, times(axis, half)), add(origin, times(axis, half)), radius);
+        lay(part, subtract(origin, times(axis, half)), times(axis, 2 * half), radius);
       const drum = thick(j + 1) * 1.5;
       about(this.#part(`drum ${j}`, this.jointMaterial), drum * 0.9, drum * 0.86);
       about(this.#part(`axis ${j}`, this.axisMaterial, this.#cylinder, this.axes), reach * 0.13, reach * 0.0035);
@@ -68,7 +74,7 @@ export class Arm {
     name: string,
     material: MeshLambertMaterial,
     geometry: BufferGeometry = this.#cylinder,
-    group = this.group,
+    group: Group = this,
   ): Mesh {
     const mesh = this.#parts.get(name) ?? new Mesh(geometry, material);
     if (!this.#parts.has(name)) group.add(mesh);
@@ -76,18 +82,7 @@ export class Arm {
     return mesh;
   }
 
-  #span(mesh: Mesh, from: Vector, to: Vector, radius: number): void {
-    const along = subtract(to, from);
-    const length = norm(along);
-    mesh.visible = length > 1e-9;
-    if (!mesh.visible) return;
-    this.#direction.set(...along).divideScalar(length);
-    mesh.quaternion.copy(this.#turn.setFromUnitVectors(UP, this.#direction));
-    mesh.position.set(...times(add(from, to), 0.5));
-    mesh.scale.set(radius, length, radius);
-  }
-
-  dispose(): void {
+  override dispose(): void {
     this.#cylinder.dispose();
     this.#sphere.dispose();
   }
@@ -99,21 +94,16 @@ export interface Arrow {
 }
 const WHITE = new Color(1, 1, 1);
 
-export class Arrows {
-  readonly group = new Group();
+export class Arrows extends Group {
   readonly material = new MeshLambertMaterial();
   #shafts: InstancedMesh | null = null;
   #heads: InstancedMesh | null = null;
-  readonly #matrix = new Matrix4();
-  readonly #turn = new Quaternion();
-  readonly #place = new Vector3();
-  readonly #direction = new Vector3();
-  readonly #scale = new Vector3();
+  readonly #laid = new Object3D();
 
   /** Draw these, their length times a factor, as thick as `radius`, each in a colour of its own if given. */
   set(arrows: Arrow[], factor: number, radius: number, colors: Color[] | null = null): void {
     this.#reserve(arrows.length);
-    arrows.forEach(({ from, along }, i) => this.#put(i, from, along, factor, radius));
+    arrows.forEach(({ from, along }, i) => this.#put(i, from, times(along, factor), radius));
     for (const mesh of [this.#shafts, this.#heads]) {
       if (!mesh) continue;
       mesh.count = arrows.length;
@@ -130,18 +120,17 @@ export class Arrows {
     this.material.emissiveIntensity = instances ? 0 : 0.5; // of instances it would be white
   }
 
-  #put(i: number, from: Vector, along: Vector, factor: number, radius: number): void {
-    this.#direction.set(...along).multiplyScalar(factor);
-    const length = this.#direction.length();
-    const head = Math.min(radius * 6, length * 0.5);
+  #put(i: number, from: Vector, along: Vector, radius: number): void {
+    const length = norm(along);
     const thick = length > 0 ? Math.min(radius, length / 4) : 1e-9;
-    if (length > 0) this.#turn.setFromUnitVectors(UP, this.#direction.divideScalar(length));
-    this.#place.set(...from).addScaledVector(this.#direction, (length - head) / 2);
-    this.#matrix.compose(this.#place, this.#turn, this.#scale.set(thick, Math.max(1e-9, length - head), thick));
-    this.#shafts?.setMatrixAt(i, this.#matrix);
-    this.#place.set(...from).addScaledVector(this.#direction, length - head / 2);
-    this.#matrix.compose(this.#place, this.#turn, this.#scale.set(thick * 2.4, Math.max(1e-9, head), thick * 2.4));
-    this.#heads?.setMatrixAt(i, this.#matrix);
+    const head = times(along, Math.min((radius * 6) / (length || 1), 0.5));
+    const shaft = subtract(along, head);
+    const put = (mesh: InstancedMesh | null, start: Vector, part: Vector, wide: number) => {
+      lay(this.#laid, start, part, wide).updateMatrix();
+      mesh?.setMatrixAt(i, this.#laid.matrix);
+    };
+    put(this.#shafts, from, shaft, thick);
+    put(this.#heads, add(from, shaft), head, thick * 2.4);
   }
 
   #reserve(count: number): void {
@@ -151,41 +140,43 @@ export class Arrows {
     this.#shafts = new InstancedMesh(new CylinderGeometry(1, 1, 1, 8), this.material, room);
     this.#heads = new InstancedMesh(new ConeGeometry(1, 1, 12), this.material, room);
     for (const mesh of [this.#shafts, this.#heads]) mesh.frustumCulled = false; // the instances move
-    this.group.add(this.#shafts, this.#heads);
+    this.add(this.#shafts, this.#heads);
   }
 
-  dispose(): void {
+  override dispose(): void {
     for (const mesh of [this.#shafts, this.#heads]) {
       if (!mesh) continue;
-      this.group.remove(mesh);
+      this.remove(mesh);
       mesh.geometry.dispose();
       mesh.dispose();
     }
   }
 }
 
-export class Cloud {
-  readonly points = new Points(new BufferGeometry(), new PointsMaterial({ vertexColors: true, sizeAttenuation: true }));
+export class Cloud extends Points<BufferGeometry, PointsMaterial> {
+  constructor() {
+    super(new BufferGeometry(), new PointsMaterial({ vertexColors: true, sizeAttenuation: true }));
+  }
 
   /** Draw these, as wide as `size` [m] for a camera of this field of view [degrees], which three.js leaves out. */
   set(places: Vector[], colors: Color[], size: number, view: number): void {
-    this.points.geometry.dispose();
-    this.points.geometry = new BufferGeometry();
-    this.points.geometry.setAttribute("position", new Float32BufferAttribute(places.flat(), 3));
-    this.points.geometry.setAttribute(
+    this.geometry.dispose();
+    this.geometry = new BufferGeometry();
+    this.geometry.setAttribute("position", new Float32BufferAttribute(places.flat(), 3));
+    this.geometry.setAttribute(
       "color",
       new Float32BufferAttribute(
         colors.flatMap(({ r, g, b }) => [r, g, b]),
         3,
       ),
     );
-    this.points.material.size = size / Math.tan((view * Math.PI) / 360);
-    this.points.visible = places.length > 0;
+    this.material.size = size / Math.tan((view * Math.PI) / 360);
+    this.visible = places.length > 0;
   }
 
-  dispose(): void {
-    this.points.geometry.dispose();
-    this.points.material.dispose();
+  override dispose(): void {
+    this.geometry.dispose();
+    this.material.dispose();
   }
 }
 

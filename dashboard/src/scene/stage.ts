@@ -36,6 +36,7 @@ export class Stage {
   readonly #load = new Arrows();
   readonly #cloud = new Cloud();
   readonly #triad = new Arrows();
+  readonly #parts = [this.#arm, this.#measured, this.#predicted, this.#load, this.#cloud, this.#triad];
   readonly #labels: Labels;
   readonly #bar: ScaleBar;
   #ramp: Ramp = [new Color(), new Color(), new Color()];
@@ -64,14 +65,7 @@ export class Stage {
     this.#camera.up.set(0, 0, 1);
     const sun = new DirectionalLight(0xffffff, 1.6);
     sun.position.copy(new Vector3(2, -3, 5));
-    this.#scene.add(new HemisphereLight(0xffffff, 0x8a938f, 1.9), sun, this.#arm.group);
-    this.#scene.add(
-      this.#measured.group,
-      this.#predicted.group,
-      this.#load.group,
-      this.#cloud.points,
-      this.#triad.group,
-    );
+    this.#scene.add(new HemisphereLight(0xffffff, 0x8a938f, 1.9), sun, ...this.#parts);
     this.#labels = new Labels(canvas);
     this.#bar = new ScaleBar(canvas);
     this.#orbit = new Orbit(this.#camera, canvas, () => this.request());
@@ -120,8 +114,7 @@ export class Stage {
     this.#observer.disconnect();
     removeEventListener("themechange", this.#paint);
     this.#dark.removeEventListener("change", this.#paint);
-    for (const part of [this.#arm, this.#measured, this.#predicted, this.#load, this.#cloud, this.#triad])
-      part.dispose();
+    for (const part of this.#parts) part.dispose();
     this.#orbit.dispose();
     this.#labels.dispose();
     this.#bar.dispose();

@@ -147,7 +147,8 @@ async function load(id: string, signal: AbortSignal) {
 
 type Loaded = Awaited<ReturnType<typeof load>>;
 
-export function MapView({ id, beside }: { id: string; beside: string | null }) {
+export function MapView({ id, query }: { id: string; query: URLSearchParams }) {
+  const beside = query.get("beside");
   return (
     <JobPage
       key={beside}

@@ -38,7 +38,7 @@ export function RunView({ id, part, query }: { id: string; part: string; query: 
         actions: <Repeat run={run} />,
       })}
     >
-      {(_, context) => <Parts context={context} part={part} query={query} />}
+      {(_, context) => <Parts context={context} part={part || "result"} query={query} />}
     </JobPage>
   );
 }
