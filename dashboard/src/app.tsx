@@ -1,6 +1,6 @@
 /** The frame of the page: header, the view of the address, messages; signing in before it. */
 import type { FunctionComponent } from "preact";
-import { useCallback, useEffect, useState, useRef } from "preact/hooks";
+import { useEffect, useState, useRef } from "preact/hooks";
 import { api } from "./api/client";
 import type { Session } from "./api/types";
 import {
@@ -39,16 +39,11 @@ import {
 /** `link`: secret of a one-time link, which leaves the address before it is used. */
 export function SignInView({ link, signedIn }: { link: string | undefined; signedIn: (session: Session) => void }) {
   const [key, setKey] = useState("");
-  const { run, busy, problem } = useAction(
-    useCallback(
-      async (secret: { key: string } | { link: string }) => {
-        const session = await api.signIn(secret);
-        if (location.hash.startsWith("#/sign-in")) go("#/");
-        signedIn(session);
-      },
-      [signedIn],
-    ),
-  );
+  const { run, busy, problem } = useAction(async (secret: { key: string } | { link: string }) => {
+    const session = await api.signIn(secret);
+    if (location.hash.startsWith("#/sign-in")) go("#/");
+    signedIn(session);
+  });
   useEffect(() => {
     if (link === undefined) return;
     history.replaceState(null, "", "#/sign-in");

@@ -1,5 +1,5 @@
 /** One reading of a live campaign: from what is typed (lengths in mm), planned or simulated to what is posted. */
-import type { JointKind, Observation, Units, MeasurementSet, PlanRequest, PlanResult, Posture } from "../api/types";
+import type { JointKind, Observation, Units, MeasurementSet, Plan, PlanResult, Posture, Robot } from "../api/types";
 import { listIn, numberIn, scaled, sized, vectorIn } from "./schema";
 import { factors, positionIn } from "./stiffness";
 import { type Vector, bendOf, bent, norm, times, carried, fromFlange } from "./vector";
@@ -19,6 +19,8 @@ export interface Typed {
 }
 
 export type Rows = Record<string, Typed>;
+
+export const SI: Units = { length: "m", angle: "rad", force: "N", moment: null };
 
 /** The factor from SI to a set's unit of a joint. */
 const perJoint = (units: Units, kind: JointKind | undefined): number => {
@@ -43,8 +45,7 @@ export function observationOf(
   kinds: readonly JointKind[],
   unloadedOnly: boolean,
 ): Observation {
-  const { length, force: newtons } = factors(units);
-  const place = (typed: string) => vectorIn(typed)?.map((value) => scaled(value, 1e-3 / length)) ?? null;
+  const place = (typed: string) => vectorIn(typed)?.map((value) => scaled(value, 1e-3)) ?? null;
   const readings = Object.entries(rows)
     .filter(([, { unloaded }]) => unloaded.trim())
     .map(([target, { unloaded, loaded }]) => ({
@@ -52,21 +53,13 @@ export function observationOf(
       unloaded: place(unloaded),
       ...(unloadedOnly ? {} : { loaded: place(loaded) }),
     }));
-  return {
-    label,
-    joints: joints.map((value, i) => scaled(value, perJoint(units, kinds[i]))),
-    force: force.map((part) => scaled(part, 1 / newtons)),
-    readings,
-  } as unknown as Observation;
+  return inUnits({ label, joints, force, readings } as unknown as Observation, SI, units, kinds);
 }
 
 /** Where an observation was read, back in SI. */
-export function standOf({ joints, force }: Observation, units: Units, kinds: readonly JointKind[]): Stand {
-  return {
-    joints: joints.map((value, i) => value / perJoint(units, kinds[i])),
-    force: force.map((part) => part * factors(units).force) as unknown as Vector,
-    anchor: null,
-  };
+export function standOf(observation: Observation, units: Units, kinds: readonly JointKind[]): Stand {
+  const { joints, force } = inUnits(observation, units, SI, kinds);
+  return { joints, force: force as unknown as Vector, anchor: null };
 }
 
 const LENGTHS = ["unloaded", "loaded", "deflection", "displacement", "sigma"] as const;
@@ -166,33 +159,27 @@ export const unchanged = (found: Fields, now: Fields, start: Fields): Fields =>
 
 /** A campaign to fill in: the set so far with the planned readings after it, whose positions are null. */
 export function toFillIn(
-  request: PlanRequest,
-  readings: Planned[],
-  robotId: string,
+  { request, result }: Plan,
+  robot: Pick<Robot, "id" | "joints">,
   base: MeasurementSet | null,
 ): Fields {
-  const unit = base ? factors(base.units) : { length: 1, angle: 1, force: 1 };
-  const over = (values: readonly number[], factor: number) => values.map((value) => value / factor);
-  const before = base?.observations ?? [];
-  const named = Object.keys(request.targets);
-  const targets = named.length > 0 ? named : [...new Set(before.flatMap((o) => o.readings.map((r) => r.target)))];
-  const planned = readings.map((each) => ({
-    label: each.label,
-    joints: over(each.joints, unit.angle),
-    force: over(each.force, unit.force),
-    readings: targets.map((target) => ({ target, unloaded: null, loaded: null })),
-  }));
+  const targets = Object.keys(result?.targets ?? {});
+  const kinds = robot.joints.map(({ kind }) => kind);
+  const planned = (result?.readings ?? []).map(({ label, joints, force }) => {
+    const readings = targets.map((target) => ({ target, unloaded: null, loaded: null }));
+    return inUnits({ label, joints, force, readings } as unknown as Observation, SI, base?.units ?? SI, kinds);
+  });
   if (base) {
     const { id, archived, created_at, content_hash, warnings, resolved_frame, ...document } = base;
-    return { ...document, observations: [...before, ...planned] };
+    return { ...document, observations: [...base.observations, ...planned] };
   }
   return {
-    robot_id: robotId,
+    robot_id: robot.id,
     name: "planned campaign",
-    units: { length: "m", angle: "rad", force: "N" },
+    units: SI,
     encoders: "motor",
     ...(request.sigma === null ? {} : { noise: { sigma: request.sigma } }),
-    load_point: request.load_point ?? [0, 0, 0],
+    load_point: result?.load_point,
     observations: planned,
   };
 }

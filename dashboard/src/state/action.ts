@@ -1,5 +1,5 @@
 /** Where one is, what a button starts, and the messages that say what came of it. */
-import { useEffect, useState, useCallback, useRef } from "preact/hooks";
+import { useEffect, useState, useRef } from "preact/hooks";
 import { problemOf } from "../api/client";
 import type { Problem, Usability } from "../api/types";
 import { listen, news, tell } from "../lib/events";
@@ -122,29 +122,26 @@ export function useAction<Arguments extends unknown[]>(
   const [busy, setBusy] = useState(false);
   const [problem, setProblem] = useState<Problem | null>(null);
   const going = useRef(false);
-  const run = useCallback(
-    (...args: Arguments) => {
-      if (going.current) return;
-      going.current = true;
-      setBusy(true);
-      setProblem(null);
-      const begun = performance.now();
-      const here = location.hash;
-      act(...args)
-        .then((made) => {
-          if (timed) tooks.set(timed, (performance.now() - begun) / 1e3);
-          if (typeof made !== "string") return;
-          if (location.hash === here) go(made);
-          else toast(text.app.done, { label: text.app.show, run: () => go(made) });
-        })
-        .catch((error: unknown) => setProblem(problemOf(error)))
-        .finally(() => {
-          going.current = false;
-          setBusy(false);
-        });
-    },
-    [act],
-  );
+  const run = (...args: Arguments) => {
+    if (going.current) return;
+    going.current = true;
+    setBusy(true);
+    setProblem(null);
+    const begun = performance.now();
+    const here = location.hash;
+    act(...args)
+      .then((made) => {
+        if (timed) tooks.set(timed, (performance.now() - begun) / 1e3);
+        if (typeof made !== "string") return;
+        if (location.hash === here) go(made);
+        else toast(text.app.done, { label: text.app.show, run: () => go(made) });
+      })
+      .catch((error: unknown) => setProblem(problemOf(error)))
+      .finally(() => {
+        going.current = false;
+        setBusy(false);
+      });
+  };
   return { run, busy, problem, took: tooks.get(timed) ?? null };
 }
 

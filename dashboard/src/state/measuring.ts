@@ -1,5 +1,5 @@
 /** An open set while it is measured: its state as it changes, and readings that wait for the service in this browser. */
-import { useCallback, useEffect, useRef, useState } from "preact/hooks";
+import { useEffect, useRef, useState } from "preact/hooks";
 import { api, problemOf } from "../api/client";
 import type { LiveState, Observation, Problem } from "../api/types";
 import { listen } from "../lib/events";
@@ -30,19 +30,13 @@ export function useMeasuring(id: string, first: LiveState): Measuring {
   const [waiting, setWaiting] = useState(() => (recalled(keyOf(id)) ?? []) as Waiting[]);
   const queue = useRef(waiting);
   const going = useRef(false);
-  const change = useCallback(
-    (next: Waiting[]) => {
-      queue.current = next;
-      remember(keyOf(id), next.length > 0 ? next : null);
-      setWaiting(next);
-    },
-    [id],
-  );
-  const put = useCallback(
-    (next: LiveState) => setState((before) => (next.revision >= before.revision ? next : before)),
-    [],
-  );
-  const flush = useCallback(async () => {
+  const change = (next: Waiting[]) => {
+    queue.current = next;
+    remember(keyOf(id), next.length > 0 ? next : null);
+    setWaiting(next);
+  };
+  const put = (next: LiveState) => setState((before) => (next.revision >= before.revision ? next : before));
+  const flush = async () => {
     if (going.current) return;
     going.current = true;
     for (let next = unsent(queue.current); next; next = unsent(queue.current)) {
@@ -61,29 +55,17 @@ export function useMeasuring(id: string, first: LiveState): Measuring {
       }
     }
     going.current = false;
-  }, [id]);
-  const send = useCallback(
-    (...observations: Observation[]) => {
-      change([...queue.current, ...observations.map((observation) => ({ observation, problem: null }))]);
-      void flush();
-    },
-    [id],
-  );
-  const resend = useCallback(
-    (label: string, as: string | null) => {
-      change(
-        queue.current.flatMap((each) =>
-          each.observation.label !== label
-            ? [each]
-            : as === null
-              ? []
-              : [{ observation: { ...each.observation, label: as }, problem: null }],
-        ),
-      );
-      void flush();
-    },
-    [id],
-  );
+  };
+  const send = (...observations: Observation[]) => {
+    change([...queue.current, ...observations.map((observation) => ({ observation, problem: null }))]);
+    void flush();
+  };
+  const resend = (label: string, as: string | null) => {
+    const anew = ({ observation }: Waiting): Waiting[] =>
+      as === null ? [] : [{ observation: { ...observation, label: as }, problem: null }];
+    change(queue.current.flatMap((each) => (each.observation.label === label ? anew(each) : [each])));
+    void flush();
+  };
   useEffect(() => {
     if (state.state === "closed") return undefined;
     const back = () => {

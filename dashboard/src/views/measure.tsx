@@ -18,7 +18,6 @@ import { NoRobots } from "./robots";
 import { Rows } from "../components/list";
 
 const words = later.measure;
-const SI = { length: "m", angle: "rad", force: "N" };
 
 export function MeasureView({ query }: { query: URLSearchParams }) {
   const names = useNames();
@@ -71,7 +70,7 @@ export function TrySimulated() {
       {
         robot_id: robot.id,
         name: words.simulatedName,
-        units: SI,
+        units: live.SI,
         encoders: "motor",
         instrument: live.SIMULATED,
         notes: words.simulatedNotes(truth.join(", ")),
@@ -136,7 +135,7 @@ function Declaration({ names, robot: given, plan }: { names: Names; robot: strin
     const body = {
       robot_id: robot,
       name: name.trim() || words.namePlaceholder,
-      units: SI,
+      units: live.SI,
       encoders: "motor",
       noise: { ...noise, ...(tracker ? { instrument: tracker } : sigma != null ? { sigma } : {}) },
       load_point: place ?? [0, 0, 0],

@@ -222,7 +222,7 @@ export function PlanView({ id }: { id: string }) {
             </LinkButton>
             <Button
               onClick={() => {
-                const campaign = toFillIn(job.request, job.result?.readings ?? [], robot.id, base);
+                const campaign = toFillIn(job, robot, base);
                 saveJson(campaign, fileName(`${subject} planned`, "json"));
               }}
             >
