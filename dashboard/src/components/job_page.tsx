@@ -1,7 +1,7 @@
 /** The page of a job of any kind: its head, then its progress, its problem, or what came of it, with its verdict. */
 import { useEffect, useRef, useState } from "preact/hooks";
 import { api, follow, type Standing, type Collection, goesOn } from "../api/client";
-import type { Progress, RunState, Action, Assessment, Finding, Run, Usability, Problem } from "../api/types";
+import type { Action, Assessment, Finding, Run, Usability, Problem } from "../api/types";
 import { roughTime, secondsLeft, type Mark } from "../lib/format";
 import { useAction, link, useDeletion, copied } from "../state/action";
 import { text } from "../i18n";
@@ -247,10 +247,7 @@ const REPORTED: readonly Collection[] = ["comparisons", "plans", "maps", "progra
 /** Made from a run, whose verdict they carry. */
 const CARRIED: readonly Collection[] = ["plans", "maps", "programs"];
 
-export interface PageJob {
-  id: string;
-  state: RunState;
-  progress: Progress | null;
+export interface PageJob extends Standing {
   request: object;
   result: object | null;
   error: Problem | null;

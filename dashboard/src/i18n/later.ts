@@ -3,9 +3,7 @@ import type { DhModel, Metadata } from "../api/types";
 import type { FilePreview, ImportFault } from "../lib/imports";
 import { causeNames, plural, some } from "./en";
 
-function waits(count: number): string {
-  return count === 1 ? "1 reading waits" : `${count} readings wait`;
-}
+const waits = (count: number): string => plural(count, "reading waits", "readings wait");
 
 export const later = {
   geometry: {

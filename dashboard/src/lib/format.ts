@@ -107,14 +107,14 @@ export function logarithmic(low: number, high: number, from: number, to: number,
   const [a, b] = low < high ? [low, high] : [low / 2, high * 2];
   const span = Math.log10(b / a);
   const place = (value: number) => from + (Math.log10(value / a) / span) * (to - from);
-  for (const leads of [[1, 2, 5], [1, 3], [1]]) {
-    const ticks = logTicks(a, b, leads);
-    if (ticks.length <= most && ticks.length >= 3) return Object.assign(place, { ticks });
-  }
   const decades = logTicks(a, b, [1]);
-  if (decades.length < 2) return Object.assign(place, { ticks: evenTicks(a, b, Math.min(most, 5)) });
   const every = Math.ceil(decades.length / most);
-  return Object.assign(place, { ticks: decades.filter((_, i) => i % every === 0) });
+  const ticks =
+    [[1, 2, 5], [1, 3], [1]]
+      .map((leads) => logTicks(a, b, leads))
+      .find(({ length }) => length <= most && length >= 3) ??
+    (decades.length < 2 ? evenTicks(a, b, Math.min(most, 5)) : decades.filter((_, i) => i % every === 0));
+  return Object.assign(place, { ticks });
 }
 
 /** Round numbers in even steps: for axes of less than a decade, on which 1, 2 and 5 are too few. */

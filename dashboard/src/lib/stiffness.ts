@@ -77,12 +77,6 @@ export function intervalIn(
   return STIFFNESS_UNITS[unit].inverse ? [ends[1] ?? 0, ends[0]] : ends;
 }
 
-/** A small change of a stiffness in a unit, to first order. */
-export function changeIn(change: number, stiffness: number, unit: StiffnessUnit, kind?: JointKind): number {
-  const { factor, inverse } = unitOf(unit, kind);
-  return inverse ? (factor * change) / stiffness ** 2 : factor * change;
-}
-
 const LENGTH = { m: 1, mm: 1e-3 } as const;
 const ANGLE = { rad: 1, deg: DEGREE } as const;
 const FORCE = { N: 1, kN: 1e3, kgf: 9.80665, kg: 9.80665 } as const;
@@ -178,8 +172,10 @@ export function shownStiffness(joint: JointResult, unit: StiffnessUnit): ShownSt
   const open = joint.stiffness_interval?.[1] === null;
   const u = joint.stiffness === null ? null : stiffnessUncertainty(joint);
   const { kind } = joint;
-  const change = u === null || joint.stiffness === null ? null : changeIn(u, joint.stiffness, unit, kind);
-  const beside = kind === "prismatic" ? `\u00a0${unitOf(unit, kind).label}` : "";
+  const { factor, inverse, label } = unitOf(unit, kind);
+  // to first order
+  const change = u === null || joint.stiffness === null ? null : (factor * u) / (inverse ? joint.stiffness ** 2 : 1);
+  const beside = kind === "prismatic" ? `\u00a0${label}` : "";
   const decimals = change === null || open ? null : decimalsFor(change);
   const show = (value: number) => (decimals === null ? significant(value, open ? 2 : 3) : fixed(value, decimals));
   const [low, high] = intervalIn(joint.stiffness_interval, unit, kind);
@@ -188,10 +184,7 @@ export function shownStiffness(joint: JointResult, unit: StiffnessUnit): ShownSt
     value: joint.stiffness === null ? null : `${show(inUnit(joint.stiffness, unit, kind))}${beside}`,
     uncertainty: change === null || open ? null : show(change),
     interval: low === null ? null : { low: show(low), high: high === null ? null : show(high) },
-    limit:
-      limit === null
-        ? null
-        : `${STIFFNESS_UNITS[unit].inverse ? "≤" : "≥"} ${significant(inUnit(limit, unit, kind), 2)}${beside}`,
+    limit: limit === null ? null : `${inverse ? "≤" : "≥"} ${significant(inUnit(limit, unit, kind), 2)}${beside}`,
   };
 }
 

@@ -5,12 +5,7 @@ import { OrbitControls } from "three/addons/controls/OrbitControls.js";
 const KEY_TURN = 0.12;
 const ZOOM = 1.12;
 /** Isometric: all three axes are seen alike. */
-const CORNERS = [
-  [1, -1],
-  [1, 1],
-  [-1, -1],
-  [-1, 1],
-].map(([x = 0, y = 0]) => new Vector3(x, y, 1).normalize());
+const CORNERS = [1, -1].flatMap((x) => [-1, 1].map((y) => new Vector3(x, y, 1).normalize()));
 /** What has shrunk below this share of the view is framed anew. */
 const SMALL = 0.62;
 

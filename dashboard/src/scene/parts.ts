@@ -216,14 +216,7 @@ export interface Label {
 
 const [LEAST_GAP, LETTER, MOST_WIDE] = [17, 7, 110]; // px
 /** To the right of the point, to its left, below, above: the first that is free is taken. */
-const PLACES = [
-  [1, 0],
-  [-1, 0],
-  [1, 18],
-  [-1, 18],
-  [1, -18],
-  [-1, -18],
-] as const;
+const PLACES = [0, 18, -18].flatMap((below) => [1, -1].map((side) => [side, below] as const));
 
 export class Labels {
   readonly #box: HTMLElement;

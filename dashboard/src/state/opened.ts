@@ -82,18 +82,8 @@ export async function open(files: File[], before: Opened | null): Promise<Opened
 const isJson = async (file: File): Promise<boolean> =>
   /\.json$/i.test(file.name) || /^\ufeff?\s*[{[]/.test(await file.slice(0, 200).text());
 
-let handed: File | null = null;
-
-export function handOver(file: File): void {
-  handed = file;
-}
-
-/** The file, once. */
-export function takeHanded(): File | null {
-  const file = handed;
-  handed = null;
-  return file;
-}
+/** A file that another view is to take, once. */
+export const handed: { file: File | null } = { file: null };
 
 export const keptTemplates = (): Template[] => templatesIn(recalled("templates"));
 export const keepTemplate = (template: Template): void =>

@@ -210,7 +210,7 @@ function Ratios({ result, sides, level }: { result: Result; sides: Sides; level:
                 value: joint.ratio,
                 low: joint.ratio_interval?.[0] ?? null,
                 high: joint.ratio_interval ? joint.ratio_interval[1] : joint.ratio,
-                instead: joint.reason === null ? "–" : text.verdicts.unobservable,
+                instead: joint.reason === null ? "–" : text.verdicts.unobservable[0],
                 lines: [joint.name, joint.ratio === null ? "–" : show(joint.ratio)],
               },
             ],

@@ -14,7 +14,7 @@ import { DataTable } from "../components/table";
 import { fixed } from "../lib/format";
 import { contentKey } from "../lib/json";
 import { type ReadingFacts, type Readings, readingsOf } from "../lib/campaign";
-import { takeHanded } from "../state/opened";
+import { handed } from "../state/opened";
 import { text } from "../i18n";
 import { Refused } from "./flow";
 import { JobList } from "./runs";
@@ -86,8 +86,8 @@ export function GeometriesView() {
   const [opened, setOpened] = useState<Opened | null>(null);
   const take = async (file: File) => setOpened({ name: file.name, readings: readingsOf(await file.text()) });
   useEffect(() => {
-    const file = takeHanded();
-    if (file) void take(file);
+    if (handed.file) void take(handed.file);
+    handed.file = null;
   }, []);
   return (
     <>

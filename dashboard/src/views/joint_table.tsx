@@ -171,7 +171,7 @@ function markOf(joint: JointResult, mark: string, unit: StiffnessUnit): Interval
   // where it stands on the axis: its number in its own unit is that of the axis
   const scale = unitOf(unit, joint.kind).factor / unitOf(unit).factor;
   const [value, interval] = [onAxis(joint.stiffness, scale, unit), joint.stiffness_interval];
-  const instead = negative ? `${text.run.negative}: ${shown.value ?? ""}` : text.verdicts[verdictOf(joint)];
+  const instead = negative ? `${text.run.negative}: ${shown.value ?? ""}` : text.verdicts[verdictOf(joint)][0];
   const range = shown.interval ? ` (${shown.interval.low} … ${shown.interval.high ?? "∞"})` : "";
   return {
     mark,
@@ -408,9 +408,9 @@ function Rows({ context, result: { joints, contributions, identifiability }, bar
               <span role="cell" class="number interval-text">
                 {shown.interval === null || limited ? "–" : `${shown.interval.low} … ${shown.interval.high ?? "∞"}`}
               </span>
-              <span role="cell" class="verdict" title={text.verdictHints[verdict]}>
+              <span role="cell" class="verdict" title={text.verdicts[verdict][1]}>
                 <span class={cap ? `lamp ${cap}` : "lamp"} aria-hidden="true" />
-                {cap ? text.usability[cap] : text.verdicts[verdict]}
+                {cap ? text.usability[cap] : text.verdicts[verdict][0]}
               </span>
               {shares && !part?.mean && (
                 <span role="cell" class="part soft">

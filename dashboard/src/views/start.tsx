@@ -20,7 +20,7 @@ import {
   useNames,
   storedSet,
 } from "../state/load";
-import { type Opened, handOver, keepFiles, keptBefore, keptFiles, open } from "../state/opened";
+import { type Opened, handed, keepFiles, keptBefore, keptFiles, open } from "../state/opened";
 import { text } from "../i18n";
 import { later } from "../i18n/later";
 import { FileDrop, GoBar, Refused, Step, Advanced, useRunForm } from "./flow";
@@ -160,7 +160,7 @@ export function StartView({ query }: { query: URLSearchParams }) {
   const take = async (...files: File[]) => {
     const read = await open(files, opened);
     if (read.kind === "sweeps") {
-      handOver(read.file);
+      handed.file = read.file;
       return go("#/geometries");
     }
     keepFiles(read);

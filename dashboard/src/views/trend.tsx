@@ -430,7 +430,7 @@ function JointTrend({ joint, trend }: { joint: TrendJoint; trend: Found }) {
             unit={label}
           />
         ) : (
-          <p class="soft">{text.verdicts.unobservable}</p>
+          <p class="soft">{text.verdicts.unobservable[0]}</p>
         )
       }
     </Figure>
