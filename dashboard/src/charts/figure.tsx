@@ -278,13 +278,8 @@ export function BarFigure({ title, note, names, series, unit, stacked = false, .
       const height = value(one, i);
       return height === null ? [] : [`${one.label}: ${significant(height, 3)} ${unit}`];
     });
-  const columns = [
-    text.deflection.configuration,
-    ...alike(
-      series.map((one) => one.label),
-      unit,
-    ),
-  ];
+  const labels = series.map((one) => one.label);
+  const columns = [text.deflection.configuration, ...alike(labels, unit)];
   return (
     <Figure
       title={title}

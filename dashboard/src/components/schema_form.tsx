@@ -239,12 +239,10 @@ function Property({ schema: raw, value, change, path }: Part) {
   if (schema.properties) {
     const on = !schema.nullable || (value !== null && value !== undefined);
     const switched = (to: boolean) => change(to ? (terms.seeds?.[path] ?? {}) : null);
-    const properties = on && <Properties schema={schema} value={value} change={change} path={path} />;
-    if (!schema.nullable) return <>{properties}</>;
     return (
       <>
-        <Toggle label={label} checked={on} change={switched} />
-        {properties}
+        {schema.nullable && <Toggle label={label} checked={on} change={switched} />}
+        {on && <Properties schema={schema} value={value} change={change} path={path} />}
       </>
     );
   }

@@ -51,13 +51,8 @@ export function placesOf(table: Columns): MapPlace[] {
 
 /** A quantity in µm or µm/N. */
 export function valueOfPlace(place: MapPlace, quantity: Quantity): number {
-  const values: Record<Quantity, number> = {
-    deflection: place.deflection,
-    upper: place.withModelError[1],
-    along: place.along,
-    across: place.across,
-  };
-  return values[quantity] * 1e6;
+  const { deflection, withModelError, along, across } = place;
+  return 1e6 * { deflection, upper: withModelError[1], along, across }[quantity];
 }
 
 export type Axis = 0 | 1 | 2;
@@ -107,12 +102,11 @@ export function greatest(values: number[]): number | null {
 
 /** A box around points, widened, in whole centimetres. */
 export function boxAround(points: Vector[], margin = 0.05): [Vector, Vector] {
-  const end = (axis: Axis, of: (...values: number[]) => number, by: number): number =>
-    Math.round((of(...points.map((p) => p[axis])) + by) * 100) / 100;
-  return [
-    [end(0, Math.min, -margin), end(1, Math.min, -margin), end(2, Math.min, -margin)],
-    [end(0, Math.max, margin), end(1, Math.max, margin), end(2, Math.max, margin)],
-  ];
+  const corner = (of: (...values: number[]) => number, by: number): Vector => {
+    const end = (axis: Axis) => Math.round((of(...points.map((p) => p[axis])) + by) * 100) / 100;
+    return [end(0), end(1), end(2)];
+  };
+  return [corner(Math.min, -margin), corner(Math.max, margin)];
 }
 
 export interface PathPoint {

@@ -114,15 +114,11 @@ const ofLines = (inner: Codec, named: boolean): Codec => ({
     const lines = typed.split("\n").filter((line) => line.trim());
     const read = lines.map((line): [string, unknown] => {
       const [name = ""] = named ? line.trim().split(/[\s;,]+/) : [];
-      return [
-        name,
-        inner.read(
-          line
-            .trim()
-            .slice(name.length)
-            .replace(/^[\s;,]+/, ""),
-        ),
-      ];
+      const rest = line
+        .trim()
+        .slice(name.length)
+        .replace(/^[\s;,]+/, "");
+      return [name, inner.read(rest)];
     });
     if (lines.length === 0) return null;
     if (read.some(([, value]) => value === null || value === undefined)) return undefined;

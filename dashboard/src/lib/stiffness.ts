@@ -70,11 +70,8 @@ export function intervalIn(
   kind?: JointKind,
 ): [number | null, number | null] {
   if (!interval) return [null, null];
-  const ends: [number | null, number | null] = [
-    maybeInUnit(interval[0], unit, kind),
-    maybeInUnit(interval[1], unit, kind),
-  ];
-  return STIFFNESS_UNITS[unit].inverse ? [ends[1] ?? 0, ends[0]] : ends;
+  const [low = null, high = null] = interval.map((end) => maybeInUnit(end, unit, kind));
+  return STIFFNESS_UNITS[unit].inverse ? [high ?? 0, low] : [low, high];
 }
 
 const LENGTH = { m: 1, mm: 1e-3 } as const;

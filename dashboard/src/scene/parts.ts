@@ -163,13 +163,8 @@ export class Cloud extends Points<BufferGeometry, PointsMaterial> {
     this.geometry.dispose();
     this.geometry = new BufferGeometry();
     this.geometry.setAttribute("position", new Float32BufferAttribute(places.flat(), 3));
-    this.geometry.setAttribute(
-      "color",
-      new Float32BufferAttribute(
-        colors.flatMap(({ r, g, b }) => [r, g, b]),
-        3,
-      ),
-    );
+    const parts = colors.flatMap(({ r, g, b }) => [r, g, b]);
+    this.geometry.setAttribute("color", new Float32BufferAttribute(parts, 3));
     this.material.size = size / Math.tan((view * Math.PI) / 360);
     this.visible = places.length > 0;
   }

@@ -145,15 +145,8 @@ export class Stage {
     const over = time > BEND.down + BEND.held + BEND.up;
     const part = over ? 0 : still ? 1 : bendPart(time);
     const { posture, bend, factor } = this.#show;
-    this.#arm.set(
-      part > 0
-        ? bent(
-            posture,
-            bend.map((angle) => angle * factor * part),
-          )
-        : posture,
-      this.#reach,
-    );
+    const angles = bend.map((angle) => angle * factor * part);
+    this.#arm.set(part > 0 ? bent(posture, angles) : posture, this.#reach);
     if (over) this.#bendStart = null;
     else this.request();
   }
@@ -175,12 +168,8 @@ export class Stage {
     const axes = AXES.map(({ along }) => ({ from: [0, 0, 0], along: times(along, this.#reach * 0.26) }) as const);
     this.#triad.set(axes, 1, this.#reach * 0.006, this.#axisColors);
     const { places = [], shares = [], size = 0 } = show.cloud ?? {};
-    this.#cloud.set(
-      places,
-      shares.map((share) => rampAt(this.#mapRamp, share)),
-      size,
-      this.#camera.fov,
-    );
+    const colors = shares.map((share) => rampAt(this.#mapRamp, share));
+    this.#cloud.set(places, colors, size, this.#camera.fov);
     this.#labels.set(labelsOf(show, this.#reach));
   }
 
