@@ -61,7 +61,7 @@ export function SignInView({ link, signedIn }: { link: string | undefined; signe
         <TextField type="password" label={words.key} maxLength={200} value={key} placeholder="jst_…" change={setKey} />
         {busy && <Busy label={words.checking} />}
         <button type="submit" class="button primary" disabled={busy || !key.trim()}>
-          {words.enter}
+          {words.title}
         </button>
       </Form>
     </>

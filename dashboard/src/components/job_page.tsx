@@ -221,7 +221,7 @@ function ActionButtons({ action, context }: { action: Action; context: RunContex
   return (
     <>
       {action.kind !== "show_posture" && (
-        <ActionButton action={start} going={words.doing}>
+        <ActionButton action={start} going={text.start.going}>
           {words.actions[action.kind](action)}
         </ActionButton>
       )}
@@ -370,7 +370,7 @@ function Actions({ collection, job, name, list }: ActionsProps) {
   return (
     <>
       {REPORTED.includes(collection) && job.result && (
-        <Download href={api.jobs.file(job.id, "report.pdf")}>{text.run.report}</Download>
+        <Download href={api.jobs.file(job.id, "report.pdf")}>{text.run.views.report}</Download>
       )}
       <Button onClick={() => copied(location.href, text.run.share, text.run.shared)}>{text.run.share}</Button>
       <Button title={text.run.downloadHint} onClick={download}>

@@ -197,7 +197,7 @@ export function FilterBar({
       <Folded label={words.filter}>
         {names && names.robots.length > 1 && (
           <Select
-            label={text.lists.robot}
+            label={text.start.robot}
             value={filter.robot}
             change={(robot) => change({ robot })}
             options={robotOptions(names, text.app.all)}

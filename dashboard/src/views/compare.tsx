@@ -122,7 +122,7 @@ export function ComparisonView({ id }: { id: string }) {
     <JobPage
       collection="comparisons"
       id={id}
-      kind={words.title}
+      kind={text.app.compare}
       load={async (signal) => {
         const job = await api.comparisons.one(id, signal);
         const ids = [job.first_set_id, ...(job.second_set_id ? [job.second_set_id] : [])];
@@ -145,7 +145,7 @@ export function ComparisonView({ id }: { id: string }) {
         actions: job.result && (
           <>
             <Download href={api.jobs.file(id, "table.csv")}>{text.figure.csv}</Download>
-            {job.result.sides.length > 1 && <Swap sides={job.result.sides.map((side) => `run:${side.run_id}`)} />}
+            {job.result.sides.length > 1 && <LinkButton href={swapped(job.result)}>{two.swap}</LinkButton>}
           </>
         ),
       })}
@@ -155,9 +155,8 @@ export function ComparisonView({ id }: { id: string }) {
   );
 }
 
-const Swap = ({ sides: [first = "", second = ""] }: { sides: string[] }) => (
-  <LinkButton href={link(["compare", "pairs"], { first: second, second: first })}>{two.swap}</LinkButton>
-);
+const swapped = ({ sides: [first, second] }: Result): string =>
+  link(["compare", "pairs"], { first: `run:${second?.run_id}`, second: `run:${first?.run_id}` });
 
 function ComparisonPage({ id, result, sides }: { id: string; result: Result; sides: Sides }) {
   const level = percent(result.confidence);
@@ -326,15 +325,15 @@ export function SideBySideView({ ids }: { ids: string[] }) {
   return (
     <Show
       of={loaded}
-      title={sideBySideWords.compare}
-      instead={({ length }) => length < 2 && <Empty title={sideBySideWords.compare} hint={sideBySideWords.selectTwo} />}
+      title={text.app.compare}
+      instead={({ length }) => length < 2 && <Empty title={text.app.compare} hint={sideBySideWords.selectTwo} />}
     >
       {(columns) => {
         const title = columns.map((column) => column.name).join(" · ");
         return (
           <>
             <Head
-              kind={words.title}
+              kind={text.app.compare}
               plain={title}
               title={sideBySideWords.sideBySide(columns.length)}
               first={columns.length === 2 && <ActionButton action={pair}>{sideBySideWords.test}</ActionButton>}
@@ -364,7 +363,7 @@ export function CompareView({ kind }: { kind: string }) {
   const names = useNames();
   return (
     <>
-      <Title plain={words.title}>{words.title}</Title>
+      <Title plain={text.app.compare}>{text.app.compare}</Title>
       <Tabs
         label={words.tabs}
         current={kind}
@@ -397,7 +396,7 @@ function StartMethods({ names }: { names: Names }) {
       <Select label={text.sets.kind} value={set} change={setSet} options={setOptions(names)} />
       <Toggle label={words.resample} checked={resample} change={setResample} />
       <ActionButton look="primary" action={start} disabled={!set} going={words.going}>
-        {words.go}
+        {text.app.compare}
       </ActionButton>
     </section>
   );
@@ -452,7 +451,7 @@ function StartPair({ names }: { names: Names }) {
       <Toggle label={words.allMethods} checked={methods} change={setMethods} />
       {!possible && <p class="soft">{words.twoSets}</p>}
       <ActionButton look="primary" action={start} disabled={!possible} going={words.going}>
-        {words.go}
+        {text.app.compare}
       </ActionButton>
     </section>
   );

@@ -179,7 +179,7 @@ export function GoBar({ action, ready, why }: { action: Action<[]>; ready: boole
       {action.problem && <ProblemNote problem={elsewhere(action.problem, SETTINGS_FIELDS)} />}
       <div class="go">
         <Button acts look="primary big" disabled={!ready || action.busy} onClick={action.run}>
-          {action.busy ? text.start.going : text.start.go}
+          {action.busy ? text.start.going : text.app.measure}
         </Button>
         {!ready && why !== null && <span class="soft">{why}</span>}
       </div>

@@ -71,7 +71,7 @@ function SaveAsRobot({ geometry, result }: { geometry: Geometry; result: Geometr
     <>
       <div class="row">
         <TextField label={words.saveName} value={name} maxLength={200} change={setName} />
-        <ActionButton look="primary" action={save} disabled={!name.trim()} going={words.saving}>
+        <ActionButton look="primary" action={save} disabled={!name.trim()} going={later.robots.saving}>
           {words.save}
         </ActionButton>
       </div>
@@ -167,7 +167,7 @@ function Start({ readings }: { readings: Readings }) {
         options={robotOptions(known, needed ? words.pickNominal : words.noNominal, readings.robot)}
       />
       {source && <Arm key={chosen} source={source} start={null} sliders={false} />}
-      <ActionButton look="primary big" action={start} disabled={needed && !source} going={words.going}>
+      <ActionButton look="primary big" action={start} disabled={needed && !source} going={text.start.going}>
         {words.identify}
       </ActionButton>
     </section>

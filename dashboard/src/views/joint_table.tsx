@@ -264,7 +264,7 @@ function One({ piece: { advice, posture }, joint, context: { run, set } }: OnePr
           </Button>
           {advice.observation !== null && set.observations.some((one) => one.label === advice.observation) && (
             <LinkButton look="quiet" href={link(["runs", run.id, "robot"], { at: advice.observation })}>
-              {words.show}
+              {text.figure.open}
             </LinkButton>
           )}
         </p>

@@ -89,7 +89,7 @@ function Campaign({ set, robot, first }: { set: OpenSet; robot: Robot; first: Li
     <ActionButton
       look={big ? "primary big" : "quiet"}
       action={close}
-      going={words.closing}
+      going={text.start.going}
       disabled={waiting.length > 0 || state.readings.length === 0}
     >
       {words.close}
@@ -277,7 +277,7 @@ function Posture({ set, robot, label, stand, state, isOwn, back, send, skip }: P
           load={posture && norm(stand.force) > 0 ? { from: posture.flange_origin, along: stand.force } : null}
           names={robot.joints.map(({ name }) => name)}
           room={room}
-          label={words.drawn(label)}
+          label={later.plan.drawn(label)}
         />
       )}
       {problem && <p class="soft">{problem.title}</p>}
@@ -440,7 +440,7 @@ function Others({ set, robot, stand, use, send, taken }: OthersProps) {
               if (found) use(found as unknown as live.Stand);
             }}
             options={[
-              { value: "", label: words.pick },
+              { value: "", label: later.plan.pick },
               ...planned.map(({ label, joints: angles }) => ({
                 value: label,
                 label: `${label}: ${angles.map((value, i) => shownJoint(value, kinds[i], 0)).join("  ")}`,
@@ -449,7 +449,7 @@ function Others({ set, robot, stand, use, send, taken }: OthersProps) {
           />
         )}
         <TextField
-          label={`${words.joints} [${text.units.deg}]: ${robot.joints.map(({ name }) => name).join(", ")}`}
+          label={`${later.predict.labels.joints} [${text.units.deg}]: ${robot.joints.map(({ name }) => name).join(", ")}`}
           value={joints}
           change={setJoints}
         />

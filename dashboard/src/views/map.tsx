@@ -154,7 +154,7 @@ export function MapView({ id, query }: { id: string; query: URLSearchParams }) {
       key={beside}
       collection="maps"
       id={id}
-      kind={words.kind}
+      kind={text.run.views.map}
       load={async (signal) => {
         const own = await load(id, signal);
         return { job: own.map, own, other: beside ? await load(beside, signal) : null };
@@ -202,7 +202,7 @@ function Explorer({ own, other }: { own: Loaded; other: Loaded | null }) {
           <Robot loaded={own} look={lookAt(0)} />
         </div>
         <div class="controls">
-          <Choice label={words.quantity} value={quantity} change={setQuantity} options={words.quantities} />
+          <Choice label={programWords.colour} value={quantity} change={setQuantity} options={words.quantities} />
           <RampLegend scale={scale} unit={unit} label={words.quantities[quantity]} />
           <Choice
             label={words.across}
@@ -292,7 +292,7 @@ function Numbers({ place, map }: { place: maps.MapPlace; map: WorkMap }) {
   const kinds = Object.values(map.result?.joint_kinds ?? {});
   const standing = [
     { label: words.position, value: `${place.position.map((v) => fixed(1e3 * v, 0)).join(", ")} ${mm}` },
-    ...(place.joints.length > 0 ? [{ label: words.angles, value: postureText(place.joints, kinds, 1) }] : []),
+    place.joints.length > 0 && { label: later.predict.labels.joints, value: postureText(place.joints, kinds, 1) },
   ];
   if (place.status !== "reached")
     return (
@@ -309,7 +309,7 @@ function Numbers({ place, map }: { place: maps.MapPlace; map: WorkMap }) {
     <div aria-live="polite">
       <Facts
         facts={[
-          { label: words.deflection, value: `${significant(place.deflection * 1e6, 4)} ${micrometre}` },
+          { label: words.quantities.deflection, value: `${significant(place.deflection * 1e6, 4)} ${micrometre}` },
           { label: words.readingsOnly(level), value: interval(place.readingsOnly) },
           { label: words.withModelError(level), value: interval(place.withModelError) },
           {
@@ -460,7 +460,7 @@ function Path({ loaded: { points, robot } }: { loaded: Awaited<ReturnType<typeof
           label={programWords.colour}
           value={when}
           change={setWhen}
-          options={{ before: programWords.beforeShort, after: programWords.afterShort }}
+          options={{ before: text.assessment.before, after: programWords.afterShort }}
         />
         <RampLegend scale={[0, most]} unit={text.units.mm} label={programWords.off} />
         <Handle label={programWords.choosePoint} count={points.length} value={chosen} change={setChosen}>

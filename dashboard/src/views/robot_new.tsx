@@ -35,7 +35,7 @@ export function ArmChooser({ chosen, choose }: { chosen: NominalArm | null; choo
     <>
       <TextField
         type="search"
-        label={words.search}
+        label={text.list.search}
         placeholder={words.searchPlaceholder}
         value={typed}
         change={setTyped}

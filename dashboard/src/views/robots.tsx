@@ -154,7 +154,7 @@ function Twins({ robot, names }: { robot: Robot; names: Names }) {
 }
 
 export function RobotsView({ list }: { list: "robots" | "sets" }) {
-  const title = list === "robots" ? words.title : words.sets;
+  const title = list === "robots" ? text.app.robots : words.sets;
   const names = useNames();
   return (
     <>
@@ -245,7 +245,7 @@ function setRow(set: MeasurementSetSummary, names: Names | null): Row {
       </>
     ),
     at: set.measured_at ?? set.created_at,
-    standing: set.warning_count > 0 && <span class="state warn">{text.sets.warnings(set.warning_count)}</span>,
+    standing: set.warning_count > 0 && <span class="state warn">{text.files.findings(set.warning_count)}</span>,
     robot: set.robot_id,
     words: [robot, set.serial_number, set.operator, set.instrument],
   };
@@ -277,7 +277,7 @@ export function RobotTabs({ current }: { current: "robots" | "sets" | "geometrie
       label={words.tabs}
       current={current}
       tabs={[
-        { id: "robots", label: words.title, href: "#/robots" },
+        { id: "robots", label: text.app.robots, href: "#/robots" },
         { id: "sets", label: words.sets, href: "#/sets" },
         { id: "geometries", label: later.geometry.title, href: "#/geometries" },
         { id: "fleet", label: text.fleet.title, href: "#/fleet" },
@@ -316,7 +316,7 @@ function RobotPage({ robot, changed }: { robot: Robot; changed: () => void }) {
         }
         first={
           <LinkButton look="primary" href={link([], { robot: robot.id })}>
-            {words.use}
+            {text.app.measure}
           </LinkButton>
         }
       >
@@ -462,7 +462,7 @@ function SetPage({ set, changed }: { set: MeasurementSet; changed: () => void })
         }
         first={
           <LinkButton look="primary" href={link([], { set: set.id })}>
-            {text.sets.identify}
+            {text.app.measure}
           </LinkButton>
         }
       >

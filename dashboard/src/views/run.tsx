@@ -69,7 +69,7 @@ function First({ run, set }: Pick<RunContext, "run" | "set">) {
   if (!verdict) return null;
   if (action && verdict !== "use")
     return (
-      <ActionButton look="primary" action={mend} going={text.assessment.doing}>
+      <ActionButton look="primary" action={mend} going={text.start.going}>
         {words.mend}
       </ActionButton>
     );

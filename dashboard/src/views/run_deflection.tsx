@@ -242,7 +242,7 @@ function Stepper({ context: { run, set }, postures, result, query }: PartProps &
           </Button>
           <Handle
             look=""
-            label={words.configuration}
+            label={text.deflection.configuration}
             said={observation.label}
             count={postures.length}
             value={index}
@@ -279,7 +279,7 @@ function Stepper({ context: { run, set }, postures, result, query }: PartProps &
           label={words.colour}
           value={colour}
           change={setColour}
-          options={{ kind: words.byKind, residual: words.byResidual }}
+          options={{ kind: words.byKind, residual: text.deflection.residual }}
         />
         <div class="toggles">
           <Toggle label={words.labels} checked={labels} change={setLabels} />

@@ -15,6 +15,7 @@ import { unsaid } from "../lib/said";
 import { link, useAction } from "../state/action";
 import { JointTable } from "./joint_table";
 import { Further } from "../components/findings";
+import { howOf } from "./runs";
 
 export interface RunColumn {
   run: Run;
@@ -135,7 +136,7 @@ export function StiffnessPart({ context, result }: PartProps) {
         bare={nothing}
         tools={
           isElastic(run) || nothing ? null : (
-            <ActionButton action={beside} going={text.run.besideWorking}>
+            <ActionButton action={beside} going={text.start.going}>
               {text.run.beside(!run.request.positive)}
             </ActionButton>
           )
@@ -183,29 +184,16 @@ function BeforeAfter({ run, origin }: { run: Run; origin: string }) {
   const before = valueOf(useCached(`run/${origin}`, () => api.runs.one(origin), Number.POSITIVE_INFINITY));
   if (!before?.result || !run.result) return null;
   const columns = [
-    { run: before, name: assessmentWords.before },
-    { run, name: assessmentWords.after },
+    { run: before, name: assessmentWords.before, note: howOf(before.request) },
+    { run, name: assessmentWords.after, note: howOf(run.request) },
   ];
+  const corrected = before.request.measurement_set_id !== run.request.measurement_set_id;
   return (
     <section class="card before-after">
       <h2>
-        {assessmentWords.beforeAfter} <small class="soft">{changes(before, run).join(", ")}</small>
+        {assessmentWords.beforeAfter} {corrected && <small class="soft">{assessmentWords.corrected}</small>}
       </h2>
       <RunsTable columns={columns} label={assessmentWords.beforeAfter} />
     </section>
   );
-}
-
-/** What differs between two runs, in words. */
-function changes(before: Run, after: Run): string[] {
-  const [a, b] = [before.request, after.request];
-  const left = b.leave_out.filter((label) => !a.leave_out.includes(label));
-  return [
-    ...(left.length > 0 ? [assessmentWords.changed.leftOut(left)] : []),
-    ...(a.loss !== b.loss ? [assessmentWords.changed.loss[b.loss === "automatic" ? "chosen" : b.loss]] : []),
-    ...(a.complementary_stiffness !== b.complementary_stiffness
-      ? [assessmentWords.changed.complementary[b.complementary_stiffness]]
-      : []),
-    ...(a.measurement_set_id !== b.measurement_set_id ? [assessmentWords.changed.set] : []),
-  ];
 }

@@ -107,33 +107,25 @@ export function JobList<Of extends Collection>(props: ListProps<Of>) {
   const [filter, change] = useFilter(query);
   const { state, robot, verdict } = filter;
   const deleted = state === "deleted";
-  const { items, more, problem, load, edit } = usePages(collection, {
+  const { items, more, problem, load, take } = usePages(collection, {
     ...about,
     ...(deleted ? { deleted: "true" } : state === "all" ? {} : { state }),
     ...(robot && { robot_id: robot }),
     ...(verdict && { verdict }),
   });
-  const take = (id: string) => edit((before) => before.filter((item) => item.id !== id));
-  const put = (item: Summary<Of>) => edit((before) => [...before, item]);
   useEffect(() => address?.(unusual(filter)), [filter, address]);
 
   const failed = (error: unknown) => toast(problemOf(error).detail);
   const restore = (item: Summary<Of>) =>
     void api.jobs.restore(item.id).then(() => {
-      if (deleted) take(item.id);
-      else put(item);
+      load();
       toast(words.restored);
     }, failed);
-  const remove = (item: Summary<Of>, name: string) => {
-    take(item.id);
-    api.jobs.delete(item.id).then(
-      () => toast(words.deleted(name), { label: text.runs.undo, run: () => restore(item) }),
-      (error: unknown) => {
-        put(item);
-        failed(error);
-      },
-    );
-  };
+  const remove = (item: Summary<Of>, name: string) =>
+    void api.jobs.delete(item.id).then(() => {
+      take(item.id);
+      toast(text.deletion.done(name), { label: text.runs.undo, run: () => restore(item) });
+    }, failed);
   const live = new Set((items ?? []).filter(({ state }) => goesOn(state)).slice(0, FOLLOWED));
   const rows = (items ?? []).map((item): Row => {
     const row = rowOf(collection, item, names, live.has(item));
@@ -285,7 +277,7 @@ function usePages<Of extends Collection>(collection: Of, filters: Record<string,
     problem,
     load: () => ask(null),
     more: next === null ? null : () => ask(next),
-    edit: (change: (items: Item[]) => Item[]) => setItems((before) => before && change(before)),
+    take: (id: string) => setItems((before) => before && before.filter((item) => item.id !== id)),
   };
 }
 
@@ -293,15 +285,16 @@ function usePages<Of extends Collection>(collection: Of, filters: Record<string,
 export const MOST_RUNS = 4;
 
 type Asked = Pick<RunSummary, "method" | "positive" | "weighting" | "elasticity" | "leave_out" | "variant_of"> &
-  Partial<Pick<RunRequest, "loss">>;
+  Partial<Pick<RunRequest, "loss" | "complementary_stiffness">>;
 
 /** How a run was made: its method, then what is not usual. */
-const waysOf = ({ positive, weighting, elasticity, loss, leave_out: left, variant_of: origin }: Asked): string[] => [
+const waysOf = ({ positive, weighting, elasticity, variant_of: origin, ...asked }: Asked): string[] => [
   positive ? text.options.constrained : text.options.unconstrained,
   ...(weighting === "covariance" ? [] : [text.weightings[weighting]]),
   ...(elasticity === "joints" || elasticity === "automatic" ? [] : [text.elasticities[elasticity]]),
-  ...(loss === "huber" ? [text.assessment.changed.loss.huber] : []),
-  ...(left.length > 0 ? [text.lists.without(left)] : []),
+  ...(asked.loss && asked.loss !== "automatic" ? [text.assessment.loss[asked.loss]] : []),
+  ...(asked.complementary_stiffness === "neglected" ? [text.assessment.neglected] : []),
+  ...(asked.leave_out.length > 0 ? [text.lists.without(asked.leave_out)] : []),
   ...(origin === null ? [] : [text.assessment.variant]),
 ];
 
@@ -362,7 +355,7 @@ export function RunsView({ query }: { query: URLSearchParams }) {
   const few = selected.size < 2 || selected.size > MOST_RUNS;
   return (
     <>
-      <Title plain={text.runs.title}>{text.runs.title}</Title>
+      <Title plain={text.app.runs}>{text.app.runs}</Title>
       <JobList
         collection="runs"
         query={query}
@@ -391,7 +384,7 @@ export function RunsView({ query }: { query: URLSearchParams }) {
             disabled={few}
             onClick={() => go(link(["compare", "runs"], { ids: [...selected].join(",") }))}
           >
-            {text.lists.compare}
+            {text.app.compare}
           </Button>
           <Button look="quiet" onClick={() => setSelected(new Set())}>
             {text.lists.clear}

@@ -331,7 +331,19 @@ export function TrendView({ robot: id, serial }: { robot: string; serial: string
               )}
             </div>
             <Charts trend={found} reload={trend.reload} />
-            <LeftOut trend={found} />
+            {found.left_out.length > 0 && (
+              <details>
+                <summary>{words.leftOut(found.left_out.length)}</summary>
+                <Rows
+                  rows={found.left_out.map(({ measurement_set_id: set, name, reason }) => ({
+                    id: set,
+                    href: link(["sets", set]),
+                    name,
+                    how: reason,
+                  }))}
+                />
+              </details>
+            )}
           </>
         )}
       </Show>
@@ -458,21 +470,4 @@ function noteOf({ state, latest, pair }: TrendJoint): string {
   if (latest) return `${text.fleet.states[state]}: ${words.sinceBaseline(changeText(latest))}`;
   if (pair) return words.pair(changeText(pair.change), pValue(pair.p_value));
   return text.fleet.states[state];
-}
-
-function LeftOut({ trend }: { trend: Found }) {
-  if (trend.left_out.length === 0) return null;
-  return (
-    <details>
-      <summary>{words.leftOut(trend.left_out.length)}</summary>
-      <Rows
-        rows={trend.left_out.map(({ measurement_set_id: id, name, reason }) => ({
-          id,
-          href: link(["sets", id]),
-          name,
-          how: reason,
-        }))}
-      />
-    </details>
-  );
 }

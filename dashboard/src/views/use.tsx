@@ -166,7 +166,7 @@ export function Answer({ answer: { assessment, cases, confidence, remarks } }: {
       {displacement && (
         <Facts
           facts={[
-            { label: later.map.deflection, value: <b>{`${length} ${micrometre}`}</b> },
+            { label: later.map.quantities.deflection, value: <b>{`${length} ${micrometre}`}</b> },
             budget && { label: words.expanded(level, factor), value: `± ${micro(budget.expanded_uncertainty)}` },
             budget &&
               model && {
@@ -447,7 +447,7 @@ function Authorisations({ run }: { run: string }) {
               {fileWords.sure}
             </ActionButton>
             <Button look="quiet" onClick={() => setAsked(null)}>
-              {fileWords.cancel}
+              {later.metadata.cancel}
             </Button>
           </div>
         </div>

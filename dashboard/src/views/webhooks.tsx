@@ -31,7 +31,7 @@ export function WebhooksView() {
   });
   return (
     <>
-      <Title plain={words.title}>{words.title}</Title>
+      <Title plain={text.app.webhooks}>{text.app.webhooks}</Title>
       <section class="card form">
         <p>{words.intro}</p>
         <SchemaFields
