@@ -363,7 +363,7 @@ function Actions({ collection, job, name, list }: ActionsProps) {
     remove: () => api.jobs.delete(job.id),
     restore: () => api.jobs.restore(job.id),
     list,
-    deleted: text.runs.deleted(name),
+    deleted: text.deletion.done(name),
   });
   const kind = collection.replace(/ies$/, "y").replace(/s$/, "");
   const download = () => saveJson(job, fileName(`${kind}-${job.id}`, "json"));

@@ -131,7 +131,7 @@ export interface Filter {
   q: string;
   robot: string;
   verdict: Usability | "";
-  state: keyof typeof words.states;
+  state: keyof typeof text.states | "all" | "deleted";
   sort: keyof typeof words.sorts;
 }
 

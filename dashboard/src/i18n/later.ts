@@ -92,8 +92,7 @@ export const later = {
     why: (reason: string) => `Why this one: ${reason}.`,
     weight: (kilograms: string) => `${kilograms} kg`,
     readings: "Readings in mm",
-    readingsHint:
-      "Three numbers each, typed or pasted. A block of lines fills all targets, with six numbers both columns.",
+    readingsHint: "Three numbers each, typed or pasted. A block of lines fills all targets, six numbers both columns.",
     columns: { unloaded: "Unloaded", loaded: "Loaded" },
     at: (target: string, state: string) => `${target}, ${state}`,
     send: "Send reading",
@@ -126,8 +125,7 @@ export const later = {
     closedRun: "Its result",
     closedSet: "Its readings",
     drop: "Readings from a file",
-    dropHint:
-      "A plan's CSV or campaign (JSON), filled in part or wholly. Readings that are here already are not taken twice.",
+    dropHint: "A plan's CSV or campaign (JSON), filled in part or wholly. No reading is taken twice.",
     dropped: (count: number) => `${count} ${count === 1 ? "reading" : "readings"} taken from the file`,
     simulatedArm: "Simulated arm",
     simulatedName: "Simulated campaign",
@@ -215,12 +213,11 @@ export const later = {
       forces: "Forces are in the axes of",
     } as Record<string, string>,
     noGeometry: "None: by a transform",
-    later:
-      "For a tracker frame the integrity checks run when the readings are stored; the findings are shown with the result.",
+    later: "In a tracker's frame readings are checked when they are stored; the result shows the findings.",
     bodies: (count: number, mass: string) =>
       `${plural(count, "body", "bodies")}, ${mass} kg together: the robot is stored again with these masses.`,
     noRobot: (joints: number) =>
-      `No robot with ${plural(joints, "joint", "joints")} is stored. Add it; the files stay here.`,
+      `No stored robot has ${plural(joints, "joint", "joints")}. Add it; the files stay here.`,
     fits: (name: string) => `The headers match “${name}”, which was identified here before.`,
     useTemplate: "Read it the same way",
     byTemplate: "Read by a template: files with other headers are refused.",
@@ -666,7 +663,6 @@ export const later = {
     baselines: (count: number) =>
       count === 1 ? "Reference campaigns, and new ones after a repair" : `Reference campaigns, begun ${count} times`,
     firstCampaigns: "the first campaigns",
-    takes: (count: number) => plural(count, "campaign", "campaigns"),
     baseline: {
       run_id: "New reference campaigns from",
       reason: "Reason, such as: gearbox of joint 3 replaced",

@@ -50,10 +50,8 @@ export function placesOf(table: Columns): MapPlace[] {
 }
 
 /** A quantity in µm or µm/N. */
-export function valueOfPlace(place: MapPlace, quantity: Quantity): number {
-  const { deflection, withModelError, along, across } = place;
-  return 1e6 * { deflection, upper: withModelError[1], along, across }[quantity];
-}
+export const valueOfPlace = (place: MapPlace, quantity: Quantity): number =>
+  1e6 * (quantity === "upper" ? place.withModelError[1] : place[quantity]);
 
 export type Axis = 0 | 1 | 2;
 
@@ -86,10 +84,7 @@ export function sliceOf(grid: MapRequest["grid"], across: Axis, layer: number): 
 }
 
 /** The axis with fewest places: slices across it show most. */
-export function thinnest(grid: MapRequest["grid"]): Axis {
-  const least = Math.min(...grid);
-  return (grid[2] === least ? 2 : grid[1] === least ? 1 : 0) as Axis;
-}
+export const thinnest = (grid: MapRequest["grid"]): Axis => grid.lastIndexOf(Math.min(...grid)) as Axis;
 
 /** The place with the greatest value, or null. */
 export function greatest(values: number[]): number | null {
@@ -102,11 +97,9 @@ export function greatest(values: number[]): number | null {
 
 /** A box around points, widened, in whole centimetres. */
 export function boxAround(points: Vector[], margin = 0.05): [Vector, Vector] {
-  const corner = (of: (...values: number[]) => number, by: number): Vector => {
-    const end = (axis: Axis) => Math.round((of(...points.map((p) => p[axis])) + by) * 100) / 100;
-    return [end(0), end(1), end(2)];
-  };
-  return [corner(Math.min, -margin), corner(Math.max, margin)];
+  const corner = (of: (...values: number[]) => number, by: number) =>
+    ([0, 1, 2] as const).map((axis) => Math.round((of(...points.map((p) => p[axis])) + by) * 100) / 100);
+  return [corner(Math.min, -margin), corner(Math.max, margin)] as unknown as [Vector, Vector];
 }
 
 export interface PathPoint {

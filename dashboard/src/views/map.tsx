@@ -290,38 +290,33 @@ function Numbers({ place, map }: { place: maps.MapPlace; map: WorkMap }) {
   const um = (value: number, width: number) => fixed(value * 1e6, Math.max(0, decimalsFor(width * 0.25e6)));
   const { mm, micrometre, micrometrePerNewton: perNewton } = text.units;
   const kinds = Object.values(map.result?.joint_kinds ?? {});
+  const reached = place.status === "reached";
   const standing = [
     { label: words.position, value: `${place.position.map((v) => fixed(1e3 * v, 0)).join(", ")} ${mm}` },
     place.joints.length > 0 && { label: later.predict.labels.joints, value: postureText(place.joints, kinds, 1) },
   ];
-  if (place.status !== "reached")
-    return (
-      <div aria-live="polite">
-        <p class="note">{words.status[place.status]}</p>
-        <Facts facts={standing} />
-      </div>
-    );
   const interval = ([low, high]: readonly [number, number]) =>
     Number.isFinite(high) ? `${um(low, high - low)} … ${um(high, high - low)} ${micrometre}` : words.noBound;
   const compliance = (value: number) =>
     Number.isFinite(value) ? `${significant(value * 1e6, 3)} ${perNewton}` : words.noNumber;
+  const bent = [
+    { label: words.quantities.deflection, value: `${significant(place.deflection * 1e6, 4)} ${micrometre}` },
+    { label: words.readingsOnly(level), value: interval(place.readingsOnly) },
+    { label: words.withModelError(level), value: interval(place.withModelError) },
+    {
+      label: words.displacement,
+      value: `${place.displacement.map((v) => significant(v * 1e6, 3)).join(", ")} ${micrometre}`,
+    },
+    { label: words.along, value: compliance(place.along) },
+    { label: words.acrossIt, value: compliance(place.across) },
+  ];
   return (
     <div aria-live="polite">
-      <Facts
-        facts={[
-          { label: words.quantities.deflection, value: `${significant(place.deflection * 1e6, 4)} ${micrometre}` },
-          { label: words.readingsOnly(level), value: interval(place.readingsOnly) },
-          { label: words.withModelError(level), value: interval(place.withModelError) },
-          {
-            label: words.displacement,
-            value: `${place.displacement.map((v) => significant(v * 1e6, 3)).join(", ")} ${micrometre}`,
-          },
-          { label: words.along, value: compliance(place.along) },
-          { label: words.acrossIt, value: compliance(place.across) },
-          ...standing,
-        ]}
-      />
-      {place.extrapolation > 1.01 && <p class="note warn">{words.extrapolates(significant(place.extrapolation, 3))}</p>}
+      {!reached && <p class="note">{words.status[place.status]}</p>}
+      <Facts facts={[...(reached ? bent : []), ...standing]} />
+      {reached && place.extrapolation > 1.01 && (
+        <p class="note warn">{words.extrapolates(significant(place.extrapolation, 3))}</p>
+      )}
     </div>
   );
 }
@@ -363,19 +358,16 @@ function Beside({ own, other }: { own: Loaded; other: Loaded | null }) {
 
 type Grid = WorkMap["request"]["grid"];
 
+/** How far apart neighbours along an axis of the grid are in the list of places. */
+const strideOf = (grid: Grid, axis: maps.Axis): number => [grid[1] * grid[2], grid[2], 1][axis] ?? 1;
+
 /** Index of a place along an axis of the grid. */
-function layerOf(grid: Grid, axis: maps.Axis, place: number): number {
-  const z = place % grid[2];
-  const y = Math.floor(place / grid[2]) % grid[1];
-  const x = Math.floor(place / (grid[2] * grid[1]));
-  return [x, y, z][axis] ?? 0;
-}
+const layerOf = (grid: Grid, axis: maps.Axis, place: number): number =>
+  Math.floor(place / strideOf(grid, axis)) % grid[axis];
 
 /** The place in another layer across an axis. */
-function moved(grid: Grid, axis: maps.Axis, place: number, layer: number): number {
-  const step = [grid[1] * grid[2], grid[2], 1][axis] ?? 1;
-  return place + (layer - layerOf(grid, axis, place)) * step;
-}
+const moved = (grid: Grid, axis: maps.Axis, place: number, layer: number): number =>
+  place + (layer - layerOf(grid, axis, place)) * strideOf(grid, axis);
 
 /** Least distance of two neighbouring places [m]. */
 function spacing({ request: { area, grid } }: WorkMap): number {

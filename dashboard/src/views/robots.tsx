@@ -37,7 +37,7 @@ import {
 } from "../components/basics";
 import { useLoad, valueOf, type Names, namesChanged, useNames, storedRobot, storedSet } from "../state/load";
 import { link, useAction } from "../state/action";
-import { MOST_RUNS, RunList, runRows } from "./runs";
+import { MOST_RUNS, runRows } from "./runs";
 import { type RunColumn, RunsTable } from "./run_stiffness";
 import { useState } from "preact/hooks";
 import { AlarmState, FilterBar, type Row, Rows, chosen, useFilter, AlarmNote, StoredActions } from "../components/list";
@@ -484,7 +484,7 @@ function SetPage({ set, changed }: { set: MeasurementSet; changed: () => void })
       {runs && runs.length > 0 && (
         <section>
           <h2>{text.sets.runs}</h2>
-          <RunList runs={runs} names={names} />
+          <Rows rows={runRows(runs, names)} />
         </section>
       )}
     </>

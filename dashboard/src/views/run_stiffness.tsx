@@ -76,10 +76,6 @@ export function Evidence({ context: { run, set }, result }: { context: RunContex
       <Facts
         facts={[
           { label: <Term of="rank">{words.rank}</Term>, value: words.rankOf(found.rank, found.parameters) },
-          {
-            label: <Term of="condition">{words.condition}</Term>,
-            value: found.condition_number === null ? words.conditionNone : significant(found.condition_number, 3),
-          },
           ...found.combinations.map((group) => ({
             label: words.combinations,
             value: <Name>{group.join(" + ")}</Name>,

@@ -174,7 +174,7 @@ export function JobList<Of extends Collection>(props: ListProps<Of>) {
           label={text.runs.state}
           value={state}
           change={(chosen) => change({ state: chosen as Filter["state"] })}
-          options={words.states}
+          options={{ all: text.app.all, ...text.states, deleted: words.deletedState }}
         />
         {children}
       </FilterBar>
@@ -320,10 +320,6 @@ export const runRows = (runs: RunSummary[], names: Names | null): Row[] =>
     runs.map((run) => rowOf("runs", run, names, false)),
     runs,
   );
-
-export const RunList = ({ runs, names }: { runs: RunSummary[]; names: Names | null }) => (
-  <Rows rows={runRows(runs, names)} />
-);
 
 /** Rows of variants beneath that of the run they began with, whatever they vary in between. */
 function nested(rows: Row[], runs: RunSummary[]): Row[] {

@@ -24,10 +24,10 @@ import { type Opened, handed, keepFiles, keptBefore, keptFiles, open } from "../
 import { text } from "../i18n";
 import { later } from "../i18n/later";
 import { FileDrop, GoBar, Refused, Step, Advanced, useRunForm } from "./flow";
-import { AlarmNote } from "../components/list";
+import { AlarmNote, Rows } from "../components/list";
 import { ImportFlow } from "./import_flow";
 import { OpenCampaigns, TrySimulated } from "./measure";
-import { RunList } from "./runs";
+import { runRows } from "./runs";
 
 interface FlowProps {
   opened: Opened | null;
@@ -218,7 +218,7 @@ function Recent({ example }: { example: () => Promise<void> }) {
         )
       }
     >
-      {({ items }) => <RunList runs={items} names={names} />}
+      {({ items }) => <Rows rows={runRows(items, names)} />}
     </Show>
   );
 }

@@ -117,7 +117,10 @@ function Part({ points, band, ground }: { points: TrendPoint[]; band: TrendBand 
   const places = points.map(ground.x);
   const [from, to] = [Math.min(...places) - 10, Math.max(...places) + 10];
   const followed = points.filter((p) => p.limits !== null);
-  const line = (value: (p: TrendPoint) => number | null | undefined) => thread(followed, value, ground);
+  const line = (value: (p: TrendPoint) => number | null | undefined) => {
+    const at = followed.flatMap((p) => (value(p) ? [`${ground.x(p)} ${ground.y(value(p) ?? 0)}`] : []));
+    return at.length > 0 ? `M${at.join("L")}` : "";
+  };
   return (
     <g>
       {band && (
@@ -138,20 +141,6 @@ function Part({ points, band, ground }: { points: TrendPoint[]; band: TrendBand 
         )}
     </g>
   );
-}
-
-function thread(
-  points: TrendPoint[],
-  value: (point: TrendPoint) => number | null | undefined,
-  { x, y }: Ground,
-): string {
-  return points
-    .flatMap((p) => {
-      const found = value(p);
-      return found ? [`${x(p)} ${y(found)}`] : [];
-    })
-    .map((place, i) => `${i ? "L" : "M"}${place}`)
-    .join("");
 }
 
 /** By time, but evenly where all are so close that they would cover each other. */
@@ -262,7 +251,7 @@ function NewBaseline({ trend, reload }: Noted) {
       <ul>
         {trend.baselines.map(({ starts_at: start, reason: why, campaigns: count, set_by: by }) => (
           <li>
-            <When time={start} />: <Name>{why ?? words.firstCampaigns}</Name> ({words.takes(count)}
+            <When time={start} />: <Name>{why ?? words.firstCampaigns}</Name> ({text.fleet.campaigns(count)}
             {by ? `, ${by.key_name}` : ""})
           </li>
         ))}
@@ -385,7 +374,7 @@ function Charts({ trend, reload }: Noted) {
         ))}
       </div>
       <details open={trend.campaigns.some(({ assessment }) => assessment.verdict !== "use")}>
-        <summary>{words.takes(trend.campaigns.length)}</summary>
+        <summary>{text.fleet.campaigns(trend.campaigns.length)}</summary>
         <Rows
           rows={trend.campaigns.map(({ run_id: id, name, at, assessment }) => ({
             id,

@@ -1,8 +1,8 @@
 // @vitest-environment happy-dom
 import { describe, expect, it } from "vitest";
 import type { RunSummary } from "../../src/api/types";
-import { chosen } from "../../src/components/list";
-import { RunList, runRows } from "../../src/views/runs";
+import { chosen, Rows } from "../../src/components/list";
+import { runRows } from "../../src/views/runs";
 import { drawn } from "./drawn";
 
 const run = (id: string, part: Partial<RunSummary> = {}): RunSummary => ({
@@ -40,7 +40,7 @@ describe("a list of runs", () => {
 
   it("says what came of a run and whether it may be used", async () => {
     const root = await drawn(
-      <RunList runs={[run("a", { verdict: "do_not_use" }), run("b", { variant_of: "a" })]} names={null} />,
+      <Rows rows={runRows([run("a", { verdict: "do_not_use" }), run("b", { variant_of: "a" })], null)} />,
     );
     const [first] = root.querySelectorAll("li");
     expect(root.querySelectorAll("li")).toHaveLength(1);
@@ -50,7 +50,7 @@ describe("a list of runs", () => {
   });
 
   it("walks its rows by arrow keys", async () => {
-    const root = await drawn(<RunList runs={[run("a"), run("b")]} names={null} />);
+    const root = await drawn(<Rows rows={runRows([run("a"), run("b")], null)} />);
     document.body.append(root);
     const [first, second] = root.querySelectorAll<HTMLElement>("a.main");
     first?.focus();
