@@ -8,7 +8,6 @@ export type {
   DhModelOutput as DhModel,
   LiveSetChange as SetChange,
   MapRequestOutput as MapRequest,
-  ObservabilityIndices as Observability,
   ObservationOutput as Observation,
   PlanRequestOutput as PlanRequest,
   RobotDocumentInput as RobotDocument,

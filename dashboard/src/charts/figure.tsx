@@ -6,16 +6,14 @@ import { DataTable, heading, type Table, save, standalone, csv, fileName, alike 
 import { useWidth, Button, tip } from "../components/basics";
 import { text } from "../i18n";
 
-interface BottomAxisProps {
+interface AxisProps {
   scale: Scale;
-  top: number;
-  bottom: number;
+  right: number;
   format: (value: number) => string;
   unit: string;
-  right: number;
 }
 
-export function BottomAxis({ scale, top, bottom, format, unit, right }: BottomAxisProps) {
+export function BottomAxis({ scale, top, bottom, format, unit, right }: AxisProps & { top: number; bottom: number }) {
   return (
     <g class="axis">
       {scale.ticks.map((tick) => (
@@ -33,15 +31,7 @@ export function BottomAxis({ scale, top, bottom, format, unit, right }: BottomAx
   );
 }
 
-interface LeftAxisProps {
-  scale: Scale;
-  left: number;
-  right: number;
-  format: (value: number) => string;
-  unit: string;
-}
-
-export function LeftAxis({ scale, left, right, format, unit }: LeftAxisProps) {
+export function LeftAxis({ scale, left, right, format, unit }: AxisProps & { left: number }) {
   return (
     <g class="axis">
       {scale.ticks.map((tick) => (

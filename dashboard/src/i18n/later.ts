@@ -325,8 +325,7 @@ export const later = {
     howToAuthorise:
       "To authorise it, start the service with --require-key --laboratory lab.toml, and sign in with an admin key (jointstiff keys create NAME --role admin).",
     note: "Remark in the report",
-    intro:
-      "A report to sign, and the model for other programs. A joint without a stiffness has no spring; the file states the reason.",
+    intro: "A report to sign, and the model for other programs. A joint without a stiffness has no spring.",
     models: {
       csv: ["CSV", "Joints with their intervals"],
       xlsx: ["Excel", "One sheet each for joints, kinematics and provenance"],
@@ -540,8 +539,7 @@ export const later = {
     nominal: "nominal",
     nominalArm: "Nominal arm",
     unknown: "not known",
-    nominalNote:
-      "Nominal values of the maker. Your arm differs by some tenths of a millimetre; identify its geometry to find the actual values.",
+    nominalNote: "Nominal values of the maker. Your arm differs by some tenths of a millimetre: identify its geometry.",
     edit: "Edit as a table",
     reach: "Reach",
     reachOf: { wrist_centre: "wrist centre", flange: "flange", stated: "as the maker states it" },
@@ -588,8 +586,7 @@ export const later = {
     methods: "Methods",
     pairs: "Side by side",
     trend: "Over time",
-    methodsIntro:
-      "All methods on one measurement set, unconstrained and constrained. The table shows which stiffnesses depend on the method.",
+    methodsIntro: "All methods on one measurement set: the table shows which stiffnesses depend on the method.",
     pairsIntro: "Two measurement sets or runs of one robot, to see the effect of secondary encoders or of a repair.",
     first: "First side",
     second: "Second side",
@@ -652,8 +649,7 @@ export const later = {
     pair: (change: string, p: string) => `${change} from the first campaign to the latest, p = ${p}`,
     leftOut: (count: number) => `${plural(count, "campaign", "campaigns")} left out`,
     ended: (count: number) => (count === 1 ? "1 alarm that ended" : `${count} alarms that ended`),
-    together:
-      "Most joints changed by a similar amount at one campaign: check its force, load point, units and robot model before the gearboxes.",
+    together: "Most joints changed alike at one campaign: check its force, load point, units and robot model first.",
     alarmOf: (joint: string) => `Alarm of ${joint}`,
     firstRun: "Open its first campaign",
     until: "Until",

@@ -114,8 +114,6 @@ async function compareSides(sides: string[], ordered: boolean, methods: boolean)
 const words = later.compare;
 const two = later.pair;
 type Result = NonNullable<Comparison["result"]>;
-/** Names of the sides: one set, or two. */
-type Sides = readonly string[];
 
 export function ComparisonView({ id }: { id: string }) {
   return (
@@ -158,7 +156,7 @@ export function ComparisonView({ id }: { id: string }) {
 const swapped = ({ sides: [first, second] }: Result): string =>
   link(["compare", "pairs"], { first: `run:${second?.run_id}`, second: `run:${first?.run_id}` });
 
-function ComparisonPage({ id, result, sides }: { id: string; result: Result; sides: Sides }) {
+function ComparisonPage({ id, result, sides }: { id: string; result: Result; sides: string[] }) {
   const level = percent(result.confidence);
   const { assessment, warnings, entries, avoided } = result;
   const paired = avoided !== null;
@@ -194,7 +192,7 @@ function ComparisonPage({ id, result, sides }: { id: string; result: Result; sid
   );
 }
 
-function Ratios({ result, sides, level }: { result: Result; sides: Sides; level: string }) {
+function Ratios({ result, sides, level }: { result: Result; sides: string[]; level: string }) {
   const title = two.ratioOf(sides[0] ?? "", sides[1] ?? "");
   const show = (v: number) => significant(v, 3);
   return (
@@ -205,7 +203,7 @@ function Ratios({ result, sides, level }: { result: Result; sides: Sides; level:
             name: joint.name,
             marks: [
               {
-                mark: changed(joint.p_value) ? "positive" : "free",
+                mark: joint.p_value !== null && joint.p_value < 0.05 ? "positive" : "free",
                 value: joint.ratio,
                 low: joint.ratio_interval?.[0] ?? null,
                 high: joint.ratio_interval ? joint.ratio_interval[1] : joint.ratio,
@@ -224,8 +222,6 @@ function Ratios({ result, sides, level }: { result: Result; sides: Sides; level:
     </Figure>
   );
 }
-
-const changed = (p: number | null): boolean => p !== null && p < 0.05;
 
 /** A name that tells an entry from the others. */
 function entryName(fit: ComparedRun): string {
@@ -272,7 +268,7 @@ const inMillimetres = (lengths: (number | null)[]): (number | null)[] =>
 type Bars = Omit<ComponentProps<typeof BarFigure>, "unit">;
 
 /** The paper's figure 7: the deflection of each configuration on both sides. */
-function ofDeflections({ sides: compared }: Result, sides: Sides): Bars {
+function ofDeflections({ sides: compared }: Result, sides: string[]): Bars {
   const names = [...new Set(compared.flatMap(({ configurations }) => configurations))];
   const series = compared.map(({ configurations, deflection }, i) => {
     const lengths = new Map(configurations.map((name, c) => [name, deflection[c] ?? null]));

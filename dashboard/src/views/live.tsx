@@ -218,8 +218,6 @@ function Waits({ measuring: { away, waiting, resend }, taken }: { measuring: Mea
   );
 }
 
-type Reading = LiveState["readings"][number];
-
 /** The room of the drawing beside that of the arm: its labels are to be read. */
 const WITH_LABELS = 1.2;
 
@@ -566,7 +564,7 @@ function Joints({ state, goal, read }: { state: LiveState; goal: number | null; 
 
 function Record({ state, withdraw }: { state: LiveState; withdraw: (label: string, reason: string) => void }) {
   if (state.readings.length === 0) return null;
-  const about = ({ innovation, held_out: held, reason }: Reading): string =>
+  const about = ({ innovation, held_out: held, reason }: LiveState["readings"][number]): string =>
     [
       reason,
       held ? words.inBall(held.inside) : null,

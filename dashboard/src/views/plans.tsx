@@ -4,7 +4,7 @@ import { api } from "../api/client";
 import type { JointKind, Plan, PlanResult, Robot } from "../api/types";
 import { Button, ActionButton, Show, Title, Download, LinkButton, Name, NameLink } from "../components/basics";
 import { fixed } from "../lib/format";
-import { type Planned, equipmentOf, unchanged, toFillIn } from "../lib/live";
+import { equipmentOf, unchanged, toFillIn } from "../lib/live";
 import { position, positionUnit } from "../lib/stiffness";
 import { type Vector, norm } from "../lib/vector";
 import { ArmView, roomOf } from "../scene/view";
@@ -44,7 +44,8 @@ export function Postures({ plan, result, robot }: { plan: Plan; result: PlanResu
               <Button look="quiet" onClick={() => choose(i)}>
                 <span>
                   <span class="hidden">{words.show(each.label)}: </span>
-                  {angles(each, robot)} <small class="soft">{loadOf(each)}</small>
+                  {each.joints.map((value, j) => shownJoint(value, robot.joints[j]?.kind, 0)).join("  ")}{" "}
+                  <small class="soft">{loadOf(each)}</small>
                 </span>
               </Button>
             </li>
@@ -81,9 +82,6 @@ export function Postures({ plan, result, robot }: { plan: Plan; result: PlanResu
 
 export const shownJoint = (value: number, kind: JointKind | undefined, decimals: number): string =>
   `${fixed(position(value, kind), decimals)}${positionUnit(kind)}`;
-
-const angles = ({ joints }: Planned, robot: Robot): string =>
-  joints.map((value, i) => shownJoint(value, robot.joints[i]?.kind, 0)).join("  ");
 
 export function loadOf({ force, anchor }: { force: readonly number[]; anchor: number | null }): string {
   const size = norm(force as unknown as Vector) || 1;

@@ -9,8 +9,8 @@ import { freshKey } from "../lib/json";
 import { useAction, link } from "../state/action";
 import { ofArm } from "../state/load";
 import { text } from "../i18n";
-import { JobList } from "./runs";
-import { type PartProps, type RunContext, contextOf, elasticityOf, isElastic } from "./run_context";
+import { howOf, JobList } from "./runs";
+import { type PartProps, type RunContext, contextOf, elasticityOf } from "./run_context";
 import { StiffnessPart } from "./run_stiffness";
 
 const DeflectionPart = lazy(async () => (await import("./run_deflection")).DeflectionPart);
@@ -33,28 +33,19 @@ export function RunView({ id, part, query }: { id: string; part: string; query: 
       head={({ run, set, robot }) => ({
         name: set.name,
         list: "#/runs",
-        about: <About run={run} robot={robot} />,
+        about: (
+          <>
+            {run.request.variant_of && <a href={link(["runs", run.request.variant_of])}>{text.assessment.variantOf}</a>}
+            <span>{howOf({ ...run.request, elasticity: elasticityOf(run), variant_of: null })}</span>
+            <NameLink to={["robots", robot.id]}>{robot.name}</NameLink>
+          </>
+        ),
         first: <First run={run} set={set} />,
         actions: <Repeat run={run} />,
       })}
     >
       {(_, context) => <Parts context={context} part={part || "result"} query={query} />}
     </JobPage>
-  );
-}
-
-function About({ run, robot }: Pick<RunContext, "run" | "robot">) {
-  const { method, positive, variant_of: origin } = run.request;
-  const constraint = positive === false ? text.options.unconstrained : text.options.constrained;
-  return (
-    <>
-      {origin !== null && <a href={link(["runs", origin])}>{text.assessment.variantOf}</a>}
-      <span>
-        {text.methods[method]}, {constraint}
-        {isElastic(run) && `, ${text.elasticities[elasticityOf(run)]}`}
-      </span>
-      <NameLink to={["robots", robot.id]}>{robot.name}</NameLink>
-    </>
   );
 }
 

@@ -178,9 +178,7 @@ function Stepper({ context: { run, set }, postures, result, query }: PartProps &
   const from = query.get("from");
   const [index, setIndex] = useState(() => placeOf(set, asked));
   useEffect(() => setIndex(placeOf(set, asked)), [asked]);
-  const [all, setAll] = useState(false);
-  const [axes, setAxes] = useState(false);
-  const [labels, setLabels] = useState(true);
+  const [shown, show] = useState({ labels: true, axes: false, all: false });
   const [colour, setColour] = useState<"kind" | "residual">("kind");
   const [bends, setBends] = useState(0);
   const [resets, setResets] = useState(0);
@@ -196,7 +194,7 @@ function Stepper({ context: { run, set }, postures, result, query }: PartProps &
   const observation = set.observations[index];
   if (!posture || !observation) return null;
   const own = drawn[index] as Arrows;
-  const arrows = all
+  const arrows = shown.all
     ? {
         measured: drawn.flatMap((each) => each.measured),
         predicted: drawn.flatMap((each) => each.predicted),
@@ -220,8 +218,8 @@ function Stepper({ context: { run, set }, postures, result, query }: PartProps &
           {...arrows}
           load={pulls ? { from: point, along: force } : null}
           factor={factor}
-          axes={axes}
-          names={labels ? result.joints.map((joint) => joint.name) : []}
+          axes={shown.axes}
+          names={shown.labels ? result.joints.map((joint) => joint.name) : []}
           byResidual={colour === "residual" ? worst : null}
           bend={bendOf(posture, compliances, { point, force })}
           room={room}
@@ -256,7 +254,7 @@ function Stepper({ context: { run, set }, postures, result, query }: PartProps &
         </div>
         <Legend
           items={[
-            { mark: "load", label: `${words.load}: ${loadText}` },
+            { mark: "load", label: `${text.files.facts.load}: ${loadText}` },
             ...(colour === "kind"
               ? (["measured", "predicted"] as const).map((mark) => ({ mark, label: words[mark] }))
               : [{ mark: "ramp", label: words.residualRamp(`${significant(worst * 1e3, 2)} ${text.units.mm}`) }]),
@@ -282,9 +280,9 @@ function Stepper({ context: { run, set }, postures, result, query }: PartProps &
           options={{ kind: words.byKind, residual: text.deflection.residual }}
         />
         <div class="toggles">
-          <Toggle label={words.labels} checked={labels} change={setLabels} />
-          <Toggle label={words.axes} checked={axes} change={setAxes} />
-          <Toggle label={words.all} checked={all} change={setAll} />
+          {(["labels", "axes", "all"] as const).map((name) => (
+            <Toggle label={words[name]} checked={shown[name]} change={(on) => show({ ...shown, [name]: on })} />
+          ))}
         </div>
         <p class="soft">{words.hint}</p>
       </div>

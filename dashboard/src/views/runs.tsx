@@ -57,9 +57,6 @@ interface Listed {
   joint_count?: number | null;
 }
 
-const addressOf = (collection: Collection, id: string): string =>
-  link(collection === "comparisons" ? ["compare", "methods", id] : [collection, id]);
-
 /** A job as a row. */
 function rowOf<Of extends Collection>(collection: Of, item: Summary<Of>, names: Names | null, live = true): Row {
   const job = item as Listed;
@@ -68,7 +65,7 @@ function rowOf<Of extends Collection>(collection: Of, item: Summary<Of>, names: 
   const about: About = ABOUT[collection](item, names);
   return {
     id: job.id,
-    href: addressOf(collection, job.id),
+    href: link(collection === "comparisons" ? ["compare", "methods", job.id] : [collection, job.id]),
     note: robot && <Name>{robot}</Name>,
     figures: job.verdict && job.joint_count && <Figures of={item as RunSummary} />,
     at: job.created_at,

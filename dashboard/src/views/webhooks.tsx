@@ -60,7 +60,7 @@ export function WebhooksView() {
             <div class="fleet">
               <Rows rows={items.map((hook) => rowOf(hook, () => remove.run(hook)))} />
             </div>
-            <Undelivered hooks={items.filter(({ undelivered }) => undelivered.length > 0)} />
+            <Undelivered hooks={items} />
           </>
         )}
       </Show>
@@ -87,7 +87,6 @@ function rowOf(hook: Webhook, remove: () => void): Row {
 }
 
 function Undelivered({ hooks }: { hooks: Webhook[] }) {
-  if (hooks.length === 0) return null;
   const rows = hooks.flatMap(({ url, undelivered }) =>
     undelivered.map((one) => [
       url,
@@ -98,5 +97,6 @@ function Undelivered({ hooks }: { hooks: Webhook[] }) {
       one.error ?? words.notYet,
     ]),
   );
+  if (rows.length === 0) return null;
   return <TableCard title={words.undelivered} table={{ columns: words.columns.map((title) => ({ title })), rows }} />;
 }
