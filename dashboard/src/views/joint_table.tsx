@@ -299,7 +299,7 @@ function afterwards(advice: Advice, { kind, compliance, standard_uncertainty: u 
     if (after !== null) return percent(after / compliance);
   }
   const unit = kind === "prismatic" ? "nm/N" : "nrad/(N·m)";
-  return after === null ? text.verdicts.fair : `±\u00a0${significant(after * 1e9, 2)}\u00a0${unit}`;
+  return after === null ? text.verdicts.fair[0] : `±\u00a0${significant(after * 1e9, 2)}\u00a0${unit}`;
 }
 
 const runWords = text.run;
