@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Sequence
 from contextlib import asynccontextmanager
+from functools import cache
 from typing import Any, Final
 
 from anyio import CapacityLimiter
 from anyio.to_thread import current_default_thread_limiter
-from fastapi import FastAPI
+from fastapi import APIRouter, FastAPI
 from starlette.middleware.gzip import GZipMiddleware
+from starlette.routing import BaseRoute
 
 from jointstiff.service.api import admin, health, jobs, live, resources, runs
 from jointstiff.service.api.answers import describe_problems, install_error_handlers, problems
@@ -90,11 +92,9 @@ def create_app(
         description=_DESCRIPTION,
         license_info={"name": "Apache-2.0", "identifier": "Apache-2.0"},
         servers=[{"url": "/", "description": "This service"}],
-        generate_unique_id_function=operation_id,
         openapi_url=None,  # ours is written once; FastAPI's pages load scripts from other hosts
         redirect_slashes=False,  # a redirect would repeat the Host header, whoever wrote it
         lifespan=_lifespan,
-        responses=problems(422),  # else FastAPI describes errors of its own
     )
     posture = posture or Posture()
     demands_keys = posture.access == "keys"
@@ -112,6 +112,26 @@ def create_app(
     app.state.large_bodies = CapacityLimiter(LARGE_BODIES)
     app.state.parsers = CapacityLimiter(PARSERS)
     app.add_middleware(BodyLimits)
+    app.router.routes.extend(_routes())
+    install_description(app)
+    install_page(app)
+    install_error_handlers(app)
+    app.add_middleware(
+        GZipMiddleware, minimum_size=COMPRESSED_BYTES, compresslevel=5, exclude_content_types=PACKED
+    )
+    app.add_middleware(Methods, routes=app.routes)
+    public_paths(app.routes)  # now, as middleware is made with the first request
+    app.add_middleware(Guard, posture=posture, gate=gate, audit=Audit(store), routes=app.routes)
+    app.state.metrics = metrics = Metrics()
+    app.add_middleware(Observed, metrics=metrics)
+    return app
+
+
+@cache
+def _routes() -> Sequence[BaseRoute]:
+    """Return the routes of all resources and kinds of work; FastAPI takes a tenth of a second to make them."""
+    # Else FastAPI describes errors of its own
+    whole = APIRouter(generate_unique_id_function=operation_id, responses=problems(422))
     for router in (
         resources.robots,
         resources.trends,
@@ -126,22 +146,10 @@ def create_app(
         admin.router,
         admin.webhooks,
         jobs.router,
+        *map(jobs.kind_routes, KINDS),
     ):
-        app.include_router(router)
-    for kind in KINDS:
-        app.include_router(jobs.kind_routes(kind))
-    install_description(app)
-    install_page(app)
-    install_error_handlers(app)
-    app.add_middleware(
-        GZipMiddleware, minimum_size=COMPRESSED_BYTES, compresslevel=5, exclude_content_types=PACKED
-    )
-    app.add_middleware(Methods, routes=app.routes)
-    public_paths(app.routes)  # now, as middleware is made with the first request
-    app.add_middleware(Guard, posture=posture, gate=gate, audit=Audit(store), routes=app.routes)
-    app.state.metrics = metrics = Metrics()
-    app.add_middleware(Observed, metrics=metrics)
-    return app
+        whole.include_router(router)
+    return whole.routes
 
 
 @asynccontextmanager

@@ -12,6 +12,7 @@ from fastapi import APIRouter
 from starlette.requests import HTTPConnection
 from support.in_process import Client
 
+from jointstiff.service import app
 from jointstiff.service.api import health
 from jointstiff.service.api.bodies import EXAMPLES
 from jointstiff.service.app import create_app
@@ -122,6 +123,7 @@ def test_an_operation_without_a_role_is_not_composed(monkeypatch, store):
     class Undeclared(APIRouter):
         """Routes of somebody who forgot."""
 
+    monkeypatch.setattr(app, "_routes", app._routes.__wrapped__)  # made anew, not kept
     for wrong in (
         AccessRoute("/v1/new", lambda: None),
         AccessRoute("/v1/new", lambda: None, dependencies=[VIEWER, OPERATOR]),

@@ -56,11 +56,60 @@ def first_line(report):
     return console.file.getvalue().splitlines()[0]
 
 
+@pytest.mark.parametrize("elasticity", ["joints", "joints_and_links"])
+def test_bending_links_are_no_suspicious_readings(elasticity):
+    options = RunOptions(elasticity=elasticity, link_penalty=None if elasticity == "joints" else 1e-3)
+    result = jointstiff.identify(of(shared("simulated/flexible_links_20")), options).result
+    codes = {reason.code for reason in result.assessment.reasons}
+    assert "suspicious_readings" not in codes
+    if elasticity == "joints":
+        assert result.assessment.verdict == "do_not_use"
+        assert "deflection_unexplained" in codes
+    else:
+        assert result.assessment.verdict == "use_with_care"
+        assert codes == {"links_bend_with_joints"}
+        assert "residual_outlier" not in {warning.code for warning in result.warnings}
+
+
+def test_a_run_that_identifies_no_joint_explains_nothing(clean):
+    document = deepcopy(clean)
+    readings = document["measurement_set"]
+    readings["observations"] = readings["observations"][:1]
+    del readings["observations"][0]["readings"][1:]
+    result = jointstiff.identify(of(document), INCLUDED).result
+    assert {joint.status for joint in result.joints} == {"not_observable"}
+    assert result.assessment.verdict == "do_not_use"
+    assert {"no_joint_identified", "no_residual_freedom", "few_postures"} == {
+        r.code for r in result.assessment.reasons
+    }
+    assert (result.compensation, result.contributions) == (None, [])
+    assert result.goodness.degrees_of_freedom == 0.0
+
+
+def test_a_rigid_flange_seen_once_contradicts_no_six_joints(clean):
+    """Nine coordinates of three targets are six of a flange: what is left is the targets' own noise."""
+    document = deepcopy(clean)
+    document["measurement_set"].pop("noise")
+    del document["measurement_set"]["observations"][1:]
+    result = jointstiff.identify(of(document), INCLUDED).result
+    assert result.assessment.verdict == "do_not_use"
+    assert result.compensation is None
+
+
 def test_a_sigma_of_zero_says_what_to_do(clean):
     document = deepcopy(clean)
     document["measurement_set"]["noise"] = {"sigma": 0}
     with pytest.raises(ValidationError, match="omit `noise` to estimate sigma from the residuals"):
         of(document)
+
+
+def test_a_sigma_far_above_the_residuals_is_noted_and_the_run_is_for_use(clean):
+    document = deepcopy(clean)
+    document["measurement_set"]["noise"]["sigma"] *= 3.0
+    result = jointstiff.identify(of(document), INCLUDED).result
+    (warning,) = result.warnings
+    assert (result.assessment.verdict, warning.code, warning.weight) == ("use", "sigma_overstated", "use")
+    assert "0.3" in warning.message
 
 
 @pytest.mark.slow
@@ -73,6 +122,17 @@ def test_a_penalty_under_which_no_link_bends_is_noted(clean):
     noted = {warning.code for warning in result.warnings}
     assert max(WEIGHTS) < result.links.penalty <= max(LIMITS)
     assert "link_penalty_at_end" in noted
+
+
+def test_a_comparison_without_a_fit_is_not_for_use(clean):
+    document = deepcopy(clean)
+    for observation in document["measurement_set"]["observations"]:
+        del observation["readings"][1:]
+    methods = [{"method": "complete_pose"}, {"method": "decoupled_partial_pose"}]
+    comparison = jointstiff.compare(of(document), methods=methods)
+    assert {entry.assessment for entry in comparison.result.entries} == {None}
+    assert comparison.result.assessment.verdict == "do_not_use"
+    assert comparison.result.summary.joints_identified == 0
 
 
 def test_a_pair_has_the_worse_verdict_and_says_which_side(clean, exchanged):

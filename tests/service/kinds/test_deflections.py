@@ -86,6 +86,20 @@ def test_the_budget_of_a_displacement_adds_up_and_carries_the_force(client):
     assert case["budget"]["expanded_uncertainty"] == pytest.approx(1.959964 * np.linalg.norm(included))
 
 
+def test_too_few_postures_and_extrapolation_are_said(client, pulled):
+    strong = {"joints": JOINTS, "force": [0, 0, -4000.0], "moment": [0, 0, 10.0]}
+    units = {"length": "mm", "angle": "deg", "force": "N", "moment": "N.m"}
+    answer = post(
+        client, "/v1/deflections", request(pulled, units=units, cases=[strong], confidence=0.99), status=200
+    )
+    assert any("99 postures are needed" in remark for remark in answer["remarks"])
+    (case,) = answer["cases"]
+    assert case["with_model_error"] is None
+    assert case["label"] == "1"
+    assert any("no moment was measured" in remark for remark in case["remarks"])
+    assert not case["compliance"]["symmetric"]
+
+
 @pytest.mark.parametrize(("factor", "said"), [(1471.0 / 1470.9975, False), (1.009, False), (1.02, True)])
 def test_a_load_as_great_as_the_greatest_is_not_extrapolated(client, factor, said):
     """1471 N beside 150 kg, which weigh 1470.9975 N, is the same load; 2 % more is another."""

@@ -49,6 +49,43 @@ def given(memory, set_id):
     return carried_out(memory, set_id)
 
 
+def test_a_given_penalty_is_quick_and_reports_all(given, document):
+    assert given.state == "succeeded", given.error
+    assert given.progress is None
+    result, links = given.result, given.result.links
+    assert (links.model, links.penalty, links.penalty_source) == ("joints_and_links", 1e-3, "given")
+    assert [link.joint for link in links.links] == [f"joint_{j + 1}" for j in range(6)]
+    for link in links.links:
+        matrix = np.array(link.matrix)
+        np.testing.assert_array_equal(matrix, matrix.T)
+        assert np.linalg.eigvalsh(matrix).min() >= 0.0
+        for principal, block in ((link.translation, matrix[:3, :3]), (link.rotation, matrix[3:, 3:])):
+            for each in principal:
+                direction = np.array(each.direction)
+                np.testing.assert_allclose(
+                    block @ direction, each.value * direction, atol=1e-6 * abs(matrix).max()
+                )
+    shares = sum(element.share for element in links.elements)
+    assert shares + links.unexplained == pytest.approx(1.0)
+    assert len(links.elements[0].by_observation) == len(document["measurement_set"]["observations"])
+    assert links.certificate.gap <= 1e-2
+    assert links.certificate.least_eigenvalue >= 0.0
+    assert links.effective_freedom <= links.parameters == 132
+    assert result.compensation > 0.95
+    assert result.rms_residual == pytest.approx(
+        np.sqrt(np.mean([np.square(each.residual).sum() for each in result.residuals]))
+    )
+
+
+def test_joints_have_their_number_and_its_spread(given):
+    for joint in given.result.joints:
+        assert joint.compliance >= 0.0
+        assert joint.status == ("identified" if joint.compliance else "at_bound")
+        assert joint.compliance == 0.0 or "link's rotation" in joint.reason
+        assert joint.standard_uncertainty >= 0.0
+        assert joint.compliance_interval is None
+
+
 def test_deflections_are_predicted_by_the_stored_model(memory, given, document):
     """As the message travels, at a target that was read: what the run itself predicts there."""
     parts = Parts(memory)
@@ -89,6 +126,29 @@ def test_a_program_is_compensated_by_links(memory, set_id, given):
     masses = [{"joint": "joint_2", "mass": 1.0, "centre": [0.0, 0.0, 0.0]}]
     with pytest.raises(RequestError, match="own weight"):
         ProgramWork(robot, "robot", given, request("krl", text, masses=masses))
+
+
+def test_the_selection_compares_all_models(given):
+    selection = given.result.selection
+    names = [scored.model for scored in selection.models]
+    assert names == ["joints", "coupled_joints", "diagonal_links", "joints_and_links"]
+    assert selection.best in names
+    assert (selection.chosen, selection.chosen_loss) == ("joints_and_links", "squared")
+    assert given.result.links.loss_source == "given"
+    for scored in selection.models:
+        assert scored.compensation == pytest.approx(np.mean(scored.by_fold))
+        assert scored.standard_error == pytest.approx(np.std(scored.by_fold, ddof=1) / np.sqrt(5))
+    by_name = {scored.model: scored.compensation for scored in selection.models}
+    assert by_name["joints_and_links"] > by_name["joints"] + 0.1
+
+
+def test_coupled_joints_come_as_one_matrix(memory, set_id):
+    links = carried_out(memory, set_id, elasticity="coupled_joints").result.links
+    matrix = np.array(links.coupled_joints)
+    assert matrix.shape == (6, 6)
+    assert np.linalg.eigvalsh(matrix).min() >= 0.0
+    assert links.links == []
+    assert links.elements[-1].kind == "coupling"
 
 
 def test_cross_validation_is_a_durable_job_with_the_numbers_of_one_go(memory, set_id):
@@ -145,6 +205,24 @@ def test_what_does_not_go_with_links_is_refused_with_its_remedy(memory, set_id, 
     assert refused.value.remedy
 
 
+def test_loss_and_penalty_are_chosen_together(memory, set_id):
+    cross_validation = {"folds": 2}
+    run = carried_out(memory, set_id, link_penalty=None, links=["joint_2"], cross_validation=cross_validation)
+    links, selection = run.result.links, run.result.selection
+    assert (links.loss_source, links.model_source, links.penalty_source) == (
+        "cross_validation",
+        "given",
+        "cross_validation",
+    )
+    assert len(selection.models) == 4 * 3
+    assert selection.losses["joints_and_links"] == selection.chosen_loss == links.loss
+    (scored,) = (each for each in selection.models if (each.model, each.loss) == (links.model, links.loss))
+    assert scored.penalty == links.penalty
+    for joint in run.result.joints:
+        low, high = joint.compliance_interval
+        assert low <= joint.compliance <= high
+
+
 def test_automatic_takes_the_simplest_model_that_is_good_enough(memory, set_id):
     parts = Parts(memory)
     rigid = json.loads(json.dumps(simulate_campaign(default_arm(), load="pull", configurations=12, seed=2)))
@@ -181,7 +259,6 @@ def test_automatic_takes_the_simplest_model_that_is_good_enough(memory, set_id):
     assert bends.links.model_source == "cross_validation"
 
 
-@pytest.mark.slow
 def test_a_pedestal_is_recognised_and_shown(tmp_path):
     """By default: the base comes as a block of its own, and joint 2 without it."""
     path = tmp_path / "pedestal.json"

@@ -106,6 +106,11 @@ def test_each_source_is_named_and_all_add_up():
         assert sum(value**2 for value in own) == pytest.approx(joint.standard_uncertainty**2, rel=1e-9)
 
 
+def test_a_stated_direction_of_the_force_says_nothing_of_its_size():
+    sources = {part.source for part in identified({"force": {"direction": 0.002}}).result.budget.components}
+    assert sources >= {"assumed_force_scale", "force_direction"}
+
+
 def test_lengths_are_in_the_units_of_the_set():
     places = {"load_point": 0.5, "target_places": 0.5, "axes": {"position": 0.1, "direction": 1e-4}}
     metres = identified(ALL).result.budget

@@ -76,6 +76,25 @@ def test_refused_with_place_and_remedy(local, run_id, changes, where, message):
     assert problem["remedy"]
 
 
+def test_a_run_of_elastic_links_maps_as_it_predicts(local, run_id):
+    asked = local.get(f"/v1/runs/{run_id}").json()["request"]["measurement_set_id"]
+    options = {"measurement_set_id": asked, "elasticity": "joints_and_links", "link_penalty": 1e-3}
+    elastic = post(local, "/v1/runs", options)["id"]
+    made = post(local, "/v1/maps", AREA | {"run_id": elastic})
+    assert "first order" in made["result"]["remarks"][0]
+    worst = made["result"]["worst"]
+    cases = [{"joints": worst["joints"], "force": AREA["force"]}]
+    units = {"length": "m", "angle": "rad", "force": "N"}
+    stated = {"run_id": elastic, "units": units, "load_point": AREA["place"], "cases": cases}
+    case = local.request("POST", "/v1/deflections", json=stated).json()["cases"][0]
+    assert worst["displacement"] == pytest.approx(case["displacement"], rel=1e-9)
+    assert worst["compliance_along"] == pytest.approx(case["compliance"]["along"]["compliance"])
+    radius = worst["with_model_error"][1] - worst["deflection"]
+    assert radius == pytest.approx(case["with_model_error"]["radius"], rel=1e-6)
+    low, high = worst["readings_only"]
+    assert low < worst["deflection"] < high < worst["with_model_error"][1]
+
+
 class TestCommand:
     def test_writes_the_table(self, tmp_path):
         campaign, request = tmp_path / "c.json", tmp_path / "r.json"

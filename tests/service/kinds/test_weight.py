@@ -79,6 +79,14 @@ def test_a_set_without_loads_gives_the_joints_that_carry_weight(result):
     assert result.compensation > 0.9
 
 
+def test_the_model_predicts_and_holds_the_errors_of_the_masses(result):
+    model = result.model
+    compliance = np.array(model.compliance)
+    np.testing.assert_allclose(compliance[1:4], ARM.compliances[1:4], rtol=0.5)
+    assert model.seen == ["joint_2", "joint_3", "joint_4", "joint_5", "joint_6"]
+    assert "own weight" in model.no_error
+
+
 def test_predictions_maps_and_programs_hold_the_sag_if_asked(client, document):
     run_id = posted(client, document, weight={})["id"]
     q = random_configurations(ARM, 5, seed=8)
@@ -175,6 +183,14 @@ def test_a_run_that_determines_no_joint_is_not_to_be_used(document):
     assert result.assessment.verdict == "do_not_use"
     assert [reason.code for reason in result.assessment.reasons] == ["no_joint_identified"]
     assert result.model is None
+
+
+def test_a_noise_that_the_residuals_refuted_caps_the_verdict(document):
+    refuted = copy.deepcopy(document)
+    refuted["measurement_set"]["noise"] = {"sigma": 1e-6, "refuted": True}
+    assessment = identified(refuted).assessment
+    assert assessment.verdict == "use_with_care"
+    assert "that they refuted" in assessment.reasons[0].message
 
 
 def test_plans_count_the_readings_that_were_taken_only(client, document):

@@ -123,6 +123,16 @@ class TestAlternatives:
         assert assessment.verdict == "use"
         assert is_true(found)
 
+    def test_load_and_target_are_exchanged_back(self, deflections):
+        robot, measurements = deflections
+        position, place = measurements.position.copy(), measurements.position[:, 1].copy()
+        position[:, 1] = measurements.load_point
+        assessment, _ = assessed(
+            robot, replace(measurements, position=position, load_point=place), findings=()
+        )
+        action = reason_of(assessment, "alternative_explains_better").action
+        assert (action.kind, action.target) == ("exchange_load_and_target", "P11")
+
     @pytest.mark.parametrize("load", ["pull", "dead_weight"])
     def test_forces_of_the_wrong_sign_are_no_other_zero_of_a_joint(self, load):
         for seed in (0, 3):
@@ -191,6 +201,11 @@ class TestReadings:
         assert assessment.verdict == "do_not_use"
         assert (reason.action.kind, reason.action.observations) == ("leave_out_readings", ["c08"])
         assert assessed(robot, wrong[np.delete(np.arange(19), 7)])[0].verdict == "use"
+
+    def test_a_length_unit_is_named(self, pulls):
+        wrong = replace(pulls[1], deflection=1e3 * pulls[1].deflection)
+        assessment, _ = assessed(pulls[0], wrong, complementary_stiffness="neglected")
+        assert reason_of(assessment, "length_unit_suspect").weight == "do_not_use"
 
     @pytest.mark.parametrize(("row", "left_out"), [(2, ["c01", "c02"]), (17, ["c18", "c19"]), (9, None)])
     def test_of_a_target_that_stays_elsewhere_the_shorter_side_is_left_out(self, pulls, row, left_out):
