@@ -112,7 +112,7 @@ def create_app(
     app.state.large_bodies = CapacityLimiter(LARGE_BODIES)
     app.state.parsers = CapacityLimiter(PARSERS)
     app.add_middleware(BodyLimits)
-    app.router.routes.extend(_routes())
+    app.router.routes.extend(all_routes())
     install_description(app)
     install_page(app)
     install_error_handlers(app)
@@ -128,8 +128,8 @@ def create_app(
 
 
 @cache
-def _routes() -> Sequence[BaseRoute]:
-    """Return the routes of all resources and kinds of work; FastAPI takes a tenth of a second to make them."""
+def all_routes() -> Sequence[BaseRoute]:
+    """Return the routes of all resources and kinds, made once: FastAPI takes a tenth of a second."""
     # Else FastAPI describes errors of its own
     whole = APIRouter(generate_unique_id_function=operation_id, responses=problems(422))
     for router in (

@@ -5,7 +5,22 @@ from support.recorded_answers import OF_SHARED_DATA, differences, recorded
 from support.shared_data import MISSING, SHARED
 
 CASES = recorded()
-SLOW = ("beam: ", "fanuc: joints_and_links", ": default", "dead_weight_motor: {", "joints, absolute")
+SLOW = (
+    "beam: ",
+    "fanuc: joints_and_links",
+    ": default",
+    "dead_weight_motor: {",
+    "joints, absolute",
+    "beam_small: automatic",
+    "beam_small: joints_and_links, squared",
+    "beam_small: diagonal_links, huber",
+    "common_errors: joints",
+    "live: slips",
+    "weight_centres",
+    "plan: of a gauge and links",
+    "pedestal: base",
+    "poses_wrong",
+)
 """Words of cases that take seconds, or are much like others; small campaigns have all of them by day."""
 LARGE = {"pair", "pair in order", "plan", "geometry", "map", "compare: methods"}
 """Names of others: of the shared data."""

@@ -123,7 +123,7 @@ def test_an_operation_without_a_role_is_not_composed(monkeypatch, store):
     class Undeclared(APIRouter):
         """Routes of somebody who forgot."""
 
-    monkeypatch.setattr(app, "_routes", app._routes.__wrapped__)  # made anew, not kept
+    monkeypatch.setattr(app, "all_routes", app.all_routes.__wrapped__)  # made anew, not kept
     for wrong in (
         AccessRoute("/v1/new", lambda: None),
         AccessRoute("/v1/new", lambda: None, dependencies=[VIEWER, OPERATOR]),

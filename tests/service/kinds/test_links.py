@@ -161,6 +161,7 @@ def test_cross_validation_is_a_durable_job_with_the_numbers_of_one_go(memory, se
             "measurement_set_id": set_id,
             "elasticity": "diagonal_links",
             "links": ["joint_2"],
+            "loss": "squared",
             "cross_validation": {"folds": 2, "seed": 1},
         }
     )

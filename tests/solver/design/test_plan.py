@@ -134,7 +134,7 @@ class TestPromise:
         assert (with_links.uncertainty > alone.uncertainty).all()
 
     def test_the_worst_place_with_elastic_links(self, robot):
-        request = request_of(equipment(), work_area=AREA, readings=15, candidates=60, links=True)
+        request = request_of(equipment(), work_area=AREA, readings=12, candidates=40, links=True)
         worst = plan_campaign(robot, replace(request, criterion="worst_place"))
         mean = plan_campaign(robot, replace(request, criterion="work_area"))
         assert worst.weights_gap < 0.02
