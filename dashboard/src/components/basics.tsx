@@ -8,6 +8,7 @@ import type { Loading } from "../state/load";
 import { Viewer } from "../state/session";
 import { listen } from "../lib/events";
 import { roughTime } from "../lib/format";
+import { groupedBy } from "../lib/json";
 import { placeName, sentence } from "../lib/said";
 import { problemOf } from "../api/client";
 
@@ -329,7 +330,7 @@ export function ProblemNote({ problem, retry }: { problem: Said; retry?: () => v
 
 /** Findings of one kind stand together. */
 export const alikeOf = (findings: Finding[]): Finding[][] => [
-  ...Map.groupBy(findings, ({ code, remedy }) => `${code}\n${remedy}`).values(),
+  ...groupedBy(findings, ({ code, remedy }) => `${code}\n${remedy}`).values(),
 ];
 
 /** Of one kind, this many are said before the rest is folded away. */

@@ -3,6 +3,16 @@ import type { Problem } from "../api/types";
 
 export type Fields = Record<string, unknown>;
 
+/** Items by a key, in their order. Not `Map.groupBy`: tablets of a shop floor have browsers of before 2024. */
+export function groupedBy<T, K>(items: Iterable<T>, keyOf: (item: T) => K): Map<K, T[]> {
+  const groups = new Map<K, T[]>();
+  for (const item of items) {
+    const key = keyOf(item);
+    groups.set(key, [...(groups.get(key) ?? []), item]);
+  }
+  return groups;
+}
+
 /** What a JSON text says, with or without a byte order mark; undefined if it is none. */
 export function parsed(content: string): unknown {
   try {

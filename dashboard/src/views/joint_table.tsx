@@ -17,6 +17,7 @@ import { BottomAxis, Chart, Figure } from "../charts/figure";
 import { tip, Button, LinkButton, Name, Prose, Term, useWidth } from "../components/basics";
 import { api } from "../api/client";
 import { PostureSketch } from "../components/posture";
+import { groupedBy } from "../lib/json";
 import { norm, type Vector } from "../lib/vector";
 import { useCached, valueOf } from "../state/load";
 import { link, copied } from "../state/action";
@@ -343,7 +344,7 @@ function Rows({ context, result: { joints, contributions, identifiability }, bar
   const most = Math.max(0, ...contributions.map(({ share }) => Math.abs(share)));
   const { label } = STIFFNESS_UNITS[unit];
   /** Why joints are uncertain: each reason once. */
-  const reasons = Map.groupBy(
+  const reasons = groupedBy(
     joints.filter(({ reason }) => reason),
     ({ reason }) => reason ?? "",
   );

@@ -1,6 +1,7 @@
 /** Deflection of each configuration before and after compensation (the paper's Figs 7 and 8), and the robot in it. */
 import type { MeasurementSet, Posture, Residual, RunResult } from "../api/types";
 import type { Arrow } from "../scene/parts";
+import { groupedBy } from "../lib/json";
 import { placesOf, norm, type Vector, bendOf, loadOf, add, times } from "../lib/vector";
 import { roundStep, significant, fixed } from "../lib/format";
 import { useMemo, useCallback, useEffect, useState } from "preact/hooks";
@@ -27,7 +28,7 @@ const LONGEST = 0.22;
 
 /** Arrows of each observation, in the order of the set. */
 export function arrowsOf(set: MeasurementSet, postures: Posture[], result: RunResult): Arrows[] {
-  const residuals = Map.groupBy(result.residuals, ({ observation }) => observation);
+  const residuals = groupedBy(result.residuals, ({ observation }) => observation);
   return set.observations.map((observation, i) => {
     const posture = postures[i];
     const places = posture ? placesOf(set, observation, posture) : new Map<string, Vector>();
@@ -55,7 +56,7 @@ const mean = (values: number[]): number => values.reduce((sum, value) => sum + v
 
 /** Mean lengths over the targets of each observation [m], in the order of the observations. */
 export const byObservation = (residuals: Residual[]): { name: string; before: number; after: number }[] =>
-  [...Map.groupBy(residuals, ({ observation }) => observation)].map(([name, own]) => ({
+  [...groupedBy(residuals, ({ observation }) => observation)].map(([name, own]) => ({
     name,
     before: mean(own.map(({ deflection }) => norm(deflection))),
     after: mean(own.map(({ residual }) => norm(residual))),
@@ -97,7 +98,7 @@ export function DeflectionPart({ context: { run, set }, result, query }: PartPro
 function Residuals({ result, opening }: { result: RunResult; opening: Opening }) {
   const words = text.deflection;
   const um = text.units.micrometre;
-  const groups = [...Map.groupBy(result.residuals, ({ observation }) => observation)];
+  const groups = [...groupedBy(result.residuals, ({ observation }) => observation)];
   const band = result.sigma === null ? 0 : 1.96 * Math.SQRT2 * result.sigma * 1e6;
   const reach = Math.max(band, ...result.residuals.flatMap(({ residual }) => residual.map((v) => Math.abs(v * 1e6))));
   const lines = (i: number) =>

@@ -21,6 +21,7 @@ import {
 import { Select } from "../components/fields";
 import { Bar } from "../components/job_page";
 import { percent } from "../lib/format";
+import { groupedBy } from "../lib/json";
 import { whenSeen, type Names, useNames, valueOf } from "../state/load";
 import { link, toast, go } from "../state/action";
 import { text } from "../i18n";
@@ -151,7 +152,7 @@ export function JobList<Of extends Collection>(props: ListProps<Of>) {
   const plain = state === "all" && robot === "" && verdict === "";
   const runs = collection === "runs" ? (items as RunSummary[] | null) : null;
   const sets = new Map(grouped ? runs?.map((run) => [run.id, run.measurement_set_id]) : []);
-  const groups = Map.groupBy(runs ? nested(found, runs) : found, ({ id }) => sets.get(id));
+  const groups = groupedBy(runs ? nested(found, runs) : found, ({ id }) => sets.get(id));
   const nothing = deleted ? (
     <Empty title={words.noneDeleted} hint={words.deletedHint} />
   ) : items?.length === 0 && plain ? (
@@ -326,7 +327,7 @@ function nested(rows: Row[], runs: RunSummary[]): Row[] {
     const origin = origins.get(id);
     return origin && origins.has(origin) ? rootOf(origin) : id;
   };
-  const families = Map.groupBy(rows, ({ id }) => (shown.has(rootOf(id)) ? rootOf(id) : id));
+  const families = groupedBy(rows, ({ id }) => (shown.has(rootOf(id)) ? rootOf(id) : id));
   return rows.flatMap((row) => {
     const family = families.get(row.id);
     return family ? [{ ...row, under: family.filter((one) => one !== row) }] : [];
