@@ -588,7 +588,8 @@ function Record({ state, withdraw }: { state: LiveState; withdraw: (label: strin
           rows={state.readings.map((one) => ({
             id: one.label,
             name: one.label,
-            note: `${words.states[one.state]} ${about(one)}`,
+            note: words.states[one.state],
+            how: about(one),
             actions: one.state !== "withdrawn" && (
               <Button look="quiet" onClick={() => ask(one.label)} acts>
                 {words.withdraw}

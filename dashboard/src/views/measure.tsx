@@ -48,7 +48,7 @@ export function OpenCampaigns() {
           id,
           name,
           href: link(["measure", id]),
-          note: words.opened(count),
+          how: words.opened(count),
         }))}
       />
     </section>
