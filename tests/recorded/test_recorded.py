@@ -12,7 +12,7 @@ SLOW = (
     "dead_weight_motor: {",
     "joints, absolute",
     "beam_small: automatic",
-    "beam_small: joints_and_links, squared",
+    "squared",
     "beam_small: diagonal_links, huber",
     "common_errors: joints",
     "live: slips",
@@ -20,6 +20,15 @@ SLOW = (
     "plan: of a gauge and links",
     "pedestal: base",
     "poses_wrong",
+    "scara: plan",
+    "plan: own weight",
+    "two links",
+    "weight_wrong_mass",
+    "weight_tilted",
+    "weight_1: ",
+    "weight_2",
+    "sweeps_coupled",
+    "sweeps_sigma",
 )
 """Words of cases that take seconds, or are much like others; small campaigns have all of them by day."""
 LARGE = {"pair", "pair in order", "plan", "geometry", "map", "compare: methods"}

@@ -91,6 +91,7 @@ class Session:
         text = text.replace(str(self.folder), "<folder>")
         for name, version in versions().items():
             text = text.replace(f'"{name}": "{version}"', f'"{name}": "<version>"')
+            text = re.sub(rf"(\b{name}(?:,| )){re.escape(version)}\b", r"\1<version>", text)
         text = re.sub(r"<(\w+) [0-9a-f]{8},", r"<\1 <short id>,", text)
         text = re.sub(r"(\.xlsx: )[\d,]+ bytes", r"\1<size>", text)
         text = _ID.sub(lambda found: self._placeholder(found[0]), text)

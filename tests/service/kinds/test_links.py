@@ -260,6 +260,7 @@ def test_automatic_takes_the_simplest_model_that_is_good_enough(memory, set_id):
     assert bends.links.model_source == "cross_validation"
 
 
+@pytest.mark.slow
 def test_a_pedestal_is_recognised_and_shown(tmp_path):
     """By default: the base comes as a block of its own, and joint 2 without it."""
     path = tmp_path / "pedestal.json"
