@@ -79,7 +79,7 @@ class BoundedProtocol(H11Protocol):
     _received: int = 0
     _latest: int = 0
     _handed: int = 0  # bytes of answers given to the transport
-    _taken: int = 0  # bytes that the client had taken at the last look
+    _taken: int = 0  # bytes that the client had taken when it was seen last
     _written_at: float = 0.0
     _window: tuple[float, int] = (0.0, 0)  # time and bytes taken when the rate was judged last
 
@@ -126,8 +126,7 @@ class BoundedProtocol(H11Protocol):
             return now - self._since
         if self.conn.their_state is h11.SEND_BODY:  # one that we do not read waits for us
             return 0.0 if self.flow.read_paused else now - self._since - self._received / self.BODY_RATE
-        left = self.transport.get_write_buffer_size()
-        return now - self._written_at if left and self._handed - left <= self._taken else 0.0
+        return now - self._written_at if self._left(now) else 0.0
 
     def data_received(self, data: bytes) -> None:
         """Take what came, unless all bodies together are too large."""
@@ -256,15 +255,11 @@ class BoundedProtocol(H11Protocol):
         if self.cycle in self._waiting:
             self._pass_turns()
         now = self.loop.time()
-        left = self.transport.get_write_buffer_size()
-        taken = self._handed - left
-        if not left or taken > self._taken:
-            self._written_at = now
-        self._taken = taken
+        left = self._left(now)
         began, before = self._window
-        is_slow = left > 0 and taken - before < self.ANSWER_RATE * (now - began)
+        is_slow = left > 0 and self._taken - before < self.ANSWER_RATE * (now - began)
         if not left or now - began >= self.WRITE_SECONDS:
-            self._window = (now, taken)
+            self._window = (now, self._taken)
         if self.flow.read_paused:  # it is our turn
             self._since += self.LOOK_SECONDS
         remaining = min(self._allowed() - (now - self._since), self.WRITE_SECONDS - (now - self._written_at))
@@ -272,6 +267,15 @@ class BoundedProtocol(H11Protocol):
             self.transport.abort()
         else:
             self.loop.call_later(min(self.LOOK_SECONDS, remaining), self._look)
+
+    def _left(self, now: float) -> int:
+        """Return the bytes of the answer that the client has not taken; keep when it took some."""
+        left = self.transport.get_write_buffer_size()
+        taken = self._handed - left
+        if not left or taken > self._taken:
+            self._written_at = now
+        self._taken = taken
+        return left
 
     def _allowed(self) -> float:
         """Return how long the present phase may take [s]."""
