@@ -54,6 +54,8 @@ class Database:
         # which halves the time and takes the long waits away.
         self._turns = threading.BoundedSemaphore(1 if dialect == "sqlite" else _CONNECTIONS)
         self._is_locked = False  # the last one waited in vain: those behind it need not wait as long again
+        self._is_closed = False
+        sa.event.listen(reader, "checkin", self._close_late)
 
     @classmethod
     def open(cls, url: str) -> Database:
@@ -84,8 +86,14 @@ class Database:
         return database
 
     def close(self) -> None:
-        """Close all connections."""
+        """Close all connections; one that a thread still uses is closed when it is given back."""
+        self._is_closed = True
         self._reader.dispose()
+
+    def _close_late(self, _: object, record: sa.pool.ConnectionPoolEntry) -> None:
+        """Close a connection given back to a pool that is gone, which would keep it open."""
+        if self._is_closed:
+            record.invalidate()
 
     @contextmanager
     def reading(self) -> Iterator[sa.Connection]:

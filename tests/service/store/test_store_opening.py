@@ -98,6 +98,21 @@ def test_tables_that_cannot_be_made_leave_nothing(database_url: str) -> None:
     Store.open(database_url).close()
 
 
+def test_a_connection_given_back_after_the_end_is_closed(database_url: str) -> None:
+    """By a thread that was in the middle of something when the database was closed."""
+    database = Database.open(database_url)
+    with database.reading() as late:
+        database.close()
+        held = late.connection.driver_connection
+        assert held is not None
+        assert late.execute(text("SELECT 1")).scalar() == 1
+    if database.dialect == "postgresql":
+        assert held.closed
+    else:
+        with pytest.raises(sqlite3.ProgrammingError, match="closed"):
+            held.execute("SELECT 1")
+
+
 def open_together(urls: list[str]) -> None:
     barrier = threading.Barrier(len(urls))
 

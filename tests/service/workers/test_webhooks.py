@@ -265,11 +265,13 @@ def test_a_receiver_that_answers_500_or_redirects_gets_the_same_id_again(store, 
 
 def test_a_slow_receiver_and_a_sender_that_is_killed_repeat_the_same_id(store, receiver, clock, monkeypatch):
     sender = due(store, receiver, clock)
-    monkeypatch.setattr(webhooks, "TIMEOUT_SECONDS", 0.1)
     with receiver.up():
-        receiver.pause = 0.4
-        sender.look()
+        receiver.pause = 2.0
+        with monkeypatch.context() as impatient:
+            impatient.setattr(webhooks, "TIMEOUT_SECONDS", 0.5)
+            sender.look()
         assert "timed out" in outcome(store)["undelivered"][0]["error"]
+        until(lambda: len(receiver.came) == 1)
         receiver.pause = 0.0
         clock.go_on(seconds=5)
         with monkeypatch.context() as killed:
@@ -401,7 +403,7 @@ def test_few_senders_use_the_database_at_once_however_many_receivers(store, cloc
 
 def test_an_answer_that_drips_has_its_time_as_a_whole(store, receiver, clock, monkeypatch):
     sender = due(store, receiver, clock)
-    monkeypatch.setattr(webhooks, "TIMEOUT_SECONDS", 0.3)
+    monkeypatch.setattr(webhooks, "TIMEOUT_SECONDS", 1.0)
     receiver.drips = 1
     with receiver.up():
         sender.look()
