@@ -162,18 +162,25 @@ class Steps:
             .order_by(step.turn, step.sequence, step.start)
             .limit(1)
         )
+        self._kind = sa.select(jobs.c.kind).where(jobs.c.id == step.job_id).scalar_subquery()
 
     def announce(self, connection: sa.Connection, job_id: str) -> None:
         """Leave a job to workers, in the transaction that stores it."""
         self._add(connection, job_id, [(PLAN, 0, _FIRST_TURN)])
 
-    def take(self, executor: str) -> Step | None:
-        """Take the next step; None if there is none. What was taken before and is not done may come again."""
+    def take(self, executor: str, kinds: Sequence[str] | None = None) -> Step | None:
+        """Take the next step; None if there is none. What was taken before and is not done may come again.
+
+        Args:
+            executor: name of the worker.
+            kinds: names of the kinds of jobs that it knows; others are left alone. None for any.
+        """
         asked = {"executor": executor}
-        if not self._database.rows(self._next, asked):
+        following = self._next if kinds is None else self._next.where(self._kind.in_(kinds))
+        if not self._database.rows(following, asked):
             return None  # who only looks does not take the writer's turn
         with self._database.writing() as connection:
-            locked = self._next.with_for_update(skip_locked=True)
+            locked = following.with_for_update(skip_locked=True)
             row = connection.execute(locked, asked).one_or_none()
             if row is None:
                 return None

@@ -14,6 +14,7 @@ import threading
 import time
 from collections.abc import Callable, Mapping
 from datetime import UTC, datetime
+from functools import partial
 from typing import Final
 
 from jointstiff.service.jobs import Jobs, Parts
@@ -28,6 +29,7 @@ from jointstiff.service.workers.webhooks import Sender
 
 ATTEMPTS: Final = 5
 """Deaths of workers over one step of a job, after which it is given up."""
+_KNOWN: Final = [kind.name for kind in KINDS]  # jobs of other kinds are left to other versions
 _REMOVED: Final = 20  # deleted records of each kind that are removed at a look
 _POLL_SECONDS: Final = 0.2  # between two looks for a step
 _FIRST_PAUSE: Final = 0.1
@@ -69,11 +71,15 @@ class Recovery:
         living = self._heartbeats.beat(self._executor)
         if not living or living[0] != self._executor:  # one of the living is enough
             return
+        # After an outage all others are silent at the first look: lost are who still is at the second.
+        before, self._silent = self._silent, self._heartbeats.silent(SILENT)
+        lost = dict(self._silent.items() & before.items())
+        alive = [*living, *(self._silent.keys() - lost.keys())]
         failures = list[Exception]()
         duties: list[Callable[[], object]] = [
-            lambda: self._give_up(self._store.steps.count_deaths(living)),
+            lambda: self._give_up(self._store.steps.count_deaths(alive)),
             self._fail_forgotten,
-            self._look_after_workers,
+            *(partial(self._store.webhooks.worker_lost, *each) for each in lost.items()),
             self._purge,
         ]
         for duty in duties:
@@ -85,11 +91,15 @@ class Recovery:
             raise failures[0]
 
     def count_own_death(self) -> None:
-        """Count what the process before, of the same name, died over: before this one may do so, too.
+        """Count what the process before, of the same name, died over: before this one beats or takes work.
+
+        One that was silent for long ended with the whole service, and not over its step.
 
         Raises:
             StoreUnavailableError: the database does not answer.
         """
+        if self._executor in self._heartbeats.silent(SILENT):
+            self._store.steps.leave(self._executor)
         self._give_up(self._store.steps.count_death(self._executor))
 
     def hand_over(self) -> None:
@@ -106,14 +116,9 @@ class Recovery:
 
     def _fail_forgotten(self) -> None:
         """End open jobs that have no step which would end them."""
-        for job_id in self._store.steps.forgotten():
-            self._jobs(job_id).fail(job_id, WorkerLostError(f"no step of job {job_id} is left"))
-
-    def _look_after_workers(self) -> None:
-        """Tell of workers that were silent at two looks in a row: after an outage all are, at the first."""
-        before, self._silent = self._silent, self._heartbeats.silent(SILENT)
-        for worker, at in self._silent.items() & before.items():
-            self._store.webhooks.worker_lost(worker, at)
+        for job_id, kind in self._store.steps.forgotten().items():
+            if kind in _KNOWN:
+                self._jobs(job_id).fail(job_id, WorkerLostError(f"no step of job {job_id} is left"))
 
     def _purge(self) -> None:
         """Remove for good what was deleted long ago."""
@@ -138,7 +143,7 @@ def carry_out_next(store: Store, jobs: Callable[[str], Jobs], executor: str) -> 
     Raises:
         StoreUnavailableError: the database does not answer; the step is taken again then.
     """
-    step = store.steps.take(executor)
+    step = store.steps.take(executor, _KNOWN)
     if step is None:
         return False
     mine = jobs(step.job_id)
@@ -168,8 +173,7 @@ def _patiently(act: Callable[[], bool]) -> bool:
 
 
 _BEAT_SECONDS: Final = 5.0  # between two signs of life of a worker
-_EARLY_BEAT: Final = 1.0  # the first looks come sooner, as there may be something to take over
-
+_SEND_SECONDS: Final = 1.0  # between two looks for messages to webhooks
 _GOODBYE_SECONDS: Final = 8.0  # for handing over; after 30 s of silence others take over by themselves
 
 _FAULT: Final = 70  # exit status of a worker that cannot go on
@@ -199,9 +203,9 @@ def run_worker(database: str, executor: str, parent: int | None = None) -> None:
     refuse_in_memory(database)
     store = Store.open(database)
     parts = Parts(store)
-    store.heartbeats.beat(executor)  # before it takes any work
     recovery = Recovery(store, parts.jobs_of, executor)
     recovery.count_own_death()
+    store.heartbeats.beat(executor)  # before it takes any work
     keeper = threading.Thread(target=_look_after, args=(recovery, stop), daemon=True)
     work = threading.Thread(target=carry_out_steps, args=(store, parts.jobs_of, executor, stop), daemon=True)
     sender = threading.Thread(target=_send, args=(Sender(store, parts.trends), stop), daemon=True)
@@ -226,17 +230,15 @@ def run_worker(database: str, executor: str, parent: int | None = None) -> None:
 
 def _look_after(recovery: Recovery, stop: threading.Event) -> None:
     """Look at every beat; at the end, hand over."""
-    pause = _EARLY_BEAT
     while not stop.is_set():
         _trying(recovery.look)
-        stop.wait(pause)
-        pause = _BEAT_SECONDS
+        stop.wait(_BEAT_SECONDS)
     _trying(recovery.hand_over)
 
 
 def _send(sender: Sender, stop: threading.Event) -> None:
     """Tell webhooks what happened, beside the work."""
-    while not stop.wait(_EARLY_BEAT):
+    while not stop.wait(_SEND_SECONDS):
         _trying(sender.look)
 
 

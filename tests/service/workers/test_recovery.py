@@ -1,5 +1,6 @@
 """Every job ends: what the recovery of a worker does about work that nobody does."""
 
+import functools
 import io
 import os
 import pickle
@@ -13,16 +14,18 @@ import pytest
 import sqlalchemy as sa
 from support.jobs import request, runs_of, stored_set
 
+from jointstiff.service.jobs import Parts
 from jointstiff.service.kinds.identification import ByJoints
 from jointstiff.service.problems import StoreUnavailableError
 from jointstiff.service.store.database import Database
 from jointstiff.service.store.jobs import Heartbeats
 from jointstiff.service.store.store import Store
-from jointstiff.service.store.tables import jobs
+from jointstiff.service.store.tables import job_steps, jobs
 from jointstiff.service.workers.worker import Recovery, _patiently, carry_out_next
 from jointstiff.solver.errors import SolverError
 
 SILENCE = timedelta(seconds=30)
+NOW = datetime(2026, 11, 20, tzinfo=UTC)
 
 
 @pytest.fixture
@@ -215,6 +218,45 @@ def test_a_worker_that_starts_again_counts_the_death_of_the_one_before(store, ru
         assert runs.current(poison.id).state == state
 
 
+def test_an_outage_of_the_whole_service_is_no_death(store, shared):
+    """After one longer than the silence of the dead, all workers but the first to be heard are silent."""
+    shared()
+    time = [NOW]
+    beats = Heartbeats(store._database, lambda _: time[-1])
+    recovery = Recovery(store, lambda _: None, "alive", heartbeats=beats)
+    mine, others = (store.steps.take(name) for name in ("alive", "other"))
+    deaths = sa.select(job_steps.c.deaths).order_by(job_steps.c.start)
+
+    def deaths_after(silence, *duties):
+        time.append(time[-1] + silence)
+        for duty in duties:
+            duty()
+        return [row.deaths for row in store._database.rows(deaths)]
+
+    beat = functools.partial(beats.beat, "other")
+    assert deaths_after(0 * SILENCE, beat, recovery.look) == [0, 0, 0]
+    assert deaths_after(2 * SILENCE, recovery.look, beat, recovery.look) == [0, 0, 0]
+    assert store.steps.take("other") == others
+    assert deaths_after(2 * SILENCE, recovery.count_own_death) == [0, 0, 0], "the service was started again"
+    assert store.steps.take("alive") == mine
+    assert deaths_after(SILENCE, recovery.look) == [0, 0, 0]
+    assert deaths_after(SILENCE / 6, recovery.look) == [0, 1, 0], "the other one has not come back"
+    assert deaths_after(SILENCE / 6, recovery.count_own_death) == [1, 1, 0], "it ended and started by itself"
+
+
+def test_jobs_of_a_kind_of_another_version_are_left_alone(store, runs):
+    unknown, lost, known = (runs.create(request(stored_set(store)), None) for _ in range(3))
+    other = sa.update(jobs).where(jobs.c.id.in_([unknown.id, lost.id])).values(kind="oracle")
+    store._database.change(other, sa.delete(job_steps).where(job_steps.c.job_id == lost.id))
+    parts = Parts(store, store.steps.announce)
+    Recovery(store, parts.jobs_of, "alive").look()
+    while carry_out_next(store, parts.jobs_of, "alive"):
+        pass
+    assert [runs.records.status(known.id).state, store.kind_of_job(unknown.id)] == ["succeeded", "oracle"]
+    states = sa.select(jobs.c.state).where(jobs.c.kind == "oracle")
+    assert [row.state for row in store._database.rows(states)] == ["queued", "queued"]
+
+
 def test_a_duty_that_fails_does_not_keep_the_janitor_from_the_others(store, runs, monkeypatch):
     def refuse(_living):
         raise KeyError("odd")
@@ -286,9 +328,6 @@ def beats_at(database_url):
     Store.open(database_url).close()
     with closing(Database.open(database_url)) as database:
         yield lambda time: Heartbeats(database, lambda _: time)
-
-
-NOW = datetime(2026, 11, 20, tzinfo=UTC)
 
 
 def test_a_clock_that_was_set_back_does_not_keep_the_dead_alive(beats_at):
