@@ -431,6 +431,7 @@ class LiveMeasurement:
                 return answer
             reading = self.state.readings[-1]
             person.told(self.state, reading)
+            self._settle_earlier(person)
             if reading.state != "doubtful":
                 return answer
             if person.doubts(reading, again=doubted) == "keep":
@@ -440,6 +441,16 @@ class LiveMeasurement:
             missed, doubted = False, True
             label = f"m{1 + len(self.state.readings):02d}"
             following = following.model_copy(update={"label": label})
+
+    def _settle_earlier(self, person: Person) -> None:
+        """Ask about earlier readings that turn out to be mistakes; what is missing then comes next."""
+        for earlier in self.state.readings[:-1]:
+            if earlier.state == "doubtful":
+                person.told(self.state, earlier)
+                if person.doubts(earlier, again=False) == "keep":
+                    self.keep(earlier.label)
+                else:
+                    self.withdraw(earlier.label, _AGAIN)
 
     def _read_once(self, following: NextReading, person: Person) -> Literal["read", "skip", "stop"]:
         """Read a posture without and with its load, and take the reading in; or return what to do instead."""

@@ -53,6 +53,8 @@ FEWEST: Final = 5
 """Number of readings before a goal can be met."""
 FEWEST_WITH_MODEL_ERROR: Final = 10
 """The same where residuals may be more than noise: a ball of 90 % about a prediction needs nine postures."""
+_FEWEST_THAT_TELL: Final = 3
+"""Number of readings from which on they show a mistake in one of them."""
 ENOUGH_TO_SAY: Final = 10
 """Number of readings from which on it is said that a goal will not be met."""
 MOST_READINGS: Final = 200
@@ -316,9 +318,19 @@ class LiveCampaign:
         settled = self._labels("withdrawn") | self._labels("kept")
         return [
             label
-            for label, entry in self.of_label.items()
-            if entry.innovation is not None and entry.innovation.doubtful and label not in settled
+            for label in self.of_label
+            if label not in settled and (found := self._innovation(label)) is not None and found.doubtful
         ]
+
+    def _innovation(self, label: str) -> Innovation | None:
+        """Return what a reading was when it came, or the mistake that all of them show in it by now."""
+        found, mistake = self.of_label[label].innovation, self.mistake
+        if mistake is None or mistake.observation != label or (found is not None and found.doubtful):
+            return found
+        known = {} if found is None else found.model_dump(include={"p_value", "distance"})
+        unknown = {"p_value": None, "distance": None}
+        message = f"{mistake.message}; {mistake.remedy}"
+        return Innovation(label=label, doubtful=True, causes=[], message=message, **(unknown | known))
 
     @property
     def met(self) -> bool:
@@ -335,9 +347,12 @@ class LiveCampaign:
     def mistake(self) -> Finding | None:
         """The finding for which an observation is not to be used; None without one.
 
-        Others, such as links that bend, are no mistake of a reading: the model error counts them.
+        Of two readings that disagree nobody knows which one is wrong. Other findings, such as links that
+        bend, are no mistake of a reading: the model error counts them.
         """
-        reasons = self.result.assessment.reasons if isinstance(self.result, RunResult) else []
+        if len(self.observations) < _FEWEST_THAT_TELL or not isinstance(self.result, RunResult):
+            return None
+        reasons = self.result.assessment.reasons
         return next((each for each in reasons if each.weight == "do_not_use" and each.observation), None)
 
     @property
@@ -493,12 +508,12 @@ class LiveCampaign:
             return "closed", f"closed after {read}"
         if self.doubtful:
             label = self.doubtful[-1]
-            found = self.of_label[label].innovation
+            found = self._innovation(label)
             return "measuring", f"{label} is doubtful: {found.message if found else ''}"
         if self.met:
             return self._checked(read)
         wrong = self.mistake
-        if self._is_small and wrong is not None:
+        if wrong is not None:
             words = f"{wrong.observation}: {wrong.message}; {wrong.remedy}"
             return "measuring", f"do not use these readings yet: {words}"
         missing = self.still_needed
@@ -548,7 +563,7 @@ class LiveCampaign:
                 label=label,
                 state="withdrawn" if label in withdrawn else "doubtful" if label in doubtful else "counts",
                 reason=withdrawn[label].reason if label in withdrawn else None,
-                innovation=entry.innovation,
+                innovation=self._innovation(label),
                 held_out=entry.held_out,
             )
             for label, entry in self.of_label.items()

@@ -178,11 +178,16 @@ def test_a_mistake_is_named_at_the_reading_and_withdrawn(service, mistake):
 
 
 def test_a_goal_is_not_reached_by_readings_that_are_not_to_be_used(service):
-    """A mistake among the first readings, before others can tell: withdrawn, the campaign ends."""
+    """A mistake among the first readings: named as soon as others tell; withdrawn, the campaign ends."""
     address = declared(service)
     first = service.get(f"{address}/next").json()["next"]
     service.post(f"{address}/observations", json=exchanged(read(first)))
-    state = measured(service, address, 9)
+    state = measured(service, address, 3)
+    assert [each["state"] for each in state["readings"]] == ["doubtful", "counts", "counts", "counts"]
+    assert "exchange their names" in state["readings"][0]["innovation"]["message"]
+    assert "m01 is doubtful" in state["message"]
+    service.patch(address, json={"kept": ["m01"]})
+    state = measured(service, address, 6)
     assert state["share"] <= 1.0
     assert state["assessment"]["verdict"] == "do_not_use"
     assert (state["state"], state["still_needed"], state["next"]["held_out"]) == ("measuring", None, False)

@@ -91,6 +91,19 @@ def test_a_campaign_is_measured_by_its_source_until_its_goal_is_reached(campaign
     assert "Measured live" in live.campaign.measurement_set.notes
 
 
+def test_a_mistake_at_the_first_reading_is_withdrawn_once_the_others_show_it(campaign):
+    """Targets exchanged by hand, before a source reads the rest."""
+    with jointstiff.measure(campaign, goal="15 %", source="simulated:1") as live:
+        stiffness = sources.plausible_stiffness(setting().robot, np.random.default_rng(1))
+        first, arm = live.next, replace(ARM, stiffnesses=stiffness)
+        places = positions(arm, first.joints, first.force, sigma=2e-5)
+        order = ["P11", "P10", *list(TARGETS)[2:]]
+        live.observe(*(dict(zip(order, each.tolist(), strict=True)) for each in places.values()))
+        state = live.run_source()
+    assert state.state == "reached"
+    assert [each.label for each in state.readings if each.state == "withdrawn"] == ["m01"]
+
+
 def test_a_robot_of_the_catalogue_needs_load_and_targets():
     with pytest.raises(jointstiff.CampaignError, match="targets"):
         jointstiff.measure("KUKA KR 210 R2700 extra", goal="15 %")
