@@ -71,11 +71,11 @@ def api(site: Any) -> Iterator[httpx2.Client]:
         yield session
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="package")
 def browser() -> Iterator[Browser]:
     """Chromium, or a skip that says why there is none.
 
-    It ends with its file: while it is there, an event loop runs in this thread, which other tests would meet.
+    It ends with this folder: while it is there, an event loop runs in this thread, which others would meet.
     """
     found = shutil.which("chromium")
     if found is None:

@@ -20,7 +20,7 @@ from jointstiff.simulator import default_arm, simulate_campaign
 
 pytestmark = pytest.mark.process
 
-RUNS = 24
+RUNS = 12
 SEEDS = 3
 DRAWS = 8_000
 """Of each run two steps, half a second."""
