@@ -22,6 +22,7 @@ from support.processes import Service
 from jointstiff.simulator.files import example_files
 
 GUIDES = guides()
+SLOW = {"docs/elastic-links.md"}  # two comparisons of models, which test_links.py makes by day
 COLUMNS = 80
 PLACEHOLDERS = {"set": '"measurement_set_id": "…"', "run": '"run_ids": ["…", "…"]'}
 """What a guide writes for the ids of stored sets and runs."""
@@ -143,7 +144,9 @@ def post_campaigns(url: str) -> list[dict[str, Any]]:
 
 
 @pytest.mark.timeout(1200)  # each command is a process of its own
-@pytest.mark.parametrize("guide", GUIDES)
+@pytest.mark.parametrize(
+    "guide", [pytest.param(guide, marks=[pytest.mark.slow] if guide in SLOW else []) for guide in GUIDES]
+)
 def test_commands_and_code_of_a_guide_work(guide, folder, reader):
     blocks = blocks_of(guide)
     needs_ids = any(each in text for _, text in blocks for each in PLACEHOLDERS.values())

@@ -8,7 +8,7 @@ import sqlite3
 import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import closing
+from contextlib import closing, suppress
 from types import SimpleNamespace
 
 import anyio
@@ -87,9 +87,14 @@ def test_a_file_that_can_only_be_read_is_not_ready_until_it_can_be_written(tmp_p
         refused = httpx2.post(f"{service.url}/v1/robots", json=ROBOT)
         assert refused.status_code == 503
         assert "writable" in refused.json()["remedy"]
-        for each in tmp_path.iterdir():  # its journal has the mode of the file
-            each.chmod(0o644)
-        until(lambda: httpx2.get(f"{service.url}/health").status_code == 200)
+
+        def is_ready():
+            for each in tmp_path.iterdir():  # its journal has the mode of the file, and may come late
+                with suppress(FileNotFoundError):
+                    each.chmod(0o644)
+            return httpx2.get(f"{service.url}/health").status_code == 200
+
+        until(is_ready)
         assert httpx2.post(f"{service.url}/v1/robots", json=ROBOT).status_code == 201
     finally:
         service.stop()

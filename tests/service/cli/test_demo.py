@@ -60,7 +60,15 @@ def test_it_prints_the_lines_of_the_readme(demonstrated):
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="children are read from /proc")
-@pytest.mark.parametrize("sent", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGKILL])
+@pytest.mark.parametrize(
+    "sent",
+    [
+        signal.SIGINT,
+        pytest.param(signal.SIGTERM, marks=pytest.mark.slow),  # as Ctrl-C
+        pytest.param(signal.SIGHUP, marks=pytest.mark.slow),
+        signal.SIGKILL,
+    ],
+)
 def test_no_process_is_left_after_a_signal(demonstrated, sent):
     folder, _ = demonstrated
     environment = os.environ | {"PYTHONUNBUFFERED": "1"}

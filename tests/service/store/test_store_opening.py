@@ -239,7 +239,7 @@ class TestSqlite:
     def test_those_who_wait_for_one_lock_wait_once(
         self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     ) -> None:
-        """Eight writers, four at a time: all are refused in little more than the time of one."""
+        """Forty writers, four at a time: all are refused long before ten times the time of one."""
         monkeypatch.setattr(database_module, "BUSY_SECONDS", 2.0)
         monkeypatch.setattr(database_module, "LOCKED_SECONDS", 0.05)
         path = tmp_path / "jointstiff.db"
@@ -248,9 +248,9 @@ class TestSqlite:
             other.execute("BEGIN IMMEDIATE")
             record, began = RobotRecord("r1", "n", TIME, "h", "{}"), time.monotonic()
             with ThreadPoolExecutor(4) as pool:
-                futures = [pool.submit(store.robots.add, record) for _ in range(8)]
+                futures = [pool.submit(store.robots.add, record) for _ in range(40)]
             assert all(isinstance(f.exception(), StoreUnavailableError) for f in futures)
-            assert 1.8 < time.monotonic() - began < 4.0
+            assert 1.8 < time.monotonic() - began < 10.0
             other.close()
             assert store.robots.add(record) == record
 
