@@ -15,20 +15,11 @@ SLOW = (
     "squared",
     "beam_small: diagonal_links, huber",
     "common_errors: joints",
-    "live: slips",
     "weight_centres",
     "plan: of a gauge and links",
     "pedestal: base",
     "poses_wrong",
-    "scara: plan",
-    "plan: own weight",
     "two links",
-    "weight_wrong_mass",
-    "weight_tilted",
-    "weight_1: ",
-    "weight_2",
-    "sweeps_coupled",
-    "sweeps_sigma",
 )
 """Words of cases that take seconds, or are much like others; small campaigns have all of them by day."""
 LARGE = {"pair", "pair in order", "plan", "geometry", "map", "compare: methods"}
