@@ -1,5 +1,6 @@
 import { describe, expect, it } from "vitest";
 import {
+  equipmentOf,
   filledRows,
   freeLabel,
   inUnits,
@@ -12,7 +13,7 @@ import {
   simulatedRows,
   SIMULATED_STIFFNESSES,
 } from "../src/lib/live";
-import type { Observation, Posture, Units } from "../src/api/types";
+import type { MeasurementSet, Observation, Posture, Units } from "../src/api/types";
 
 const MM = { length: "mm", angle: "deg", force: "N" } as Units;
 const SI = { length: "m", angle: "rad", force: "N" } as Units;
@@ -81,6 +82,17 @@ describe("the simulated arm", () => {
       [0, 0, 1],
     ],
   } as unknown as Posture;
+
+  it("finds targets on the flange that a set does not state", () => {
+    const [joints, force] = [[0], [0, 0, -9]];
+    const readings = [{ target: "P1", unloaded: [2100, -50, 1200] }];
+    const set = { units: MM, observations: [{ label: "c01", joints, force, readings }] } as unknown as MeasurementSet;
+    const turned = {
+      ...posture,
+      flange_axes: [posture.flange_axes[1], posture.flange_axes[2], posture.flange_axes[0]],
+    };
+    expect(equipmentOf(set, turned as Posture)["targets"]).toEqual({ P1: [-0.05, 0.2, 0.1] });
+  });
 
   it("balances a weight on a lever exactly: k θ = F L cos θ", () => {
     const [angle = 0] = givenWay(posture, [1e5], [0, 0, 0], [0, 0, -1000]);

@@ -1,6 +1,6 @@
 import { describe, expect, it } from "vitest";
 import type { Finding } from "../src/api/types";
-import { placeName, sentence, unsaid } from "../src/lib/said";
+import { onPage, placeName, sentence, unsaid } from "../src/lib/said";
 
 const warning = (code: string, message: string) => ({ code, message, remedy: "", where: null }) as Finding;
 const reason = (code: string, message: string) => ({ code, message }) as Finding;
@@ -28,4 +28,5 @@ it("begins sentences with a capital, names and labels with what they are", () =>
   expect(placeName("observations[4] 'c05'")).toBe("c05");
   expect(placeName("first.observations[4] 'c05'")).toBe("c05 (first)");
   expect(placeName("joint_2")).toBe("joint_2");
+  expect(onPage("state it (on the page: Advanced)")).toBe("state it (Identify: Advanced)");
 });

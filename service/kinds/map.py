@@ -100,7 +100,7 @@ def _extremes(places: tuple[MapPlace, MapPlace], confidence: float, kinds: Seque
     return Table(
         [
             Column("", ["worst place", "stiffest place"], text=True),
-            Column("place", [each.position for each in places], numbers(".3f"), "m"),
+            Column("place", [each.position for each in places], numbers(".0f", 1e3), "mm"),
             posture,
             Column("deflection", [each.deflection for each in places], number(".4g", 1e6), "µm"),
             Column("readings only", [each.readings_only for each in places], interval, "µm"),
@@ -123,7 +123,7 @@ def charts(result: MapResult) -> list[Chart]:
 
 def area(sheet: Sheet) -> Area:
     """Return the slice across the axis with the fewest places that holds the greatest deflection."""
-    places = {axis: [float(value) for value in sheet.columns[f"{axis} [m]"]] for axis in "xyz"}
+    places = {axis: [1e3 * float(value) for value in sheet.columns[f"{axis} [m]"]] for axis in "xyz"}
     values = [float("nan") if value is None else float(value) for value in sheet.columns["deflection [m]"]]
     across = min("zyx", key=lambda axis: len(set(places[axis])))
     reached = [i for i, value in enumerate(values) if isfinite(value)]
@@ -131,11 +131,11 @@ def area(sheet: Sheet) -> Area:
     kept = [i for i, value in enumerate(places[across]) if value == at]
     first, second = (axis for axis in "xyz" if axis != across)
     return Area(
-        f"Deflection at {across} = {at:.3f} m",
+        f"Deflection at {across} = {at:.0f} mm",
         [places[first][i] for i in kept],
         [places[second][i] for i in kept],
         [values[i] for i in kept],
-        (f"{first} [m]", f"{second} [m]", "deflection [µm]"),
+        (f"{first} [mm]", f"{second} [mm]", "deflection [µm]"),
         1e6,
     )
 

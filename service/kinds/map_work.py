@@ -104,7 +104,7 @@ class MapWork(Work):
         counts, places, worst = numbers["counts"], numbers["places"], numbers["worst"]
         return [
             *of_deflection(None if worst is None else worst.deflection, self._used.result),
-            *of_missing(places - counts["reached"], places, "places"),
+            *of_missing(places - counts["reached"], places, "places", unseen=counts["unseen_joint"] > 0),
             *of_points([self.request.place, self.request.load_point]),
             *of_campaign(numbers["extrapolated"], places, "places"),
         ]

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Final
 from jointstiff.schemas.plan import (
     Cable,
     Plan,
+    PlannedJoint,
     PlannedReading,
     PlanOptions,
     PlanRequest,
@@ -62,8 +63,6 @@ def report(job: Plan, result: PlanResult, view: View) -> Report:
             f"predicted deflection in the work area: ± {1e6 * result.deflection_uncertainty:.2g} µm rms, "
             f"± {1e6 * result.worst_deflection_uncertainty:.2g} µm at the worst place"
         )
-    if result.left_out:
-        lines.append(f"not determined, because no load twists them: {', '.join(result.left_out)}")
     if job.request.measurement_set_id is not None:
         lines.append(
             "the list has only the new readings, but the predicted uncertainties also use those of the "
@@ -74,21 +73,26 @@ def report(job: Plan, result: PlanResult, view: View) -> Report:
 
 
 def _joints(result: PlanResult) -> Table:
-    joints, nano = result.joints, number(".3g", 1e9)
-    slides = [joint.name for joint in joints if joint.kind == "prismatic"]
+    joints, none = result.joints, [None] * len(result.left_out)
     return Table(
         [
-            Column("joint", [joint.name for joint in joints], text=True),
-            Column("plan", [joint.standard_uncertainty for joint in joints], nano),
-            Column("relative", [joint.relative for joint in joints], lambda share: f"{100 * share:.2g} %"),
-            Column("now", [joint.before for joint in joints], nano),
+            Column("joint", [*(joint.name for joint in joints), *result.left_out], text=True),
+            Column("plan", [*(_share(joint, joint.standard_uncertainty) for joint in joints), *none]),
+            Column("now", [*(_share(joint, joint.before) for joint in joints), *none]),
         ],
-        title="Predicted standard uncertainty of each compliance, 10⁻⁹ rad/(N·m)"
-        + (f", of {', '.join(slides)} 10⁻⁹ m/N" if slides else ""),
+        title="Predicted standard uncertainty of each stiffness",
         caption="by the noise of the readings alone; model error comes on top"
         if any(any(each.force) for each in result.readings)
         else "by the noise of the readings, the bounds of the masses and the geometry",
     )
+
+
+def _share(joint: PlannedJoint, uncertainty: float | None) -> str | None:
+    """Return a share of the compliance; the compliance's uncertainty itself where that is not known."""
+    if uncertainty is None or joint.relative is None:
+        unit = "nm/N" if joint.kind == "prismatic" else "nrad/(N·m)"
+        return None if uncertainty is None else f"{1e9 * uncertainty:.3g} {unit}"
+    return f"{100 * joint.relative * uncertainty / joint.standard_uncertainty:.2g} %"
 
 
 def _readings(job: Plan, result: PlanResult, *, boxes: bool) -> Table:

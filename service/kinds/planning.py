@@ -154,7 +154,7 @@ def _reasons(result: PlanResult) -> list[Finding]:
     reasons = []
     if result.left_out:
         message = f"no load of this plan twists {', '.join(result.left_out)}"
-        remedy = "state loads that twist them, such as any_direction, or name the joints that you need"
+        remedy = "state loads that twist them, as forces in any direction do, or name the joints you need"
         reasons.append(own_reason("joint_left_out", "use_with_care", message, remedy))
     poor = [each.name for each in result.joints if (each.relative or 0.0) > _POOR]
     if poor:

@@ -320,14 +320,9 @@ def _note(chosen: Sequence[int], baselines: Sequence[messages.TrendBaseline]) ->
         return "no campaign is charted: identify measurement sets of this robot by the same method"
     size, have = baselines[-1].campaigns, sum(1 for one in chosen if one == len(baselines) - 1)
     if have < size:
-        return (
-            f"there are {have} of {size} reference campaigns: there is no chart yet, only a test of the "
-            "latest campaign against the first"
-        )
+        return f"{have} of {size} reference campaigns: no chart, only a test of the latest against the first"
     if have == size:
-        return (
-            "the reference campaigns are complete; the next campaign is the first that is compared with them"
-        )
+        return "the reference campaigns are complete: the next campaign is the first compared with them"
     return None
 
 

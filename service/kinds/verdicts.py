@@ -282,12 +282,13 @@ def of_campaign(count: int, total: int, what: str) -> list[Finding]:
     return [own_reason("beyond_campaign", "use_with_care", message, remedy)]
 
 
-def of_missing(count: int, total: int, what: str) -> list[Finding]:
-    """Return the reason that some, or all, have no number."""
+def of_missing(count: int, total: int, what: str, *, unseen: bool = True) -> list[Finding]:
+    """Return the reason that some, or all, have no number; `unseen`: joints are not determined."""
     if not count:
         return []
     weight: Verdict = "do_not_use" if count == total else "use_with_care"
     share = f"none of the {total}" if count == total else f"{total - count} of {total}"
     message = f"{share} {what} {'have' if total != 1 else 'has'} a number"
-    remedy = "read the reason of each; measure what twists the joints without a number, or move the places"
+    measure = "measure what twists the joints without a number, or " if unseen else ""
+    remedy = f"read the reason of each; {measure}move the places"
     return [own_reason("numbers_missing", weight, message, remedy)]

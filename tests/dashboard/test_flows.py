@@ -321,7 +321,7 @@ def test_what_was_deleted_is_found_and_restored(visit, api, stored, collection, 
 def test_an_example_is_tried_where_there_is_nothing_yet(visit):
     visited = visit("phone")
     page = visited.page
-    page.route("**/v1/runs?limit=5", lambda route: route.fulfill(json={"items": [], "next": None}))
+    page.route("**/v1/runs?limit=50", lambda route: route.fulfill(json={"items": [], "next": None}))
     visited.go("#/")
     page.get_by_role("button", name="Try an example").tap()
     page.get_by_role("button", name="Identify").tap()

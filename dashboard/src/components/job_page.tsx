@@ -23,7 +23,7 @@ import {
   State,
   When,
 } from "./basics";
-import { sentence } from "../lib/said";
+import { onPage, sentence } from "../lib/said";
 import { STIFFNESS_UNITS } from "../lib/stiffness";
 import { useCached, namesChanged, useLoad } from "../state/load";
 import { useSettings } from "../state/session";
@@ -179,7 +179,7 @@ export function VerdictCard({ assessment, context, sentences = words.sentence }:
       )}
       {notes.map((note) => (
         <p class="note">
-          <Prose text={note} />
+          <Prose text={onPage(note)} />
         </p>
       ))}
     </section>

@@ -322,8 +322,10 @@ export const later = {
       `The report is issued under the name of your key${name && `, ${name}`}, with the current settings of the laboratory, notes and numbers. It can be superseded, but never changed or deleted.`,
     draftNow: "Check it again",
     sure: "Issue the report",
-    howToAuthorise:
-      "To authorise it, start the service with --require-key --laboratory lab.toml, and sign in with an admin key (jointstiff keys create NAME --role admin).",
+    howToAuthorise: (keys: boolean) =>
+      keys
+        ? "To authorise it, sign in with an admin key (jointstiff keys create NAME --role admin)."
+        : "To authorise it, create an admin key (jointstiff keys create NAME --role admin), start the service with --require-key beside --laboratory lab.toml, and sign in with that key.",
     note: "Remark in the report",
     intro: "A report to sign, and the model for other programs. A joint without a stiffness has no spring.",
     models: {
@@ -457,11 +459,13 @@ export const later = {
     displacement: "Displacement x, y, z",
     readingsOnly: (level: string) => `${level} interval, readings only`,
     withModelError: (level: string) => `${level} interval, with model error`,
-    noBound: "no bound",
-    noNumber: "no value",
+    sameInterval: "the same: the model error is smaller",
+    noBound: "no bound: the remarks above say why",
+    noNumber: "unknown: a joint without a stiffness takes part",
     along: "Compliance along the direction",
     acrossIt: "Greatest compliance across it",
-    extrapolates: (factor: string) => `extrapolated: ${factor} times the campaign's greatest load or uncertainty`,
+    extrapolates: (factor: string) =>
+      `Beyond the campaign: its greatest load, or its greatest uncertainty per load, is exceeded ${factor} times.`,
     beside: "Beside it",
     besideNone: "Nothing beside",
     besideHint: "The same map by another run of this robot, with the same colours.",
@@ -630,7 +634,8 @@ export const later = {
     noneHint: "Identify a measurement set of this robot, or choose another method.",
     notYet: (note: string) => `${note.charAt(0).toUpperCase()}${note.slice(1)}.`,
     rate: ({ probability, campaigns, joints }: { probability: number; campaigns: number; joints: number }) =>
-      `False alarms: at most ${100 * probability} % for the robot in ${campaigns} campaigns, over ${joints} joints together. Bars: intervals of the runs. Logarithmic axis.`,
+      `False alarms: at most ${100 * probability} % for the robot in ${campaigns} campaigns, over ${joints} joints together. `,
+    axes: "Bars: intervals of the runs. Logarithmic axis.",
     joint: (name: string) => `Stiffness of ${name} over its campaigns`,
     campaign: "Campaign",
     inBaseline: "Reference campaign, or not charted",

@@ -2,7 +2,7 @@
 import type { JointKind, Observation, Units, MeasurementSet, Plan, PlanResult, Posture, Robot } from "../api/types";
 import { listIn, numberIn, scaled, sized, vectorIn } from "./schema";
 import { factors, positionIn } from "./stiffness";
-import { type Vector, bendOf, bent, norm, times, carried, fromFlange } from "./vector";
+import { type Vector, bendOf, bent, dot, norm, placesOf, subtract, times, carried, fromFlange } from "./vector";
 import { type Fields, isFields, listOf } from "./json";
 
 /** A posture with its load: joints in rad or m, force in N. */
@@ -135,15 +135,24 @@ export function filledRows(table: string): string {
 
 export type Planned = PlanResult["readings"][number];
 
-/** The equipment of a campaign, to begin another one with: its targets, its load point and its strongest load, in SI. */
-export function equipmentOf(set: MeasurementSet): Fields {
+/**
+ * The equipment of a campaign, to begin another one with: its targets, its load point and its strongest load, in SI.
+ * Targets that it does not state are where its first observation shows them on the flange, to 0.1 mm.
+ */
+export function equipmentOf(set: MeasurementSet, first?: Posture): Fields {
   const { length, force: unit } = factors(set.units);
   const metres = (place: readonly number[]) => place.map((part) => Number((length * part).toFixed(6)));
+  const [observation] = set.observations;
   const forces = set.observations.map(({ force }) => times(force as Vector, unit));
   const strongest = forces.reduce<Vector>((best, force) => (norm(force) > norm(best) ? force : best), [0, 0, 0]);
   const hangs = forces.every(([x, y, z]) => z <= 0 && Math.hypot(x, y) <= 1e-3 * norm(strongest));
   const point = set.load_point ?? set.observations[0]?.load_point;
   const targets = Object.entries(set.flange_targets ?? {}).map(([name, place]) => [name, metres(place)]);
+  if (targets.length === 0 && first && observation)
+    for (const [name, place] of placesOf(set, observation, first)) {
+      const fromOrigin = subtract(place, first.flange_origin);
+      targets.push([name, first.flange_axes.map((axis) => Number(dot(axis, fromOrigin).toFixed(4)))]);
+    }
   return {
     ...(targets.length > 0 ? { targets: Object.fromEntries(targets) } : {}),
     ...(point ? { load_point: metres(point) } : {}),

@@ -1,5 +1,6 @@
 /** What has been said of a result, so that nothing is said twice. */
 import type { Finding } from "../api/types";
+import { text } from "../i18n";
 
 const UNEXPLAINED = ["deflections_unexplained", "residual_outlier"];
 
@@ -27,3 +28,6 @@ export function placeName(where: string): string {
 /** A sentence of the service with a capital; names and code stay as they are. */
 export const sentence = (words: string): string =>
   /^[a-z]+[ ,:;]/.test(words) ? words[0]?.toUpperCase() + words.slice(1) : words;
+
+/** A remark of the service as it is read on the page itself. */
+export const onPage = (remark: string): string => remark.replace("on the page:", `${text.app.measure}:`);

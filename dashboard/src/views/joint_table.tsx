@@ -10,6 +10,7 @@ import {
   position,
   positionUnit,
   capOf,
+  inUnit,
 } from "../lib/stiffness";
 import { text } from "../i18n";
 import { clip, fixed, percent, significant, extent, logarithmic } from "../lib/format";
@@ -131,18 +132,15 @@ export function Mark({ mark, x, y, left, right }: MarkProps) {
   const from = low === null ? x(value ?? 0) : low > 0 ? x(low) : left;
   const to = high === null ? right : x(high);
   const out = Math.sign(right - left);
-  const hidden = Math.abs(to - from) < 15 && value !== null; // the point covers the ends
   const isOpen = high === null && low !== null;
   return (
     <g class={`interval ${mark.mark}`} {...tip(mark.lines, mark.open)}>
       <rect class="hit" x={Math.min(from, to) - 10} y={y - 12} width={Math.abs(to - from) + 20} height={24} />
       {low !== null && <line x1={from} x2={isOpen ? to - 6 * out : to} y1={y} y2={y} />}
-      {low !== null && !hidden && <line class="end" x1={from} x2={from} y1={y - 7} y2={y + 7} />}
-      {low !== null && high !== null && high !== value && !hidden && (
-        <line class="end" x1={to} x2={to} y1={y - 7} y2={y + 7} />
-      )}
+      {low !== null && low !== high && <line class="end" x1={from} x2={from} y1={y - 8} y2={y + 8} />}
+      {low !== null && high !== null && high !== value && <line class="end" x1={to} x2={to} y1={y - 8} y2={y + 8} />}
       {isOpen && <path class="head" d={`M${to + 8 * out} ${y}l${-15 * out} -8v16z`} />}
-      {value !== null && value > 0 && <circle cx={x(value)} cy={y} r={6.5} />}
+      {value !== null && value > 0 && <circle cx={x(value)} cy={y} r={4.5} />}
     </g>
   );
 }
@@ -238,10 +236,12 @@ interface OneProps {
 }
 
 function One({ piece: { advice, posture }, joint, context: { run, set } }: OneProps) {
+  const { unit } = useSettings();
   const kinds = run.result?.joints.map(({ kind }) => kind) ?? [];
+  const names = run.result?.joints.map(({ name }) => name) ?? [];
   const angles = advice.joints.map((value, i) => fixed(position(value, kinds[i]), 1));
   const copy = () => {
-    const plain = angles.map((angle, i) => `A${i + 1} ${angle.replace("\u2212", "-")}`).join(", ");
+    const plain = angles.map((angle, i) => `${names[i]} ${angle.replace("\u2212", "-")}`).join(", ");
     copied(plain, words.copy, words.copied);
   };
   return (
@@ -256,7 +256,7 @@ function One({ piece: { advice, posture }, joint, context: { run, set } }: OnePr
         <p class="angles">
           {angles.map((angle, i) => (
             <span>
-              <small>A{i + 1}</small> {angle}
+              <small>{names[i]}</small> {angle}
               {positionUnit(kinds[i])}
             </span>
           ))}
@@ -273,7 +273,7 @@ function One({ piece: { advice, posture }, joint, context: { run, set } }: OnePr
       <p class="gain">
         <small class="soft">{words.gain}</small>
         <b>
-          {before(joint)} → {afterwards(advice, joint)}
+          {before(joint)} → {afterwards(advice, joint, unit)}
         </b>
       </p>
     </div>
@@ -293,14 +293,20 @@ function before({ compliance, standard_uncertainty: u }: JointResult): string {
   return compliance === null || compliance <= 0 || u === null ? words.unknown : percent(u / compliance);
 }
 
-function afterwards(advice: Advice, { kind, compliance, standard_uncertainty: u }: JointResult): string {
+function afterwards(
+  advice: Advice,
+  { kind, compliance, standard_uncertainty: u }: JointResult,
+  unit: StiffnessUnit,
+): string {
   const { standard_uncertainty: after, uncertainty_ratio: ratio } = advice;
   if (compliance !== null && compliance > 0) {
     if (ratio !== null && u !== null) return percent((ratio * u) / compliance);
     if (after !== null) return percent(after / compliance);
   }
-  const unit = kind === "prismatic" ? "nm/N" : "nrad/(N·m)";
-  return after === null ? text.verdicts.fair[0] : `±\u00a0${significant(after * 1e9, 2)}\u00a0${unit}`;
+  if (after === null) return text.verdicts.fair[0];
+  const { label } = unitOf(unit, kind);
+  const shown = (stiffness: number) => `${significant(inUnit(stiffness, unit, kind), 2)} ${label}`;
+  return STIFFNESS_UNITS[unit].inverse ? `± ${shown(1 / after)}` : words.below(shown(0.5 / after));
 }
 
 const runWords = text.run;

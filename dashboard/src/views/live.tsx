@@ -104,7 +104,9 @@ function Campaign({ set, robot, first }: { set: OpenSet; robot: Robot; first: Li
         about={
           <>
             <NameLink to={["robots", robot.id]}>{robot.name}</NameLink>
-            <span>{state.goal}</span>
+            <span>
+              {words.goal}: {state.goal}
+            </span>
           </>
         }
         first={state.state !== "closed" && !(reached && !own) && closing(false)}

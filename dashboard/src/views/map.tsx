@@ -18,8 +18,8 @@ import { later } from "../i18n/later";
 import { contextOfEnded } from "./run_context";
 
 const AXES = ["x", "y", "z"] as const;
-const MARGIN = { left: 46, bottom: 40, top: 8, right: 8 };
-const HEIGHT = 440;
+const MARGIN = { left: 60, bottom: 40, top: 8, right: 8 };
+const HEIGHT = 600;
 
 interface SliceProps extends Pick<Look, "values" | "scale" | "chosen" | "choose"> {
   slice: maps.Slice;
@@ -67,7 +67,7 @@ function SliceChart({ slice, places, values, scale, chosen, choose, width, label
     [left + wide / 2, height - 6, "middle", `${AXES[u]} [${text.units.mm}]`],
     [left - 6, top + 10, "end", mm(cells[0]?.[0], v)],
     [left - 6, top + high, "end", mm(cells.at(-1)?.[0], v)],
-    [left - 6, top + high / 2 + 4, "end", AXES[v]],
+    [left - 6, top + high / 2 + 4, "end", `${AXES[v]} [${text.units.mm}]`],
   ] as const;
   return (
     <svg
@@ -297,12 +297,13 @@ function Numbers({ place, map }: { place: maps.MapPlace; map: WorkMap }) {
   ];
   const interval = ([low, high]: readonly [number, number]) =>
     Number.isFinite(high) ? `${um(low, high - low)} … ${um(high, high - low)} ${micrometre}` : words.noBound;
+  const same = interval(place.withModelError) === interval(place.readingsOnly);
   const compliance = (value: number) =>
     Number.isFinite(value) ? `${significant(value * 1e6, 3)} ${perNewton}` : words.noNumber;
   const bent = [
     { label: words.quantities.deflection, value: `${significant(place.deflection * 1e6, 4)} ${micrometre}` },
     { label: words.readingsOnly(level), value: interval(place.readingsOnly) },
-    { label: words.withModelError(level), value: interval(place.withModelError) },
+    { label: words.withModelError(level), value: same ? words.sameInterval : interval(place.withModelError) },
     {
       label: words.displacement,
       value: `${place.displacement.map((v) => significant(v * 1e6, 3)).join(", ")} ${micrometre}`,

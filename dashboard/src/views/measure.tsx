@@ -8,12 +8,12 @@ import { SchemaFields, type Terms } from "../components/schema_form";
 import { freshKey, type Fields, unreadIn } from "../lib/json";
 import * as live from "../lib/live";
 import { useAction, go, link } from "../state/action";
-import { useLoad, valueOf, type Names, namesChanged, robotOptions, useNames, storedSet } from "../state/load";
+import { useLoad, valueOf, type Names, namesChanged, robotOptions, useNames } from "../state/load";
 import { factors } from "../lib/stiffness";
 import { text } from "../i18n";
 import { later } from "../i18n/later";
 import { NOISE } from "./flow";
-import { EQUIPMENT, Equipment, START } from "./plans";
+import { EQUIPMENT, Equipment, START, equippedSet } from "./plans";
 import { NoRobots } from "./robots";
 import { Rows } from "../components/list";
 
@@ -113,12 +113,13 @@ function Declaration({ names, robot: given, plan }: { names: Names; robot: strin
   const [goal, setGoal] = useState<Fields>({ relative: 0.15 });
   const [noise, setNoise] = useState<Fields>({});
   const earlier = names.sets.find((set) => set.robot_id === robot)?.id;
-  const campaign = valueOf(useLoad(async () => (earlier ? await storedSet(earlier) : null), [earlier]));
+  const campaign = valueOf(useLoad(async () => (earlier ? await equippedSet(earlier) : null), [earlier]));
   useEffect(() => {
     if (!campaign) return;
-    const { length } = factors(campaign.units);
-    const { sigma, force, load_point: place } = campaign.noise ?? {};
-    const found = { ...live.equipmentOf(campaign), ...(sigma ? { sigma: sigma * length } : {}) };
+    const { set, equipment } = campaign;
+    const { length } = factors(set.units);
+    const { sigma, force, load_point: place } = set.noise ?? {};
+    const found = { ...equipment, ...(sigma ? { sigma: sigma * length } : {}) };
     setAsked((before) => ({ ...before, ...live.unchanged(found, before, START) }));
     setNoise((before) => ({
       ...(force ? { force } : {}),

@@ -1,7 +1,7 @@
 /** Plans: where they start, and one with its promise, its certificate and its postures. */
 import { useState, useEffect } from "preact/hooks";
 import { api } from "../api/client";
-import type { JointKind, Plan, PlanResult, Robot } from "../api/types";
+import type { JointKind, MeasurementSet, Plan, PlanResult, Robot } from "../api/types";
 import { Button, ActionButton, Show, Title, Download, LinkButton, Name, NameLink } from "../components/basics";
 import { fixed } from "../lib/format";
 import { equipmentOf, unchanged, toFillIn } from "../lib/live";
@@ -21,6 +21,7 @@ import { JobList } from "./runs";
 import { NoRobots } from "./robots";
 import { fileName, saveJson } from "../components/table";
 import { JobLines, JobPage, JobTables } from "../components/job_page";
+import { posturesOf } from "./run_context";
 
 const words = later.plan;
 
@@ -120,6 +121,14 @@ export function PlansView({ query }: { query: URLSearchParams }) {
   );
 }
 
+/** A campaign, and what it was measured with; its targets by its first posture where it does not state them. */
+export async function equippedSet(id: string): Promise<{ set: MeasurementSet; equipment: Fields }> {
+  const set = await storedSet(id);
+  const alone = { ...set, observations: set.observations.slice(0, 1) };
+  const [first] = await posturesOf(alone, await storedRobot(set.robot_id));
+  return { set, equipment: equipmentOf(set, first) };
+}
+
 /** `after`: the run of the campaign so far, whose causes and omitted readings hold on. */
 function Begin({ names, given, after }: { names: Names; given: string; after: string | null }) {
   const [subject, setSubject] = useState(given);
@@ -143,9 +152,9 @@ function Begin({ names, given, after }: { names: Names; given: string; after: st
     change({ joints: [], sigma: value.startsWith("set:") ? null : START["sigma"] });
   };
   const earlier = kind === "robot" ? names.sets.find((set) => set.robot_id === id)?.id : undefined;
-  const campaign = valueOf(useLoad(async () => (earlier ? await storedSet(earlier) : null), [earlier]));
+  const campaign = valueOf(useLoad(async () => (earlier ? await equippedSet(earlier) : null), [earlier]));
   useEffect(() => {
-    if (campaign) change((before) => unchanged(equipmentOf(campaign), before, START));
+    if (campaign) change((before) => unchanged(campaign.equipment, before, START));
   }, [campaign]);
   const robot = kind === "set" ? names.sets.find((set) => set.id === id)?.robot_id : id;
   const joints = names.robots.find((one) => one.id === robot)?.joints.map(({ name }) => name) ?? [];

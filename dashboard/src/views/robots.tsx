@@ -419,7 +419,7 @@ export function rowOf(row: FleetRow): Row {
     note: row.serial_number === null ? fleetWords.noSerial : <Name>{row.serial_number}</Name>,
     how: (
       <>
-        {row.joint && row.change ? fleetWords.latest(row.joint, changeText(row.change)) : (row.missing ?? "")}
+        {row.joint && row.change ? fleetWords.latest(row.joint, changeText(row.change)) : row.missing?.split(/[:;]/, 1)}
         {note && <small>{note}</small>}
       </>
     ),

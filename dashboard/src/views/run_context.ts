@@ -3,7 +3,7 @@ import { storedRobot, storedSet, cached, useCached, valueOf } from "../state/loa
 import { useMemo } from "preact/hooks";
 import { api } from "../api/client";
 import type { Elasticity, MeasurementSet, Posture, Robot, Run, RunResult } from "../api/types";
-import { factors } from "../lib/stiffness";
+import { standOf } from "../lib/live";
 
 /** A run with what it is about. */
 export interface RunContext {
@@ -38,16 +38,16 @@ const AT_A_TIME = 500; // the service takes 1000 at most
 
 /** One posture an observation, or null while they are on their way. */
 export function usePostures(set: MeasurementSet, robot: Robot): Posture[] | null {
-  const loaded = useCached(`postures/${set.id}`, () => ask(set, robot), Number.POSITIVE_INFINITY);
+  const loaded = useCached(`postures/${set.id}`, () => posturesOf(set, robot), Number.POSITIVE_INFINITY);
   return useMemo(() => valueOf(loaded), [loaded.state]);
 }
 
-async function ask(set: MeasurementSet, robot: Robot): Promise<Posture[]> {
-  const { angle } = factors(set.units);
-  const joints = set.observations.map((observation) => observation.joints.map((value) => value * angle));
+export async function posturesOf(set: MeasurementSet, robot: Pick<Robot, "joints">): Promise<Posture[]> {
+  const kinds = robot.joints.map(({ kind }) => kind);
+  const joints = set.observations.map((observation) => standOf(observation, set.units, kinds).joints);
   const postures: Posture[] = [];
   for (let i = 0; i < joints.length; i += AT_A_TIME) {
-    postures.push(...(await api.kinematics({ robot_id: robot.id }, joints.slice(i, i + AT_A_TIME))).postures);
+    postures.push(...(await api.kinematics({ robot_id: set.robot_id }, joints.slice(i, i + AT_A_TIME))).postures);
   }
   return postures;
 }

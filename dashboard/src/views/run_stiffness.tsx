@@ -2,7 +2,7 @@
 import type { Run, RunResult } from "../api/types";
 import { Badge, NameLink, Name, Facts, When, Term, ActionButton } from "../components/basics";
 import { type Cell, DataTable, type Table } from "../components/table";
-import { fixed, percent, significant } from "../lib/format";
+import { percent, significant } from "../lib/format";
 import { shownStiffness, STIFFNESS_UNITS } from "../lib/stiffness";
 import { useSettings } from "../state/session";
 import { text } from "../i18n";
@@ -48,7 +48,7 @@ export function RunsTable({ columns, label }: { columns: RunColumn[]; label: str
     rows: [
       row(text.run.verdict, ({ assessment }) => <Badge verdict={assessment.verdict} />),
       row(text.lists.explainedTitle, ({ compensation }) => compensation && percent(compensation)),
-      row(`${text.lists.rms} [${text.units.mm}]`, (result) => fixed(result.rms_residual * 1e3, 3)),
+      row(`${text.lists.rms} [${text.units.micrometre}]`, (result) => significant(result.rms_residual * 1e6, 2)),
       ...[...names].map((name) => row(`${name} [${STIFFNESS_UNITS[unit].label}]`, stiffness(name))),
     ],
   };
@@ -163,7 +163,7 @@ function Summary({ result }: { result: RunResult }) {
     <ul class="summary">
       {figure(found, words.of(result.joints.length), words.numbered)}
       {result.compensation !== null && figure(percent(result.compensation), "", words.compensation)}
-      {figure(significant(result.rms_residual * 1e3, 2), text.units.mm, words.rms)}
+      {figure(significant(result.rms_residual * 1e6, 2), text.units.micrometre, words.rms)}
       {figure(
         result.sigma === null ? "–" : significant(result.sigma * 1e6, 2),
         `${text.units.micrometre} σ`,

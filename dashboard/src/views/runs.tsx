@@ -319,6 +319,13 @@ export const runRows = (runs: RunSummary[], names: Names | null): Row[] =>
     runs,
   );
 
+/** The newest run of each set, the others beneath it. */
+export const latestRows = (runs: RunSummary[], names: Names | null): Row[] =>
+  [...groupedBy(runs, (run) => run.measurement_set_id).values()].flatMap((ofSet) => {
+    const [newest, ...under] = ofSet.map((run) => rowOf("runs", run, names, false));
+    return newest ? [{ ...newest, under }] : [];
+  });
+
 /** Rows of variants beneath that of the run they began with, whatever they vary in between. */
 function nested(rows: Row[], runs: RunSummary[]): Row[] {
   const origins = new Map(runs.map((run) => [run.id, run.variant_of]));

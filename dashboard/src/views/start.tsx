@@ -27,7 +27,7 @@ import { FileDrop, GoBar, Refused, Step, Advanced, useRunForm } from "./flow";
 import { AlarmNote, Rows } from "../components/list";
 import { ImportFlow } from "./import_flow";
 import { OpenCampaigns, TrySimulated } from "./measure";
-import { runRows } from "./runs";
+import { latestRows } from "./runs";
 
 interface FlowProps {
   opened: Opened | null;
@@ -205,7 +205,7 @@ async function example(): Promise<File> {
 }
 
 function Recent({ example }: { example: () => Promise<void> }) {
-  const recent = useLoad((signal) => api.runs.list({ limit: 5 }, signal), []);
+  const recent = useLoad((signal) => api.runs.list({ limit: 50 }, signal), []);
   const names = valueOf(useNames());
   return (
     <Show
@@ -218,7 +218,7 @@ function Recent({ example }: { example: () => Promise<void> }) {
         )
       }
     >
-      {({ items }) => <Rows rows={runRows(items, names)} />}
+      {({ items }) => <Rows rows={latestRows(items, names).slice(0, 5)} />}
     </Show>
   );
 }

@@ -357,7 +357,10 @@ function Charts({ trend, reload }: Noted) {
     <>
       {trend.note !== null && <p class="note">{words.notYet(trend.note)}</p>}
       <Alarms trend={trend} reload={reload} />
-      <p class="hint">{words.rate(trend.false_alarms)}</p>
+      <p class="hint">
+        {trend.false_alarms.joints > 0 && words.rate(trend.false_alarms)}
+        {words.axes}
+      </p>
       <Legend
         items={[
           { label: words.campaign, mark: "method-1" },

@@ -387,7 +387,7 @@ function Authorisations({ run }: { run: string }) {
   const loaded = useLoad(
     async (signal) => {
       const [found, session] = await Promise.all([api.authorisations(run, signal), api.session()]);
-      return { items: found.items, may: session.role === "admin", name: session.key_name };
+      return { items: found.items, may: session.role === "admin", name: session.key_name, access: session.access };
     },
     [run],
   );
@@ -422,7 +422,7 @@ function Authorisations({ run }: { run: string }) {
         </p>
       ))}
       {found.items.length === 0 && <p class="soft">{fileWords.draft}</p>}
-      {!found.may && <p class="soft">{fileWords.howToAuthorise}</p>}
+      {!found.may && <p class="soft">{fileWords.howToAuthorise(found.access === "keys")}</p>}
       {found.may && !asked && <Button onClick={() => setAsked(BLANK)}>{fileWords.authorise}</Button>}
       {asked && (
         <div class="note warn" role="group" aria-label={fileWords.sure}>

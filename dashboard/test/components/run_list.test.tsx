@@ -46,7 +46,7 @@ describe("a list of runs", () => {
     expect(root.querySelectorAll("li")).toHaveLength(1);
     const row = first?.querySelector(".item")?.textContent ?? "";
     for (const part of ["Do not use", "98\u00a0%", "5 of 6", "2 warnings"]) expect(row).toContain(part);
-    expect(first?.querySelector("details")?.textContent).toContain("1 variant");
+    expect(first?.querySelector("details")?.textContent).toContain("1 further run");
   });
 
   it("walks its rows by arrow keys", async () => {

@@ -149,7 +149,7 @@ def test_the_fleet_has_a_row_for_each_serial_number(local, robot, runs):
     assert fleet["is_whole"]
     assert list(rows) == [("worn", "A"), ("worn", "B"), ("new", None)]  # those never measured last
     assert rows["worn", "B"]["state"] == "unjudged"
-    assert rows["worn", "B"]["missing"].startswith("there are 1 of 3 reference campaigns")
+    assert rows["worn", "B"]["missing"].startswith("1 of 3 reference campaigns")
     assert rows["new", None]["measured_at"] is rows["new", None]["verdict"] is None
     (newest,) = local.get("/v1/runs", params={"limit": 1}).json()["items"]
     assert rows["worn", "B"]["verdict"] == newest["verdict"] == "use"
@@ -161,7 +161,7 @@ def test_below_three_campaigns_there_is_only_the_pair(local):
     measured(local, robot, 1)
     measured(local, robot, 2, soft=True)
     trend = trend_of(local, robot)
-    assert "no chart yet, only a test" in trend["note"]
+    assert "no chart, only a test" in trend["note"]
     assert {one["time_source"] for one in trend["campaigns"]} == {"created_at"}
     found = joint(trend)
     assert found["charts"] == []
