@@ -1,6 +1,5 @@
 """Fixtures that several packages' tests share: databases, real ones."""
 
-import fcntl
 import gc
 import hashlib
 import os
@@ -9,7 +8,6 @@ import subprocess
 import tempfile
 import uuid
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -20,7 +18,7 @@ import psycopg
 import pytest
 from support import examples as examples  # registers the profile of --hypothesis-profile=full
 from support import lanes, wheel
-from support.processes import Service
+from support.processes import Service, alone
 
 gc.set_threshold(50_000)  # of new objects: Python's own 700 take a tenth of the tests' time
 # Before NumPy is imported: threads of linear algebra in each of several workers wait for each other.
@@ -37,16 +35,21 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 @pytest.fixture(scope="session")
-def postgresql_url(tmp_path_factory: pytest.TempPathFactory, worker_id: str) -> Iterator[str]:
+def shared_folder(tmp_path_factory: pytest.TempPathFactory, worker_id: str) -> Path:
+    """The folder of this run that all workers of xdist share."""
+    place = tmp_path_factory.getbasetemp()
+    return place if worker_id == "master" else place.parent
+
+
+@pytest.fixture(scope="session")
+def postgresql_url(shared_folder: Path, worker_id: str) -> Iterator[str]:
     """A PostgreSQL server of our own, reached through a socket in a folder of its own.
 
     All workers of xdist share it: the first makes it, and it ends with the last that uses it.
     """
     binaries = _postgresql_binaries()
-    place = tmp_path_factory.getbasetemp()
-    if worker_id != "master":
-        place = place.parent
-    folder = Path(tempfile.gettempdir()) / f"jointstiff-pg-{hashlib.sha256(bytes(place)).hexdigest()[:16]}"
+    name = hashlib.sha256(bytes(shared_folder)).hexdigest()[:16]
+    folder = Path(tempfile.gettempdir()) / f"jointstiff-pg-{name}"
 
     def run(program: str, *arguments: str) -> None:
         command = [str(binaries / program), "-D", str(folder / "data"), *arguments]
@@ -57,8 +60,8 @@ def postgresql_url(tmp_path_factory: pytest.TempPathFactory, worker_id: str) -> 
             done = subprocess.run(command, cwd=folder, stdout=output, stderr=output, check=False, timeout=60)
         assert done.returncode == 0, log.read_text()
 
-    users = place / "postgresql-users"
-    with _alone(users):
+    users = shared_folder / "postgresql-users"
+    with alone(users):
         if not folder.exists():
             folder.mkdir()
             if os.geteuid() == 0:
@@ -70,21 +73,13 @@ def postgresql_url(tmp_path_factory: pytest.TempPathFactory, worker_id: str) -> 
     try:
         yield f"postgresql://postgres@/postgres?host={folder}"
     finally:
-        with _alone(users):
+        with alone(users):
             left = users.read_text().splitlines()
             left.remove(worker_id)
             users.write_text("".join(f"{user}\n" for user in left))
             if not left:
                 run("pg_ctl", "stop", "-w", "-m", "immediate")
                 shutil.rmtree(folder)
-
-
-@contextmanager
-def _alone(path: Path) -> Iterator[None]:
-    """Lock a file, which is made if need be."""
-    with path.open("a") as file:
-        fcntl.flock(file, fcntl.LOCK_EX)
-        yield
 
 
 @pytest.fixture(scope="session")
@@ -175,11 +170,10 @@ def services(
 
 
 @pytest.fixture(scope="session")
-def built_wheel(tmp_path_factory: pytest.TempPathFactory, worker_id: str) -> Path:
+def built_wheel(shared_folder: Path) -> Path:
     """The wheel of this repository, and beside it `environment` with it; workers of xdist share both."""
-    place = tmp_path_factory.getbasetemp()
-    folder = (place if worker_id == "master" else place.parent) / "wheel"
-    with _alone(folder.with_suffix(".lock")):
+    folder = shared_folder / "wheel"
+    with alone(shared_folder / "page.lock"):  # which is built with it
         if not (folder / "environment").is_dir():
             wheel.build(folder)
             wheel.install(next(folder.glob("*.whl")), folder / "environment")

@@ -23,7 +23,7 @@ from support.browsing import (
     campaign,
     run_npm,
 )
-from support.processes import Service
+from support.processes import Service, alone
 from support.programs import START, path, tool_poses
 
 from jointstiff.simulator import TARGETS, default_arm
@@ -32,24 +32,26 @@ from jointstiff.simulator.programs import program_text
 
 
 @pytest.fixture(scope="session")
-def node_modules() -> Path:
+def node_modules(shared_folder: Path) -> Path:
     """What npm installs, once it is there."""
     folder = DASHBOARD / "node_modules"
-    if not folder.is_dir():
-        done = run_npm("ci", "--ignore-scripts", "--no-progress", "--loglevel=error")
-        assert done.returncode == 0, done.stdout + done.stderr
+    with alone(shared_folder / "page.lock"):
+        if not folder.is_dir():
+            done = run_npm("ci", "--ignore-scripts", "--no-progress", "--loglevel=error")
+            assert done.returncode == 0, done.stdout + done.stderr
     return folder
 
 
 @pytest.fixture(scope="session")
-def bundle(node_modules: Path) -> Path:
+def bundle(node_modules: Path, shared_folder: Path) -> Path:
     """The page as it is served, built again if it is older than its sources."""
     page = ROOT / "service" / "static" / "index.html"
     sources = [p for p in (DASHBOARD / "src").rglob("*") if p.is_file() and p.name != "schema.d.ts"]
     sources += DASHBOARD.glob("*.*")
-    if not page.is_file() or page.stat().st_mtime < max(p.stat().st_mtime for p in sources):
-        done = run_npm("run", "--silent", "build")
-        assert done.returncode == 0, done.stdout + done.stderr
+    with alone(shared_folder / "page.lock"):
+        if not page.is_file() or page.stat().st_mtime < max(p.stat().st_mtime for p in sources):
+            done = run_npm("run", "--silent", "build")
+            assert done.returncode == 0, done.stdout + done.stderr
     return page.parent
 
 

@@ -69,7 +69,7 @@ def test_a_weight_plans_what_it_twists_and_a_refusal_says_what_to_change(visit, 
     page.get_by_label("Robot or measurement set").select_option(f"robot:{stored.robot}")
     expect(page.get_by_label("Force [N]")).to_have_value("1500")  # as in the robot's newest campaign
     expect(page.get_by_label("Load point:")).to_have_value("-60, 20, 180")
-    expect(page.get_by_label("Targets:")).to_have_value(re.compile(r"^P10,? 14[67]"))  # as its readings show them
+    expect(page.get_by_label("Targets:")).to_have_value(re.compile(r"^P10,? 14[67]"))  # as read
     page.get_by_label("Load", exact=True).select_option(label="Dead weight")  # others in a newer campaign
     page.get_by_label("Load point:").fill("")
     page.get_by_label("Targets:").fill("P1 100 0 50")

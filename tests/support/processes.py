@@ -1,5 +1,6 @@
 """Services and workers as processes of our own."""
 
+import fcntl
 import os
 import re
 import socket
@@ -105,6 +106,14 @@ def workers_of(database: str) -> list[int]:
         ):
             found.append(int(folder.name))
     return found
+
+
+@contextmanager
+def alone(path: Path) -> Iterator[None]:
+    """Lock a file, which is made if need be: other processes wait."""
+    with path.open("a") as file:
+        fcntl.flock(file, fcntl.LOCK_EX)
+        yield
 
 
 def free_port() -> int:
