@@ -315,6 +315,7 @@ export const later = {
     draft: "The report is not authorised: each page is marked as a draft.",
     authorisedBy: "Report authorised by",
     authorise: "Authorise the report",
+    supersede: "Supersede this report",
     issued: (number: number) => `as issued, report ${number}`,
     customer: "Customer, if not the laboratory's usual one",
     received: "Date of receipt of the item",

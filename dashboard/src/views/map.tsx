@@ -186,7 +186,8 @@ function Explorer({ own, other }: { own: Loaded; other: Loaded | null }) {
   const sides = [own, other].filter((one): one is Loaded => one !== null && one.places.length > 0);
   const [quantity, setQuantity] = useState<maps.Quantity>("deflection");
   const values = sides.map(({ places }) => places.map((place) => maps.valueOfPlace(place, quantity)));
-  const scale = extent(values.flat()) ?? [0, 1];
+  const found = extent(values.flat());
+  const scale = found ?? [0, 1];
   const [across, setAcross] = useState<maps.Axis>(() => maps.thinnest(grid));
   const [chosen, setChosen] = useState(() => maps.greatest(values[0] ?? []) ?? 0); // the worst place is seen first
   const layer = layerOf(grid, across, chosen);
@@ -203,7 +204,7 @@ function Explorer({ own, other }: { own: Loaded; other: Loaded | null }) {
         </div>
         <div class="controls">
           <Choice label={programWords.colour} value={quantity} change={setQuantity} options={words.quantities} />
-          <RampLegend scale={scale} unit={unit} label={words.quantities[quantity]} />
+          {found && <RampLegend scale={found} unit={unit} label={words.quantities[quantity]} />}
           <Choice
             label={words.across}
             value={String(across)}

@@ -423,7 +423,11 @@ function Authorisations({ run }: { run: string }) {
       ))}
       {found.items.length === 0 && <p class="soft">{fileWords.draft}</p>}
       {!found.may && <p class="soft">{fileWords.howToAuthorise(found.access === "keys")}</p>}
-      {found.may && !asked && <Button onClick={() => setAsked(BLANK)}>{fileWords.authorise}</Button>}
+      {found.may && !asked && (
+        <Button onClick={() => setAsked(BLANK)}>
+          {found.items.length > 0 ? fileWords.supersede : fileWords.authorise}
+        </Button>
+      )}
       {asked && (
         <div class="note warn" role="group" aria-label={fileWords.sure}>
           <div class="row">
