@@ -562,8 +562,8 @@ class ModelErrorBound:
 
     def interval(self, displacement: FloatArray, of_readings: FloatArray | None) -> FloatArray:
         """(B, 3, 2) of displacements (B, 3) [m]: the balls, and what the readings (B, 6, 2) leave open."""
-        half = self.radius[:, None, None] * np.array([-1.0, 1.0])
-        ends: FloatArray = displacement[..., None] + half
+        radius = self.radius[:, None]
+        ends: FloatArray = np.stack([displacement - radius, displacement + radius], axis=-1)
         if of_readings is None:
             return ends
         lower = np.minimum(ends[..., 0], of_readings[:, :3, 0])

@@ -159,6 +159,7 @@ BOX = np.array([1.64 + 0.24, 0.0, 0.78 + 1.12 + 0.06]) + np.array([[-0.1], [0.1]
 AHEAD, BEHIND = (Instrument((x, 0.0, z), 1e-5, 0.0, 1e-5, 0.0) for x, z in ((5.0, 2.0), (-5.0, 1.2)))
 TURNED = Surroundings(link_radius=0.0, facing=dict.fromkeys(TARGETS, (0.0, 0.0, 1.0)), acceptance=0.5)
 CABLE = equipment("cable", anchors=[[-3.0, 0.0, 1.2]])
+BESIDE = equipment("cable", anchors=[[2.06, 3.02, 5.02], [2.06, 0.02, 2.07]])  # the second too near the load
 
 
 def box_aside(distance):
@@ -180,6 +181,7 @@ class TestFeasibility:
             ("line_of_sight", equipment(instrument=BEHIND), Surroundings(link_radius=0.15), 0, None),
             ("reflector_acceptance", equipment(instrument=BEHIND), TURNED, 0, None),
             ("cable", CABLE, Surroundings(link_radius=0.15), 0, [[-1.0, 0.0, -0.2]]),
+            ("cable", BESIDE, Surroundings(link_radius=0.0), 0, [[0.0, 0.0, 1.0]]),
             (None, equipment(instrument=AHEAD), Surroundings(floor=0.1), 0, None),
         ],
     )

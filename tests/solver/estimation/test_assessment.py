@@ -20,7 +20,6 @@ from jointstiff.solver.estimation.assessment import assess, implausible_joints
 from jointstiff.solver.estimation.causes import better_alternative
 from jointstiff.solver.estimation.estimate import JointCompliance, predict
 from jointstiff.solver.estimation.identify import identify
-from jointstiff.solver.estimation.method import Prior
 from jointstiff.solver.integrity import inspect
 from jointstiff.solver.mechanics.measurements import CommonUncertainty
 from jointstiff.solver.mechanics.robot import JointMap, Robot
@@ -123,16 +122,6 @@ class TestAlternatives:
         assert assessment.verdict == "use"
         assert is_true(found)
 
-    def test_load_and_target_are_exchanged_back(self, deflections):
-        robot, measurements = deflections
-        position, place = measurements.position.copy(), measurements.position[:, 1].copy()
-        position[:, 1] = measurements.load_point
-        assessment, _ = assessed(
-            robot, replace(measurements, position=position, load_point=place), findings=()
-        )
-        action = reason_of(assessment, "alternative_explains_better").action
-        assert (action.kind, action.target) == ("exchange_load_and_target", "P11")
-
     @pytest.mark.parametrize("load", ["pull", "dead_weight"])
     def test_forces_of_the_wrong_sign_are_no_other_zero_of_a_joint(self, load):
         for seed in (0, 3):
@@ -202,11 +191,6 @@ class TestReadings:
         assert (reason.action.kind, reason.action.observations) == ("leave_out_readings", ["c08"])
         assert assessed(robot, wrong[np.delete(np.arange(19), 7)])[0].verdict == "use"
 
-    def test_a_length_unit_is_named(self, pulls):
-        wrong = replace(pulls[1], deflection=1e3 * pulls[1].deflection)
-        assessment, _ = assessed(pulls[0], wrong, complementary_stiffness="neglected")
-        assert reason_of(assessment, "length_unit_suspect").weight == "do_not_use"
-
     @pytest.mark.parametrize(("row", "left_out"), [(2, ["c01", "c02"]), (17, ["c18", "c19"]), (9, None)])
     def test_of_a_target_that_stays_elsewhere_the_shorter_side_is_left_out(self, pulls, row, left_out):
         label = pulls[1].labels[row]
@@ -246,15 +230,6 @@ class TestFit:
         assert reason.action.kind == "include_complementary_stiffness"
         assert assessed(robot, measurements, findings=())[0].verdict == "use"
 
-    def test_a_prior_that_dominates_caps_its_joint_alone(self, pulls):
-        robot, measurements = pulls
-        mean, s = np.full(6, np.nan), np.full(6, np.inf)
-        mean[3], s[3] = TRUTH[3], 1e-4 * TRUTH[3]
-        assessment, _ = assessed(robot, measurements, prior=Prior(mean, s))
-        assert reason_of(assessment, "prior_dominates").where == robot.joint_names[3]
-        assert assessment.verdict == "use_with_care"
-        assert assessment.joints == ("use", "use", "use", "use_with_care", "use", "use")
-
     @pytest.mark.parametrize(("postures", "few"), [([0, 0, 0, 0], True), ([0, 1], True), ([0, 1, 2], False)])
     def test_few_postures(self, pulls, postures, few):
         robot, measurements = pulls
@@ -282,11 +257,6 @@ class TestFit:
         reason = reason_of(assessment, code)
         assert (reason.weight, says in reason.message) == (weight, True)
         assert reason.action is None or reason.action.target == "P12"
-
-    def test_computed_readings_leave_no_residuals(self):
-        robot, measurements = prepare(simulate_campaign(default_arm(), load="pull", seed=3, sigma=0.0))
-        assessment, _ = assessed(robot, replace(measurements, sigma=None), findings=())
-        assert reason_of(assessment, "residuals_vanish").weight == "use_with_care"
 
     def test_most_of_the_deflection_unexplained(self, fanuc):
         robot, measurements = fanuc

@@ -7,12 +7,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation, Slerp
 from support.calibrated_arms import ARMS, arm, chain_rows
 
 from jointstiff.solver.errors import RobotError
 from jointstiff.solver.mechanics.configuration import (
     InverseKinematics,
     Unreached,
+    _between,
     choose_postures,
     flange_poses,
 )
@@ -71,6 +73,19 @@ def test_paths_stay_on_their_branch_or_are_refused(name, count):
         else:
             assert off(robot.joint_map.model_angles(joints), q).max() < 1e-6
     assert refused < 0.2 * count
+
+
+def test_a_halved_step_is_half_of_the_way_and_of_the_turn():
+    """Beside an interpolation of SciPy's."""
+    begin, end = flange_poses(arm("ur5"), np.random.default_rng(3).uniform(-1.0, 1.0, (2, 6)))
+    share = np.array([0.0, 0.25, 0.5, 1.0])
+    poses = _between(np.tile(begin, (4, 1, 1)), np.tile(end, (4, 1, 1)), share)
+    turned = Slerp([0.0, 1.0], Rotation.from_matrix([begin[:3, :3], end[:3, :3]]))(share)
+    np.testing.assert_allclose(poses[:, :3, :3], turned.as_matrix(), atol=1e-12)
+    for k in range(3):
+        np.testing.assert_allclose(
+            poses[:, k, 3], np.interp(share, [0.0, 1.0], [begin[k, 3], end[k, 3]]), atol=1e-12
+        )
 
 
 def test_a_path_through_a_singularity_is_refused_where_it_is():

@@ -20,7 +20,7 @@ from support.urdf_documents import BRANCHED
 from jointstiff.solver.errors import RobotError
 from jointstiff.solver.mechanics.configuration import Configurations, flange_poses
 from jointstiff.solver.mechanics.robot import Robot
-from jointstiff.solver.mechanics.urdf import read_urdf, write_urdf
+from jointstiff.solver.mechanics.urdf import quoted, read_urdf, write_urdf
 
 
 def test_branched_robot():
@@ -104,6 +104,7 @@ def test_hostile_documents(text, where, reason):
     assert reason in error.reason
     assert error.remedy
     assert len(str(error).encode("utf-8")) < 1_000
+    assert (quoted("ab", 2), quoted("é\n", 1)) == ("'ab'", "'\\xe9'…")
 
 
 @pytest.mark.parametrize(
