@@ -1,19 +1,15 @@
 """The page from end to end: from a robot and a file to a result, compared, followed, repeated."""
 
-import json
 import re
 
 import pytest
 from playwright.sync_api import expect
 from support.api import post
-from support.browsing import ROOT, campaign
+from support.browsing import ROOT, campaign, file_of
+from support.processes import until
 
 from jointstiff.simulator import default_arm
 from jointstiff.simulator.urdf import urdf_text
-
-
-def file_of(document, name="campaign.json"):
-    return {"name": name, "mimeType": "application/json", "buffer": json.dumps(document).encode()}
 
 
 @pytest.mark.parametrize("size", [pytest.param("tablet", marks=pytest.mark.slow), "phone"])
@@ -39,7 +35,7 @@ def test_from_a_robot_to_a_trend(visit, api, size):
         document = campaign(load="dead_weight", encoders=encoders, seed=seed)["measurement_set"]
         document["name"] = f"{size} {encoders}"
         visited.go("#/")
-        page.locator("input[type=file]").set_input_files(file_of(document))
+        page.locator("input[type=file]").set_input_files(file_of("campaign.json", document))
         page.get_by_label("Robot", exact=True).select_option(label=name)
         expect(page.get_by_role("button", name="Identify")).to_be_enabled()
         assert document["name"] not in {each["name"] for each in every_set()}  # stored by the last tap
@@ -99,7 +95,7 @@ def test_three_taps_from_a_file_to_its_result(visit):
     page = visit("tablet", view="#/").page
     with page.expect_file_chooser() as chooser:
         page.get_by_text("Choose file").tap()  # one; choosing it is the second
-    chooser.value.set_files(file_of(campaign(load="pull", seed=31)))
+    chooser.value.set_files(file_of("campaign.json", campaign(load="pull", seed=31)))
     page.get_by_role("button", name="Identify").tap()  # three
     expect(page.get_by_role("table", name="Joint stiffness")).to_be_visible()
     expect(page.get_by_text("6 of 6 joints have a stiffness")).to_be_visible()
@@ -110,7 +106,7 @@ def test_the_options_in_a_file_are_taken_and_shown(visit, api):
     expect(page.get_by_label("Robot", exact=True)).to_have_count(0)  # nothing is asked before a file
     document = campaign(load="pull", seed=32)
     document["run"] = {"positive": False, "stiffness_order": [["joint_2", "joint_4"]], "confidence": 0.9}
-    page.locator("input[type=file]").set_input_files(file_of(document))
+    page.locator("input[type=file]").set_input_files(file_of("campaign.json", document))
     expect(page.locator("summary", has_text="Advanced")).to_contain_text(
         "positive: false, stiffness order, confidence: 0.9"
     )
@@ -200,7 +196,7 @@ def test_refusals_say_what_to_do(visit, stored):
     page = visited.page
     document = campaign(load="dead_weight", seed=41)
     document["measurement_set"]["observations"][3]["joints"] = [0.1, 0.2]
-    page.locator("input[type=file]").set_input_files(file_of(document))
+    page.locator("input[type=file]").set_input_files(file_of("campaign.json", document))
     page.get_by_role("button", name="Identify").click()  # stored by this tap, or refused
     expect(page.get_by_role("alert")).to_contain_text("observations[3].joints")
     expect(page.get_by_role("alert")).to_contain_text("What to do")
@@ -215,7 +211,7 @@ def test_findings_are_shown_before_and_after(visit):
     document = campaign(load="dead_weight", seed=42)
     for observation in document["measurement_set"]["observations"]:
         observation["force"] = [0, 0, -observation["force"][2]]  # the wrong way round
-    page.locator("input[type=file]").set_input_files(file_of(document))
+    page.locator("input[type=file]").set_input_files(file_of("campaign.json", document))
     page.get_by_role("button", name="Identify").click()
     expect(page.locator(".note.warn").first).to_contain_text("What to do")
     expect(page.get_by_text("Read the findings")).to_be_visible()
@@ -343,5 +339,6 @@ def test_what_was_begun_survives_a_reload(visit, stored):
     expect(page.get_by_text("12 rows")).to_be_visible()
     visited.go(f"#/runs/{stored.run}/map")
     page.get_by_label("Process force on the robot").fill("0, 0, -777")
+    until(lambda: page.evaluate("Object.values(sessionStorage).some((kept) => kept.includes('-777'))"))
     page.reload()
     expect(page.get_by_label("Process force on the robot")).to_have_value("0, 0, -777")

@@ -1,11 +1,10 @@
 """Names and file names that would like to be more than text."""
 
-import json
 import re
 
 from playwright.sync_api import expect
 from support.api import post, posted
-from support.browsing import campaign
+from support.browsing import campaign, file_of
 
 from jointstiff.service.api.bodies import EXAMPLES
 
@@ -108,7 +107,7 @@ def test_hostile_file_names_and_contents_are_shown_as_text(visit, stored):
     file = page.locator("input[type=file]")
     for name in NAMES:
         file_name = re.sub(r"[/\0]", "_", name)[:60] + ".json"
-        file.set_input_files({"name": file_name, "mimeType": "application/json", "buffer": b"<script>"})
+        file.set_input_files(file_of(file_name, "<script>"))
         expect(page.get_by_text(file_name, exact=True)).to_be_visible()
         document = {
             "name": name,
@@ -116,8 +115,7 @@ def test_hostile_file_names_and_contents_are_shown_as_text(visit, stored):
             "encoders": name,
             "observations": [{"readings": [{"target": name}]}],
         }
-        content = json.dumps(document).encode()
-        file.set_input_files({"name": file_name, "mimeType": "application/json", "buffer": content})
+        file.set_input_files(file_of(file_name, document))
         expect(page.locator("h3.file")).to_have_text(name)
         assert page.locator(PLANTED).count() == 0
     assert page.evaluate("window.hacked") is None

@@ -2,16 +2,12 @@
 
 from playwright.sync_api import Locator, expect
 from support.api import file_at, post
-from support.browsing import ROOT, Visit
+from support.browsing import ROOT, Visit, file_of
 
 from jointstiff.simulator import default_arm
 from jointstiff.simulator.document import robot_document
 
 READINGS = (ROOT / "examples" / "readings.csv").read_text(encoding="utf-8")
-
-
-def table(name: str, text: str) -> dict[str, object]:
-    return {"name": name, "mimeType": "text/csv", "buffer": text.encode()}
 
 
 def with_load_point(text: str) -> str:
@@ -53,7 +49,7 @@ def test_from_a_table_to_its_result_in_five_taps(visit, api, stored):
         return len(api.get("/v1/measurement-sets?limit=100").json()["items"])
 
     before = sets()
-    tap = Taps(visited, "#/", table("day 1.csv", with_load_point(READINGS)))
+    tap = Taps(visited, "#/", file_of("day 1.csv", with_load_point(READINGS)))
     tap(page.get_by_role("radio", name="arm of the table"))
     assert sets() == before
     tap.identify()
@@ -63,11 +59,11 @@ def test_from_a_table_to_its_result_in_five_taps(visit, api, stored):
     visited.go("#/")
     head, *rows = with_load_point(READINGS).splitlines()
     rows[8] = rows[8].replace(";", ";1.2.3;", 1).rpartition(";")[0]
-    page.locator("input[type=file]").set_input_files(table("day 2.csv", "\n".join([head, *rows])))
+    page.locator("input[type=file]").set_input_files(file_of("day 2.csv", "\n".join([head, *rows])))
     faulty = page.get_by_role("cell").filter(has_text="1.2.3")
     expect(faulty.get_by_role("alert")).to_be_visible()
     expect(page.get_by_role("button", name="Identify")).to_be_disabled()
-    page.locator("input[type=file]").set_input_files(table("day 3.csv", with_load_point(READINGS)))
+    page.locator("input[type=file]").set_input_files(file_of("day 3.csv", with_load_point(READINGS)))
     page.get_by_role("button", name="Read it the same way").tap()
     expect(page.get_by_role("radio", name="motor encoders")).to_be_checked()
 
@@ -81,7 +77,7 @@ def test_six_taps_among_several_robots(visit, api, stored):
     text = READINGS.replace("unloaded", "before").replace("loaded", "after")
     visited = visit("tablet upright")
     page = visited.page
-    tap = Taps(visited, "#/", table("day 6.csv", text))
+    tap = Taps(visited, "#/", file_of("day 6.csv", text))
     tap(page.get_by_label("Load point, x, y, z"))
     page.keyboard.type("-60, 20, 180")
     expect(page.get_by_role("radio", name="newer of two arms")).not_to_be_checked()
@@ -104,7 +100,7 @@ def test_five_taps_with_words_for_states_and_a_load_point(visit, api, stored):
     added = [post(api, "/v1/robots", {**robot, "joint_map": None}), post(api, "/v1/robots", robot)]
     text = READINGS.replace("unloaded", "before").replace("loaded", "after")
     visited = visit("tablet upright")
-    tap = Taps(visited, f"#/?robot={added[0]['id']}", table("day 4.csv", text))
+    tap = Taps(visited, f"#/?robot={added[0]['id']}", file_of("day 4.csv", text))
     tap(visited.page.get_by_label("Load point, x, y, z"))
     visited.page.keyboard.type("-60, 20, 180")
     tap.identify()
@@ -114,7 +110,7 @@ def test_five_taps_with_words_for_states_and_a_load_point(visit, api, stored):
 def test_words_that_may_be_states_are_one_question(visit, stored):
     text = READINGS.replace("unloaded", "pre").replace("loaded", "post")
     page = visit("tablet upright", view="#/").page
-    page.locator("input[type=file]").set_input_files(table("day 5.csv", text))
+    page.locator("input[type=file]").set_input_files(file_of("day 5.csv", text))
     expect(page.get_by_text("may be states, but are not known")).to_have_count(1)
     expect(page.get_by_text("1 fault must be corrected first")).to_be_visible()
     page.get_by_role("group", name="Word for columns without load").get_by_role("radio", name="pre").tap()
@@ -125,6 +121,6 @@ def test_words_that_may_be_states_are_one_question(visit, stored):
 def test_a_number_that_is_not_finite_names_its_field(visit, stored):
     page = visit("tablet", view="#/").page
     content = '{"measurement_set": {"observations": [], "noise": {"sigma": NaN}}}'
-    page.locator("input[type=file]").set_input_files(table("campaign.json", content))
+    page.locator("input[type=file]").set_input_files(file_of("campaign.json", content))
     expect(page.get_by_text("NaN in measurement_set.noise.sigma")).to_be_visible()
     expect(page.get_by_text("Choose another file")).to_be_visible()

@@ -4,6 +4,7 @@ import re
 
 from playwright.sync_api import expect
 from support.api import file_at
+from support.browsing import file_of
 from support.programs import START, path, tool_poses
 
 from jointstiff.service.programs.formats import read_program
@@ -48,8 +49,7 @@ def test_a_map_is_downloaded_and_a_place_tapped_and_compared_with_another_run(vi
 
 def dropped(page, content):
     """Drop a program, and state what the controller does."""
-    file = {"name": "pocket.src", "mimeType": "text/plain", "buffer": content}
-    page.locator("input[type=file]").set_input_files(file)
+    page.locator("input[type=file]").set_input_files(file_of("pocket.src", content))
     expect(page.get_by_text("pocket.src").first).to_be_visible()
     make = page.get_by_role("button", name="Compensate")
     expect(make).to_be_disabled()  # until the controller's option is stated
@@ -68,7 +68,7 @@ def fill_in_frames(page):
 def test_from_a_run_to_the_corrected_file(visit, stored, api):
     visited = visit("tablet", view=f"#/runs/{stored.run}/program")
     page = visited.page
-    content = program_text("krl", tool_poses(path(6)), 4).encode()
+    content = program_text("krl", tool_poses(path(6)), 4)
     make = dropped(page, content)
     make.click()
     expect(page.get_by_role("alert")).to_contain_text("TOOL_DATA[1]")
@@ -87,7 +87,7 @@ def test_from_a_run_to_the_corrected_file(visit, stored, api):
     corrected = download.value.path().read_bytes()
     lines = corrected.splitlines(keepends=True)
     unmarked = b"".join(line for line in lines if b"Jointstiff run " not in line)
-    assert unmarked not in (content, corrected)
+    assert unmarked not in (content.encode(), corrected)
     assert len(read_program([("pocket.src", unmarked)]).targets) == 6
     made = page.url.rsplit("/", 1)[1]
     assert api.get(file_at(made, "program")).content == corrected
@@ -99,7 +99,7 @@ def test_from_a_run_to_the_corrected_file(visit, stored, api):
 def test_moves_that_are_not_certain_are_left_after_a_confirmation(visit, stored):
     page = visit("tablet", view=f"#/runs/{stored.run}/program").page
     head, _, tail = program_text("krl", tool_poses(path(6)), 4).rpartition("END")
-    make = dropped(page, f"{head}LIN_REL {{X 5}}\nEND{tail}".encode())
+    make = dropped(page, f"{head}LIN_REL {{X 5}}\nEND{tail}")
     fill_in_frames(page)
     leave = page.get_by_label("Leave the moves that are not certain as they are")
     expect(leave).to_have_count(0)

@@ -1,12 +1,12 @@
 """A live campaign on the page: to its run, with a doubtful reading, away from the service, by two tablets."""
 
-import json
 import math
 import re
 
 import httpx2
 import pytest
 from playwright.sync_api import Page, expect
+from support.browsing import file_of
 
 from jointstiff.simulator import LOAD_POINT, TARGETS
 
@@ -189,8 +189,7 @@ def test_a_file_filled_in_part_joins_the_readings_that_are_there(visit, api):
         "observations": [in_mm("m01", True), in_mm("c02", True), in_mm("c03", False)],
     }
     page.get_by_text("Readings from a file").first.click()
-    file = {"name": "c.json", "mimeType": "application/json", "buffer": json.dumps(document).encode()}
-    page.locator("input[type=file]").set_input_files(file)
+    page.locator("input[type=file]").set_input_files(file_of("c.json", document))
     expect(page.get_by_text("1 reading taken from the file")).to_be_visible()
     expect(page.get_by_text("2 read,")).to_be_visible()
     stored = api.get(f"/v1/measurement-sets/{campaign}").json()["observations"]
@@ -218,8 +217,7 @@ def test_the_list_of_a_plan_filled_in_part_joins(visit, api, stored):
                     first[head.index(column)] = f"{shown:.3f}"
     page.get_by_text("Readings from a file").first.click()
     content = "\n".join([table[0], ",".join(first), *table[2:]])
-    file = {"name": "plan.csv", "mimeType": "text/csv", "buffer": content.encode()}
-    page.locator("input[type=file]").set_input_files(file)
+    page.locator("input[type=file]").set_input_files(file_of("plan.csv", content))
     expect(page.get_by_text("1 reading taken from the file")).to_be_visible()
     expect(page.get_by_text("1 read,").or_(page.get_by_text(f"{first[0]} was refused")).first).to_be_visible()
     assert labels(api, campaign) in ([], [first[0]])

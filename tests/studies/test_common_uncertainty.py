@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from scipy.stats import binom
 from support.campaigns import estimate
 from support.springs import robot_of
@@ -46,9 +47,7 @@ def measured(error, *, encoders: bool = False):
     true = [(1 + error[0]) * w + np.cross(error[1:4], w) for w in (plan.forces, plan.moments)]
     load_points, points = plan.load_points + error[4:7], POINTS + error[7:].reshape(-1, 3)
     moved = linear_deflections(ARM, plan.joints, *true, load_points, points)
-    found = DESIGN.measurements(np.zeros_like(moved), moved, sigma=SIGMA)
-    position = np.broadcast_to(POINTS, moved.shape).copy()
-    found = replace(found, position=position, in_flange=found.present)
+    found = stated(DESIGN, moved)
     if not encoders:
         return found
     bent = ARM.compliances * torques(ARM, plan.joints, *true, load_points)
@@ -204,7 +203,7 @@ def drawn(design, uncertainty, generator):
     """Draw true forces, moments and load points (N, 3), and targets (T, 3)."""
     plan = design.experiment
     scale, *turn = generator.standard_normal(4)
-    rotation = rotation_by(uncertainty.direction * np.array(turn))
+    rotation = Rotation.from_rotvec(uncertainty.direction * np.array(turn)).as_matrix()
     force, moment = (
         (1.0 + uncertainty.scale * scale) * wrench @ rotation.T for wrench in (plan.forces, plan.moments)
     )
@@ -218,16 +217,6 @@ def stated(design, deflection):
     plain = design.measurements(np.zeros_like(deflection), deflection, sigma=SIGMA)
     position = np.broadcast_to(POINTS, deflection.shape).copy()
     return replace(plain, position=position, in_flange=plain.present)
-
-
-def rotation_by(vector):
-    """Rotation (3, 3) by a vector [rad], by Rodrigues."""
-    angle = float(np.linalg.norm(vector))
-    if angle == 0.0:
-        return np.eye(3)
-    x, y, z = vector / angle
-    K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    return np.eye(3) + np.sin(angle) * K + (1.0 - np.cos(angle)) * (K @ K)
 
 
 def test_intervals_hold_the_truth_where_load_and_places_are_off():

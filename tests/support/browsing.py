@@ -1,5 +1,7 @@
 """Looking at the page: sizes, views, and a visit that notes what goes on beneath the page."""
 
+import json
+import mimetypes
 import os
 import subprocess
 from dataclasses import dataclass, field
@@ -91,6 +93,13 @@ class Stored:
     program: str
     geometry: str
     live: str
+
+
+def file_of(name: str, content: Any) -> dict[str, Any]:
+    """A file to choose, of text, or of a document that is written as JSON."""
+    text = content if isinstance(content, str) else json.dumps(content)
+    kind = mimetypes.types_map.get(Path(name).suffix, "text/plain")
+    return {"name": name, "mimeType": kind, "buffer": text.encode()}
 
 
 def campaign(**options: Any) -> dict[str, Any]:
