@@ -328,8 +328,9 @@ def test_an_answer_that_goes_on_ends_with_the_session_or_the_key(ends, client, s
     cookie = signed_in(client)
     scope = {"type": "http", "headers": [(b"cookie", cookie.encode()), (b"host", b"localhost:8000")]}
 
-    def still_opens():
-        return anyio.run(guard.still_opens, HTTPConnection(scope), key)
+    def still_opens(*headers):
+        headed = scope | {"headers": [*scope["headers"], *headers]}
+        return anyio.run(guard.still_opens, HTTPConnection(headed), key)
 
     assert still_opens()
     if ends == "session":
@@ -338,6 +339,7 @@ def test_an_answer_that_goes_on_ends_with_the_session_or_the_key(ends, client, s
         store.keys.revoke(key.id, NOW)
         guard.keyring.look()
     assert not still_opens()
+    assert still_opens((b"authorization", b"Bearer")) == (ends == "session"), "a key needs no session"
 
 
 def test_who_changes_what_stands_in_the_audit(client, store):

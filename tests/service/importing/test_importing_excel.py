@@ -103,47 +103,6 @@ def test_a_cell_far_from_the_others(far):
     refused(repacked(workbook(), SHEET, lambda data: data.replace(b'r="M4"', b'r="%s"' % far)), "", 4, 12)
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "reason"),
-    [
-        (b'<dimension ref="A1:M4"', b'<dimension ref="A1:B2"', None),
-        (b'<row r="3"', b'<row r="2"', "row '2' follows row 2"),
-        (b'<row r="3"', b'<row r="x"', "row 'x' follows row 2"),
-        (b'r="C3"', b'r="B3"', "cell 'B3' is not in its place"),
-        (b'r="C3"', b'r="C4"', "cell 'C4' is not in its place"),
-        (b'r="C3"', b'r="c3"', "cell 'c3' is not in its place"),
-        (b'r="C3"', b'r="XFD3"', "more than 256 columns"),
-        (b'r="A3" t="inlineStr"', b'r="A3" t="x"', "unknown type 'x'"),
-        (b'<c r="C3"', b'<c s="999" r="C3"', "unknown format '999'"),
-        (b"<v>-20.25</v>", b"<v>-20.25</v><v>1</v>", "cannot have"),
-        (b"<v>-20.25</v>", b"<is><t>-20.25</t></is>", "cannot have"),
-        (b'r="A3" t="inlineStr"', b'r="A3"', "cannot have"),
-        (b"<v>-20.25</v>", b"<w>-20.25</w>", "cannot have"),
-        (b"<v>-20.25</v>", b"<v>-20<b/>.25</v>", "cannot have"),
-        (b"<t>c01</t>", b"<u>c01</u>", "cannot have"),
-        (b'<row r="3"', b'<row><row r="3"/></row><row r="3"', "is nested"),
-        (b'<c r="C3" t="n"><v>-35.125</v></c>', b'<d r="C3"><v>-35.125</v></d>', "cannot have"),
-        (b"spreadsheetml/2006/main", b"spreadsheetml/2007/main", "no row of data"),
-        (b"</sheetData>", b"</sheetdata>", "not well-formed"),
-        (b"<worksheet", b"<!DOCTYPE a [<!ENTITY b 'c'>]><worksheet", "a document type"),
-        (b"<sheetData>", b"<sheetData>" + b"<a>" * 40, "levels of elements"),
-    ],
-)
-def test_sheets_that_are_not_in_order(old, new, reason):
-    content = workbook()
-
-    def change(data):
-        assert old in data
-        return data.replace(old, new)
-
-    changed = repacked(content, SHEET, change)
-    if reason is None:
-        assert points_of(read(("a.xlsx", changed))) == points_of(read(("a.csv", CAMPAIGN)))
-    else:
-        with pytest.raises(ImportFileError, match=re.escape(reason)):
-            read(("a.xlsx", changed))
-
-
 def test_texts_by_number():
     content = as_excel_writes(workbook())
     assert points_of(read(("a.xlsx", content))) == points_of(read(("a.csv", CAMPAIGN)))
@@ -153,6 +112,12 @@ def test_texts_by_number():
     pieces = b"<r><t>c</t></r><r><t>01</t></r><rPh><t>x</t></rPh>"
     phonetic = repacked(content, TEXTS, lambda data: data.replace(b"<t>c01</t>", pieces))
     assert points_of(read(("a.xlsx", phonetic))) == points_of(read(("a.csv", CAMPAIGN)))
+
+
+def related(kind):
+    """A workbook with tables of styles in place of another part."""
+    old, new = (b"relationships/" + each for each in (kind, b"styles"))
+    return repacked(workbook(), "xl/_rels/workbook.xml.rels", lambda data: data.replace(old, new))
 
 
 @pytest.mark.parametrize(
@@ -165,6 +130,7 @@ def test_texts_by_number():
         (bomb(MAX_UNPACKED_BYTES // 8, parts=9), "more than 64 MiB when unpacked"),
         (bomb(1, parts=1001), "more than 1000 parts"),
         (bomb(10), "there is no part 'xl/_rels/workbook.xml.rels'"),
+        *((related(old), "a workbook without a sheet, or with two") for old in (b"worksheet", b"theme")),
     ],
 )
 def test_hostile_archives(content, reason):

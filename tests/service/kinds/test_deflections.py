@@ -208,7 +208,7 @@ class TestTables:
         )
         for case, other in zip(stated.cases, si.cases, strict=True):
             np.testing.assert_allclose(case.displacement, other.displacement, rtol=1e-12)
-        short = read_load_cases(cells, KINDS, load_point=(0, 0, 120), units={"length": "mm"})
+        short = read_load_cases(f"{cells}\n\n", KINDS, load_point=(0, 0, 120), units={"length": "mm"})
         assert short.units == Units(length="mm", angle="rad", force="N", moment="N.m")
         assert short.cases[0].place == (0.0, 0.0, 200.0)
         assert read_load_cases(cells, KINDS, units=short.units).units == short.units

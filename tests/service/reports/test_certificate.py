@@ -167,13 +167,14 @@ def test_a_run_by_own_weight_states_its_uncertainty_by_the_interval():
     ]
     assert len(known) == 5
     for result, joint in known:
-        (u,), (probability,) = (
-            texts(result, f".//si:{name}") for name in ("valueExpandedMU", "coverageProbability")
+        u, factor, probability = (
+            float(*texts(result, f".//si:{name}"))
+            for name in ("valueExpandedMU", "coverageFactor", "coverageProbability")
         )
         low, high = joint.stiffness_interval
-        assert joint.stiffness - float(u) <= low * (1 + 1e-12)
-        assert joint.stiffness + float(u) >= high * (1 - 1e-12)
-        assert probability == "0.95"
+        assert joint.stiffness - u <= low * (1 + 1e-12)
+        assert joint.stiffness + u >= high * (1 - 1e-12)
+        assert (probability, factor) == (0.95, pytest.approx(1.959964, abs=1e-6))
     described = texts(results[-1], "dcc:description/dcc:content")
     assert described[0].endswith("No uncertainty is stated of these predictions.")
 
