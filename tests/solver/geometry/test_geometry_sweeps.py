@@ -299,10 +299,6 @@ def test_free_angles_survive_encoder_errors_that_ruin_the_others():
     assert np.min(trusted) > 2.0
 
 
-def codes(sweep, **options):
-    return [finding.code for finding in sweep_findings(fitted(sweep, **options), NAMES)]
-
-
 class TestFlags:
     def displaced(self, sweep, part, shift):
         """Findings where some readings are displaced by (3,) [m]."""
@@ -340,12 +336,6 @@ class TestFlags:
         (found,) = sweep_findings(fitted(made(2, 0.0, 20.0)), NAMES)
         assert found.code == "short_arc"
         assert "an arc of 20° determines" in found.message
-
-    def test_a_wrong_sigma_is_flagged(self):
-        sweep = made(2, -40.0, 60.0)
-        assert codes(sweep, sigma=SIGMA / 3) == ["residuals_exceed_sigma"]
-        assert codes(sweep, sigma=3 * SIGMA) == ["residuals_below_sigma"]
-        assert codes(sweep, sigma=None) == []
 
     def test_angles_of_another_scale_are_flagged(self):
         sweep = made(2, -40.0, 60.0)
