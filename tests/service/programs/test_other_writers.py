@@ -350,7 +350,7 @@ def test_ur_moves_without_targets_are_refused_as_what_they_are(call):
 
 def test_tables_of_tool_axes_take_the_angle_about_the_axis_from_the_request():
     text = "x [mm],y [mm],z [mm],i,j,k\n10,20,30,0,0.6,0.8\n11,20,30,0,1.2,1.6\n"
-    used = ProgramFrames.of(read("a.csv", text), request("csv", text, tool_x=[1.0, 0.0, 0.0]))
+    used = ProgramFrames.of(read("a.csv", text), request("csv", text, tool_x=[2.0, 0.0, 0.0]))
     poses = used.flange_poses(read("a.csv", text), np.arange(2)) @ used.tool.of(np.arange(2))
     np.testing.assert_allclose(poses[:, :3, 2], [[0, -0.6, -0.8]] * 2, atol=1e-12)
     np.testing.assert_allclose(poses[:, :3, 0], [[1, 0, 0]] * 2, atol=1e-12)
