@@ -399,9 +399,9 @@ class _Parts:
         columns = side_by_side([split[term.name] for term in terms])
         self._X = columns.reshape(len(terms), count, -1, columns.shape[-1])  # (S, N, 3 T, k)
         self._known, self._left = known.reshape(count, -1, known.shape[1]), left.reshape(count, -1, 1)
-        turned = np.swapaxes(self._X, -1, -2)
+        turned = self._X.mT
         shared = _after(self._known.transpose(0, 2, 1) @ self._X)
-        alone = _after(turned @ self._X) - np.swapaxes(shared, -1, -2) @ shared
+        alone = _after(turned @ self._X) - shared.mT @ shared
         self._moment = _after(turned @ self._left)
         self._unknowns = np.linalg.solve(alone + INDEPENDENT * np.eye(alone.shape[-1]), self._moment)
 

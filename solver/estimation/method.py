@@ -185,7 +185,7 @@ class Method:
                 spread = N.transpose(0, 2, 1) @ fitted
             elif root is not None:  # S W⁻¹, target by target
                 fitted = root @ targets
-                spread = (root.swapaxes(-1, -2) @ fitted).reshape(flat.shape)
+                spread = (root.mT @ fitted).reshape(flat.shape)
                 fitted = fitted.reshape(flat.shape)
             else:
                 fitted, spread = flat, None

@@ -105,7 +105,7 @@ def whitener(covariance: FloatArray) -> FloatArray:
         remedy="check the stated uncertainties",
     )
     scale = np.abs(covariance).max()
-    if not np.isfinite(scale) or (np.abs(covariance - np.swapaxes(covariance, -1, -2)) > 1e-9 * scale).any():
+    if not np.isfinite(scale) or (np.abs(covariance - covariance.mT) > 1e-9 * scale).any():
         raise refused
     try:
         inverse: FloatArray = np.linalg.inv(np.linalg.cholesky(covariance))
@@ -190,7 +190,7 @@ def refuse_no_covariance(covariance: FloatArray, present: BoolArray, field: str)
     Raises:
         MeasurementError: the first that is not symmetric and positive definite within rounding.
     """
-    skew = np.abs(covariance - np.swapaxes(covariance, -1, -2)).max(axis=(-1, -2))
+    skew = np.abs(covariance - covariance.mT).max(axis=(-1, -2))
     values = np.linalg.eigvalsh(covariance)
     good = (values[..., 0] * LARGEST_CONDITION > values[..., -1]) & (values[..., 0] > 0.0)
     good &= skew <= 1e-9 * np.abs(values).max(axis=-1)

@@ -124,7 +124,7 @@ def _neglected(block: RegressorBlock, compliance: FloatArray) -> Motion:
     moves = jacobian * deflection[:, None, None]
     # Σ_k Ω_k × m_k holds the antisymmetric part of Σ_k Ω_k m_kᵀ.
     pairs = moves @ turned.transpose(0, 2, 1)[:, None]
-    bent = (pairs - np.swapaxes(pairs, -1, -2))[..., [2, 0, 1], [1, 2, 0]]
+    bent = (pairs - pairs.mT)[..., [2, 0, 1], [1, 2, 0]]
     softened = (block.jacobian @ added[:, None, :, None])[..., 0]
     return Motion((softened + bent)[..., None], added[..., None])
 

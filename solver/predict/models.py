@@ -441,7 +441,7 @@ class ElasticPredictor(ForwardModel):
         wrench = np.concatenate([cases.force[:, None, None] @ R, about[:, :, None] @ R], axis=-1)
         of_joints, of_links = self.matrices
         motion = (jacobian @ (torque @ of_joints)[..., None])[..., 0]
-        motion = motion + (moves @ (wrench @ of_links).swapaxes(-1, -2))[..., 0].sum(axis=1)
+        motion = motion + (moves @ (wrench @ of_links).mT)[..., 0].sum(axis=1)
         motion = motion if share is None else share[:, None] * motion
         return ElasticDeflection(
             model=self,
@@ -524,7 +524,7 @@ class ElasticDeflection(Deflection):
     def compliance(self) -> CartesianCompliance:
         """Cartesian compliance at the places, of unknown uncertainty."""
         of_joints, of_links = self.model.matrices
-        by_links = (self.moves @ of_links @ self.moves.swapaxes(-1, -2)).sum(axis=1)
+        by_links = (self.moves @ of_links @ self.moves.mT).sum(axis=1)
         matrix = self.jacobian @ of_joints @ self.jacobian.transpose(0, 2, 1) + by_links
         return CartesianCompliance(matrix, np.ones(len(matrix), dtype=np.bool_), None)
 
