@@ -69,30 +69,20 @@ def test_columns_left_out_may_hold_anything():
 
 
 @pytest.mark.parametrize(
-    ("cell", "reason"),
+    "cell",
     [
-        (b'<c r="C3"><f>B3*2</f><v>-35.125</v></c>', None),
-        (b'<c r="C3" t="n"><f>B3*2</f><v>-3.5125E1</v></c>', None),
-        (b'<c r="C3"><f t="shared" si="0"/><v>-35.125</v></c>', None),
-        (b'<c r="C3"><f>B3*2</f></c>', "has type formula"),
-        (b'<c r="C3"><f>B3*2</f><v/></c>', "has type formula"),
-        (b'<c r="C3" t="e"><f>1/0</f><v>#DIV/0!</v></c>', "has type error"),
-        (b'<c r="C3" t="b"><f>1=1</f><v>1</v></c>', "has type truth value"),
-        (b'<c r="C3" t="str"><f>A1</f><v>-35.125</v></c>', "has type text"),
-        (b'<c r="C3" t="str"><f>A1</f><v></v></c>', "the cell is empty"),
+        b'<c r="C3"><f>B3*2</f><v>-35.125</v></c>',
+        b'<c r="C3" t="n"><f>B3*2</f><v>-3.5125E1</v></c>',
+        b'<c r="C3"><f t="shared" si="0"/><v>-35.125</v></c>',
     ],
 )
-def test_formulas_have_the_values_that_are_stored_with_them(cell, reason):
+def test_formulas_have_the_values_that_are_stored_with_them(cell):
     def change(data):
         old = b'<c r="C3" t="n"><v>-35.125</v></c>'
         assert old in data
         return data.replace(old, cell)
 
-    content = repacked(workbook(), SHEET, change)
-    if reason:
-        refused(content, reason, 3, 3)
-        return
-    imported = read(("a.xlsx", content))
+    imported = read(("a.xlsx", repacked(workbook(), SHEET, change)))
     assert values_of(imported) == values_of(read(("a.csv", CAMPAIGN)))
     assert imported.preview.files[0].assumptions == ["the stored values of formulas were used (1 cells)"]
 

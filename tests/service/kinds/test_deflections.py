@@ -213,33 +213,6 @@ class TestTables:
         assert short.cases[0].place == (0.0, 0.0, 200.0)
         assert read_load_cases(cells, KINDS, units=short.units).units == short.units
 
-    @pytest.mark.parametrize(
-        ("units", "where"), [({"length": "inch"}, "units.length"), ("mm", "units"), (None, "units")]
-    )
-    def test_units_that_are_none_are_refused(self, units, where):
-        with pytest.raises(RequestError) as caught:
-            read_load_cases(TABLE, KINDS, units=units)
-        assert caught.value.where == where
-
-    @pytest.mark.parametrize(
-        ("change", "where", "words"),
-        [
-            (("J1 [deg]", "J1"), "line 1", "no unit"),
-            (("J1 [deg]", "J1 [grad]"), "line 1", "grad"),
-            (("J1 [deg]", "J7 [deg]"), "line 1", "not known"),
-            (("J2 [deg]", "J1 [deg]"), "line 1", "J1 occurs twice"),
-            ((",Fz [N]", ",direction x"), "line 1", "Fz is missing"),
-            ((",-800.0", ",strong"), "line 2, column 10", "not a number"),
-            ((",-800.0", ""), "line 2", "9 cells"),
-            ((TABLE.split("\n", 1)[1], ""), "line 1", "no load case"),
-            ((",-800.0", ",nan"), "cases.0.force.2", "finite"),
-        ],
-    )
-    def test_what_cannot_be_read_is_refused_with_its_place(self, change, where, words):
-        with pytest.raises(RequestError, match=words) as caught:
-            read_load_cases(TABLE.replace(*change), KINDS)
-        assert caught.value.where == where
-
     def test_the_command(self, tmp_path):
         campaign = simulate_campaign(ARM, load="pull", configurations=24, seed=1)
         (tmp_path / "campaign.json").write_text(json.dumps(campaign))
