@@ -15,6 +15,7 @@ from jointstiff.simulator.equilibrium import equilibrium
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.estimation.causes import LINKS_LEVEL, MISTAKE_LEVEL, fit_causes, screen_estimate
 from jointstiff.solver.mechanics.measurements import DifferenceNoise, Instrument
+from jointstiff.solver.text import unknowns_text
 
 
 def screened(robot, measurements, k_c="included"):
@@ -191,6 +192,19 @@ class TestLoad:
         for unknown in (("ghost", None), ("shift", "no such label")):
             with pytest.raises(RequestError, match=unknown[1] or unknown[0]):
                 fit_causes(robot, measurements, [unknown])
+
+
+@pytest.mark.parametrize(
+    ("unit", "values", "text"),
+    [
+        ("m", [0.0, 2e-3, 1e-4], "(0, 2, 0.1) mm"),
+        ("m, rad", [1e-4, -2e-4, 0.0, 2e-6, 0.0, 0.0], "(100, -200, 0) µm and (2, 0, 0) µrad"),
+        ("rad", [np.radians(0.5)], "(30) arcmin"),
+        ("1", [0.02], "(2) %"),
+    ],
+)
+def test_unknowns_are_said_in_units_of_their_size(unit, values, text):
+    assert unknowns_text(unit, values) == text
 
 
 class TestLinks:
