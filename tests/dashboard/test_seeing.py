@@ -1,4 +1,4 @@
-"""Every view as eyes and fingers find it: in light at eight widths, in dark, on paper; in few sizes of type.
+"""Every view as eyes and fingers find it, at eight widths: in light, in dark, on paper; in few sizes of type.
 
 `seeing.js` has the faults of what is read.
 """
@@ -11,10 +11,10 @@ from support.browsing import VIEWS
 LOOK = Path(__file__).with_name("seeing.js").read_text(encoding="utf-8")
 WIDTHS = (360, 390, 650, 820, 960, 1024, 1280, 1440)  # px
 MEDIA = {"print": ("print", "light"), "dark": ("screen", "dark"), "light": ("screen", "light")}
-LOOKED_AT = {"print": (650, 820, 1024), "dark": (WIDTHS[0], WIDTHS[-1]), "light": WIDTHS}
+BY_DAY = {"print": (650, 820, 1024), "dark": (WIDTHS[0], WIDTHS[-1]), "light": WIDTHS}
 """Widths by medium: paper is upright or lies across, and the dark changes colours only."""
-PHONE, DESK = 400, 1000
-"""A phone is at most this wide, a desk at least [px]."""
+PHONE, PAPER, DESK = 400, 650, 1000
+"""A phone is at most this wide, paper and a desk at least [px]."""
 ROW = {"phone": 72, "desk": 44}
 """Most that a row of a list or a table is high [px]."""
 FIRST = 400
@@ -65,7 +65,7 @@ def long_names(api, stored):
 def limits(view: str, width: int, media: str) -> list[float | bool]:
     """Return whether it is paper, and the most height of a row and above the first number; 0 for no limit."""
     if media == "print":
-        return [True, 0, 0]
+        return [width >= PAPER, 0, 0]
     row = ROW["phone"] if width <= PHONE else ROW["desk"] if width >= DESK else 0
     shows = view != "#/" and not view.endswith(ASKING)
     return [False, row, FIRST if width <= PHONE and shows else 0]
@@ -148,7 +148,14 @@ PAIRS = """() => {
 }"""
 
 
-def test_every_view_can_be_read_and_tapped_in_few_sizes_of_type(visit, stored, long_names):
+@pytest.mark.parametrize(
+    "looked_at",
+    [
+        pytest.param(BY_DAY, id="by day"),
+        pytest.param(dict.fromkeys(MEDIA, WIDTHS), id="each night", marks=pytest.mark.slow),
+    ],
+)
+def test_every_view_can_be_read_and_tapped_in_few_sizes_of_type(visit, stored, long_names, looked_at):
     visited = visit("desktop")  # a mouse: the smallest targets
     page = visited.page
     faults: dict[str, list[str]] = {}
@@ -163,7 +170,7 @@ def test_every_view_can_be_read_and_tapped_in_few_sizes_of_type(visit, stored, l
         for width in WIDTHS:
             page.set_viewport_size({"width": width, "height": 1000})
             for media, (medium, scheme) in MEDIA.items():
-                if width not in LOOKED_AT[media]:
+                if width not in looked_at[media]:
                     continue
                 page.emulate_media(media=medium, color_scheme=scheme)
                 page.evaluate(DRAWN)
