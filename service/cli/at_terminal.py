@@ -71,6 +71,13 @@ class AtTerminal(Person):
             return super().doubts(reading, again=again)
         return "again" if _asked("  r reads it again; k keeps it", {"r", "k"}, at_end="k") == "r" else "keep"
 
+    def doubts_earlier(self, reading: LiveReading, *, again: bool) -> Literal["withdraw", "keep"]:
+        """Ask what becomes of an earlier reading that is a mistake by now."""
+        if not self._asks:
+            return super().doubts_earlier(reading, again=again)
+        answer = _asked("  w withdraws it; k keeps it", {"w", "k"}, at_end="k")
+        return "withdraw" if answer == "w" else "keep"
+
     def missed(self, error: Exception, *, again: bool) -> Literal["again", "skip", "stop"]:
         """Print the reason why there is no reading, and ask what to do."""
         cli.warn(f"no reading: {getattr(error, 'reason', error)}")
@@ -94,8 +101,10 @@ def reading_line(state: LiveState, reading: LiveReading) -> str:
         worst = max(known, key=lambda joint: joint.relative or 0.0)
         parts.append(f"{worst.name} ± {100.0 * (worst.relative or 0.0):.0f} %,")
     found = reading.innovation
-    if found is not None and found.p_value is not None:
-        parts.append(f"as expected with p {found.p_value:.2g}," if not found.doubtful else "doubtful,")
+    if found is not None and found.doubtful:
+        parts.append("doubtful,")
+    elif found is not None and found.p_value is not None:
+        parts.append(f"as expected with p {found.p_value:.2g},")
     if reading.held_out is not None:
         parts.append(f"held out: {'inside' if reading.held_out.inside else 'outside'} its ball,")
     needed = state.still_needed

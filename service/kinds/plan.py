@@ -20,7 +20,7 @@ from jointstiff.schemas.robot import RobotDocument
 from jointstiff.schemas.run import Campaign
 from jointstiff.service.kinds.kind import READINGS_BYTES, File, Kind
 from jointstiff.service.tables.report import Report, View
-from jointstiff.service.tables.table import Chart, Column, Line, Sheet, Table, number
+from jointstiff.service.tables.table import Chart, Column, Line, Sheet, Table, figure, number
 
 if TYPE_CHECKING:
     from jointstiff.service.kinds.work import Work
@@ -91,8 +91,8 @@ def _share(joint: PlannedJoint, uncertainty: float | None) -> str | None:
     """Return a share of the compliance; the compliance's uncertainty itself where that is not known."""
     if uncertainty is None or joint.relative is None:
         unit = "nm/N" if joint.kind == "prismatic" else "nrad/(N·m)"
-        return None if uncertainty is None else f"{1e9 * uncertainty:.3g} {unit}"
-    return f"{100 * joint.relative * uncertainty / joint.standard_uncertainty:.2g} %"
+        return None if uncertainty is None else f"{figure(1e9 * uncertainty, '.3g')} {unit}"
+    return f"{figure(100 * joint.relative * uncertainty / joint.standard_uncertainty, '.2g')} %"
 
 
 def _readings(job: Plan, result: PlanResult, *, boxes: bool) -> Table:

@@ -52,6 +52,7 @@ T = TypeVar("T")
 _SIGMA: Final = 2e-5
 """Noise of a simulated tracker where nothing is said [m]."""
 _AGAIN: Final = "doubtful; read again"
+_SHOWN: Final = "a mistake, as later readings show"
 _PLAIN: Final = {"area": "work_area"}
 """Shorter names of options."""
 
@@ -59,8 +60,8 @@ _PLAIN: Final = {"area": "work_area"}
 class Person:
     """Whoever stands beside the robot: asked before readings, when one is doubtful, and when there is none.
 
-    This one is nobody: it goes on, reads a doubtful posture again once and then keeps it, and asks a source
-    that failed once more.
+    This one is nobody: it goes on, reads a doubtful posture again once and then keeps it, withdraws one
+    earlier mistake and keeps others, and asks a source that failed once more.
     """
 
     def confirms(self, profile: str) -> bool:  # noqa: ARG002 - others read it
@@ -77,6 +78,10 @@ class Person:
     def doubts(self, reading: LiveReading, *, again: bool) -> Literal["again", "keep"]:  # noqa: ARG002
         """Return what becomes of a doubtful reading, read again already or not."""
         return "keep" if again else "again"
+
+    def doubts_earlier(self, reading: LiveReading, *, again: bool) -> Literal["withdraw", "keep"]:  # noqa: ARG002
+        """Return what becomes of an earlier reading that is a mistake by now, the first such one or not."""
+        return "keep" if again else "withdraw"
 
     def missed(self, error: Exception, *, again: bool) -> Literal["again", "skip", "stop"]:
         """Return what to do where a source has no reading; nobody lets a second failure pass."""
@@ -331,7 +336,9 @@ class LiveMeasurement:
         person = Person() if person is None else person
         with as_campaign_error(""):
             self._open_source()
-            while self.state.state == "measuring" and self.next is not None and self.count < most:
+            while (
+                self.state.state == "measuring" and self.next is not None and len(self.state.readings) < most
+            ):
                 answer = self._read(self.next, person)
                 if answer == "stop":
                     break
@@ -444,13 +451,15 @@ class LiveMeasurement:
 
     def _settle_earlier(self, person: Person) -> None:
         """Ask about earlier readings that turn out to be mistakes; what is missing then comes next."""
-        for earlier in self.state.readings[:-1]:
+        readings = self.state.readings
+        before = any(each.reason == _SHOWN for each in readings)
+        for earlier in readings[:-1]:
             if earlier.state == "doubtful":
                 person.told(self.state, earlier)
-                if person.doubts(earlier, again=False) == "keep":
+                if person.doubts_earlier(earlier, again=before) == "keep":
                     self.keep(earlier.label)
                 else:
-                    self.withdraw(earlier.label, _AGAIN)
+                    self.withdraw(earlier.label, _SHOWN)
 
     def _read_once(self, following: NextReading, person: Person) -> Literal["read", "skip", "stop"]:
         """Read a posture without and with its load, and take the reading in; or return what to do instead."""

@@ -422,7 +422,7 @@ class LiveCampaign:
         """Number of readings that are missing, the held-out one among them; None if unknown."""
         if self.met:
             return 0 if self.check is not None and self.check.inside else 1
-        if self._is_small:  # what is wrong has to be mended
+        if self.mistake is not None:  # it has to be mended
             return None
         missing = self.ahead.missing if self.ahead is not None and self.observations else None
         if missing is None:
@@ -514,8 +514,7 @@ class LiveCampaign:
             return self._checked(read)
         wrong = self.mistake
         if wrong is not None:
-            words = f"{wrong.observation}: {wrong.message}; {wrong.remedy}"
-            return "measuring", f"do not use these readings yet: {words}"
+            return self._mistaken(wrong)
         missing = self.still_needed
         if count >= ENOUGH_TO_SAY and missing is None:
             return "cannot", f"the goal will not be met: {self._obstacle()}"
@@ -525,6 +524,13 @@ class LiveCampaign:
         if count < self.fewest and self.observations and self.share.greatest_share <= 1.0:
             left = f": the goal takes {self.fewest} and a held-out one to be sure of{left}"
         return "measuring", f"{read}{left}"
+
+    def _mistaken(self, wrong: Finding) -> tuple[Literal["measuring", "cannot"], str]:
+        """Return where a campaign stands in which a mistake is kept."""
+        words = f"{wrong.observation}: {wrong.message}; {wrong.remedy}"
+        if len(self.observations) >= ENOUGH_TO_SAY:
+            return "cannot", f"the goal will not be met by these readings: {words}"
+        return "measuring", f"do not use these readings yet: {words}"
 
     def _checked(self, read: str) -> tuple[Literal["measuring", "reached"], str]:
         """Return where a campaign stands whose goal is met: a held-out reading decides."""

@@ -91,15 +91,14 @@ class Recovery:
             raise failures[0]
 
     def count_own_death(self) -> None:
-        """Count what the process before, of the same name, died over: before this one beats or takes work.
+        """Count what the process before, of the same name, died over: before this one may do so, too.
 
-        One that was silent for long ended with the whole service, and not over its step.
+        Whether it died over its step or with the whole machine cannot be told; five times over the same step
+        tells.
 
         Raises:
             StoreUnavailableError: the database does not answer.
         """
-        if self._executor in self._heartbeats.silent(SILENT):
-            self._store.steps.leave(self._executor)
         self._give_up(self._store.steps.count_death(self._executor))
 
     def hand_over(self) -> None:

@@ -40,7 +40,8 @@ def test_the_wheel_holds_one_package(built_wheel):
         names = archive.namelist()
     tops = {name.split("/")[0] for name in names if ".dist-info/" not in name}
     assert tops == {"jointstiff"}
-    assert {"jointstiff/__init__.py", "jointstiff/service/static/index.html"} <= set(names)
+    needed = {"jointstiff/__init__.py", "jointstiff/py.typed", "jointstiff/service/static/index.html"}
+    assert needed <= set(names)
 
 
 @pytest.mark.slow

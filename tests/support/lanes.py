@@ -94,7 +94,8 @@ def pytest_itemcollected(item: pytest.Item) -> None:
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Leave the slow tests out unless `-m` speaks of them."""
+    """Put tests with processes first, which wait while others compute; leave slow ones to `-m`."""
+    items.sort(key=lambda item: item.get_closest_marker("process") is None)
     if "slow" in config.option.markexpr:
         return
     slow = [item for item in items if item.get_closest_marker("slow")]

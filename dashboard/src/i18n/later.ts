@@ -466,7 +466,7 @@ export const later = {
     along: "Compliance along the direction",
     acrossIt: "Greatest compliance across it",
     extrapolates: (factor: string) =>
-      `Beyond the campaign: its greatest load, or its greatest uncertainty per load, is exceeded ${factor} times.`,
+      `Beyond the campaign: its greatest load, or its greatest uncertainty per load, is exceeded by a factor of ${factor}.`,
     beside: "Beside it",
     besideNone: "Nothing beside",
     besideHint: "The same map by another run of this robot, with the same colours.",

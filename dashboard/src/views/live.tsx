@@ -83,7 +83,7 @@ function Campaign({ set, robot, first }: { set: OpenSet; robot: Robot; first: Li
     put(closed);
     if (closed.run_id) go(link(["runs", closed.run_id]));
   });
-  const doubts = state.readings.filter((one) => one.state === "doubtful");
+  const doubts = state.readings.filter((one) => one.state === "doubtful" && state.state !== "closed");
   const reached = state.state === "reached";
   const closing = (big: boolean) => (
     <ActionButton

@@ -298,7 +298,8 @@ function Numbers({ place, map }: { place: maps.MapPlace; map: WorkMap }) {
   ];
   const interval = ([low, high]: readonly [number, number]) =>
     Number.isFinite(high) ? `${um(low, high - low)} … ${um(high, high - low)} ${micrometre}` : words.noBound;
-  const same = interval(place.withModelError) === interval(place.readingsOnly);
+  const same =
+    Number.isFinite(place.withModelError[1]) && interval(place.withModelError) === interval(place.readingsOnly);
   const compliance = (value: number) =>
     Number.isFinite(value) ? `${significant(value * 1e6, 3)} ${perNewton}` : words.noNumber;
   const bent = [

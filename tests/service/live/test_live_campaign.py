@@ -187,11 +187,13 @@ def test_a_goal_is_not_reached_by_readings_that_are_not_to_be_used(service):
     assert "exchange their names" in state["readings"][0]["innovation"]["message"]
     assert "m01 is doubtful" in state["message"]
     service.patch(address, json={"kept": ["m01"]})
-    state = measured(service, address, 6)
+    state = measured(service, address, 1)
+    assert "do not use these readings yet: m01" in state["message"]
+    state = measured(service, address, 5)
     assert state["share"] <= 1.0
     assert state["assessment"]["verdict"] == "do_not_use"
-    assert (state["state"], state["still_needed"], state["next"]["held_out"]) == ("measuring", None, False)
-    assert "do not use these readings yet: m01" in state["message"]
+    assert (state["state"], state["still_needed"], state["next"]["held_out"]) == ("cannot", None, False)
+    assert "will not be met by these readings: m01" in state["message"]
     assert "exchange their names" in state["message"]
     service.patch(address, json={"withdrawn": {"m01": "targets exchanged"}})
     assert measured(service, address, 5)["state"] == "reached"

@@ -101,7 +101,25 @@ def test_a_mistake_at_the_first_reading_is_withdrawn_once_the_others_show_it(cam
         live.observe(*(dict(zip(order, each.tolist(), strict=True)) for each in places.values()))
         state = live.run_source()
     assert state.state == "reached"
-    assert [each.label for each in state.readings if each.state == "withdrawn"] == ["m01"]
+    withdrawn = {each.label: each.reason for each in state.readings if each.state == "withdrawn"}
+    assert withdrawn == {"m01": "a mistake, as later readings show"}
+
+
+def test_a_target_that_slips_in_every_reading_ends_the_campaign(campaign, monkeypatch):
+    """No single reading is the mistake: one is withdrawn at most, and nobody measures for ever."""
+
+    class Slipping(Simulated):
+        async def stand(self, stand):
+            await super().stand(stand)
+            if stand.loaded:
+                self._places["P10"] = self._places["P10"] + np.array([3e-3, 0.0, 0.0])
+
+    monkeypatch.setattr(sources, "Simulated", Slipping)
+    with jointstiff.measure(campaign, goal="15 %", source="simulated:1") as live:
+        state = live.run_source()
+    assert state.state == "cannot"
+    assert [each.state for each in state.readings].count("counts") <= 11
+    assert sum(each.reason == "a mistake, as later readings show" for each in state.readings) <= 1
 
 
 def test_a_robot_of_the_catalogue_needs_load_and_targets():
