@@ -94,7 +94,9 @@ def members(count, start=0):
         pytest.param(
             b'{"poses":[' + b",".join([members(3_900)] * 74) + b"]}", GeometryRequest, marks=pytest.mark.slow
         ),
-        (b'{"sweeps":[' + b",".join([members(3_900)] * 74) + b"]}", GeometryRequest),
+        pytest.param(
+            b'{"sweeps":[' + b",".join([members(3_900)] * 74) + b"]}", GeometryRequest, marks=pytest.mark.slow
+        ),
         (b'{"' + b'\\"' * 1_000_000 + b":" * 5_000, MeasurementSetRequest),
         (b'{"":"' + b'\\":' * 250_000, MeasurementSetRequest),
     ],

@@ -44,6 +44,7 @@ def test_uncertainties_in_the_files_become_one_sigma():
     assert answer.poses.noise.sigma == pytest.approx(np.sqrt(squares.mean()), rel=1e-12)
 
 
+@pytest.mark.slow  # those of a UR10 by day
 @pytest.mark.skipif(not SHARED.is_dir(), reason=MISSING)
 def test_the_poses_of_a_real_ur5_give_its_geometry():
     """1,000 poses, read as target plus deviation: residuals as small as the best published, 0.15 mm."""

@@ -208,8 +208,14 @@ def test_unknowns_are_said_in_units_of_their_size(unit, values, text):
 
 
 class TestLinks:
-    @pytest.mark.parametrize("configurations", [20, 40])
-    @pytest.mark.parametrize("softness", [2.0, 0.1])
+    @pytest.mark.parametrize(
+        ("softness", "configurations"),
+        [
+            (2.0, 20),
+            (0.1, 40),
+            *(pytest.param(*each, marks=pytest.mark.slow) for each in ((2.0, 40), (0.1, 20))),
+        ],
+    )
     def test_beams_speak(self, configurations, softness):
         for seed in range(3):
             robot, measurements = beams(seed, softness, configurations=configurations)
