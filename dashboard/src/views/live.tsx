@@ -502,7 +502,11 @@ function SoFar({ state, goal }: { state: LiveState; goal: number | null }) {
       {!doubtful && (
         <p>
           <b>
-            {state.share === null ? words.noShare : state.share <= 1 ? words.met : words.ofGoal(percent(state.share))}
+            {state.state === "reached"
+              ? words.met
+              : state.share === null
+                ? words.noShare
+                : words.ofGoal(percent(state.share))}
           </b>{" "}
           {state.assessment && <Badge verdict={state.assessment.verdict} />}
         </p>
