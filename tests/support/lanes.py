@@ -31,6 +31,9 @@ STARTS = frozenset(
 )
 """Audit events of a process that begins."""
 
+ASK_FOR_THE_MACHINE = ("platform", "matplotlib.font_manager")
+"""Modules of libraries that may start a process in any test: which they do depends on the machine alone."""
+
 
 class Guard:
     """An audit hook that refuses processes while a test runs that is not marked as one that starts them."""
@@ -40,7 +43,7 @@ class Guard:
         sys.addaudithook(self)
 
     def __call__(self, event: str, _: object) -> None:
-        if self.unmarked and event in STARTS and not asks_for_the_platform():
+        if self.unmarked and event in STARTS and not asks_for_the_machine():
             pytest.fail(f"{self.unmarked} starts a process ({event}): mark it @pytest.mark.process")
 
     def watch(self, item: pytest.Item) -> Iterator[None]:
@@ -52,10 +55,10 @@ class Guard:
             self.unmarked = None
 
 
-def asks_for_the_platform() -> bool:
-    """Tell whether the standard library asks what machine this is, as libraries do on import."""
+def asks_for_the_machine() -> bool:
+    """Tell whether a library asks for the platform on import, or matplotlib for its fonts on first use."""
     frame = sys._getframe(1)
-    while frame is not None and frame.f_globals.get("__name__") != "platform":
+    while frame is not None and frame.f_globals.get("__name__") not in ASK_FOR_THE_MACHINE:
         frame = frame.f_back
     return frame is not None
 
