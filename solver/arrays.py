@@ -1,4 +1,4 @@
-"""Types of arrays. A comment or docstring beside each use gives shape, unit and frame."""
+"""Types of arrays, and the sense of axes. A comment beside each use gives shape, unit and frame."""
 
 from __future__ import annotations
 
@@ -12,3 +12,13 @@ BoolArray: TypeAlias = npt.NDArray[np.bool_]
 IndexArray: TypeAlias = npt.NDArray[np.intp]
 Support: TypeAlias = npt.NDArray[np.int8]
 """-1 where a lower bound holds a parameter, 1 where an upper bound does, 0 where it is free."""
+
+
+def in_one_sense(axes: FloatArray) -> FloatArray:
+    """Return axes (..., 3), whose signs are anything, with the first large component positive.
+
+    An eigenvector's sign is a matter of rounding; half of the greatest component is large.
+    """
+    size = np.abs(axes)
+    first = np.argmax(size > 0.5 * size.max(axis=-1, keepdims=True), axis=-1)[..., None]
+    return np.asarray(np.where(np.take_along_axis(axes, first, axis=-1) < 0.0, -axes, axes))

@@ -524,6 +524,7 @@ PARALLEL_WITHIN = 1e-3
 
 _SHORT = 1e-3  # distance [m] below which a perpendicular's sense is not taken from it
 _NO_DIRECTION = 1e-9
+_SEAM = 1e-9 - np.pi  # of angles [rad]
 _POSTURES = 200
 
 
@@ -735,10 +736,9 @@ def _across(vector: FloatArray, normal: FloatArray, instead: FloatArray) -> Floa
 
 
 def _angle(first: FloatArray, second: FloatArray, about: FloatArray) -> float:
-    """Angle [rad] from one vector to another about a unit vector."""
-    return float(
-        np.arctan2(np.cross(first, second) @ about, first @ second - (first @ about) * (second @ about))
-    )
+    """Angle [rad] from one vector to another about a unit vector; half a turn is +π."""
+    angle = np.arctan2(np.cross(first, second) @ about, first @ second - (first @ about) * (second @ about))
+    return float(angle if angle > _SEAM else angle + 2.0 * np.pi)
 
 
 def link_table(

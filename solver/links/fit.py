@@ -24,7 +24,7 @@ from jointstiff.schemas.model import (
     LinkCompliance,
     PrincipalCompliance,
 )
-from jointstiff.solver.arrays import FloatArray, IndexArray
+from jointstiff.solver.arrays import FloatArray, IndexArray, in_one_sense
 from jointstiff.solver.errors import SolverError, UnsupportedMethodError
 from jointstiff.solver.estimation.conic import (
     diagonal,
@@ -101,7 +101,7 @@ class ElasticEstimate:
 def principal(block: FloatArray) -> list[PrincipalCompliance]:
     """Return the principal compliances of a block (3, 3), largest first."""
     values, vectors = np.linalg.eigh(block)
-    pairs = zip(np.maximum(values[::-1], 0.0).tolist(), vectors[:, ::-1].T, strict=True)
+    pairs = zip(np.maximum(values[::-1], 0.0).tolist(), in_one_sense(vectors.T[::-1]), strict=True)
     return [PrincipalCompliance(value=value, direction=point(direction)) for value, direction in pairs]
 
 

@@ -16,7 +16,7 @@ from typing import ClassVar, Final
 
 import numpy as np
 
-from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
+from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray, in_one_sense
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.estimation.fit import student_quantile
 from jointstiff.solver.mechanics.configuration import Configurations, rotation_vectors
@@ -132,7 +132,7 @@ class CartesianCompliance:
         """
         symmetric = 0.5 * (self.translation + self.translation.transpose(0, 2, 1))
         values, vectors = np.linalg.eigh(symmetric)
-        worst, v = values[:, -1], vectors[:, :, -1]
+        worst, v = values[:, -1], in_one_sense(vectors[:, :, -1])
         if self.by_joint is None:
             unknown = np.full(len(v), np.nan)
             return WorstDirection(worst, v, unknown, unknown)

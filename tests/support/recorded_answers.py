@@ -66,6 +66,7 @@ LOOSE = {"certificate": 1e-7, "weights_gap": 1e-7, "effective_freedom": 5e-3}
 UNSETTLED = "~"
 """In place of a number that rounding decides: it differs by the kernels of linear algebra."""
 KERNELS = ("", "Haswell", "Nehalem")
+"""Record on a processor with AVX-512: what is settled there is settled on others."""
 NUMBER = re.compile(r"[-+−]?\d+(?:\.\d+)?(?:[eE][-+]?\d{1,3})?")
 ID = re.compile(r"\b[0-9a-f]{32,64}\b")
 POSTURES = [[0.3, -0.4, 0.5, 0.2, 0.6, -0.1, 0.4], [-0.5, 0.2, 0.3, -0.8, 0.9, 0.4, -0.2]]
@@ -126,8 +127,6 @@ def _plain(value: Any) -> Any:
         root = np.array(kept.get("covariance_root") or 0.0)
         if root.ndim == 2:  # the signs of its columns are anything
             kept["covariance_root"] = (root @ root.T).tolist()
-        if kept.keys() == {"direction", "value"}:  # a principal axis of a matrix, which is beside it
-            del kept["direction"]
         if "contributions" in kept and "correlation" in kept:
             kept["correlation"] = _of_contributions(kept["contributions"], kept["correlation"])
         return {name: _plain(each) for name, each in kept.items()}

@@ -93,7 +93,7 @@ class Session:
             text = text.replace(f'"{name}": "{version}"', f'"{name}": "<version>"')
             text = re.sub(rf"(\b{name}(?:,| )){re.escape(version)}\b", r"\1<version>", text)
         text = re.sub(r"<(\w+) [0-9a-f]{8},", r"<\1 <short id>,", text)
-        text = re.sub(r"(\.xlsx: )[\d,]+ bytes", r"\1<size>", text)
+        text = re.sub(r"(\.\w+: )[\d,]+ bytes", r"\1<size>", text)
         text = _ID.sub(lambda found: self._placeholder(found[0]), text)
         text = re.sub(r'("request_id": )"\w+"', r'\1"<request>"', text)
         text = _TIME.sub(_now_or_stated, text)
@@ -109,8 +109,9 @@ class Session:
 
 def _without_rounding(line: str) -> str:
     """Return a line with 0 in place of rounding errors; a covariance of compliances may be small."""
-    least = "2[5-9]|[3-9]\\d" if "covariance" in line else "1[5-9]|[2-9]\\d"
-    return re.sub(rf"(?<![\w.])-?\d\.\d+e-(?:{least})\b", "0.0", line).rstrip()
+    least = "2[5-9]|[3-9]\\d" if "covariance" in line else "1[2-9]|[2-9]\\d"
+    line = re.sub(rf"(?<![\w.])-?\d\.\d+e-(?:{least})\b", "0.0", line)
+    return re.sub(r"(?<![\w.>])-(0(?:\.0+)?)(?![\w.])", r"\1", line).rstrip()
 
 
 def _now_or_stated(found: re.Match[str]) -> str:
@@ -193,7 +194,7 @@ def printed(value: Any, indent: str = "") -> str:
         else [f'"{key}": {printed(part, indent + "  ")}' for key, part in value.items()]
     )
     opening, ending = "[]" if isinstance(value, list) else "{}"
-    line = f"{opening}{', '.join(parts)}{ending}"
+    line = _without_rounding(f"{opening}{', '.join(parts)}{ending}")
     if len(indent) + len(line) <= WIDE and "\n" not in line:
         return line
     inner = f",\n{indent}  ".join(parts)
@@ -243,7 +244,7 @@ def _without_noise(value: Any, greatest: float) -> Any:
     """Return nested lists with 0 in place of numbers that are rounding errors beside the others."""
     if isinstance(value, list):
         return [_without_noise(part, greatest) for part in value]
-    return 0.0 if isinstance(value, float) and abs(value) < max(1e-9 * greatest, 1e-30) else value
+    return 0.0 if isinstance(value, float) and abs(value) < max(1e-6 * greatest, 1e-30) else value
 
 
 def _numbers_in(value: Any) -> list[Any]:
@@ -300,15 +301,18 @@ def text_of_workbook(content: bytes) -> str:
         for sheet in book:
             lines.append(f"sheet {sheet.title}, {sheet.freeze_panes}")
             for row in sheet.iter_rows():
-                cells = [
-                    number(each.value) if isinstance(each.value, float) else str(each.value or "")
-                    for each in row
-                ]
+                cells = [_of_cell(each.value) for each in row]
                 formats = [
                     "" if each.number_format == "General" else f" ({each.number_format})" for each in row
                 ]
                 lines.append(" | ".join(map("".join, zip(cells, formats, strict=True))))
     return "\n".join(lines)
+
+
+def _of_cell(value: Any) -> str:
+    if isinstance(value, float) or (value == 0 and value is not False):  # a workbook's 0.0 is read as 0
+        return number(float(value))
+    return "" if value is None else str(value)
 
 
 def text_of_arrays(content: bytes) -> str:
