@@ -76,7 +76,7 @@ def run(*, quick: bool) -> list[Section]:
                     "map after inverse kinematics / Pinocchio place by place, the same exact balance: speed",
                     exact_time / map_time,
                     "at least",
-                    20.0,
+                    30.0,
                     "×",
                 ),
             ),

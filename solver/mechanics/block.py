@@ -18,7 +18,7 @@ import numpy as np
 
 from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.errors import RequestError, SolverError
-from jointstiff.solver.mechanics.configuration import Configurations, joint_frames, skew
+from jointstiff.solver.mechanics.configuration import Configurations, cross, joint_frames, skew
 from jointstiff.solver.mechanics.measurements import CommonUncertainty, Measurements, whitened
 from jointstiff.solver.mechanics.robot import Robot
 
@@ -31,6 +31,9 @@ _LAST_STEP: Final = 1e-8
 """Step [rad] that is taken to first order: it leaves half of its square, 1e-16 m at an arm's reach."""
 _LARGEST_DEFLECTION: Final = 1.0
 """A balance further away [rad] may be on another branch."""
+_SMALL: Final = 0.1
+"""Share of the stiffness taken away by a load, up to which a series is quicker than elimination."""
+_ROUNDING: Final = 1e-17
 
 
 STANDARD_GRAVITY: FloatArray = np.array([0.0, 0.0, -9.80665])
@@ -115,7 +118,8 @@ class Balance:
     #: (B, n) torque by which the load, with the change of the own weight's, twists the joints [N·m]
     torque: FloatArray
     stiffness: FloatArray  #: (B, n, n) K_c + ∂g/∂q of load and own weight [N·m/rad]
-    slope: FloatArray  #: (B, n, n) ``I − diag(c)(K_c + ∂g/∂q)``
+    #: (B, n, n) ``(I − diag(c)(K_c + ∂g/∂q))⁻¹``, the answer of δθ to a change of c ∘ τ
+    softened: FloatArray
 
 
 def balance(
@@ -150,18 +154,15 @@ def balance(
         if weight is not None:
             own, own_stiffness = weight.torque_and_stiffness(robot, loaded)
             torque, stiffness = torque + own - rest, stiffness + own_stiffness
-        slope = np.eye(robot.n) - compliance[:, None] * stiffness
+        softening = compliance[:, None] * stiffness
         residual = compliance * torque - deflection
-        try:
-            step = np.asarray(np.linalg.solve(slope, residual[..., None])[..., 0], dtype=np.float64)
-        except np.linalg.LinAlgError:
-            _refuse(np.linalg.slogdet(slope).sign == 0.0)
-            raise
+        softened = _softened(softening)
+        step = (softened @ residual[..., None])[..., 0]
         deflection = deflection + step
         if (np.abs(step) <= _LAST_STEP).all():
             _refuse(np.asarray((np.abs(deflection) > _LARGEST_DEFLECTION).any(axis=1)))
-            _refuse(_unstable(slope))
-            return Balance(loaded, step, torque, stiffness, slope)
+            _refuse(_unstable(softening))
+            return Balance(loaded, step, torque, stiffness, softened)
         _refuse(np.asarray(~(np.abs(deflection) <= 2.0 * _LARGEST_DEFLECTION).all(axis=1)))
         loaded = Configurations(robot, unloaded.q + deflection)
     raise _no_balance(int(np.argmax(np.abs(step).max(axis=1))))
@@ -182,24 +183,50 @@ def wrench_stiffness(
         (B, n, n) [N·m/rad].
     """
     axes, v = axes.transpose(1, 2, 0), load_jacobian.transpose(1, 2, 0)
-    by_force = (np.cross(force.T[:, None], axes, axis=0)[:, :, None] * v[:, None]).sum(axis=0)
-    below = np.tri(len(by_force), k=-1, dtype=np.bool_)[..., None]
-    stiffness: FloatArray = np.where(below, by_force.transpose(1, 0, 2), by_force)
+    pull, n = cross(force.T[:, None], axes), axes.shape[1]
+    stiffness = np.empty((n, *axes.shape[1:]))
+    for j in range(n):
+        stiffness[j:, j] = stiffness[j, j:] = np.einsum("in,ikn->kn", pull[:, j], v[:, j:])
     if moment.any():
-        turned = np.cross(moment.T[:, None], axes, axis=0)
-        stiffness += below * (axes[:, :, None] * turned[:, None]).sum(axis=0)
+        turned = np.einsum("ijn,ikn->jkn", axes, cross(moment.T[:, None], axes))
+        stiffness += np.tri(n, k=-1)[..., None] * turned
     return stiffness.transpose(2, 0, 1)
 
 
-def _unstable(slope: FloatArray) -> BoolArray:
-    """Return whether balances (B,) are not stable: slopes, similar to scaled stiffnesses, not positive.
+def _softened(softening: FloatArray) -> FloatArray:
+    """Return ``(I − E)⁻¹`` of matrices E (B, n, n), by ``(I + E)(I + E²)(I + E⁴)…`` where they are small.
 
-    Rows and columns that stay close to those of the identity show it without eigenvalues (Gershgorin).
+    Raises:
+        RequestError: one is singular.
     """
-    off = np.abs(slope - np.eye(slope.shape[1]))
-    unstable: BoolArray = off.sum(axis=2).max(axis=1) >= 1.0
+    identity, size = np.eye(softening.shape[1]), float(_row_sums(softening).max(initial=0.0))
+    if size > _SMALL:
+        try:
+            return np.asarray(np.linalg.inv(identity - softening))
+        except np.linalg.LinAlgError:
+            _refuse(np.linalg.slogdet(identity - softening).sign == 0.0)
+            raise
+    power = np.ascontiguousarray(softening)
+    softened = identity + power
+    while (size := size**2) > _ROUNDING:
+        power = power @ power
+        softened += softened @ power
+    return softened
+
+
+def _row_sums(matrices: FloatArray) -> FloatArray:
+    """Return greatest sums (B,) of the magnitudes in a row of matrices (B, n, n)."""
+    return np.asarray(np.abs(matrices).sum(axis=2).max(axis=1))
+
+
+def _unstable(softening: FloatArray) -> BoolArray:
+    """Return whether balances (B,) are not stable: ``I − E``, similar to scaled stiffnesses, not positive.
+
+    Rows that stay close to those of the identity show it without eigenvalues (Gershgorin).
+    """
+    unstable: BoolArray = _row_sums(softening) >= 1.0
     if unstable.any():
-        doubtful = slope[unstable]
+        doubtful = np.eye(softening.shape[1]) - softening[unstable]
         singular = np.linalg.slogdet(doubtful).sign == 0.0  # whose eigenvalue may be rounded to either side
         unstable[unstable] = singular | (np.linalg.eigvals(doubtful).real <= 0.0).any(axis=1)
     return unstable

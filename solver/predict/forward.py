@@ -19,7 +19,7 @@ import numpy as np
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray, in_one_sense
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.estimation.fit import student_quantile
-from jointstiff.solver.mechanics.configuration import Configurations, rotation_vectors
+from jointstiff.solver.mechanics.configuration import Configurations, cross, rotation_vectors
 from jointstiff.solver.mechanics.robot import Robot
 
 LARGEST_TURN: Final = 0.25
@@ -89,9 +89,9 @@ class CartesianCompliance:
     matrix: FloatArray  #: (B, 6, 6) blocks [m/N, m/(N·m); rad/N, rad/(N·m)]
     #: (B,) whether the load has a potential: a dead moment has none, and leaves C asymmetric
     symmetric: BoolArray
-    #: (B, 6, n) factors L, M with ``∂C/∂c_j = L_j M_jᵀ``, and (n, n) covariance of the compliances
+    #: returns (B, 6, n) factors L, M with ``∂C/∂c_j = L_j M_jᵀ``, and (n, n) covariance of the compliances
     #: [(rad/(N·m))²]; None if it is unknown
-    by_joint: tuple[FloatArray, FloatArray, FloatArray] | None
+    by_joint: Callable[[], tuple[FloatArray, FloatArray, FloatArray]] | None
 
     @property
     def translation(self) -> FloatArray:
@@ -105,10 +105,11 @@ class CartesianCompliance:
     def across(self, direction: FloatArray) -> FloatArray:
         """(B,) greatest eigenvalue of C_tt in the plane across directions [m/N]."""
         helper = np.where(np.abs(direction[:, :1]) < 0.6, [1.0, 0.0, 0.0], [0.0, 1.0, 0.0])
-        first = unit_vectors(np.cross(direction, helper))
-        plane = np.stack([first, np.cross(direction, first)], axis=1)  # (B, 2, 3)
+        first = unit_vectors(cross(direction.T, helper.T).T)
+        plane = np.stack([first, cross(direction.T, first.T).T], axis=1)  # (B, 2, 3)
         form = plane @ self.translation @ plane.transpose(0, 2, 1)
-        return np.asarray(np.linalg.eigvalsh(0.5 * (form + form.transpose(0, 2, 1)))[:, -1])
+        a, b, c = form[:, 0, 0], 0.5 * (form[:, 0, 1] + form[:, 1, 0]), form[:, 1, 1]
+        return np.asarray(0.5 * (a + c) + np.hypot(0.5 * (a - c), b))
 
     def stiffness_lateral_free(self, direction: FloatArray) -> FloatArray:
         """(B,) ``1/(uᵀ C_tt u)`` [N/m]: force per displacement along u, motion across u left free."""
@@ -136,7 +137,7 @@ class CartesianCompliance:
         if self.by_joint is None:
             unknown = np.full(len(v), np.nan)
             return WorstDirection(worst, v, unknown, unknown)
-        left, right, covariance = self.by_joint
+        left, right, covariance = self.by_joint()
         along, against = (vectors.transpose(0, 2, 1) @ factor[:, :3] for factor in (left, right))
         slopes = 0.5 * (along * against[:, -1:] + against * along[:, -1:])  # (B, 3, n): v_mᵀ ∂C/∂c_j v
         variance = np.einsum("bmi,ij,bmj->bm", slopes, covariance, slopes)
@@ -149,7 +150,7 @@ class CartesianCompliance:
         """(B,) standard uncertainty of ``uᵀ C_tt u`` [m/N]; NaN if unknown."""
         if self.by_joint is None:
             return np.full(len(direction), np.nan)
-        left, right, covariance = self.by_joint
+        left, right, covariance = self.by_joint()
         slope = (direction[:, None] @ left[:, :3] * (direction[:, None] @ right[:, :3]))[:, 0]
         return np.asarray(np.sqrt(np.einsum("bi,ij,bj->b", slope, covariance, slope)))
 
@@ -338,7 +339,7 @@ def greatest_deviation(half: FloatArray) -> FloatArray:
     rest = covariance - mean * np.eye(3)[..., None]
     spread = np.sqrt(np.einsum("ijn,ijn->n", rest, rest) / 6.0)
     rest /= np.where(spread > 0.0, spread, 1.0)
-    determinant = np.einsum("in,in->n", rest[0], np.cross(rest[1], rest[2], axis=0))
+    determinant = np.einsum("in,in->n", rest[0], cross(rest[1], rest[2]))
     greatest = mean + 2.0 * spread * np.cos(np.arccos(np.clip(0.5 * determinant, -1.0, 1.0)) / 3.0)
     return np.asarray(np.sqrt(greatest))
 

@@ -260,17 +260,15 @@ class JointModel(ForwardModel):
         if likelihood is None:
             return None
         part, value, quantile = rows[:, likelihood.joints], rows @ self.compliance, self.quantile(confidence)
-        ends = np.stack([value, value], axis=-1)
-        deviation = np.sqrt(((part @ likelihood.covariance) * part).sum(axis=1))
-        some = np.flatnonzero(deviation > 0.0)
         constraints, radii = self.constraints.select(likelihood.joints), np.array([quantile])
-        by_profile = by_profile and not constraints.order  # it leaves less than the box: free ends are wider
+        ends: FloatArray = interval_ends(likelihood, constraints, part, radii, value, by_profile=False)[0]
+        if not by_profile or constraints.order:  # it leaves less than the box: free ends are wider
+            return ends
+        some = np.flatnonzero(((part @ likelihood.covariance) * part).sum(axis=1) > 0.0)
         for start in range(0, len(some), _BLOCK):
             block = some[start : start + _BLOCK]
-            parts = likelihood, constraints, part[block], radii, value[block]
-            ends[block] = interval_ends(*parts, by_profile=False)[0]
             with suppress(SolverError):  # the free ends cover by themselves, wherever the truth lies
-                ends[block] = interval_ends(*parts, by_profile=by_profile)[0]
+                ends[block] = interval_ends(likelihood, constraints, part[block], radii, value[block])[0]
         return ends
 
 
@@ -284,14 +282,9 @@ class JointDeflection(Deflection):
     jacobian: FloatArray  #: (B, 6, n) jacobian of the places [m/rad, then rad/rad], in the loaded posture
 
     @cached_property
-    def _softened(self) -> FloatArray:
-        """(B, n, n) ``(I − diag(c)(K_c + ∂g/∂q))⁻¹``, the answer of δθ to a change of c ∘ τ."""
-        return np.asarray(np.linalg.inv(self.balance.slope))
-
-    @cached_property
     def _answer(self) -> FloatArray:
         """(B, 6, n) answer of the places to a change of c ∘ τ."""
-        return self.jacobian @ self._softened
+        return self.jacobian @ self.balance.softened
 
     @cached_property
     def _torque(self) -> FloatArray:
@@ -326,14 +319,17 @@ class JointDeflection(Deflection):
     @property
     def compliance(self) -> CartesianCompliance:
         """Cartesian compliance at the places, in the loaded postures."""
-        c, by_joint = self.model.compliance, None
-        if self.model.likelihood is not None:
-            # (I − K diag(c))⁻¹ = I + K (I − diag(c) K)⁻¹ diag(c)
-            stiffened = np.eye(len(c)) + self.balance.stiffness @ (self._softened * c)
-            right = self.jacobian @ stiffened.transpose(0, 2, 1)
-            by_joint = self._answer, right, self.model.covariance
+        matrix = (self._answer * self.model.compliance) @ self.jacobian.transpose(0, 2, 1)
         symmetric = (self.cases.moment == 0.0).all(axis=1)
-        return CartesianCompliance((self._answer * c) @ self.jacobian.transpose(0, 2, 1), symmetric, by_joint)
+        by_joint = None if self.model.likelihood is None else self._compliance_by_joint
+        return CartesianCompliance(matrix, symmetric, by_joint)
+
+    def _compliance_by_joint(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return factors of the derivatives by each joint, and the covariance: see `CartesianCompliance`."""
+        # (I − K diag(c))⁻¹ = I + K (I − diag(c) K)⁻¹ diag(c)
+        by_torque = self.balance.stiffness @ (self.balance.softened * self.model.compliance)
+        stiffened = np.eye(self.model.robot.n) + by_torque
+        return self._answer, self.jacobian @ stiffened.transpose(0, 2, 1), self.model.covariance
 
     def compliance_known(self, direction: FloatArray) -> tuple[BoolArray, BoolArray]:
         """Return whether the readings determine the joints that answer: see `Deflection`."""
