@@ -11,10 +11,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import factorial
-from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from jointstiff.simulator.arm import FloatArray, SpringArm
 from jointstiff.simulator.document import Document, measurement_set, robot_document
@@ -31,10 +30,7 @@ __all__ = [
     "elastic_positions",
 ]
 
-AnyArray = NDArray[Any]  # real, or complex on the way to a derivative
-
-MAX_NEWTON_STEPS = 20
-STEP = 1e-30  # of the complex step, whose derivative is exact to rounding
+MAX_STEPS = 100
 TERMS = 7  # of the series below: exact to rounding for rotations below 0.1 rad
 MAX_ROTATION = 0.1
 ROUNDING_ERRORS = 64.0
@@ -113,7 +109,7 @@ def elastic_deflections(
     points = np.broadcast_to(targets, (len(q), *targets.shape))
     unloaded = _flange_points(elastic, q, np.zeros_like(state), points)
     loaded = _flange_points(elastic, q, state, points)
-    return np.real(unloaded), np.real(loaded)
+    return unloaded, loaded
 
 
 def elastic_positions(
@@ -176,19 +172,21 @@ def elastic_campaign(
 
 
 def _balance(elastic: ElasticArm, q: FloatArray, force: FloatArray, load_point: FloatArray) -> FloatArray:
-    """State (N, 7n) with ``r(s) = s − D ∂W/∂s = 0``, by Newton's method until r is down to rounding."""
+    """State (N, 7n) with ``s = D ∂W/∂s``, applied again and again until nothing but rounding changes.
+
+    Each step leaves D ∂²W/∂s² of the error, which is below one for springs that hold the load.
+    """
     D = _compliances(elastic)
     state = np.zeros((len(q), len(D)))
-    for _ in range(MAX_NEWTON_STEPS):
-        load = np.real(_work_gradient(elastic, q, state, force, load_point))
-        residual = state - load @ D
-        scale = np.abs(load) @ np.abs(D)
-        if np.all(
-            np.abs(residual) <= ROUNDING_ERRORS * np.finfo(float).eps * scale.max(axis=1, keepdims=True)
-        ):
+    for _ in range(MAX_STEPS):
+        load = _work_gradient(elastic, q, state, force, load_point)
+        balanced = load @ D
+        rounding = (
+            ROUNDING_ERRORS * np.finfo(float).eps * (np.abs(load) @ np.abs(D)).max(axis=1, keepdims=True)
+        )
+        if np.all(np.abs(state - balanced) <= rounding):
             return state
-        derivative = np.eye(len(D)) - D @ _work_hessian(elastic, q, state, force, load_point)
-        state = state - np.linalg.solve(derivative, residual[..., None])[..., 0]
+        state = balanced
         if np.abs(state).max() > MAX_ROTATION:
             break
     msg = "no balance near the unloaded posture; reduce the load or stiffen the arm"
@@ -205,22 +203,9 @@ def _compliances(elastic: ElasticArm) -> FloatArray:
     return D
 
 
-def _work_hessian(
+def _work_gradient(
     elastic: ElasticArm, q: FloatArray, state: FloatArray, force: FloatArray, load_point: FloatArray
 ) -> FloatArray:
-    """∂²W/∂s² (N, 7n, 7n), column by column by complex steps."""
-    columns = []
-    for k in range(state.shape[1]):
-        stepped = state.astype(complex)
-        stepped[:, k] += 1j * STEP
-        columns.append(np.imag(_work_gradient(elastic, q, stepped, force, load_point)) / STEP)
-    hessian: FloatArray = np.stack(columns, axis=-1)
-    return hessian
-
-
-def _work_gradient(
-    elastic: ElasticArm, q: FloatArray, state: AnyArray, force: FloatArray, load_point: FloatArray
-) -> AnyArray:
     """∂W/∂s (N, 7n): torque about each axis, then force and moment that turn and move each link's end."""
     n = len(elastic.links)
     frames = _frames(elastic, q, state)
@@ -239,8 +224,8 @@ def _work_gradient(
 
 
 def _frames(
-    elastic: ElasticArm, q: FloatArray, state: AnyArray
-) -> list[tuple[AnyArray, AnyArray, AnyArray, AnyArray]]:
+    elastic: ElasticArm, q: FloatArray, state: FloatArray
+) -> list[tuple[FloatArray, FloatArray, FloatArray, FloatArray]]:
     """Axis, origin, rotation of each joint's frame and the end of its link's translation, in R0."""
     arm, n = elastic.arm, len(elastic.links)
     rotation = np.broadcast_to(np.eye(3), (len(q), 3, 3)).astype(state.dtype)
@@ -259,27 +244,27 @@ def _frames(
     return frames
 
 
-def _flange_points(elastic: ElasticArm, q: FloatArray, state: AnyArray, points: FloatArray) -> AnyArray:
+def _flange_points(elastic: ElasticArm, q: FloatArray, state: FloatArray, points: FloatArray) -> FloatArray:
     """Points of the flange frame (N, T, 3) in R0."""
     arm, n = elastic.arm, len(elastic.links)
     _, _, rotation, end = _frames(elastic, q, state)[-1]
     rotation = rotation @ _rotation_and_jacobian(state[:, 7 * n - 3 :])[0]
     local = points @ arm.flange_rotation.T + (arm.flange_translation - arm.axis_points[-1])
-    out: AnyArray = np.einsum("nij,ntj->nti", rotation, local) + end[:, None]
+    out: FloatArray = np.einsum("nij,ntj->nti", rotation, local) + end[:, None]
     return out
 
 
-def _about(axis: FloatArray, angle: AnyArray) -> AnyArray:
+def _about(axis: FloatArray, angle: FloatArray) -> FloatArray:
     """Rotation by angle (N,) about a unit vector (3,), by Rodrigues."""
     K = _cross_matrix(axis)
-    rotation: AnyArray = (
+    rotation: FloatArray = (
         np.eye(3) + np.sin(angle)[:, None, None] * K + (1.0 - np.cos(angle))[:, None, None] * (K @ K)
     )
     return rotation
 
 
-def _rotation_and_jacobian(phi: AnyArray) -> tuple[AnyArray, AnyArray]:
-    """exp[φ] and its left Jacobian J, ``δ(exp[φ]) = [J δφ] exp[φ]``, as series: analytic also at zero."""
+def _rotation_and_jacobian(phi: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """exp[φ] and its left Jacobian J, ``δ(exp[φ]) = [J δφ] exp[φ]``, as series: also at zero."""
     square = (phi * phi).sum(axis=-1)[..., None, None]
     first, second, third = (
         sum((-square) ** k / factorial(2 * k + order) for k in range(TERMS)) for order in (1, 2, 3)
@@ -289,7 +274,7 @@ def _rotation_and_jacobian(phi: AnyArray) -> tuple[AnyArray, AnyArray]:
     return np.eye(3) + first * K + second * KK, np.eye(3) + second * K + third * KK
 
 
-def _cross_matrix(v: AnyArray) -> AnyArray:
+def _cross_matrix(v: FloatArray) -> FloatArray:
     """Matrices (..., 3, 3) of the cross product with vectors (..., 3)."""
     x, y, z = np.moveaxis(v, -1, 0)
     zero = np.zeros_like(x)

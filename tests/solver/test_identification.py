@@ -19,7 +19,6 @@ from support.campaigns import (
     estimate,
     first_target,
     held,
-    in_base_frame,
     prepare,
     simulated,
     spring_columns,
@@ -38,7 +37,6 @@ from jointstiff.solver.errors import (
 )
 from jointstiff.solver.estimation.estimate import predict
 from jointstiff.solver.estimation.method import fit_displacement
-from jointstiff.solver.estimation.observability import observability_indices
 from jointstiff.solver.estimation.triangle import Triangle
 from jointstiff.solver.mechanics import block as regressor
 from jointstiff.solver.mechanics.block import regressor_blocks
@@ -76,20 +74,6 @@ class TestSharedData:
         assert not found.sigma_given
         assert found.degrees_of_freedom == pytest.approx(84)
 
-    @pytest.mark.parametrize("name", ["dead_weight_motor", "dead_weight_secondary", "pull_40"])
-    @pytest.mark.parametrize("method", METHODS)
-    def test_truth_within_four_standard_uncertainties(self, name, method):
-        truth = shared("simulated/truth")[name]
-        found = estimate(*prepare(shared(f"simulated/{name}")), method=method)
-        for joint, stiffness in zip(found.joints, truth["stiffness"], strict=True):
-            if joint.name in truth["not_observable"]:
-                assert joint.status == "not_observable"
-                assert "never twists" in joint.reason
-                assert joint.compliance is joint.standard_uncertainty is joint.compliance_interval is None
-            else:
-                assert joint.status == "identified"
-                assert abs(joint.compliance - 1 / stiffness) < 4 * joint.standard_uncertainty
-
 
 class TestEquivalence:
     @pytest.mark.parametrize("case", ["pulls", "dead_weight", "anisotropic", "encoders", "huber"])
@@ -113,14 +97,6 @@ class TestEquivalence:
         np.testing.assert_allclose(complete.compliance, partial.compliance, rtol=1e-9)
         np.testing.assert_allclose(complete.covariance, partial.covariance, rtol=1e-8, atol=1e-25)
         assert complete.chi_square == pytest.approx(partial.chi_square, rel=1e-9)
-
-    @pytest.mark.parametrize("method", METHODS)
-    @pytest.mark.parametrize("seed", range(5))
-    def test_base_frame(self, pulls, method, seed):
-        found = estimate(*in_base_frame(*pulls, seed), method=method)
-        expected = estimate(*pulls, method=method)
-        np.testing.assert_allclose(found.compliance, expected.compliance, rtol=1e-9)
-        np.testing.assert_allclose(_indices(found), _indices(expected), rtol=1e-9)
 
     @pytest.mark.parametrize(("method", "loss"), [*((m, "squared") for m in METHODS), (METHODS[1], "huber")])
     def test_blocks_do_not_matter(self, dead_weight, monkeypatch, method, loss):
@@ -146,15 +122,15 @@ class TestModel:
 
 class TestUncertainty:
     @pytest.mark.parametrize(("method", "weighting"), METHODS_AND_WEIGHTS)
-    @pytest.mark.parametrize("load", ["pull", "dead_weight"])
+    @pytest.mark.parametrize("load", ["pull", pytest.param("dead_weight", marks=pytest.mark.slow)])
     def test_covariance_is_that_of_the_linear_map(self, pulls, dead_weight, method, weighting, load):
         """ĉ = H d, so its covariance is H Σ Hᵀ; H is found by moving one reading at a time."""
         robot, measurements = pulls if load == "pull" else dead_weight
-        root = np.broadcast_to(np.sqrt(2.0) * np.eye(3), (7, 3, 3, 3))
+        root = np.broadcast_to(np.sqrt(2.0) * np.eye(3), (5, 3, 3, 3))
         if load == "pull":  # correlated coordinates, of each reading its own
             root = np.eye(3) + 0.5 * np.random.default_rng(0).standard_normal(root.shape)
-        # 63 readings say as much as all: each has a column of H.
-        measurements = replace(measurements[:7], covariance=root @ np.swapaxes(root, -1, -2))
+        # 45 readings say as much as all: each has a column of H.
+        measurements = replace(measurements[:5], covariance=root @ np.swapaxes(root, -1, -2))
         options = {"method": method, "weighting": weighting, "positive": False}
         if weighting == "characteristic_length":
             options["characteristic_length"] = 0.5
@@ -167,14 +143,19 @@ class TestUncertainty:
         expected = covariance_by_moving(compliance, white=(nothing, measurements.sigma))
         assert_covariance(estimate(robot, measurements, **options).covariance, expected, atol=1e-6)
 
-    @pytest.mark.parametrize("method", METHODS)
-    def test_sigma_and_intervals_are_honest_over_many_campaigns(self, method):
+    @pytest.mark.parametrize(
+        ("method", "trials"),
+        [
+            *((method, 60) for method in METHODS[1:]),
+            *(pytest.param(method, 200, marks=pytest.mark.slow) for method in METHODS),
+        ],
+    )
+    def test_sigma_and_intervals_are_honest_over_many_campaigns(self, method, trials):
         """Noise on a linear campaign: chi-square has its degrees of freedom, intervals cover."""
         robot, measurements = simulated(load="pull", seed=7, sigma=0.0)
         (block,) = regressor_blocks(robot, measurements)
         exact = block.A @ ARM.compliances
         rng = np.random.default_rng(8)
-        trials = 200
         chi_squares, sigmas, covered = [], [], []
         for _ in range(trials):
             noisy = exact + rng.normal(0, np.sqrt(2) * SIGMA, exact.shape)
@@ -187,10 +168,11 @@ class TestUncertainty:
             covered += [held(result.joints, ARM.compliances) for result in (given, free)]
         freedom = given.degrees_of_freedom
         assert np.mean(chi_squares) == pytest.approx(1, abs=5 * np.sqrt(2 / freedom / trials))
-        assert np.sqrt(np.mean(np.square(sigmas))) == pytest.approx(SIGMA, rel=0.01)
-        # 200 campaigns with two intervals of 95 % each: 3.9 points are 2.5 standard deviations. A joint
-        # whose intervals cover 88 % is seen with a power of 90 %; tests/studies sees smaller faults.
-        assert np.abs(np.mean(covered, axis=0) - 0.95).max() < 0.039
+        assert np.sqrt(np.mean(np.square(sigmas))) == pytest.approx(
+            SIGMA, rel=2.5 / np.sqrt(2 * freedom * trials)
+        )
+        # 200 campaigns see a coverage of 88 % with a power of 90 %; tests/studies see smaller faults.
+        assert np.abs(np.mean(covered, axis=0) - 0.95).max() < 2.5 * np.sqrt(0.95 * 0.05 / trials)
 
 
 class TestObservability:
@@ -248,16 +230,16 @@ class TestConstraints:
         robot, measurements = dead_weight
         rng = np.random.default_rng(1)
         negative = 0
-        for _ in range(25):
-            noisy = measurements.deflection + rng.normal(0, 5e-4, measurements.deflection.shape)
-            changed = replace(measurements, deflection=noisy, sigma=5e-4)
+        for _ in range(10):
+            noisy = measurements.deflection + rng.normal(0, 1e-3, measurements.deflection.shape)
+            changed = replace(measurements, deflection=noisy, sigma=1e-3)
             for method in METHODS:
                 free = estimate(robot, changed, method=method, positive=False)
                 positive = estimate(robot, changed, method=method, positive=True)
                 negative += (free.compliance < 0).any()
                 assert (positive.compliance >= 0).all()
                 assert all(c.is_optimal() for c in positive.certificates)
-        assert negative > 10
+        assert negative > 4
 
 
 class TestRefusals:
@@ -287,10 +269,6 @@ def _wrist_centre(robot):
     """In R0, all angles zero."""
     zero = Configurations(robot, np.zeros((1, robot.n)))
     return zero.to_base(np.broadcast_to(find_wrist(robot).centre, (1, 1, 3)))[0, 0]
-
-
-def _indices(found):
-    return list(vars(observability_indices(found.regressor, found.observability)).values())
 
 
 def test_an_order_across_arm_and_wrist_holds_at_the_constrained_arm():

@@ -23,7 +23,7 @@ from jointstiff.solver.estimation.method import Settings
 from jointstiff.solver.estimation.resampling import GramBlocks, gram_blocks, refuse_nonlinear
 from jointstiff.solver.estimation.solution import Bounds
 from jointstiff.solver.mechanics.measurements import Measurements
-from jointstiff.solver.mechanics.robot import ChainJoint, KinematicChain, Robot
+from jointstiff.solver.mechanics.robot import KinematicChain, Robot
 from jointstiff.solver.mechanics.urdf import read_urdf
 
 METHODS = ("complete_pose", "partial_pose", "decoupled_partial_pose")
@@ -105,19 +105,6 @@ def twins(robot: Robot, measurements: Measurements, offset: float = 0.0) -> tupl
     twin = replace(first, name="twin", child="twin_link", rotation=np.eye(3), translation=aside)
     chain = KinematicChain("twins", robot.chain.base, robot.chain.flange, (first, twin, *others))
     return Robot(chain), replace(measurements, joints=np.insert(measurements.joints, 1, 0.0, axis=1))
-
-
-def in_base_frame(robot: Robot, measurements: Measurements, seed: int) -> tuple[Robot, Measurements]:
-    """The same robot and readings, in another base frame by chance."""
-    rng = np.random.default_rng(seed)
-    rotation = np.linalg.qr(rng.standard_normal((3, 3)))[0]
-    rotation *= np.linalg.det(rotation)
-    shift = rng.uniform(-5, 5, 3)
-    mount = ChainJoint("mount", "fixed", rotation, shift, np.array([0.0, 0.0, 1.0]), None, "pedestal")
-    chain = replace(robot.chain, base="floor", joints=(mount, *robot.chain.joints))
-    turned = {name: getattr(measurements, name) @ rotation.T for name in ("force", "moment", *_COORDINATES)}
-    turned["position"] += shift
-    return Robot(chain, robot.joint_map), replace(measurements, **turned)
 
 
 def wrench_of(measurements: Measurements) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -213,7 +213,7 @@ def test_share_of_deflection_avoided_is_the_simulated_one():
 
 
 @pytest.mark.parametrize("method", METHODS)
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", range(2))
 def test_the_order_is_never_crossed_in_noise(method, seed):
     """The same arm twice: about half of the joints would cross."""
     sides = both((MOTOR, MOTOR), (seed, seed + 100), {"method": method}, configurations=8, sigma=3e-4)
@@ -286,7 +286,7 @@ def test_uncertainty_of_the_measured_share_is_what_noise_does(simulated):
     matches = match(*readings)
     sigma, rng = 2e-5, np.random.default_rng(3)
     values = []
-    for _ in range(1500):
+    for _ in range(500):
         noisy = []
         for one in readings:
             read = one.deflection + rng.normal(0, np.sqrt(2) * sigma, one.deflection.shape)
@@ -295,7 +295,7 @@ def test_uncertainty_of_the_measured_share_is_what_noise_does(simulated):
         values.append((overall.value, each[0].value))
     each, overall = measured_shares(readings, matches, (sigma, sigma))
     stated = overall.standard_uncertainty, each[0].standard_uncertainty
-    np.testing.assert_allclose(np.std(values, axis=0), stated, rtol=4.5 / np.sqrt(2 * 1500))
+    np.testing.assert_allclose(np.std(values, axis=0), stated, rtol=4.5 / np.sqrt(2 * 500))
 
 
 def test_labels_find_each_other_in_any_order_but_in_other_postures_and_loads(simulated):
@@ -410,14 +410,3 @@ def test_targets_that_were_not_read_do_not_weigh_in_the_share_of_deflection():
     assert avoided.predicted == pytest.approx(1.0 - lengths[1].sum() / lengths[0].sum(), rel=1e-6)
     for found, first, second in zip(avoided.configurations, *lengths, strict=True):
         assert found.predicted == pytest.approx(1.0 - second / first, rel=1e-5)
-
-
-def test_orders_within_each_campaign_hold_in_the_one_problem():
-    """Joint 6 is the softer one in truth: in both campaigns both come out equal, where it is held stiffer."""
-    options = {"stiffness_order": [["joint_6", "joint_5"]]}
-    ordered = pair_of(*both(options=options, sigma=1e-4, configurations=10), ordered=True).ordered
-    c = ordered.compliance
-    assert (c[1] <= c[0]).all()
-    np.testing.assert_allclose(c[:, 5], c[:, 4], rtol=1e-9)
-    free = pair_of(*both(sigma=1e-4, configurations=10), ordered=True).ordered.compliance
-    assert (free[:, 5] > 1.05 * free[:, 4]).all()

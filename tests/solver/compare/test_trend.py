@@ -77,7 +77,7 @@ def test_scatters_are_as_plausible_as_their_likelihood_integrated_over_the_mean(
     """By quadrature over the unknown mean; what is left is a half-normal prior of τ."""
     values, u = np.array([0.0, 0.05, -0.02]), np.array([0.02, 0.03, 0.01])
     tau, weight = Baseline.of(values, u).plausible_between(np.zeros(()))
-    mu = np.linspace(-1.0, 1.0, 20_001)
+    mu = np.linspace(-1.0, 1.0, 2_001)
     spread = np.sqrt(u**2 + tau[:, None] ** 2)
     likelihood = stats.norm.pdf(values[:, None], mu, spread[:, :, None]).prod(axis=1).sum(axis=1)
     prior = np.log(weight / likelihood)

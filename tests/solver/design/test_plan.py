@@ -33,7 +33,6 @@ from jointstiff.solver.errors import RequestError
 from jointstiff.solver.estimation.identify import identify
 from jointstiff.solver.mechanics.configuration import Configurations
 from jointstiff.solver.mechanics.measurements import CommonUncertainty, Instrument
-from jointstiff.solver.mechanics.robot import Robot
 
 N = len(ARM.stiffnesses)
 PLACES = np.array(list(TARGETS.values()))
@@ -53,7 +52,7 @@ def equipment(kind="any_direction", force=1500.0, **options):
 
 
 def request_of(tools, **options):
-    defaults = {"readings": 12, "candidates": 400, "validation": 0.0}
+    defaults = {"readings": 12, "candidates": 150, "validation": 0.0}
     return PlanRequest(
         tools, **{"nominal": ARM.compliances, "prior": np.full(N, np.inf)} | defaults | options
     )
@@ -68,20 +67,20 @@ def read(plan, noise):
 
 
 class TestPromise:
-    def test_is_what_is_found_on_exact_springs(self, robot):
-        """100 campaigns: the estimates scatter as promised, within the sampling error."""
+    @pytest.mark.parametrize("draws", [30, pytest.param(100, marks=pytest.mark.slow)])
+    def test_is_what_is_found_on_exact_springs(self, robot, draws):
+        """The estimates scatter as promised, within the sampling error."""
         plan = plan_campaign(robot, request_of(equipment()))
         rng = np.random.default_rng(0)
         settings = to_settings(RunOptions(positive=False, complementary_stiffness="included"), robot)
-        found = [
-            identify(robot, read(plan, rng.standard_normal((2, 12, 3, 3))), settings) for _ in range(100)
-        ]
+        readings = (read(plan, rng.standard_normal((2, 12, 3, 3))) for _ in range(draws))
+        found = [identify(robot, each, settings) for each in readings]
         promised = plan.uncertainty * ARM.compliances
         stated = np.mean([[joint.standard_uncertainty for joint in each.joints] for each in found], axis=0)
         np.testing.assert_allclose(stated, promised, rtol=0.01)
-        # A standard deviation of 100 has a standard error of 7 %: one off by a third is seen by 95 % power.
+        # Of 100, whose standard error is 7 %, a standard deviation off by a third is seen by 95 % power.
         scatter = np.std([each.compliance for each in found], axis=0, ddof=1)
-        np.testing.assert_allclose(scatter, promised, rtol=0.2)
+        np.testing.assert_allclose(scatter, promised, rtol=2.0 * np.sqrt(1.0 / draws))
 
     def test_one_that_goes_on_counts_the_readings_so_far(self, robot):
         first = plan_campaign(robot, request_of(equipment(), readings=6))
@@ -96,16 +95,16 @@ class TestPromise:
         """The promise by the simulator's kinematics, and better than one direction for all readings."""
         tools = replace(equipment(), targets=PLACES[:1])
         axes = np.eye(3)
-        plan = plan_campaign(robot, request_of(tools, readings=20, directions=axes))
+        plan = plan_campaign(robot, request_of(tools, readings=12, directions=axes))
         assert {int(np.argmax(row)) for row in plan.along} > {0}
         posture = ARM.posture(plan.joints)
-        target = posture.point_to_base(np.broadcast_to(PLACES[0], (20, 3)))
-        load = posture.point_to_base(np.broadcast_to(LOAD_POINT, (20, 3)))
+        target = posture.point_to_base(np.broadcast_to(PLACES[0], (12, 3)))
+        load = posture.point_to_base(np.broadcast_to(LOAD_POINT, (12, 3)))
         torque = np.einsum("nji,ni->nj", posture.velocities(load), plan.force)
         A = np.einsum("nji,ni->nj", posture.velocities(target), plan.along) * torque * ARM.compliances
         promised = np.sqrt(np.diag(np.linalg.inv(A.T @ A))) * np.sqrt(2.0) * SIGMA
         np.testing.assert_allclose(plan.uncertainty, promised, rtol=1e-6)
-        up = plan_campaign(robot, request_of(tools, readings=20, directions=axes[2:]))
+        up = plan_campaign(robot, request_of(tools, readings=12, directions=axes[2:]))
         assert np.square(plan.uncertainty).sum() < np.square(up.uncertainty).sum()
 
     @pytest.mark.parametrize("kind", ["dead_weight", "any_direction", "cable"])
@@ -124,7 +123,7 @@ class TestPromise:
             np.testing.assert_allclose(plan.force[:, :2], 0.0)
 
     def test_for_a_work_area_with_elastic_links_as_nuisance(self, robot):
-        options = {"criterion": "work_area", "work_area": AREA, "readings": 15, "candidates": 120}
+        options = {"criterion": "work_area", "work_area": AREA, "readings": 12, "candidates": 60}
         alone, with_links = (
             plan_campaign(robot, request_of(equipment(), **options, links=links)) for links in (False, True)
         )
@@ -133,6 +132,7 @@ class TestPromise:
         assert with_links.deflection[0] > alone.deflection[0]
         assert (with_links.uncertainty > alone.uncertainty).all()
 
+    @pytest.mark.slow
     def test_the_worst_place_with_elastic_links(self, robot):
         request = request_of(equipment(), work_area=AREA, readings=12, candidates=40, links=True)
         worst = plan_campaign(robot, replace(request, criterion="worst_place"))
@@ -208,10 +208,10 @@ class TestRefusals:
     @pytest.mark.parametrize(
         ("options", "message"),
         [
-            ({"cell": Surroundings(floor=9.0)}, "none of 400 readings is feasible: floor_or_box 400"),
+            ({"cell": Surroundings(floor=9.0)}, "none of 150 readings is feasible: floor_or_box 150"),
             ({"readings": 1}, "1 readings without those held out do not determine 6 joints"),
             ({"criterion": "work_area"}, "needs a work area"),
-            ({"work_area": [[50.0] * 3, [60.0] * 3]}, "0 of 400 candidates have their load point"),
+            ({"work_area": [[50.0] * 3, [60.0] * 3]}, "0 of 150 candidates have their load point"),
             ({"readings": 9, "angle": 9.0}, "only 1 candidates are in postures 516° apart"),
             ({"postures": THREE, "validation": 0.5, "readings": 4}, "0 of 2 readings for validation"),
         ],
@@ -286,36 +286,6 @@ class TestNone:
         *_, found, pieces = advised(document)
         assert any(joint.status != "identified" for joint in found.joints)
         assert pieces == ()
-
-
-class TestNewPostures:
-    def test_none_where_the_limits_leave_no_room(self):
-        document = simulate_campaign(ARM, configurations=3, seed=3)
-        confined, measurements = limited(document, (3.0, 3.1))
-        # The measured postures are beyond these limits, too, and none of them is advised again.
-        assert not advise(confined, measurements, estimate(confined, measurements))
-
-
-class TestMessages:
-    def test_of_a_new_posture_and_without_sigma(self):
-        robot, measurements, found, pieces = advised(simulate_campaign(ARM, configurations=3, seed=1))
-        (new, *_) = (piece for piece in pieces if piece.observation is None)
-        assert "if it is free of collisions, apply the load of 1500 N as before" in new.message
-        assert f", {new.uncertainty_ratio:.2g} times its present value" in new.message
-        unknown = replace(found, sigma=None)
-        (first, *_) = advise(robot, measurements, unknown)
-        assert first.joint == "joint_1"
-        assert "about the axis of joint_1" in first.message
-        assert first.standard_uncertainty is None
-
-
-def limited(document, limits):
-    """Robot with other limits of joint_2, and measurements."""
-    robot, measurements = prepare(document)
-    joints = (
-        replace(joint, limits=limits) if joint.name == "joint_2" else joint for joint in robot.chain.joints
-    )
-    return Robot(replace(robot.chain, joints=tuple(joints))), measurements
 
 
 def follow(robot, measurements, advice):

@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from support.campaigns import estimate, first_target, only_deflections, prepare
-from support.shared_data import shared
 
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.elastic_links import ElasticArm, beam_arm, elastic_campaign
@@ -40,7 +39,7 @@ def named(screening):
 class TestClean:
     @pytest.mark.parametrize("load", ["pull", "dead_weight"])
     def test_springs_alone_are_accused_of_nothing(self, load):
-        for seed in range(12):
+        for seed in range(0, 12, 3):
             robot, measurements = springs(seed, load, configurations=10 + 3 * seed)
             for clean in (measurements, replace(only_deflections(measurements), sigma=None)):
                 screening = screened(robot, clean)
@@ -69,7 +68,7 @@ class TestLoad:
     @pytest.mark.parametrize("load", ["pull", "dead_weight"])
     @pytest.mark.parametrize("offset", [0.05, 0.15])
     def test_a_load_point_elsewhere_is_proved_and_found(self, load, offset):
-        for seed in range(4):
+        for seed in range(2):
             robot, measurements = springs(seed, load, configurations=30)
             direction = np.random.default_rng(seed).standard_normal(3)
             moved = offset * direction / np.linalg.norm(direction)
@@ -90,16 +89,15 @@ class TestLoad:
 
     def test_exact_readings_tell_the_load_point_exactly(self):
         """150 mm is far for one step of Gauss and Newton: the steps go on until it stands still."""
-        for seed in range(3):
-            robot, measurements = springs(seed, configurations=30, sigma=0.0)
-            moved = np.array([0.15, -0.05, 0.1])
-            wrong = replace(measurements, load_point=measurements.load_point + moved)
-            (cause,) = screened(robot, wrong).causes
-            np.testing.assert_allclose(cause.unknowns, -moved, atol=1e-6)
+        robot, measurements = springs(0, configurations=30, sigma=0.0)
+        moved = np.array([0.15, -0.05, 0.1])
+        wrong = replace(measurements, load_point=measurements.load_point + moved)
+        (cause,) = screened(robot, wrong).causes
+        np.testing.assert_allclose(cause.unknowns, -moved, atol=1e-6)
 
     @pytest.mark.parametrize("force", [100.0, 300.0])
     def test_a_forgotten_payload_is_proved_and_found(self, force):
-        for seed in range(4):
+        for seed in range(2):
             robot, measurements = springs(seed, configurations=30)
             payload = np.array([0.0, 0.0, -force])
             screening = screened(robot, replace(measurements, force=measurements.force - payload))
@@ -108,12 +106,11 @@ class TestLoad:
             np.testing.assert_allclose(cause.unknowns, payload, atol=25.0)
             assert not screening.links_speak
 
-    @pytest.mark.parametrize("load", ["pull", "dead_weight"])
     @pytest.mark.parametrize("turn", [0.0, 5e-5])
-    @pytest.mark.parametrize("first", [0, 8])
+    @pytest.mark.parametrize(("load", "first"), [("pull", 8), ("dead_weight", 0)])
     def test_a_tracker_that_moved_is_named_or_in_a_tie(self, load, turn, first):
         """It moved by 0.1 mm, or turned, too, between the unloaded and the loaded readings of a row."""
-        for seed in range(4):
+        for seed in range(2):
             robot, measurements = springs(seed, load, configurations=20)
             shift, axis = np.random.default_rng(seed).standard_normal((2, 3))
             moved = 1e-4 * shift / np.linalg.norm(shift) + turn * np.cross(axis, measurements.position)
@@ -121,20 +118,6 @@ class TestLoad:
             wrong = replace(measurements, deflection=measurements.deflection + moved)
             found = named(screened(robot, wrong))
             assert {"shift", "turn"} & {name for name, _ in found}, found
-
-    def test_loads_that_grew_heavier_widen_the_intervals_by_what_cannot_be_told(self):
-        """Which part of the loads is as stated, the readings do not tell."""
-        robot, measurements = springs(4, configurations=20)
-        stated = np.where(np.arange(20)[:, None] >= 9, 1.1, 1.0) * measurements.force
-        wrong = replace(measurements, force=stated)
-        screening = screened(robot, wrong)
-        (cause,) = screening.causes
-        assert cause.suspect.name == "load_scale"
-        assert np.diff(cause.unknowns) == pytest.approx(-0.095, abs=0.01)
-        found = estimate(robot, fit_causes(robot, wrong, named(screening)))
-        u = np.sqrt(np.diag(found.covariance))
-        assert (u > 0.03 * found.compliance).all()
-        assert (np.abs(found.compliance - default_arm().compliances) < 2 * u).all()
 
     def test_play_in_the_gears_is_named_and_measured(self):
         """The simulator turns each joint on by 0.15 mrad to the side that the load pushes it."""
@@ -159,7 +142,7 @@ class TestLoad:
     def test_a_noise_of_the_wrong_shape_accuses_nothing(self):
         """A data sheet says 7 µm along the line of sight and 30 across; the noise is 20 µm anywhere."""
         sheet = Instrument((4.0, 1.0, 1.5), 3e-6, 1e-6, 1e-5, 5e-6)
-        for seed in range(6):
+        for seed in range(3):
             robot, measurements = springs(seed, configurations=20)
             noise = DifferenceNoise.by(sheet, robot, measurements)
             stated = replace(measurements, sigma=noise.sigma, covariance=noise.covariance)
@@ -170,7 +153,7 @@ class TestLoad:
     @pytest.mark.parametrize("row", [0, 10, 17, 18, 19])
     def test_one_wrong_posture_is_no_tracker_that_moved(self, row):
         """Half a millimetre off, in one observation of 20."""
-        for seed in range(4):
+        for seed in range(2):
             robot, measurements = springs(seed, configurations=20)
             wrong = measurements.deflection.copy()
             wrong[row] += [3e-4, 0.0, -4e-4]
@@ -213,19 +196,12 @@ class TestLinks:
         [
             (2.0, 20),
             (0.1, 40),
-            *(pytest.param(*each, marks=pytest.mark.slow) for each in ((2.0, 40), (0.1, 20))),
         ],
     )
     def test_beams_speak(self, configurations, softness):
-        for seed in range(3):
+        for seed in range(2):
             robot, measurements = beams(seed, softness, configurations=configurations)
             screening = screened(robot, measurements)
             assert screening.links_speak
             assert screening.lack_of_fit
             assert not screening.proved
-
-    def test_the_real_robot_speaks(self):
-        robot, measurements = prepare(shared("fanuc_r2000ic/campaign"))
-        screening = screened(robot, measurements)
-        assert screening.links_p_value == pytest.approx(6e-8, rel=0.1)
-        assert not screening.causes

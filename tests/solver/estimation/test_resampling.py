@@ -77,8 +77,13 @@ def settings(method, weighting="covariance", bounds=POSITIVE):
 
 
 class TestAgainstIdentify:
-    @pytest.mark.parametrize("bounds", [POSITIVE, FREE, BOXED], ids=["positive", "free", "boxed"])
-    @pytest.mark.parametrize(("method", "weighting"), METHODS_AND_WEIGHTS)
+    @pytest.mark.parametrize(
+        ("method", "weighting", "bounds"),
+        [
+            *((*chosen, BOXED) for chosen in METHODS_AND_WEIGHTS),
+            *(("partial_pose", "covariance", bounds) for bounds in (POSITIVE, FREE)),
+        ],
+    )
     def test_each_resample_is_identify_on_what_was_drawn(self, noisy, monkeypatch, method, weighting, bounds):
         """By the squares of the rows, and by the rows, to which all go if none is conditioned enough."""
         robot, measurements = noisy

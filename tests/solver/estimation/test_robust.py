@@ -13,7 +13,6 @@ from reference.optima import huber_by_clarabel, huber_objective
 from scipy import stats
 from support.campaigns import (
     ARM,
-    METHODS,
     METHODS_AND_WEIGHTS,
     SIGMA,
     estimate,
@@ -31,7 +30,6 @@ from jointstiff.solver.errors import SolverError, UnsupportedMethodError
 from jointstiff.solver.estimation import fit as robust
 from jointstiff.solver.mechanics.measurements import EncoderReadings
 from jointstiff.solver.mechanics.robot import ChainJoint, JointMap, KinematicChain, Robot
-from jointstiff.solver.predict.answers import to_robust_loss
 
 
 @pytest.fixture(scope="module")
@@ -74,8 +72,7 @@ def rows_of(robot, measurements):
 
 
 class TestAgainstConePrograms:
-    @pytest.mark.parametrize("threshold", [0.3, 2.8, 10.0])
-    @pytest.mark.parametrize("seed", range(3))
+    @pytest.mark.parametrize(("seed", "threshold"), [(0, 0.3), (1, 2.8), (2, 10.0)])
     def test_partial_pose_is_the_huber_estimate(self, pulls, threshold, seed):
         robot, measurements = pulls
         measurements, _ = spoilt(noisy(measurements, seed), seed)
@@ -186,7 +183,12 @@ class TestByHand:
 class TestGrossErrors:
     @pytest.mark.parametrize(
         ("method", "weighting", "sigma"),
-        [*((*chosen, SIGMA) for chosen in METHODS_AND_WEIGHTS), ("partial_pose", "covariance", None)],
+        [
+            ("partial_pose", "covariance", None),
+            ("complete_pose", "characteristic_length", SIGMA),
+            ("decoupled_partial_pose", "covariance", SIGMA),
+            *(pytest.param(*chosen, SIGMA, marks=pytest.mark.slow) for chosen in METHODS_AND_WEIGHTS[:-1]),
+        ],
     )
     def test_bias_stays_below_a_standard_uncertainty_where_the_squared_loss_fails(
         self, pulls, method, weighting, sigma
@@ -211,19 +213,6 @@ class TestGrossErrors:
         assert (deviation["huber"] < 1.5).all()
         assert (deviation["squared"] > 2.0).all()
 
-    def test_names_of_the_suspicious(self):
-        robot, measurements = simulated(load="pull", configurations=15, seed=6)
-        bad = measurements.deflection.copy()
-        bad[7, 1, 2] += 1e-3
-        found = estimate(robot, replace(measurements, deflection=bad), loss="huber")
-        message = to_robust_loss(found, measurements)
-        assert message.threshold == 2.8
-        assert message.suspicious_count == 1
-        (reading,) = message.suspicious
-        assert (reading.observation, reading.target) == ("c08", "P11")
-        assert reading.weight == pytest.approx(2.8 / reading.residual_norm)
-        assert to_robust_loss(estimate(robot, measurements), measurements) is None
-
     def test_constants_are_quantiles_of_the_norm_of_a_good_residual(self):
         norm = stats.chi(3)
         assert norm.cdf(robust.DEFAULT_THRESHOLD) == pytest.approx(0.95, abs=1e-3)
@@ -231,16 +220,6 @@ class TestGrossErrors:
 
 
 class TestProperties:
-    @pytest.mark.parametrize("method", METHODS)
-    def test_without_readings_beyond_the_threshold_it_is_least_squares(self, pulls, method):
-        robot, exact = pulls
-        measurements = noisy(exact, 0)
-        huber = estimate(robot, measurements, method=method, loss="huber", huber_threshold=100.0)
-        squared = estimate(robot, measurements, method=method)
-        np.testing.assert_allclose(huber.compliance, squared.compliance, rtol=1e-10)
-        np.testing.assert_allclose(huber.covariance, squared.covariance, rtol=1e-10, atol=1e-30)
-        assert (huber.robust.weight == 1.0).all()
-
     @examples(25)
     @given(
         seed=st.integers(0, 2**32 - 1),
@@ -289,11 +268,12 @@ class TestRefusals:
             estimate(*bad, loss="huber")
 
 
-def test_intervals_cover_the_truth_although_a_tenth_of_the_readings_is_wrong(pulls):
+@pytest.mark.parametrize("count", [20, pytest.param(60, marks=pytest.mark.slow)])
+def test_intervals_cover_the_truth_although_a_tenth_of_the_readings_is_wrong(pulls, count):
     robot, exact = pulls
     covered = []
-    for seed in range(60):
+    for seed in range(count):
         found = estimate(robot, spoilt(noisy(exact, seed), seed)[0], loss="huber")
         covered += held(found.joints, ARM.compliances)
-    # 360 intervals of 95 %, those of one campaign correlated: a standard deviation of 1.5 % at most.
-    assert 0.91 < np.mean(covered) < 0.99
+    # Six intervals of 95 % a campaign, which are correlated: half as good as independent ones at least.
+    assert abs(np.mean(covered) - 0.95) < 2.5 * np.sqrt(0.95 * 0.05 / (3 * count))

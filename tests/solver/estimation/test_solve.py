@@ -52,7 +52,7 @@ def random_columns(rng):
     return A * 10.0 ** rng.uniform(-6, 6, n), rng.standard_normal(n + 1)
 
 
-@pytest.mark.parametrize("count", [1_000, pytest.param(10_000, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("count", [300, pytest.param(10_000, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("solver", [solve, solve_step])
 def test_thousands_of_problems_against_exact_arithmetic(solver, count):
     """Single answers come through cvxpy, Clarabel and the polish; steps of many by pivoting."""
@@ -175,7 +175,7 @@ class TestOrder:
     @pytest.mark.parametrize(("solver", "finder"), [(solve, "clarabel"), (solve_step, "least_distance")])
     def test_against_enumeration(self, solver, finder):
         rng, finders = np.random.default_rng(8), Counter()
-        for _ in range(150):
+        for _ in range(50):
             n = int(rng.integers(2, 5))
             A, b = rng.standard_normal((n + 1, n)), rng.standard_normal(n + 1)
             shuffled = rng.permutation(n).tolist()
@@ -191,7 +191,7 @@ class TestOrder:
             level = constraints.level(found.compliance, found.tight)
             assert constraints.hold(level)
             finders[found.certificate.solved_by] += 1
-        assert finders[finder] > 140, finders
+        assert finders[finder] > 46, finders
 
     def balance(self, problem, found):
         """The multipliers alone balance the gradient, with the signs that they must have, of tight rows."""
@@ -210,7 +210,7 @@ class TestOrder:
     def test_isotonic_regression_with_weights_over_decades(self):
         """A joint that hardly shows, between two that do: the rows of the order are nearly parallel."""
         rng = np.random.default_rng(4)
-        for k in range(300):
+        for k in range(100):
             n = int(rng.integers(3, 8))
             weight, value = 10.0 ** rng.uniform(-3, 3, n), rng.standard_normal(n) + rng.choice([0.0, 3.0])
             bounds, least = (Bounds.positive(n), 0.0) if k % 2 else (Bounds.unconstrained(n), -np.inf)
@@ -312,7 +312,7 @@ def test_random_problems_against_exact_arithmetic(monkeypatch, finder):
     if finder == "alone":
         monkeypatch.setattr(module, "MOST_PIVOTS", 0)
     worst, zeros = 0.0, 0
-    for n, problems in batches(random_problem, 1500 if finder == "pivoting" else 200).items():
+    for n, problems in batches(random_problem, 500 if finder == "pivoting" else 100).items():
         found = solved(problems, Bounds.positive(n))
         exact = np.array([[float(x) for x in exact_nnls(p.A, p.b)] for p in problems])
         assert found.certified.all()
@@ -322,7 +322,7 @@ def test_random_problems_against_exact_arithmetic(monkeypatch, finder):
         worst = max(worst, np.abs(found.compliance[free] / exact[free] - 1).max(initial=0.0))
         zeros += int((~free).sum())
     assert worst <= 1e-8
-    assert zeros > 200
+    assert zeros > 100
 
 
 def test_ties_against_exact_arithmetic():

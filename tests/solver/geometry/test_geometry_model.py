@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 import pytest
+from scipy import stats
 from support.geometry_truth import (
     FANUC_MAP,
     HOME,
@@ -103,14 +104,19 @@ class TestLinkTable:
         rows = link_table(found, base, FlangeConvention.of_chain(nominal()), nominal())
         return {(row.quantity, row.joint): (row.difference, row.standard_uncertainty) for row in rows}
 
-    def test_its_uncertainties_are_true(self):
+    @pytest.mark.parametrize("draws", [6, pytest.param(25, marks=pytest.mark.slow)])
+    def test_its_uncertainties_are_true(self, draws):
         exact = self.table(default_arm())
         squares = []
-        for seed in range(25):
+        for seed in range(draws):
             rows = self.table_of(axes_of_noisy_sweeps(seed))
             squares.append([((rows[key][0] - exact[key][0]) / rows[key][1]) ** 2 for key in exact])
-        assert np.mean(squares, axis=0) == pytest.approx(np.ones(len(exact)), abs=1.1)
-        assert np.mean(squares) == pytest.approx(1.0, abs=0.25)
+        least, most = stats.chi2.ppf([1e-4, 1.0 - 1e-4], draws)
+        total = np.sum(squares, axis=0)
+        assert (total > least).all()
+        assert (total < most).all()
+        # A table has some 24 numbers of its own; their neighbours follow.
+        assert np.mean(squares) == pytest.approx(1.0, abs=4.3 * np.sqrt(2.0 / 24.0 / draws))
 
 
 class TestFlange:
@@ -163,8 +169,7 @@ def worn(cell, count):
     return Poses(angles, points, np.ones((count, 3), dtype=bool), NAMES, JointMap.identity(6), SIGMA)
 
 
-@pytest.mark.parametrize("matrix", [np.eye(6), FANUC_MAP], ids=["own", "coupled"])
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize(("seed", "matrix"), [(0, np.eye(6)), (1, FANUC_MAP)], ids=["own", "coupled"])
 def test_exact_poses_give_the_arm(seed, matrix):
     tracker = rodrigues(np.random.default_rng(seed).normal(size=3), 2.5)
     cell = Cell(imperfect_arm(seed, 3e-3), rotation=tracker, matrix=matrix)
@@ -188,7 +193,7 @@ def test_the_error_of_poses_left_out_is_that_of_poses_never_shown():
     assert found.evidence.held_out_rms > 1.3 * found.evidence.rms_residual
 
 
-@pytest.mark.parametrize("seed", [1, 2, 5])
+@pytest.mark.parametrize("seed", [5, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (1, 2))])
 def test_parts_whose_fit_stalls_at_the_residual_of_all_poses_have_converged(seed):
     """Joint 6 hardly turned: noise leaves a flat valley along its axis, where four parts of five stall."""
     cell = Cell(imperfect_arm(seed, 3e-3), targets=TARGETS[:1])
@@ -227,13 +232,14 @@ def test_too_few_poses_have_no_error_of_poses_left_out():
     assert calibrate(nominal(), poses(Cell(), 1, count=4, sigma=SIGMA)).evidence.held_out_rms is None
 
 
-def test_uncertainties_are_true():
+@pytest.mark.parametrize("draws", [8, pytest.param(30, marks=pytest.mark.slow)])
+def test_uncertainties_are_true(draws):
     cell, squares = Cell(imperfect_arm(4)), []
-    for seed in range(30):
+    for seed in range(draws):
         found = calibrate(nominal(), poses(cell, seed, sigma=SIGMA))
         squares.append(chi_square(axis_errors(found, cell).ravel(), found.covariance[:24, :24]))
         assert 0.7 < found.variance_factor < 1.4
-    assert np.mean(squares) == pytest.approx(24.0, rel=0.2)
+    assert np.mean(squares) == pytest.approx(24.0, abs=4.0 * np.sqrt(48.0 / draws))
 
 
 def test_a_joint_that_never_turned_is_named_and_its_numbers_have_no_uncertainty():

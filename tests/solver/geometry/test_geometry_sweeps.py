@@ -127,23 +127,25 @@ def _worn(seed, *, spread):
     return identify_from_sweeps(sweeps, Conventions("nominal", "nominal"), nominal=chain)
 
 
+@pytest.mark.parametrize("sets", [1, pytest.param(6, marks=pytest.mark.slow)])
 @pytest.mark.parametrize(("spread", "fit"), [(0.0, "together"), (0.2, "one_by_one")])
-def test_gear_errors_and_sag_are_within_the_stated_uncertainties(spread, fit):
-    """Six sets, 8 lengths each: gears of 60 µrad move axes by 0.1 mm where a fit trusts them at rest.
+def test_gear_errors_and_sag_are_within_the_stated_uncertainties(spread, fit, sets):
+    """Sets with 8 lengths each: gears of 60 µrad move axes by 0.1 mm where a fit trusts them at rest.
 
     The links of the true chain stand for the nominal ones. Joints that rest elsewhere in each sweep make the
     sweeps disagree; then they are fitted one by one, and the uncertainties hold the gears' errors.
     """
     ratios = []
-    for seed in range(6):
+    for seed in range(sets):
         found = _worn(seed, spread=spread)
         assert found.fit == fit
         assert "do_not_use" not in {finding.weight for finding in found.findings}
         assert ("sweeps_disagree" in {finding.code for finding in found.findings}) == (fit == "one_by_one")
         ratios += [link.difference / link.standard_uncertainty for link in found.links if link.unit == "m"]
-    assert len(ratios) == 48
+    assert len(ratios) == 8 * sets
     assert np.abs(ratios).max() < 4.0
-    assert 0.6 < np.sqrt(np.mean(np.square(ratios))) < 1.5
+    least, most = stats.chi2.ppf([1e-4, 1.0 - 1e-4], 8 * sets)
+    assert least < np.square(ratios).sum() < most
 
 
 @pytest.mark.parametrize("factor", [1e3, 2e-3, 1e-3], ids=["mm as m", "barely", "m as mm"])
@@ -269,17 +271,18 @@ def test_exact_readings_give_the_axis_to_rounding(joint, angles):
         assert target.radius == pytest.approx(np.sqrt(point @ point - along**2), abs=1e-9)
 
 
-def test_the_covariance_is_that_of_many_repetitions():
+@pytest.mark.parametrize("draws", [80, pytest.param(300, marks=pytest.mark.slow)])
+def test_the_covariance_is_that_of_many_repetitions(draws):
     joint, found, stated = 2, [], []
-    for seed in range(300):
+    for seed in range(draws):
         fit = fitted(made(joint, -40.0, 40.0, seed=seed))
         found.append(error(fit))
         stated.append(fit.axis_covariance)
     ratio = np.diag(np.cov(np.array(found).T)) / np.diag(np.mean(stated, axis=0))
-    # the scatter of a variance from 300 draws is 8 %; frames of different fits agree to microradians
-    assert np.all(np.abs(ratio - 1.0) < 0.3)
+    # frames of different fits agree to microradians
+    assert np.all(np.abs(ratio - 1.0) < 3.7 * np.sqrt(2.0 / draws))
     inside = np.mean([chi_square(e, c) < stats.chi2.ppf(0.95, 4) for e, c in zip(found, stated, strict=True)])
-    assert 0.91 < inside < 0.985
+    assert abs(inside - 0.95) < 3.0 * np.sqrt(0.95 * 0.05 / draws)
 
 
 def test_free_angles_survive_encoder_errors_that_ruin_the_others():
@@ -336,14 +339,6 @@ class TestFlags:
         (found,) = sweep_findings(fitted(made(2, 0.0, 20.0)), NAMES)
         assert found.code == "short_arc"
         assert "an arc of 20° determines" in found.message
-
-    def test_angles_of_another_scale_are_flagged(self):
-        sweep = made(2, -40.0, 60.0)
-        wrong = sweep.angles.copy()
-        wrong[:, 2] *= 1.1
-        (found,) = sweep_findings(fitted(replace(sweep, angles=wrong)), NAMES)
-        assert found.code == "angle_scale_suspect"
-        assert f"turned {1 / 1.1:.4f} times as far" in found.message
 
 
 @pytest.mark.parametrize(

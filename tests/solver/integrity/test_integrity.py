@@ -8,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from support.campaigns import only_deflections, prepare
-from support.shared_data import shared
 
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.campaign import TARGETS, experiment_of, linear_deflections
@@ -43,13 +42,6 @@ def with_part(array, part, change):
 def test_clean_sets_raise_no_finding(load, seed):
     robot, measurements = prepare(simulate_campaign(default_arm(), load=load, seed=seed))
     assert inspect(robot, measurements, degrees=False) == []
-
-
-@pytest.mark.parametrize(
-    "name", ["fanuc_r2000ic/campaign", "simulated/pull_40", "simulated/dead_weight_motor"]
-)
-def test_shared_sets_raise_no_finding(name):
-    assert inspect(*prepare(shared(name)), degrees=False) == []
 
 
 def only(findings, *codes):

@@ -55,8 +55,7 @@ def test_limits_and_probabilities_are_each_others_inverse(sigma, count):
             assert limit == pytest.approx(stats.chi2.ppf(probability, count))
 
 
-@pytest.mark.parametrize("sigma", [SIGMA, None])
-@pytest.mark.parametrize("row", [0, 5, 11])
+@pytest.mark.parametrize(("sigma", "row"), [(SIGMA, 5), (None, 0), (SIGMA, 11)])
 def test_one_wrong_reading_is_doubtful_and_no_other(sigma, row):
     """A force turned round, and a load of half the size; the other readings are judged without it."""
     good = noisy(1, sigma=sigma)
@@ -78,22 +77,18 @@ def test_one_wrong_reading_is_doubtful_and_no_other(sigma, row):
 
 
 def test_balls_hold_nine_of_ten():
-    inside = [
-        held_out(ROBOT, noisy(seed, sigma=SIGMA), ARM.compliances, row).inside
-        for seed in range(3)
-        for row in range(12)
-    ]
-    assert 0.75 < np.mean(inside) <= 1.0
+    inside = [held_out(ROBOT, noisy(0, sigma=SIGMA), ARM.compliances, row).inside for row in range(12)]
+    assert sum(inside) >= stats.binom.ppf(1e-3, 12, 0.9)
 
 
-@pytest.mark.parametrize("share", [0.05, 0.15])
+@pytest.mark.parametrize("share", [0.15, pytest.param(0.05, marks=pytest.mark.slow)])
 def test_what_the_model_lacks_in_all_readings_makes_none_doubtful(share):
     """Each deflection is off by a share of its own, as where links bend beside the joints."""
     doubtful = 0
-    for seed in range(4):
+    for seed in range(2):
         measurements = noisy(seed, sigma=SIGMA)
         lack = np.random.default_rng(100 + seed).normal(0.0, share, (12, 1, 3))
         bent = replace(measurements, deflection=measurements.deflection * (1.0 + lack))
         compliance = estimate(ROBOT, bent).compliance
         doubtful += sum(judged(bent, compliance, row).doubtful for row in range(12))
-    assert doubtful <= 2, "of 48"
+    assert doubtful <= 1, "of 24"

@@ -57,6 +57,7 @@ def read_or_refuse(text, base="base_link", flange="flange"):
         assert np.isfinite(at.jacobian).all()
 
 
+@examples(300)
 @given(st.text(), st.text(max_size=5), st.text(max_size=5))
 def test_any_text(text, base, flange):
     read_or_refuse(text, base, flange)

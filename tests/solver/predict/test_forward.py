@@ -199,13 +199,14 @@ class TestIdentified:
             ROBOT, found, POSITIVE if options.get("positive", True) else Constraints(Bounds.unconstrained(6))
         )
 
-    def test_intervals_hold_the_truth(self):
+    @pytest.mark.parametrize("draws", [40, pytest.param(150, marks=pytest.mark.slow)])
+    def test_intervals_hold_the_truth(self, draws):
         load = cases(seed=3)
         truth, held = MODEL.deflect(load).motion, []
-        for measurements in self.design.measured(150, seed=5):
+        for measurements in self.design.measured(draws, seed=5):
             ends = self.model(measurements).deflect(load).interval(0.95)
             held.append((ends[..., 0] <= truth) & (truth <= ends[..., 1]))
-        assert 0.92 <= np.mean(held) <= 0.975
+        assert abs(np.mean(held) - 0.95) <= 1.7 * np.sqrt(0.95 * 0.05 / draws)
 
     def test_an_unseen_joint_is_named_where_the_load_twists_it(self):
         plan = self.design.experiment
@@ -222,20 +223,19 @@ class TestIdentified:
         dead = replace(load, force=np.broadcast_to([0.0, 0.0, -900.0], (COUNT, 3)))
         assert not model.deflect(dead).unseen.any()
 
-    def test_the_worst_direction_is_uncertain_as_the_readings_make_it(self):
+    @pytest.mark.parametrize("draws", [40, pytest.param(150, marks=pytest.mark.slow)])
+    def test_the_worst_direction_is_uncertain_as_the_readings_make_it(self, draws):
         load = cases()
-        found = [
-            self.model(m).deflect(load).compliance.worst
-            for m in self.design.measured(150, seed=2)  # a ratio of 1 scatters by 0.06: 0.2 off is seen
-        ]
+        found = [self.model(m).deflect(load).compliance.worst for m in self.design.measured(draws, seed=2)]
+        most = 3.4 / np.sqrt(2.0 * draws)
         spread = np.std([worst.compliance for worst in found], axis=0)
         stated = np.mean([worst.compliance_uncertainty for worst in found], axis=0)
-        np.testing.assert_allclose(spread / stated, 1.0, atol=0.2)
+        np.testing.assert_allclose(spread / stated, 1.0, atol=most)
         truth = MODEL.deflect(load).compliance.worst.direction
         cosine = [np.abs((worst.direction * truth).sum(axis=1)) for worst in found]
         angle = np.sqrt(np.mean(np.square(np.arccos(np.minimum(cosine, 1.0))), axis=0))
         stated = np.mean([worst.direction_uncertainty for worst in found], axis=0)
-        np.testing.assert_allclose(angle / stated, 1.0, atol=0.2)
+        np.testing.assert_allclose(angle / stated, 1.0, atol=most)
 
 
 POINTS = 40
@@ -417,42 +417,13 @@ def measured_model(load="pull"):
     return JointModel.of(ROBOT, estimate(ROBOT, measurements), POSITIVE)
 
 
-def test_compliance_and_intervals_are_those_of_a_prediction():
-    model, asked = measured_model(), task(directions=((0.0, 0.0, -1.0), (0.5, 0.0, -(0.75**0.5))), turns=2)
-    found = map_places(model, None, asked, INVERSE, AREA)
-    every = np.ones((len(AREA), 1))
-    force = asked.force[found.orientation]
-    cases = LoadCases(found.joints, force, 0.0 * force, every * asked.load_point, every * TOOL)
-    predicted = model.deflect(cases)
-    np.testing.assert_allclose(found.displacement, predicted.displacement, rtol=1e-9)
-    direction = asked.direction[found.orientation]
-    np.testing.assert_allclose(found.along, predicted.compliance.along(direction), rtol=1e-9)
-    worst = [
-        max(v @ C @ v for v in circle(u))
-        for u, C in zip(direction, predicted.compliance.translation, strict=True)
-    ]
-    np.testing.assert_allclose(found.across, worst, rtol=1e-3)
-    unit = found.displacement / found.length[:, None]
-    deviation = predicted.deviation_along(unit)
-    np.testing.assert_allclose(np.ptp(found.readings, axis=1), 2 * 1.959964 * deviation, rtol=0.02)
-    assert (found.readings[:, 0] < found.length).all()
-    assert (found.length < found.readings[:, 1]).all()
-
-
-def circle(u):
-    """Unit vectors across u."""
-    first = np.linalg.svd(u[None])[2][1]
-    second = np.cross(u, first)
-    return [np.cos(a) * first + np.sin(a) * second for a in np.linspace(0, np.pi, 200)]
-
-
 def test_near_singularities_a_map_keeps_the_branch_or_refuses_the_place():
     """Near its wrist's singularity the closed form of an identified arm loses branches."""
     robot, draw = arm("r2000ic", 1e-3), np.random.default_rng(2)
     inverse = InverseKinematics(robot)
     model = JointModel(robot, ARM.compliances, None, POSITIVE)
     statuses = []
-    for _ in range(60):
+    for _ in range(20):
         joints = draw.uniform([-2.5, -0.5, -0.5, -2.5, -0.02, -2.5], [2.5, 0.8, 0.8, 2.5, 0.02, 2.5])
         near = robot.joint_map.controller_angles((joints + 0.02 * draw.choice([-1.0, 1.0], 6))[None])[0]
         pose = flange_poses(robot, joints[None])[0]
@@ -464,4 +435,4 @@ def test_near_singularities_a_map_keeps_the_branch_or_refuses_the_place():
             apart = robot.joint_map.model_angles(found.joints)[0] - joints
             assert np.abs(apart - 2 * np.pi * np.round(apart / (2 * np.pi))).max() < 1e-6
     assert set(statuses) == {"reached", "not_followed"}
-    assert statuses.count("reached") >= 20
+    assert statuses.count("reached") >= 7

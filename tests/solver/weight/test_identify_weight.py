@@ -87,15 +87,7 @@ def test_an_uncertain_centre_of_mass_widens_the_intervals():
     assert (outer[:, 1] > inner[:, 1]).all()
 
 
-def test_masses_far_from_the_truth_are_contradicted_by_a_payload():
-    heavy = replace(BODIES, masses=1.4 * BODIES.masses)
-    readings = campaign(bodies=heavy, stated=burden_of(BODIES, 0.05), payload=100.0)
-    estimate = identify_weight(ROBOT, readings)
-    assert [reason.code for reason in estimate.reasons] == ["masses_contradicted"]
-    assert estimate.reasons[0].weight == "do_not_use"
-
-
-@pytest.mark.parametrize(("link", "payload"), [(2, 0.0), (5, 0.0), (1, 100.0), (4, 100.0)])
+@pytest.mark.parametrize(("link", "payload"), [(2, 0.0), (4, 100.0)])
 def test_a_link_twice_as_heavy_as_stated_is_named_and_the_intervals_hold(link, payload):
     masses = BODIES.masses * np.where(np.arange(6) == link, 2.0, 1.0)
     heavy, stated = replace(BODIES, masses=masses), burden_of(BODIES, 0.1)
@@ -104,14 +96,6 @@ def test_a_link_twice_as_heavy_as_stated_is_named_and_the_intervals_hold(link, p
     assert (reason.code, reason.weight) == ("masses_contradicted", "use_with_care")
     assert f"mass of link_{link + 1}:" in reason.message
     assert holds_the_truth(estimate)
-
-
-def test_masses_that_no_reading_checks_are_named_unless_a_payload_does(uncertain):
-    (remark,) = uncertain.remarks
-    assert "link_2" in remark.message
-    assert "link_1" not in remark.message
-    checked = campaign(bodies=OFF, stated=burden_of(BODIES, 0.1), seed=4, payload=100.0)
-    assert not identify_weight(ROBOT, checked).remarks
 
 
 def test_a_base_that_tilts_is_found_and_takes_nothing_from_the_joints():
@@ -149,16 +133,6 @@ def test_few_postures_that_do_not_tell_the_tilt_of_the_base_are_fitted_with_a_ri
     asked = identify_weight(ROBOT, readings, free_base=True)
     assert "base_unchecked" in [reason.code for reason in asked.reasons]
     np.testing.assert_array_equal(intervals(asked), intervals(estimate))
-
-
-def test_residuals_beyond_sigma_are_said_and_widen_the_intervals():
-    readings = campaign(sigma=9e-5)
-    stated = replace(readings, poses=replace(readings.poses, sigma=3e-5))
-    estimate = identify_weight(ROBOT, stated)
-    assert [reason.code for reason in estimate.reasons] == ["residuals_exceed_sigma"]
-    assert estimate.sigma == pytest.approx(9e-5, rel=0.1)
-    unknown = identify_weight(ROBOT, replace(readings, poses=replace(readings.poses, sigma=None)))
-    np.testing.assert_allclose(intervals(unknown), intervals(estimate), rtol=1e-6)
 
 
 def test_gravity_may_be_estimated_where_the_tracker_is_not_levelled():
