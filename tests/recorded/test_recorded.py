@@ -20,6 +20,9 @@ SLOW = (
     "pedestal: base",
     "poses_wrong",
     "two links",
+    "one link, absolute",
+    "weight_1: balancer",
+    "weight_1: gravity estimated",
 )
 """Words of cases that take seconds, or are much like others; small campaigns have all of them by day."""
 LARGE = {"pair", "pair in order", "plan", "geometry", "map", "compare: methods"}

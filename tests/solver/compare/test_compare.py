@@ -375,7 +375,7 @@ def test_ratio_intervals_cover(method):
 def test_an_assumed_load_point_cancels_only_if_both_assume_it_of_one_place(simulated):
     """Where one campaign states its own, or another point is loaded, its error is in the ratio."""
     first, second = simulated
-    moved = with_readings(second, load_point=second.measurements.load_point + 0.1)
+    moved = with_readings(second, load_point=np.add(second.measurements.load_point, [0.0, 0.1, 0.0]))
 
     def of(one, *, assumed):
         uncertainty = CommonUncertainty(load_point=0.01, assumed=frozenset({"load_point"} if assumed else ()))

@@ -33,6 +33,7 @@ from jointstiff.solver.errors import RequestError
 from jointstiff.solver.estimation.identify import identify
 from jointstiff.solver.mechanics.configuration import Configurations
 from jointstiff.solver.mechanics.measurements import CommonUncertainty, Instrument
+from jointstiff.solver.mechanics.robot import Robot
 
 N = len(ARM.stiffnesses)
 PLACES = np.array(list(TARGETS.values()))
@@ -286,6 +287,23 @@ class TestNone:
         *_, found, pieces = advised(document)
         assert any(joint.status != "identified" for joint in found.joints)
         assert pieces == ()
+
+
+class TestNewPostures:
+    def test_none_where_the_limits_leave_no_room(self):
+        document = simulate_campaign(ARM, configurations=3, seed=3)
+        confined, measurements = limited(document, (3.0, 3.1))
+        # The measured postures are beyond these limits, too, and none of them is advised again.
+        assert not advise(confined, measurements, estimate(confined, measurements))
+
+
+def limited(document, limits):
+    """Robot with other limits of joint_2, and measurements."""
+    robot, measurements = prepare(document)
+    joints = (
+        replace(joint, limits=limits) if joint.name == "joint_2" else joint for joint in robot.chain.joints
+    )
+    return Robot(replace(robot.chain, joints=tuple(joints))), measurements
 
 
 def follow(robot, measurements, advice):

@@ -141,6 +141,20 @@ class TestAlternatives:
 
 
 class TestReadings:
+    def test_few_outliers_ask_for_the_huber_loss_which_copes_with_them(self, pulls):
+        robot, measurements = pulls
+        deflection = measurements.deflection.copy()
+        deflection[5, 1] += [0.0, 1e-3, 0.0]
+        wrong = replace(only_deflections(measurements), deflection=deflection, sigma=None)
+        assessment, _ = assessed(robot, wrong)
+        reason = reason_of(assessment, "suspicious_readings")
+        assert assessment.verdict == "use_with_care"
+        assert reason.where == "observations[5] 'c06'"
+        assert (reason.action.kind, reason.action.observations) == ("use_huber", ["c06"])
+        assessment, found = assessed(robot, wrong, loss="huber")
+        assert assessment.verdict == "use"
+        assert is_true(found)
+
     @pytest.mark.parametrize(("row", "left_out"), [(2, ["c01", "c02"]), (17, ["c18", "c19"]), (9, None)])
     def test_of_a_target_that_stays_elsewhere_the_shorter_side_is_left_out(self, pulls, row, left_out):
         label = pulls[1].labels[row]
@@ -168,6 +182,23 @@ class TestFit:
             assessment, _ = assessed(robot, refuted, findings=())
             assert assessment.verdict == "use_with_care"
             assert f"{factor:.1f}"[0] in reason_of(assessment, "residuals_exceed_sigma").message
+
+    def test_neglected_complementary_stiffness_is_included_at_a_click(self):
+        campaign = simulate_campaign(default_arm(), load="pull", seed=5, force=4000.0, sigma=5e-6)
+        robot, measurements = prepare(campaign)
+        measurements = replace(measurements, sigma=2e-5)  # so that the residuals agree with sigma
+        assessment, found = assessed(robot, measurements, complementary_stiffness="neglected", findings=())
+        assert found.complementary_stiffness.largest_shift > 0.5
+        reason = reason_of(assessment, "complementary_stiffness_matters")
+        assert assessment.verdict == "use_with_care"
+        assert reason.action.kind == "include_complementary_stiffness"
+        assert assessed(robot, measurements, findings=())[0].verdict == "use"
+
+    @pytest.mark.parametrize(("postures", "few"), [([0, 0, 0, 0], True), ([0, 1], True), ([0, 1, 2], False)])
+    def test_few_postures(self, pulls, postures, few):
+        robot, measurements = pulls
+        assessment, _ = assessed(robot, measurements[np.array(postures)], findings=())
+        assert ("few_postures" in {reason.code for reason in assessment.reasons}) == few
 
     def test_the_posture_to_look_at_is_that_of_the_largest_residual(self, pulls):
         robot, measurements = pulls

@@ -10,7 +10,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from support.examples import examples
 from support.figures import length_in
-from support.geometry_truth import HOME, SIGMA, Cell, chi_square, rodrigues
+from support.geometry_truth import HOME, SIGMA, TARGETS, Cell, chi_square, rodrigues
 
 from jointstiff.simulator import default_arm
 from jointstiff.solver.errors import MeasurementError
@@ -80,6 +80,16 @@ def test_wrist_axes_that_do_not_meet_are_measured():
         assert wrist.miss_probability < 1e-6
         assert wrist.miss_uncertainty < 20e-6
     assert list(wrist_findings(wrist))
+
+
+def test_trilateration_is_by_the_three_targets_of_the_largest_triangle():
+    """The first three of four lie on a line."""
+    line = TARGETS[0] + np.outer([0.0, 0.5, 1.0], TARGETS[1] - TARGETS[0])
+    cell = Cell(targets=np.vstack([line, TARGETS[2]]))
+    found = identify_axes(cell.sweeps())
+    wrist = find_wrist_centre(found, find_base_frame(found))
+    (by_three,) = (estimate for estimate in wrist.estimates if estimate.way == "trilateration")
+    assert by_three.tracker == pytest.approx(true_centre(cell), abs=1e-8)
 
 
 def test_a_single_wrist_sweep_leaves_the_axes_alone():

@@ -173,14 +173,16 @@ def within_limits(findings):
     return [finding for finding in findings if finding.code != "joint_outside_limits"]
 
 
-@pytest.mark.parametrize("first", [0, 3, 11])
-def test_shifted_rows(first):
-    """From row `first` on each reading was written a row too late; the last one came first."""
+@pytest.mark.parametrize(
+    ("first", "shift", "row"), [(0, 1, "before"), (3, 1, "before"), (11, 1, "before"), (3, -1, "after")]
+)
+def test_shifted_rows(first, shift, row):
+    """From row `first` on each reading was written a row too late, or too early."""
     order = np.arange(15)
-    order[first:] = np.roll(order[first:], 1)
+    order[first:] = np.roll(order[first:], shift)
     wrong = replace(CAMPAIGN, position=CAMPAIGN.position[order], deflection=CAMPAIGN.deflection[order])
     findings = only(look(wrong), "observations_out_of_order")
-    assert "the row before" in findings[0].remedy
+    assert f"the row {row}" in findings[0].remedy
 
 
 def test_repetitions_tell_sigma():

@@ -415,7 +415,7 @@ def test_predictions_hold_on_beams_at_any_place(elastic):
 def test_balls_hardly_grow_within_the_loads_and_in_proportion_beyond(elastic):
     """No noise is stated: it remains, with what the readings leave open. A stored model says the same."""
     robot, fitted = elastic[0], replace(elastic[1][:25], sigma=None)
-    found = estimate(robot, fitted, weight=1e-4, shares=CrossValidation(folds=3))
+    found = estimate(robot, fitted, weight=1e-4, shares=CrossValidation(folds=2))
     predictor, error = ElasticPredictor.of(robot, found), leave_folds_out(robot, fitted, found)
     assert error.noise == pytest.approx(np.sqrt(2.0) * 2e-5, rel=0.3)
     cases = LoadCases(fitted.joints, fitted.force, fitted.moment, fitted.load_point, fitted.load_point)

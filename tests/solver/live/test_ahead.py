@@ -65,6 +65,15 @@ def test_a_share_of_a_deflection_is_that_of_drawn_compliances(force):
     assert found.greatest_share == found.each[0]
 
 
+def test_a_force_of_one_s_own_takes_the_place_of_the_loads():
+    goal = DeflectionGoal(kind="deflection", uncertainty=1e-4)
+    down, own, twice = (
+        ahead("dead_weight", force).reached(goal, known(2)).uncertainty
+        for force in (None, (0.0, 0.0, -800.0), (0.0, 0.0, -1600.0))
+    )
+    assert [own, twice] == pytest.approx([down, 2.0 * down])
+
+
 @pytest.mark.parametrize("share", [0.5, 0.9, 1.2, 3.0])
 def test_a_decision_leaves_the_distance_to_the_limit(share):
     """On either side of it; the greatest deflection is that of the place with its uncertainty."""

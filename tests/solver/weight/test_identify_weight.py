@@ -87,6 +87,14 @@ def test_an_uncertain_centre_of_mass_widens_the_intervals():
     assert (outer[:, 1] > inner[:, 1]).all()
 
 
+def test_masses_far_from_the_truth_are_contradicted_by_a_payload():
+    heavy = replace(BODIES, masses=1.4 * BODIES.masses)
+    readings = campaign(bodies=heavy, stated=burden_of(BODIES, 0.05), payload=100.0)
+    estimate = identify_weight(ROBOT, readings)
+    assert [reason.code for reason in estimate.reasons] == ["masses_contradicted"]
+    assert estimate.reasons[0].weight == "do_not_use"
+
+
 @pytest.mark.parametrize(("link", "payload"), [(2, 0.0), (4, 100.0)])
 def test_a_link_twice_as_heavy_as_stated_is_named_and_the_intervals_hold(link, payload):
     masses = BODIES.masses * np.where(np.arange(6) == link, 2.0, 1.0)
