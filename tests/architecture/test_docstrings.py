@@ -5,6 +5,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from support.sources import nodes
 
 ROOT = Path(__file__).parents[2]
 REFUSED = (
@@ -30,7 +31,7 @@ def docstrings(folder: str) -> list[str]:
     """The docstrings of a folder's modules, classes and functions, each with its place."""
     found = []
     for path in sorted((ROOT / folder).rglob("*.py")):
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        for node in nodes(path):
             if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
                 text = ast.get_docstring(node)
                 if text is not None:

@@ -2,19 +2,14 @@
 
 import ast
 from collections import Counter
-from functools import cache
 from pathlib import Path
+
+from support.sources import nodes
 
 TESTS = Path(__file__).parents[1]
 FILES = sorted(TESTS.rglob("*.py"))
 STUDIES = TESTS / "studies"
 """Its tests run the studies of benchmarks/; nobody else knows these."""
-
-
-@cache
-def nodes(path: Path) -> list[ast.AST]:
-    """Parse a file once for all tests."""
-    return list(ast.walk(ast.parse(path.read_text(encoding="utf-8"))))
 
 
 def imported(path: Path) -> set[str]:

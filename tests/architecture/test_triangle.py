@@ -3,14 +3,17 @@
 import ast
 from pathlib import Path
 
+from support.sources import nodes
+
 SOLVER = Path(__file__).parents[2] / "solver"
 WHITENED_BY_THEMSELVES = {"estimation/method.py", "geometry/poses.py", "geometry/frames.py"}
 """Maps of methods, and positions of geometry, which are no deflections."""
 
 
-def _trees():
-    for path in sorted(SOLVER.rglob("*.py")):
-        yield path.relative_to(SOLVER).as_posix(), ast.parse(path.read_text(encoding="utf-8"))
+def _nodes():
+    for path in SOLVER.rglob("*.py"):
+        name = path.relative_to(SOLVER).as_posix()
+        yield from ((name, node) for node in nodes(path))
 
 
 def _compresses(node):
@@ -22,15 +25,14 @@ def _compresses(node):
 
 
 def test_only_the_triangle_compresses():
-    places = {name for name, tree in _trees() if any(map(_compresses, ast.walk(tree)))}
+    places = {name for name, node in _nodes() if _compresses(node)}
     assert places == {"estimation/triangle.py"}
 
 
 def test_only_readings_whiten_deflections():
     named = {
         name
-        for name, tree in _trees()
-        for node in ast.walk(tree)
+        for name, node in _nodes()
         if isinstance(node, ast.ImportFrom) and any(alias.name == "whitener" for alias in node.names)
     }
     assert named == WHITENED_BY_THEMSELVES
@@ -39,8 +41,7 @@ def test_only_readings_whiten_deflections():
 def test_only_terms_know_the_columns_of_a_term():
     users = {
         name
-        for name, tree in _trees()
-        for node in ast.walk(tree)
+        for name, node in _nodes()
         if isinstance(node, ast.Attribute) and node.attr == "motion" and not name.startswith("mechanics/")
         if isinstance(node.value, ast.Name) and node.value.id.isupper()
     }

@@ -22,7 +22,7 @@ from support.processes import Service
 from jointstiff.simulator.files import example_files
 
 GUIDES = guides()
-SLOW = {"docs/elastic-links.md"}  # two comparisons of models, which test_links.py makes by day
+SLOW = {"docs/elastic-links.md"}  # two comparisons of models, which the recorded answers hold by day
 COLUMNS = 80
 PLACEHOLDERS = {"set": '"measurement_set_id": "…"', "run": '"run_ids": ["…", "…"]'}
 """What a guide writes for the ids of stored sets and runs."""

@@ -90,7 +90,11 @@ def members(count, start=0):
     ("body", "message"),
     [
         (members(299_000), MeasurementSetRequest),
-        (b'{"observations":[' + b",".join([members(3_900)] * 74) + b"]}", MeasurementSetRequest),
+        pytest.param(
+            b'{"observations":[' + b",".join([members(3_900)] * 74) + b"]}",
+            MeasurementSetRequest,
+            marks=pytest.mark.slow,
+        ),
         pytest.param(
             b'{"poses":[' + b",".join([members(3_900)] * 74) + b"]}", GeometryRequest, marks=pytest.mark.slow
         ),

@@ -77,26 +77,6 @@ class TestAnswers:
         assert "do not fit the robot" in problem.detail
         assert refused(send(client, ("a.csv", table), **options | {"robot_id": "none"}), 404)
 
-    def test_faults_are_shown_beside_what_was_understood(self, client):
-        text = CAMPAIGN.replace("J1 [deg]", "elbow").replace("Fx [N]", "Fx")
-        problem = refused(send(client, ("a.csv", text.encode()), **OPTIONS), 422)
-        assert [item.where for item in problem.errors] == ["a.csv:2:2", "a.csv:2:5"]
-        found = answered(client, ("a.csv", text.encode()), **OPTIONS, show_faults=True)
-        assert [fault.option for fault in found.faults] == ["columns", "units.force"]
-        assert found.preview.files[0].columns[1].meaning == "unknown"
-        assert found.measurement_set is None
-        stated = OPTIONS | {"columns": {"elbow": "J1 [deg]"}, "units": {"force": "N"}}
-        mended = answered(client, ("a.csv", text.encode()), **stated)
-        assert (
-            mended.measurement_set
-            == answered(client, ("a.csv", CAMPAIGN.encode()), **OPTIONS).measurement_set
-        )
-        template = mended.template.model_dump(mode="json", exclude_defaults=True)
-        again = answered(client, ("b.csv", text.encode()), **template)
-        assert again.measurement_set.observations == mended.measurement_set.observations
-        problem = refused(send(client, ("a.csv", CAMPAIGN.encode()), **template), 422)
-        assert "does not fit the template" in problem.detail
-
     def test_fields(self, client):
         def post(*form):
             return client.post("/v1/imports", files=list(form))

@@ -1,8 +1,6 @@
 """Jobs over HTTP: files, tables, tags of documents; runs that leave readings out; programs as forms."""
 
 import copy
-import csv
-import io
 import json
 
 import anyio
@@ -21,37 +19,10 @@ from jointstiff.simulator.programs import program_text
 
 CAMPAIGN = simulate_campaign(default_arm(), load="pull", configurations=12, seed=1)
 
-FIVE_JOINTS = CAMPAIGN["measurement_set"]["observations"][0] | {"joints": [0.0] * 5}
-
 
 @pytest.fixture(scope="module")
 def run(local):
     return posted(local, CAMPAIGN)
-
-
-class TestCampaigns:
-    @pytest.mark.parametrize(
-        ("change", "where"),
-        [
-            ({"robot": CAMPAIGN["robot"] | {"name": ""}}, "robot.name"),
-            (
-                {
-                    "robot": CAMPAIGN["robot"]
-                    | {"model": {"format": "urdf", "urdf": "<robot/>", "base": "a", "flange": "b"}}
-                },
-                "robot",
-            ),
-            (
-                {"measurement_set": CAMPAIGN["measurement_set"] | {"observations": [FIVE_JOINTS]}},
-                "measurement_set.observations[0]",
-            ),
-            ({"run": {"stiffness_bounds": {"joint_9": [1.0, None]}}}, "run.stiffness_bounds"),
-            ({"runs": {}}, "runs"),
-        ],
-    )
-    def test_refused_with_the_place_in_the_file(self, local, change, where):
-        answer = post(local, "/v1/campaigns", CAMPAIGN | change, 422)
-        assert answer["where"].startswith(where), answer
 
 
 @pytest.mark.parametrize(
@@ -122,18 +93,6 @@ def test_tables_wait_for_their_turn_and_leave_other_requests_theirs(memory, comp
     anyio.run(ask)
 
 
-def test_two_sides_are_tables_and_pictures(local, comparison):
-    def rows(name):
-        return list(csv.DictReader(io.StringIO(local.get(file_at(comparison, name)).text)))
-
-    joints = local.get(comparison).json()["result"]["joints"]
-    for row, joint in zip(rows("ratios.csv"), joints, strict=True):
-        assert row["joint"] == joint["name"]
-        assert float(row["ratio of stiffnesses, second to first [1]"]) == joint["ratio"]
-    assert len(rows("configurations.csv")) == 2 * 12
-    assert local.get(file_at(comparison, "report.html")).text.count("<svg") == 3
-
-
 def test_a_run_without_an_observation_is_that_of_a_set_without_it(local, run):
     """A target is bumped in the fifth observation."""
     measured = local.get(f"/v1/measurement-sets/{run['request']['measurement_set_id']}").json()
@@ -152,16 +111,6 @@ def test_a_run_without_an_observation_is_that_of_a_set_without_it(local, run):
     assert left["provenance"]["input_hash"] == other["provenance"]["input_hash"]
     assert label not in {residual["observation"] for residual in left["result"]["residuals"]}
     assert label not in str(left["result"]["warnings"])
-
-
-@pytest.mark.parametrize(
-    "left", [["no such label"], [each["label"] for each in CAMPAIGN["measurement_set"]["observations"]]]
-)
-def test_what_cannot_be_left_out_is_refused(local, run, left):
-    body = {"measurement_set_id": run["request"]["measurement_set_id"], "leave_out": left}
-    problem = post(local, "/v1/runs", body, 422)
-    assert problem["where"] == "leave_out"
-    assert problem["remedy"]
 
 
 TEXT = program_text("krl", tool_poses(path(8)), 4)
@@ -200,28 +149,6 @@ def test_a_program_is_corrected_and_handed_back(local, run_id):
     table = local.get(file_at(address, "points.csv"))
     assert table.headers["content-type"].startswith("text/csv")
     assert len(table.text.splitlines()) == 9
-
-
-@pytest.mark.parametrize(
-    ("changes", "where"),
-    [
-        ({"run_id": "nothing"}, "run_id"),
-        ({"accuracy_option": "compensates_load"}, "accuracy_option"),
-        ({"load": None}, "options"),
-        ({"limits": {"displacement": -1.0}}, "options.limits.displacement"),
-        ({"units": None}, "options.units"),
-    ],
-)
-def test_requests_that_cannot_be(local, run_id, changes, where):
-    answer = send(local, changes.pop("run_id", run_id), **changes)
-    assert answer.status_code == 422
-    assert answer.json()["where"] == where, answer.text
-
-
-def test_two_files_of_one_name_are_refused(local, run_id):
-    files = [("files", ("a.src", TEXT.encode()))] * 2
-    stated = {"options": json.dumps(options("krl") | {"run_id": run_id})}
-    assert local.request("POST", "/v1/programs", files=files, data=stated).json()["where"] == "files"
 
 
 @pytest.mark.parametrize("mark", [True, False])

@@ -6,14 +6,13 @@ from datetime import UTC, datetime, timedelta
 
 import numpy as np
 import pytest
-from support.api import RESTORE, file_at, job_at, post
+from support.api import RESTORE, job_at, post
 
 from jointstiff.schemas.job import Requester
 from jointstiff.schemas.run import JointResult
 from jointstiff.schemas.trend import AcknowledgementRequest, BaselineRequest, TrendSelection
 from jointstiff.service.kinds.trend import Campaign, ReadRun, Trends, acknowledgements_of, note_of
 from jointstiff.service.kinds.trend import trend_of as charts_of
-from jointstiff.service.library.results import RobotTrend
 from jointstiff.service.store.tables import MeasurementSetEntry
 from jointstiff.simulator import default_arm, simulate_campaign
 
@@ -77,32 +76,6 @@ def alarms_of(local, robot):
     return alone
 
 
-def test_a_trend_from_python_shows_itself(local, robot, runs, tmp_path):
-    trend = RobotTrend.model_validate(trend_of(local, robot, encoders="motor"))
-    assert repr(trend) == "<RobotTrend: 5 campaigns: 1 of 6 joints in alarm>"
-    assert "joint_3 is" in trend.summary()
-    assert "joint_3" in str(trend)
-    frame = trend.to_frame()
-    assert len(frame) == 5 * 6
-    points = frame[frame["joint"] == "joint_3"]["stiffness [N.m/rad]"].to_list()
-    assert points == [run["result"]["joints"][2]["stiffness"] for run in runs]
-    assert len(trend.plot().axes) == 6
-    trend.save(tmp_path / "trend.svg")
-    trend.save(tmp_path / "trend.csv")
-    assert (tmp_path / "trend.csv").read_text().count("\n") == 31
-
-
-def test_an_open_alarm_stands_on_the_robot_and_in_the_report_of_its_runs(local, robot, runs):
-    (alarm,) = alarms_of(local, robot)
-    assert alarm | {"joint": "joint_3", "serial_number": "A", "run_id": runs[SOFT]["id"]} == alarm
-    assert alarm["measurement_set_id"] == runs[SOFT]["request"]["measurement_set_id"]
-    assert alarm["since"] == DAYS[SOFT]
-    assert alarm["change"] == joint(trend_of(local, robot, encoders="motor"))["latest"]
-    report = local.get(file_at(runs[-1], "report.html")).text
-    assert "The robot is in alarm" in report
-    assert alarm["message"] in report
-
-
 def test_an_alarm_follows_what_its_trend_is_made_of(local, robot, runs):
     """Nothing of it is stored: it goes and comes with a run, a set, the serial number."""
     (alarm,) = alarms_of(local, robot)
@@ -124,36 +97,6 @@ def test_an_alarm_follows_what_its_trend_is_made_of(local, robot, runs):
         for path in sets:
             local.request("PATCH", path, json=back)
         assert alarms_of(local, robot) == [alarm]
-
-
-def test_an_alarm_is_acknowledged_once_it_is_there(local, robot, runs):
-    address = f"/v1/robots/{robot}/trend"
-    body = {"run_id": runs[SOFT]["id"], "joint": "joint_3", "note": "gearbox ordered"}
-    problem = post(local, address, body | {"joint": "joint_1"}, status=422)
-    assert problem["where"] == "run_id"
-    assert "no alarm of 'joint_1'" in problem["detail"]
-    assert post(local, address, body)["note"] == "gearbox ordered"
-    found = joint(trend_of(local, robot, encoders="motor"))
-    assert found["state"] == "acknowledged"
-    assert found["alarms"][0]["acknowledgement"]["note"] == "gearbox ordered"
-    assert alarms_of(local, robot) == []
-    report = local.get(file_at(runs[-1], "report.html")).text
-    assert "The robot is in alarm" not in report
-
-
-def test_the_fleet_has_a_row_for_each_serial_number(local, robot, runs):
-    other = post(local, "/v1/robots", campaign_of(0)["robot"] | {"name": "new"})["id"]
-    measured(local, robot, 30, serial_number="B", measured_at=DAYS[0])
-    fleet = local.get("/v1/fleet").json()
-    rows = {(row["name"], row["serial_number"]): row for row in fleet["items"]}
-    assert fleet["is_whole"]
-    assert list(rows) == [("worn", "A"), ("worn", "B"), ("new", None)]  # those never measured last
-    assert rows["worn", "B"]["state"] == "unjudged"
-    assert rows["worn", "B"]["missing"].startswith("1 of 3 reference campaigns")
-    assert rows["new", None]["measured_at"] is rows["new", None]["verdict"] is None
-    (newest,) = local.get("/v1/runs", params={"limit": 1}).json()["items"]
-    assert rows["worn", "B"]["verdict"] == newest["verdict"] == "use"
-    assert rows["new", None]["robot_id"] == other
 
 
 def test_below_three_campaigns_there_is_only_the_pair(local):
@@ -204,15 +147,6 @@ def test_who_noted_what_stays_with_it(local, memory, robot, runs):
     assert alarm["acknowledgement"]["acknowledged_by"] == by.model_dump()
     assert alarm["acknowledgement"]["note"] == "seen again"
     assert alarm["until"] is None
-
-
-def test_an_archived_campaign_does_not_leave_without_a_trace(local):
-    robot = post(local, "/v1/robots", campaign_of(0)["robot"] | {"name": "archived"})["id"]
-    run = measured(local, robot, 60)
-    archived = run["request"]["measurement_set_id"]
-    local.request("PATCH", f"/v1/measurement-sets/{archived}", json={"archived": True})
-    (left_out,) = trend_of(local, robot)["left_out"]
-    assert (left_out["measurement_set_id"], left_out["reason"]) == (archived, "it is archived")
 
 
 def test_the_fleet_reads_a_robot_once_for_all_its_serial_numbers(local, memory, monkeypatch):

@@ -12,8 +12,6 @@ import pytest
 from support.shared_data import shared
 from support.terminal import terminal
 
-from jointstiff.schemas.run import Run
-
 run = partial(terminal, width=120)
 
 
@@ -43,16 +41,6 @@ def test_negative_stiffness_is_shown_as_what_it_is(tmp_path):
     assert "cannot distinguish it from a rigid" in constrained
 
 
-def test_faults_in_the_readings_name_the_place(campaign):
-    document = json.loads(campaign.read_text())
-    document["measurement_set"]["observations"][4]["joints"].pop()
-    campaign.write_text(json.dumps(document))
-    shown = run("identify", campaign)
-    assert shown.exit_code == 2
-    assert "measurement_set.observations[4].joints" in shown.stderr
-    assert "remedy" in shown.stderr
-
-
 def test_simulate_does_not_overwrite(campaign):
     before = campaign.read_bytes()
     assert run("simulate", campaign).exit_code == 2
@@ -74,27 +62,6 @@ def test_serve_on_a_port_in_use(tmp_path):
         shown = run("serve", "--port", port, "--database", f"sqlite:///{tmp_path / 'x.db'}")
     assert shown.exit_code == 2
     assert f"cannot listen on 127.0.0.1:{port}" in shown.stderr
-
-
-def test_compare_shows_the_warnings_of_the_set(campaign):
-    document = json.loads(campaign.read_text())
-    for observation in document["measurement_set"]["observations"]:
-        observation["force"] = [-f for f in observation["force"]]
-    campaign.write_text(json.dumps(document))
-    for command in ("compare", "identify"):
-        assert "moved against" in " ".join(run(command, campaign).stdout.split())
-
-
-def test_resampling_shows_how_far_the_choice_of_configurations_decides(campaign):
-    shown = run("identify", campaign, "--resample", "10:200")
-    assert shown.exit_code == 0, shown.output
-    assert "200 fits of 10 configurations drawn at random" in shown.stdout
-    found = Run.model_validate_json(run("identify", campaign, "--resample", "10:200", "--json").stdout)
-    joints = found.result.resampling.joints
-    assert joints[0].compliance_mean is None  # the whole set does not show it, so no part of it does
-    for joint, whole in zip(joints[1:], found.result.joints[1:], strict=True):
-        assert abs(joint.compliance_mean - whole.compliance) < 3 * whole.standard_uncertainty
-    assert found.progress.done == found.progress.total == 200
 
 
 def test_post_follows_a_long_run(campaign, service):

@@ -8,14 +8,11 @@ from support.importing_samples import CAMPAIGN, JOINTS, POINTS
 from support.terminal import terminal
 from support.workbooks import table_of
 
-from jointstiff.schemas.imports import ImportAnswer
 from jointstiff.schemas.robot import RobotDocument
 from jointstiff.schemas.run import Run
 from jointstiff.service.conversion.prepared import prepare_robot
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.solver.mechanics.configuration import flange_poses
-
-UNITS = ["--units", "length=mm,angle=deg,force=N"]
 
 
 @pytest.fixture
@@ -63,74 +60,6 @@ def test_a_campaign_that_can_be_identified(folder, robot_file, robot):
     again = run("cell.csv", *options, "--output", "new.json", "--encoders", "secondary")
     assert (again.exit_code, (folder / "new.json").read_bytes()) == (2, kept)
     assert run("cell.csv", *options, "--output", "new.json", "--overwrite").exit_code == 0
-
-
-def test_readings_with_errors_are_not_written_unasked(folder, robot_file):
-    """Angles in degrees that the table calls radians."""
-    text = (folder / "cell.csv").read_text()
-    assert "[rad]" in text
-    (folder / "cell.csv").write_text(text.replace("[rad]", "[deg]"))
-    point = ",".join(repr(1e3 * part) for part in robot_file["measurement_set"]["load_point"])
-    options = ("--robot", "robot.json", "--encoders", "motor", "--load-point", point, "--output", "new.json")
-    shown = run("cell.csv", *options)
-    assert shown.exit_code == 1, shown.output
-    assert "do not use: " in shown.stdout
-    assert "complete" not in shown.stdout.replace("complete readings", "")
-    assert "--despite-errors" in shown.stderr
-    assert not (folder / "new.json").exists()
-    assert run("cell.csv", *options[:-2]).exit_code == 1
-    assert run("cell.csv", *options, "--despite-errors").exit_code == 0
-    assert (folder / "new.json").exists()
-
-
-def test_names_made_up_otherwise(folder):
-    text = POINTS.replace("_unloaded", ".0kg").replace("_loaded", ".150kg").replace("_P10", ".P10")
-    (folder / "points.txt").write_text(text)
-    options = ("--point-name", "{label}.{target}.{state}")
-    words = ("--state-word", "0kg=unloaded", "--state-word", "150kg=loaded")
-    assert run("points.txt", *UNITS, *options).exit_code == 2
-    found = ImportAnswer.model_validate_json(run("points.txt", *UNITS, *options, *words, "--json").stdout)
-    assert (found.preview.targets, found.preview.reading_count) == (["P10"], 2)
-
-
-def test_a_terminal_is_asked_and_nothing_else_is(folder, robot_file, monkeypatch):
-    text = (folder / "cell.csv").read_text().replace(" [rad]", "").replace(" [m]", "")
-    wider = [
-        line.replace(";", ";night;" if number else ";shift;", 1)
-        for number, line in enumerate(text.splitlines())
-    ]
-    (folder / "cell.csv").write_text("\n".join(wider) + "\n")
-    monkeypatch.setattr("jointstiff.service.cli.imports.may_ask", lambda: True)
-    answers = "\n".join(["", "rad", "mm in", "m", "", "0,0", "0,0,120", "", "robot.json"]) + "\n"
-    arguments = ["import", "cell.csv", "--output", "new.json", "--save-template", "t.json"]
-    shown = terminal(*arguments, input=answers, width=160)
-    assert shown.exit_code == 0, shown.output
-    for words in (
-        "Meaning of column 'shift'",
-        "[ignore]",
-        "[mm]",
-        "[deg]",
-        "[motor]",
-        "at the flange: 0,0,0",
-        "integrity:",
-    ):
-        assert words in shown.output, words
-    written = json.loads((folder / "new.json").read_text())
-    assert written["robot"]["name"] == robot_file["robot"]["name"]
-    expected = robot_file["measurement_set"]["observations"]
-    assert [one["joints"] for one in written["measurement_set"]["observations"]] == [
-        one["joints"] for one in expected
-    ]
-    monkeypatch.undo()
-    monkeypatch.chdir(folder)
-    assert run("cell.csv").exit_code == 2
-    again = run("cell.csv", "--template", "t.json", "--output", "again.json")
-    assert again.exit_code == 0, again.output
-    assert json.loads((folder / "again.json").read_text()) == written["measurement_set"]
-    (folder / "cell.csv").write_text(text)
-    other = run("cell.csv", "--template", "t.json")
-    assert other.exit_code == 2
-    assert "does not fit the template; missing: 'shift'" in other.stderr
 
 
 def test_lengths_are_in_millimetres_whatever_the_files_unit(folder):

@@ -59,8 +59,3 @@ def test_a_table_and_the_name_of_an_arm_make_a_campaign(folder):
         refused = run("import", "cell.csv", *options, "--about", faulty)
         assert refused.exit_code == 2
         assert f"--about.{said}" in refused.stderr
-
-
-def test_a_plan_begins_with_an_arm(folder):
-    asked = run("plan", "KUKA KR 210 R2700")
-    assert "targets" in asked.stderr, "the arm is taken, and the question is where its targets are"

@@ -233,37 +233,13 @@ def test_no_order_of_directions_hides_a_joint_from_a_plan(directions):
     robot = RobotDocument.model_validate(simulate_campaign(ARM, configurations=3)["robot"])
     options = {"targets": {"tip": (0.1, 0.0, 0.1)}, "load_point": (0.0, 0.1, 0.1), "readings": 12}
     load = {"kind": "any_direction", "force": 1000.0}
-    for candidates in (700, 750):
-        found = plan(robot, load=load, candidates=candidates, directions=directions, **options)
-        assert found.error is None
-        assert "joint_1" not in found.result.left_out
+    found = plan(robot, load=load, candidates=700, directions=directions, **options)
+    assert found.error is None
+    assert "joint_1" not in found.result.left_out
 
 
 class TestImport:
     HEADER = "label;J1 [deg];J2 [deg];Fx [N];Fy [N];Fz [N];tip along x [mm];tip along z [mm]\n"
-
-    def document(self, rows, **options):
-        files = sources_of(("gauges.csv", self.HEADER + rows))
-        asked = {
-            "encoders": "motor",
-            "load_point": (0.0, 0.0, 100.0),
-            "flange_targets": {"tip": (1.0, 2.0, 3.0)},
-        }
-        return import_files(files, ImportRequest.model_validate(asked | options))
-
-    def test_a_column_with_its_direction(self):
-        answer = self.document("a;1;2;0;0;-100;0.25;\nb;1;2;0;0;-100;;-0.5\n")
-        assert answer.missing == []
-        first, second = (each.readings for each in answer.measurement_set.observations)
-        assert [(r.target, r.displacement, r.direction) for r in (*first, *second)] == [
-            ("tip along x", 0.25, (1.0, 0.0, 0.0)),
-            ("tip along z", -0.5, (0.0, 0.0, 1.0)),
-        ]
-        assert answer.measurement_set.flange_targets["tip along z"] == (1.0, 2.0, 3.0)
-
-    def test_its_place_is_asked_for(self):
-        answer = self.document("a;1;2;0;0;-100;0.25;\n", flange_targets={})
-        assert "flange_targets" in answer.missing_fields
 
     def test_beside_uncertainties_of_a_tracker(self):
         columns = [
@@ -285,10 +261,6 @@ class TestImport:
         tracker, gauge = answer.measurement_set.observations[0].readings
         assert tracker.unloaded_covariance is not None
         assert gauge.displacement == -0.5
-
-    def test_a_row_without_any_reading_is_told(self):
-        answer = self.document("a;1;2;0;0;-100;0.25;\nb;1;2;0;0;-100;;\n")
-        assert any("b" in note for note in answer.preview.assumptions)
 
     def test_no_target_or_another_state_is_refused(self):
         for header in ("along z [mm]", "tip unloaded along z [mm]"):

@@ -3,13 +3,10 @@
 import pytest
 from support.importing_samples import (
     CAMPAIGN,
-    MM,
     POINTS,
     answered,
-    faults,
     points_of,
     read,
-    refused,
     sources_of,
     values_of,
 )
@@ -18,6 +15,7 @@ from support.workbooks import table_of
 from jointstiff.schemas.imports import ImportRequest
 from jointstiff.schemas.robot import RobotDocument
 from jointstiff.service.conversion.prepared import prepare_robot
+from jointstiff.service.importing.reading import SourceFile, understand_files
 from jointstiff.service.resources.imports import import_files
 from jointstiff.simulator import default_arm, simulate_campaign
 
@@ -26,27 +24,6 @@ ROWS = [line.split(";") for line in POINTS.splitlines()]
 
 def force_as(header):
     return CAMPAIGN.replace("Fz [N]", header)
-
-
-# ---- words for states
-
-
-@pytest.mark.parametrize(
-    "word", ["StdDev", "Std.Dev", "stddev", "Unc", "Median", "RMSE", "Standardabweichung"]
-)
-def test_statistics_are_no_targets(word):
-    between = CAMPAIGN.replace("P10 unloaded", f"P10 {word} before").replace(
-        "P10 loaded", f"P10 {word} after"
-    )
-    for content in (between, CAMPAIGN.replace("P10 ", "P10StdDev ")):
-        assert all(one.reason.startswith("unknown column header") for one in faults(("a.csv", content)))
-    assert read(("a.csv", CAMPAIGN.replace("P10 ", "SD1 "))).preview.targets == ["SD1"]
-
-
-# ---- frames and units in remarks
-
-
-# ---- headers
 
 
 @pytest.mark.parametrize("header", ["Kraft_C_t_mean", "Kraft C (links)", "Kraft C N", "Kraft_x_m"])
@@ -65,9 +42,6 @@ def test_inches_are_read_in_three_languages(word):
     assert points_of(found)["c01", "P10", "unloaded"] == inches
 
 
-# ---- times, temperatures, uncertainties
-
-
 def uncertain(header, *cells):
     head = f"name;x [mm];y [mm];z [mm];{header}\n"
     return head + "".join(f"{';'.join(row)};{cell}\n" for row, cell in zip(ROWS, cells, strict=True))
@@ -77,65 +51,6 @@ def test_an_empty_position_needs_no_uncertainty():
     table = uncertain("U95 [mm]", "0.03", "0.03", "", "").replace(";".join(ROWS[2][1:]), ";;")
     imported = read(("a.csv", table.replace(";".join(ROWS[3][1:]), ";;")), allow_missing=True)
     assert {label for label, _, _ in points_of(imported)} == {"c01"}
-
-
-# ---- faults that hide others, or say the same many times
-
-UNCLEAR = "x [mm];y [mm];z [mm];name\n" + "".join(f"1;2;3.5;c{row}-P10-A_1_2_3\n" for row in range(40))
-OTHERWISE = "label;J1 [deg];Fx [N];Fy [N];Fz [N]\n01;1;0;0;-15\n02;1;0;0;-15\n"
-
-
-@pytest.mark.parametrize(
-    ("files", "options", "reasons", "remedy"),
-    [
-        (
-            [("a.csv", " \n"), ("b.csv", CAMPAIGN.replace("-20.25", "?"))],
-            {},
-            ["the file is empty", "'?' is not a number with a decimal point"],
-            "check the export",
-        ),
-        (
-            [("a.csv", UNCLEAR)],
-            {},
-            [
-                "the name 'c0-P10-A_1_2_3' does not show which observation, target and state it is, "
-                "and 39 other names are not clear either"
-            ],
-            "point_name",
-        ),
-        (
-            [("j.csv", OTHERWISE), ("p.csv", POINTS)],
-            {"units": MM},
-            [
-                "'c01' and 1 others have no joint, but other labels have: '01', '02'",
-                "'c01' and 1 others have no force, but other labels have: '01', '02'",
-                "01: target P10 has no reading",
-                "02: target P10 has no reading",
-            ],
-            "'c01', 'c02'",
-        ),
-        (
-            [("a.csv", "label;x_t;y_t;z_t\nc01;1;2;3\n")],
-            {},
-            ["'x_t', read as t x, has no unit, nor have 2 others"],
-            "`x_t [mm]`, or give `units`; if it means something else, give `columns`, such as x_t=x",
-        ),
-    ],
-)
-def test_faults_are_told_once(files, options, reasons, remedy):
-    found = faults(*files, **options)
-    assert [fault.reason for fault in found] == reasons
-    assert remedy in found[0].remedy
-
-
-def test_a_name_is_not_taken_for_an_option():
-    fault = refused(
-        ("a.csv", "shift;x [mm];y [mm];z [mm]\nok;1;2;3.5\n"), line=1, ignore=["shift"], reason="no column"
-    )
-    assert "`name`" not in fault.remedy  # the terminal would say `--name` for it
-
-
-# ---- names and templates of what is made of the files
 
 
 @pytest.mark.parametrize("file", [" .csv", "\u2028.csv", "a" * 240 + ".csv"])
@@ -182,3 +97,32 @@ def test_a_load_point_in_metres_is_blamed_on_itself():
     (finding,) = [one for one in findings if one.code == "length_unit_suspect"]
     small = "the numbers seem to be in m, but are read as mm"
     assert finding.remedy == f"check the unit of `load_point`; {small}"
+
+
+def test_the_preview_has_the_rows_with_faults_beyond_the_first_ones():
+    rows = [f"c{i:02d},10,20,{'1.2.3' if i == 11 else '5'}" for i in range(1, 13)]
+    table = "\n".join(["label,joint_1 [deg],joint_2 [deg],joint_3 [deg]", *rows, ""])
+    understood = understand_files([SourceFile("a.csv", table.encode())])
+    file = understood.preview.files[0]
+    assert any(fault.place.line == 12 for fault in understood.faults)
+    assert 12 not in file.first_lines
+    assert (file.fault_lines, file.fault_rows) == ([12], [["c11", "10", "20", "1.2.3"]])
+
+
+def test_a_template_reads_the_same_form_and_no_other():
+    files = [SourceFile("a.csv", CAMPAIGN.replace("[deg]", "").encode())]
+    request = ImportRequest(units={"angle": "deg"}, encoders="motor", load_point=(0.0, 0.0, 0.0), name="x")
+    first = import_files(files, request)
+    template = ImportRequest.model_validate_json(first.template.model_dump_json())
+    again = import_files([SourceFile("day2.csv", files[0].content)], template)
+    assert again.measurement_set.model_copy(update={"name": "x"}) == first.measurement_set
+    assert again.template == first.template
+    for old, new, reason in (
+        ("J1 ", "q1 ", "does not fit the template; missing: 'J1'; not in the template: 'q1'"),
+        ("[mm]", "[m]", "does not fit the template"),
+        (";", ",", "does not fit the template"),
+        (".", ",", "decimal"),
+    ):
+        changed = SourceFile("a.csv", files[0].content.decode().replace(old, new).encode())
+        shown = import_files([changed], template.model_copy(update={"show_faults": True}))
+        assert any(reason in fault.reason for fault in shown.faults), (old, shown.faults)

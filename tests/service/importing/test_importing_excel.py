@@ -9,7 +9,7 @@ import zipfile
 import openpyxl
 import pytest
 from support import importing_samples as samples
-from support.importing_samples import CAMPAIGN, points_of, read, values_of
+from support.importing_samples import CAMPAIGN, points_of, read
 from support.memory import peak_of
 from support.workbooks import SHEET, bomb, repacked, rows_of_values, workbook
 
@@ -66,25 +66,6 @@ def test_columns_left_out_may_hold_anything():
     rows = [[*row, value] for row, value in zip(
         rows_of_values(), ["date", datetime.date(2026, 11, 20), "=1/0", True], strict=True)]  # fmt: skip
     assert points_of(read(("a.xlsx", workbook(rows)))) == points_of(read(("a.csv", CAMPAIGN)))
-
-
-@pytest.mark.parametrize(
-    "cell",
-    [
-        b'<c r="C3"><f>B3*2</f><v>-35.125</v></c>',
-        b'<c r="C3" t="n"><f>B3*2</f><v>-3.5125E1</v></c>',
-        b'<c r="C3"><f t="shared" si="0"/><v>-35.125</v></c>',
-    ],
-)
-def test_formulas_have_the_values_that_are_stored_with_them(cell):
-    def change(data):
-        old = b'<c r="C3" t="n"><v>-35.125</v></c>'
-        assert old in data
-        return data.replace(old, cell)
-
-    imported = read(("a.xlsx", repacked(workbook(), SHEET, change)))
-    assert values_of(imported) == values_of(read(("a.csv", CAMPAIGN)))
-    assert imported.preview.files[0].assumptions == ["the stored values of formulas were used (1 cells)"]
 
 
 @pytest.mark.parametrize("far", [b"XFD3", b"IV1048576"])

@@ -6,21 +6,18 @@ from support.importing_samples import CAMPAIGN, MM, read
 from support.memory import peak_of
 
 from jointstiff.service.conversion.parsing import MAX_SET_BYTES
+from jointstiff.service.importing import grid
 from jointstiff.service.importing.errors import ImportFileError
-from jointstiff.service.importing.grid import (
-    MAX_COLUMNS,
-    MAX_FILE_BYTES,
-    MAX_LINES,
-    MAX_ROWS,
-)
+from jointstiff.service.importing.grid import MAX_COLUMNS, MAX_FILE_BYTES
 
 
 def refused(content, *, name="a.csv", **stated):
     return samples.refused((name, content), **stated)
 
 
-def test_limits():
+def test_limits(monkeypatch):
     assert MAX_FILE_BYTES == MAX_SET_BYTES
+    assert (grid.MAX_ROWS, grid.MAX_LINES) == (320_000, 400_000)
     big = [(str(index), b"a" * (MAX_FILE_BYTES // 2 + 1)) for index in range(2)]
     with pytest.raises(ImportFileError, match="exceed 8 MiB"):
         read(*big)
@@ -29,12 +26,14 @@ def test_limits():
             read(*files)
     with pytest.raises(ImportFileError, match="two files have this name"):
         read(*[("a", b"a")] * 2)
-    refused(b"a\n" * (MAX_ROWS + 1), reason="more than 320000 rows", line=MAX_ROWS + 1)
     refused(";".join("a" * (MAX_COLUMNS + 1)), reason="more than 256 columns", line=1)
     refused(b"a" * 70_000, reason="a line has more than", line=1)
     refused(b'"' + b"a" * 20_000, reason="quotation marks", line=1)
-    refused(b"\n" * MAX_LINES + b"a b\r\n", reason="more than 400000 lines together")
-    read(("a.csv", (CAMPAIGN + "\n" * 201_000).replace("\n", "\r\n").encode("utf-16")))
+    monkeypatch.setattr(grid, "MAX_ROWS", 300)
+    refused(b"a\n" * 301, reason="more than 300 rows", line=301)
+    monkeypatch.setattr(grid, "MAX_LINES", 400)
+    refused(b"\n" * 400 + b"a b\r\n", reason="more than 400 lines together")
+    read(("a.csv", (CAMPAIGN + "\n" * 201).replace("\n", "\r\n").encode("utf-16")))
 
 
 @pytest.mark.parametrize(

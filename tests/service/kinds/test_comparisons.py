@@ -12,9 +12,9 @@ from support.shared_data import shared
 from support.terminal import terminal
 
 import jointstiff
-from jointstiff.schemas.comparison import CampaignComparison, ComparedMethod, Comparison, ComparisonRequest
+from jointstiff.schemas.comparison import CampaignComparison, ComparedMethod, ComparisonRequest
 from jointstiff.schemas.run import RunRequest
-from jointstiff.service.kinds.comparison import COMPARISON, configurations_sheet, entries_sheet, ratios_sheet
+from jointstiff.service.kinds.comparison import COMPARISON, entries_sheet
 from jointstiff.service.reports.job import job_report
 from jointstiff.service.tables.files import csv_text
 from jointstiff.service.tables.table import Sheet
@@ -129,12 +129,6 @@ def test_what_cannot_be_compared_is_refused_with_its_place(parts):
         made(parts, first, stored(parts, document))
 
 
-@pytest.mark.parametrize("run_ids", [[], ["a"], ["a", "a"], [str(i) for i in range(49)]])
-def test_requests_that_make_no_sense(run_ids):
-    with pytest.raises(ValidationError):
-        ComparisonRequest(run_ids=run_ids)
-
-
 @pytest.mark.parametrize(
     "options",
     [
@@ -165,21 +159,6 @@ class TestCampaigns:
         assert [row["joint"] != "" for row in rows] == [False] * 4 + [True] * 12 + [False] * 2
         assert all(("needs 3 targets" in row["error"]) == (row["joint"] == "") for row in rows)
         assert "no complete pose, decoupled partial pose" in shown(found, 200)
-
-    def test_table_two_and_the_figures_of_two_campaigns(self):
-        """The paper in one piece: three methods and encoders off and on, draws, shares, what is left."""
-        documents = [shared(f"simulated/dead_weight_{name}") for name in ("motor", "secondary")]
-        found = jointstiff.compare(*documents, resampling={"size": 10, "repetitions": 50})
-        assert len(found.result.entries) == 16
-        text = shown(found)
-        assert max(map(len, text.splitlines())) <= 80
-        assert "mean & standard deviation of" in text
-        assert "(48.08 ± 0.21) %" in text
-        (header,) = (line for line in text.splitlines() if line.startswith("joint ") and "CP/L" in line)
-        assert header.split() == ["joint", "side", "CP/L", "CP", "PP", "DPP"]
-        rows = read(csv_text(configurations_sheet(found)))
-        assert len(rows) == 16 * 19
-        assert all(float(row["left [m]"]) < float(row["deflection [m]"]) for row in rows)
 
 
 @pytest.fixture(scope="module")
@@ -217,16 +196,6 @@ def with_joints(comparison, names):
     return comparison.model_copy(update={"result": result})
 
 
-def test_the_table_has_rows_by_joint_and_constraint_and_a_column_a_method(comparison):
-    lines = shown(comparison).splitlines()
-    header = next(line for line in lines if line.startswith("joint "))
-    assert header.split() == ["joint", "sign", "CP/L", "CP", "PP", "DPP"]
-    rows = lines[lines.index(header) + 2 :][:12]
-    assert [row[:14].split()[:2] for row in rows[:2]] == [["joint_1", "free"], ["≥", "0"]]
-    assert [row.split()[0] for row in rows[::2]] == [f"joint_{i}" for i in range(1, 7)]
-    assert any("200 fits" in line for line in lines)
-
-
 def test_a_name_is_no_markup(comparison):
     names = ["[/]", "[red]x", ":smile:", "[link=a]"]
     text = shown(with_joints(comparison, names), 200)
@@ -258,19 +227,6 @@ def files(tmp_path):
         paths.append(tmp_path / f"{encoders}.json")
         paths[-1].write_text(json.dumps(document))
     return [str(path) for path in paths]
-
-
-def test_two_files_in_a_terminal(files, tmp_path):
-    shown = terminal("compare", *files, "--ordered", width=80)
-    assert shown.exit_code == 0, shown.output
-    for words in ("ratio", "never twists joint_1", "held equal", "in 19 observations on both", "CP/L"):
-        assert words in " ".join(shown.output.split())
-    options = tmp_path / "options.json"
-    options.write_text('{"run": {"method": "complete_pose"}, "methods": []}')
-    shown = terminal("compare", *files, "--options", str(options), "--json")
-    found = Comparison.model_validate_json(shown.stdout)
-    assert [entry.method for entry in found.result.entries] == ["complete_pose"] * 2
-    assert len(read(csv_text(ratios_sheet(found)))) == 6
 
 
 def test_a_file_that_is_refused_says_which(files, tmp_path):

@@ -1,13 +1,8 @@
 """Deflections over HTTP and as tables, beside the balance of exact springs."""
 
-import csv
-import io
-import json
-
 import numpy as np
 import pytest
 from support.api import post, posted
-from support.terminal import terminal
 
 import jointstiff
 from jointstiff.schemas.deflection import DeflectionRequest, DeflectionResult
@@ -86,20 +81,6 @@ def test_the_budget_of_a_displacement_adds_up_and_carries_the_force(client):
     assert case["budget"]["expanded_uncertainty"] == pytest.approx(1.959964 * np.linalg.norm(included))
 
 
-def test_too_few_postures_and_extrapolation_are_said(client, pulled):
-    strong = {"joints": JOINTS, "force": [0, 0, -4000.0], "moment": [0, 0, 10.0]}
-    units = {"length": "mm", "angle": "deg", "force": "N", "moment": "N.m"}
-    answer = post(
-        client, "/v1/deflections", request(pulled, units=units, cases=[strong], confidence=0.99), status=200
-    )
-    assert any("99 postures are needed" in remark for remark in answer["remarks"])
-    (case,) = answer["cases"]
-    assert case["with_model_error"] is None
-    assert case["label"] == "1"
-    assert any("no moment was measured" in remark for remark in case["remarks"])
-    assert not case["compliance"]["symmetric"]
-
-
 @pytest.mark.parametrize(("factor", "said"), [(1471.0 / 1470.9975, False), (1.009, False), (1.02, True)])
 def test_a_load_as_great_as_the_greatest_is_not_extrapolated(client, factor, said):
     """1471 N beside 150 kg, which weigh 1470.9975 N, is the same load; 2 % more is another."""
@@ -120,53 +101,6 @@ def test_a_load_as_great_as_the_greatest_is_not_extrapolated(client, factor, sai
     assert not any("is 1 times" in remark for remark in found["remarks"])
     beyond = [each for each in answer["assessment"]["reasons"] if each["code"] == "beyond_campaign"]
     assert bool(beyond) == said
-
-
-@pytest.mark.parametrize("field", ["load_point", "place"])
-def test_a_point_that_no_tool_reaches_is_refused(client, pulled, field):
-    """Millimetres in a column of metres: 120 m from the flange, in a case or for all of them."""
-    cases = [{"joints": JOINTS, "force": FORCE}, {"joints": JOINTS, "force": FORCE, field: [0, 0, 120e3]}]
-    for changes, where in (({"cases": cases}, f"cases[1].{field}"), ({field: [0, 0, 120e3]}, field)):
-        refused = post(client, "/v1/deflections", request(pulled, **changes), status=422)
-        assert refused["where"] == where
-        assert "120 m from the flange" in refused["detail"]
-        assert "unit" in refused["remedy"]
-    post(client, "/v1/deflections", request(pulled, **{field: [0, 0, 5_000.0]}), status=200)
-
-
-def test_a_joint_of_which_nothing_is_known_leaves_no_number(client):
-    answer = post(
-        client,
-        "/v1/deflections",
-        request(run_of(client, "dead_weight", complementary_stiffness="neglected")),
-        status=200,
-    )
-    (case,) = answer["cases"]
-    assert case["displacement"] is None
-    assert "joint_1" in case["remarks"][0]
-    assert any("K_c" in remark for remark in answer["remarks"])
-
-
-@pytest.mark.parametrize(
-    ("changes", "where"),
-    [
-        ({"run_id": "none"}, "run_id"),
-        ({"load_point": None}, "cases[0].load_point"),
-        ({"cases": [{"joints": [1.0], "force": FORCE}]}, "cases[0].joints"),
-        ({"cases": [{"joints": JOINTS, "force": FORCE, "moment": [0, 0, 1.0]}]}, "units.moment"),
-        ({"cases": [{"joints": JOINTS, "force": [0, 0, -1e9]}]}, "cases[0]"),
-        ({"cases": [{"joints": JOINTS, "force": f} for f in (FORCE, [0, 0, -1e9], FORCE)]}, "cases[1]"),
-        (
-            {"masses": [{"joint": "joint_3", "mass": m, "centre": [0, 0, 0]} for m in (10.0, 20.0)]},
-            "masses[1].joint",
-        ),
-        ({"masses": [{"joint": "elbow", "mass": 10.0, "centre": [0, 0, 0]}]}, "masses[0].joint"),
-        ({"cases": []}, "cases"),
-    ],
-)
-def test_what_cannot_be_predicted_is_refused_with_its_place(client, pulled, changes, where):
-    answer = post(client, "/v1/deflections", request(pulled) | changes, status=422)
-    assert answer["where"] == where
 
 
 def test_cases_are_bounded_by_the_joints():
@@ -212,35 +146,3 @@ class TestTables:
         assert short.units == Units(length="mm", angle="rad", force="N", moment="N.m")
         assert short.cases[0].place == (0.0, 0.0, 200.0)
         assert read_load_cases(cells, KINDS, units=short.units).units == short.units
-
-    def test_the_command(self, tmp_path):
-        campaign = simulate_campaign(ARM, load="pull", configurations=24, seed=1)
-        (tmp_path / "campaign.json").write_text(json.dumps(campaign))
-        (tmp_path / "postures.csv").write_text(TABLE)
-        files = [str(tmp_path / name) for name in ("campaign.json", "postures.csv", "out.csv")]
-        point = ["--load-point", "0,0,120"]
-        done = terminal("predict", *files[:2], *point, "-o", files[2])
-        assert done.exit_code == 0, done.output
-        (row,) = csv.DictReader(io.StringIO((tmp_path / "out.csv").read_text()))
-        assert row["label"] == "drill"
-        found = [1e-3 * float(row[f"displacement {axis} [mm]"]) for axis in "xyz"]
-        np.testing.assert_allclose(found, truth(), atol=3e-5)
-        assert float(row["displacement z readings only low [mm]"]) < 1e3 * found[2]
-        printed = " ".join(done.output.split())
-        assert printed.count("± U") == 3
-        assert printed.count("[mm]") == 4
-        assert "[N/mm]" in printed
-        assert f"{1e3 * found[2]:.3f} ± " in printed
-        assert max(map(len, done.stdout.splitlines())) <= 80
-        columns = ",".join(f"load point {axis} [m]" for axis in "xyz")
-        table = TABLE.replace("Fz [N]\n", f"Fz [N],{columns}\n").replace("-800.0\n", "-800.0,0,0,120\n")
-        (tmp_path / "far.csv").write_text(table)
-        far = terminal("predict", files[0], str(tmp_path / "far.csv"))
-        assert far.exit_code == 2
-        assert "120 m from the flange" in far.stderr
-        far = terminal("predict", *files[:2], *point, "--place", "0,0,120000")
-        assert far.exit_code == 2
-        assert "120 m from the flange" in far.stderr
-        missing = terminal("predict", *files[:2])
-        assert missing.exit_code == 2
-        assert "load_point" in missing.output

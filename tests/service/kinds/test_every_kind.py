@@ -46,6 +46,21 @@ def post(client, runs):
     return post
 
 
+@pytest.fixture(scope="module")
+def made():
+    """Jobs that tests only read, by their service and kind."""
+    return {}
+
+
+@pytest.fixture
+def job(kind, service, made, post):
+    """Return a job of a kind."""
+    key = (service.url, kind.name)
+    if key not in made:
+        made[key] = post(kind).json()
+    return made[key]
+
+
 @kinds
 def test_it_is_made_once_and_the_same_input_gives_the_same_numbers(client, post, kind):
     key = {"Idempotency-Key": uuid.uuid4().hex}
@@ -68,30 +83,29 @@ def test_it_is_made_once_and_the_same_input_gives_the_same_numbers(client, post,
 
 
 @kinds
-def test_it_is_listed_by_each_of_its_filters(client, post, kind):
-    made, address = post(kind).json(), f"/v1/{kind.collection}"
+def test_it_is_listed_by_each_of_its_filters(client, job, kind):
+    address = f"/v1/{kind.collection}"
 
     def listed(**filters):
         answer = client.get(address, params=filters)
         assert answer.status_code == 200, answer.text
         return {item["id"]: item for item in answer.json()["items"]}
 
-    item = listed()[made["id"]]
+    item = listed()[job["id"]]
     assert item == kind.summary.model_validate(item).model_dump(mode="json")
     for name in (*kind.listed_by, "state"):
         if item[name] is not None:
-            assert made["id"] in listed(**{name: item[name]}), name
+            assert job["id"] in listed(**{name: item[name]}), name
         if name.endswith("_id"):
             assert listed(**{name: "nobody"}) == {}, name
-    assert made["id"] not in listed(state="failed")
+    assert job["id"] not in listed(state="failed")
     assert client.get(address, params={"colour": "red"}).status_code == 422
     missing = Problem.model_validate(client.get(f"{address}/nobody").json())
     assert (missing.status, missing.type[-10:]) == (404, ":not-found")
 
 
 @kinds
-def test_it_has_an_end_files_and_a_place_in_the_terminal(client, post, kind):
-    job = post(kind).json()
+def test_it_has_an_end_files_and_a_place_in_the_terminal(client, job, kind):
     events = client.get(f"{job_at(job)}/events")
     assert events.headers["content-type"].startswith("text/event-stream")
     assert [line for line in events.text.splitlines() if line.startswith("event:")] == ["event: end"]
@@ -113,8 +127,7 @@ def test_it_has_an_end_files_and_a_place_in_the_terminal(client, post, kind):
 
 
 @kinds
-def test_it_has_a_report_and_its_tables(client, post, kind):
-    job = post(kind).json()
+def test_it_has_a_report_and_its_tables(client, job, kind):
     answer = client.get(file_at(job, "tables.json?unit=kNm/deg")).json()
     assert answer["assessment"] == job["result"].get("assessment")
     assert answer["tables"]

@@ -550,20 +550,6 @@ class TestCommand:
         robot.write_text(json.dumps(simulate_campaign(default_arm(), configurations=2)))
         return [str(path), "--robot", str(robot)]
 
-    def test_tables(self, file, tmp_path):
-        output = tmp_path / "identified.json"
-        shown = terminal("geometry", *file, "--output", str(output), width=100)
-        assert shown.exit_code == 0, shown.output
-        for text in ("Links, nominal and identified", "decoupled method applies", "µrad", "mm"):
-            assert text in shown.output
-        assert "trilateration" not in shown.output
-        again = terminal("geometry", *file, "--details", width=100)
-        assert "trilateration" in again.output
-        assert RobotDocument.model_validate_json(output.read_text()).model.format == "urdf"
-        again = terminal("geometry", *file, "--output", str(output))
-        assert again.exit_code == 2
-        assert "--overwrite" in again.output
-
     def test_poses_with_the_robot_of_another_file(self, tmp_path):
         """The file alone is no request: what the option adds counts before it is judged."""
         (tmp_path / "poses.json").write_text(json.dumps(poses(TrackedArm(imperfect_arm(2)))))

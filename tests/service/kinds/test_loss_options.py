@@ -1,16 +1,11 @@
 """Robust loss, complementary stiffness and errors that all observations share, as a user states them."""
 
-import json
-from functools import partial
-
 import numpy as np
 import pytest
 from pydantic import ValidationError
-from support.terminal import terminal
 
 import jointstiff
 from jointstiff.schemas.measurement import Noise
-from jointstiff.schemas.run import Run
 from jointstiff.simulator import default_arm, simulate_campaign
 
 
@@ -20,13 +15,6 @@ def document():
     simulated = simulate_campaign(default_arm(), load="dead_weight", seed=2)
     simulated["measurement_set"]["observations"][4]["readings"][1]["loaded"][2] -= 2e-3
     return simulated
-
-
-@pytest.fixture
-def command(tmp_path, document):
-    path = tmp_path / "campaign.json"
-    path.write_text(json.dumps(document))
-    return partial(terminal, "identify", path, width=120)
 
 
 def test_readings_without_a_balance_are_identified_without_it():
@@ -46,24 +34,6 @@ def test_readings_without_a_balance_are_identified_without_it():
     assert "include_complementary_stiffness" not in {
         reason.action.kind for reason in found.assessment.reasons if reason.action
     }
-
-
-def test_options_of_the_command(command):
-    shown = command("--json", "--loss", "huber", "--huber-threshold", "1.5")
-    found = Run.model_validate_json(shown.stdout)
-    assert found.request.loss == "huber"
-    assert found.result.robust.threshold == 1.5
-    assert found.result.complementary_stiffness.included
-    refused = command("--huber-threshold", "1.5")
-    assert refused.exit_code == 2
-    assert "huber" in refused.output
-
-
-def test_table_tells_both(command):
-    shown = command("--loss", "huber", "--complementary-stiffness", "neglected", "--details").stdout
-    assert "c05, P11: residual of" in shown
-    assert "threshold 2.8 sigma" in shown
-    assert "complementary stiffness neglected" in shown
 
 
 def identified(noise, **options):

@@ -2,12 +2,10 @@
 
 import csv
 import io
-import json
 
 import numpy as np
 import pytest
 from support.api import file_at, post, posted
-from support.terminal import terminal
 
 from jointstiff.simulator import default_arm, simulate_campaign
 
@@ -51,31 +49,7 @@ class TestDownloads:
         assert table[1, 2] != table[0, 2]  # z runs fastest
 
 
-@pytest.mark.parametrize(
-    ("changes", "where", "message"),
-    [
-        ({"run_id": "none"}, "run_id", "no run"),
-        ({"area": [[2.0, 0, 0], [1.0, 1, 1]]}, "area", "exceeds"),
-        ({"grid": [1000, 1000, 1]}, "grid", "1,000,000 places exceed 100,000"),
-        ({"grid": [300, 300, 1], "turns": 4}, "grid", "360,000 places times"),
-        ({"force": [0, 0, 0]}, "force", "load is missing"),
-        ({"force": [0, 0, 0], "moment": [0, 0, 9]}, "direction", "direction of the compliance is missing"),
-        ({"tool_axis": [0, 0, 0]}, "tool_axis", "zero vector"),
-        ({"directions": [[0, 0, 1], [0, 0, 0]]}, "directions[1]", "zero vector"),
-        ({"limits": {"joint_9": [0, 1]}}, "limits.joint_9", "no joint"),
-        ({"limits": {"joint_1": [1, 0]}}, "limits.joint_1", "least angle"),
-        ({"near": [0.0, 1.0]}, "near", "2 joint angles"),
-        ({"place": [0, 0, 120.0]}, "place", "120 m from the flange"),
-        ({"load_point": [0, 0, 120.0]}, "load_point", "120 m from the flange"),
-    ],
-)
-def test_refused_with_place_and_remedy(local, run_id, changes, where, message):
-    problem = post(local, "/v1/maps", AREA | {"run_id": run_id} | changes, 422)
-    assert problem["where"] == where
-    assert message in problem["detail"]
-    assert problem["remedy"]
-
-
+@pytest.mark.slow
 def test_a_run_of_elastic_links_maps_as_it_predicts(local, run_id):
     asked = local.get(f"/v1/runs/{run_id}").json()["request"]["measurement_set_id"]
     options = {"measurement_set_id": asked, "elasticity": "joints_and_links", "link_penalty": 1e-3}
@@ -93,32 +67,3 @@ def test_a_run_of_elastic_links_maps_as_it_predicts(local, run_id):
     assert radius == pytest.approx(case["with_model_error"]["radius"], rel=1e-6)
     low, high = worst["readings_only"]
     assert low < worst["deflection"] < high < worst["with_model_error"][1]
-
-
-class TestCommand:
-    def test_writes_the_table(self, tmp_path):
-        campaign, request = tmp_path / "c.json", tmp_path / "r.json"
-        campaign.write_text(json.dumps(CAMPAIGN))
-        request.write_text(json.dumps(AREA))
-        table, arrays = tmp_path / "map.csv", tmp_path / "map.npz"
-        command = ["map", str(campaign), "--options", str(request)]
-        shown = terminal(*command, "-o", str(table))
-        assert shown.exit_code == 0, shown.output
-        assert "places reached" in shown.output
-        assert "worst place" in shown.output
-        assert len(table.read_text().splitlines()) == 19
-        again = terminal(*command, "-o", str(table))
-        assert again.exit_code == 2
-        made = terminal(*command, "-o", str(arrays), "--json")
-        assert made.exit_code == 0, made.output
-        assert np.load(arrays, allow_pickle=False)["table"].shape == (18, 22)
-
-    def test_refuses_with_place_and_remedy(self, tmp_path):
-        campaign, request = tmp_path / "c.json", tmp_path / "r.json"
-        campaign.write_text(json.dumps(CAMPAIGN))
-        request.write_text(json.dumps(AREA | {"force": [0, 0, 0]}))
-        command = ["map", str(campaign), "--options", str(request)]
-        refused = terminal(*command)
-        assert refused.exit_code == 2
-        assert "map.force" in refused.output
-        assert terminal(*command, "-o", "m.txt").exit_code == 2

@@ -2,13 +2,11 @@
 
 import csv
 import io
-import json
 
 import numpy as np
 import pypdf
 import pytest
 from pydantic import ValidationError
-from support.terminal import terminal
 
 from jointstiff import identify
 from jointstiff.schemas.imports import ImportRequest
@@ -21,11 +19,10 @@ from jointstiff.service.reports.laboratory import LaboratorySettings
 from jointstiff.service.reports.rendering import report_page, report_pdf
 from jointstiff.service.resources.imports import import_files
 from jointstiff.service.tables.files import csv_text
-from jointstiff.simulator import TARGETS, default_arm, robot_document, simulate_campaign
+from jointstiff.simulator import TARGETS, default_arm, robot_document
 from jointstiff.simulator.equilibrium import deflections
 from jointstiff.solver.errors import RequestError
 
-WEIGHT = simulate_campaign(default_arm(), configurations=6, load="dead_weight", seed=2)
 BEGIN = {
     "readings": 10,
     "candidates": 300,
@@ -155,35 +152,16 @@ class TestPlans:
         with pytest.raises(ValidationError, match=str(MAX_CANDIDATES)):
             PlanRequest(robot_id="r", candidates=10_000_000)
 
-    def test_either_a_robot_or_a_campaign(self):
-        with pytest.raises(ValidationError, match="either `robot_id` or `measurement_set_id`"):
-            PlanRequest(readings=10)
-
-
-class TestCommand:
-    def test_of_a_campaign_of_weights(self, tmp_path):
-        file, options, filled = tmp_path / "c.json", tmp_path / "options.json", tmp_path / "next.json"
-        file.write_text(json.dumps(WEIGHT))
-        options.write_text(json.dumps({"candidates": 300, "joints": [f"joint_{j}" for j in range(2, 7)]}))
-        arguments = ["plan", str(file), "--readings", "5", "--options", str(options)]
-        shown = terminal(*arguments, "--campaign", str(filled))
-        assert shown.exit_code == 0, shown.output
-        assert "certified: at least" in shown.output
-        campaign = json.loads(filled.read_text())
-        assert len(campaign["measurement_set"]["observations"]) == 5
-        assert [r["target"] for r in campaign["measurement_set"]["observations"][0]["readings"]] == list(
-            TARGETS
-        )
-        table = terminal(*arguments, "--csv").output.splitlines()
-        assert table[0].startswith("label,joint_1 [deg],")
-        assert len(table) == 6
-
 
 @pytest.mark.parametrize(
     ("goal", "changes"),
     [
         ({"kind": "joints", "relative": 0.02}, {}),
-        ({"kind": "deflection", "uncertainty": 3e-5}, {"work_area": ((0.8, -0.6, 0.4), (1.9, 0.6, 1.6))}),
+        pytest.param(
+            {"kind": "deflection", "uncertainty": 3e-5},
+            {"work_area": ((0.8, -0.6, 0.4), (1.9, 0.6, 1.6))},
+            marks=pytest.mark.slow,
+        ),
     ],
 )
 def test_a_goal_gives_the_least_list_that_meets_it(parts, robot, goal, changes):
@@ -214,7 +192,7 @@ def test_a_goal_that_no_plan_meets_is_refused(parts, robot):
 
 def test_each_block_of_four_is_a_good_plan_by_itself(parts, robot):
     """Of each block's postures alone the uncertainty is near that of the whole list, as the root has it."""
-    options = BEGIN | {"robot_id": robot, "candidates": 1000}
+    options = BEGIN | {"robot_id": robot, "candidates": 400}
     options["stiffness"] = {f"joint_{j}": k for j, k in enumerate(default_arm().stiffnesses.tolist(), 1)}
     whole = plan_of(parts, **options | {"readings": 20, "validation": 0.2}).result
     blocks = [each.block for each in whole.readings]

@@ -63,22 +63,6 @@ def test_a_run_shows_itself_as_a_table(document):
     assert "<script" not in shown
 
 
-@pytest.mark.parametrize(
-    ("campaign", "options", "where"),
-    [
-        ({}, {}, "robot"),
-        ({"robot": {1, 2}}, {}, None),
-        ("nowhere", {"method": "guess"}, "method"),
-        ("nowhere", {"methods": "partial_pose"}, "methods"),
-    ],
-)
-def test_what_cannot_be_used_is_refused_with_its_place(document, campaign, options, where):
-    with pytest.raises(jointstiff.CampaignError) as refused:
-        jointstiff.identify(document if campaign == "nowhere" else campaign, **options)
-    assert refused.value.problem.where == where
-    assert refused.value.problem.remedy
-
-
 @pytest.mark.process
 def test_a_client_identifies_and_prints_without_the_numerics(document, service, tmp_path):
     path = tmp_path / "campaign.json"

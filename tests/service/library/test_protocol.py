@@ -215,18 +215,3 @@ def test_a_result_of_any_door_writes_the_same_files(door, sources, tmp_path):
     assert contents[0] == contents[1]
     assert run.campaign.measurement_set == js.Campaign.read(sources["path"]).measurement_set
     assert door.identify(run.campaign).joints == run.joints
-
-
-@pytest.mark.parametrize(
-    ("call", "problem"),
-    [
-        (lambda door: door.identify(DOCUMENT, metod="complete_pose"), "metod"),
-        (lambda door: door.plan(DOCUMENT, readings="six"), "readings"),
-        (lambda door: door.predict(DOCUMENT, POSTURES, FORCE, at=(0, 0, 120)), "where no tool reaches"),
-        (lambda door: door.map(DOCUMENT, area=AREA), "grid"),
-    ],
-)
-def test_what_cannot_be_used_is_refused_with_its_place(door, call, problem):
-    with pytest.raises((js.CampaignError, js.RefusedError), match=problem) as refused:
-        call(door)
-    assert refused.value.problem.remedy

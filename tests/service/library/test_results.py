@@ -1,16 +1,11 @@
 """Results of all kinds as people hold them: a line, a table, a frame, a plot, a file."""
 
-import json
-
 import matplotlib as mpl
 import numpy as np
-import openpyxl
 import pytest
 from support.guide_files import ROOT
 
 import jointstiff as js
-from jointstiff.service.kinds.registry import KINDS
-from jointstiff.service.kinds.rooms import ROOMS
 from jointstiff.simulator import default_arm, simulate_campaign, truth
 
 mpl.use("Agg")
@@ -40,40 +35,11 @@ def results(run):
     }
 
 
-NAMES = [*(kind.name for kind in KINDS if kind.name in ROOMS), "prediction"]
-FIRST = {
-    "run": "stiffness [N.m/rad]",
-    "comparison": "stiffness [N.m/rad]",
-    "geometry": "point x [m]",
-    "plan": "joint_1 [deg]",
-    "map": "deflection [m]",
-    "program": "deflection [mm]",
-    "prediction": "displacement z [mm]",
-}
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_each_kind_is_a_line_a_table_a_frame_a_plot_and_files(name, results, tmp_path):
-    result = results[name]
-    assert len(repr(result)) < 150
-    assert "\n" not in repr(result)
-    assert str(result).count("\n") > result.summary().count("\n")
-    assert "─" not in result.summary()
-    assert FIRST[name] in result.to_frame().columns
-    figure = result.plot()
-    assert all(axes.has_data() for axes in figure.axes)
-    mpl.pyplot.close(figure)
-    for suffix in ("json", "csv", "xlsx", "svg"):
-        result.save(tmp_path / f"x.{suffix}")
-    assert json.loads((tmp_path / "x.json").read_text(encoding="utf-8"))
-    header = (tmp_path / "x.csv").read_text(encoding="utf-8").splitlines()[0]
-    assert FIRST[name] in header
-    book = openpyxl.load_workbook(tmp_path / "x.xlsx")
-    assert FIRST[name] in [cell.value for cell in book.worksheets[0][1]]
-    with pytest.raises(ValueError, match=r"must end in|has tables of these endings|its tables"):
-        result.save(tmp_path / ("x.npz" if name in {"program", "plan"} else "x.docx"))
-    with pytest.raises(ValueError, match="its tables are"):
-        result.to_frame("nothing")
+def test_each_kind_has_a_plot(results):
+    for name, result in results.items():
+        figure = result.plot()
+        assert all(axes.has_data() for axes in figure.axes), name
+        mpl.pyplot.close(figure)
 
 
 def test_only_a_run_has_a_certificate(results, tmp_path):
@@ -81,21 +47,6 @@ def test_only_a_run_has_a_certificate(results, tmp_path):
         results["plan"].report(tmp_path / "x.xml")
     assert refused.value.problem.remedy
     assert not (tmp_path / "x.xml").exists()
-
-
-def test_what_a_run_and_a_program_have_besides(run, results, tmp_path):
-    run.save(tmp_path / "arm.urdf")
-    run.save(tmp_path / "report.html")
-    results["program"].save(tmp_path / "out.src")
-    assert "<robot" in (tmp_path / "arm.urdf").read_text()
-    assert "<html" in (tmp_path / "report.html").read_text()
-    assert (tmp_path / "out.src").read_text().splitlines()[0] == (
-        EXAMPLES / "pocket.src"
-    ).read_text().splitlines()[0]
-    with pytest.raises(KeyError, match="the joints are joint_1, joint_2"):
-        run.joints["joint_9"]
-    frame = run.to_frame("residuals")
-    assert len(frame) == 12 * 3
 
 
 def test_a_prediction_of_arrays_is_that_of_cases_and_near_the_simulator(run):

@@ -1,14 +1,10 @@
 # one case a line
 """Compensated programs beside springs that balance a load exactly, in every format."""
 
-import csv
-import io
-
 import numpy as np
 import pytest
 from support.programs import (
     FORCE,
-    FRAMES,
     compensated,
     exact_run,
     loaded_poses,
@@ -18,14 +14,12 @@ from support.programs import (
     work_of,
 )
 
-from jointstiff.service.kinds.program_work import ProgramWork, packed, points_sheet, unpacked
+from jointstiff.service.kinds.program_work import ProgramWork, packed, unpacked
 from jointstiff.service.kinds.work import pack, unpack
 from jointstiff.service.problems import FilesError
 from jointstiff.service.programs.errors import ProgramError
 from jointstiff.service.programs.formats import read_program
-from jointstiff.service.tables.files import csv_text
 from jointstiff.simulator.programs import PROGRAM_FILES, program_text
-from jointstiff.solver.errors import RequestError
 
 KINDS = list(PROGRAM_FILES)
 FULL = 13
@@ -146,47 +140,6 @@ def test_steps_give_the_same_program():
     whole = work.conclude(())
     parts = [unpack(pack(work.compute(span))) for span in ((0, 7), (7, 9), (9, 30))]
     assert work.conclude(parts) == whole
-
-
-def test_the_table_has_a_row_a_point():
-    text = program_text("krl", tool_poses(path(6)), 4)
-    segments = [{"first_line": 7, "last_line": 9, "force": FORCE}]
-    held = {"segments": segments, "limits": {"displacement": 1.0}}
-    with pytest.raises(RequestError, match="corrections are held back"):
-        compensated("krl", text, load=None, **held)
-    result = compensated("krl", text, load=None, accept_verdict="do_not_use", **held)
-    rows = list(csv.DictReader(io.StringIO(csv_text(points_sheet(unpacked(result.table))))))
-    assert [row["remark"] for row in rows] == ["capped"] * 3 + ["no load"] * 3
-    assert result.capped == 3
-    assert (result.assessment.verdict, "corrections_capped") == (
-        "do_not_use",  # no point under load has its correction
-        next(each.code for each in result.assessment.reasons if "limits" in each.message),
-    )
-    assert all(float(row["correction [mm]"]) < 1.02 for row in rows[:3])
-    assert {row["deflection [mm]"] for row in rows[3:]} == {""}
-    assert float(rows[0]["residual [mm]"]) > 1.0
-
-
-@pytest.mark.parametrize(("changes", "where", "words"), [
-    ({"accuracy_option": "compensates_load"}, "accuracy_option", "twice"),
-    ({"tools": []}, "tools", "TOOL_DATA"),
-    ({"tools": [{"name": "TOOL_DATA[7]", "values": FRAMES["krl"][0]}]}, "tools", "TOOL_DATA"),
-    ({"tools": [{"values": [0.0] * 7}]}, "tools[0].values", "6 numbers"),
-    ({"start": None}, "'path.src', line 7", "configuration"),
-    ({"start": [0.0]}, "start", "1 joint angles"),
-    ({"bases": [{"values": [9e3, 0, 0, 0, 0, 0]}]}, "'path.src', line 7", "reach"),
-    ({"load": None, "segments": [{"first_line": 1, "last_line": 2, "force": FORCE}]}, "segments", "no move"),
-    ({"loads": "a.csv", "load": None}, "loads", "this file was not sent"),
-    ({"load": {"force": (0, 0, 0), "moment": (1, 0, 0)}}, "units.moment", "moment"),
-    ({"load": {"force": (0, 0, 1e9)}}, "'path.src', line 7", "balance"),
-])  # fmt: skip
-def test_what_is_missing_or_impossible_is_refused(changes, where, words):
-    text = program_text("krl", tool_poses(path(5)), 4)
-    with pytest.raises(RequestError) as caught:
-        compensated("krl", text, **changes)
-    assert caught.value.where == where, caught.value
-    assert words in str(caught.value)
-    assert caught.value.remedy
 
 
 def test_one_target_under_two_loads_is_refused():

@@ -64,10 +64,10 @@ def compared(kind: str, seed: int) -> int:
 
 @pytest.mark.parametrize("kind", LANGUAGES)
 def test_what_is_corrected_is_certain(kind):
-    assert sum(compared(kind, seed) for seed in range(100)) > 25
+    assert sum(compared(kind, seed) for seed in range(40)) > 10
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", LANGUAGES)
 def test_what_is_corrected_is_certain_in_ten_thousand(kind):
-    assert sum(compared(kind, seed) for seed in range(100, 2_600)) > 500
+    assert sum(compared(kind, seed) for seed in range(40, 2_600)) > 500

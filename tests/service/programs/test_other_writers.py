@@ -35,41 +35,6 @@ def refusal(name, text):
     return caught.value.faults[0]
 
 
-POSTED = """&ACCESS RVP
-&REL 1
-&PARAM EDITMASK = *
-DEF Milling ( )
-;FOLD INI
-GLOBAL INTERRUPT DECL 3 WHEN $STOPMESS==TRUE DO IR_STOPM ( )
-INTERRUPT ON 3
-BAS (#INITMOV,0 )
-;ENDFOLD (INI)
-FDAT_ACT = {TOOL_NO 0,BASE_NO 0,IPO_FRAME #BASE}
-BAS (#PTP_PARAMS,100)
-PTP $AXIS_ACT
-$BASE = {FRAME: X 500.000,Y 0.000,Z 100.000,A 0.000,B 0.000,C 0.000}
-$TOOL = {FRAME: X 0.000,Y 0.000,Z 200.000,A 0.000,B 0.000,C 0.000}
-$VEL.CP = 0.30000
-$APO.CDIS = 5.000
-$ORI_TYPE=#VAR
-PTP {A1 0.0,A2 -90.0,A3 90.0,A4 0.0,A5 10.0,A6 0.0}
-PTP {X 100.000, Y 20.000, Z 50.000, A 0.000, B 90.000, C 0.000, S 'B010', T 35} C_PTP
-LIN {E6POS: X 100.5, Y 5.0, Z 6.0, A 0.1, B 2.0, C 3.0, E1 0.0, E2 0} C_DIS
-lin {x 110.000,y 20.000,z 0.000,a 0.000,b 90.000,c 0.000} c_dis
-TRIGGER WHEN DISTANCE=0 DELAY=0 DO $OUT[2]=TRUE
-END
-"""
-
-
-def test_krl_of_a_post_processor():
-    program = read("a.src", POSTED)
-    assert frames(program) == [("$BASE of line 13", "$TOOL of line 14")] * 4
-    target = targets_of(program)[1]
-    text = program.sources[0].text
-    assert [(name, text[start:end]) for name, start, end in target.words] == [("S", "'B010'"), ("T", "35")]
-    assert targets_of(program)[3].values == (110.0, 20.0, 0.0, 0.0, 90.0, 0.0)
-
-
 P = "{X 1,Y 2,Z 3,A 0,B 0,C 0}"
 
 
@@ -115,24 +80,6 @@ def test_krl_braces_within_one_another_are_refused_by_line(line):
     fault = refusal("a.src", f"DEF a()\nLIN {P}\n{line.format('{A ' * 500 + '1' + '}' * 500)}\nEND")
     assert (fault.line, fault.remedy) == (3, "declare inner structures on their own")
     assert "more than 16 braces within one another" in fault.reason
-
-
-INLINE = """DEF a()
-SPTP XHOME WITH $VEL_AXIS[1] = SVEL_JOINT(100.0), $TOOL = STOOL2(FHOME), $BASE = SBASE(FHOME.BASE_NO)
-SLIN XP1 WITH $VEL = SVEL_CP(2.0, , LCPDAT1), $TOOL = STOOL2(FP1), $BASE = SBASE(FP1.BASE_NO), $APO = SAPO(L)
-SLIN {X 1,Y 2,Z 3,A 0,B 0,C 0}
-END
-"""
-DECLARED = """DEFDAT A
-DECL E6POS XP1={X 1364.43,Y -25.28,Z 1394.6,A 177.9,B 1.2,C 178.9,S 6,T 19,E1 0.0}
-DECL FDAT FP1={TOOL_NO 1,BASE_NO 2,IPO_FRAME #BASE,POINT2[] " ",TQ_STATE FALSE}
-ENDDAT
-"""
-
-
-def test_krl_spline_inline_forms_have_frames_of_their_own():
-    program = read("a.src", INLINE, ("a.dat", DECLARED))
-    assert frames(program) == [("BASE_DATA[2]", "TOOL_DATA[1]"), ("active $BASE", "active $TOOL")]
 
 
 def test_krl_trigger_of_a_routine_has_a_priority():

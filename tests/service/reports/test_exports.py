@@ -8,7 +8,6 @@ from xml.etree import ElementTree
 import numpy as np
 import openpyxl
 import pytest
-from support.terminal import terminal
 
 import jointstiff
 from jointstiff.schemas.run import Campaign, JointResult
@@ -200,17 +199,3 @@ def test_mujoco_bends_as_the_springs_do(pulled, weighed):
         )
     assert differences[0] < 1e-2
     assert differences[1] == pytest.approx(differences[0] / 10, rel=0.05)
-
-
-def test_the_terminal_writes_by_suffix(document, tmp_path):
-    campaign = tmp_path / "campaign.json"
-    campaign.write_text(json.dumps(document))
-    for name in ("model.mjcf", "model.xml"):
-        path = tmp_path / name
-        shown = terminal("export", str(campaign), "-o", str(path))
-        assert shown.exit_code == 0, shown.output
-        assert parsed(path.read_bytes()).tag == "mujoco"
-    shown = terminal("export", str(campaign), "-o", str(path))
-    assert shown.exit_code == 2
-    shown = terminal("export", str(campaign), "-o", str(tmp_path / "model.step"))
-    assert shown.exit_code == 2

@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 
 from jointstiff.schemas.run import JointResult
+from jointstiff.service.kinds.map import area
 from jointstiff.service.reports.pictures import bars, intervals
 from jointstiff.service.reports.plots import figure_of
-from jointstiff.service.tables.table import Area, Chart
+from jointstiff.service.tables.table import Area, Chart, Sheet
 
 
 def joint(name, stiffness, interval):
@@ -113,3 +114,15 @@ def test_bars_of_a_plot_stand_around_their_place_from_left_to_right():
     assert [[bar.get_height() for bar in group] for group in axis.containers] == [[2, 4], [6, 8], [10, 12]]
     assert np.mean(middles, axis=0).tolist() == pytest.approx([0.0, 1.0])
     assert (np.diff(middles, axis=0) > 0.0).all()
+
+
+@pytest.mark.parametrize(("sizes", "across"), [((3, 2, 2), "z"), ((3, 1, 2), "y"), ((1, 2, 2), "x")])
+def test_the_slice_of_a_map_lies_across_its_thinnest_axis_where_most_bends(sizes, across):
+    places = np.stack(np.meshgrid(*map(np.arange, sizes), indexing="ij"), axis=-1).reshape(-1, 3)
+    bends = [2e-3, *[1e-3] * (len(places) - 2), None]
+    columns = {f"{axis} [m]": places[:, k].tolist() for k, axis in enumerate("xyz")}
+    drawn = area(Sheet(columns | {"deflection [m]": bends}))
+    k = "xyz".index(across)
+    assert drawn.title == f"Deflection at {across} = 0 mm"
+    assert len(drawn.values) == (places[:, k] == 0).sum()
+    assert max(drawn.values) == 2e-3

@@ -137,14 +137,6 @@ STATED = {
 }
 
 
-def test_a_report_lists_the_causes_that_were_tested(subject, signed):
-    names = {cause.name.replace("_", " ") for cause in subject.model.result.causes}
-    assert "load point" in names
-    text = " ".join(pages_of(signed))
-    assert "Causes tested, p-value" in text
-    assert all(name in text for name in names)
-
-
 def test_every_item_has_a_test():
     assert [item for item, _, _ in ITEMS] == list(STATED)
 
@@ -154,34 +146,6 @@ def test_the_pdf_states_each_item_of_iso_17025(signed, item):
     text = " ".join(pages_of(signed))
     assert STATED[item] in text
     assert item in text
-
-
-def test_each_page_has_number_and_count(signed, run):
-    pages = pages_of(signed)
-    assert 2 <= len(pages) <= 4
-    for place, page in enumerate(pages, 1):
-        assert f"{run.id}-1" in page
-        assert f"page {place} of {len(pages)}" in page
-    assert "End of report" in pages[-1]
-
-
-def test_numbers_limits_and_origin_are_in_the_pdf(signed, run):
-    text = " ".join(pages_of(signed))
-    assert "not a test of static compliance after ISO 9283:1998, clause 10" in text
-    assert run.provenance.input_hash in text
-    assert f"pinocchio {run.provenance.versions['pinocchio']}" in text
-    assert "joint_1: no number: the load never twists joint_1" in text
-    assert "use with care" in text
-    assert (
-        "Force on the robot 1500 N Load point in the flange frame (-60, 20, 180) mm Targets read 3: P10, P11"
-        in text
-    )
-    assert "Size of the force: none stated; ±1 % assumed. Load point: none stated; ±10 mm assumed." in text
-    assert {"assumed_force_scale", "assumed_load_point"} <= {
-        component.source for component in run.result.budget.components
-    }
-    assert "exact" not in text
-    assert "accredit" not in text.lower()
 
 
 def test_a_budget_without_model_error_is_partial(subject):
@@ -291,40 +255,6 @@ def test_the_page_loads_nothing_and_has_no_scripts(subject, run):
     assert "src=" not in page
     assert page.count("http") == page.count('xmlns="http://www.w3.org/2000/svg"')
     assert run.provenance.input_hash in page
-
-
-SETTINGS = 'name = "Metrology Lab"\naddress = ["Nantes"]\nlogo = "logo.png"\n'
-
-
-def test_the_terminal_writes_with_settings(document, run, tmp_path):
-    import typst
-
-    (tmp_path / "campaign.json").write_text(json.dumps(document))
-    (tmp_path / "run.json").write_text(run.model_dump_json())
-    (tmp_path / "lab.toml").write_text(SETTINGS)
-    (tmp_path / "logo.png").write_bytes(
-        typst.compile(b"#set page(width: 2cm, height: 1cm)\nLogo", format="png")
-    )
-    for name in ("report.pdf", "report.html"):
-        arguments = ["report", tmp_path / "campaign.json", "--run", tmp_path / "run.json"]
-        arguments += ["--laboratory", tmp_path / "lab.toml", "-o", tmp_path / name]
-        shown = terminal(*arguments)
-        assert shown.exit_code == 0, shown.output
-        assert b"Logo" in (tmp_path / name).read_bytes() or name == "report.pdf"
-    assert "Metrology Lab" in pages_of(Path(tmp_path / "report.pdf").read_bytes())[0]
-
-
-def test_the_terminal_reports_on_other_jobs(document, tmp_path):
-    campaign, job = tmp_path / "campaign.json", tmp_path / "comparison.json"
-    campaign.write_text(json.dumps(document))
-    job.write_text(terminal("compare", str(campaign), "--json").stdout)
-    shown = terminal("report", str(job), "-o", str(tmp_path / "comparison.pdf"))
-    assert shown.exit_code == 0, shown.output
-    assert "Comparison" in pages_of((tmp_path / "comparison.pdf").read_bytes())[0]
-    (tmp_path / "other.json").write_text("{}")
-    shown = terminal("report", str(tmp_path / "other.json"), "-o", str(tmp_path / "o.pdf"))
-    assert shown.exit_code == 2
-    assert "robot: required field is missing" in shown.output
 
 
 @pytest.mark.parametrize("by_reading", [True, False])

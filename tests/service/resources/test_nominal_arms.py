@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 from reference.published_arms import ARMS, UR_ORIGINS, ur_flange_at
-from support.api import post
 
 from jointstiff.service.conversion.prepared import prepare_robot
 from jointstiff.service.conversion.robots import to_kinematics
@@ -48,29 +47,3 @@ def test_an_unclear_name_is_refused(typed, said):
     with pytest.raises(RequestError, match=said) as caught:
         find_arm(typed, "model.arm")
     assert caught.value.where == "model.arm"
-
-
-def test_over_the_api(local):
-    listed = local.get("/v1/catalogue").json()
-    arm = next(each for each in listed["arms"] if each["name"] == "FANUC M-20iD/25")
-    assert arm["reach"] == pytest.approx(1.831)
-    presets = {each["id"]: each for each in listed["joint_maps"]}
-    assert presets[arm["joint_map_preset"]]["joint_map"] == arm["joint_map"]
-    body = {"name": "cell 3", "model": {"format": "catalogue", "arm": "M-20iD"}}
-    robot = post(local, "/v1/robots", body)
-    assert robot["nominal_arm"] == "FANUC M-20iD/25"
-    assert robot["model"] == arm["model"]
-    assert robot["joint_map"] == arm["joint_map"]
-    described = {"name": "cell 4", "model": arm["model"], "joint_map": arm["joint_map"]}
-    same = local.request("POST", "/v1/robots", json=described).json()
-    assert same["nominal_arm"] is None
-    found = local.get("/v1/robots", params={"content_hash": robot["content_hash"]}).json()["items"]
-    assert [(each["name"], each["nominal_arm"]) for each in found] == [
-        ("cell 4", None),
-        ("cell 3", "FANUC M-20iD/25"),
-    ]
-    own = {"matrix": np.eye(6).tolist(), "offset": [0.0] * 6}
-    mapped = local.request("POST", "/v1/robots", json=body | {"joint_map": own}).json()
-    assert mapped["joint_map"] == own
-    refused = post(local, "/v1/robots", body | {"model": {"format": "catalogue", "arm": "X1"}}, 422)
-    assert refused["where"] == "model.arm"

@@ -13,13 +13,13 @@ WIDTH = 80
 COMMANDS = (
     "identify campaign.json --details",
     "compare campaign.json",
-    "plan campaign.json",
+    pytest.param("plan campaign.json", marks=pytest.mark.slow),
     "predict campaign.json EXAMPLES/postures.csv --load-point 0,0,120",
     "compensate campaign.json EXAMPLES/pocket.src -o out.src --accuracy-option off --force 0,0,-500",
     "import EXAMPLES/readings.csv",
     "robots 'KUKA KR 210 R2700'",
-    "geometry EXAMPLES/sweeps.json",
-    "compare campaign.json secondary.json",
+    pytest.param("geometry EXAMPLES/sweeps.json", marks=pytest.mark.slow),
+    pytest.param("compare campaign.json secondary.json", marks=pytest.mark.slow),
     "map campaign.json --options plate.json",
 )
 """Commands of README and the guides that print tables."""

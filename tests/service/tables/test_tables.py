@@ -116,16 +116,6 @@ def test_intervals_without_a_number_are_open(unit, ends, shown):
     assert shown[1] is None or float(high) == pytest.approx(factor[shown[1]], rel=1e-2)
 
 
-@pytest.mark.parametrize("stated", [True, False])
-def test_chi_square_is_shown_where_there_is_a_sigma_to_test(document, stated):
-    noise = {} if stated else {"noise": None}
-    measured = document["measurement_set"] | noise
-    found = identified(document | {"measurement_set": measured})
-    goodness = found.result.goodness
-    assert goodness.sigma_source == ("given" if stated else "residuals")
-    assert ("χ²/dof" in printed(job_report(RUN, found, details=True))) == stated
-
-
 def test_shares_of_the_budget_are_those_of_the_result(document):
     """In percent of each joint's compliance, the least and the greatest."""
     noise = document["measurement_set"]["noise"] | {"force": {"scale": 0.02}, "load_point": 0.001}

@@ -16,7 +16,7 @@ from jointstiff.service.workers.doctor import examine
 @pytest.fixture
 def url(either_database_url):
     with Store.open(either_database_url) as store:
-        runs_of(store).create(request(stored_set(store)), None)
+        runs_of(store).create(request(stored_set(store), resampling=None), None)
     return either_database_url
 
 
