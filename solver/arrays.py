@@ -22,3 +22,9 @@ def in_one_sense(axes: FloatArray) -> FloatArray:
     size = np.abs(axes)
     first = np.argmax(size > 0.5 * size.max(axis=-1, keepdims=True), axis=-1)[..., None]
     return np.asarray(np.where(np.take_along_axis(axes, first, axis=-1) < 0.0, -axes, axes))
+
+
+def cross(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Return products a × b of vectors (3, ...), components first: of single ones `np.cross` takes 15 µs."""
+    (ax, ay, az), (bx, by, bz) = a, b
+    return np.array([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])

@@ -64,7 +64,7 @@ from jointstiff.schemas.geometry import (
     WristResult,
 )
 from jointstiff.schemas.robot import DhRow
-from jointstiff.solver.arrays import BoolArray, FloatArray
+from jointstiff.solver.arrays import BoolArray, FloatArray, cross
 from jointstiff.solver.errors import MeasurementError, RobotError
 from jointstiff.solver.geometry.poses import (
     Axis,
@@ -97,7 +97,7 @@ def common_feet(first: Axis, second: Axis) -> tuple[FloatArray, FloatArray]:
     a, b = first.direction, second.direction
     between = second.point - first.point
     cosine = float(a @ b)
-    sine2 = float(np.sum(np.cross(a, b) ** 2))
+    sine2 = float(np.sum(cross(a, b) ** 2))
     along, back = float(between @ a), float(between @ b)
     return first.at((along - back * cosine) / sine2), second.at((along * cosine - back) / sine2)
 
@@ -120,7 +120,7 @@ def perpendicular_frame(axes: Sequence[Axis], frame: Literal["base", "flange"]) 
             remedy=explicit if frame == "base" else "define the flange by three targets",
         )
     main, other = (axes[0], axes[1]) if frame == "base" else (axes[-1], axes[-2])
-    x = np.cross(other.direction, main.direction)
+    x = cross(other.direction, main.direction)
     sine = float(np.linalg.norm(x))
     if sine < LEAST_SINE:
         raise MeasurementError(
@@ -449,7 +449,7 @@ def _by_trilateration(
     read = np.flatnonzero(present.any(axis=0)).tolist()
     triples = [list(three) for three in combinations(read, 3)]
     sides = [identified.targets[three[1:]] - identified.targets[three[0]] for three in triples]
-    areas = [float(np.linalg.norm(np.cross(first, second))) for first, second in sides]
+    areas = [float(np.linalg.norm(cross(first, second))) for first, second in sides]
     if not max(areas, default=0.0) > 0.0:
         return None
     chosen = triples[int(np.argmax(areas))]  # they span the largest triangle
@@ -493,7 +493,7 @@ def trilaterate(
     """
     r, P = np.asarray(distances, dtype=np.float64), targets
     sides = P[1:] - P[0]
-    normal, lengths = np.cross(*sides), np.linalg.norm(sides, axis=1)
+    normal, lengths = cross(*sides), np.linalg.norm(sides, axis=1)
     area = float(np.linalg.norm(normal))
     if not area > _COLLINEAR * lengths[0] ** 2:
         raise MeasurementError(
@@ -562,7 +562,7 @@ class FlangeConvention:
             return perpendicular_frame(axes, "flange") * self.frame_from_flange
         points = targets[list(self.targets)]
         x, side = points[1] - points[0], points[2] - points[0]
-        normal = np.cross(x, side)
+        normal = cross(x, side)
         if np.linalg.norm(normal) <= 1e-3 * float(x @ x):
             raise MeasurementError(
                 "the three targets lie on a line and do not define a flange frame",
@@ -701,7 +701,7 @@ def link_geometry(
             along = (end - start) - z[i] * float((end - start) @ z[i])
         else:
             start, end = common_feet(first, second)
-            along = np.cross(z[i], z[i + 1])
+            along = cross(z[i], z[i + 1])
         length = float(np.linalg.norm(along))
         along = along / length if length > _NO_DIRECTION else x[-1]
         distance = float((end - start) @ along)
@@ -737,7 +737,7 @@ def _across(vector: FloatArray, normal: FloatArray, instead: FloatArray) -> Floa
 
 def _angle(first: FloatArray, second: FloatArray, about: FloatArray) -> float:
     """Angle [rad] from one vector to another about a unit vector; half a turn is +π."""
-    angle = np.arctan2(np.cross(first, second) @ about, first @ second - (first @ about) * (second @ about))
+    angle = np.arctan2(cross(first, second) @ about, first @ second - (first @ about) * (second @ about))
     return float(angle if angle > _SEAM else angle + 2.0 * np.pi)
 
 
@@ -755,7 +755,7 @@ def link_table(
     n = identified.n
     axes, nominal_flange = _nominal_axes(nominal, n)
     parallel = [
-        bool(np.linalg.norm(np.cross(first.direction, second.direction)) < LEAST_SINE)
+        bool(np.linalg.norm(cross(first.direction, second.direction)) < LEAST_SINE)
         for first, second in pairwise(axes)
     ]
     expected = link_geometry(axes, nominal_flange, parallel)
@@ -811,7 +811,7 @@ def dh_table(
     used, pairs, made = [axes[0]], [], []
     for i, axis in enumerate(axes[1:]):
         before = used[-1].direction
-        sine = float(np.linalg.norm(np.cross(before, axis.direction)))
+        sine = float(np.linalg.norm(cross(before, axis.direction)))
         replaced = sine < parallel_within or sine == 0.0
         if sine < LEAST_SINE:
             angle = np.arcsin(sine)

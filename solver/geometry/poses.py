@@ -41,7 +41,7 @@ from scipy.linalg import qr
 from scipy.spatial.transform import Rotation
 
 from jointstiff.schemas.geometry import PoseEvidence
-from jointstiff.solver.arrays import BoolArray, FloatArray
+from jointstiff.solver.arrays import BoolArray, FloatArray, cross
 from jointstiff.solver.errors import MeasurementError, NotObservableError, RobotError
 from jointstiff.solver.estimation.triangle import unit_columns
 from jointstiff.solver.mechanics.configuration import skew
@@ -96,7 +96,7 @@ def transformed(transform: pin.SE3, points: FloatArray) -> FloatArray:
 
 def right_handed(x: FloatArray, z: FloatArray, origin: FloatArray) -> pin.SE3:
     """Return the transform from a frame with these unit vectors x and z, and an origin [m] (3,) each."""
-    return pin.SE3(np.column_stack([x, np.cross(z, x), z]), origin)
+    return pin.SE3(np.column_stack([x, cross(z, x), z]), origin)
 
 
 def by_small_motion(points: FloatArray) -> FloatArray:
@@ -120,9 +120,9 @@ class Axis:
         """The axis through a point (3,) [m] along a direction (3,) of any length but zero."""
         a = np.array(direction, dtype=np.float64)
         a /= np.linalg.norm(a)
-        u = np.cross(np.eye(3)[np.argmin(np.abs(a))], a)
+        u = cross(np.eye(3)[np.argmin(np.abs(a))], a)
         u /= np.linalg.norm(u)
-        return cls(pin.SE3(np.column_stack([u, np.cross(a, u), a]), np.array(point, dtype=np.float64)))
+        return cls(pin.SE3(np.column_stack([u, cross(a, u), a]), np.array(point, dtype=np.float64)))
 
     @cached_property
     def point(self) -> FloatArray:
@@ -509,10 +509,11 @@ class Motion:
         """Turn axes and targets (T, 3) [m] from angle zero by angles (N, n) [rad]."""
         R, t = np.broadcast_to(np.eye(3), (len(angles), 3, 3)), np.zeros((len(angles), 3))
         self.axes, self.carried = axes, [(R, t)]
-        for axis, angle in zip(axes, angles.T, strict=True):
-            turns = Rotation.from_rotvec(np.outer(angle, axis.direction)).as_matrix()
-            t = t + (R @ (axis.point - turns @ axis.point)[..., None])[..., 0]
-            R = R @ turns
+        vectors = angles.T[..., None] * np.array([axis.direction for axis in axes])[:, None]
+        turns = Rotation.from_rotvec(vectors.reshape(-1, 3)).as_matrix()
+        for axis, turn in zip(axes, turns.reshape(*vectors.shape, 3), strict=True):
+            t = t + (R @ (axis.point - turn @ axis.point)[..., None])[..., 0]
+            R = R @ turn
             self.carried.append((R, t))
         self.points: FloatArray = targets @ R.transpose(0, 2, 1) + t[:, None]
 

@@ -40,7 +40,7 @@ from scipy import special
 from scipy.linalg import helmert
 
 from jointstiff.schemas.geometry import SweptTarget
-from jointstiff.solver.arrays import BoolArray, FloatArray
+from jointstiff.solver.arrays import BoolArray, FloatArray, cross
 from jointstiff.solver.errors import MeasurementError
 from jointstiff.solver.geometry.poses import (
     CHART_SIZE,
@@ -361,9 +361,9 @@ def _start(sweep: Sweep, readings: PoseReadings, outer: AxisFit | None) -> PoseS
     for t in np.flatnonzero(sweep.present.sum(axis=0) >= columns.shape[1]):
         rows = sweep.present[:, t]
         A, B, C = np.linalg.lstsq(columns[rows], sweep.points[rows, t], rcond=None)[0]
-        normal += np.cross(B, C)
+        normal += cross(B, C)
         centres.append(A)
-        radii.append(float(np.linalg.norm(np.cross(B, C))))
+        radii.append(float(np.linalg.norm(cross(B, C))))
         if rows.sum() > count:
             count, radius = rows.sum(), B
     if not np.linalg.norm(normal) > 0.0:

@@ -16,9 +16,9 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from jointstiff.solver.arrays import BoolArray, FloatArray
+from jointstiff.solver.arrays import BoolArray, FloatArray, cross
 from jointstiff.solver.errors import RequestError, SolverError
-from jointstiff.solver.mechanics.configuration import Configurations, cross, joint_frames, skew
+from jointstiff.solver.mechanics.configuration import Configurations, joint_frames, skew
 from jointstiff.solver.mechanics.measurements import CommonUncertainty, Measurements, whitened
 from jointstiff.solver.mechanics.robot import Robot
 

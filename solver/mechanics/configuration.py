@@ -254,12 +254,6 @@ def find_wrist(robot: Robot) -> Wrist | None:
     return Wrist(in_flange, float(misses.max()))
 
 
-def cross(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Return products a × b of vectors (3, ...) whose components come first."""
-    (ax, ay, az), (bx, by, bz) = a, b
-    return np.array([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
-
-
 def skew(v: FloatArray) -> FloatArray:
     """Cross-product matrices (..., 3, 3) of vectors (..., 3)."""
     out = np.zeros((*v.shape, 3))

@@ -21,7 +21,7 @@ from jointstiff.schemas import model as stored_as
 from jointstiff.schemas.fields import Message
 from jointstiff.schemas.finding import Finding
 from jointstiff.schemas.run import Budget
-from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
+from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray, cross
 from jointstiff.solver.errors import JointstiffError, RequestError
 from jointstiff.solver.estimation.assessment import Assessment
 from jointstiff.solver.estimation.estimate import (
@@ -108,7 +108,7 @@ def _frame_about(axis: FloatArray) -> FloatArray:
     x, y = np.eye(3)[:2] - np.outer(axis[:2], axis)
     across = x if np.linalg.norm(x) > 1e-6 else y
     first = across / np.linalg.norm(across)
-    return np.stack([first, np.cross(axis, first), axis], axis=1)
+    return np.stack([first, cross(axis, first), axis], axis=1)
 
 
 def postures_within_limits(

@@ -16,10 +16,10 @@ from typing import ClassVar, Final
 
 import numpy as np
 
-from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray, in_one_sense
+from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray, cross, in_one_sense
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.estimation.fit import student_quantile
-from jointstiff.solver.mechanics.configuration import Configurations, cross, rotation_vectors
+from jointstiff.solver.mechanics.configuration import Configurations, rotation_vectors
 from jointstiff.solver.mechanics.robot import Robot
 
 LARGEST_TURN: Final = 0.25
