@@ -32,14 +32,13 @@ L selects the s parameters of interest, which are the first; the others are a nu
 
 from __future__ import annotations
 
-from contextlib import suppress
 from dataclasses import dataclass
 from typing import Final, NamedTuple, TypeAlias
 
 import numpy as np
 from scipy.optimize import LinearConstraint, minimize, nnls
 
-from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
+from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray, greatest_eigenvalue
 from jointstiff.solver.errors import RequestError, SolverError
 
 
@@ -207,10 +206,9 @@ def uncertainty_of(M: FloatArray, s: int) -> FloatArray:
     diagonal = np.diagonal(M, axis1=-2, axis2=-1)
     unit = 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
     scaled = M * (unit[..., :, None] * unit[..., None, :])
-    with suppress(np.linalg.LinAlgError):  # a fifth of the time, where nothing is near to singular
-        variance = np.diagonal(np.linalg.inv(scaled), axis1=-2, axis2=-1)
-        if ((variance > 0.0) & (variance < _REGULAR)).all():
-            return np.asarray((unit * np.sqrt(variance))[..., :s])
+    variance = _swept_diagonal(scaled)
+    if ((variance > 0.0) & (variance < _REGULAR)).all():  # nothing is near to singular: a tenth of the time
+        return np.asarray((unit * np.sqrt(variance))[..., :s])
     values, vectors = np.linalg.eigh(scaled)
     null = values <= 1e-12 * np.maximum(values[..., -1:], 1e-300)
     squares = np.square(vectors[..., :s, :])
@@ -219,8 +217,26 @@ def uncertainty_of(M: FloatArray, s: int) -> FloatArray:
     return np.where(free, np.inf, unit[..., :s] * np.sqrt(variance))
 
 
+def _swept_diagonal(M: FloatArray) -> FloatArray:
+    """Return the diagonals (..., p) of inverses of positive definite matrices; anything where M is singular.
+
+    Gauss and Jordan's elimination needs no pivots there. Each operation runs along all matrices at once: a
+    third of LAPACK's time.
+    """
+    A = np.moveaxis(M, (-2, -1), (0, 1)).copy()
+    with np.errstate(all="ignore"):
+        for k in range(len(A)):
+            pivot = 1.0 / A[k, k]
+            row, column = A[k] * pivot, A[:, k] * -pivot
+            A -= A[:, k, None] * row
+            A[k], A[:, k], A[k, k] = row, column, pivot
+    return np.asarray(np.einsum("ii...->...i", A))
+
+
 def _log_det(M: FloatArray) -> FloatArray:
     """Return log det M (...); −inf where M (..., p, p) is not positive definite, or by rounding only."""
+    if not M.shape[-1]:
+        return np.zeros(M.shape[:-2])
     try:
         pivots = np.square(np.diagonal(np.linalg.cholesky(M), axis1=-2, axis2=-1))
     except np.linalg.LinAlgError:
@@ -238,7 +254,7 @@ def _inverse(M: FloatArray) -> tuple[FloatArray, BoolArray]:
 def _log_det_slope(M: FloatArray, K: FloatArray) -> tuple[float, FloatArray, FloatArray]:
     """Return log det M, its gradient (k,), and minus its Hessian (k, k), along K (k, p, p)."""
     k, value = len(K), float(_log_det(M))
-    if not np.isfinite(value):
+    if not (M.size and np.isfinite(value)):
         return value, np.zeros(k), np.zeros((k, k))
     X = np.linalg.inv(M) @ K
     flat = X.reshape(k, X.shape[1] ** 2)
@@ -258,7 +274,7 @@ _START: Final = 12
 """Readings chosen greedily to begin with."""
 _SAMPLE: Final = 2_000
 """Candidates among which these are sought."""
-_BLOCK: Final = 256
+_BLOCK: Final = 1024
 """Candidates whose information is computed at once."""
 _ADDED: Final = 20
 """Candidates that join in a round."""
@@ -392,7 +408,7 @@ class Candidates:
         """Return some candidates, each under its load of the greatest ``⟨G, K_i⟩``."""
         force = np.zeros((len(index), 3))
         if self.free:
-            force = np.linalg.eigh(_forms(self._products(index, G)))[1][:, :, -1]
+            force = np.linalg.eigh(_forms(self._products(index, G)).T)[1][:, :, -1]
         return self.under(index, force)
 
     def best(self, G: FloatArray, allowed: BoolArray | bool = True) -> Atoms:
@@ -420,28 +436,8 @@ class Candidates:
 
 
 def _forms(products: FloatArray) -> FloatArray:
-    """Return the quadratic forms of the force ⟨G, K_ab⟩ (N, 3, 3), of products (N, 6)."""
-    return products[:, [[0, 1, 2], [1, 3, 4], [2, 4, 5]]]
-
-
-def greatest_eigenvalue(matrices: FloatArray) -> FloatArray:
-    """Return the greatest eigenvalue of symmetric 3 × 3 matrices, in closed form.
-
-    ``λ = q + 2 r cos(arccos(det(B)/2)/3)`` with q = tr(A)/3, 6 r² = ‖A − q I‖² and
-    B = (A − q I)/r (Smith 1961).
-
-    Args:
-        matrices: (..., 3, 3).
-
-    Returns:
-        (...).
-    """
-    mean = np.trace(matrices, axis1=-2, axis2=-1) / 3.0
-    B = matrices - mean[..., None, None] * np.eye(3)
-    r = np.sqrt(np.square(B).sum(axis=(-2, -1)) / 6.0)
-    B /= np.where(r > 0.0, r, 1.0)[..., None, None]
-    half = 0.5 * (B[..., 0, :] * np.cross(B[..., 1, :], B[..., 2, :])).sum(axis=-1)
-    return np.asarray(mean + 2.0 * r * np.cos(np.arccos(np.clip(half, -1.0, 1.0)) / 3.0))
+    """Return the quadratic forms of the force ⟨G, K_ab⟩ (3, 3, N), of products (N, 6)."""
+    return products.T[[[0, 1, 2], [1, 3, 4], [2, 4, 5]]]
 
 
 @dataclass(frozen=True, eq=False)

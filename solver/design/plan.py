@@ -758,7 +758,7 @@ class _NextReading:
         forces = self._forces(postures, joints if all_directions else joints[:0])
         total = self._regressor.T @ self._regressor + postures.information(forces)
         deviation = uncertainty_of(total, total.shape[-1])
-        easy = np.isclose(np.abs(forces).max(axis=2), self._strength, rtol=_SHOWS)
+        easy = np.abs(forces).max(axis=2) > (1.0 - _SHOWS) * self._strength
         easy[:, 0] = True
         best = list[Candidate | None]()
         for joint in joints.tolist():

@@ -16,7 +16,14 @@ from typing import ClassVar, Final
 
 import numpy as np
 
-from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray, cross, in_one_sense
+from jointstiff.solver.arrays import (
+    BoolArray,
+    FloatArray,
+    IndexArray,
+    cross,
+    greatest_eigenvalue,
+    in_one_sense,
+)
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.estimation.fit import student_quantile
 from jointstiff.solver.mechanics.configuration import Configurations, rotation_vectors
@@ -328,20 +335,9 @@ def unit_vectors(vectors: FloatArray) -> FloatArray:
 
 
 def greatest_deviation(half: FloatArray) -> FloatArray:
-    """Return the greatest standard uncertainty (B,) in any direction, by roots (B, 3, p) of covariances.
-
-    The eigenvalue is that of a symmetric 3 × 3 matrix in closed form (Smith, *Eigenvalues of a symmetric
-    3 × 3 matrix*, 1961).
-    """
+    """Return the greatest standard uncertainty (B,) in any direction, by roots (B, 3, p) of covariances."""
     roots = half.transpose(1, 2, 0)
-    covariance = np.einsum("ikn,jkn->ijn", roots, roots)
-    mean = np.einsum("iin->n", covariance) / 3.0
-    rest = covariance - mean * np.eye(3)[..., None]
-    spread = np.sqrt(np.einsum("ijn,ijn->n", rest, rest) / 6.0)
-    rest /= np.where(spread > 0.0, spread, 1.0)
-    determinant = np.einsum("in,in->n", rest[0], cross(rest[1], rest[2]))
-    greatest = mean + 2.0 * spread * np.cos(np.arccos(np.clip(0.5 * determinant, -1.0, 1.0)) / 3.0)
-    return np.asarray(np.sqrt(greatest))
+    return np.asarray(np.sqrt(greatest_eigenvalue(np.einsum("ikn,jkn->ijn", roots, roots))))
 
 
 @dataclass(frozen=True)
