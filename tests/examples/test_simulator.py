@@ -160,24 +160,6 @@ class TestEquilibrium:
             assert arm.stiffnesses * twist == pytest.approx(expected, rel=1e-10, abs=1e-9)
 
     @every_arm
-    def test_the_energy_is_least_at_the_balance(self, arm):
-        """½ δθᵀ K δθ − F · p_W is stationary, and grows in every direction away from it."""
-
-        def energy(twist, q):
-            point = arm.posture(q + twist).point_to_base(LOAD_POINT)
-            return 0.5 * twist @ (arm.stiffnesses * twist) - FORCE @ point
-
-        step = 1e-4
-        for q in random_configurations(arm, 3, seed=7):
-            twist = equilibrium(arm, q, FORCE, np.zeros(3), LOAD_POINT)
-            torque_scale = np.linalg.norm(FORCE)  # at a lever of a metre
-            for direction in [*np.eye(len(q)), np.ones(len(q)) / np.sqrt(len(q))]:
-                ahead = energy(twist + step * direction, q)
-                behind = energy(twist - step * direction, q)
-                assert abs(ahead - behind) / (2 * step) < 1e-6 * torque_scale
-                assert ahead + behind > 2 * energy(twist, q)
-
-    @every_arm
     def test_the_derivative_of_the_torques(self, arm):
         q, step = random_configurations(arm, 1, seed=9)[0], 1e-6
         actual = torque_derivative(arm, q, FORCE, MOMENT, LOAD_POINT)
@@ -201,17 +183,6 @@ class TestEquilibrium:
         twist = equilibrium(arm, random_configurations(arm, 6), FORCE, MOMENT, LOAD_POINT)
         assert not twist[:, [1, 3]].any()
         assert np.all(twist[:, [0, 2, 4]] != 0.0)
-
-    def test_many_configurations_at_once_are_as_one_by_one(self):
-        arm = default_arm()
-        plan = plan_experiment(arm, configurations=7, load="pull", moment=200.0)
-        together = deflections(arm, plan.joints, *plan.wrenches, POINTS)
-        assert together[0].shape == together[1].shape == (7, 3, 3)
-        for i, q in enumerate(plan.joints):
-            wrench = (plan.forces[i], plan.moments[i], plan.load_points[i])
-            alone = deflections(arm, q, *wrench, POINTS)
-            assert together[0][i] == pytest.approx(alone[0], abs=1e-15)
-            assert together[1][i] == pytest.approx(alone[1], abs=1e-14)
 
     def test_a_column_beyond_its_critical_load_is_refused(self):
         """A lever pushed along itself buckles at F = k / L."""
@@ -324,19 +295,6 @@ class TestUnits:
         assert same["force"] == pytest.approx(np.array(first["force"]) / 1e3, rel=1e-14)
         assert same["moment"] == pytest.approx(np.array(first["moment"]) * 1e3, rel=1e-14)
         assert same["load_point"] == pytest.approx([100.0, 100.0, 100.0])
-
-    @pytest.mark.parametrize("length", ["m", "mm"])
-    @pytest.mark.parametrize("angle", ["rad", "deg"])
-    @pytest.mark.parametrize(("force", "moment"), [("N", "N.m"), ("kN", "kN.m"), ("kgf", "N.mm")])
-    def test_an_experiment_survives_its_document(self, length, angle, force, moment):
-        plan = plan_experiment(default_arm(), load="pull", moment=70.0, seed=2)
-        units = {"length": length, "angle": angle, "force": force, "moment": moment}
-        document = simulate_campaign(default_arm(), load="pull", moment=70.0, seed=2, units=units)
-        back = experiment_of(document)
-        assert back.joints == pytest.approx(plan.joints, rel=1e-13)
-        assert back.forces == pytest.approx(plan.forces, rel=1e-13)
-        assert back.moments == pytest.approx(plan.moments, rel=1e-13)
-        assert back.load_points == pytest.approx(plan.load_points, rel=1e-13)
 
 
 class TestTruth:

@@ -317,27 +317,6 @@ def test_labels_find_each_other_in_any_order_but_in_other_postures_and_loads(sim
     assert avoided.predicted == pytest.approx(straight.predicted)
 
 
-@pytest.mark.parametrize("loads", [("pull", "dead_weight"), ("dead_weight", "pull")])
-def test_a_joint_that_one_campaign_does_not_twist(loads):
-    arms = MOTOR, SECONDARY
-    sides = [side(simulate_campaign(arm, load=load, seed=5)) for arm, load in zip(arms, loads, strict=True)]
-    pair = pair_of(*sides, ordered=True)
-    joint, which, sees = pair.joints[0], loads.index("dead_weight"), loads.index("pull")
-    assert (joint.ratio, joint.ratio_interval, joint.p_value) == (None, None, None)
-    assert joint.reason.startswith(f"in the {('first', 'second')[which]} set: the load never twists joint_1")
-    unknown = np.zeros((2, 6), dtype=bool)
-    unknown[which, 0] = True
-    assert (np.isnan(pair.ordered.compliance) == unknown).all()
-    assert (np.isnan(pair.ordered.intervals).all(axis=2) == unknown).all()
-    assert pair.ordered.compliance[sees, 0] == pytest.approx(arms[sees].compliances[0], rel=0.1)
-    assert (pair.ordered.result.joints[0].compliance_second is None) == (which == 1)
-    told = {
-        load: {one.predicted is not None for one in pair.avoided.configurations[start:][:19]}
-        for load, start in zip(loads, (0, 19), strict=True)
-    }
-    assert told == {"pull": {False}, "dead_weight": {True}}  # every pull twists joint 1
-
-
 def test_without_an_uncertainty_there_is_neither_ratio_nor_order(simulated):
     first, second = simulated
     one = with_readings(first, sigma=None)

@@ -104,21 +104,6 @@ def test_false_alarms_of_six_joints_are_below_the_rate() -> None:
         assert found.exceeded.any(axis=(1, 2)).mean() <= 0.05
 
 
-_STEP = [14.0, 14.01, 13.99, 14.0, 13.7]
-_DRIFT = [14.0, 14.0, 14.0, *(14.0 + 0.3 * 0.02 * k for k in range(1, 21))]
-
-
-@pytest.mark.parametrize(("values", "word"), [(_STEP, "softer"), (_DRIFT, "stiffer")])
-def test_a_step_and_a_drift_raise_an_alarm_that_says_so(values: list[float], word: str) -> None:
-    (alarm,) = _chart(*values).alarms
-    assert (alarm.last, alarm.is_open) == (len(values) - 1, True)
-    assert values is _DRIFT or alarm.first == 4
-    words = alarm.in_words("joint_3", "2026-03-01")
-    assert words.startswith("joint_3 is ")
-    assert words.count(word) == 2
-    assert words.endswith("since 2026-03-01")
-
-
 def test_an_alarm_that_goes_away_is_closed_and_the_next_is_another() -> None:
     values = [0.0, 0.0, 0.0, 0.5, *[0.0] * 12, -0.5]
     first, second = _chart(*values).alarms

@@ -14,7 +14,6 @@ from jointstiff.schemas.options import RunOptions
 from jointstiff.service.kinds.identification import to_settings
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.solver.estimation.assessment import assess, implausible_joints
-from jointstiff.solver.estimation.causes import better_alternative
 from jointstiff.solver.estimation.estimate import JointCompliance, predict
 from jointstiff.solver.estimation.identify import identify
 from jointstiff.solver.integrity import inspect
@@ -113,16 +112,6 @@ class TestAlternatives:
         assessment, found = assessed(mended, replace(measurements, joints=joints), findings=())
         assert assessment.verdict == "use"
         assert is_true(found)
-
-    @pytest.mark.parametrize("load", ["pull", "dead_weight"])
-    def test_forces_of_the_wrong_sign_are_no_other_zero_of_a_joint(self, load):
-        for seed in (0, 3):
-            campaign = simulate_campaign(default_arm(), load=load, seed=seed, configurations=20)
-            robot, measurements = prepare(campaign)
-            reversed_force = replace(measurements, force=-measurements.force)
-            assert better_alternative(robot, reversed_force) is None
-            assessment, _ = assessed(robot, reversed_force)
-            assert "exchange_readings" in {r.action.kind for r in assessment.reasons if r.action}
 
     def test_on_a_real_robot_without_joint_map_the_makers_map_is_found(self, fanuc):
         right, measurements = fanuc
@@ -266,14 +255,3 @@ def test_a_load_point_elsewhere_does_harm_beyond_what_the_intervals_hold(pulls, 
     reason = reason_of(assessed(robot, wrong, findings=())[0], "alternative_explains_better")
     assert [cause.name for cause in reason.action.causes] == ["load_point"]
     assert reason.weight == weight
-
-
-@pytest.mark.parametrize("count", [1, 2, 5])
-def test_reasons_of_a_kind_are_one_with_their_number(pulls, count):
-    robot, measurements = pulls
-    told = [
-        Finding(code="targets_not_rigid", weight="do_not_use", observation=label, message="m", remedy="r")
-        for label in measurements.labels[:count]
-    ]
-    reason = reason_of(assessed(robot, measurements, findings=tuple(told))[0], "gross_error")
-    assert reason.message == ("m" if count == 1 else f"m (and {count - 1} more of this kind)")

@@ -253,18 +253,6 @@ class TestConstraints:
             Constraints(bounds, ((0, 1),))
 
 
-def test_an_order_through_a_joint_that_no_load_twists():
-    """It holds between the joints on both sides, and the result says so."""
-    robot, measurements = prepare(simulate_campaign(default_arm(), load="dead_weight"))
-    chain = ["joint_5", "joint_1", "joint_2"]  # in truth joint 2 is the stiffer one
-    joints = estimate(robot, measurements, stiffness_order=[chain]).joints
-    assert joints[0].status == "not_observable"
-    assert joints[1].compliance == joints[4].compliance
-    for j, other in ((1, "joint_5"), (4, "joint_2")):
-        assert joints[j].status == "at_bound"
-        assert f"makes its stiffness equal to that of {other}" in joints[j].reason
-
-
 def test_threads_share_the_programs():
     """Statements, compiled data and warnings are as they were, whatever other threads solve."""
     filters = list(warnings.filters)

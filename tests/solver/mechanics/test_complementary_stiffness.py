@@ -139,27 +139,6 @@ class TestIncluded:
 
 
 class TestReported:
-    @pytest.mark.parametrize(("method", "weighting"), METHODS_AND_WEIGHTS)
-    def test_shift_is_what_including_it_would_change(self, method, weighting):
-        robot, measurements = simulated(load="dead_weight", seed=8)
-        options = {"method": method, "weighting": weighting}
-        neglected = estimate(robot, measurements, **options)
-        included = estimate(robot, measurements, complementary_stiffness="included", **options)
-        change = included.compliance - neglected.compliance
-        known = np.array([joint.compliance is not None for joint in neglected.joints])
-        uncertainty = np.sqrt(np.diag(neglected.covariance))
-        expected = np.abs(change[known] / uncertainty[known]).max()
-        size = neglected.complementary_stiffness
-        assert size.largest_shift == pytest.approx(expected, rel=0.03)
-        np.testing.assert_allclose(
-            size.shift[known] / uncertainty[known], change[known] / uncertainty[known], atol=0.03 * expected
-        )
-        assert (size.included, size.iterations) == (False, 0)
-        other = included.complementary_stiffness
-        assert other.included
-        assert 1 <= other.iterations <= 8
-        assert other.largest_shift == pytest.approx(expected, rel=0.01)
-
     def test_shift_of_a_large_set_is_that_of_an_even_part_of_it(self, monkeypatch):
         robot, measurements = exact("dead_weight", configurations=200)
         whole = estimate(robot, measurements).complementary_stiffness
