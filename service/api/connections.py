@@ -9,6 +9,7 @@ from __future__ import annotations
 import asyncio
 import resource
 from collections.abc import Iterable, Mapping
+from operator import itemgetter
 from typing import Any, ClassVar, Final, cast
 
 import h11
@@ -73,6 +74,8 @@ class BoundedProtocol(H11Protocol):
     """Requests whose body has a turn."""
     _waiting: ClassVar[dict[RequestResponseCycle, tuple[BoundedProtocol, asyncio.Event]]] = {}
     """Requests whose body waits for a turn, and what tells that it has come."""
+    _slow: ClassVar[list[tuple[float, BoundedProtocol]]] = []
+    """Connections that make room next, the last one first, and when they were looked for."""
 
     _phase: tuple[Any, Any] = (None, None)
     _since: float = 0.0
@@ -102,9 +105,21 @@ class BoundedProtocol(H11Protocol):
         self._window = (self._since, 0)
         self._phase = (self.conn.their_state, None)
         if len(self.connections) > self.CONNECTIONS:
-            others = (cast("BoundedProtocol", one) for one in self.connections if one is not self)
-            (_slowest(others, 0.0) or self).transport.abort()
+            self._make_room()
         self.loop.call_later(self.LOOK_SECONDS, self._look)
+
+    def _make_room(self) -> None:
+        """Close the connection that is silent, or lags, for longest; this one if none does.
+
+        A look at all of them finds the next ones, too, as long as they do not go on: their order stays.
+        """
+        now, slow = self.loop.time(), self._slow
+        while slow and not (slow[-1][1] in self.connections and slow[-1][1].silence() >= now - slow[-1][0]):
+            slow.pop()
+        if not slow:
+            others = (cast("BoundedProtocol", one) for one in self.connections if one is not self)
+            slow += [(now, one) for one in _slowest(others, 0.0, ACCEPTED_AT_ONCE)]
+        (slow.pop()[1] if slow else self).transport.abort()
 
     def connection_lost(self, exc: Exception | None) -> None:
         """Let go of what was received: a reference to itself would keep it until garbage is collected."""
@@ -245,7 +260,7 @@ class BoundedProtocol(H11Protocol):
             cycle = min(cls._waiting, key=lambda one: max(0.0, cls._waiting[one][0].silence()))
             cls._turns[cycle], came = cls._waiting.pop(cycle)
             came.set()
-        if cls._waiting and (slowest := _slowest(cls._turns.values(), cls.LOOK_SECONDS)):
+        for slowest in _slowest(cls._turns.values(), cls.LOOK_SECONDS) if cls._waiting else ():
             slowest.transport.abort()
 
     def _look(self) -> None:
@@ -292,10 +307,10 @@ class BoundedProtocol(H11Protocol):
         self.transport.close()
 
 
-def _slowest(connections: Iterable[BoundedProtocol], seconds: float) -> BoundedProtocol | None:
-    """Return the connection that is silent, or lags, for longest; None if none does for longer than this."""
-    slow = (one for one in connections if one.silence() > seconds and not one.transport.is_closing())
-    return max(slow, key=BoundedProtocol.silence, default=None)
+def _slowest(connections: Iterable[BoundedProtocol], seconds: float, most: int = 1) -> list[BoundedProtocol]:
+    """Return connections that are silent, or lag, for longer than this; the longest one last."""
+    slow = ((one.silence(), one) for one in connections if not one.transport.is_closing())
+    return [one for _, one in sorted((each for each in slow if each[0] > seconds), key=itemgetter(0))[-most:]]
 
 
 def _whole_answer(status: int, reason: str, remedy: str, headers: Mapping[str, str]) -> bytes:

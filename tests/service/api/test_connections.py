@@ -182,6 +182,19 @@ def test_the_oldest_silent_connection_makes_room(serve, connect):
     assert ended(connections[-1]).startswith(b"HTTP/1.1 204")
 
 
+def test_who_goes_on_does_not_make_room_in_its_turn(serve, connect):
+    url = serve(CONNECTIONS=3)
+    first, second, third = (connect(url) for _ in range(3))
+    connect(url)
+    assert ended(first) == b""
+    second.sendall(b"GET /live HTTP/1.1\r\nHost: localhost\r\n\r\n")
+    assert second.recv(65536).startswith(b"HTTP/1.1 204")
+    connect(url)
+    assert ended(third) == b""
+    second.sendall(b"GET /live HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n")
+    assert ended(second).startswith(b"HTTP/1.1 204")
+
+
 def test_the_body_that_lags_most_makes_room(serve, connect):
     """Clients that drip a body each send something all the time."""
     url = serve(CONNECTIONS=3, BODY_RATE=64 * 1024)
