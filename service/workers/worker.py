@@ -109,7 +109,7 @@ class Recovery:
     def _give_up(self, deaths: Mapping[str, int]) -> None:
         """Fail a job over a step of which too many workers died, else it would take all others with it."""
         for job_id, count in deaths.items():
-            if count >= ATTEMPTS:
+            if count >= ATTEMPTS and self._store.kind_of_job(job_id) in _KNOWN:
                 reason = f"{ATTEMPTS} workers died over one step of job {job_id}"
                 self._jobs(job_id).fail(job_id, WorkerLostError(reason))
 

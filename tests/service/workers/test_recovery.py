@@ -242,11 +242,13 @@ def test_an_outage_is_no_death_of_workers_that_come_back(store, shared):
     assert deaths_after(2 * SILENCE, recovery.count_own_death) == [1, 1, 0], "it started again by itself"
 
 
-def test_jobs_of_a_kind_of_another_version_are_left_alone(store, runs):
+def test_jobs_of_a_kind_of_another_version_are_left_alone(store, runs, monkeypatch):
+    monkeypatch.setattr("jointstiff.service.workers.worker.ATTEMPTS", 1)
     unknown, lost, known = (runs.create(request(stored_set(store)), None) for _ in range(3))
     other = sa.update(jobs).where(jobs.c.id.in_([unknown.id, lost.id])).values(kind="oracle")
     store._database.change(other, sa.delete(job_steps).where(job_steps.c.job_id == lost.id))
     parts = Parts(store, store.steps.announce)
+    assert store.steps.take("dead").job_id == unknown.id
     Recovery(store, parts.jobs_of, "alive").look()
     while carry_out_next(store, parts.jobs_of, "alive"):
         pass
