@@ -352,8 +352,14 @@ class LiveCampaign:
         """
         if len(self.observations) < _FEWEST_THAT_TELL or not isinstance(self.result, RunResult):
             return None
-        reasons = self.result.assessment.reasons
-        return next((each for each in reasons if each.weight == "do_not_use" and each.observation), None)
+        reasons, kept = self.result.assessment.reasons, self._labels("kept")
+        wrong = [each for each in reasons if each.weight == "do_not_use" and each.observation]
+        if kept and self._prepared is not None:  # a reason stands for all findings of its kind
+            found = [each for each in self._prepared.warnings if each.weight == "do_not_use"]
+            heads = [each.message for each in wrong]
+            first = {each.code for each in found if any(head.startswith(each.message) for head in heads)}
+            wrong = [each for each in found if each.observation and each.code in first] + wrong
+        return min(wrong, key=lambda each: each.observation in kept, default=None)
 
     @property
     def fewest(self) -> int:
@@ -579,7 +585,8 @@ class LiveCampaign:
         """Return the declared rule, how it ended, and the readings that were withdrawn, for the report."""
         record = self._record()
         lines = [f"Measured live. Declared goal: {goal_text(self.declared.options)}."]
-        state, message = replace(self, entries=_open(self.entries))._standing()
+        open_entries = tuple(entry for entry in self.entries if entry.change != "closed")
+        state, message = replace(self, entries=open_entries)._standing()
         told = message if message.startswith(state) else f"{state}: {message}"
         lines.append(f"{told[0].upper()}{told[1:]}.")
         if self.check is not None:
@@ -601,10 +608,6 @@ def weight_of(load: PlannedLoad | None) -> Weight | None:
     if not isinstance(load, OwnWeight):
         return None
     return Weight(**load.model_dump(include=set(Weight.model_fields)))
-
-
-def _open(entries: tuple[Entry, ...]) -> tuple[Entry, ...]:
-    return tuple(entry for entry in entries if entry.change != "closed")
 
 
 def goal_text(options: live.LiveOptions) -> str:

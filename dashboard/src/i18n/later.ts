@@ -81,6 +81,7 @@ export const later = {
     discard: "Discard mine",
     doubtful: (label: string) => `${label} is doubtful`,
     again: "Read again",
+    againOf: (label: string) => `Withdraw ${label} and read it again`,
     againReason: "read again",
     keep: "Keep",
     skip: "Skip this posture",

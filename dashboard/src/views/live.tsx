@@ -1,4 +1,5 @@
 /** A campaign while it is measured: one posture a screen, what the readings say so far, and doubts while the weight hangs. */
+import type { ComponentChildren } from "preact";
 import { useEffect, useState } from "preact/hooks";
 import { api } from "../api/client";
 import type { ImportOptions, JointKind, LiveState, OpenSet, Robot } from "../api/types";
@@ -85,6 +86,8 @@ function Campaign({ set, robot, first }: { set: OpenSet; robot: Robot; first: Li
   });
   const doubts = state.readings.filter((one) => one.state === "doubtful" && state.state !== "closed");
   const reached = state.state === "reached";
+  /** The reading with a mistake that was kept, of which the state speaks. */
+  const kept = state.assessment?.reasons.find(({ message }) => state.message.includes(message))?.observation;
   const closing = (big: boolean) => (
     <ActionButton
       look={big ? "primary big" : "quiet"}
@@ -179,7 +182,13 @@ function Campaign({ set, robot, first }: { set: OpenSet; robot: Robot; first: Li
             <Others {...{ set, robot, stand, send, taken }} use={setOwn} />
           </div>
           <div class="sticky">
-            <SoFar state={state} goal={set.open.goal.kind === "joints" ? set.open.goal.relative : null} />
+            <SoFar state={state} goal={set.open.goal.kind === "joints" ? set.open.goal.relative : null}>
+              {kept && doubts.length === 0 && (
+                <Button acts disabled={change.busy} onClick={() => void again(kept)}>
+                  {words.againOf(kept)}
+                </Button>
+              )}
+            </SoFar>
             <Record
               state={state}
               withdraw={(withdrawn, reason) => change.run({ withdrawn: { [withdrawn]: reason } })}
@@ -484,7 +493,7 @@ const filled = async (file: File): Promise<File> =>
     : file;
 
 /** How near the goal is, and the joints so far. */
-function SoFar({ state, goal }: { state: LiveState; goal: number | null }) {
+function SoFar({ state, goal, children }: { state: LiveState; goal: number | null; children: ComponentChildren }) {
   const read = state.readings.filter((one) => one.state !== "withdrawn").length;
   const progress = words.progress(read, state.still_needed);
   const doubtful = state.readings.some((one) => one.state === "doubtful");
@@ -499,6 +508,7 @@ function SoFar({ state, goal }: { state: LiveState; goal: number | null }) {
           <Prose text={sentence(state.message)} />
         </p>
       )}
+      {children}
       {!doubtful && (
         <p>
           <b>

@@ -201,6 +201,19 @@ def test_a_goal_is_not_reached_by_readings_that_are_not_to_be_used(service):
     assert measured(service, address, 5)["state"] == "reached"
 
 
+def test_a_second_mistake_of_a_kind_is_named_beside_one_that_is_kept(service):
+    address = declared(service)
+    for _ in range(2):
+        following = service.get(f"{address}/next").json()["next"]
+        post(service, f"{address}/observations", exchanged(read(following)))
+    for _ in range(3):
+        state = measured(service, address, 1)
+        doubtful = [each["label"] for each in state["readings"] if each["state"] == "doubtful"]
+        service.patch(address, json={"kept": doubtful})
+    assert "m01" in doubtful
+    assert measured(service, address, 1)["message"].startswith("m02 is doubtful: the targets are at each")
+
+
 def test_a_posture_is_skipped_and_no_other_than_the_next_one(service):
     address = declared(service)
     state = measured(service, address, 1)
