@@ -162,12 +162,7 @@ export function VerdictCard({ assessment, context, sentences = words.sentence }:
         <span>
           {assessment.headline ??
             (counted && verdict === "use" ? words.supported(identified, count) : sentences[verdict])}
-          {counted && verdict !== "use" && (
-            <b>
-              {assessment.headline ? ". " : " "}
-              {words.identified(identified, count)}
-            </b>
-          )}
+          {counted && verdict !== "use" && !assessment.headline && <b> {words.identified(identified, count)}</b>}
         </span>
       </h2>
       {reasons.length > 0 && (

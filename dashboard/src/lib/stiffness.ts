@@ -41,6 +41,10 @@ const OF_PRISMATIC: Record<StiffnessUnit, Unit> = {
 export const unitOf = (unit: StiffnessUnit, kind: JointKind = "revolute"): Unit =>
   (kind === "prismatic" ? OF_PRISMATIC : STIFFNESS_UNITS)[unit];
 
+/** A number with its unit: 80 · 10⁶ N·m/rad. */
+export const withUnit = (shown: string, label: string): string =>
+  `${shown}${label.startsWith("10") ? " ·" : ""} ${label}`.trimEnd();
+
 /** The labels of the units of some joints. */
 export const labelOf = (unit: StiffnessUnit, kinds: readonly JointKind[], part: "label" | "column" = "label"): string =>
   [...new Set(kinds.length > 0 ? kinds : (["revolute"] as const))].map((kind) => unitOf(unit, kind)[part]).join(", ");

@@ -11,6 +11,7 @@ import {
   positionUnit,
   capOf,
   inUnit,
+  withUnit,
 } from "../lib/stiffness";
 import { text } from "../i18n";
 import { clip, fixed, percent, significant, extent, logarithmic } from "../lib/format";
@@ -171,6 +172,7 @@ function markOf(joint: JointResult, mark: string, unit: StiffnessUnit): Interval
   const scale = unitOf(unit, joint.kind).factor / unitOf(unit).factor;
   const [value, interval] = [onAxis(joint.stiffness, scale, unit), joint.stiffness_interval];
   const instead = negative ? `${text.run.negative}: ${shown.value ?? ""}` : text.verdicts[verdictOf(joint)][0];
+  const beside = joint.kind === "prismatic" ? "" : unitOf(unit).label; // whose value has its unit
   const range = shown.interval ? ` (${shown.interval.low} … ${shown.interval.high ?? "∞"})` : "";
   return {
     mark,
@@ -178,7 +180,7 @@ function markOf(joint: JointResult, mark: string, unit: StiffnessUnit): Interval
     low: onAxis(interval?.[0], scale, unit) ?? (negative ? null : value),
     high: interval ? onAxis(interval[1], scale, unit) : value,
     instead,
-    lines: [joint.name, `${shown.value ?? instead}${range} ${unitOf(unit, joint.kind).label}`],
+    lines: [joint.name, shown.value === null ? instead : withUnit(`${shown.value}${range}`, beside)],
   };
 }
 
@@ -305,7 +307,7 @@ function afterwards(
   }
   if (after === null) return text.verdicts.fair[0];
   const { label } = unitOf(unit, kind);
-  const shown = (stiffness: number) => `${significant(inUnit(stiffness, unit, kind), 2)} ${label}`;
+  const shown = (stiffness: number) => withUnit(significant(inUnit(stiffness, unit, kind), 2), label);
   return STIFFNESS_UNITS[unit].inverse ? `± ${shown(1 / after)}` : words.below(shown(0.5 / after));
 }
 
@@ -409,7 +411,7 @@ function Rows({ context, result: { joints, contributions, identifiability }, bar
                 <b>{verdict === "unobservable" ? "–" : limited ? shown.limit : (shown.value ?? "∞")}</b>
                 {!limited && shown.uncertainty !== null && <span class="soft"> ±&nbsp;{shown.uncertainty}</span>}
                 {verdict !== "unobservable" && joint.kind !== "prismatic" && (
-                  <small class="unit soft"> {unitOf(unit).label}</small>
+                  <small class="unit soft">{withUnit("", unitOf(unit).label)}</small>
                 )}
               </span>
               <span role="cell" class="number interval-text">

@@ -5,7 +5,7 @@ import { fixed, decimalsFor, percent, significant, extent } from "../lib/format"
 import { text } from "../i18n";
 import { api, goesOn } from "../api/client";
 import type { Map as WorkMap } from "../api/types";
-import { Busy, Download, NameLink, Choice, Facts, ProblemNote, useWidth } from "../components/basics";
+import { Busy, Download, NameLink, Choice, Facts, ProblemNote, timeText, useWidth } from "../components/basics";
 import { Handle, Select } from "../components/fields";
 import { Going, JobPage, JobLines, JobTables } from "../components/job_page";
 import { freshKey } from "../lib/json";
@@ -16,6 +16,7 @@ import { asking, useAction, link } from "../state/action";
 import { cached, useCached, useNames, valueOf, useKinematics } from "../state/load";
 import { later } from "../i18n/later";
 import { contextOfEnded } from "./run_context";
+import { howOf } from "./runs";
 
 const AXES = ["x", "y", "z"] as const;
 const MARGIN = { left: 60, bottom: 40, top: 8, right: 8 };
@@ -342,7 +343,7 @@ function Beside({ own, other }: { own: Loaded; other: Loaded | null }) {
     .filter((run) => run.id !== own.run.id)
     .map((run) => ({
       value: run.id,
-      label: `${names?.set(run.measurement_set_id) ?? ""} · ${text.methods[run.method]}`,
+      label: later.compare.runSide(names?.set(run.measurement_set_id) ?? "", howOf(run), timeText(run.created_at)),
     }));
   if (options.length === 0) return null;
   return (
