@@ -332,12 +332,13 @@ _REMEDIES: Final[Mapping[str, str]] = MappingProxyType(
     }
 )
 _LONGEST_NAME: Final = 60
+MISSING: Final = "required field is missing"
 
 _WORDING: Final = tuple(
     (re.compile(pattern, re.DOTALL), wording)
     for pattern, wording in (
         (r"Value error, (.+)", r"\1"),
-        (r"Field required", "required field is missing"),
+        (r"Field required", MISSING),
         (r"Extra inputs are not permitted", "unknown field"),
         (r"Input should be a valid (?:dictionary|mapping).*", "must be an object"),
         (r"Input should be a valid (?:list|tuple|array).*", "must be a list"),

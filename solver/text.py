@@ -52,7 +52,12 @@ def posture_text(positions: Sequence[float], kinds: Sequence[JointKind], decimal
 
 def stiffness_text(stiffness: float, kind: JointKind) -> str:
     """Return a stiffness [SI] of a joint of a kind, in the unit that suits it."""
-    units = JOINT_UNITS[kind]
-    if stiffness >= 1e4:
+    units, size = JOINT_UNITS[kind], abs(stiffness)
+    plain = units.stiffness.replace(".", "·")
+    if size >= 1e9:
+        exponent = floor(log10(size))
+        power = str(exponent).translate(str.maketrans("0123456789", "⁰¹²³⁴⁵⁶⁷⁸⁹"))
+        return f"{stiffness / 10.0**exponent:.3g} · 10{power} {plain}"
+    if size >= 1e4:
         return f"{stiffness / 1e6:.3g} {'' if kind == 'prismatic' else '· '}{units.million_stiffness}"
-    return f"{stiffness:.3g} {units.stiffness.replace('.', '·')}"
+    return f"{stiffness:.4g} {plain}"

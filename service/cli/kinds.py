@@ -245,18 +245,23 @@ def worded(message: type[Message], text: str, forms: Forms = _PLAIN) -> str:
 
 def in_options(message: type[Message], problem: Problem, forms: Forms = _PLAIN) -> Problem:
     """Return a problem whose texts name the command's options in place of the request's fields."""
-    items = [
-        item.model_copy(
-            update={
-                "reason": worded(message, item.reason, forms),
-                "remedy": item.remedy and worded(message, item.remedy, forms),
-            }
-        )
-        for item in problem.errors
-    ]
-    detail, remedy = worded(message, problem.detail, forms), problem.remedy
-    changes = {"detail": detail, "remedy": remedy and worded(message, remedy, forms), "errors": items}
-    return problem.model_copy(update=changes)
+    from jointstiff.service.problems import MISSING
+
+    with_option, items = dict(field_options(message, forms)), []
+    for item in problem.errors:
+        remedy = item.remedy and worded(message, item.remedy, forms)
+        if item.reason == MISSING and item.where in message.model_fields:
+            by_option = f"give `{flag_of(message, item.where, forms)}`"
+            remedy = by_option if item.where in with_option else "state it in the JSON file of `--options`"
+        changes = {"reason": worded(message, item.reason, forms), "remedy": remedy}
+        items.append(item.model_copy(update=changes))
+    title = problem.title
+    if items and all(re.split(r"\W", item.where)[0] in message.model_fields for item in items):
+        title = "Options are missing or wrong"
+    said = problem.remedy in {item.remedy for item in problem.errors}
+    remedy = None if said else problem.remedy and worded(message, problem.remedy, forms)
+    detail = worded(message, problem.detail, forms)
+    return problem.model_copy(update={"title": title, "detail": detail, "remedy": remedy, "errors": items})
 
 
 def _show(kind: AnyKind, job: Any, values: _Values) -> None:  # noqa: ANN401 - a job that shows itself
@@ -273,6 +278,8 @@ def _show(kind: AnyKind, job: Any, values: _Values) -> None:  # noqa: ANN401 - a
     elif values.get("as_csv") and job.result is not None:
         typer.echo(job.table("csv").decode(), nl=False)
     else:
+        if values.get("second") is not None:
+            typer.echo(f"First: {values['file']}. Second: {values['second']}.")
         console().print(job_report(kind, job, details=values["details"], unit=values["unit"]))
     if job.state != "succeeded":
         raise typer.Exit(1)

@@ -307,16 +307,7 @@ def prepare_set(document: MeasurementSetDocument, robot: PreparedRobot, robot_id
         MeasurementError: the set cannot be used; with the place and the remedy.
         RequestError: its frame names a stored geometry.
     """
-    frame, resolved = document.frame, None
-    if frame is not None:
-        if frame.geometry_id is not None:
-            raise RequestError(
-                f"the geometry '{frame.geometry_id}' cannot be used from a file",
-                remedy="give the frame's rotation and translation, or post the set to a service",
-                where="frame.geometry_id",
-            )
-        resolved = to_resolved(stated_transform(frame, LENGTH[document.units.length]))
-    checked = check_set(document, robot.robot, resolved, [])
+    checked = check_set(document, robot.robot, own_frame(document), [])
     return PreparedSet(
         robot=robot.robot,
         measurements=checked.measurements,
@@ -324,6 +315,24 @@ def prepare_set(document: MeasurementSetDocument, robot: PreparedRobot, robot_id
         robot_id=robot_id,
         content=hash_of(robot.content_hash, checked.content_hash),
     )
+
+
+def own_frame(document: MeasurementSetDocument) -> ResolvedFrame | None:
+    """Return the frame that a set states itself; None without one.
+
+    Raises:
+        RequestError: it names a stored geometry.
+    """
+    frame = document.frame
+    if frame is None:
+        return None
+    if frame.geometry_id is not None:
+        raise RequestError(
+            f"the geometry '{frame.geometry_id}' cannot be used from a file",
+            remedy="give the frame's rotation and translation, or use a service",
+            where="frame.geometry_id",
+        )
+    return to_resolved(stated_transform(frame, LENGTH[document.units.length]))
 
 
 def _chain_of_stranger(model: UrdfModel) -> KinematicChain:

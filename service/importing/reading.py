@@ -11,6 +11,8 @@ from statistics import median, pstdev
 from types import MappingProxyType
 from typing import Final, Literal
 
+from pydantic_core import from_json
+
 from jointstiff.schemas.imports import (
     MAX_PREVIEW_ROWS,
     FilePreview,
@@ -270,12 +272,17 @@ def _has_positions(layout: Layout) -> bool:
 def _grid(file: SourceFile, options: ImportOptions) -> Grid:
     if not file.content.strip():
         raise ImportFileError(Place(file.name), "the file is empty", "check the export")
-    kind = file_type(file.content)
+    kind = grid.JSON if file.name.lower().endswith(".json") else file_type(file.content)
     if kind == grid.WORKBOOK:
         return read_workbook(file.name, file.content, options.sheet)
     if kind is not None:
         remedy = "export the readings as CSV, text or .xlsx"
         if kind == grid.JSON:
+            try:
+                from_json(file.content.removeprefix(b"\xef\xbb\xbf"))
+            except ValueError as error:
+                reason, remedy = f"Invalid JSON: {error}", "correct the JSON there"
+                raise ImportFileError(Place(file.name), reason, remedy) from None
             remedy = "a campaign needs no import: `jointstiff identify` runs it, `jointstiff post` posts it"
         raise ImportFileError(Place(file.name), f"the file is {kind}, not a table", remedy)
     return read_text(file.name, file.content, options.delimiter)

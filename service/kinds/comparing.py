@@ -20,7 +20,7 @@ from jointstiff.schemas.comparison import (
 from jointstiff.schemas.comparison import Side as SideName
 from jointstiff.schemas.finding import Assessment, Finding, combined
 from jointstiff.schemas.options import RunOptions
-from jointstiff.schemas.run import Run, RunRequest, RunResult
+from jointstiff.schemas.run import Run, RunRequest
 from jointstiff.service.conversion.readings import hash_of
 from jointstiff.service.kinds.verdicts import judged, own_reason
 from jointstiff.service.kinds.work import QuickWork
@@ -99,8 +99,9 @@ def compute(inputs: Inputs, request: ComparisonRequest, runs: Sequence[MeasuredR
     leading = {name: part[0] for name, part in parts.items()}
     sides = [_compared_side(name, part, leading[name].run) for name, part in parts.items()]
     where = {side.measurement_set_id: side for side in sides}
+    verdicts = [each.run.result.assessment for each in runs if each.run.result is not None]
     result = ComparisonResult(
-        assessment=_worst([each.run.result for each in runs]),
+        assessment=combined(verdicts or [Assessment(verdict="do_not_use", reasons=[_NO_FIT])]),
         confidence=request.confidence or runs[0].run.request.confidence,
         sides=sides,
         entries=[_entry(each.run, where[each.run.request.measurement_set_id]) for each in runs],
@@ -112,12 +113,6 @@ def compute(inputs: Inputs, request: ComparisonRequest, runs: Sequence[MeasuredR
     if len(parts) == 1:
         return result.model_copy(update={"assessment": judged("comparison", [], result.assessment)})
     return _two_sides(inputs, request, parts, leading, result)
-
-
-def _worst(results: Sequence[RunResult | None]) -> Assessment:
-    """Return the worst verdict of the runs; without a result there is nothing to use."""
-    assessments = [each.assessment for each in results if each is not None]
-    return combined(assessments) if assessments else Assessment(verdict="do_not_use", reasons=[_NO_FIT])
 
 
 def _once(findings: Iterator[Finding]) -> list[Finding]:
@@ -282,17 +277,16 @@ def _unconstrained(run: Run, runs: Sequence[MeasuredRun]) -> Run:
     """Return the run by which ratios are computed: where a constraint holds a joint, that without any."""
     if not is_held(run):
         return run
-    free = (each.run for each in runs if each.run.result is not None and _is_free(each.run))
-    return next((each for each in free if _alike(each) == _alike(run)), run)
+    for each in (each.run for each in runs if each.run.result is not None):
+        free = all(getattr(each.request, name) == value for name, value in UNCONSTRAINED.items())
+        if free and _alike(each) == _alike(run):
+            return each
+    return run
 
 
 def is_held(run: Run) -> bool:
     """Return whether a constraint holds a joint of a run, so that its estimates are not Gaussian."""
     return any(joint.status == "at_bound" for joint in (run.result.joints if run.result else ()))
-
-
-def _is_free(run: Run) -> bool:
-    return all(getattr(run.request, name) == value for name, value in UNCONSTRAINED.items())
 
 
 def _alike(run: Run) -> dict[str, Any]:

@@ -78,7 +78,7 @@ def _ratio_parts(result: ComparisonResult, unit: StiffnessUnit) -> list[Part]:
                 Column("joint", [joint.name for joint in joints], text=True),
                 Column("first", first.joints, unit.concise),
                 Column("second", second.joints, unit.concise),
-                Column("ratio", joints, _ratio),
+                Column("ratio", joints, lambda joint: _by_interval(joint.ratio, joint)),
                 Column(f"{100 * result.confidence:g} % interval", joints, _interval),
                 Column("p", [joint.p_value for joint in joints], _p_value),
             ],
@@ -107,11 +107,7 @@ def _p_value(p: float) -> str:
     return f"{p:.2g}" if p >= _SMALLEST_P else f"< {_SMALLEST_P:g}"
 
 
-def _ratio(joint: JointRatio) -> str:
-    return NO_NUMBER if joint.ratio is None else _by_interval(joint.ratio, joint)
-
-
-def _by_interval(ratio: float, joint: JointRatio) -> str:
+def _by_interval(ratio: float | None, joint: JointRatio) -> str:
     """Format a ratio to two digits of its interval's half width."""
     low, high = joint.ratio_interval or (None, None)
     return rounded(ratio, None if low is None or high is None else max(high - low, 0.0) / 2, ".3g")

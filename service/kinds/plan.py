@@ -74,25 +74,36 @@ def report(job: Plan, result: PlanResult, view: View) -> Report:
 
 def _joints(result: PlanResult) -> Table:
     joints, none = result.joints, [None] * len(result.left_out)
-    return Table(
-        [
-            Column("joint", [*(joint.name for joint in joints), *result.left_out], text=True),
-            Column("plan", [*(_share(joint, joint.standard_uncertainty) for joint in joints), *none]),
-            Column("now", [*(_share(joint, joint.before) for joint in joints), *none]),
-        ],
-        title="Predicted standard uncertainty of each stiffness",
-        caption="by the noise of the readings alone; model error comes on top"
-        if any(any(each.force) for each in result.readings)
-        else "by the noise of the readings, the bounds of the masses and the geometry",
-    )
+    columns = [
+        Column("joint", [*(joint.name for joint in joints), *result.left_out], text=True),
+        Column("plan", [*(_cell(joint, joint.standard_uncertainty) for joint in joints), *none]),
+        Column("now", [*(_cell(joint, joint.before) for joint in joints), *none]),
+    ]
+    caption = "by the noise of the readings, the bounds of the masses and the geometry"
+    if any(any(each.force) for each in result.readings):
+        caption = "by the noise of the readings alone; model error comes on top"
+    title = "Predicted standard uncertainty of each stiffness"
+    if all(joint.relative is None for joint in joints):
+        title = "Predicted standard uncertainty of each compliance"
+        caption += "; 1 nrad/(N·m) is 0.1 % of a stiffness of 10⁶ N·m/rad"
+    measured = any(joint.before is not None for joint in joints)
+    return Table(columns if measured else columns[:2], title=title, caption=caption)
 
 
-def _share(joint: PlannedJoint, uncertainty: float | None) -> str | None:
-    """Return a share of the compliance; the compliance's uncertainty itself where that is not known."""
+def _share(joint: PlannedJoint, uncertainty: float | None) -> float | None:
+    """Return an uncertainty relative to the compliance, which is that of the stiffness; None if unknown."""
     if uncertainty is None or joint.relative is None:
-        unit = "nm/N" if joint.kind == "prismatic" else "nrad/(N·m)"
-        return None if uncertainty is None else f"{figure(1e9 * uncertainty, '.3g')} {unit}"
-    return f"{figure(100 * joint.relative * uncertainty / joint.standard_uncertainty, '.2g')} %"
+        return None
+    return joint.relative * uncertainty / joint.standard_uncertainty
+
+
+def _cell(joint: PlannedJoint, uncertainty: float | None) -> str | None:
+    """Return a share of the compliance; the compliance's uncertainty itself where that is not known."""
+    share = _share(joint, uncertainty)
+    if share is not None:
+        return f"{figure(100 * share, '.2g')} %"
+    unit = "nm/N" if joint.kind == "prismatic" else "nrad/(N·m)"
+    return None if uncertainty is None else f"{figure(1e9 * uncertainty, '.3g')} {unit}"
 
 
 def _readings(job: Plan, result: PlanResult, *, boxes: bool) -> Table:
@@ -212,7 +223,12 @@ def campaign_to_fill_in(source: RobotDocument | Campaign, plan: Plan) -> dict[st
             "label": each.label,
             "joints": each.joints,
             "force": each.force,
-            "readings": [{"target": target, **_unread(each)} for target in targets],
+            "readings": [
+                {"target": target, "unloaded": None, "loaded": None}
+                if each.direction is None
+                else {"target": target, "displacement": None, "direction": each.direction}
+                for target in targets
+            ],
         }
         for each in ([] if result is None else result.readings)
     ]
@@ -231,24 +247,19 @@ def campaign_to_fill_in(source: RobotDocument | Campaign, plan: Plan) -> dict[st
     }
 
 
-def _unread(planned: PlannedReading) -> dict[str, Any]:
-    """Return the fields of a reading that is still to be taken."""
-    if planned.direction is not None:
-        return {"displacement": None, "direction": planned.direction}
-    return {"unloaded": None, "loaded": None}
-
-
 def charts(result: PlanResult) -> list[Chart]:
     """Return the predicted uncertainty of each joint, beside that of today and of random plans."""
-    joints = result.joints
-    series: dict[str, list[float | None]] = {
-        "this plan": [joint.standard_uncertainty for joint in joints],
-        "random plans": [joint.random for joint in joints],
-        "now": [joint.before for joint in joints],
+    joints, known = result.joints, all(joint.relative is not None for joint in result.joints)
+    value = _share if known else lambda _, uncertainty: uncertainty
+    series = {
+        "this plan": [value(joint, joint.standard_uncertainty) for joint in joints],
+        "random plans": [value(joint, joint.random) for joint in joints],
+        "now": [value(joint, joint.before) for joint in joints],
     }
-    known = {name: values for name, values in series.items() if any(value is not None for value in values)}
-    title, names = "Standard uncertainty of each compliance", [joint.name for joint in joints]
-    return [Chart(title, names, known, 1e9, "10⁻⁹ rad/(N·m)", "joints", logarithmic=True)]
+    drawn = {name: values for name, values in series.items() if any(each is not None for each in values)}
+    whose, factor, unit = ("stiffness", 1e2, "%") if known else ("compliance", 1e9, "10⁻⁹ rad/(N·m)")
+    title, names = f"Standard uncertainty of each {whose}", [joint.name for joint in joints]
+    return [Chart(title, names, drawn, factor, unit, "joints", logarithmic=True)]
 
 
 _EXAMPLES: Final[dict[str, Any]] = {

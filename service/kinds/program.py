@@ -59,11 +59,6 @@ _CONTENT: Final = re.compile(r'"content":"[A-Za-z0-9+/=]*"')
 """Content of a file: in a text of JSON, quotes would have a backslash before them."""
 
 
-def _without_contents(document: str) -> str:
-    """Return a stored document without the contents of its files, which have addresses of their own."""
-    return _CONTENT.sub('"content":null', document)
-
-
 _SHOWN = 8
 _REASONS = {
     "no_load": "without load",
@@ -149,7 +144,7 @@ PROGRAM: Final = Kind[Program, ProgramRequest, ProgramSummary](
     stepped=True,
     max_bytes=16 * 1024 * 1024,
     is_form=True,
-    answered=_without_contents,
+    answered=lambda document: _CONTENT.sub('"content":null', document),  # files have their own addresses
     files=(
         File(
             name="points.csv",

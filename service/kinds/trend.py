@@ -128,7 +128,10 @@ def trend_of(
         acknowledgements: latest of each alarm of this trend, by its first measurement set and joint.
     """
     baselines = _baselines(campaigns, notes)
-    chosen = [_baseline_of(campaign.at, baselines) for campaign in campaigns]
+    begun = [
+        [i for i, one in enumerate(baselines) if i == 0 or one.starts_at <= each.at] for each in campaigns
+    ]
+    chosen = [indices[-1] for indices in begun]
     parts: dict[str, list[_Segment]] = {name: [] for name in names}
     for index, baseline in enumerate(baselines):
         inside = [i for i, one in enumerate(chosen) if one == index]
@@ -169,10 +172,6 @@ def _baselines(
         campaigns=messages.LEAST_BASELINE,
     )
     return [first, *stated]
-
-
-def _baseline_of(at: datetime, baselines: Sequence[messages.TrendBaseline]) -> int:
-    return max(i for i, one in enumerate(baselines) if i == 0 or one.starts_at <= at)
 
 
 def _series(campaigns: Sequence[Campaign], name: str, inside: Sequence[int]) -> tuple[list[int], Series]:
@@ -657,7 +656,9 @@ class Trends:
         newest: dict[tuple[str, str | None], Campaign] = {}
         for twin in twins.records:
             for runs in self._candidates(twin.id, self._sets(twin.id)).values():
-                one = next((run for run in runs if _is_evidence(run)), None)
+                own_runs = (each for each in runs if not each.run.request.priors)  # by own readings alone
+                usable = (each for each in own_runs if each.run.result.assessment.verdict != "do_not_use")
+                one = next(usable, None)
                 if one is None:
                     continue
                 number = one.measured.serial_number
@@ -735,12 +736,6 @@ class Trends:
             where="run_id",
             remedy="give the id of a succeeded run of this robot",
         )
-
-
-def _is_evidence(campaign: Campaign) -> bool:
-    """Return whether a run says what an arm is by its own readings, and can be used."""
-    run = campaign.run
-    return not run.request.priors and run.result.assessment.verdict != "do_not_use"
 
 
 def _row(trend: messages.Trend, name: str, serial_number: str | None) -> messages.FleetRow:

@@ -18,6 +18,7 @@ from jointstiff.service.conversion.robots import joint_index
 from jointstiff.service.conversion.units import FORCE, LENGTH, MOMENT
 from jointstiff.service.problems import VerdictError
 from jointstiff.service.resources.inputs import Inputs, MeasuredRun
+from jointstiff.service.tables.report import counted, support
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.mechanics.block import OwnWeight
@@ -224,25 +225,14 @@ def judged(subject: str, reasons: Sequence[Finding], run: Assessment | None) -> 
     worst: Verdict = max((each.weight for each in reasons), key=list(_SUBJECT).index, default="use")
     own = Assessment(verdict=worst, reasons=list(reasons))
     whole = combined([own] if run is None else [own, run])
-    parts = [f"{_counted(reasons)} of its own"] if reasons else []
+    parts = [f"{counted(len(reasons), 'reason')} of its own"] if reasons else []
     if run is not None and run.reasons:
-        parts.append(f"{_counted(run.reasons)} of its run")
+        parts.append(f"{counted(len(run.reasons), 'reason')} of its run")
     if not parts:
-        parts = ["nothing speaks against it" + _support(run)]
+        passed = "" if run is None else f"; {support(run)}".replace(" joints ", " joints of its run ")
+        parts = [f"nothing speaks against it{passed}"]
     headline = f"{_SUBJECT[whole.verdict].format(subject)}: {', '.join(parts)}"
     return whole.model_copy(update={"headline": headline})
-
-
-def _counted(reasons: Sequence[Finding]) -> str:
-    return f"{len(reasons)} reason{'' if len(reasons) == 1 else 's'}"
-
-
-def _support(run: Assessment | None) -> str:
-    if run is None or run.joints_identified is None:
-        return ""
-    identified, count = run.joints_identified, run.joint_count
-    share = f"all {count}" if identified == count else f"{identified} of {count}"
-    return f"; {share} joints of its run passed the checks"
 
 
 def of_deflection(greatest: float | None, run: RunResult) -> list[Finding]:

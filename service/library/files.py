@@ -125,9 +125,9 @@ def _instead(message: type[BaseModel], content: bytes, error: MalformedError) ->
             return http_problem(422, "the file is a text in UTF-16, not a JSON document", "save it as UTF-8")
         from jointstiff.service.importing.grid import file_type  # with its messages, for such a file only
 
-        kind = file_type(content)
-        if kind is not None:
-            return http_problem(422, f"the file is {kind}, not a JSON document", tables)
+        if content.lstrip()[:1] not in (b"{", b"["):
+            what = file_type(content) or "a text"
+            return http_problem(422, f"the file is {what}, not a JSON document", tables)
         return http_problem(422, str(error.faults[0]["msg"]), f"correct the JSON there; {tables}")
     for others, what, remedy in _OTHERS:
         if others <= error.keys and not others <= set(message.model_fields):

@@ -25,8 +25,12 @@ from jointstiff.schemas.measurement import MeasurementSetDocument, Observation
 from jointstiff.schemas.plan import Goal, OwnWeight
 from jointstiff.schemas.robot import RobotDocument
 from jointstiff.schemas.run import CampaignRun
-from jointstiff.service.conversion.prepared import PreparedRobot, prepare_robot, stated_transform, to_resolved
-from jointstiff.service.conversion.units import LENGTH
+from jointstiff.service.conversion.prepared import (
+    PreparedRobot,
+    own_frame,
+    prepare_robot,
+    stated_transform,
+)
 from jointstiff.service.library.campaigns import Campaign
 from jointstiff.service.library.files import as_campaign_error, parse_document, read_planned
 from jointstiff.service.live.campaign import MOST_READINGS, Declared, Entry, LiveCampaign
@@ -95,16 +99,8 @@ class _Here:
 
     def __init__(self, robot: PreparedRobot, post: MeasurementSetPost, run: CampaignRun) -> None:
         self._document, self._run = robot.document, run
-        frame, resolved = post.frame, None
         with as_campaign_error("measurement_set"):
-            if frame is not None:
-                if frame.geometry_id is not None:
-                    raise RequestError(
-                        f"the geometry '{frame.geometry_id}' cannot be used from a file",
-                        remedy="give the frame's rotation and translation, or measure over a service",
-                        where="frame.geometry_id",
-                    )
-                resolved = to_resolved(stated_transform(frame, LENGTH[post.units.length]))
+            resolved = own_frame(post)
         with as_campaign_error(""):
             if post.open is not None and post.open.prior is not None:
                 raise RequestError(

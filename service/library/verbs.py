@@ -63,7 +63,9 @@ class Follow:
         """Tell how far the work is."""
         if self._on_progress is not None:
             self._on_progress(progress)
-        elif _is_watched() and time.monotonic() - self._began > SHOWN_AFTER:
+        elif time.monotonic() - self._began > SHOWN_AFTER and (
+            sys.stderr.isatty() or "ipykernel" in sys.modules  # a person sees it
+        ):
             self._show(progress)
 
     def _show(self, progress: Progress) -> None:
@@ -76,11 +78,6 @@ class Follow:
         self._bar.update(
             self._task, description=progress.activity, total=progress.total, completed=progress.done
         )
-
-
-def _is_watched() -> bool:
-    """Return whether a person sees the standard error: in a terminal, or in a notebook."""
-    return sys.stderr.isatty() or "ipykernel" in sys.modules
 
 
 AJob = TypeVar("AJob", bound=Job, covariant=True)

@@ -196,9 +196,7 @@ def _findings(document: MeasurementSetDocument, robot: Robot) -> list[Finding]:
     fields = [f"`{field}`" for field in ("load_point", "flange_targets") if getattr(document, field)]
     for index, finding in enumerate(findings):
         if fields and finding.code == "length_unit_suspect" and "the flange frame" in finding.message:
-            metres = finding.action is not None and finding.action.unit == "m"
-            small = "; the numbers seem to be in m, but are read as mm" if metres else ""
-            remedy = f"check the unit of {' and '.join(fields)}{small}"
+            remedy = f"check the unit of {' and '.join(fields)}"
             findings[index] = finding.model_copy(update={"remedy": remedy})
     return findings
 

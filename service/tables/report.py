@@ -84,7 +84,7 @@ def verdict_line(assessment: Assessment) -> Line:
     if not count and identified is not None and identified != joints:
         rest = "the others have no number that passed the checks"
         return Line(f"Use {identified} of {joints} joints: {rest}", _HEAD_STYLES[verdict])
-    why = _counted(count, "reason") if count else support(assessment)
+    why = counted(count, "reason") if count else support(assessment)
     return Line(f"{VERDICTS[verdict].capitalize()}: {why}", _HEAD_STYLES[verdict])
 
 
@@ -132,7 +132,7 @@ def warning_lines(assessment: Assessment, warnings: Sequence[Finding], *, detail
     said = said.union(*(_SAID_BETTER.get(code, ()) for code in said))
     rest = [warning for warning in warnings if warning.code not in said]
     if not details:
-        return [Line(f"  {_counted(len(rest), 'warning')} (--details)", "care")] if rest else []
+        return [Line(f"  {counted(len(rest), 'warning')} (--details)", "care")] if rest else []
     return [
         Line(
             f"warning: {f'{warning.where}: ' if warning.where else ''}{warning.message}; {warning.remedy}",
@@ -151,7 +151,8 @@ def joint_reason_lines(reasons: Iterable[tuple[str, str | None]]) -> list[Line]:
     return [Line(f"  {', '.join(same)}: {reason}", "dim") for reason, same in names.items()]
 
 
-def _counted(count: int, noun: str) -> str:
+def counted(count: int, noun: str) -> str:
+    """Return a number of things in words."""
     return f"{count} {noun}{'' if count == 1 else 's'}"
 
 

@@ -46,7 +46,7 @@ from jointstiff.solver.mechanics.block import targets_in_flange
 from jointstiff.solver.mechanics.configuration import Configurations
 from jointstiff.solver.mechanics.measurements import Measurements, shown_along, whitened
 from jointstiff.solver.mechanics.robot import Robot
-from jointstiff.solver.text import posture_text
+from jointstiff.solver.text import posture_text, stiffness_text
 
 _LINKS_GAP, _OTHERS_GAP = 1e-2, 1e-4
 """Gaps at which the search ends where elastic links are a nuisance, and for criteria not asked for."""
@@ -733,6 +733,8 @@ class _NextReading:
         self._regressor = np.where(estimate.observability.null, 0.0, estimate.regressor)
         self._spectrum = Spectrum(self._regressor)
         self._sigma = estimate.sigma
+        #: (n,) compliances [rad/(N·m)]; zero where there is none
+        self._compliance = [joint.compliance or 0.0 for joint in estimate.joints]
         self._shared = np.zeros(
             robot.n
         )  # variances by errors that all readings share: no reading lessens them
@@ -807,13 +809,18 @@ class _NextReading:
             shared = float(np.sqrt(self._shared[joint]))
             uncertainty = float(np.hypot(self._sigma * after, shared))
             ratio = None if before is None else uncertainty / float(np.hypot(self._sigma * before, shared))
-        changes = [] if uncertainty is None else [f"{uncertainty:.2g} {units.compliance}"]
+        compliance, changes = self._compliance[joint], list[str]()
+        whose = "stiffness" if compliance > 0.0 else "compliance"
+        if uncertainty is not None:
+            own = f"{1e6 * uncertainty:.2g} {units.micro_compliance}"
+            stiff = compliance > 0.0 and stiffness_text(uncertainty / compliance**2, self._kinds[joint])
+            changes.append(stiff or own)
         if ratio is not None:
             changes.append(f"{ratio:.2g} times its present value")
         gain = f"a {units.load.replace(' ', f' of {abs(torque[joint]):.3g} {units.effort} ', 1)} {name}"
         if changes:
             method = "" if self._same_method else "with method partial_pose "
-            gain = f"{method}u({name}) falls to {', '.join(changes)}"
+            gain = f"{method}the uncertainty of {name}'s {whose} falls to {', '.join(changes)}"
         return after, {
             "joint": name,
             "message": f"{posture} {load}: {gain}",

@@ -16,7 +16,6 @@ from typing import Final
 import numpy as np
 
 from jointstiff.schemas.finding import Action, Finding, FindingCode, NamedCause, Verdict
-from jointstiff.schemas.joints import JOINT_UNITS
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.estimation.causes import (
     LARGEST_RATIO,
@@ -35,7 +34,7 @@ from jointstiff.solver.estimation.estimate import (
 )
 from jointstiff.solver.estimation.method import Settings
 from jointstiff.solver.estimation.triangle import nonnegative
-from jointstiff.solver.mechanics.block import targets_in_flange
+from jointstiff.solver.mechanics.block import STANDARD_GRAVITY, targets_in_flange
 from jointstiff.solver.mechanics.measurements import (
     ASSUMED_FORCE_SCALE,
     ASSUMED_LOAD_POINT,
@@ -43,7 +42,7 @@ from jointstiff.solver.mechanics.measurements import (
     Measurements,
 )
 from jointstiff.solver.mechanics.robot import Robot
-from jointstiff.solver.text import length_text, unknowns_text
+from jointstiff.solver.text import length_text, stiffness_text, unknowns_text
 
 SAME_PLACE: Final = 2e-3
 """Distance between load point and target [m] below which they count as the same."""
@@ -82,6 +81,10 @@ _DISTINCT: Final = float(np.radians(5.0))
 """Difference of a joint's angle [rad] that makes a posture another one."""
 _SAME_MISTAKES: Final[frozenset[FindingCode]] = frozenset({"joint_sign_suspect", "joints_swapped"})
 """Findings that the alternatives examine, too, and can undo."""
+_UNITS: Final[frozenset[FindingCode]] = frozenset(
+    {"length_unit_suspect", "angle_unit_suspect", "force_unit_suspect"}
+)
+"""Findings that cause others: they come first."""
 _LENGTHS: Final[frozenset[FindingCode]] = frozenset(
     {"length_unit_suspect", "deflection_implausibly_large", "deflection_implausibly_small"}
 )
@@ -143,7 +146,8 @@ def assess(
         findings: of the integrity checks of these measurements.
         screening: of an identification of joints alone; None to make it here.
     """
-    better = gross_mistake(robot, measurements, estimate)
+    units = any(finding.code in _UNITS and finding.weight == "do_not_use" for finding in findings)
+    better = None if units else gross_mistake(robot, measurements, estimate)
     if better is not None:
         findings = [finding for finding in findings if finding.code not in _SAME_MISTAKES]
     # Behind a gross error tests of smaller ones say nothing.
@@ -169,6 +173,14 @@ def assess(
 
 def _notes(measurements: Measurements, estimate: Estimate) -> Iterator[str]:
     """Yield what was assumed, and what the readings do not allow to check."""
+    force = float(np.linalg.norm(measurements.force, axis=1).max())
+    if force > 0.0:
+        deflection = length_text(float(np.linalg.norm(measurements.deflection, axis=2).max()))
+        kgf = float(np.linalg.norm(STANDARD_GRAVITY))
+        yield (
+            f"Forces up to {force:.4g} N ({force / kgf:.3g} kgf), deflections up to {deflection}. If N and "
+            f"kgf are confused, every stiffness is wrong by {kgf:.3g}, and no reading shows it."
+        )
     if estimate.common is not None and estimate.common.of("assumed_load_point").any():
         yield (
             f"Load point: ±{1e3 * ASSUMED_LOAD_POINT:g} mm assumed. Measure where the force acts on the "
@@ -339,14 +351,15 @@ def reading_reasons(
 ) -> Iterator[Finding]:
     """Yield what is wrong with the readings: the findings of their checks, one of each kind, and more.
 
-    Errors of the whole set come first; a wrong unit, or most of a set, is not to be left out.
+    Wrong units come first, then errors of the whole set; neither they, nor most of a set, are to be left out.
     """
     labels = measurements.labels
     yield from _load_at_target(robot, measurements)
     outliers = [finding for finding in findings if finding.code == "residual_outlier"]
     others = [finding for finding in findings if finding.code != "residual_outlier"]
     errors = _kinds(others, "do_not_use")
-    for same in sorted(errors, key=lambda same: same[0].observation is not None):
+    errors.sort(key=lambda same: (same[0].code not in _UNITS, same[0].observation is not None))
+    for same in errors:
         first, observations = same[0], _observations(measurements, same)
         if first.code == "target_moved" and first.observation is not None:
             row = labels.index(first.observation)
@@ -643,7 +656,7 @@ def implausible_joints(joints: Sequence[JointCompliance]) -> Iterator[Finding]:
     }
     least, greatest = PLAUSIBLE_STIFFNESS
     implausible = {name: k for name, k in identified.items() if not least <= abs(k) <= greatest}
-    units = {joint.name: JOINT_UNITS[joint.kind].stiffness for joint in joints}
+    kinds = {joint.name: joint.kind for joint in joints}
     for name, stiffness in implausible.items():
         # A wrong unit scales all joints, a wrong column or map changes single joints.
         remedy = (
@@ -658,8 +671,9 @@ def implausible_joints(joints: Sequence[JointCompliance]) -> Iterator[Finding]:
         yield Finding(
             code="stiffness_implausible",
             weight="do_not_use",
-            message=f"the stiffness of {name} is {stiffness:.3g} {units[name]}; joints of industrial "
-            f"robots have {least:.0e} to {greatest:.0e} {units[name]}",
+            message=f"the stiffness of {name} is {stiffness_text(stiffness, kinds[name])}; joints of "
+            f"industrial robots have {stiffness_text(least, kinds[name])} to "
+            f"{stiffness_text(greatest, kinds[name])}",
             remedy=remedy,
             where=name,
         )

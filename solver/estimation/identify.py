@@ -226,7 +226,8 @@ def _iterate_to_convergence(
     """
     shift = _neglected_shift(robot, first, settings.prior, measurements.sigma or first.noise())
     at = replace(first, fit=replace(first.fit, compliance=first.fit.compliance + shift))
-    reference = first.observability.reference_compliance
+    # A joint that nothing moves has no compliance to compare with.
+    reference = np.maximum(first.observability.reference_compliance, np.finfo(np.float64).tiny)
     shrinks = float((np.abs(shift) / np.maximum(np.abs(first.fit.compliance), reference)).max())
     for rounds in range(1, MAX_ITERATIONS + 1):
         last = _fit(robot, measurements, settings, first.triangles.method, at)

@@ -23,13 +23,10 @@ from jointstiff.schemas.finding import Action, Finding, FindingCode, Unit
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.estimation.triangle import Triangle
 from jointstiff.solver.integrity.values import (
-    DEG_AS_RAD,
     FALSE_ALARM,
-    M_AS_MM,
     MEDIAN_SIZE,
-    MM_AS_M,
     MODEL_ALLOWANCE,
-    RAD_AS_DEG,
+    OTHER_UNITS,
     SAME_ANGLE,
     View,
     median,
@@ -86,7 +83,7 @@ class Hypothesis:
     remedy: str  #: the proposed correction
     rows: IndexArray  #: (M,) rows that it can explain, as places among those asked for
     length: float = 1.0  #: factor on the positions
-    action: Action | None = None  #: correction that a program can make
+    unit: Unit | None = None  #: unit of the numbers, if it is not the declared one
 
 
 def unit_hypotheses(joints: FloatArray, prismatic: BoolArray) -> Iterator[Hypothesis]:
@@ -99,15 +96,14 @@ def unit_hypotheses(joints: FloatArray, prismatic: BoolArray) -> Iterator[Hypoth
     rows = np.arange(len(joints))
     shorter, longer = (joints * np.where(prismatic, factor, 1.0) for factor in (1e-3, 1e3))
     as_degrees, as_radians = (np.where(prismatic, joints, f(joints)) for f in (np.deg2rad, np.rad2deg))
-    units: list[tuple[FindingCode, FloatArray, float, str, str, Unit]] = [
-        ("length_unit_suspect", shorter, 1e-3, "all lengths divided by 1000", MM_AS_M, "mm"),
-        ("length_unit_suspect", longer, 1e3, "all lengths multiplied by 1000", M_AS_MM, "m"),
-        ("angle_unit_suspect", as_degrees, 1.0, "all angles taken as degrees", DEG_AS_RAD, "deg"),
-        ("angle_unit_suspect", as_radians, 1.0, "all angles taken as radians", RAD_AS_DEG, "rad"),
+    units: list[tuple[Unit, FloatArray, float, str]] = [
+        ("mm", shorter, 1e-3, "all lengths divided by 1000"),
+        ("m", longer, 1e3, "all lengths multiplied by 1000"),
+        ("deg", as_degrees, 1.0, "all angles taken as degrees"),
+        ("rad", as_radians, 1.0, "all angles taken as radians"),
     ]
-    for code, angles, length, figure, remedy, unit in units:
-        action = Action.of("convert_units", unit=unit)
-        yield Hypothesis(code, angles, figure, remedy, rows, length, action)
+    for unit, angles, length, figure in units:
+        yield Hypothesis(OTHER_UNITS[unit][2], angles, figure, "", rows, length, unit)
 
 
 def angle_hypotheses(joints: FloatArray, rows: IndexArray, names: tuple[str, ...]) -> Iterator[Hypothesis]:
@@ -173,16 +169,14 @@ def inspect_places(view: View) -> tuple[list[Finding], BoolArray]:
     near = apart <= LARGEST_MODEL_ERROR
     count, posted_share = int(near.sum()), float(agree.mean())
     if count >= EXPLAINED * len(sample) and count / len(sample) > posted_share + 0.1:
-        mistake = view.finding(
-            best.code,
+        effect = (
             f"as posted, the targets keep one position on the flange in {agree.sum()} of {len(rows)} "
             f"observations; with {best.figure}, in {count} of {len(near)}, within "
-            f"{length_text(float(apart[near].max()))}",
-            best.remedy,
-            "do_not_use",
-            best.action,
+            f"{length_text(float(apart[near].max()))}"
         )
-        return [mistake], ~good
+        if best.unit is not None:
+            return [view.other_unit(best.unit, effect)], ~good
+        return [view.finding(best.code, effect, best.remedy, "do_not_use")], ~good
     if best.code == "observations_out_of_order" and count / len(sample) > posted_share:
         place, agree = mended, _apart(seen, mended) <= LARGEST_MODEL_ERROR
     good[rows[~agree]] = False

@@ -15,7 +15,7 @@ from typing import Final
 import numpy as np
 from scipy import special
 
-from jointstiff.schemas.finding import Action, Finding, FindingCode, Verdict
+from jointstiff.schemas.finding import Action, Finding, FindingCode, Unit, Verdict
 from jointstiff.schemas.joints import JOINT_UNITS
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.mechanics.block import unloaded_configurations
@@ -24,10 +24,13 @@ from jointstiff.solver.mechanics.measurements import NOISE_SIGMAS, Measurements,
 from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.text import length_text
 
-MM_AS_M: Final = "the lengths seem to be in mm and declared as m: set `units.length` to mm"
-M_AS_MM: Final = "the lengths seem to be in m and declared as mm: set `units.length` to m"
-DEG_AS_RAD: Final = "the angles seem to be in degrees and declared as radians: set `units.angle` to deg"
-RAD_AS_DEG: Final = "the angles seem to be in radians and declared as degrees: set `units.angle` to rad"
+OTHER_UNITS: Final[dict[Unit, tuple[str, Unit, FindingCode]]] = {
+    "mm": ("length", "m", "length_unit_suspect"),
+    "m": ("length", "mm", "length_unit_suspect"),
+    "deg": ("angle", "rad", "angle_unit_suspect"),
+    "rad": ("angle", "deg", "angle_unit_suspect"),
+}
+"""Quantity of a unit, the unit that is declared in its place, and the finding that says so."""
 IN_ORDER: Final = 0.8
 """Correlation of a joint's angle with the row."""
 FALSE_ALARM: Final = 1e-6
@@ -87,6 +90,17 @@ class View:
             message=message,
             remedy=remedy,
             action=action,
+        )
+
+    def other_unit(self, unit: Unit, effect: str) -> Finding:
+        """Return that a quantity seems to be in a unit that is not the declared one, with what shows it."""
+        quantity, declared, code = OTHER_UNITS[unit]
+        return self.finding(
+            code,
+            f"the {quantity}s seem to be in {unit}, not in {declared} as declared: {effect}",
+            f"set `units.{quantity}` to {unit}",
+            "do_not_use",
+            Action.of("convert_units", unit=unit),
         )
 
     @cached_property
@@ -171,21 +185,11 @@ def angles(view: View) -> Iterator[Finding]:
     joints, turning = view.measurements.joints, ~view.robot.prismatic
     largest = float(np.abs(joints[:, turning]).max(initial=0.0))
     if not view.degrees and largest > _MANY_TURNS:
-        yield view.finding(
-            "angle_unit_suspect",
-            f"the largest joint angle is {largest:.4g} rad, more than two turns",
-            DEG_AS_RAD,
-            "do_not_use",
-            Action.of("convert_units", unit="deg"),
-        )
+        yield view.other_unit("deg", f"the largest one is {largest:.4g} rad, more than two turns")
     posted = float(np.rad2deg(largest))
     if view.degrees and 0 < posted <= _SMALL_DEGREES and len(joints) > 1:
-        yield view.finding(
-            "angle_unit_suspect",
-            f"no joint turns by more than {posted:.3g}° in {len(joints)} observations",
-            RAD_AS_DEG,
-            "do_not_use",
-            Action.of("convert_units", unit="rad"),
+        yield view.other_unit(
+            "rad", f"no joint turns by more than {posted:.3g}° in {len(joints)} observations"
         )
     q = view.robot.joint_map.model_angles(joints)
     lower, upper = view.robot.limits.T
@@ -258,13 +262,8 @@ def flange_lengths(view: View) -> Iterator[Finding]:
     points = np.concatenate([m.load_point, m.position[m.present & m.in_flange]])
     largest, (near, far) = float(np.linalg.norm(points, axis=1).max()), FLANGE_LENGTHS
     if largest > far or 0.0 < largest < near:
-        yield view.finding(
-            "length_unit_suspect",
-            f"the load points and targets given in the flange frame are up to {length_text(largest)} from it",
-            MM_AS_M if largest > far else M_AS_MM,
-            "do_not_use",
-            Action.of("convert_units", unit="mm" if largest > far else "m"),
-        )
+        effect = f"the load points and targets in the flange frame are up to {length_text(largest)} from it"
+        yield view.other_unit("mm" if largest > far else "m", effect)
 
 
 def deflections(view: View) -> Iterator[Finding]:

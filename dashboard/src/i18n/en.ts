@@ -122,7 +122,7 @@ export const en = {
     faults: {
       not_json: [
         "This is not a JSON file",
-        "Choose a campaign file written by your measuring program or by “jointstiff simulate”.",
+        "Correct it there, or choose a campaign file written by your measuring program or by “jointstiff simulate”.",
       ],
       not_finite: ["A number in this file is not finite", "Correct the named field, or omit the reading."],
       empty: ["This file is empty", "Export it again."],

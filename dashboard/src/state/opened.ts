@@ -1,4 +1,5 @@
 /** Files that were dropped or chosen, and what they are: a campaign, tables of readings, or a template for them. */
+import { api, problemOf } from "../api/client";
 import type { ImportOptions } from "../api/types";
 import { type Campaign, notFinite, understand, type Typed, typedOf } from "../lib/campaign";
 import type { Fields } from "../lib/json";
@@ -75,9 +76,17 @@ export async function open(files: File[], before: Opened | null): Promise<Opened
   if (tables.length > 0) return fault("mixed");
   const campaign = understand(content);
   if (campaign === "sweeps") return { kind: "sweeps", file: document };
+  if (campaign === "not_json") return { kind: "fault", name: await mistakeIn(document), fault: campaign };
   if (campaign === "not_finite") return { kind: "fault", name: `${name}: ${notFinite(content)}`, fault: campaign };
   return typeof campaign === "string" ? fault(campaign) : { kind: "campaign", name, campaign };
 }
+
+/** Where the JSON of a file is wrong, as the service says it: its name, line and column. */
+const mistakeIn = (file: File): Promise<string> =>
+  api.importFiles([file]).then(
+    () => file.name,
+    (error) => `${file.name}: ${problemOf(error).detail}`,
+  );
 
 const isJson = async (file: File): Promise<boolean> =>
   /\.json$/i.test(file.name) || /^\ufeff?\s*[{[]/.test(await file.slice(0, 200).text());

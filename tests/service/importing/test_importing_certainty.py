@@ -95,8 +95,8 @@ def test_a_load_point_in_metres_is_blamed_on_itself():
     request = ImportRequest(encoders="motor", load_point=(0.0, 0.0, 0.12), length_unit="mm")
     findings = import_files(sources_of(("a.csv", table_of(campaign))), request, robot).findings
     (finding,) = [one for one in findings if one.code == "length_unit_suspect"]
-    small = "the numbers seem to be in m, but are read as mm"
-    assert finding.remedy == f"check the unit of `load_point`; {small}"
+    assert finding.message.startswith("the lengths seem to be in m, not in mm as declared: the load points")
+    assert finding.remedy == "check the unit of `load_point`"
 
 
 def test_the_preview_has_the_rows_with_faults_beyond_the_first_ones():
