@@ -3,9 +3,9 @@
 import ast
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
-from support.sources import nodes
 
 ROOT = Path(__file__).parents[2]
 REFUSED = (
@@ -31,12 +31,20 @@ def docstrings(folder: str) -> list[str]:
     """The docstrings of a folder's modules, classes and functions, each with its place."""
     found = []
     for path in sorted((ROOT / folder).rglob("*.py")):
-        for node in nodes(path):
-            if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
-                text = ast.get_docstring(node)
-                if text is not None:
-                    found.append(f"{path.relative_to(ROOT)}:{node.body[0].lineno}: {text}")
+        for node in described(ast.parse(path.read_text(encoding="utf-8"))):
+            text = ast.get_docstring(node)
+            if text is not None:
+                found.append(f"{path.relative_to(ROOT)}:{node.body[0].lineno}: {text}")
     return found
+
+
+def described(node: ast.AST) -> Iterator[Any]:
+    """A module, its classes and functions, and theirs; expressions have none."""
+    if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
+        yield node
+    for child in ast.iter_child_nodes(node):
+        if isinstance(child, ast.stmt):
+            yield from described(child)
 
 
 @pytest.mark.parametrize("folder", ["solver", "service", "schemas", "examples", "benchmarks"])

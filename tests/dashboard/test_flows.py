@@ -278,19 +278,6 @@ def test_units_change_all_numbers(visit, stored):
     expect(row).to_contain_text(re.compile(r"0\.3\d+ ±"))
 
 
-def test_selected_runs_stand_side_by_side(visit, api, stored):
-    for set_id in (stored.set, stored.other_set):
-        post(api, "/v1/runs", {"measurement_set_id": set_id})
-    page = visit("desktop", view="#/runs").page
-    boxes = page.get_by_role("checkbox", name=re.compile("^Select "))
-    boxes.nth(0).check()
-    expect(page.get_by_role("button", name="Compare", exact=True)).to_be_disabled()
-    boxes.nth(1).check()
-    page.get_by_role("button", name="Compare", exact=True).click()
-    expect(page.get_by_role("heading", level=1)).to_have_text("2 runs side by side")
-    expect(page.get_by_role("row").filter(has_text="Verdict").first).to_contain_text("Use")
-
-
 @pytest.mark.parametrize(
     ("collection", "view"), [("runs", "#/runs?state=deleted"), ("comparisons", "#/compare/methods")]
 )

@@ -105,17 +105,6 @@ def test_a_run_that_is_not_waited_for_is_accepted_and_ends_by_itself(
     assert numbers(client.get(answer.headers["location"]).json()) == undisturbed
 
 
-def test_a_small_run_does_not_wait_for_a_large_one(client: httpx2.Client, set_id: str) -> None:
-    large = [post_run(client, set_id, LONGEST | {"seed": seed}).headers["location"] for seed in range(6)]
-    small = post_run(client, set_id, RESAMPLING | {"repetitions": 4_000}, wait=30)
-    assert (small.status_code, small.json()["state"]) == (201, "succeeded")
-    assert client.get(small.headers["location"]).json() == small.json()
-    states = [client.get(address).json()["state"] for address in large]
-    for address in large:
-        client.patch(job_at(address), json=CANCEL)
-    assert set(states[1:]) <= OPEN
-
-
 def test_a_cancelled_run_stops_within_a_step_and_says_how_far_it_came(
     client: httpx2.Client, set_id: str, database: str
 ) -> None:

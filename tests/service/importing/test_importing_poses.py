@@ -70,6 +70,6 @@ def test_the_poses_of_a_real_ur10_give_its_geometry():
     ignore = [header for header in file.read_text().splitlines()[0].split(";") if header not in columns]
     poses = jointstiff.import_files(file, columns=columns, ignore=ignore, by_order=True).poses
     assert len(poses.poses) == 632
-    few = poses.model_copy(update={"poses": poses.poses[::6]})
+    few = poses.model_copy(update={"poses": poses.poses[::12]})
     found = jointstiff.geometry(few.model_dump(mode="json"), robot=robot_of("ur10"))
     assert found.result.goodness.sigma < 1e-3

@@ -10,9 +10,8 @@ import numpy as np
 import pytest
 from support.api import post
 from support.shared_data import shared
-from support.terminal import terminal
 
-from jointstiff.schemas.geometry import MAX_GEOMETRY_READINGS, Geometry, GeometryRequest
+from jointstiff.schemas.geometry import MAX_GEOMETRY_READINGS, GeometryRequest
 from jointstiff.schemas.measurement import MeasurementSetRequest
 from jointstiff.schemas.robot import RobotDocument, RobotRequest
 from jointstiff.schemas.run import RunRequest
@@ -539,35 +538,6 @@ def test_limits_are_stated():
     many = poses(TrackedArm(), count=MAX_GEOMETRY_READINGS // 3 + 1) | {"robot_id": "a"}
     with pytest.raises(ValueError, match="at most 4200 readings"):
         GeometryRequest.model_validate(many)
-
-
-class TestCommand:
-    @pytest.fixture
-    def file(self, tmp_path):
-        path = tmp_path / "sweeps.json"
-        path.write_text(json.dumps(sweeps(TrackedArm())))
-        robot = tmp_path / "robot.json"
-        robot.write_text(json.dumps(simulate_campaign(default_arm(), configurations=2)))
-        return [str(path), "--robot", str(robot)]
-
-    def test_poses_with_the_robot_of_another_file(self, tmp_path):
-        """The file alone is no request: what the option adds counts before it is judged."""
-        (tmp_path / "poses.json").write_text(json.dumps(poses(TrackedArm(imperfect_arm(2)))))
-        (tmp_path / "robot.json").write_text(json.dumps(robot_document(default_arm())))
-        arguments = ["geometry", str(tmp_path / "poses.json")]
-        refused = terminal(*arguments)
-        assert refused.exit_code == 2
-        assert "nominal" in refused.output
-        assert "remedy" in refused.output
-        arguments += ["--robot", str(tmp_path / "robot.json")]
-        shown = terminal(*arguments, "--details", width=200)
-        assert shown.exit_code == 0, shown.output
-        assert "30 poses determine 33 of 33 unknowns" in shown.output
-        result = Geometry.model_validate_json(terminal(*arguments, "--json").stdout).result
-        assert SIGMA < result.poses.held_out_rms < 2.0 * SIGMA
-        assert f"predicted to {1e6 * result.poses.held_out_rms:.1f} µm rms" in shown.output
-        (tmp_path / "poses.json").write_bytes(b"[" * 200_000)
-        assert terminal(*arguments).exit_code == 2
 
 
 def symmetric(C):

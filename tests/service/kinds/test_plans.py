@@ -153,15 +153,12 @@ class TestPlans:
             PlanRequest(robot_id="r", candidates=10_000_000)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("goal", "changes"),
     [
         ({"kind": "joints", "relative": 0.02}, {}),
-        pytest.param(
-            {"kind": "deflection", "uncertainty": 3e-5},
-            {"work_area": ((0.8, -0.6, 0.4), (1.9, 0.6, 1.6))},
-            marks=pytest.mark.slow,
-        ),
+        ({"kind": "deflection", "uncertainty": 3e-5}, {"work_area": ((0.8, -0.6, 0.4), (1.9, 0.6, 1.6))}),
     ],
 )
 def test_a_goal_gives_the_least_list_that_meets_it(parts, robot, goal, changes):

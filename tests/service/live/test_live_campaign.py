@@ -158,7 +158,7 @@ MISTAKES: dict[str, tuple[Callable[[Answer, Answer], Answer], str]] = {
 
 @pytest.mark.parametrize(
     "mistake",
-    ["sign", "targets", *(pytest.param(name, marks=pytest.mark.slow) for name in ("posture", "force"))],
+    ["targets", *(pytest.param(name, marks=pytest.mark.slow) for name in ("sign", "posture", "force"))],
 )
 def test_a_mistake_is_named_at_the_reading_and_withdrawn(service, mistake):
     address = declared(service, goal={"kind": "joints", "relative": 0.02})
@@ -431,6 +431,7 @@ def measured_to_goal(client, own, prior):
     return state, client.get(f"/v1/runs/{closed['run_id']}").json(), client.get(address).json()["notes"]
 
 
+@pytest.mark.slow
 def test_an_arm_like_its_sisters_is_measured_sooner(fleet):
     own = arm(1.02, 0.97, 1.03, 0.96, 1.01, 0.98)
     alone, plain, _ = measured_to_goal(fleet, own, None)

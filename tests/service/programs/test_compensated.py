@@ -185,27 +185,3 @@ def test_the_worst_points_are_those_that_bend_most_and_equal_remarks_are_one():
     assert deflections[0] == result.deflection.greatest
     (home,) = [remark for remark in result.remarks if "HOME" in remark]
     assert home.startswith("lines 37, 38: ")
-
-
-UNCERTAIN = "LIN XP9\r\nLIN {X 1803,Y 290,Z 1505,A 18,B 140,C 9}:{X 1}\r\nEND\r\n"
-
-
-def test_moves_that_are_not_certain_are_left_where_that_is_confirmed():
-    text = program_text("krl", tool_poses(path(5)), 4)
-    uncertain = text.replace("END\r\n", UNCERTAIN)
-    with pytest.raises(ProgramError) as caught:
-        compensated("krl", uncertain)
-    lines = [12, 13]
-    assert [fault.line for fault in caught.value.faults] == lines
-    assert [left.line for left in caught.value.left] == lines
-    result = compensated("krl", uncertain, leave_others=True)
-    assert (result.moves, result.moves_left, result.corrected) == (7, 2, 5)
-    assert result.assessment.verdict == "use_with_care"
-    assert "moves_left" in [reason.code for reason in result.assessment.reasons]
-    assert any(remark.startswith("line 12: left: the target 'XP9'") for remark in result.remarks)
-    written = unpacked(result.files[0])
-    assert b"5 of 7 moves corrected, 2 left" in written
-    marks = [line for line in written.split(b"\r\n") if b"Jointstiff run" in line]
-    assert written.replace(marks[0] + b"\r\n", b"") == unpacked(compensated("krl", text).files[0]).replace(
-        b"END\r\n", UNCERTAIN.encode()
-    )

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
-from support.examples import is_full
+from support.examples import examples, is_full
 from support.written_programs import moves_of, rewritten, targets_of
 
 from jointstiff.service.kinds.program_path import StatedConfigurations
@@ -164,7 +164,7 @@ def ur(p):
     return "movel(p[{:.6f},{:.6f},{:.6f},{:.6f},{:.6f},{:.6f}], a=1, v=0.1)".format(*values)
 
 
-@settings(deadline=None, max_examples=60)
+@examples(300)
 @given(st.lists(st.tuples(pose, text_between), min_size=1, max_size=8), st.sampled_from(["\n", "\r\n"]))
 @pytest.mark.parametrize(("name", "line", "comment"), [("a.src", krl, ";"), ("a.script", ur, "#")])
 def test_any_bytes_in_comments_survive(name, line, comment, targets, end):
@@ -258,7 +258,7 @@ HOSTILE = {
     "one letter": "A" * BIG,
     "braces": "{" * BIG,
     "line ends": "\n" * BIG,
-    "all bytes": bytes(range(1, 256)).decode("latin-1") * 400,
+    "all bytes": bytes(range(1, 256)).decode("latin-1") * (400 // SHARE),
     "deep folds": ";FOLD x\n" * (100_000 // SHARE),
     "deep braces": "LIN " + "{A " * 1000 + "\n",
     "deep loops": "LOOP\n" * (50_000 // SHARE) + f"LIN {PLACE}\n",

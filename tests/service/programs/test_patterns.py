@@ -159,7 +159,7 @@ def test_numbers(lexicon, rules, text):
     ids=["rapid comments", "rapid statements", "fanuc positions", "json strings"],
 )  # fmt: skip
 def test_patterns(pattern, rules, strategy):
-    @examples(3000)
+    @examples(1500)
     @given(strategy)
     def split_alike(text):
         spans = [

@@ -620,7 +620,7 @@ def motions_found(name, program):
 def test_each_motion_word_is_read_or_refused(name, text):
     """Mutated programs in each of four languages: no motion word outside of comments and texts is passed over."""
     kind = {"a.src": "krl", "a.mod": "rapid", "a.LS": "fanuc", "a.script": "ur"}[name]
-    draw, read, count = random.Random(27), 0, 2_500 if is_full() else 250  # noqa: S311
+    draw, read, count = random.Random(27), 0, 2_500 if is_full() else 150  # noqa: S311
     for _ in range(count):
         program = mutated(draw, kind, text)
         lines, refusal = motions_found(name, program)

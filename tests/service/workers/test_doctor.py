@@ -1,5 +1,6 @@
 """The doctor finds what was planted, on both databases, and nothing in a healthy one."""
 
+import shutil
 import sqlite3
 from contextlib import closing
 
@@ -13,10 +14,27 @@ from jointstiff.service.store.store import Store
 from jointstiff.service.workers.doctor import examine
 
 
-@pytest.fixture
-def url(either_database_url):
-    with Store.open(either_database_url) as store:
+def filled(url):
+    """Store a robot, its readings and a run of them."""
+    with Store.open(url) as store:
         runs_of(store).create(request(stored_set(store), resampling=None), None)
+    return url
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    """A database with one of each, which tests copy."""
+    path = tmp_path_factory.mktemp("doctor") / "whole.db"
+    filled(f"sqlite:///{path}")
+    return path
+
+
+@pytest.fixture
+def url(either_database_url, whole):
+    kind, _, path = either_database_url.partition(":///")
+    if kind != "sqlite":
+        return filled(either_database_url)
+    shutil.copy(whole, path)
     return either_database_url
 
 
@@ -58,11 +76,8 @@ def test_planted_faults_are_found(url, statement, code, where):
 
 class TestOnSqlite:
     @pytest.fixture
-    def url(self, tmp_path):
-        url = f"sqlite:///{tmp_path / 'of.db'}"
-        with Store.open(url) as store:
-            runs_of(store).create(request(stored_set(store)), None)
-        return url
+    def url(self, tmp_path, whole):
+        return f"sqlite:///{shutil.copy(whole, tmp_path / 'of.db')}"
 
     def test_orphans_of_references(self, url):
         planted(url, "PRAGMA foreign_keys=OFF", "DELETE FROM robots")
