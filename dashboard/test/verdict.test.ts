@@ -1,6 +1,13 @@
 import { describe, expect, it } from "vitest";
 import type { JointResult } from "../src/api/types";
-import { shownStiffness, postureText, lowerLimit, stiffnessUncertainty, verdictOf } from "../src/lib/stiffness";
+import {
+  shownStiffness,
+  postureText,
+  lowerLimit,
+  stiffnessUncertainty,
+  verdictOf,
+  withUnit,
+} from "../src/lib/stiffness";
 
 /** A joint with what the page looks at. */
 const joint = (part: Partial<JointResult>): JointResult =>
@@ -58,6 +65,7 @@ describe("stiffness in the unit that was chosen", () => {
     expect(shownStiffness(slide, "MNm").value).toBe("20.10\u00a0N/µm");
     expect(shownStiffness(slide, "kNmDeg").value).toBe("20.10\u00a0N/µm");
     expect(shownStiffness(slide, "compliance").value).toContain("\u00a0µm/N");
+    expect(withUnit("80", "10⁶ N·m/rad")).toBe("80 · 10⁶ N·m/rad");
     expect(postureText([Math.PI / 2, 0.25], ["revolute", "prismatic"], 0)).toBe("90°, 250\u00a0mm");
   });
   it("gives only a limit where there is no value", () => {

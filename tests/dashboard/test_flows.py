@@ -195,6 +195,8 @@ def test_refusals_say_what_to_do(visit, stored):
     visited = visit("tablet", view="#/")
     page = visited.page
     document = campaign(load="dead_weight", seed=41)
+    page.locator("input[type=file]").set_input_files(file_of("broken.json", '{"a": 1, }'))
+    expect(page.get_by_text("broken.json: Invalid JSON: trailing comma at line 1 column 10")).to_be_visible()
     document["measurement_set"]["observations"][3]["joints"] = [0.1, 0.2]
     page.locator("input[type=file]").set_input_files(file_of("campaign.json", document))
     page.get_by_role("button", name="Identify").click()  # stored by this tap, or refused

@@ -18,7 +18,6 @@ from jointstiff.service.kinds.trend import Trends
 from jointstiff.service.live import stored
 from jointstiff.service.live.campaign import LiveCampaign
 from jointstiff.service.live.fleet import priors_of, standings
-from jointstiff.service.problems import NotFoundError
 from jointstiff.service.store.collection import KEEP_DELETED
 from jointstiff.service.store.store import Store
 from jointstiff.service.workers.worker import Recovery
@@ -272,14 +271,15 @@ def test_a_load_point_among_the_options_is_that_of_the_set_in_its_unit(service):
     assert service.post(f"{address}/observations", json=sent).status_code == 201
 
 
-def test_a_robot_goes_after_its_closed_set_and_comes_back_before_it(service):
-    """The record of a campaign is deleted, restored and purged with the set that it became."""
+@pytest.mark.parametrize("closed", [True, False])
+def test_a_robot_goes_after_its_set_and_comes_back_before_it(service, closed):
+    """The record of a campaign is deleted, restored and purged with its set."""
     address = declared(service)
     measured(service, address, 6)
-    run = service.post(f"{address}/close").json()["run_id"]
+    runs = [f"/v1/jobs/{service.post(f'{address}/close').json()['run_id']}"] if closed else []
     robot = f"/v1/robots/{service.get(address).json()['robot_id']}"
     store = service.app.state.parts.store
-    for at in (f"/v1/jobs/{run}", address, robot):
+    for at in (*runs, address, robot):
         assert service.patch(at, json={"deleted": True}).status_code == 200, at
     assert service.patch(address, json={"deleted": False}).status_code == 404  # its robot is deleted
     for at in (robot, address):
@@ -290,21 +290,6 @@ def test_a_robot_goes_after_its_closed_set_and_comes_back_before_it(service):
     later = datetime.now(UTC) + 2 * KEEP_DELETED
     Recovery(store, service.app.state.parts.jobs_of, "alive", now=lambda: later).look()
     assert service.patch(robot, json={"deleted": False}).status_code == 404
-    assert store.live_entries.of(set_id=address.rpartition("/")[2]) == []
-
-
-def test_a_deleted_open_set_is_purged_with_what_was_read(service):
-    address = declared(service)
-    measured(service, address, 2)
-    store = service.app.state.parts.store
-    robot = service.get(address).json()["robot_id"]
-    assert service.patch(address, json={"deleted": True}).status_code == 200
-    assert service.patch(f"/v1/robots/{robot}", json={"deleted": True}).status_code == 200
-    later = datetime.now(UTC) + 2 * KEEP_DELETED
-    Recovery(store, service.app.state.parts.jobs_of, "alive", now=lambda: later).look()
-    assert service.patch(address, json={"deleted": False}).status_code == 404
-    with pytest.raises(NotFoundError):
-        store.robots.get(robot, hidden=True)
     assert store.live_entries.of(set_id=address.rpartition("/")[2]) == []
 
 
