@@ -101,11 +101,18 @@ class TestTwoSets:
         assert {reason.where.split(".")[0] for reason in result.assessment.reasons} == {"second"}
 
 
-def test_a_run_with_priors_is_no_side(parts):
-    first, second = two_encoders(parts)
-    priors = {"joint_2": {"stiffness": 3e6, "standard_uncertainty": 3e5}}
-    other = identified(parts, set_of_run(parts, first), priors=priors)
-    with pytest.raises(RequestError, match="not independent"):
+@pytest.mark.parametrize(
+    ("options", "reason"),
+    [
+        ({"priors": {"joint_2": {"stiffness": 3e6, "standard_uncertainty": 3e5}}}, "not independent"),
+        ({"elasticity": "coupled_joints", "link_penalty": 0.1, "loss": "squared"}, "joints only"),
+    ],
+)
+def test_runs_that_cannot_be_two_sides_are_refused(parts, options, reason):
+    first, second = two_encoders(parts, configurations=8)
+    options["cross_validation"] = {"folds": 2}
+    other = identified(parts, set_of_run(parts, first), **options)
+    with pytest.raises(RequestError, match=reason):
         made(parts, other, second)
 
 
