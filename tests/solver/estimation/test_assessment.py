@@ -12,7 +12,7 @@ from support.shared_data import shared
 from jointstiff.schemas.finding import Finding
 from jointstiff.schemas.options import RunOptions
 from jointstiff.service.kinds.identification import to_settings
-from jointstiff.simulator import default_arm, simulate_campaign
+from jointstiff.simulator import TARGETS, default_arm, simulate_campaign
 from jointstiff.solver.estimation.assessment import assess, implausible_joints
 from jointstiff.solver.estimation.estimate import JointCompliance, predict
 from jointstiff.solver.estimation.identify import identify
@@ -143,6 +143,14 @@ class TestReadings:
         assessment, found = assessed(robot, wrong, loss="huber")
         assert assessment.verdict == "use"
         assert is_true(found)
+
+    def test_a_load_at_one_of_two_targets_is_told(self):
+        places = {name: TARGETS[name] for name in ("P10", "P12")}
+        for point, told in ((TARGETS["P12"], True), (TARGETS["P11"], False)):
+            campaign = simulate_campaign(default_arm(), load="pull", targets=places, load_point=point)
+            assessment, _ = assessed(*prepare(campaign))
+            codes = {reason.code: reason.action and reason.action.target for reason in assessment.reasons}
+            assert codes.get("load_at_target") == ("P12" if told else None)
 
     @pytest.mark.parametrize(("row", "left_out"), [(2, ["c01", "c02"]), (17, ["c18", "c19"]), (9, None)])
     def test_of_a_target_that_stays_elsewhere_the_shorter_side_is_left_out(self, pulls, row, left_out):
