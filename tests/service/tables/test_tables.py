@@ -14,8 +14,8 @@ from jointstiff.schemas.comparison import JointRatio
 from jointstiff.schemas.options import RunOptions
 from jointstiff.schemas.run import Campaign
 from jointstiff.service.cli.options import Units
+from jointstiff.service.kinds.comparison import _by_interval
 from jointstiff.service.kinds.comparison import _interval as interval_text
-from jointstiff.service.kinds.comparison import _ratio as ratio_text
 from jointstiff.service.kinds.run import RUN
 from jointstiff.service.reports.job import job_report
 from jointstiff.service.tables.stiffness import UNITS
@@ -138,10 +138,13 @@ def test_a_ratio_has_two_digits_of_half_its_interval(half):
     """Its last digit counts between a hundredth and a tenth of the half width; as do the interval's ends."""
     ratio = 12.3456789
     joint = JointRatio(name="a", ratio=ratio, ratio_interval=(ratio - half, ratio + half))
-    for text, value in ((ratio_text(joint), ratio), (interval_text(joint).split(" … ")[1], ratio + half)):
+    for text, value in (
+        (_by_interval(ratio, joint), ratio),
+        (interval_text(joint).split(" … ")[1], ratio + half),
+    ):
         last = 10.0 ** -len(text.partition(".")[2])
         assert 0.01 * half < last <= 0.1 * half
         assert abs(float(text) - value) <= 0.5001 * last
     open_above = JointRatio(name="a", ratio=ratio, ratio_interval=(ratio, None))
-    assert ratio_text(open_above) == "12.3"
+    assert _by_interval(ratio, open_above) == "12.3"
     assert interval_text(open_above).endswith("no limit")
