@@ -68,16 +68,23 @@ def freed_masses(problem: Reduced, burden: Burden, noise: float) -> list[FreedMa
     scale = np.sqrt(noise)
 
     def fitted(start: FloatArray, free: int | None) -> tuple[FloatArray, float, FloatArray]:
-        prior = np.diag(np.where(np.arange(count) == free, 0.0, np.sqrt(3.0)))
+        prior = np.eye(n + count)[n:] * np.where(np.arange(count) == free, 0.0, np.sqrt(3.0))[:, None]
 
         def residual(y: FloatArray) -> FloatArray:
             x = np.zeros(size)
             for i, (place, own) in enumerate(blocks):
                 x[place] = y[i] * np.array([1.0, *y[own]])
-            return np.concatenate([(problem.A @ x - problem.b) / scale, prior @ y[n:]])
+            return np.concatenate([(problem.A @ x - problem.b) / scale, prior @ y])
 
-        # Residuals are bilinear, whose central differences are exact but for rounding
-        found = least_squares(residual, start, "3-point", bounds=bounds, x_scale="jac")
+        def slopes(y: FloatArray) -> FloatArray:
+            by_unknown = np.zeros((size, n + count))
+            for i, (place, own) in enumerate(blocks):
+                part = by_unknown[place]
+                part[:, i] = 1.0, *y[own]
+                part[1 + np.arange(len(own)), own] = y[i]
+            return np.concatenate([problem.A @ by_unknown / scale, prior])
+
+        found = least_squares(residual, start, slopes, bounds=bounds, x_scale="jac")
         return found.x, 2.0 * float(found.cost), np.asarray(found.jac)
 
     by_joints = problem.A[:, problem.cones.first]
