@@ -296,12 +296,13 @@ def _row(file: str, number: int, text: str, delimiter: Delimiter) -> Row:
         raise ImportFileError(place, "quotation marks do not enclose a whole cell", remedy) from None
     stripped = tuple(cell.strip(" \t") for cell in cells)
     for column, cell in enumerate(stripped, start=1):
-        at = place._replace(column=column)
         if len(cell) > MAX_CELL_LENGTH:
             reason = f"a cell has more than {MAX_CELL_LENGTH} characters: {shown(cell)}"
-            raise ImportFileError(at, reason, "check for a missing quotation mark or delimiter")
+            remedy = "check for a missing quotation mark or delimiter"
+            raise ImportFileError(place._replace(column=column), reason, remedy)
         if '"' in cell:
-            raise ImportFileError(at, f"a quotation mark occurs within a cell, {shown(cell)}", "remove it")
+            reason = f"a quotation mark occurs within a cell, {shown(cell)}"
+            raise ImportFileError(place._replace(column=column), reason, "remove it")
     return Row(number, stripped)
 
 
