@@ -8,9 +8,10 @@ Possessive are repeated characters only, no groups: Python before 3.11.5 keeps w
 from __future__ import annotations
 
 import re
+from bisect import bisect_left
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from itertools import accumulate
 from typing import Any, Final, NamedTuple, TypeAlias
 
@@ -161,8 +162,8 @@ class Line:
 
     def numbers(self, *span: int) -> tuple[int, ...]:
         """Return the ordinals of the numbers in a part of the text."""
-        first = self.text.count("\0", 0, span[0])
-        return self.ordinals[first : first + self.text.count("\0", *span)]
+        starts = _number_starts(self.text)
+        return self.ordinals[slice(*(bisect_left(starts, end) for end in span))]
 
     def number(self, group: str) -> int:
         """Return the ordinal of the first number in a part."""
@@ -171,6 +172,12 @@ class Line:
     def expression(self, text: str) -> list[Op]:
         """Return what an expression of the line uses and calls."""
         return self.language.expression(text)
+
+
+@lru_cache(maxsize=4)
+def _number_starts(text: str) -> tuple[int, ...]:
+    """Return where the numbers of a text stand, for each of its parts asks."""
+    return tuple(place for place, sign in enumerate(text) if sign == "\0")
 
 
 Rule: TypeAlias = "str | Callable[[Line], list[Op]]"
