@@ -74,6 +74,20 @@ class TestSharedData:
         assert not found.sigma_given
         assert found.degrees_of_freedom == pytest.approx(84)
 
+    @pytest.mark.parametrize("name", ["dead_weight_motor", "dead_weight_secondary", "pull_40"])
+    @pytest.mark.parametrize("method", METHODS)
+    def test_truth_within_four_standard_uncertainties(self, name, method):
+        truth = shared("simulated/truth")[name]
+        found = estimate(*prepare(shared(f"simulated/{name}")), method=method)
+        for joint, stiffness in zip(found.joints, truth["stiffness"], strict=True):
+            if joint.name in truth["not_observable"]:
+                assert joint.status == "not_observable"
+                assert "never twists" in joint.reason
+                assert joint.compliance is joint.standard_uncertainty is joint.compliance_interval is None
+            else:
+                assert joint.status == "identified"
+                assert abs(joint.compliance - 1 / stiffness) < 4 * joint.standard_uncertainty
+
 
 class TestEquivalence:
     @pytest.mark.parametrize("case", ["pulls", "dead_weight", "anisotropic", "encoders", "huber"])

@@ -6,7 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from flint import fmpq_mat
+from hypothesis import given
+from hypothesis import strategies as st
 from support.campaigns import ARM, estimate, prepare
+from support.examples import examples
 from support.shared_data import shared
 from support.springs import SpringCampaign
 
@@ -23,6 +27,7 @@ from jointstiff.solver.design.candidates import (
     Pool,
     feasible,
 )
+from jointstiff.solver.design.optimum import uncertainty_of
 from jointstiff.solver.design.plan import advise, plan_campaign
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.estimation.identify import identify
@@ -223,6 +228,20 @@ def advised(document, **options):
     robot, measurements = prepare(document)
     found = estimate(robot, measurements, **options)
     return robot, measurements, found, advise(robot, measurements, found)
+
+
+class TestUncertainty:
+    @examples(100)
+    @given(seed=st.integers(0, 2**32 - 1), n=st.integers(1, 6))
+    def test_is_that_of_the_exact_inverse(self, seed, n):
+        rows = np.random.default_rng(seed).integers(-9, 10, (n + 3, n))
+        G = fmpq_mat((rows.T @ rows).tolist()) if n else None
+        if G.det() == 0:
+            return
+        inverse = G.inv()
+        # The least information of such integers is 1/det; double precision finds it to what is left.
+        variance = [float(inverse[j, j].p) / float(inverse[j, j].q) for j in range(n)]
+        assert uncertainty_of(rows.T @ rows, n) ** 2 == pytest.approx(variance, rel=1e-6)
 
 
 class TestFollowed:
