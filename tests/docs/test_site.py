@@ -72,8 +72,12 @@ def test_llms_txt_has_every_page_with_its_task():
     assert "- [Webhooks](webhooks.html): inform other systems of runs and alarms\n" in text
 
 
-def test_the_python_reference_has_every_public_module():
-    pages = python_pages()
+@pytest.fixture(scope="module")
+def pages():
+    return python_pages()
+
+
+def test_the_python_reference_has_every_public_module(pages):
     documented = {
         line.removeprefix(".. automodule:: ")
         for text in pages.values()
@@ -94,9 +98,8 @@ def test_the_python_reference_has_every_public_module():
     assert ".. automodule:: jointstiff.solver.mechanics.robot" in pages["jointstiff.solver.mechanics"]
 
 
-def test_a_name_that_a_door_offers_is_documented_where_it_is_defined():
-    doors = python_pages()
+def test_a_name_that_a_door_offers_is_documented_where_it_is_defined(pages):
     for name in ("jointstiff.solver", "jointstiff.simulator"):
         offered = ", ".join(sorted(importlib.import_module(name).__all__))
-        assert f".. automodule:: {name}\n   :exclude-members: {offered}\n" in doors[name]
-    assert ":exclude-members:" not in doors["jointstiff.solver.mechanics"]
+        assert f".. automodule:: {name}\n   :exclude-members: {offered}\n" in pages[name]
+    assert ":exclude-members:" not in pages["jointstiff.solver.mechanics"]

@@ -46,7 +46,12 @@ def post(local, runs):
 
 
 @pytest.mark.parametrize(
-    "kind", [kind for kind in KINDS if kind.name != "geometry"], ids=lambda kind: kind.name
+    "kind",
+    [
+        pytest.param(kind, id=kind.name, marks=pytest.mark.slow if kind.name == "plan" else ())
+        for kind in KINDS
+        if kind.name != "geometry"
+    ],
 )
 def test_every_kind_says_it_first_in_the_terminal_in_its_report_and_in_its_tables(kind, local, post):
     answer = post(kind.name, **(ACCEPTED if kind.name in REFUSED else {}))

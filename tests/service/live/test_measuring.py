@@ -97,6 +97,7 @@ def test_a_mistake_at_the_first_reading_is_withdrawn_once_the_others_show_it(cam
     assert withdrawn == {"m01": "a mistake, as later readings show"}
 
 
+@pytest.mark.slow
 def test_a_target_that_slips_in_every_reading_ends_the_campaign(campaign, monkeypatch):
     """No single reading is the mistake: one is withdrawn at most, and nobody measures for ever."""
 
