@@ -374,7 +374,7 @@ class Candidates:
         for start in range(0, len(stack), _BLOCK):
             part, block = stack[start : start + _BLOCK], information[start : start + _BLOCK]
             for k, (a, b) in enumerate(pairs):
-                K = part[:, a].transpose(0, 2, 1) @ part[:, b]
+                K = np.ascontiguousarray(part[:, a].transpose(0, 2, 1)) @ part[:, b]  # half the time
                 block[:, k] = 0.5 * (K + K.transpose(0, 2, 1))
             if not np.isfinite(block).all():
                 raise RequestError(
