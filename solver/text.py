@@ -52,7 +52,7 @@ def posture_text(positions: Sequence[float], kinds: Sequence[JointKind], decimal
 
 def stiffness_text(stiffness: float, kind: JointKind) -> str:
     """Return a stiffness [SI] of a joint of a kind, in the unit that suits it."""
-    units, size = JOINT_UNITS[kind], abs(stiffness)
+    units, size = JOINT_UNITS[kind], float(f"{abs(stiffness):.3g}")  # as it is printed
     plain = units.stiffness.replace(".", "·")
     if size >= 1e9:
         exponent = floor(log10(size))

@@ -809,12 +809,7 @@ class _NextReading:
             shared = float(np.sqrt(self._shared[joint]))
             uncertainty = float(np.hypot(self._sigma * after, shared))
             ratio = None if before is None else uncertainty / float(np.hypot(self._sigma * before, shared))
-        compliance, changes = self._compliance[joint], list[str]()
-        whose = "stiffness" if compliance > 0.0 else "compliance"
-        if uncertainty is not None:
-            own = f"{1e6 * uncertainty:.2g} {units.micro_compliance}"
-            stiff = compliance > 0.0 and stiffness_text(uncertainty / compliance**2, self._kinds[joint])
-            changes.append(stiff or own)
+        whose, changes = self._left(joint, uncertainty)
         if ratio is not None:
             changes.append(f"{ratio:.2g} times its present value")
         gain = f"a {units.load.replace(' ', f' of {abs(torque[joint]):.3g} {units.effort} ', 1)} {name}"
@@ -830,3 +825,16 @@ class _NextReading:
             "uncertainty_ratio": ratio,
             "standard_uncertainty": uncertainty,
         }
+
+    def _left(self, joint: int, uncertainty: float | None) -> tuple[str, list[str]]:
+        """Return of what an uncertainty [rad/(N·m)] is told, and it in words, if it is known.
+
+        Beside a compliance less than its uncertainty, that of its inverse says nothing.
+        """
+        kind, compliance = self._kinds[joint], self._compliance[joint]
+        whose = "stiffness" if compliance > (uncertainty or 0.0) else "compliance"
+        if uncertainty is None:
+            return whose, []
+        if whose == "stiffness":
+            return whose, [stiffness_text(uncertainty / compliance / compliance, kind)]
+        return whose, [f"{1e6 * uncertainty:.2g} {JOINT_UNITS[kind].micro_compliance}"]

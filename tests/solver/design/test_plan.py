@@ -258,6 +258,17 @@ class TestFollowed:
             assert joint.standard_uncertainty == pytest.approx(piece.standard_uncertainty, rel=0.01)
 
 
+class TestWords:
+    @pytest.mark.parametrize(("force", "whose"), [(100.0, "compliance"), (250.0, "stiffness")])
+    def test_the_uncertainty_left_is_that_of_a_stiffness_only_where_it_is_less(self, force, whose):
+        """A compliance may be less than its uncertainty: that of its inverse would be more than itself."""
+        *_, found, pieces = advised(simulate_campaign(ARM, configurations=4, seed=3, force=force))
+        assert found.joints[5].compliance > 0.0
+        (piece,) = (each for each in pieces if each.joint == "joint_6")
+        assert (piece.standard_uncertainty < found.joints[5].compliance) == (whose == "stiffness")
+        assert f"the uncertainty of joint_6's {whose} falls to" in piece.message
+
+
 class TestNone:
     def test_where_all_joints_are_well_determined(self):
         *_, pieces = advised(shared("simulated/pull_40"))

@@ -14,7 +14,7 @@ from jointstiff.simulator.equilibrium import equilibrium
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.estimation.causes import LINKS_LEVEL, MISTAKE_LEVEL, fit_causes, screen_estimate
 from jointstiff.solver.mechanics.measurements import DifferenceNoise, Instrument
-from jointstiff.solver.text import unknowns_text
+from jointstiff.solver.text import stiffness_text, unknowns_text
 
 
 def screened(robot, measurements, k_c="included"):
@@ -205,3 +205,18 @@ class TestLinks:
             assert screening.links_speak
             assert screening.lack_of_fit
             assert not screening.proved
+
+
+@pytest.mark.parametrize(
+    ("stiffness", "kind", "text"),
+    [
+        (6543.0, "revolute", "6543 N·m/rad"),
+        (9999.9, "revolute", "0.01 · 10⁶ N·m/rad"),
+        (2.01e7, "prismatic", "20.1 N/µm"),
+        (999.9e6, "revolute", "1 · 10⁹ N·m/rad"),
+        (9.999e9, "revolute", "1 · 10¹⁰ N·m/rad"),
+        (-3e12, "revolute", "-3 · 10¹² N·m/rad"),
+    ],
+)
+def test_the_unit_of_a_stiffness_suits_what_is_printed(stiffness, kind, text):
+    assert stiffness_text(stiffness, kind) == text
