@@ -204,6 +204,13 @@ def test_revoked_keys_and_their_sessions_end_at_once(client, store):
     assert "revoked" in client.get("/v1/robots", headers=bearer("operator")).json()["detail"]
 
 
+@pytest.mark.parametrize("end", ["9999-12-31T23:59:59-12:00", "2999-01-01T00:00:00"])
+def test_a_key_ends_at_a_time_that_utc_has(end, client, store):
+    body = {"name": "x", "role": "viewer", "expires_at": end}
+    assert client.request("POST", "/v1/keys", json=body, headers=bearer("admin")).status_code == 422
+    assert len(store.keys.all()) == len(KEYS)
+
+
 def test_admins_issue_keys_that_are_shown_once(client, store):
     body = {"name": "tablet hall 3", "role": "viewer", "expires_at": "2999-01-01T00:00:00Z"}
     made = client.request("POST", "/v1/keys", json=body, headers=bearer("admin"))
