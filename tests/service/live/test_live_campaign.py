@@ -32,6 +32,7 @@ OPEN: dict[str, Any] = {
     "load": {"kind": "dead_weight", "mass": 150.0},
     "targets": {name: list(place) for name, place in TARGETS.items()},
 }
+PRIOR = {"stiffness": 1e6, "standard_uncertainty": 1e5}
 Answer = dict[str, Any]
 
 
@@ -244,6 +245,22 @@ def test_a_deflection_in_a_work_area_is_a_goal_and_a_decision(service):
     decided = measured(service, declared(service, goal={"kind": "decision", "limit": 0.05}, **area), 20)
     assert decided["state"] == "reached"
     assert decided["greatest_deflection"] + decided["deflection_uncertainty"] < 0.05
+
+
+@pytest.mark.parametrize(
+    ("changes", "where"),
+    [
+        ({"load": None}, "load"),
+        ({"plan_id": "none"}, "open.plan_id"),
+        ({"priors": {"joint_9": PRIOR}}, "open.priors.joint_9"),
+        ({"priors": {"joint_2": PRIOR}, "load": {"kind": "own_weight"}}, "open.priors"),
+        ({}, "open.load_point"),
+    ],
+)
+def test_what_cannot_be_measured_is_refused_before_the_first_reading(service, changes, where):
+    answer = service.post("/v1/measurement-sets", json=body_of(service, OPEN | changes))
+    assert (answer.status_code, answer.json()["where"]) == (422, where)
+    assert service.get("/v1/measurement-sets", params={"open": True}).json()["items"] == []
 
 
 def test_open_sets_are_listed_deleted_and_restored_and_no_run_takes_one(service):
