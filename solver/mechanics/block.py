@@ -200,7 +200,7 @@ def _softened(softening: FloatArray) -> FloatArray:
         RequestError: one is singular.
     """
     identity, size = np.eye(softening.shape[1]), float(_row_sums(softening).max(initial=0.0))
-    if size > _SMALL:
+    if not size <= _SMALL:  # NaN, too
         try:
             return np.asarray(np.linalg.inv(identity - softening))
         except np.linalg.LinAlgError:
