@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import fields
 from pathlib import Path
@@ -137,7 +138,9 @@ def refused(problem: Problem) -> typer.Exit:
     """Show a problem as the API would answer it; to be raised."""
     from jointstiff.service.tables.terminal import console, problem_text
 
-    console(stderr=True).print(problem_text(problem))
+    flag = r"`[\w-]+`: \w+ \((--[\w-]+) in the terminal\)"  # of a field that others must state with its value
+    remedy = problem.remedy and re.sub(flag, r"`\1`", problem.remedy)
+    console(stderr=True).print(problem_text(problem.model_copy(update={"remedy": remedy})))
     return typer.Exit(2)
 
 

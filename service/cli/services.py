@@ -103,7 +103,7 @@ def _post_all(client: Client, folder: Path) -> int:
                 client.described(document.get("robot", document))
         except ProblemError as error:
             refused += 1
-            cli.warn(f"{path.name}: {error}")
+            cli.warn(f"{path.name}: {str(error).removeprefix(f'{path}: ')}")
         else:
             typer.echo(path.name)
     return 1 if refused else 0

@@ -53,10 +53,10 @@ def read_document(path: Path, message: type[Document], section: str | None = Non
         content = file.read(MAX_SET_BYTES + 1)
     if len(content) > MAX_SET_BYTES:
         limit = f"{MAX_SET_BYTES // 1024**2} MiB"
-        raise CampaignError(http_problem(413, f"the file exceeds {limit}", "split it into several sets"))
+        raise CampaignError(http_problem(413, f"{path} exceeds {limit}", "split it into several sets"))
     if not content.strip():
         raise CampaignError(http_problem(422, f"{path} is empty", "give a file that was written to its end"))
-    return _parsed(message, content.removeprefix(BOM_UTF8), section)
+    return _parsed(message, content.removeprefix(BOM_UTF8), section, path)
 
 
 def read_object(path: Path) -> dict[str, Any]:
@@ -110,28 +110,35 @@ def _plain_value(value: Any) -> Any:  # noqa: ANN401 - anything in a document
     raise TypeError(f"{type(value).__name__} is neither a number, a text, a list nor an array")
 
 
-def _parsed(message: type[Document], content: bytes, section: str | None = None) -> Document:
+def _parsed(
+    message: type[Document], content: bytes, section: str | None = None, path: Path | None = None
+) -> Document:
     try:
         return parse(message, content, section)
     except MalformedError as error:
-        raise CampaignError(_instead(message, content, error) or invalid_request(error.faults)) from None
+        instead = _instead(message, content, error, str(path or "the file"))
+        problem = instead or invalid_request(error.faults)
+        if path is not None and instead is None:
+            named = {"title": f"{path} does not match the schema", "where": f"{path}: {problem.where}"}
+            problem = problem.model_copy(update=named)
+        raise CampaignError(problem) from None
 
 
-def _instead(message: type[BaseModel], content: bytes, error: MalformedError) -> Problem | None:
-    """Return what the file is instead, if it is of a kind that we know; None if it is not."""
+def _instead(message: type[BaseModel], content: bytes, error: MalformedError, name: str) -> Problem | None:
+    """Return what the file of a name is instead, if it is of a kind that we know; None if it is not."""
     tables = "to read tables and point lists use `jointstiff import FILE`"
     if error.keys is NOT_JSON:
         if content.startswith((BOM_UTF16_LE, BOM_UTF16_BE)):
-            return http_problem(422, "the file is a text in UTF-16, not a JSON document", "save it as UTF-8")
+            return http_problem(422, f"{name} is a text in UTF-16, not a JSON document", "save it as UTF-8")
         from jointstiff.service.importing.grid import file_type  # with its messages, for such a file only
 
         if content.lstrip()[:1] not in (b"{", b"["):
             what = file_type(content) or "a text"
-            return http_problem(422, f"the file is {what}, not a JSON document", tables)
-        return http_problem(422, str(error.faults[0]["msg"]), f"correct the JSON there; {tables}")
+            return http_problem(422, f"{name} is {what}, not a JSON document", tables)
+        return http_problem(422, f"{name}: {error.faults[0]['msg']}", f"correct the JSON there; {tables}")
     for others, what, remedy in _OTHERS:
         if others <= error.keys and not others <= set(message.model_fields):
-            return http_problem(422, f"the file is {what}", remedy)
+            return http_problem(422, f"{name} is {what}", remedy)
     return None
 
 

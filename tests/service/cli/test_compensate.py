@@ -52,3 +52,29 @@ def test_refusals_write_nothing(folder, arguments, words):
     assert done.exit_code == 2
     assert words in done.output
     assert not (folder / "out.src").exists()
+
+
+def test_a_refusal_by_verdict_names_the_flag_of_the_terminal_alone(folder):
+    campaign = json.loads((folder / "campaign.json").read_text())
+    for observation in campaign["measurement_set"]["observations"]:
+        observation["joints"] = [math.radians(angle) for angle in observation["joints"]]
+    (folder / "campaign.json").write_text(json.dumps(campaign))
+    refused = compensate("--options", "options.json")
+    assert refused.exit_code == 2
+    assert "to continue anyway, give `--despite-verdict`\n" in " ".join(refused.output.split()) + "\n"
+    assert compensate("--options", "options.json", "--despite-verdict").exit_code == 0
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        ('{"robot": 1,}', "other.json: Invalid JSON: trailing comma at line 1 column 13"),
+        ("x;y", "other.json is a text, not a JSON document"),
+        ('{"robot": {}, "measurement_set": 1}', "other.json does not match the schema"),
+    ],
+)
+def test_a_command_of_two_files_says_which_is_broken(folder, content, said):
+    (folder / "other.json").write_text(content)
+    done = terminal("compare", "campaign.json", "other.json")
+    assert done.exit_code == 2
+    assert said in done.output
