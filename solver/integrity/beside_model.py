@@ -150,7 +150,9 @@ def inspect_places(view: View) -> tuple[list[Finding], BoolArray]:
     seen = np.where(useful[..., None], view.places, np.nan)[rows]
     place = _median(seen)
     if _apart(seen, place).max() <= LARGEST_MODEL_ERROR:
-        return list(_single_rows(view, rows, seen, place)), good
+        exchanged, findings = _loaded_exchanged(view, rows, place)
+        good[exchanged] = False
+        return [*_single_rows(view, rows, seen, place), *findings], good
     # Some targets are far from where the others say: find the mistake that explains it.
     place = _consensus(seen)
     agree = _apart(seen, place) <= LARGEST_MODEL_ERROR
@@ -179,8 +181,9 @@ def inspect_places(view: View) -> tuple[list[Finding], BoolArray]:
         return [view.finding(best.code, effect, best.remedy, "do_not_use")], ~good
     if best.code == "observations_out_of_order" and count / len(sample) > posted_share:
         place, agree = mended, _apart(seen, mended) <= LARGEST_MODEL_ERROR
-    good[rows[~agree]] = False
-    findings = list(_row_by_row(view, rows[~agree], seen[~agree], place))
+    exchanged, under_load = _loaded_exchanged(view, rows[agree], place)
+    good[[*rows[~agree], *exchanged]] = False
+    findings = [*_row_by_row(view, rows[~agree], seen[~agree], place), *under_load]
     return findings, good & (agree.sum() >= max(2, len(rows) // 2))
 
 
@@ -193,7 +196,7 @@ def _row_by_row(view: View, rows: IndexArray, seen: FloatArray, place: FloatArra
     for i, own in zip(rows.tolist(), seen, strict=True):
         order = _true_target_of_each(own, place)
         if order is not None:
-            yield _exchanged(view, i, order)
+            yield from _exchanged(view, i, order, _true_target_of_each(_under_load(view, i), place))
         elif len(elsewhere) < _SEARCHED and (j := _posture_of(view, i, place)) is not None:
             elsewhere[i] = j
         else:
@@ -243,22 +246,55 @@ def _posture_of(view: View, i: int, place: FloatArray) -> int | None:
     return int(fitting[np.abs(fitting - i).argmin()]) if len(fitting) else None
 
 
-def _exchanged(view: View, i: int, order: IndexArray) -> Finding:
-    names, wrong = view.measurements.targets, np.flatnonzero(view.measured[i]).tolist()
-    pairs = ", ".join(f"'{names[t]}' is '{names[order[t]]}'" for t in wrong if order[t] != t)
-    return view.finding(
-        "targets_swapped",
-        f"the targets are at each other's positions on the flange: the target named {pairs}",
-        "exchange their names in this observation",
-        "do_not_use",
-        row=i,
-    )
+def _under_load(view: View, i: int) -> FloatArray:
+    """(T, 3) loaded targets of a row as the model without load sees them from the flange [m]."""
+    turned = view.measurements.deflection[i] @ view.configurations.flange_rotation[i]
+    return np.asarray(view.places[i] + turned)
+
+
+def _exchanged(
+    view: View, i: int, unloaded: IndexArray | None, loaded: IndexArray | None
+) -> Iterator[Finding]:
+    """Name the targets that each one really is (T,) in a row: at once where both states have the same."""
+    if unloaded is not None and loaded is not None and np.array_equal(unloaded, loaded):
+        yield view.finding(
+            "targets_swapped",
+            "the targets are at each other's positions on the flange: the target named "
+            f"{_pairs(view, unloaded)}",
+            "exchange their names in this observation",
+            "do_not_use",
+            row=i,
+        )
+        return
+    for state, order in (("unloaded", unloaded), ("loaded", loaded)):
+        if order is None:
+            continue
+        renamed, label = _renamed(order), view.measurements.labels[i]
+        *names, last = (f"'{view.measurements.targets[t]}'" for t in renamed)
+        who = f"{', '.join(names)} and {last}" if names else last
+        if sorted(order[renamed]) == renamed:
+            message = f"{who} are exchanged in the {state} readings of '{label}'"
+            message += f": the target named {_pairs(view, order)}" if len(renamed) > 2 else ""
+            remedy = f"exchange only the {state} values of {who} in '{label}'"
+        else:  # the value of one of them was not read
+            message = f"in the {state} readings of '{label}' the target named {_pairs(view, order)}"
+            remedy = f"repeat the observation, or remove these readings of {who}"
+        yield view.finding("targets_swapped", message, remedy, "do_not_use", row=i)
+
+
+def _pairs(view: View, order: IndexArray) -> str:
+    names = view.measurements.targets
+    return ", ".join(f"'{names[t]}' is '{names[order[t]]}'" for t in _renamed(order))
+
+
+def _renamed(order: IndexArray) -> list[int]:
+    return [t for t, own in enumerate(order.tolist()) if own != t]
 
 
 def _single_rows(view: View, rows: IndexArray, seen: FloatArray, place: FloatArray) -> Iterator[Finding]:
-    """Name rows with mistyped angles, and those whose loaded readings sit where other targets do.
+    """Name rows with mistyped angles.
 
-    Mistyped angles move all targets of a row (M, T, 3) at once, further from their place (T, 3) [m] than the
+    They move all targets of a row (M, T, 3) at once, further from their place (T, 3) [m] than the
     model's errors do elsewhere.
     """
     with np.errstate(invalid="ignore"):
@@ -272,13 +308,14 @@ def _single_rows(view: View, rows: IndexArray, seen: FloatArray, place: FloatArr
             "check the angles of this observation for a typing error, and whether the robot stood still",
             row=int(rows[b]),
         )
-    deflection = view.measurements.deflection
-    far = rows[(np.linalg.norm(deflection[rows], axis=2) > LARGEST_MODEL_ERROR).any(axis=1)]
-    for i in far.tolist():
-        turned = deflection[i] @ view.configurations.flange_rotation[i]
-        order = _true_target_of_each(view.places[i] + turned, place)
-        if order is not None:
-            yield _exchanged(view, i, order)
+
+
+def _loaded_exchanged(view: View, rows: IndexArray, place: FloatArray) -> tuple[list[int], list[Finding]]:
+    """Find rows, unloaded in place (T, 3) [m], whose loaded readings sit where other targets do."""
+    far = (np.linalg.norm(view.measurements.deflection[rows], axis=2) > LARGEST_MODEL_ERROR).any(axis=1)
+    orders = {i: _true_target_of_each(_under_load(view, i), place) for i in rows[far].tolist()}
+    found = {i: order for i, order in orders.items() if order is not None}
+    return list(found), [each for i, order in found.items() for each in _exchanged(view, i, None, order)]
 
 
 def _apart(seen: FloatArray, place: FloatArray) -> FloatArray:

@@ -134,6 +134,56 @@ def test_a_residual_that_grew_with_the_load_is_no_outlier():
     assert look(only_deflections(CAMPAIGN), sigma=None, **tenfold) == []
 
 
+def exchanged(measurements, row, states):
+    """Return the set with P10 and P11 exchanged in these states of a row."""
+    before, after = measurements.position.copy(), measurements.position + measurements.deflection
+    for state in states:
+        readings = {"unloaded": before, "loaded": after}[state]
+        readings[row, :2] = readings[row, 1::-1]
+    return replace(measurements, position=before, deflection=after - before)
+
+
+@pytest.mark.parametrize(
+    "mistakes",
+    [
+        {4: ["unloaded"]},
+        {4: ["loaded"]},
+        {4: ["unloaded", "loaded"]},
+        {4: ["unloaded"], 8: ["loaded"]},
+        {row: ["loaded"] for row in range(9)},
+    ],
+    ids=str,
+)
+def test_exchanged_targets_are_told_with_their_state_and_nothing_else(mistakes):
+    """What the remedies say mends the set."""
+    wrong = CAMPAIGN
+    for row, states in mistakes.items():
+        wrong = exchanged(wrong, row, states)
+    findings = only(look(wrong), "targets_swapped")
+    assert {finding.observation for finding in findings} == {f"c{row + 1:02}" for row in mistakes}
+    for finding in findings:
+        states = ["unloaded", "loaded"]
+        if finding.remedy != "exchange their names in this observation":
+            names, label = "'P10' and 'P11'", finding.observation
+            told = re.fullmatch(f"exchange only the (.*) values of {names} in '{label}'", finding.remedy)
+            states = [told[1]]
+            assert finding.message == f"{names} are exchanged in the {told[1]} readings of '{label}'"
+        wrong = exchanged(wrong, int(finding.observation[1:]) - 1, states)
+    assert look(wrong) == []
+
+
+def test_a_loaded_reading_of_a_target_that_was_not_read_is_to_be_removed():
+    """P10 is P11 under load, and P11 is hidden: there is nothing to exchange."""
+    wrong = exchanged(CAMPAIGN, 4, ["loaded"])
+    present = CAMPAIGN.present.copy()
+    present[4, 1] = False
+    read = present[..., None]
+    hidden = {name: np.where(read, getattr(wrong, name), 0.0) for name in ("position", "deflection")}
+    (finding,) = only(look(wrong, present=present, **hidden), "targets_swapped")
+    assert finding.message == "in the loaded readings of 'c05' the target named 'P10' is 'P11'"
+    assert "remove these readings of 'P10'" in finding.remedy
+
+
 @pytest.mark.parametrize(("repeated", "code"), [(True, "targets_not_rigid"), (False, "target_moved")])
 def test_a_step_needs_two_postures_on_each_side(repeated, code):
     """The same rows with the second posture measured again, or another, before the target was bumped."""
