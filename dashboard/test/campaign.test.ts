@@ -51,6 +51,14 @@ describe("what it says", () => {
     expect(facts.loadPoint?.[2]).toBeCloseTo(0.12);
     expect(facts.firstJoints?.[1]).toBeCloseTo(Math.PI);
   });
+  it("is as stated where a word is no unit", () => {
+    const read = understand(JSON.stringify({ ...SET, units: { ...SET.units, length: "millimeter" } }));
+    if (typeof read === "string") throw new Error(read);
+    const { facts } = read;
+    expect(facts).toMatchObject({ units: { length: "millimeter" }, sigma: 0.02, loadPoint: [0, 0, 120] });
+    expect(facts.forces?.[0]).toBeCloseTo(980.665);
+    expect(facts.firstJoints?.[1]).toBeCloseTo(Math.PI);
+  });
   it("says nothing where the file is wrong, and never throws", () => {
     for (const wrong of [
       { observations: [null, 1, {}] },

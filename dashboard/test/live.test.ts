@@ -13,7 +13,8 @@ import {
   simulatedRows,
   SIMULATED_STIFFNESSES,
 } from "../src/lib/live";
-import type { MeasurementSet, Observation, Posture, Units } from "../src/api/types";
+import { keptIn } from "../src/state/measuring";
+import type { LiveState, MeasurementSet, Observation, Posture, Units } from "../src/api/types";
 
 const MM = { length: "mm", angle: "deg", force: "N" } as Units;
 const SI = { length: "m", angle: "rad", force: "N" } as Units;
@@ -108,5 +109,26 @@ describe("the simulated arm", () => {
     expect((loaded?.[2] ?? 0) - (unloaded?.[2] ?? 0)).toBeGreaterThan(-2000 * theta - 0.3);
     expect((loaded?.[2] ?? 0) - (unloaded?.[2] ?? 0)).toBeLessThan(-2000 * theta + 0.3);
     expect(exchanged(rows)["P1"]).toEqual(rows["P2"]);
+  });
+});
+
+describe("a mistake that was kept", () => {
+  const one = (label: string, state = "counts", doubtful = false) => ({ label, state, innovation: { doubtful } });
+  const mistake = (observation: string, message = "exchanged") => ({ weight: "do_not_use", observation, message });
+  const state = (readings: unknown[]) =>
+    ({
+      readings,
+      assessment: { reasons: [mistake("m03", "exchanged (and 1 more of this kind)")] },
+      warnings: [mistake("m03"), mistake("m05")],
+    }) as unknown as LiveState;
+
+  it("is found by its data, each of several", () => {
+    const kept = keptIn(state([one("m01"), one("m02", "counts", true), one("m03", "counts", true), one("m05")]));
+    expect(kept).toEqual({ kept: ["m02", "m03", "m05"], named: ["m03", "m05"] });
+  });
+  it("is none that is withdrawn, nor asked about yet", () => {
+    expect(keptIn(state([one("m03", "withdrawn", true), one("m05")])).named).toEqual(["m05"]);
+    const asked = keptIn(state([one("m03", "counts", true), one("m04"), one("m05", "doubtful", true)]));
+    expect(asked).toEqual({ kept: ["m03"], named: [] });
   });
 });

@@ -296,15 +296,18 @@ export function Busy({ label = text.app.loading }: { label?: string }) {
 /** What of a problem is said. */
 type Said = Pick<Problem, "title" | "detail"> & Partial<Problem>;
 
-/** A refusal: what, where, what to do. */
+/** A refusal: what, where, what to do; faults that are listed are said there alone. */
 export function ProblemNote({ problem, retry }: { problem: Said; retry?: () => void }) {
+  const listed = problem.errors?.some(({ reason }) => problem.detail.endsWith(reason));
   return (
     <div class="note bad" role="alert">
       <h3>{problem.title}</h3>
-      <p>
-        <Prose text={problem.detail} />
-      </p>
-      {problem.where && (
+      {!listed && (
+        <p>
+          <Prose text={problem.detail} />
+        </p>
+      )}
+      {problem.where && !listed && (
         <p>
           <b>{text.errors.where}:</b> <code>{problem.where}</code>
         </p>
@@ -316,9 +319,10 @@ export function ProblemNote({ problem, retry }: { problem: Said; retry?: () => v
       )}
       {problem.errors && problem.errors.length > 0 && (
         <ul>
-          {problem.errors.slice(0, 8).map((fault) => (
+          {problem.errors.slice(0, 8).map(({ where, reason, remedy }) => (
             <li>
-              <code>{fault.where}</code> <Prose text={fault.reason + (fault.remedy ? `: ${fault.remedy}` : "")} />
+              <code>{where}</code>{" "}
+              <Prose text={remedy && remedy !== problem.remedy ? `${reason}: ${remedy}` : reason} />
             </li>
           ))}
         </ul>

@@ -1,6 +1,7 @@
 /** What the integrity checks say of readings. */
-import type { Facts as FileFacts } from "../lib/campaign";
+import { type Facts as FileFacts, factorOf } from "../lib/campaign";
 import { fixed, significant } from "../lib/format";
+import { UNITS } from "../lib/stiffness";
 import { text } from "../i18n";
 import { type Fact, Facts, Name, Warnings } from "./basics";
 import type { Finding } from "../api/types";
@@ -33,9 +34,17 @@ const TARGETS = 6;
 export function Preview({ facts }: { facts: FileFacts }) {
   const { notSaid, facts: labels, ...words } = text.files;
   const { units, encoders, targets, forces, sigma, noise, loadPoint } = facts;
-  const [low, high] = forces?.map((force) => fixed(force, 0)) ?? [];
+  const faults = (Object.keys(UNITS) as (keyof typeof UNITS)[]).filter((of) => units?.[of] && !factorOf(units, of));
+  const [length, force] = (["length", "force"] as const).map((of) => (faults.includes(of) ? units?.[of] : null));
+  const fault = (of: keyof typeof UNITS) => (
+    <span class="fault">{words.noUnit(units?.[of] ?? "", Object.keys(UNITS[of]))}</span>
+  );
+  const [low, high] = forces?.map((size) => (force ? significant(size, 4) : fixed(size, 0))) ?? [];
   const shown: Fact[] = [
-    { label: labels.units, value: units ? [units.length, units.angle, units.force].join(", ") : notSaid },
+    {
+      label: labels.units,
+      value: units && [Object.values(units).filter(Boolean).join(", ") || notSaid, ...faults.map(fault)],
+    },
     { label: labels.encoders, value: encoders ? words.encoders[encoders] : notSaid },
     { label: labels.observations, value: String(facts.observations) },
     {
@@ -47,12 +56,12 @@ export function Preview({ facts }: { facts: FileFacts }) {
         </>
       ),
     },
-    { label: labels.load, value: forces && `${low === high ? "" : `${low} – `}${high} ${text.units.newton}` },
+    { label: labels.load, value: forces && `${low === high ? "" : `${low} – `}${high} ${force ?? text.units.newton}` },
     {
       label: labels.noise,
       value:
         sigma !== null
-          ? `${significant(sigma * 1e6, 2)} ${text.units.micrometre}`
+          ? `${significant(length ? sigma : sigma * 1e6, 2)} ${length ?? text.units.micrometre}`
           : noise
             ? words.noiseKinds[noise]
             : words.noiseAbsent,
@@ -60,7 +69,7 @@ export function Preview({ facts }: { facts: FileFacts }) {
     {
       label: labels.loadPoint,
       value: loadPoint
-        ? `(${loadPoint.map((part) => fixed(part * 1e3, 0)).join(", ")}) ${text.units.mm}`
+        ? `(${loadPoint.map((part) => (length ? significant(part, 4) : fixed(part * 1e3, 0))).join(", ")}) ${length ?? text.units.mm}`
         : words.loadPointPer,
     },
     ...(facts.framed ? [{ label: labels.frame, value: words.trackerFrame }] : []),

@@ -115,7 +115,7 @@ export const later = {
     unknown: "not yet",
     undetermined: "not determined",
     record: "Record",
-    states: { counts: "counts", doubtful: "doubtful", withdrawn: "withdrawn" },
+    states: { counts: "counts", kept: "counts, kept", doubtful: "doubtful", withdrawn: "withdrawn" },
     apart: (distance: string) => `${distance} from its prediction`,
     inBall: (inside: boolean) => (inside ? "held out, inside its 90 % ball" : "held out, outside its 90 % ball"),
     withdraw: "Withdraw",

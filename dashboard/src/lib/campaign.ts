@@ -9,7 +9,7 @@ import {
 } from "../api/types";
 import { type Fields, isFields, listOf, parsed, stated } from "./json";
 import { extent } from "./format";
-import { factors, degrees } from "./stiffness";
+import { factors, degrees, UNITS } from "./stiffness";
 import { norm, times, type Vector } from "./vector";
 import { sized } from "./schema";
 
@@ -24,10 +24,10 @@ export interface Campaign {
   facts: Facts;
 }
 
-/** What the file says, for people; null for what it does not say. */
+/** What the file says, for people: in SI, or as stated where its unit is none; null for what it does not say. */
 export interface Facts {
   name: string | null;
-  units: Units | null;
+  units: Partial<Record<keyof Units, string>> | null;
   encoders: MeasurementSet["encoders"] | null;
   observations: number;
   targets: string[];
@@ -94,25 +94,26 @@ function campaign(given: Fields, robot: unknown, run: unknown): Campaign {
 
 export function factsOf(set: Fields): Facts {
   const observations = listOf(set["observations"]);
-  const units = unitsOf(set["units"]);
+  const units = isFields(set["units"]) ? (set["units"] as Facts["units"]) : null;
   const readings = observations.flatMap((o) => listOf(o["readings"]));
   const joints = observations.map((o) => numbers(o["joints"])).find((angles) => angles !== null) ?? null;
   const given = isFields(set["noise"]) ? set["noise"] : {};
   const noise = given["sigma"];
   const point = vector(set["load_point"]);
-  const unit = units && factors(units);
+  const factor = (of: keyof Units) => units?.[of] && (factorOf(units, of) ?? 1); // what has no unit stays as stated
+  const [length, angle, force] = [factor("length"), factorOf(units, "angle"), factor("force")];
   return {
     name: typeof set["name"] === "string" ? set["name"] : null,
     units,
     encoders: ENCODERS.find((kind) => kind === set["encoders"]) ?? null,
     observations: observations.length,
     targets: [...new Set(readings.map((r) => r["target"]).filter((t): t is string => typeof t === "string"))],
-    forces: unit && extent(observations.map((o) => unit.force * norm(vector(o["force"]) ?? NOTHING))),
-    sigma: unit && typeof noise === "number" ? noise * unit.length : null,
+    forces: force ? extent(observations.map((o) => force * norm(vector(o["force"]) ?? NOTHING))) : null,
+    sigma: length && typeof noise === "number" ? noise * length : null,
     noise: isFields(given["instrument"]) ? "instrument" : readings.some(readingStatesNoise) ? "readings" : null,
     framed: isFields(set["frame"]),
-    loadPoint: unit && point && times(point, unit.length),
-    firstJoints: unit && joints && joints.map((angle) => angle * unit.angle),
+    loadPoint: length && point ? times(point, length) : null,
+    firstJoints: angle && joints ? joints.map((one) => one * angle) : null,
   };
 }
 
@@ -122,14 +123,9 @@ const NOTHING: Vector = [Number.NaN, 0, 0];
 const readingStatesNoise = (reading: Fields): boolean =>
   Object.keys(reading).some((key) => /sigma|covariance/.test(key) && reading[key] !== null);
 
-function unitsOf(value: unknown): Units | null {
-  if (!isFields(value)) return null;
-  const known =
-    ["m", "mm"].includes(String(value["length"])) &&
-    ["rad", "deg"].includes(String(value["angle"])) &&
-    ["N", "kN", "kgf", "kg"].includes(String(value["force"]));
-  return known ? (value as unknown as Units) : null;
-}
+/** The factor of a stated unit to SI; null where its word is none. */
+export const factorOf = (units: Facts["units"], of: keyof Units): number | null =>
+  Object.entries(UNITS[of]).find(([word]) => word === units?.[of])?.[1] ?? null;
 
 function vector(value: unknown): Vector | null {
   const list = numbers(value);

@@ -78,16 +78,18 @@ export function intervalIn(
   return STIFFNESS_UNITS[unit].inverse ? [high ?? 0, low] : [low, high];
 }
 
-const LENGTH = { m: 1, mm: 1e-3 } as const;
-const ANGLE = { rad: 1, deg: DEGREE } as const;
-const FORCE = { N: 1, kN: 1e3, kgf: 9.80665, kg: 9.80665 } as const;
-const MOMENT = { "N.m": 1, "N.mm": 1e-3, "kN.m": 1e3, "kgf.m": 9.80665 } as const;
+/** Factors to SI of the words for units, by what they measure. */
+export const UNITS = {
+  length: { m: 1, mm: 1e-3 },
+  angle: { rad: 1, deg: DEGREE },
+  force: { N: 1, kN: 1e3, kgf: 9.80665, kg: 9.80665 },
+  moment: { "N.m": 1, "N.mm": 1e-3, "kN.m": 1e3, "kgf.m": 9.80665 },
+} as const;
 
 /** Factors to SI of a file's units. */
 export function factors(units: Units): { length: number; angle: number; force: number; moment: number } {
-  const length = LENGTH[units.length];
-  const force = FORCE[units.force];
-  return { length, angle: ANGLE[units.angle], force, moment: units.moment ? MOMENT[units.moment] : force * length };
+  const [length, angle, force] = [UNITS.length[units.length], UNITS.angle[units.angle], UNITS.force[units.force]];
+  return { length, angle, force, moment: units.moment ? UNITS.moment[units.moment] : force * length };
 }
 
 export const degrees = (radians: number): number => radians / DEGREE;

@@ -102,3 +102,12 @@ function followed(id: string, put: (state: LiveState) => void, back: () => void,
 
 const keyOf = (id: string): string => `measure.${id}`;
 export const draftKey = (id: string): string => `measure.${id}.draft`;
+
+/** Labels that count although a mistake shows in them, or showed when they came; `named`: those in which it shows now. */
+export function keptIn({ readings, assessment, warnings }: Pick<LiveState, "readings" | "assessment" | "warnings">) {
+  const found = [...(assessment?.reasons ?? []), ...warnings].filter(({ weight }) => weight === "do_not_use");
+  const wrong = readings.some(({ state }) => state === "doubtful") ? [] : found.map((each) => each.observation);
+  const counting = readings.filter(({ state }) => state === "counts");
+  const kept = counting.flatMap(({ label, innovation: of }) => (of?.doubtful || wrong.includes(label) ? [label] : []));
+  return { kept, named: kept.filter((label) => wrong.includes(label)) };
+}

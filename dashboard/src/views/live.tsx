@@ -30,7 +30,7 @@ import { ArmView, roomOf } from "../scene/view";
 import { useAction, go, link, toast } from "../state/action";
 import { useLoad, valueOf, namesChanged, storedRobot, useKinematics } from "../state/load";
 import { recalled, remember, useSettings } from "../state/session";
-import { type Measuring, draftKey, useMeasuring } from "../state/measuring";
+import { type Measuring, draftKey, keptIn, useMeasuring } from "../state/measuring";
 import { text } from "../i18n";
 import { later } from "../i18n/later";
 import { loadOf, shownJoint } from "./plans";
@@ -86,8 +86,6 @@ function Campaign({ set, robot, first }: { set: OpenSet; robot: Robot; first: Li
   });
   const doubts = state.readings.filter((one) => one.state === "doubtful" && state.state !== "closed");
   const reached = state.state === "reached";
-  /** The reading with a mistake that was kept, of which the state speaks. */
-  const kept = state.assessment?.reasons.find(({ message }) => state.message.includes(message))?.observation;
   const closing = (big: boolean) => (
     <ActionButton
       look={big ? "primary big" : "quiet"}
@@ -183,11 +181,11 @@ function Campaign({ set, robot, first }: { set: OpenSet; robot: Robot; first: Li
           </div>
           <div class="sticky">
             <SoFar state={state} goal={set.open.goal.kind === "joints" ? set.open.goal.relative : null}>
-              {kept && doubts.length === 0 && (
+              {keptIn(state).named.map((kept) => (
                 <Button acts disabled={change.busy} onClick={() => void again(kept)}>
                   {words.againOf(kept)}
                 </Button>
-              )}
+              ))}
             </SoFar>
             <Record
               state={state}
@@ -604,7 +602,7 @@ function Record({ state, withdraw }: { state: LiveState; withdraw: (label: strin
           rows={state.readings.map((one) => ({
             id: one.label,
             name: one.label,
-            note: words.states[one.state],
+            note: words.states[keptIn(state).kept.includes(one.label) ? "kept" : one.state],
             how: about(one),
             actions: one.state !== "withdrawn" && (
               <Button look="quiet" onClick={() => ask(one.label)} acts>

@@ -66,6 +66,22 @@ describe("an action", () => {
   });
 });
 
+describe("a refusal", () => {
+  it("says a fault once", async () => {
+    const [where, reason] = ["units.length", "must be 'm' or 'mm'"];
+    const detail = `1 fault; first: ${where}: ${reason}`;
+    const problem = {
+      title: "no schema",
+      detail,
+      where,
+      remedy: "see docs",
+      errors: [{ where, reason, remedy: null }],
+    };
+    const root = await drawn(<ProblemNote problem={problem} />);
+    for (const once of [where, reason, "see docs"]) expect(root.textContent?.split(once)).toHaveLength(2);
+  });
+});
+
 describe("a view that fails", () => {
   it("says so", async () => {
     function Broken(): never {
