@@ -1,18 +1,32 @@
-"""Lengths, limits, postures and stiffnesses in words."""
+"""Numbers, lengths, limits, postures and stiffnesses in words."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from math import degrees, floor, log10
+from typing import Final
 
 from jointstiff.schemas.joints import JOINT_UNITS, JointKind
+
+_RAISED: Final = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+
+
+def figure(value: float, form: str = ".4g") -> str:
+    """Format a number: in full up to a million, beyond by a power of ten, no negative zero."""
+    text = format(value, form)
+    if "e" in text and 1e-4 <= abs(value) < 1e6:
+        text = f"{float(text):.10g}"
+    if "e" in text:
+        mantissa, exponent = text.split("e")
+        return f"{mantissa} · 10{str(int(exponent)).translate(_RAISED)}"
+    return text if text.strip("-0.") else text.lstrip("-")
 
 
 def length_text(length: float) -> str:
     """A length [m] for people, in the unit that suits it."""
     for factor, unit in ((1.0, "m"), (1e3, "mm"), (1e6, "µm")):
         if abs(length) * factor >= 1.0:
-            return f"{length * factor:.3g} {unit}"
+            return f"{figure(length * factor, '.3g')} {unit}"
     return f"{length * 1e9:.3g} nm"
 
 
@@ -56,7 +70,7 @@ def stiffness_text(stiffness: float, kind: JointKind) -> str:
     plain = units.stiffness.replace(".", "·")
     if size >= 1e9:
         exponent = floor(log10(size))
-        power = str(exponent).translate(str.maketrans("0123456789", "⁰¹²³⁴⁵⁶⁷⁸⁹"))
+        power = str(exponent).translate(_RAISED)
         return f"{stiffness / 10.0**exponent:.3g} · 10{power} {plain}"
     if size >= 1e4:
         return f"{stiffness / 1e6:.3g} {'' if kind == 'prismatic' else '· '}{units.million_stiffness}"

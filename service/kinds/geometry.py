@@ -28,10 +28,10 @@ from jointstiff.service.tables.table import (
     Sheet,
     Table,
     concise,
-    figure,
     number,
     numbers,
 )
+from jointstiff.solver.text import figure
 
 if TYPE_CHECKING:
     from jointstiff.service.kinds.work import Work

@@ -18,11 +18,10 @@ from jointstiff.service.tables.table import (
     Part,
     Table,
     ends,
-    figure,
     number,
     numbers,
 )
-from jointstiff.solver.text import posture_text
+from jointstiff.solver.text import figure, posture_text
 
 if TYPE_CHECKING:
     from jointstiff.service.kinds.map_work import MapWork

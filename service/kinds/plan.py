@@ -20,7 +20,8 @@ from jointstiff.schemas.robot import RobotDocument
 from jointstiff.schemas.run import Campaign
 from jointstiff.service.kinds.kind import READINGS_BYTES, File, Kind
 from jointstiff.service.tables.report import Report, View
-from jointstiff.service.tables.table import Chart, Column, Line, Sheet, Table, figure, number
+from jointstiff.service.tables.table import Chart, Column, Line, Sheet, Table, number
+from jointstiff.solver.text import figure
 
 if TYPE_CHECKING:
     from jointstiff.service.kinds.work import Work

@@ -32,12 +32,11 @@ from jointstiff.service.tables.table import (
     Part,
     Sheet,
     Table,
-    figure,
     number,
     percent,
     rounded,
 )
-from jointstiff.solver.text import posture_text
+from jointstiff.solver.text import figure, posture_text
 
 if TYPE_CHECKING:
     from jointstiff.service.kinds.work import Work
@@ -108,7 +107,7 @@ def before_and_after(before: RunResult, after: RunResult, unit: StiffnessUnit) -
         return [
             VERDICTS[result.assessment.verdict],
             "—" if share is None else f"{100 * share:.1f} %",
-            f"{1e6 * result.rms_residual:.3g} µm",
+            f"{figure(1e6 * result.rms_residual, '.3g')} µm",
             *(f"{cells[joint.name][0]} ± {cells[joint.name][1]}" for joint in before.joints),
         ]
 

@@ -26,6 +26,7 @@ from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.predict.answers import forward_model
 from jointstiff.solver.predict.forward import ForwardModel
 from jointstiff.solver.predict.models import IdentifiedWeight, JointModel, ModelError
+from jointstiff.solver.text import figure
 
 
 def accepted_run(inputs: Inputs, request: MapRequest | ProgramRequest) -> MeasuredRun:
@@ -243,7 +244,7 @@ def of_deflection(greatest: float | None, run: RunResult) -> list[Finding]:
     ratio = greatest / measured if measured > 0.0 else 0.0
     if greatest <= LARGEST_DEFLECTION and ratio <= LARGEST_RATIO:
         return []
-    beside = f", {ratio:.3g} times the greatest of the campaign" if ratio > 1.0 else ""
+    beside = f", {figure(ratio, '.3g')} times the greatest of the campaign" if ratio > 1.0 else ""
     return [
         own_reason(
             "prediction_implausible",

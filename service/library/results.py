@@ -24,9 +24,10 @@ from jointstiff.service.kinds.rooms import kind_of
 from jointstiff.service.library.campaigns import Campaign
 from jointstiff.service.tables.files import frame_of, written, xlsx_bytes
 from jointstiff.service.tables.stiffness import DEFAULT_UNIT, UNITS
-from jointstiff.service.tables.table import NO_NUMBER, Chart, Line, Part, Sheet, figure, text_table
+from jointstiff.service.tables.table import NO_NUMBER, Chart, Line, Part, Sheet, text_table
 from jointstiff.service.tables.terminal import printed
 from jointstiff.solver.errors import RequestError
+from jointstiff.solver.text import figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

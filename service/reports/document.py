@@ -9,7 +9,8 @@ from typing import Final, Literal
 
 from jointstiff.schemas.job import Job
 from jointstiff.schemas.report import Authorisation
-from jointstiff.service.tables.table import NO_NUMBER, Table, figure
+from jointstiff.service.tables.table import NO_NUMBER, Table
+from jointstiff.solver.text import figure
 
 NOT_STATED: Final = "not stated"
 

@@ -45,9 +45,10 @@ from jointstiff.service.reports.laboratory import LaboratorySettings
 from jointstiff.service.reports.pictures import arm, before_and_after, intervals
 from jointstiff.service.tables.report import METHOD_NAMES, VERDICTS, requested, support
 from jointstiff.service.tables.stiffness import UNITS
-from jointstiff.service.tables.table import NO_NUMBER, figure, rounded, text_table
+from jointstiff.service.tables.table import NO_NUMBER, rounded, text_table
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.mechanics.measurements import ASSUMED_FORCE_SCALE, ASSUMED_LOAD_POINT
+from jointstiff.solver.text import figure
 
 STATEMENTS: Final = (
     "The results relate only to the item that is identified here, in the state and under the conditions of "

@@ -18,7 +18,8 @@ from jointstiff.schemas.fields import Message
 from jointstiff.schemas.finding import Assessment, Finding, Problem, Verdict
 from jointstiff.schemas.joints import JointKind
 from jointstiff.service.tables.stiffness import DEFAULT_UNIT, UNITS, StiffnessUnit
-from jointstiff.service.tables.table import Line, Part, Sheet, Style, field_unit, figure
+from jointstiff.service.tables.table import Line, Part, Sheet, Style, field_unit
+from jointstiff.solver.text import figure
 
 
 @dataclass(frozen=True)
@@ -147,7 +148,7 @@ def joint_reason_lines(reasons: Iterable[tuple[str, str | None]]) -> list[Line]:
     names: dict[str, list[str]] = {}
     for name, reason in reasons:
         if reason:
-            names.setdefault(reason, []).append(name)
+            names.setdefault(reason.removeprefix(f"{name} is "), []).append(name)
     return [Line(f"  {', '.join(same)}: {reason}", "dim") for reason, same in names.items()]
 
 

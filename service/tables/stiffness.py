@@ -10,8 +10,8 @@ from typing import Final, Protocol
 
 from jointstiff.schemas.joints import JOINT_UNITS, JointKind
 from jointstiff.schemas.run import JointResult
-from jointstiff.service.tables.table import NO_NUMBER, Line, concise, figure, rounded
-from jointstiff.solver.text import rounded_down
+from jointstiff.service.tables.table import NO_NUMBER, Line, concise, rounded
+from jointstiff.solver.text import figure, rounded_down
 
 _ARC_MINUTE: Final = radians(1.0 / 60.0)
 

@@ -12,21 +12,10 @@ from pydantic.fields import FieldInfo
 
 from jointstiff.schemas.fields import Message
 from jointstiff.schemas.joints import JOINT_UNITS, JointKind
+from jointstiff.solver.text import figure
 
 NO_NUMBER = "—"
 """Shown where there is no number."""
-_RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
-
-
-def figure(value: float, form: str = ".4g") -> str:
-    """Format a number: in full up to a million, beyond by a power of ten, no negative zero."""
-    text = format(value, form)
-    if "e" in text and 1e-4 <= abs(value) < 1e6:
-        text = f"{float(text):.10g}"
-    if "e" in text:
-        mantissa, exponent = text.split("e")
-        return f"{mantissa} · 10{str(int(exponent)).translate(_RAISED)}"
-    return text if text.strip("-0.") else text.lstrip("-")
 
 
 def rounded(value: float | None, uncertainty: float | None = None, bare: str = ".4g") -> str:

@@ -42,7 +42,7 @@ from jointstiff.solver.mechanics.measurements import (
     Measurements,
 )
 from jointstiff.solver.mechanics.robot import Robot
-from jointstiff.solver.text import length_text, stiffness_text, unknowns_text
+from jointstiff.solver.text import figure, length_text, stiffness_text, unknowns_text
 
 SAME_PLACE: Final = 2e-3
 """Distance between load point and target [m] below which they count as the same."""
@@ -178,8 +178,9 @@ def _notes(measurements: Measurements, estimate: Estimate) -> Iterator[str]:
         deflection = length_text(float(np.linalg.norm(measurements.deflection, axis=2).max()))
         kgf = float(np.linalg.norm(STANDARD_GRAVITY))
         yield (
-            f"Forces up to {force:.4g} N ({force / kgf:.3g} kgf), deflections up to {deflection}. If N and "
-            f"kgf are confused, every stiffness is wrong by {kgf:.3g}, and no reading shows it."
+            f"Forces up to {figure(force)} N ({figure(force / kgf, '.3g')} kgf), deflections up to "
+            f"{deflection}. If N and kgf are confused, every stiffness is wrong by {kgf:.3g}, and no "
+            "reading shows it."
         )
     if estimate.common is not None and estimate.common.of("assumed_load_point").any():
         yield (
@@ -570,8 +571,8 @@ def refuted_noise(measurements: Measurements, sigma: float | None) -> Iterator[F
             code="residuals_exceed_sigma",
             weight="use_with_care",
             message=f"the residuals give a standard uncertainty of {length_text(sigma)} per coordinate of a "
-            f"reading, {sigma / refuted:.3g} times the {length_text(refuted)} that were stated and "
-            "that they refuted: what the model leaves unexplained counts as noise, and may be no noise",
+            f"reading, {figure(sigma / refuted, '.3g')} times the {length_text(refuted)} that were stated "
+            "and that they refuted: what the model leaves unexplained counts as noise, and may be no noise",
             remedy=_CHECK_NOISE,
         )
 
@@ -588,8 +589,8 @@ def _residuals(measurements: Measurements, estimate: Estimate, *, joints_alone: 
         yield Finding(
             code="sigma_overstated",
             weight="use",
-            message=f"the residuals are only {ratio:.3g} times as large as sigma predicts (chi-square test, "
-            f"{chance}), so the uncertainties are too large",
+            message=f"the residuals are only {figure(ratio, '.3g')} times as large as sigma predicts "
+            f"(chi-square test, {chance}), so the uncertainties are too large",
             remedy="check `noise` and `units.length`; omit `noise` so that sigma is estimated from the "
             "residuals",
         )
@@ -600,8 +601,8 @@ def _residuals(measurements: Measurements, estimate: Estimate, *, joints_alone: 
         yield Finding(
             code="residuals_exceed_sigma",
             weight=weight,
-            message=f"the residuals are {ratio:.3g} times as large as the stated noise allows, so the "
-            "uncertainties are too small by the same factor",
+            message=f"the residuals are {figure(ratio, '.3g')} times as large as the stated noise allows, so "
+            "the uncertainties are too small by the same factor",
             remedy=_CHECK_NOISE,
             action=Action.of("omit_noise"),
         )
@@ -632,7 +633,7 @@ def judge(estimate: Estimate) -> Iterator[Finding]:
             says = (
                 "alone separates it from other joints"
                 if np.isinf(ratio)
-                else f"carries {ratio:.3g} times as much information as the readings"
+                else f"carries {figure(ratio, '.3g')} times as much information as the readings"
             )
             yield Finding(
                 code="prior_dominates",

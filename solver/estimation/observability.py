@@ -13,6 +13,7 @@ from jointstiff.schemas.run import ObservabilityIndices
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.estimation.triangle import unit_columns
 from jointstiff.solver.mechanics.block import RegressorBlock
+from jointstiff.solver.text import figure
 
 NULL_COLUMN = 1e-9
 """Norm of a column, relative to what the joint's levers allow, that counts as rounding."""
@@ -72,7 +73,8 @@ class WeakDirection:
         change = " : ".join(f"{part:+.2g}" for part in self.change)
         return (
             f"{together} are hard to distinguish: a change of their compliances in the ratio {change} "
-            f"has {self.attenuation:.2g} times less effect on the readings than the most visible change"
+            f"has {figure(self.attenuation, '.2g')} times less effect on the readings than "
+            "the most visible change"
         )
 
 
@@ -325,12 +327,13 @@ def noise_reason(joint: int, names: tuple[str, ...], observability: Observabilit
     """
     torque, most = observability.greatest_torque, int(np.argmax(observability.greatest_torque))
     own, other = (JOINT_UNITS[observability.kinds[j]] for j in (joint, most))
-    beside = "" if most == joint else f", and {names[most]} with up to {torque[most]:.2g} {other.effort}"
+    least, greatest = figure(torque[joint], ".2g"), figure(torque[most], ".2g")
+    beside = "" if most == joint else f", and {names[most]} with up to {greatest} {other.effort}"
     return (
         f"{names[joint]} is hidden by noise: its standard uncertainty of {uncertainty:.2g} "
         f"{own.compliance} exceeds {observability.reference_compliance[joint]:.2g} {own.compliance}, the "
         f"compliance with which it alone would explain all deflections; the load {own.loads} it with at "
-        f"most {torque[joint]:.2g} {own.effort}{beside}: add loads that {own.load_verb} it more"
+        f"most {least} {own.effort}{beside}: add loads that {own.load_verb} it more"
     )
 
 

@@ -22,7 +22,7 @@ from jointstiff.solver.mechanics.block import unloaded_configurations
 from jointstiff.solver.mechanics.configuration import Configurations
 from jointstiff.solver.mechanics.measurements import NOISE_SIGMAS, Measurements, first_equal
 from jointstiff.solver.mechanics.robot import Robot
-from jointstiff.solver.text import length_text
+from jointstiff.solver.text import figure, length_text
 
 OTHER_UNITS: Final[dict[Unit, tuple[str, Unit, FindingCode]]] = {
     "mm": ("length", "m", "length_unit_suspect"),
@@ -249,7 +249,8 @@ def loads(view: View) -> Iterator[Finding]:
     if typical > greatest or (typical < least and not view.measurements.moment.any()):
         yield view.finding(
             "force_unit_suspect",
-            f"the median force is {typical:.3g} N, outside the plausible {least:g} N to {greatest:g} N",
+            f"the median force is {figure(typical, '.3g')} N, outside the plausible {least:g} N "
+            f"to {greatest:g} N",
             "check `units.force`: kN read as N, or N as kN? (kgf read as N is not detected)",
             "do_not_use",
             Action.of("convert_units", unit="N" if typical > greatest else "kN"),

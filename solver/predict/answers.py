@@ -47,6 +47,7 @@ from jointstiff.solver.predict.models import (
     ModelError,
     ModelErrorBound,
 )
+from jointstiff.solver.text import figure
 
 PlaceStatus = Literal["reached", "out_of_reach", "joint_limits", "unseen_joint", "overloaded", "not_followed"]
 STATUSES: Final[tuple[PlaceStatus, ...]] = get_args(PlaceStatus)
@@ -497,11 +498,13 @@ def _extrapolation(bound: ModelErrorBound, b: int) -> list[str]:
     if np.isinf(load):
         remarks.append(f"extrapolated: no {bound.unmeasured} was measured, so its model error has no bound")
     elif load > EXTRAPOLATED:
-        remarks.append(f"extrapolated: the load is {load:.3g} times the greatest that was measured")
+        remarks.append(
+            f"extrapolated: the load is {figure(load, '.3g')} times the greatest that was measured"
+        )
     if np.isfinite(load) and leverage > EXTRAPOLATED:
         remarks.append(
-            f"extrapolated: the readings determine this posture and place {leverage:.3g} times less than "
-            "the worst measured target"
+            f"extrapolated: the readings determine this posture and place {figure(leverage, '.3g')} times "
+            "less than the worst measured target"
         )
     return remarks
 

@@ -7,7 +7,8 @@ import pytest
 
 from jointstiff.schemas.geometry import GeometryRequest
 from jointstiff.service.tables.report import requested
-from jointstiff.service.tables.table import figure, number, rounded
+from jointstiff.service.tables.table import number, rounded
+from jointstiff.solver.text import figure
 
 
 def sweeps(unit, count=4):

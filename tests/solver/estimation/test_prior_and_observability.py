@@ -216,7 +216,8 @@ def test_noise_that_hides_a_joint_is_told_with_the_torques():
     found, expected = estimate(robot, m), estimate(robot, upright)
     most = np.abs(torques(ARM, m.joints, m.force, m.moment, m.load_point)).max(axis=0)
     strongest = int(most.argmax())
-    told = f"at most {most[0]:.2g} N.m, and joint_{strongest + 1} with up to {most[strongest]:.2g} N.m:"
+    greatest = round(most[strongest], -2)
+    told = f"at most {most[0]:.2g} N.m, and joint_{strongest + 1} with up to {greatest:.0f} N.m:"
     assert found.joints[0].status == "not_observable"
     assert "joint_1 is hidden by noise" in found.joints[0].reason
     assert told in found.joints[0].reason
