@@ -176,7 +176,7 @@ class Line:
 
 @lru_cache(maxsize=4)
 def _number_starts(text: str) -> tuple[int, ...]:
-    """Return where the numbers of a text stand, for each of its parts asks."""
+    """Return where the numbers of a text stand; kept, as each part of a line needs them."""
     return tuple(place for place, sign in enumerate(text) if sign == "\0")
 
 
