@@ -26,6 +26,6 @@ def set_of(parts, document):
     return parts.sets.create(MeasurementSetRequest.model_validate_json(json.dumps(readings)), None).id
 
 
-def request(set_id, **changes):
+def run_request(set_id, **changes):
     resampling = {"size": 8, "repetitions": 300, "seed": 4}
     return RunRequest.model_validate({"measurement_set_id": set_id, "resampling": resampling} | changes)

@@ -1,32 +1,37 @@
-"""Health whatever others ask for, what every answer says, and what is counted and logged of a request."""
+"""Health whatever fails below, what every answer says, and what is counted and logged of a request."""
 
 import json
 import logging
+import resource
 import shutil
 import socket
 import sqlite3
 import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import closing, suppress
+from contextlib import closing, contextmanager, suppress
+from inspect import iscoroutinefunction
 from types import SimpleNamespace
 
 import anyio
 import httpx2
+import psycopg
 import pytest
+from sqlalchemy import event
 from support.in_process import Client, composed, served
-from support.jobs import request, runs_of, stored_set
+from support.jobs import run_request, runs_of, stored_set
 from support.processes import Service, until
 
 from jointstiff.schemas.access import Health
 from jointstiff.service.api.answers import ANSWER_HEADERS
 from jointstiff.service.api.bodies import EXAMPLES
 from jointstiff.service.api.health import Watch
-from jointstiff.service.app import CONCURRENT_REQUESTS
+from jointstiff.service.app import CONCURRENT_REQUESTS, create_app
 from jointstiff.service.problems import StoreUnavailableError, problem_of
 from jointstiff.service.process import ACCESS_LOGGER, JsonFormatter, LogFormat, set_log_format
 from jointstiff.service.server import _state
 from jointstiff.service.store.store import Store
+from jointstiff.service.workers.doctor import examine
 
 ROBOT = EXAMPLES["robots"]["modified DH"]
 
@@ -216,7 +221,7 @@ def test_the_gauges_are_of_the_last_look_and_of_what_waits():
             "held_body_bytes": 0,
             "quota_bytes": 10_000_000,
         }
-        runs_of(store, lambda *_: None).create(request(stored_set(store)), None)
+        runs_of(store, lambda *_: None).create(run_request(stored_set(store)), None)
         with app.state.watch:
             seen = state(app)
             assert (seen["database_up"], seen["workers"], seen["unfinished_jobs"]) == (True, 0, 1)
@@ -265,3 +270,81 @@ def test_what_is_no_request_gets_a_problem_document_with_all_headers(store):
     assert head.startswith("HTTP/1.1 400 Bad Request\r\n")
     assert {f"{name}: {value}" for name, value in ANSWER_HEADERS.items()} <= set(head.split("\r\n"))
     assert json.loads(body)["status"] == 400
+
+
+@contextmanager
+def no_growth(_store, _url):
+    """No file of this process may be written beyond its first page, as on a full disk."""
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (4096, limits[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+
+
+@contextmanager
+def read_only(store, url):
+    """The database takes no changes, as a disk that was mounted anew after an error."""
+    if url.startswith("postgresql"):
+        statement = "SET default_transaction_read_only = {}"
+    else:
+        statement = "PRAGMA query_only = {}"
+    switched = "on"
+
+    def switch(connection, *_):
+        connection.cursor().execute(statement.format(switched))
+        if url.startswith("postgresql"):
+            connection.commit()
+
+    event.listen(store._database._reader.pool, "checkout", switch)
+    try:
+        yield
+    finally:
+        switched = "off"
+
+
+@contextmanager
+def robots_locked(store, url):
+    """Another session holds the table, for longer than anybody waits."""
+    with psycopg.connect(url) as other:
+        other.execute("LOCK TABLE robots IN ACCESS EXCLUSIVE MODE")
+        event.listen(store._database._reader.pool, "checkout", wait_briefly)
+        yield
+
+
+def wait_briefly(connection, *_):
+    connection.cursor().execute("SET lock_timeout = '100ms'")
+    connection.commit()
+
+
+@pytest.mark.parametrize(
+    ("kind", "fault"),
+    [("sqlite", no_growth), ("sqlite", read_only), ("postgresql", read_only), ("postgresql", robots_locked)],
+)
+def test_a_fault_has_a_code_and_loses_nothing(kind, fault, tmp_path, request):
+    url = f"sqlite:///{tmp_path / 'jointstiff.db'}"
+    if kind == "postgresql":
+        url = request.getfixturevalue("new_postgresql_database")()
+    key = {"Idempotency-Key": "one"}
+    with Store.open(url) as store:
+        client = Client(store)
+        before = client.request("POST", "/v1/robots", json=ROBOT).json()["id"]
+        with fault(store, url):
+            refused = client.request("POST", "/v1/robots", json=ROBOT, headers=key)
+            assert client.get("/live").status_code == 204
+        assert refused.status_code == 503
+        assert refused.json()["type"] == "urn:jointstiff:problem:store-unavailable"
+        assert refused.headers["retry-after"] == "5"
+        accepted = client.request("POST", "/v1/robots", json=ROBOT, headers=key)
+        assert accepted.status_code == 201
+        listed = [item["id"] for item in client.get("/v1/robots").json()["items"]]
+        assert listed == [accepted.json()["id"], before]
+    assert examine(url).faults == []
+
+
+def test_a_refusal_waits_for_no_thread():
+    """A plain function would run in the pool of threads, and the refused body would stay until it did."""
+    with Store.open("sqlite://") as store:
+        handlers = create_app(store).exception_handlers
+    assert all(iscoroutinefunction(handler) for handler in handlers.values()), handlers

@@ -1,19 +1,47 @@
-"""Jobs over HTTP: files, tables, tags of documents; runs that leave readings out; programs as forms."""
+"""Jobs over HTTP: files, tables, tags, programs as forms; events for all who follow; deletion with undo."""
 
+import asyncio
 import copy
+import dataclasses
 import json
+import time
+from datetime import UTC, datetime, timedelta
 
 import anyio
 import httpx2
 import numpy as np
 import pytest
-from support.api import file_at, post, posted
+from fastapi.sse import ServerSentEvent
+from support.api import CANCEL, DELETE, RESTORE, file_at, job_at, post, posted, posted_set
+from support.in_process import Client
+from support.jobs import run_request, runs_of, stored_set
 from support.kinds import posted_job
 from support.programs import options, path, tool_poses
+from support.records import RUN, job_record
 
+from jointstiff.schemas.comparison import ComparisonRequest
+from jointstiff.schemas.finding import Problem
+from jointstiff.schemas.job import Progress, Provenance
 from jointstiff.schemas.program import Program
+from jointstiff.schemas.run import Run, RunRequest
+from jointstiff.service.api.jobs import Followers, answer
 from jointstiff.service.app import create_app
+from jointstiff.service.jobs import Parts
+from jointstiff.service.kinds.registry import KINDS
+from jointstiff.service.problems import (
+    DeletedError,
+    NotEndedError,
+    NotFoundError,
+    QuotaError,
+    ReferencedError,
+    StoreUnavailableError,
+)
 from jointstiff.service.programs.formats import read_program
+from jointstiff.service.store.collection import KEEP_DELETED
+from jointstiff.service.store.jobs import JobStatus
+from jointstiff.service.store.store import Store
+from jointstiff.service.store.tables import IdempotencyKey, MeasurementSetRecord, RobotRecord
+from jointstiff.service.workers.worker import Recovery
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.programs import program_text
 
@@ -160,3 +188,460 @@ def test_a_corrected_program_is_not_corrected_again(local, run_id, mark):
     assert again.status_code == 422
     assert "the original program" in json.dumps(again.json())
     assert send(local, run_id, mark=mark).status_code == 201  # the program itself may be corrected anew
+
+
+REQUEST = RunRequest(measurement_set_id="s")
+
+
+class ScriptedJobs:
+    """Jobs of which each look finds as many units done as a script says, None for an outage; then the end."""
+
+    kind = KINDS[0]
+
+    def __init__(self, script, end="succeeded"):
+        self.script = list(script)
+        self.end = end
+        self.looks = self.documents = 0
+        self.records = self
+
+    def statuses(self, job_ids):
+        self.looks += 1
+        return {job_id: self.status() for job_id in job_ids}
+
+    def status(self):
+        if not self.script:
+            return JobStatus(self.end, 0)
+        done = self.script.pop(0)
+        if done is None:
+            raise StoreUnavailableError("away", "wait")
+        return JobStatus("running", done)
+
+    def current(self, job_id):
+        self.documents += 1
+        ended = not self.script
+        return Run(
+            id=job_id,
+            state=self.end if ended else "queued",
+            progress=Progress(done=90 if ended else 0, total=90, unit="resamples", activity="resampling"),
+            request=REQUEST,
+            result=None,
+            error=None,
+            provenance=Provenance(
+                versions={}, input_hash="", created_at="2026-11-20T00:00:00Z", started_at=None, ended_at=None
+            ),
+        )
+
+
+def hurried(is_closing=lambda: False):
+    return Followers(is_closing, pause=0.01)
+
+
+async def followed(followers, jobs, job_id="r1"):
+    return [event async for event in followers.events(jobs, job_id)]
+
+
+def data_of(events):
+    return [json.loads(event.raw_data) for event in events]
+
+
+def test_who_may_follow_no_longer_hears_no_more():
+    asked = []
+
+    async def is_allowed():
+        asked.append(len(asked) < 2)
+        return asked[-1]
+
+    async def follow():
+        followers = type("Prompt", (Followers,), {"ALLOWED_SECONDS": 0.05})(pause=0.01)
+        return [event async for event in followers.events(ScriptedJobs([1] * 10_000), "r1", is_allowed)]
+
+    assert [event.event for event in asyncio.run(follow())] == ["progress"]
+    assert asked == [True, True, False]
+
+
+def test_streams_end_when_the_service_is_told_to():
+    jobs = ScriptedJobs([1] * 10_000)
+    events = asyncio.run(followed(hurried(lambda: jobs.looks > 2), jobs))
+    assert [event.event for event in events] == ["progress"]
+
+
+def test_those_who_leave_do_not_disturb_those_who_stay():
+    jobs = ScriptedJobs(range(20))
+
+    async def some_leave():
+        followers = hurried()
+        staying = [asyncio.create_task(followed(followers, jobs)) for _ in range(3)]
+        leaving = [asyncio.create_task(followed(followers, jobs)) for _ in range(3)]
+        await asyncio.sleep(0.05)
+        for task in leaving:
+            task.cancel()
+        return await asyncio.gather(*staying)
+
+    told = asyncio.run(some_leave())
+    assert all(events[-1].event == "end" for events in told)
+    assert all(events == told[0] for events in told)
+
+
+def test_no_one_looks_when_no_one_follows():
+    jobs = ScriptedJobs(range(10_000))
+
+    async def leave():
+        followers = hurried()
+        task = asyncio.create_task(followed(followers, jobs))
+        await asyncio.sleep(0.05)
+        task.cancel()
+        await asyncio.gather(task, return_exceptions=True)
+        assert followers._followed == {}
+        await asyncio.wait_for(followers._task, 60)
+        looks = jobs.looks
+        await asyncio.sleep(0.1)
+        assert jobs.looks == looks
+
+    asyncio.run(leave())
+
+
+def test_who_leaves_as_news_come_has_left():
+    """Both reach the task in one turn of the loop; `asyncio.wait_for` of Python 3.11 would go on."""
+
+    async def leave():
+        followers = Followers(pause=60.0)
+        task = asyncio.create_task(followed(followers, ScriptedJobs(range(10))))
+        while (job := followers._followed.get("r1")) is None or job.news is None:
+            await asyncio.sleep(0.01)
+        await asyncio.sleep(0.01)
+        job.tell(ServerSentEvent(event="progress", raw_data="{}"))
+        task.cancel()
+        await asyncio.wait([task], timeout=5.0)
+        assert task.cancelled()
+        assert followers._followed == {}
+
+    asyncio.run(leave())
+
+
+def test_a_look_that_fails_ends_the_streams():
+    class Broken(ScriptedJobs):
+        def statuses(self, _job_ids):
+            raise RuntimeError("broken")
+
+    async def crowd():
+        followers = hurried()
+        jobs = Broken([1])
+        return await asyncio.gather(*(followed(followers, jobs) for _ in range(3)), return_exceptions=True)
+
+    assert [str(error) for error in asyncio.run(crowd())] == ["broken"] * 3
+
+
+def test_a_job_that_is_deleted_as_soon_as_it_ends_is_told_to_have_ended():
+    class Deleted(ScriptedJobs):
+        def status(self):
+            found = super().status()
+            return found if self.script else JobStatus("cancelled", 40)
+
+        def current(self, job_id):
+            if not self.script:
+                raise DeletedError(RUN, job_id)
+            return super().current(job_id)
+
+    told = asyncio.run(followed(hurried(), Deleted([10, 20, 30])))
+    assert told[-1].event == "end"
+    last = data_of(told)[-1]
+    assert (last["state"], last["progress"]["done"]) == ("cancelled", 40)
+
+
+def test_an_outage_at_the_first_or_the_last_look_does_not_end_a_stream():
+    class Flickering(ScriptedJobs):
+        outages = 6
+
+        def current(self, job_id):
+            self.outages -= 1
+            if self.outages % 3:
+                raise StoreUnavailableError("away", "wait")
+            return super().current(job_id)
+
+    told = asyncio.run(followed(hurried(), Flickering([10, 20, 30, 40])))
+    assert [event.event for event in told] == ["progress"] * (len(told) - 1) + ["end"]
+    assert len(told) > 1
+
+
+def test_waiting_ends_when_the_service_is_told_to():
+    jobs = ScriptedJobs([1] * 10_000)
+    asyncio.run(hurried(lambda: jobs.looks > 2).wait(jobs, "r1", 60))
+    assert jobs.looks == 3
+
+
+def test_waiting_ends_with_the_job_or_with_patience():
+    jobs = ScriptedJobs([1, 2, 3])
+    asyncio.run(hurried().wait(jobs, "r1", 60))
+    assert jobs.looks == 4
+    jobs = ScriptedJobs([1] * 10_000)
+    asyncio.run(hurried().wait(jobs, "r1", 0.05))
+    assert len(jobs.script) > 1
+
+
+def test_slow_looks_are_rare():
+    """Looks at many jobs at once take long, and must leave the threads to others."""
+
+    class Slow(ScriptedJobs):
+        def statuses(self, job_ids):
+            time.sleep(0.05)
+            return super().statuses(job_ids)
+
+    jobs = Slow([1] * 10_000)
+    asyncio.run(hurried().wait(jobs, "r1", 1.0))
+    assert jobs.looks <= 5
+
+
+@pytest.mark.parametrize("error", [StoreUnavailableError("away", "wait"), DeletedError(RUN, "r1")])
+def test_what_was_stored_is_accepted_whatever_happens_to_it_then(error):
+    """A job that was posted without a key would be posted again after a 503."""
+
+    class Lost(ScriptedJobs):
+        def create(self, _message, _key):
+            job = self.current("r1")
+            return job_record(RUN, "r1", state=job.state, document=job.model_dump_json())
+
+        def current(self, job_id):
+            if self.documents:
+                raise error
+            return super().current(job_id)
+
+    jobs = Lost([1])
+    told = asyncio.run(answer(jobs, jobs.create(REQUEST, None), 0.1, hurried()))
+    assert (told.status_code, told.headers["location"]) == (202, "/v1/runs/r1")
+    assert json.loads(told.body)["state"] == "queued"
+
+
+TIME = datetime(2026, 11, 20, 12, tzinfo=UTC)
+ROBOT = RobotRecord("r1", "robot", TIME, "", "{}")
+SET = MeasurementSetRecord("s1", "r1", "set", "motor", 1, 0, TIME, "", "{}", b"")
+JOB = job_record()
+KEY = IdempotencyKey("a key", "hash of a body")
+
+
+@pytest.fixture
+def store(database_url):
+    with Store.open(database_url) as opened:
+        opened.robots.add(ROBOT)
+        opened.sets.add(SET)
+        yield opened
+
+
+class TestStore:
+    @pytest.mark.parametrize("state", ["queued", "running"])
+    def test_a_job_that_goes_on_stays(self, store, state):
+        jobs = store.jobs(RUN)
+        jobs.add(dataclasses.replace(JOB, state=state))
+        with pytest.raises(NotEndedError) as caught:
+            jobs.delete("u1", TIME)
+        assert caught.value.remedy.startswith("cancel it first")
+        assert [entry.id for entry in jobs.page(limit=9).records] == ["u1"]
+
+    def test_purged_after_a_while_with_all_that_names_it(self, store):
+        jobs, other = store.jobs(RUN), dataclasses.replace(JOB, id="other")
+        jobs.add(JOB, KEY)
+        jobs.add(other, IdempotencyKey("another key", "hash"))
+        jobs.delete("u1", TIME)
+        with pytest.raises(DeletedError):
+            jobs.refuse_deleted("u1")
+        jobs.delete("u1", TIME + timedelta(days=20))  # which does not make it younger
+        assert jobs.purge(TIME, 9) == []
+        assert jobs.purge(TIME + timedelta(seconds=1), 9) == ["u1"]
+        for find in (jobs.get, jobs.restore):
+            with pytest.raises(NotFoundError) as caught:
+                find("u1")
+            assert type(caught.value) is NotFoundError
+        assert jobs.find(KEY) is None
+        assert jobs.find(IdempotencyKey("another key", "hash")) == other
+        assert jobs.add(dataclasses.replace(JOB, id="anew"), KEY).id == "anew"
+        jobs.add(JOB)
+        assert jobs.status("u1").done == 0
+
+    def test_what_is_brought_back_is_not_purged(self, store):
+        store.jobs(RUN).add(JOB)
+        deletions = store.jobs(RUN)
+        deletions.delete("u1", TIME)
+        deletions.restore("u1")
+        assert deletions.purge(TIME + timedelta(days=400), 9) == []
+        assert store.jobs(RUN).get("u1") == JOB
+
+
+class TestJobs:
+    @pytest.fixture
+    def runs(self, store):
+        return runs_of(store, store.steps.announce)
+
+    def test_a_run_is_cancelled_then_deleted_and_its_late_work_does_nothing(self, store, runs):
+        run = runs.create(run_request(stored_set(store)), None)
+        with pytest.raises(NotEndedError):
+            runs.records.delete(run.id)
+        runs.cancel(run.id)
+        before = runs.document(run.id)
+        runs.records.delete(run.id)
+        assert not runs.records.goes_on(run.id)
+        runs.fail(run.id, RuntimeError("of a worker that did not hear of it"))
+        with pytest.raises(DeletedError):
+            runs.cancel(run.id)
+        runs.records.restore(run.id)
+        assert runs.document(run.id) == before
+
+    def test_a_deleted_run_is_not_compared(self, store, runs):
+        parts, set_id = Parts(store), stored_set(store)
+        kept, run = (runs.create(run_request(set_id, resampling=None), None) for _ in range(2))
+        runs.records.delete(run.id)
+        with pytest.raises(Exception, match="was deleted") as caught:
+            parts.jobs["comparison"].create(ComparisonRequest(run_ids=[kept.id, run.id]), None)
+        assert caught.value.where == "run_ids[1]"
+        assert "restore" in caught.value.remedy
+
+    def test_the_janitor_removes_by_its_clock(self, store, runs):
+        deleted, kept = (runs.create(run_request(stored_set(store), resampling=None), None) for _ in range(2))
+        runs.records.delete(deleted.id)
+        clock = [datetime.now(UTC) + KEEP_DELETED - timedelta(hours=1)]
+        recovery = Recovery(store, lambda _: runs, "alive", now=lambda: clock[0])
+        recovery.look()
+        runs.records.restore(deleted.id)
+        runs.records.delete(deleted.id)
+        clock[0] += timedelta(hours=2)
+        recovery.look()
+        with pytest.raises(NotFoundError) as caught:
+            runs.records.restore(deleted.id)
+        assert type(caught.value) is NotFoundError
+        assert runs.document(kept.id) == kept.document
+
+
+class TestInputs:
+    def test_what_others_refer_to_stays(self, store):
+        runs, sets, robots = store.jobs(RUN), store.sets, store.robots
+        runs.add(JOB)
+        with pytest.raises(ReferencedError, match="'s1' is used by run u1"):
+            sets.delete("s1", TIME)
+        with pytest.raises(ReferencedError, match="'r1' is used by measurement set s1, run u1"):
+            robots.delete("r1", TIME)
+        store.jobs(RUN).delete("u1", TIME)
+        sets.delete("s1", TIME)
+        robots.delete("r1", TIME)
+        for collection, identifier in ((store.sets, "s1"), (store.robots, "r1")):
+            with pytest.raises(DeletedError):
+                collection.get(identifier)
+            assert collection.page(limit=9).records == ()
+            assert [entry.id for entry in collection.page(limit=9, deleted=True).records] == [identifier]
+
+    def test_nothing_refers_to_the_deleted(self, store):
+        sets, robots = store.sets, store.robots
+        sets.delete("s1", TIME)
+        with pytest.raises(DeletedError, match="measurement set 's1'"):
+            store.jobs(RUN).add(JOB)
+        robots.delete("r1", TIME)
+        with pytest.raises(DeletedError, match="robot 'r1'"):
+            store.sets.add(dataclasses.replace(SET, id="s2"))
+        with pytest.raises(DeletedError, match="robot 'r1'"):
+            sets.restore("s1")
+        robots.restore("r1")
+        sets.restore("s1")
+        assert store.sets.get("s1") == SET
+        assert store.robots.get("r1") == ROBOT
+
+    def test_the_first_deletion_counts_and_odd_ids_are_not_there(self, store):
+        sets = store.sets
+        for hours in (0, 1):
+            sets.delete("s1", TIME + timedelta(hours=hours))
+        assert sets.purge(TIME + timedelta(minutes=1), 9) == ["s1"]
+        for odd in ("no such", "\x00", "\ud800"):
+            with pytest.raises(NotFoundError):
+                sets.delete(odd, TIME)
+            with pytest.raises(NotFoundError):
+                sets.restore(odd)
+
+    def test_purged_from_the_jobs_to_the_robot_with_their_keys(self, store):
+        key = IdempotencyKey("a key", "hash")
+        store.robots.add(dataclasses.replace(ROBOT, id="r2"), key)
+        store.jobs(RUN).add(JOB)
+        runs, sets, robots = store.jobs(RUN), store.sets, store.robots
+        runs.delete("u1", TIME + timedelta(days=1))
+        sets.delete("s1", TIME + timedelta(days=1))
+        robots.delete("r1", TIME + timedelta(days=1))
+        robots.delete("r2", TIME)
+        later = TIME + KEEP_DELETED + timedelta(hours=1)
+        assert robots.purge(later - KEEP_DELETED, 9) == ["r2"]
+        assert store.robots.find(key) is None
+        assert robots.purge(later + KEEP_DELETED, 9) == []  # the set refers to it
+        now = later + timedelta(days=1)
+        recovery = Recovery(store, lambda _: runs_of(store), "alive", now=lambda: now)
+        recovery.look()
+        for collection, identifier in ((store.sets, "s1"), (store.robots, "r1")):
+            with pytest.raises(NotFoundError) as caught:
+                collection.get(identifier)
+            assert not isinstance(caught.value, DeletedError)
+
+
+def test_a_quota_refuses_what_is_new_and_keeps_the_rest(database_url):
+    with Store.open(database_url) as store:
+        store.robots.add(ROBOT)
+        used = store.quota.used()
+        assert used > 10_000
+    with Store.open(database_url, used) as store:
+        with pytest.raises(QuotaError, match="its quota is"):
+            store.robots.add(dataclasses.replace(ROBOT, id="r2"))
+        assert store.robots.get("r1") == ROBOT
+        store.robots.delete("r1", TIME)
+    with Store.open(database_url, 10 * used) as store:
+        store.robots.add(dataclasses.replace(ROBOT, id="r2"))
+
+
+DEAD_WEIGHT = simulate_campaign(default_arm(), load="dead_weight", configurations=6, seed=5)
+
+
+class TestHttp:
+    @pytest.mark.parametrize("collection", ["jobs", "robots", "measurement-sets"])
+    @pytest.mark.parametrize("identifier", ["nothing", "%00", "%F0%9F%92%A9", "a%ED%A0%80"])
+    def test_unknown(self, client, collection, identifier):
+        address = f"/v1/{collection}/{identifier}"
+        answers = [client.patch(address, json=change) for change in (DELETE, RESTORE)]
+        for each in (*answers, client.delete(f"/v1/jobs/{identifier}")):
+            assert each.status_code == 404
+            assert Problem.model_validate(each.json()).type.endswith(":not-found")
+
+    def test_a_run_that_goes_on(self, client_of_workers):
+        client = client_of_workers
+        resampling = {"size": 5, "repetitions": 100_000, "seed": 1}
+        body = {"measurement_set_id": posted_set(client, DEAD_WEIGHT), "resampling": resampling}
+        run = client.post("/v1/runs?wait=0", json=body)
+        assert run.status_code == 202
+        address = run.headers["location"]
+        refused = client.delete(job_at(address))
+        assert refused.status_code == 409
+        assert f"PATCH {job_at(address)}" in refused.json()["remedy"]
+        for _ in range(2):
+            cancelled = client.patch(job_at(address), json=CANCEL | DELETE)
+            assert (cancelled.status_code, cancelled.json()["state"]) == (200, "cancelled")
+        assert client.get(address).json()["type"].endswith(":deleted")
+
+    def test_a_campaign_is_deleted_from_its_end_and_brought_back(self):
+        document = simulate_campaign(default_arm(), load="pull", configurations=8, seed=1)
+        with Store.open("sqlite://") as opened:
+            client = Client(opened)
+            first = posted(client, document)
+            run, stored = first["id"], first["request"]["measurement_set_id"]
+            robot = client.get(f"/v1/measurement-sets/{stored}").json()["robot_id"]
+            addresses = [f"/v1/runs/{run}", f"/v1/measurement-sets/{stored}", f"/v1/robots/{robot}"]
+            for address in addresses[:0:-1]:
+                refused = client.request("PATCH", address, json=DELETE)
+                assert refused.status_code == 409
+                assert refused.json()["type"] == "urn:jointstiff:problem:referenced"
+            shown = [client.get(address).json() for address in addresses]
+            changed = [job_at(run), *addresses[1:]]
+            for address, at in zip(addresses, changed, strict=True):
+                answers = [client.request("PATCH", at, json=DELETE) for _ in range(2)]
+                assert [answer.status_code for answer in answers] == [200, 200]
+                assert answers[0].json() == answers[1].json()
+                assert client.request("PATCH", at, json=DELETE).status_code == 200
+                assert client.get(address).json()["type"] == "urn:jointstiff:problem:deleted"
+                listing = address.rpartition("/")[0]
+                assert client.get(listing).json()["items"] == []
+                assert len(client.get(listing, params={"deleted": True}).json()["items"]) == 1
+            gone = post(client, "/v1/runs", {"measurement_set_id": stored}, 422)
+            assert "was deleted" in gone["detail"]
+            assert client.request("PATCH", job_at(run), json=RESTORE).status_code == 404
+            for address in reversed(changed):
+                assert client.request("PATCH", address, json=RESTORE).status_code == 200
+            assert [client.get(address).json() for address in addresses] == shown

@@ -1,29 +1,41 @@
-"""Reports of runs: what ISO/IEC 17025 asks for, the same bytes, files within, and hostile text."""
+"""Reports and certificates of runs, and the pictures in them."""
 
 import contextlib
 import io
 import json
+import math
+import os
 import re
 import subprocess
 import sys
 from dataclasses import replace
-from datetime import UTC, datetime
+from datetime import UTC, date, datetime
 from functools import lru_cache
 from pathlib import Path
+from xml.etree import ElementTree
 
+import matplotlib as mpl
+import numpy as np
 import pypdf
 import pytest
+from reference.kinematics import flange_by_pinocchio
+from support.api import file_at
 from support.terminal import terminal
 
 import jointstiff
+import jointstiff as js
 from jointstiff.schemas.finding import Finding
 from jointstiff.schemas.report import Authorisation, Laboratory, Party
-from jointstiff.schemas.run import Campaign, Run
+from jointstiff.schemas.run import Campaign, JointResult, Run
 from jointstiff.service import reports as service_reports
 from jointstiff.service.conversion.prepared import prepare_robot
-from jointstiff.service.reports.document import draft, state_of
+from jointstiff.service.kinds.map import area
+from jointstiff.service.reports.certificate import NAMESPACES, certificate
+from jointstiff.service.reports.document import State, draft, state_of
 from jointstiff.service.reports.exports import ExportedModel, joints_csv
 from jointstiff.service.reports.laboratory import LaboratorySettings
+from jointstiff.service.reports.pictures import bars, intervals
+from jointstiff.service.reports.plots import figure_of
 from jointstiff.service.reports.rendering import report_page, report_pdf
 from jointstiff.service.reports.run import (
     ITEMS,
@@ -33,7 +45,10 @@ from jointstiff.service.reports.run import (
     run_document,
     uncertainty,
 )
+from jointstiff.service.tables.table import Area, Chart, Sheet
 from jointstiff.simulator import default_arm, simulate_campaign
+from jointstiff.simulator.own_weight import unloaded_campaign
+from jointstiff.solver.errors import RequestError
 
 LABORATORY = Laboratory(
     name="Metrology Lab",
@@ -269,3 +284,345 @@ def test_noise_is_stated_with_each_reading_or_estimated(campaign, run, by_readin
     ]
     subject = subject_of(campaign, run, noise=None, observations=observations)
     assert said in repr(run_document(subject, draft()))
+
+
+ABROAD = Laboratory(
+    name="Metrology Lab",
+    address=["1 Main Street", "44000 Nantes"],
+    country="FR",
+    languages=["fr"],
+    responsible="A. Martin",
+    kind_of_place="customer",
+    ended_on=date(2026, 11, 21),
+)
+MEASURED = {"measured_at": "2026-11-20T14:30:00+01:00", "instrument": "Tracker 750123"}
+
+
+@pytest.fixture(scope="module")
+def certified():
+    document = simulate_campaign(default_arm(), load="dead_weight", configurations=12, seed=2)
+    document["measurement_set"] |= MEASURED
+    run = js.identify(document)
+    model = ExportedModel.of(run, prepare_robot(run.campaign.robot).robot, "cell <3>")
+    return RunSubject(model, run.campaign.measurement_set, LaboratorySettings(ABROAD))
+
+
+def read(content):
+    return ElementTree.fromstring(content)  # noqa: S314 - our own
+
+
+def names(element):
+    return [child.tag.partition("}")[2] for child in element]
+
+
+def texts(element, path):
+    return [each.text for each in element.findall(path, NAMESPACES)]
+
+
+@pytest.fixture(scope="module")
+def root(certified):
+    return read(certificate(certified, draft()))
+
+
+def test_customer_and_serial_number_are_optional(root, certified):
+    assert texts(root, ".//dcc:customer/dcc:name/dcc:content") == ["not stated"]
+    identification = root.find(".//dcc:item//dcc:identification", NAMESPACES)
+    assert next(child.text for child in identification) == "calibrationLaboratory"
+    laboratory = ABROAD.model_copy(update={"customer": Party(name="Arms Inc.", address=["2 Side Street"])})
+    readings = certified.readings.model_copy(update={"serial_number": "SN-4711"})
+    stated = replace(certified, readings=readings, settings=LaboratorySettings(laboratory))
+    full = read(certificate(stated, State("authorised", "By A", 2, datetime(2026, 11, 25, tzinfo=UTC))))
+    assert texts(full, ".//dcc:customer/dcc:name/dcc:content") == ["Arms Inc."]
+    assert texts(full, ".//dcc:item//dcc:identification/dcc:value") == ["SN-4711"]
+    assert texts(full, ".//dcc:coreData/dcc:issueDate") == ["2026-11-25"]
+    assert texts(full, ".//dcc:uniqueIdentifier")[0].endswith("-2")
+
+
+def test_the_results_are_those_of_the_run(root, certified):
+    results = root.findall(".//dcc:result", NAMESPACES)
+    run, budget = certified.model.run, certified.model.result.budget
+    for result, joint in zip(results, run.result.joints, strict=False):
+        assert texts(result, "dcc:name/dcc:content") == [f"Stiffness of {joint.name}"]
+        if joint.stiffness is None:
+            assert texts(result, ".//dcc:noQuantity/dcc:content")[0].startswith("No number: ")
+            continue
+        values = [float(text) for text in texts(result, ".//si:value")]
+        assert values == [joint.stiffness, *(end for end in joint.stiffness_interval if end is not None)]
+        assert set(texts(result, ".//si:unit")) == {r"\newton\metre\radian\tothe{-1}"}
+        place = budget.joints.index(joint.name)
+        of_compliance = budget.expanded_with_model_error[place] / budget.coverage_factor
+        (u,), (k,) = texts(result, ".//si:valueExpandedMU"), texts(result, ".//si:coverageFactor")
+        assert float(u) / float(k) == pytest.approx(of_compliance * joint.stiffness**2, rel=1e-12)
+        assert texts(result, ".//si:coverageProbability") == ["0.95"]
+
+
+def test_the_compliance_of_the_flange_is_called_predicted_and_is_that_of_the_springs(root, certified):
+    """Compare with J C Jᵀ by finite differences of the kinematics, for the axes that a weight shows."""
+    result = root.findall(".//dcc:result", NAMESPACES)[-1]
+    assert texts(result, "dcc:name/dcc:content")[0].startswith("Predicted static compliance")
+    assert "not measured" in texts(result, "dcc:description/dcc:content")[0]
+    quantity_names = texts(result, ".//dcc:quantity/dcc:name/dcc:content")
+    assert all("redicted displacement" in text for text in quantity_names)
+    robot = certified.model.run.campaign.robot.model
+    assert certified.readings.units.angle == "rad"
+    joints = certified.model.robot.joint_names
+    q, step = np.array(certified.readings.observations[0].joints), 1e-6
+    postures = [q + d * e for e in np.eye(6) for d in (step, -step)]
+    flange = [
+        flange_by_pinocchio(robot.urdf, dict(zip(joints, each, strict=True)), robot.base, robot.flange)[:3, 3]
+        for each in postures
+    ]
+    jacobian = (np.array(flange[::2]) - np.array(flange[1::2])).T / (2 * step)
+    compliance = np.array([joint.compliance or 0.0 for joint in certified.model.run.result.joints])
+    expected = jacobian * compliance @ jacobian.T
+    quantities = np.array([float(text) for text in texts(result, ".//si:value")]).reshape(-1, 4)
+    values, lengths = quantities[:, :3], quantities[:, 3]
+    np.testing.assert_allclose(lengths, np.linalg.norm(values, axis=1), rtol=1e-12)
+    assert all(text.startswith("Length of the predicted") for text in quantity_names[3::4])
+    budgets = [case.budget for case in predicted_compliance(certified) if case.displacement is not None]
+    stated = [float(text) for text in texts(result, ".//si:valueExpandedMU")]
+    np.testing.assert_allclose(stated, [each.expanded_with_model_error / 100.0 for each in budgets])
+    forces = [text.split()[-1] for text in quantity_names[::4]]
+    np.testing.assert_allclose(
+        values, expected[["XYZ".index(axis) for axis in forces]], rtol=2e-3, atol=1e-10
+    )
+
+
+def test_a_run_by_own_weight_states_its_uncertainty_by_the_interval():
+    document = unloaded_campaign(default_arm(), configurations=30, seed=1)
+    document["measurement_set"] |= MEASURED
+    run = js.identify(document)
+    model = ExportedModel.of(run, prepare_robot(run.campaign.robot).robot, "cell")
+    certified = RunSubject(model, run.campaign.measurement_set, LaboratorySettings(ABROAD))
+    results = read(certificate(certified, draft())).findall(".//dcc:result", NAMESPACES)
+    assert run.result.budget is None
+    known = [
+        (result, joint)
+        for result, joint in zip(results, run.result.joints, strict=False)
+        if joint.stiffness is not None
+    ]
+    assert len(known) == 5
+    for result, joint in known:
+        u, factor, probability = (
+            float(*texts(result, f".//si:{name}"))
+            for name in ("valueExpandedMU", "coverageFactor", "coverageProbability")
+        )
+        low, high = joint.stiffness_interval
+        assert joint.stiffness - u <= low * (1 + 1e-12)
+        assert joint.stiffness + u >= high * (1 - 1e-12)
+        assert (probability, factor) == (0.95, pytest.approx(1.959964, abs=1e-6))
+    described = texts(results[-1], "dcc:description/dcc:content")
+    assert described[0].endswith("No uncertainty is stated of these predictions.")
+
+
+@pytest.mark.parametrize(
+    ("laboratory", "measured_at", "where"),
+    [
+        (None, True, "laboratory"),
+        (ABROAD.model_copy(update={"country": None}), True, "laboratory"),
+        (ABROAD.model_copy(update={"responsible": None}), True, "laboratory"),
+        (ABROAD.model_copy(update={"ended_on": date(2026, 11, 19)}), True, "laboratory.ended_on"),
+        (ABROAD, False, "measurement_set.measured_at"),
+    ],
+)
+def test_what_every_certificate_states_is_not_guessed(certified, laboratory, measured_at, where):
+    readings = certified.readings
+    if not measured_at:
+        readings = readings.model_copy(update={"measured_at": None})
+    with pytest.raises(RequestError) as refused:
+        certificate(replace(certified, readings=readings, settings=LaboratorySettings(laboratory)), draft())
+    assert refused.value.where == where
+    assert refused.value.remedy
+
+
+@pytest.mark.parametrize(
+    ("measured_at", "ended_on", "days"),
+    [
+        ("2026-11-20T20:00:00-08:00", date(2026, 11, 20), ["2026-11-20", "2026-11-20"]),
+        ("2026-11-20T20:00:00-08:00", None, ["2026-11-21", "2026-11-21"]),
+        ("2026-11-20T00:30:00+01:00", date(2026, 11, 20), ["2026-11-19", "2026-11-20"]),
+    ],
+)
+def test_days_are_those_of_utc_or_of_the_laboratory(certified, measured_at, ended_on, days):
+    """20:00 in San Francisco is the next day in UTC, in which the set keeps its time."""
+    at = datetime.fromisoformat(measured_at).astimezone(UTC)
+    readings = certified.readings.model_copy(update={"measured_at": at})
+    settings = LaboratorySettings(ABROAD.model_copy(update={"ended_on": ended_on}))
+    core = read(certificate(replace(certified, readings=readings, settings=settings), draft()))
+    assert [*texts(core, ".//dcc:beginPerformanceDate"), *texts(core, ".//dcc:endPerformanceDate")] == days
+
+
+def test_only_texts_of_this_program_have_its_language(certified):
+    own = {
+        "name": "Messlabor",
+        "address": ["Hauptstraße 1"],
+        "traceability": "Schein K-17",
+        "method": "Anweisung 4",
+        "conditions": "warm gelaufen",
+        "customer": Party(name="Kunde", address=["Nebenstraße 2"]),
+        "languages": ["de", "en", "de"],
+    }
+    laboratory = ABROAD.model_copy(update=own)
+    readings = certified.readings.model_copy(update={"conditions": None})
+    settings = LaboratorySettings(laboratory)
+    root = read(certificate(replace(certified, readings=readings, settings=settings), draft()))
+    assert texts(root, ".//dcc:usedLangCodeISO639_1") == ["en", "de"]
+    contents = [(each.text, each.get("lang")) for each in root.iter(f"{{{NAMESPACES['dcc']}}}content")]
+    foreign = (
+        "Messlabor",
+        "Hauptstr",
+        "K-17",
+        "Anweisung",
+        "gelaufen",
+        "Kunde",
+        "Nebenstr",
+        "A. Martin",
+        "750123",
+    )
+    for text in foreign:
+        assert [language for content, language in contents if text in content] == [None], text
+    rest = [language for content, language in contents if not any(text in content for text in foreign)]
+    assert set(rest) == {"en"}
+
+
+def test_hostile_names_are_text(certified):
+    hostile = "]]><a>\x00\x1b[31m\ud800 &amp;"
+    readings = certified.readings.model_copy(update={"instrument": hostile})
+    root = read(certificate(replace(certified, readings=readings), draft()))
+    assert texts(root, ".//dcc:measuringEquipment/dcc:name/dcc:content") == ["]]><a>  [31m  &amp;"]
+
+
+@pytest.mark.skipif("DCC_XSD" not in os.environ, reason="DCC_XSD names no schema (dcc.xsd of version 3.3.0)")
+def test_the_schema_accepts_it(certified):
+    xmlschema = pytest.importorskip("xmlschema")
+    schema = xmlschema.XMLSchema(os.environ["DCC_XSD"])
+    assert [str(error) for error in schema.iter_errors(certificate(certified, draft()).decode())] == []
+
+
+def test_a_service_and_this_process_answer_with_a_certificate(local, certified, tmp_path):
+    campaign = certified.model.run.campaign
+    path = tmp_path / "lab.toml"
+    path.write_text('name = "Lab"\ncountry = "FR"\nresponsible = "A. Martin"\n')
+    run = js.identify(campaign)
+    run.report(tmp_path / "certificate.xml", path)
+    here = read((tmp_path / "certificate.xml").read_bytes())
+    assert texts(here, ".//dcc:respPerson/dcc:person/dcc:name/dcc:content") == ["A. Martin"]
+    with pytest.raises(js.CampaignError, match="country"):
+        run.report(tmp_path / "certificate.xml")
+    document = campaign.model_dump(mode="json", exclude_unset=True)
+    stored = local.request("POST", "/v1/campaigns", json=document).json()
+    answer = local.get(file_at(stored, "report.xml"))
+    assert answer.status_code == 422
+    assert "country" in answer.json()["remedy"]
+
+
+def joint(name, stiffness, interval):
+    ends = None if interval is None else (1.0 / (interval[1] or math.inf), 1.0 / interval[0])
+    return JointResult(
+        name=name,
+        status="identified" if stiffness else "not_observable",
+        verdict="use",
+        compliance=stiffness and 1.0 / stiffness,
+        stiffness=stiffness,
+        standard_uncertainty=1e-9 if stiffness else None,
+        compliance_interval=ends,
+        stiffness_interval=interval,
+        reason=None if stiffness else "never twists",
+    )
+
+
+@pytest.mark.parametrize(
+    "joints",
+    [
+        [joint("a", 2e5, (1.5e5, 3e5)), joint("b", 4e6, (3e6, 7e6))],
+        [joint("a", 2e5, (1.5e3, None)), joint("b", None, None), joint("c", 4e7, (3e7, 9e8))],
+        [joint("a", 1e6, (1e6, 1e6))],
+    ],
+)
+def test_stiffnesses_stand_on_a_logarithmic_axis_that_holds_them_all(joints):
+    drawing = str(intervals(joints, 0.95))
+    texts = re.findall(r'<text [^>]*?x="([\d.]+)"[^>]*>([^<]*)</text>', drawing)
+    decades = {float(text) * 1e6: float(x) for x, text in texts if re.fullmatch(r"[\d.e+-]+", text)}
+    ends = [end for each in joints for end in (each.stiffness, *(each.stiffness_interval or ())) if end]
+    assert min(decades) <= min(ends)
+    assert max(decades) >= max(ends)
+    (first, at_first), (last, at_last) = min(decades.items()), max(decades.items())
+    dots = [float(x) for x in re.findall(r'<circle [^>]*?cx="([\d.]+)"', drawing)]
+    expected = [
+        at_first + math.log(each.stiffness / first) / math.log(last / first) * (at_last - at_first)
+        for each in joints
+        if each.stiffness
+    ]
+    assert dots == pytest.approx(expected, abs=0.1)
+    assert all(at_first <= dot <= at_last for dot in dots)
+
+
+def test_no_number_at_all_is_no_picture():
+    assert intervals([joint("a", None, None)], 0.95) is None
+
+
+def test_places_without_a_number_are_crosses_in_a_map():
+    mpl.use("Agg")
+    values = [1e-3, math.nan, 3e-3, math.nan, 5e-3]
+    area = Area("deflection", range(5), [2.0] * 5, values, ("x", "y", "mm"), 1e3)
+    axis = figure_of("map", (), (area,)).axes[0]
+    dots, crosses = axis.collections
+    assert dots.get_offsets()[:, 0].tolist() == [0.0, 2.0, 4.0]
+    assert dots.get_array().tolist() == pytest.approx([1.0, 3.0, 5.0])
+    assert crosses.get_offsets()[:, 0].tolist() == [1.0, 3.0]
+
+
+def rectangles(drawing):
+    """x, y, width and height of all bars."""
+    tags = re.findall(r"<rect [^>]*>", drawing)
+    names = ("x", "y", "width", "height")
+    return np.array([[float(re.search(rf'\b{name}="([-\d.]+)"', tag)[1]) for name in names] for tag in tags])
+
+
+@pytest.mark.parametrize("greatest", [0.7e-3, 1.0e-3, 3e-3, 8e-3])
+def test_bars_have_the_heights_of_their_numbers_on_the_axis(greatest):
+    """Two series side by side from left to right, a legend below that tells them apart."""
+    series = {
+        "measured": [greatest, 0.5 * greatest, 0.2 * greatest],
+        "left": [0.1 * greatest, None, -0.3 * greatest],
+    }
+    drawing = str(bars(Chart("Bars", ["a", "b", "c"], series, 1e3, "mm")))
+    texts = re.findall(r'<text [^>]*?x="([\d.]+)" y="([\d.]+)"[^>]*>([^<]*)</text>', drawing)
+    ticks = sorted((float(text), float(y)) for x, y, text in texts if re.fullmatch(r"[\d.]+", text))
+    (least, bottom), *_, (top, above) = ticks
+    assert least == 0.0
+    assert top >= 1e3 * greatest
+    boxes = rectangles(drawing)
+    boxes, legend = boxes[boxes[:, 1] < bottom], boxes[boxes[:, 1] > bottom]
+    values = 1e3 * np.abs([value or 0.0 for each in series.values() for value in each])
+    np.testing.assert_allclose(boxes[:, 3], values / top * (bottom - above), atol=4.0)
+    shown = boxes[boxes[:, 3] > 0.0]
+    np.testing.assert_allclose(shown[:, 1] + shown[:, 3], shown[0, 1] + shown[0, 3], atol=0.02)
+    assert (np.diff(boxes[:3, 0]) > boxes[0, 2]).all()
+    assert boxes[3, 0] == pytest.approx(boxes[0, 0] + boxes[0, 2], abs=0.02)
+    assert boxes[:, 0].min() >= 40.0
+    assert (boxes[:, 0] + boxes[:, 2]).max() <= 480.0
+    assert len(legend) == 2
+    assert legend[0, 0] < legend[1, 0] < 480.0
+
+
+def test_bars_of_a_plot_stand_around_their_place_from_left_to_right():
+    mpl.use("Agg")
+    series = {"one": [1.0, 2.0], "two": [3.0, 4.0], "three": [5.0, 6.0]}
+    axis = figure_of("bars", (Chart("t", ["a", "b"], series, 2.0, "mm"),)).axes[0]
+    middles = [[bar.get_x() + bar.get_width() / 2 for bar in group] for group in axis.containers]
+    assert [[bar.get_height() for bar in group] for group in axis.containers] == [[2, 4], [6, 8], [10, 12]]
+    assert np.mean(middles, axis=0).tolist() == pytest.approx([0.0, 1.0])
+    assert (np.diff(middles, axis=0) > 0.0).all()
+
+
+@pytest.mark.parametrize(("sizes", "across"), [((3, 2, 2), "z"), ((3, 1, 2), "y"), ((1, 2, 2), "x")])
+def test_the_slice_of_a_map_lies_across_its_thinnest_axis_where_most_bends(sizes, across):
+    places = np.stack(np.meshgrid(*map(np.arange, sizes), indexing="ij"), axis=-1).reshape(-1, 3)
+    bends = [2e-3, *[1e-3] * (len(places) - 2), None]
+    columns = {f"{axis} [m]": places[:, k].tolist() for k, axis in enumerate("xyz")}
+    drawn = area(Sheet(columns | {"deflection [m]": bends}))
+    k = "xyz".index(across)
+    assert drawn.title == f"Deflection at {across} = 0 mm"
+    assert len(drawn.values) == (places[:, k] == 0).sum()
+    assert max(drawn.values) == 2e-3
