@@ -368,7 +368,7 @@ def _backups(kinds: dict[str, Callable[[], str]], seconds: float) -> Section:
                 Figure(f"{kind}, restored: the doctor finds something", int(bool(faults)), "at most", 0),
             )
         ),
-        notes=("that `doctor` finds planted faults: tests/service/workers/test_doctor.py",),
+        notes=("that `doctor` finds planted faults: tests/service/workers/test_recovery.py",),
     )
 
 

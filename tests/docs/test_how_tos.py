@@ -28,13 +28,13 @@ PLACEHOLDERS = {"set": '"measurement_set_id": "…"', "run": '"run_ids": ["…",
 """What a guide writes for the ids of stored sets and runs."""
 
 NOT_RUN = {
-    "scripts/run ": "sets an environment up; test_demo.py runs its program, jointstiff demo",
+    "scripts/run ": "sets an environment up; test_start.py runs its program, jointstiff demo",
     "scripts/test ": "would run this test again",
     "jointstiff webhooks ": "needs an admin's key; test_webhooks.py runs them",
     "jointstiff serve": "does not end; the service of this test is one",
-    "jointstiff worker": "does not end, and needs a server of databases; test_job_queue.py runs it",
-    "jointstiff keys revoke": "needs the id of a key; test_keys_commands.py runs it",
-    "jointstiff keys link": "needs the id of a key; test_keys_commands.py runs it",
+    "jointstiff worker": "does not end, and needs a server of databases; test_long_runs.py runs it",
+    "jointstiff keys revoke": "needs the id of a key; test_cli.py runs it",
+    "jointstiff keys link": "needs the id of a key; test_cli.py runs it",
 }
 """Beginnings of lines that are left out, with the reason."""
 

@@ -1,17 +1,279 @@
-"""Units, exact storage, and the translation of bounds."""
+"""Messages to the solver's data and back: readings along directions, encoders, places."""
 
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from pydantic import ValidationError
 from support.campaigns import estimate, prepare
 from support.examples import examples
+from support.gauges import by_gauges, triads
+from support.importing_samples import sources_of
 
-from jointstiff.schemas.measurement import Observation
+from jointstiff import identify, plan
+from jointstiff.schemas.fields import Message
+from jointstiff.schemas.finding import Action
+from jointstiff.schemas.imports import ImportRequest
+from jointstiff.schemas.measurement import MeasurementSetDocument, Observation, Reading
+from jointstiff.schemas.robot import RobotDocument
+from jointstiff.schemas.run import Campaign
 from jointstiff.service.conversion.readings import ReadingArrays
+from jointstiff.service.kinds.mending import mended
+from jointstiff.service.kinds.plan import campaign_to_fill_in, readings_sheet
+from jointstiff.service.resources.imports import ImportRefusedError, import_files
+from jointstiff.service.tables.files import csv_text
 from jointstiff.simulator import default_arm, simulate_campaign
+from jointstiff.solver.errors import MeasurementError
+from jointstiff.solver.messages import message
+
+ARM = default_arm()
+
+
+def gauges(count=20, **options):
+    document = simulate_campaign(ARM, **{"load": "pull", "readings": "deflections", "seed": 3} | options)
+    return document, by_gauges(document, triads(count))
+
+
+def measured(document, **changes):
+    return document | {"measurement_set": document["measurement_set"] | changes}
+
+
+@pytest.mark.parametrize(
+    "fields",
+    [
+        {"displacement": 1.0},
+        {"direction": (0.0, 0.0, 1.0)},
+        {"displacement": 1.0, "direction": (0.0, 0.0, 0.0)},
+        {"displacement": 1.0, "direction": (0.0, 0.0, 1.0), "flange_direction": (0.0, 0.0, 1.0)},
+        {"displacement": 1.0, "direction": (0.0, 0.0, 1.0), "deflection": (0.0, 0.0, 1.0)},
+        {"displacement": 1.0, "direction": (0.0, 0.0, 1.0), "unloaded": (0.0, 0.0, 1.0)},
+    ],
+)
+def test_a_reading_is_of_one_kind(fields):
+    with pytest.raises(ValidationError, match="displacement"):
+        Reading(target="tip", **fields)
+
+
+def test_a_gauge_has_its_place_in_the_flange():
+    document = measured(gauges()[1], flange_targets={})
+    with pytest.raises(MeasurementError, match="no position in the flange frame"):
+        prepare(document)
+
+
+def test_directions_turn_with_the_tracker_frame():
+    """All in the frame of a tracker that stands askew gives the same as in R0."""
+    document = gauges()[1]
+    R = np.linalg.qr(np.random.default_rng(1).standard_normal((3, 3)))[0]
+    R = R * np.linalg.det(R)
+    turned = json.loads(json.dumps(document))
+    for observation in turned["measurement_set"]["observations"]:
+        for reading in observation["readings"]:
+            reading["direction"] = (R.T @ np.array(reading["direction"])).tolist()
+    frame = {"rotation": R.tolist(), "translation": [1.0, 2.0, 3.0]}
+    turned = measured(turned, frame=frame)
+    found = [identify(each, elasticity="joints").result.joints for each in (document, turned)]
+    for one, other in zip(*found, strict=True):
+        assert other.compliance == pytest.approx(one.compliance, rel=1e-9)
+
+
+def test_gauges_along_the_axes_are_the_deflections_themselves():
+    """Directions with zeros in them are directions: the same stiffnesses as of whole vectors."""
+    document, _ = gauges(configurations=12, sigma=0.0)
+    axes = by_gauges(document, np.tile(2.0 * np.eye(3), (12, 1, 1)))
+    whole, taken_apart = (
+        identify(measured(each, noise=None), elasticity="joints").result.joints for each in (document, axes)
+    )
+    for one, other in zip(whole, taken_apart, strict=True):
+        assert other.compliance == pytest.approx(one.compliance, rel=1e-6)
+    posted = MeasurementSetDocument.model_validate_json(json.dumps(axes["measurement_set"]))
+    assert ReadingArrays.from_observations(posted.observations).directions.present.all()
+
+
+class TestNoise:
+    """A gauge has noise of its own, beside the tracker's in any form."""
+
+    def mixed(self, noise, sigma):
+        document, of_gauges = gauges(targets={"P0": (0.1, 0.0, 0.1), "P1": (0.0, 0.1, 0.1)})
+        both = [
+            tracker
+            | {"readings": [tracker["readings"][0], *({**r, **sigma} for r in gauge["readings"][3:4])]}
+            for tracker, gauge in zip(
+                document["measurement_set"]["observations"],
+                of_gauges["measurement_set"]["observations"],
+                strict=True,
+            )
+        ]
+        places = {"P0": (0.1, 0.0, 0.1), "P1 0": (0.0, 0.1, 0.1)}
+        return prepare(measured(document, observations=both, flange_targets=places, noise=noise))[1]
+
+    def test_of_a_tracker_is_not_that_of_a_gauge(self):
+        sheet = {
+            "station": [3.0, 0.0, 0.0],
+            "range": {"constant": 2e-5, "per_distance": 0.0},
+            "transverse": {"constant": 2e-5, "per_distance": 0.0},
+        }
+        with pytest.raises(MeasurementError, match="does not apply"):
+            self.mixed({"instrument": sheet}, {})
+
+    def test_of_the_tracker_is_needed_beside_that_of_a_gauge(self):
+        with pytest.raises(MeasurementError, match="does not apply"):
+            self.mixed(None, {"sigma": 2e-6})
+
+    def test_of_each_kind_is_weighed_by_its_own(self):
+        for noise in (
+            {"sigma": 2e-5},
+            {
+                "instrument": {
+                    "station": [3.0, 0.0, 0.0],
+                    "range": {"constant": 2e-5, "per_distance": 0.0},
+                    "transverse": {"constant": 2e-5, "per_distance": 0.0},
+                }
+            },
+        ):
+            readings = self.mixed(noise, {"sigma": 2e-6})
+            variance = readings.sigma**2 * np.trace(readings.covariance, axis1=-2, axis2=-1) / 6.0
+            np.testing.assert_allclose(variance[:, 0], 4e-10, rtol=1e-12)
+            np.testing.assert_allclose(variance[:, 1], 4e-12, rtol=1e-12)
+
+
+def test_a_clean_campaign_of_gauges_is_used_and_holds_the_truth():
+    """Twenty campaigns of 20 postures with three gauges: no false alarm, intervals about the truth."""
+    inside, joints = 0, 0
+    for seed in range(20):
+        document = simulate_campaign(
+            ARM,
+            load="pull",
+            readings="deflections",
+            seed=seed,
+            configurations=20,
+            targets={"tip": (0.1, 0.0, 0.1)},
+        )
+        noise = {"sigma": 2e-5, "load_point": 1e-9}
+        run = identify(measured(by_gauges(document, triads(20, seed)), noise=noise))
+        assert run.result.assessment.verdict == "use", run.result.assessment.reasons
+        assert not [w for w in run.result.warnings if w.weight != "use"]
+        for joint, k in zip(run.result.joints, ARM.stiffnesses, strict=True):
+            joints += joint.stiffness_interval is not None
+            low, high = joint.stiffness_interval
+            inside += low <= k <= (high or np.inf)
+    assert inside >= 0.88 * joints  # 114 of 120 are expected, 106 at p = 0.001
+
+
+def test_a_minute_direction_is_refused_before_its_square_is_zero():
+    with pytest.raises(ValidationError, match="1e-06"):
+        Reading(target="tip", displacement=1.0, direction=(0.0, 0.0, 1e-200))
+
+
+def test_exchanged_readings_turn_gauges_too():
+    document = gauges()[1]
+    read = Campaign.model_validate_json(json.dumps(document))
+    turned = mended(read, Action.model_construct(kind="exchange_readings", unit=None)).measurement_set
+    before = document["measurement_set"]["observations"][0]["readings"][0]["displacement"]
+    assert turned.observations[0].readings[0].displacement == -before
+
+
+def test_the_sigma_of_a_gauge_keeps_its_size_in_another_unit():
+    document = gauges()[1]
+    for observation in document["measurement_set"]["observations"]:
+        for reading in observation["readings"]:
+            reading["sigma"] = 2e-6
+    document["measurement_set"].pop("noise")
+    read = Campaign.model_validate_json(json.dumps(document))
+    changed = mended(read, Action.model_construct(kind="convert_units", unit="mm")).measurement_set
+    assert changed.units.length == "mm"
+    assert changed.observations[0].readings[0].sigma == pytest.approx(2e-3)
+
+
+def test_repeated_gauges_are_not_taken_for_noise_of_the_tracker():
+    """One target at 20 µm, six gauges at 2 µm, each posture three times: the noise is as stated."""
+    document, of_gauges = gauges(targets={"P0": (0.1, 0.0, 0.1), "P1": (0.0, 0.1, 0.1)}, sigma=0.0)
+    random, observations = np.random.default_rng(5), []
+    for tracker, gauge in zip(
+        document["measurement_set"]["observations"], of_gauges["measurement_set"]["observations"], strict=True
+    ):
+        for turn in range(3):
+            moved = np.array(tracker["readings"][0]["deflection"])
+            read = moved + np.sqrt(2) * 2e-5 * random.standard_normal(3)
+            readings = [tracker["readings"][0] | {"deflection": read.tolist()}]
+            for one in gauge["readings"]:
+                off = np.sqrt(2) * 2e-6 * random.standard_normal()
+                readings.append(one | {"displacement": one["displacement"] + off, "sigma": 2e-6})
+            observations.append(tracker | {"label": f"{tracker['label']} {turn}", "readings": readings})
+    places = of_gauges["measurement_set"]["flange_targets"] | {"P0": (0.1, 0.0, 0.1)}
+    changes = {"observations": observations, "flange_targets": places, "noise": {"sigma": 2e-5}}
+    run = identify(measured(document, **changes), elasticity="joints")
+    (repeated,) = [each for each in run.result.warnings if each.code == "repeated_readings"]
+    assert repeated.weight == "use", repeated.message
+
+
+def test_the_list_of_a_plan_is_filled_in_and_read_back():
+    """The campaign and the table to fill in have the plan's load point, places and directions."""
+    document = gauges(configurations=20)[1]
+    found = plan(document, readings=6, candidates=200, directions=[(0.0, 1.0, 0.0), (0.0, 0.0, 1.0)])
+    source = Campaign.model_validate_json(json.dumps(document))
+    filled = campaign_to_fill_in(source, found)["measurement_set"]
+    assert list(filled["load_point"]) == pytest.approx(source.measurement_set.load_point)
+    targets = {reading["target"] for each in filled["observations"] for reading in each["readings"]}
+    assert targets == set(filled["flange_targets"])
+    for observation in filled["observations"]:
+        for reading in observation["readings"]:
+            reading["displacement"] = 1e-4
+    assert MeasurementSetDocument.model_validate_json(json.dumps(filled))
+    sheet = csv_text(readings_sheet(found)).splitlines()
+    assert "along y [mm]" in sheet[0] or "along z [mm]" in sheet[0]
+    assert all("read along" in line for line in sheet[1:])
+
+
+@pytest.mark.parametrize(
+    "directions",
+    [
+        pytest.param([(0.0, 0.0, 1.0), (0.0, 1.0, 0.0)], marks=pytest.mark.slow),
+        [(0.0, 1.0, 0.0), (0.0, 0.0, 1.0)],
+    ],
+)
+def test_no_order_of_directions_hides_a_joint_from_a_plan(directions):
+    """Read along z alone, joint 1 of an upright arm is not determined: both directions are looked at."""
+    robot = RobotDocument.model_validate(simulate_campaign(ARM, configurations=3)["robot"])
+    options = {"targets": {"tip": (0.1, 0.0, 0.1)}, "load_point": (0.0, 0.1, 0.1), "readings": 12}
+    load = {"kind": "any_direction", "force": 1000.0}
+    found = plan(robot, load=load, candidates=700, directions=directions, **options)
+    assert found.error is None
+    assert "joint_1" not in found.result.left_out
+
+
+class TestImport:
+    HEADER = "label;J1 [deg];J2 [deg];Fx [N];Fy [N];Fz [N];tip along x [mm];tip along z [mm]\n"
+
+    def test_beside_uncertainties_of_a_tracker(self):
+        columns = [
+            f"P {state} {kind}{axis} [mm]"
+            for state in ("unloaded", "loaded")
+            for kind in ("", "U95 ")
+            for axis in "xyz"
+        ]
+        header = self.HEADER.replace("tip along x [mm]", ";".join(columns))
+        row = "a;1;2;0;0;-100;1;2;3;.01;.01;.01;1;2;4;.01;.01;.01;-0.5\n"
+        asked = {
+            "encoders": "motor",
+            "load_point": (0.0, 0.0, 100.0),
+            "flange_targets": {"tip": (1.0, 2.0, 3.0)},
+            "noise": {"sigma": 0.002},
+        }
+        answer = import_files(sources_of(("a.csv", header + row)), ImportRequest.model_validate(asked))
+        assert answer.missing == []
+        tracker, gauge = answer.measurement_set.observations[0].readings
+        assert tracker.unloaded_covariance is not None
+        assert gauge.displacement == -0.5
+
+    def test_no_target_or_another_state_is_refused(self):
+        for header in ("along z [mm]", "tip unloaded along z [mm]"):
+            files = sources_of(("a.csv", f"label;{header}\na;1\n"))
+            with pytest.raises(ImportRefusedError, match="along an axis"):
+                import_files(files, ImportRequest())
+
 
 coordinate = st.floats(-1e12, 1e12, allow_nan=False)
 vector = st.lists(coordinate, min_size=3, max_size=3)
@@ -84,3 +346,20 @@ def test_units_do_not_matter(length, angle, force, readings):
     # Readings are rounded in their own unit when the campaign is written, to a hundredth of sigma.
     np.testing.assert_allclose(found.compliance, expected.compliance, rtol=1e-3)
     assert found.sigma == pytest.approx(expected.sigma)
+
+
+class Inner(Message):
+    value: float | None
+    pair: tuple[float, float | None] | None = None
+
+
+class Outer(Message):
+    inner: list[Inner]
+
+
+def test_a_missing_attribute_is_an_error_although_the_field_has_a_default():
+    bare = SimpleNamespace(value=1.0)
+    for kind, source in ((Inner, bare), (Outer, SimpleNamespace(inner=[bare]))):
+        with pytest.raises((AttributeError, TypeError, ValueError), match="pair"):
+            message(kind, source)
+    assert message(Inner, bare, pair=None) == Inner(value=1.0)

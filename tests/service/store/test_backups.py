@@ -1,28 +1,296 @@
-"""Backups on both databases: whole under write load, checked on the way back, never over what is in use."""
+"""Databases that are opened, migrated, backed up and restored."""
 
 import dataclasses
+import hashlib
 import itertools
 import json
 import sqlite3
 import subprocess
+import sys
 import threading
+import time
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
 
+import psycopg
 import pytest
-from support.jobs import request, runs_of, stored_set
+from sqlalchemy import text
+from sqlalchemy.dialects import sqlite as sqlite_dialect
+from sqlalchemy.schema import CreateTable
+from support.jobs import run_request, runs_of, stored_set
 from support.processes import until
 
+from jointstiff.schemas.measurement import StoredMeasurementSet
+from jointstiff.schemas.robot import Robot
+from jointstiff.service.kinds.registry import KINDS
 from jointstiff.service.kinds.work import pack
-from jointstiff.service.problems import StoreError
+from jointstiff.service.problems import StoreError, StoreUnavailableError
 from jointstiff.service.server import _shown
 from jointstiff.service.store import backups
+from jointstiff.service.store import database as database_module
 from jointstiff.service.store.backups import Manifest, back_up, content_of, restore
 from jointstiff.service.store.database import Database
 from jointstiff.service.store.store import Store
-from jointstiff.service.store.tables import LAYOUT, RobotRecord
+from jointstiff.service.store.tables import LAYOUT, RobotRecord, metadata
 from jointstiff.service.workers.doctor import examine
 from jointstiff.service.workers.worker import Recovery, carry_out_next
+
+TIME = datetime(2026, 11, 20, tzinfo=UTC)
+
+
+def test_a_new_file_is_its_owners_alone(tmp_path: Path) -> None:
+    with Store.open(f"sqlite:///{tmp_path / 'jointstiff.db'}"):
+        modes = {path.name: path.stat().st_mode & 0o777 for path in tmp_path.iterdir()}
+    assert set(modes.values()) == {0o600}
+    assert "jointstiff.db-wal" in modes
+
+
+@pytest.mark.parametrize("version", ["9999", "0001", "0006_authorisations"])
+def test_a_database_of_another_layout_is_refused_and_left_alone(database_url: str, version: str) -> None:
+    """Newer ones, and those from before the first release."""
+    Store.open(database_url).close()
+    database = Database.open(database_url)
+    with database.writing() as connection:
+        connection.execute(text("UPDATE alembic_version SET version_num = :v"), {"v": version})
+    with pytest.raises(StoreError, match=version) as caught:
+        Store.open(database_url)
+    assert "the version that wrote it" in caught.value.remedy
+    with database.reading() as connection:
+        assert connection.execute(text("SELECT version_num FROM alembic_version")).scalar() == version
+    database.close()
+
+
+def test_other_tables_are_another_layout() -> None:
+    """A change of the tables needs another `LAYOUT` in `service/store/tables.py`, and its hash here."""
+    dialect = sqlite_dialect.dialect()
+    tables = "".join(str(CreateTable(table).compile(dialect=dialect)) for table in metadata.sorted_tables)
+    assert (LAYOUT, hashlib.sha256(tables.encode()).hexdigest()[:16]) == ("0008_turns", "16f550ac4c0b44fb")
+
+
+def shape(schema: Any) -> Any:
+    """A JSON schema without its words: what a stored document must look like to be read."""
+    if isinstance(schema, list):
+        return [shape(each) for each in schema]
+    if not isinstance(schema, dict):
+        return schema
+    words = {"title", "description", "examples", "unit"}
+    return {
+        name: {field: shape(each) for field, each in value.items()}  # names of fields are no words
+        if name in {"properties", "$defs"}
+        else sorted(value)
+        if name == "required" and isinstance(value, list)  # in any order
+        else shape(value)
+        for name, value in schema.items()
+        if name not in words
+    }
+
+
+def test_documents_of_another_shape_are_another_layout() -> None:
+    """As they would not be read: another `LAYOUT` in `service/store/tables.py`, and it and its hash here."""
+    documents = [Robot, StoredMeasurementSet, *(kind.message for kind in KINDS)]
+    shapes = [shape(each.model_json_schema(mode="serialization")) for each in documents]
+    digest = hashlib.sha256(json.dumps(shapes, sort_keys=True).encode()).hexdigest()[:16]
+    assert (LAYOUT, digest) == ("0008_turns", "3e0b81339c47cacc")
+
+
+def test_tables_that_cannot_be_made_leave_nothing(database_url: str) -> None:
+    database = Database.open(database_url)
+    with database.writing() as connection:
+        connection.execute(text("CREATE TABLE idempotency_keys (of_another_program INTEGER)"))
+    with pytest.raises(StoreUnavailableError, match="idempotency_keys"):
+        Store.open(database_url)
+    with database.writing() as connection:
+        connection.execute(text("DROP TABLE idempotency_keys"))
+    database.close()
+    Store.open(database_url).close()
+
+
+def test_a_connection_given_back_after_the_end_is_closed(database_url: str) -> None:
+    """By a thread that was in the middle of something when the database was closed."""
+    database = Database.open(database_url)
+    with database.reading() as late:
+        database.close()
+        held = late.connection.driver_connection
+        assert held is not None
+        assert late.execute(text("SELECT 1")).scalar() == 1
+    if database.dialect == "postgresql":
+        assert held.closed
+    else:
+        with pytest.raises(sqlite3.ProgrammingError, match="closed"):
+            held.execute("SELECT 1")
+
+
+def open_together(urls: list[str]) -> None:
+    barrier = threading.Barrier(len(urls))
+
+    def work(url: str) -> str:
+        barrier.wait(30)
+        with Store.open(url) as store:
+            return store.ping()
+
+    with ThreadPoolExecutor(len(urls)) as pool:
+        assert len(list(pool.map(work, urls))) == len(urls)
+
+
+def test_threads_open_a_fresh_database_together(database_url: str) -> None:
+    open_together([database_url] * 8)
+
+
+def test_threads_open_many_fresh_databases_together(tmp_path: Path) -> None:
+    open_together([f"sqlite:///{tmp_path}/{number}.db" for number in range(8)])
+
+
+@pytest.mark.process
+def test_processes_open_a_fresh_database_together(database_url: str) -> None:
+    program = (
+        "import sys, time; from jointstiff.service.store.store import Store; print('ready', flush=True);"
+        "sys.stdin.readline(); Store.open(sys.argv[1]).close(); print('opened')"
+    )
+    processes = [
+        subprocess.Popen(
+            [sys.executable, "-W", "error", "-c", program, database_url],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        for _ in range(3)
+    ]
+    for process in processes:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "ready\n"
+    for process in processes:
+        assert process.stdin is not None
+        process.stdin.write("go\n")
+        process.stdin.flush()
+    for process in processes:
+        output, errors = process.communicate(timeout=60)
+        assert (output, errors) == ("opened\n", "")
+
+
+@pytest.mark.parametrize(
+    "url",
+    [
+        "",
+        "jointstiff.db",
+        "mysql://user@host/database",
+        "postgresql+asyncpg://user@host/database",
+        "postgresql://user@host:port/database",
+        "sqlite://host/path",
+        "sqlite://user@/path",
+        "sqlite:///path?mode=ro",
+    ],
+)
+def test_other_addresses_are_refused(url: str) -> None:
+    with pytest.raises(StoreError) as caught:
+        Store.open(url)
+    assert "sqlite:///" in caught.value.remedy
+
+
+def test_errors_do_not_show_the_password(tmp_path: Path) -> None:
+    for url in (
+        "postgresql://user:secret@127.0.0.1:1/database",
+        f"postgresql://user:secret@/database?host={tmp_path}",
+        f"postgresql://user:secret@/database?host={tmp_path}&nonsense=1",
+        "mysql://user:secret@host/database",
+        "sqlite://user:secret@host/path",
+        "postgresql://user:secret@host:port/database",
+    ):
+        with pytest.raises(StoreError) as caught:
+            Store.open(url)
+        assert "secret" not in str(caught.value)
+
+
+class TestSqlite:
+    def test_is_durable_and_checks_references(self, tmp_path: Path) -> None:
+        database = Database.open(f"sqlite:///{tmp_path / 'jointstiff.db'}")
+        for block in (database.reading, database.writing):
+            with block() as connection:
+                settings = {
+                    name: connection.exec_driver_sql(f"PRAGMA {name}").scalar()
+                    for name in ("journal_mode", "synchronous", "foreign_keys", "busy_timeout")
+                }
+            assert settings == {
+                "journal_mode": "wal",
+                "synchronous": 2,
+                "foreign_keys": 1,
+                "busy_timeout": 20_000,
+            }
+        database.close()
+
+    def test_opening_waits_for_a_writer(self, tmp_path: Path) -> None:
+        path = tmp_path / "jointstiff.db"
+        other = sqlite3.connect(path, isolation_level=None, check_same_thread=False)
+        other.execute("BEGIN IMMEDIATE")  # before the file has a write-ahead log
+        release = threading.Timer(0.2, other.close)
+        release.start()
+        Store.open(f"sqlite:///{path}").close()
+        release.join()
+
+    def test_a_writer_that_never_ends(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+        monkeypatch.setattr(database_module, "BUSY_SECONDS", 0.2)
+        path = tmp_path / "jointstiff.db"
+        with Store.open(f"sqlite:///{path}") as store:
+            other = sqlite3.connect(path, isolation_level=None)
+            other.execute("BEGIN IMMEDIATE")
+            record = RobotRecord("r1", "n", TIME, "h", "{}")
+            with pytest.raises(StoreUnavailableError, match="locked"):
+                store.robots.add(record)
+            with ThreadPoolExecutor(4) as pool:
+                futures = [pool.submit(store.robots.add, record) for _ in range(4)]
+            assert all(isinstance(f.exception(), StoreUnavailableError) for f in futures)
+            assert store.robots.page(limit=1).records == (), "readers do not wait"
+            other.close()
+            assert store.robots.add(record) == record
+
+    def test_those_who_wait_for_one_lock_wait_once(
+        self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        """Forty writers, four at a time: all are refused long before ten times the time of one."""
+        monkeypatch.setattr(database_module, "BUSY_SECONDS", 2.0)
+        monkeypatch.setattr(database_module, "LOCKED_SECONDS", 0.05)
+        path = tmp_path / "jointstiff.db"
+        with Store.open(f"sqlite:///{path}") as store:
+            other = sqlite3.connect(path, isolation_level=None)
+            other.execute("BEGIN IMMEDIATE")
+            record, began = RobotRecord("r1", "n", TIME, "h", "{}"), time.monotonic()
+            with ThreadPoolExecutor(4) as pool:
+                futures = [pool.submit(store.robots.add, record) for _ in range(40)]
+            assert all(isinstance(f.exception(), StoreUnavailableError) for f in futures)
+            assert 1.8 < time.monotonic() - began < 10.0
+            other.close()
+            assert store.robots.add(record) == record
+
+
+class TestPostgresql:
+    def test_another_encoding_is_refused(self, new_postgresql_database: Callable[..., str]) -> None:
+        url = new_postgresql_database("ENCODING 'LATIN1' TEMPLATE template0")
+        with pytest.raises(StoreError, match="LATIN1"):
+            Store.open(url)
+
+    def test_a_lost_connection_is_replaced(self, new_postgresql_database: Callable[..., str]) -> None:
+        url = new_postgresql_database()
+        with Store.open(url) as store, psycopg.connect(url, autocommit=True) as other:
+            others = "FROM pg_stat_activity WHERE datname = current_database()"
+            query = f"SELECT pg_terminate_backend(pid) {others} AND pid != pg_backend_pid()"
+            assert len(other.execute(query).fetchall()) >= 1
+            assert store.ping() == "postgresql"
+
+    def test_times_do_not_depend_on_the_servers_zone(
+        self, new_postgresql_database: Callable[..., str]
+    ) -> None:
+        url = new_postgresql_database()
+        with psycopg.connect(url, autocommit=True) as other:
+            other.execute(f"ALTER DATABASE {other.info.dbname} SET timezone = 'Pacific/Chatham'")
+        record = RobotRecord("r1", "n", TIME, "h", "{}")
+        with Store.open(url) as store:
+            store.robots.add(record)
+            assert store.robots.get("r1").created_at.isoformat().endswith("+00:00")
+
 
 ROBOT = RobotRecord("r", "robot", datetime(2026, 11, 20, tzinfo=UTC), "hash", '{"a": "µ"}')
 
@@ -64,7 +332,7 @@ def test_a_backup_under_write_load_comes_back_with_every_hash_and_result(new_dat
 
     with Store.open(source) as store:
         runs = runs_of(store)
-        runs.create(request(stored_set(store)), None)
+        runs.create(run_request(stored_set(store)), None)
         robots_of_runs = {record.id for record in _all(store)}
         writer = threading.Thread(target=write, args=(store,))
         writer.start()
@@ -94,7 +362,7 @@ def test_an_unfinished_run_of_a_backup_goes_on_where_it_stood(new_database, tmp_
     source, target = new_database(), new_database()
     with Store.open(source) as store:
         runs = runs_of(store, store.steps.announce)
-        run = runs.create(request(stored_set(store)), None)
+        run = runs.create(run_request(stored_set(store)), None)
         spans, work = [(0, 100), (100, 200), (200, 300)], runs.work(run.id)
         runs.start(run.id)
         store.steps.share_out(run.id, spans)
@@ -102,7 +370,7 @@ def test_an_unfinished_run_of_a_backup_goes_on_where_it_stood(new_database, tmp_
         store.steps.keep(run.id, 0, pack(work.compute(spans[0])))
         assert store.steps.take("gone").start == 100
         back_up(source, tmp_path / "backup")
-        expected = runs_of(store).create(request(run.measurement_set_id), None)
+        expected = runs_of(store).create(run_request(run.measurement_set_id), None)
         expected = runs_of(store).current(expected.id).result
     restore(target, tmp_path / "backup")
     assert examine(target).faults == []

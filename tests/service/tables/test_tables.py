@@ -1,25 +1,34 @@
-"""Reports of the terminal: each thing said once, the rest on demand, units of people."""
+"""Tables: as files, in narrow terminals, of what was requested."""
 
+import hashlib
 import io
 import json
 import re
 from copy import deepcopy
+from pathlib import Path
 from typing import get_args
 
 import pytest
 from rich.console import Console
+from typer.testing import CliRunner
 
 import jointstiff
 from jointstiff.schemas.comparison import JointRatio
+from jointstiff.schemas.fields import Message, Metres, Newtons
+from jointstiff.schemas.geometry import GeometryRequest
 from jointstiff.schemas.options import RunOptions
 from jointstiff.schemas.run import Campaign
+from jointstiff.service.cli.app import app
 from jointstiff.service.cli.options import Units
 from jointstiff.service.kinds.comparison import _by_interval
 from jointstiff.service.kinds.comparison import _interval as interval_text
 from jointstiff.service.kinds.run import RUN
 from jointstiff.service.reports.job import job_report
+from jointstiff.service.tables.report import requested
 from jointstiff.service.tables.stiffness import UNITS
+from jointstiff.service.tables.table import Sheet, number, rounded
 from jointstiff.simulator import default_arm, simulate_campaign
+from jointstiff.solver.text import figure
 
 
 def printed(report):
@@ -148,3 +157,131 @@ def test_a_ratio_has_two_digits_of_half_its_interval(half):
     open_above = JointRatio(name="a", ratio=ratio, ratio_interval=(ratio, None))
     assert _by_interval(ratio, open_above) == "12.3"
     assert interval_text(open_above).endswith("no limit")
+
+
+EXAMPLES = Path(__file__).parents[3] / "examples"
+WIDTH = 80
+COMMANDS = (
+    "identify campaign.json --details",
+    "compare campaign.json",
+    pytest.param("plan campaign.json", marks=pytest.mark.slow),
+    "predict campaign.json EXAMPLES/postures.csv --load-point 0,0,120",
+    "compensate campaign.json EXAMPLES/pocket.src -o out.src --accuracy-option off --force 0,0,-500",
+    "import EXAMPLES/readings.csv",
+    "robots 'KUKA KR 210 R2700'",
+    pytest.param("geometry EXAMPLES/sweeps.json", marks=pytest.mark.slow),
+    pytest.param("compare campaign.json secondary.json", marks=pytest.mark.slow),
+    "map campaign.json --options plate.json",
+)
+"""Commands of README and the guides that print tables."""
+
+
+PLATE = {
+    "area": [[1.2, -0.2, 0.6], [1.6, 0.2, 0.9]],
+    "grid": [2, 2, 2],
+    "place": [0, 0, 0.25],
+    "directions": [[0, 0, -1]],
+    "force": [0, 300, -500],
+}
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("campaigns")
+    (folder / "plate.json").write_text(json.dumps(PLATE))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        for command in ("campaign.json", "secondary.json --encoders secondary --seed 2"):
+            assert CliRunner().invoke(app, f"simulate {command}").exit_code == 0
+    return folder
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_a_command_prints_no_column_of_letters(command, folder, monkeypatch):
+    monkeypatch.chdir(folder)
+    monkeypatch.setenv("COLUMNS", str(WIDTH))
+    done = CliRunner().invoke(app, command.replace("EXAMPLES", str(EXAMPLES)))
+    assert done.exit_code == 0, done.output
+    lines = done.output.splitlines()
+    assert max(map(len, lines)) <= WIDTH
+    assert [line for line in lines if len(line.strip()) == 1] == []
+
+
+def sweeps(unit, count=4):
+    return {
+        "units": {"length": unit, "angle": "deg"},
+        "noise": {"sigma": 0.01},
+        "sweeps": [{"joint": "joint_1", "observations": [POSE] * count}],
+        "base": {"by": "axes", "height": 300.0},
+    }
+
+
+POSE = {"joints": [10.0, -20.0], "targets": {"P10": (1500.25, 0.0, -0.0)}}
+
+
+@pytest.mark.parametrize(
+    ("value", "form", "text"),
+    [
+        (1037.4, ".4g", "1037"),
+        (1037.4, ".3g", "1040"),
+        (-0.0, ".3f", "0.000"),
+        (-0.0001, ".2f", "0.00"),
+        (-0.51, ".1f", "-0.5"),
+        (2.5e7, ".3g", "2.5 · 10⁷"),
+        (3e-9, ".3g", "3 · 10⁻⁹"),
+        (0.0, ".4g", "0"),
+    ],
+)
+def test_numbers_have_one_format(value, form, text):
+    assert figure(value, form) == number(form)(value) == text
+
+
+def test_a_number_has_two_digits_of_its_uncertainty():
+    assert rounded(0.26951, 0.0213) == "0.270"
+    assert rounded(-0.0004, 0.02) == "0.000"
+    assert rounded(12345.6, 321.0) == "12350"
+    assert rounded(None) == "—"
+
+
+def test_long_readings_are_counted_and_hashed():
+    request = GeometryRequest.model_validate(sweeps("mm", 100))
+    observations = json.dumps([POSE] * 100, separators=(",", ":"))
+    digest = hashlib.sha256(observations.encode()).hexdigest()
+    assert dict(requested(request))["Sweeps"] == f"joint joint_1, observations 100 entries, SHA-256 {digest}"
+
+
+class Part(Message):
+    """A part of a row."""
+
+    ends: Metres[tuple[tuple[float, float], tuple[float, float]]]
+
+
+class Row(Message):
+    """A row."""
+
+    name: str
+    force: Newtons[tuple[float, float] | None]
+    part: Part | None
+    notes: list[str]
+
+
+ROWS = [
+    Row(name="a", force=(1.0, 2.0), part=Part(ends=((0.1, 0.2), (0.3, 0.4))), notes=["one", "two"]),
+    Row(name="b", force=None, part=None, notes=[]),
+]
+COLUMNS = {"label": "name", "force {x y}": "force", "{x y} from {low high}": "part.ends", "notes": "notes"}
+
+
+def test_components_have_columns_and_units_come_from_fields():
+    assert Sheet.of_fields(ROWS, COLUMNS, {"m": (1e3, "mm")}).columns == {
+        "label": ["a", "b"],
+        "force x [N]": [1.0, None],
+        "force y [N]": [2.0, None],
+        "x from low [mm]": [100.0, None],
+        "x from high [mm]": [200.0, None],
+        "y from low [mm]": [300.0, None],
+        "y from high [mm]": [400.0, None],
+        "notes": ["one; two", None],
+    }
+    assert "x from low [m]" in Sheet.of_fields(ROWS, COLUMNS).columns
+    assert Sheet.of_fields([], COLUMNS).columns == {}

@@ -1,27 +1,41 @@
-"""Every job ends: what the recovery of a worker does about work that nobody does."""
+"""Workers that die, are started again or hang; what a doctor finds in their database."""
 
 import functools
 import io
 import os
 import pickle
+import re
+import resource
+import shutil
 import signal
+import sqlite3
 import sys
+import threading
 from contextlib import closing
 from datetime import UTC, datetime, timedelta
+from pathlib import Path
 
 import numpy as np
 import pytest
 import sqlalchemy as sa
-from support.jobs import request, runs_of, stored_set
+from sqlalchemy import text
+from support.jobs import run_request, runs_of, stored_set
+from support.processes import Service, ready, until, working
+from support.terminal import terminal
 
 from jointstiff.service.jobs import Parts
 from jointstiff.service.kinds.identification import ByJoints
+from jointstiff.service.library.client import Client
 from jointstiff.service.problems import StoreUnavailableError
 from jointstiff.service.store.database import Database
 from jointstiff.service.store.jobs import Heartbeats
 from jointstiff.service.store.store import Store
 from jointstiff.service.store.tables import job_steps, jobs
+from jointstiff.service.workers import supervisor as supervisor_module
+from jointstiff.service.workers.doctor import examine
+from jointstiff.service.workers.supervisor import Supervisor, pause_after
 from jointstiff.service.workers.worker import Recovery, _patiently, carry_out_next
+from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.solver.errors import SolverError
 
 SILENCE = timedelta(seconds=30)
@@ -47,7 +61,7 @@ def shared(store, runs):
     """Call it for a run that was posted and cut into steps of 100 draws."""
 
     def make():
-        run = runs.create(request(stored_set(store)), None)
+        run = runs.create(run_request(stored_set(store)), None)
         runs.start(run.id)
         store.steps.share_out(run.id, SPANS)
         return run
@@ -66,12 +80,12 @@ def all_done(store, runs, executor):
 
 
 def test_a_run_is_cut_carried_out_and_put_together(store, runs):
-    run = runs.create(request(stored_set(store)), None)
+    run = runs.create(run_request(stored_set(store)), None)
     assert runs.current(run.id).state == "queued"
     all_done(store, runs, "worker")
     ended = runs.current(run.id)
     assert (ended.state, ended.progress.done) == ("succeeded", 300)
-    at_once = runs_of(store).create(request(run.measurement_set_id), None)
+    at_once = runs_of(store).create(run_request(run.measurement_set_id), None)
     assert ended.result == runs_of(store).current(at_once.id).result
 
 
@@ -91,14 +105,14 @@ def test_each_step_is_taken_by_one_worker_and_the_last_one_when_all_others_are_d
 
 def test_a_run_is_cut_when_its_turn_comes(store, runs):
     """Of a thousand runs that wait, the first ones end before the last one is looked at."""
-    first, second = (runs.create(request(stored_set(store)), None) for _ in range(2))
+    first, second = (runs.create(run_request(stored_set(store)), None) for _ in range(2))
     while runs.current(first.id).state != "succeeded":
         assert runs.current(second.id).state == "queued"
         assert carry_out_next(store, lambda _: runs, "worker")
 
 
 def test_small_runs_do_not_wait_for_the_rest_of_large_ones(store, runs):
-    large, small = (runs.create(request(stored_set(store)), None) for _ in range(2))
+    large, small = (runs.create(run_request(stored_set(store)), None) for _ in range(2))
     store.steps.share_out(large.id, [(i, i + 1) for i in range(300)])
     store.steps.share_out(small.id, [(0, 300)])
     names = (f"worker {i}" for i in range(300))
@@ -175,8 +189,8 @@ def test_a_worker_that_ends_hands_its_work_over(store, runs, shared):
 
 
 def test_a_run_without_a_step_that_would_end_it_fails(store, runs):
-    run = runs_of(store, lambda _connection, _run_id: None).create(request(stored_set(store)), None)
-    waiting = runs.create(request(stored_set(store)), None)
+    run = runs_of(store, lambda _connection, _run_id: None).create(run_request(stored_set(store)), None)
+    waiting = runs.create(run_request(stored_set(store)), None)
     recovery_of(store, runs).look()
     ended = runs.current(run.id)
     assert (ended.state, ended.error.type) == ("failed", "urn:jointstiff:problem:worker-lost")
@@ -187,14 +201,14 @@ def test_a_run_without_a_step_that_would_end_it_fails(store, runs):
 @pytest.mark.parametrize("step", ["first", "other", "last"])
 def test_a_run_that_too_many_workers_die_over_fails_and_others_do_not(store, runs, monkeypatch, step):
     monkeypatch.setattr("jointstiff.service.workers.worker.ATTEMPTS", 3)
-    poison = runs.create(request(stored_set(store)), None)
+    poison = runs.create(run_request(stored_set(store)), None)
     if step != "first":
         store.steps.share_out(poison.id, [(0, 300)])
     if step == "last":
         store.steps.keep(poison.id, 0, b"computed")
     recovery = recovery_of(store, runs)
     store.steps.take("dead-1")
-    waiting = runs.create(request(stored_set(store)), None)
+    waiting = runs.create(run_request(stored_set(store)), None)
     assert store.steps.take("alive").job_id == waiting.id
     recovery.look()
     for name in ("dead-2", "dead-3"):
@@ -207,7 +221,7 @@ def test_a_run_that_too_many_workers_die_over_fails_and_others_do_not(store, run
 def test_a_worker_that_starts_again_counts_the_death_of_the_one_before(store, runs, monkeypatch):
     """The only worker takes its own name again: nobody else would count."""
     monkeypatch.setattr("jointstiff.service.workers.worker.ATTEMPTS", 3)
-    poison = runs.create(request(stored_set(store)), None)
+    poison = runs.create(run_request(stored_set(store)), None)
     for state in ("queued", "queued", "failed"):
         store.steps.take("alive")
         recovery = recovery_of(store, runs)
@@ -244,7 +258,7 @@ def test_an_outage_is_no_death_of_workers_that_come_back(store, shared):
 
 def test_jobs_of_a_kind_of_another_version_are_left_alone(store, runs, monkeypatch):
     monkeypatch.setattr("jointstiff.service.workers.worker.ATTEMPTS", 1)
-    unknown, lost, known = (runs.create(request(stored_set(store)), None) for _ in range(3))
+    unknown, lost, known = (runs.create(run_request(stored_set(store)), None) for _ in range(3))
     other = sa.update(jobs).where(jobs.c.id.in_([unknown.id, lost.id])).values(kind="oracle")
     store._database.change(other, sa.delete(job_steps).where(job_steps.c.job_id == lost.id))
     parts = Parts(store, store.steps.announce)
@@ -262,14 +276,14 @@ def test_a_duty_that_fails_does_not_keep_the_janitor_from_the_others(store, runs
         raise KeyError("odd")
 
     monkeypatch.setattr(store.steps, "count_deaths", refuse)
-    run = runs_of(store, lambda _connection, _run_id: None).create(request(stored_set(store)), None)
+    run = runs_of(store, lambda _connection, _run_id: None).create(run_request(stored_set(store)), None)
     with pytest.raises(KeyError, match="odd"):
         recovery_of(store, runs).look()
     assert runs.current(run.id).state == "failed"
 
 
 def test_a_step_that_fails_ends_its_run_with_the_reason(store, runs, monkeypatch):
-    run = runs.create(request(stored_set(store)), None)
+    run = runs.create(run_request(stored_set(store)), None)
 
     def refuse(_self, _span):
         raise SolverError("no optimum", remedy="measure again")
@@ -299,7 +313,7 @@ def in_an_archive(planted):
 @pytest.mark.parametrize("written", [pickle.dumps, in_an_archive])
 def test_a_pickle_planted_in_a_step_is_not_run_and_its_run_ends(store, runs, shared, tmp_path, written):
     """Who can write the database, or hands over a backup, runs no code in the workers."""
-    run, other = shared(), runs.create(request(stored_set(store)), None)
+    run, other = shared(), runs.create(run_request(stored_set(store)), None)
     for start, _ in SPANS:
         store.steps.keep(run.id, start, written(Planted(tmp_path / "ran")))
     all_done(store, runs, "worker")
@@ -310,7 +324,7 @@ def test_a_pickle_planted_in_a_step_is_not_run_and_its_run_ends(store, runs, sha
 @pytest.mark.parametrize("step", ["first", "other"])
 def test_a_run_whose_document_is_damaged_fails_and_others_go_on(store, runs, step):
     """No worker may die over it again and again, nor over the news that it failed."""
-    damaged, other = (runs.create(request(stored_set(store)), None) for _ in range(2))
+    damaged, other = (runs.create(run_request(stored_set(store)), None) for _ in range(2))
     if step == "other":
         assert carry_out_next(store, lambda _: runs, "worker")
     broken = sa.update(jobs).where(jobs.c.id == damaged.id).values(document="{")
@@ -360,7 +374,7 @@ def test_a_step_waits_for_the_database(monkeypatch):
 @pytest.mark.parametrize("step", ["compute", "conclude"])
 def test_a_process_without_memory_ends_and_its_step_has_no_result(store, runs, monkeypatch, step):
     monkeypatch.setattr("os.kill", lambda pid, sign: sys.exit(f"{pid} {sign}"))
-    run = runs.create(request(stored_set(store)), None)
+    run = runs.create(run_request(stored_set(store)), None)
 
     def exhaust(_self, _span):
         raise MemoryError
@@ -370,3 +384,157 @@ def test_a_process_without_memory_ends_and_its_step_has_no_result(store, runs, m
         _patiently(lambda: all_done(store, runs, "worker"))
     assert runs.current(run.id).state == "running"
     assert runs.records.status(run.id).done == (300 if step == "conclude" else 0)
+
+
+def filled(url):
+    """Store a robot, its readings and a run of them."""
+    with Store.open(url) as store:
+        runs_of(store).create(run_request(stored_set(store), resampling=None), None)
+    return url
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    """A database with one of each, which tests copy."""
+    path = tmp_path_factory.mktemp("doctor") / "whole.db"
+    filled(f"sqlite:///{path}")
+    return path
+
+
+@pytest.fixture
+def url(either_database_url, whole):
+    kind, _, path = either_database_url.partition(":///")
+    if kind != "sqlite":
+        return filled(either_database_url)
+    shutil.copy(whole, path)
+    return either_database_url
+
+
+def planted(url, *statements):
+    """Do what only a fault of software or disk, or a stranger, would do."""
+    with closing(Database.open(url)) as database, database.reading() as connection:
+        for statement in statements:
+            connection.execute(text(statement))
+
+
+@pytest.mark.parametrize(
+    ("statement", "code", "where"),
+    [
+        ("UPDATE robots SET content_hash = 'another'", "hash", "robot "),
+        ("UPDATE robots SET document = replace(document, 'name', 'nam')", "document", "robot "),
+        ("UPDATE measurement_sets SET content_hash = 'another'", "hash", "measurement set "),
+        ("UPDATE measurement_sets SET document = '{}'", "document", "measurement set "),
+        ("UPDATE jobs SET document = substr(document, 1, 500)", "document", "run "),
+        ("UPDATE jobs SET document = replace(document, 'provenance', 'origin')", "document", "run "),
+        ("UPDATE jobs SET state = 'failed'", "state", "run "),
+        ("UPDATE jobs SET state = 'running'", "endless", "run "),
+        ("UPDATE jobs SET kind = 'dream'", "kind", "dream "),
+        ("INSERT INTO job_steps VALUES ('gone', 0, 5, 1, 1, NULL, 0, NULL)", "orphan", "job_steps gone"),
+        (
+            "INSERT INTO idempotency_keys VALUES ('robots', 'k', 'b', 'gone', '2026-11-20 00:00:00')",
+            "orphan",
+            "idempotency_keys gone",
+        ),
+        ("UPDATE alembic_version SET version_num = '9999'", "schema", "alembic_version"),
+    ],
+)
+def test_planted_faults_are_found(url, statement, code, where):
+    planted(url, statement)
+    found = examine(url)
+    assert [fault.code for fault in found.faults] == [code]
+    assert found.faults[0].where.startswith(where)
+    assert found.faults[0].remedy
+
+
+class TestOnSqlite:
+    @pytest.fixture
+    def url(self, tmp_path, whole):
+        return f"sqlite:///{shutil.copy(whole, tmp_path / 'of.db')}"
+
+    def test_orphans_of_references(self, url):
+        planted(url, "PRAGMA foreign_keys=OFF", "DELETE FROM robots")
+        assert {fault.code for fault in examine(url).faults} == {"orphan"}
+
+    def test_a_damaged_page(self, url, tmp_path):
+        with closing(sqlite3.connect(tmp_path / "of.db")) as connection:
+            connection.execute("PRAGMA wal_checkpoint(TRUNCATE)")
+        content = bytearray((tmp_path / "of.db").read_bytes())
+        place = content.index(b'"joint_map"')  # in the middle of an overflowing row
+        page = place // 4096 * 4096
+        content[page : page + 4096] = bytes(4096)
+        (tmp_path / "of.db").write_bytes(content)
+        assert {fault.code for fault in examine(url).faults} == {"file"}
+
+    def test_the_command_says_what_is_wrong_and_ends_with_status_1(self, url):
+        run = terminal("doctor", "--database", url)
+        assert run.exit_code == 0, run.output
+        assert "faults: 0" in run.output
+        planted(url, "UPDATE robots SET content_hash = 'another'")
+        run = terminal("doctor", "--database", url)
+        assert run.exit_code == 1
+        assert "the hash differs" in run.output
+
+    def test_backup_and_restore_as_commands(self, url, tmp_path):
+        folder = str(tmp_path / "backup")
+        run = terminal("backup", "--database", url, folder)
+        assert "1 × robots, 1 × measurement sets, 1 × jobs" in run.output
+        again = terminal("restore", "--database", url, folder)
+        assert again.exit_code == 2
+        new = f"sqlite:///{tmp_path / 'new.db'}"
+        assert terminal("restore", "--database", new, folder).exit_code == 0
+        assert examine(new).faults == []
+
+
+def test_pauses_double_up_to_a_minute():
+    assert [pause_after(lives) for lives in (1, 2, 3, 4, 5, 6, 7, 10_000)] == [2, 4, 8, 16, 32, 60, 60, 60]
+
+
+@pytest.mark.process
+def test_a_worker_that_cannot_start_is_said_and_is_not_living(tmp_path, monkeypatch):
+    """Its database is a folder, which no SQLite opens."""
+    monkeypatch.setattr(supervisor_module, "pause_after", lambda _lives: 0.1)
+    forgotten: list[str] = []
+    with Supervisor(f"sqlite:///{tmp_path}", 1, "test", forgotten.append) as supervisor:
+        assert supervisor.failing == 0
+        until(lambda: supervisor.failing == 1)
+    assert set(forgotten) == {"test-1"}
+    assert len(forgotten) >= 2
+
+
+@pytest.mark.process
+def test_a_worker_that_lives_and_shows_no_sign_of_it_is_replaced(tmp_path, caplog):
+    """Two looks in a row find it silent, the third would find another process of its name."""
+    replaced = threading.Event()
+    looks: list[str] = []
+
+    def is_silent(name: str) -> bool:
+        looks.append(name)
+        return len(looks) != 2  # one look alone is no proof
+
+    with Supervisor(
+        f"sqlite:///{tmp_path / 'x.db'}", 1, "test", lambda _: replaced.set(), is_silent, 0.2, 0.1
+    ):
+        assert replaced.wait(60)
+    assert len(looks) >= 4
+    assert set(looks) == {"test-1"}
+    assert "worker test-1 is silent; ending it" in caplog.text
+
+
+@pytest.mark.process
+def test_a_worker_without_memory_ends(tmp_path):
+    """It would show signs of life and carry out nothing."""
+    url = f"sqlite:///{tmp_path / 'jointstiff.db'}"
+    service = Service(url, "--workers", "0")
+    try:
+        with working(url, "w1") as worker, Client(service.url) as client:
+            ready(worker)
+            used = 1024 * int(
+                re.search(r"VmSize:\s+(\d+)", Path(f"/proc/{worker.pid}/status").read_text())[1]
+            )
+            resource.prlimit(worker.pid, resource.RLIMIT_AS, (used, used))
+            many = {"size": 10, "repetitions": 5_000, "seed": 1}
+            campaign = simulate_campaign(default_arm(), load="dead_weight", force=400.0, seed=1)
+            client.post(campaign | {"run": {"resampling": many}})
+            assert worker.wait(120) == 70
+    finally:
+        service.stop()

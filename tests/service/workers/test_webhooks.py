@@ -17,7 +17,7 @@ import httpx2
 import pytest
 from support import api
 from support.in_process import Client
-from support.jobs import request, runs_of, stored_set
+from support.jobs import run_request, runs_of, stored_set
 from support.processes import Service, until
 from support.terminal import terminal
 
@@ -164,7 +164,7 @@ def sender_of(store, clock, kind=Patient):
 
 
 def run(store, set_id):
-    return runs_of(store).create(request(set_id, resampling=None), None)
+    return runs_of(store).create(run_request(set_id, resampling=None), None)
 
 
 def due(store, receiver, clock, kind=Patient):
@@ -440,7 +440,7 @@ def test_one_message_that_is_refused_does_not_hold_other_jobs(store, receiver, c
 def test_failed_runs_and_lost_workers_are_told(store, receiver, clock):
     told_of(store, receiver, events=["run.failed", "worker.lost"])
     jobs = runs_of(store, lambda *_: None)
-    record = jobs.create(request(stored_set(store)), None)
+    record = jobs.create(run_request(stored_set(store)), None)
     jobs.fail(record.id, WorkerLostError("five workers died"))
     jobs.fail(record.id, WorkerLostError("and again"))
     beats = Heartbeats(store._database, lambda _: clock.time)
