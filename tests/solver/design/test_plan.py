@@ -1,7 +1,6 @@
-"""Plans and advice on what to measure next: followed with exact springs, they keep their promise."""
+"""Plans: feasible readings, optimal designs by their certificates, and what a list promises."""
 
-from __future__ import annotations
-
+import itertools
 from dataclasses import replace
 
 import numpy as np
@@ -9,10 +8,11 @@ import pytest
 from flint import fmpq_mat
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.optimize import lsq_linear
 from support.campaigns import ARM, estimate, prepare
 from support.examples import examples
 from support.shared_data import shared
-from support.springs import SpringCampaign
+from support.springs import SpringCampaign, robot_of
 
 from jointstiff.schemas.options import RunOptions
 from jointstiff.schemas.plan import Surroundings
@@ -26,9 +26,19 @@ from jointstiff.solver.design.candidates import (
     PlanRequest,
     Pool,
     feasible,
+    segment_distance,
 )
-from jointstiff.solver.design.optimum import uncertainty_of
-from jointstiff.solver.design.plan import advise, plan_campaign
+from jointstiff.solver.design.optimum import (
+    AOptimality,
+    Candidates,
+    DesignProblem,
+    DOptimality,
+    EOptimality,
+    GOptimality,
+    optimise,
+    uncertainty_of,
+)
+from jointstiff.solver.design.plan import Distinct, advise, exact_design, plan_campaign
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.estimation.identify import identify
 from jointstiff.solver.mechanics.configuration import Configurations
@@ -334,3 +344,257 @@ def follow(robot, measurements, advice):
     reading |= {"in_flange": measurements.in_flange[:1], "present": measurements.present[:1]}
     joined = {name: np.concatenate([getattr(measurements, name), new]) for name, new in reading.items()}
     return replace(measurements, **joined, labels=(*measurements.labels, "advised"))
+
+
+P = 4
+CRITERIA = [
+    DOptimality(P),
+    DOptimality(2),
+    AOptimality(np.diag([1.0, 2.0, 0.5, 0.0])),
+    EOptimality(np.ones(P)),
+    EOptimality(np.array([1.0, 2.0])),
+    GOptimality(np.stack([np.eye(P), np.diag([4.0, 0.0, 0.0, 1.0])])),
+]
+NAMES = ["D", "D of two", "A", "E", "E of two", "G"]
+every_criterion = pytest.mark.parametrize("criterion", CRITERIA, ids=NAMES)
+
+
+def random_rows(seed, count, m=2, p=P):
+    return np.random.default_rng(seed).standard_normal((count, m, p)) * [1.0, 0.3, 2.0, 0.7][:p]
+
+
+def information(rows):
+    return rows.transpose(0, 2, 1) @ rows
+
+
+def problem_of(rows, criterion, n=6, base=0.0):
+    return DesignProblem(Candidates.from_rows(rows), criterion, n, base * np.eye(rows.shape[-1]))
+
+
+class TestCriteria:
+    def test_singular_information_is_worth_nothing(self):
+        M = information(random_rows(3, 1)).sum(axis=0)
+        assert [criterion.information(M) for criterion in CRITERIA] == [0.0] * len(CRITERIA)
+
+    @pytest.mark.parametrize("criterion", CRITERIA[:3], ids=NAMES[:3])
+    def test_slopes_are_differences_along_the_weights(self, criterion):
+        K, w, step = information(random_rows(2, 5)), np.linspace(0.5, 1.5, 5), 1e-5
+
+        def slope(w):
+            return criterion.slope(np.tensordot(w, K, axes=1), K)
+
+        ends = [(slope(w + h), slope(w - h)) for h in step * np.eye(5)]
+        expected = [(a.value - b.value) / (2 * step) for a, b in ends]
+        np.testing.assert_allclose(slope(w).gradient, expected, rtol=1e-7)
+        expected = [(a.gradient - b.gradient) / (2 * step) for a, b in ends]
+        np.testing.assert_allclose(slope(w).hessian, expected, rtol=1e-6, atol=1e-9)
+
+
+class TestCertificate:
+    @every_criterion
+    def test_no_random_weights_beat_the_bound(self, criterion):
+        rows = random_rows(5, 40)
+        design = optimise(problem_of(rows, criterion, base=0.1))
+        best = criterion.information(design.matrix)
+        assert design.bound.efficiency > 1 - 1e-5
+        rng, K = np.random.default_rng(0), information(rows)
+        for _ in range(100):
+            w = rng.dirichlet(np.full(40, rng.choice([0.02, 0.1, 1.0])))
+            other = criterion.information(0.1 * np.eye(P) + 6 * np.tensordot(w, K, axes=1))
+            assert other <= best / design.bound.efficiency * (1 + 1e-9)
+
+    @every_criterion
+    @pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (1, 2))])
+    def test_all_lists_of_eight_out_of_fourteen(self, criterion, seed):
+        """Exhaustive search over C(14, 8) finds the same list, and nothing above the bound."""
+        rows = random_rows(seed, 14)
+        problem = problem_of(rows, criterion, 8)
+        exact = exact_design(problem, optimise(problem), Distinct(np.arange(14.0)[:, None], 0.5))
+        K = information(rows)
+        best = max(
+            criterion.information(K[list(c)].sum(axis=0)) for c in itertools.combinations(range(14), 8)
+        )
+        assert len(set(exact.atoms.index.tolist())) == 8
+        np.testing.assert_allclose(exact.matrix, K[exact.atoms.index].sum(axis=0), rtol=1e-10)
+        assert criterion.information(exact.matrix) == pytest.approx(best, rel=1e-9)
+        assert 0.8 < exact.efficiency <= 1.0
+
+    @pytest.mark.parametrize(
+        ("criterion", "seed"), [(CRITERIA[2], 6), (CRITERIA[1], 8)], ids=["A", "D of two"]
+    )
+    def test_no_exchange_of_one_reading_improves_the_list(self, criterion, seed):
+        rows = random_rows(seed, 60)
+        problem = problem_of(rows, criterion, 8)
+        exact = exact_design(problem, optimise(problem), Distinct(np.arange(60.0)[:, None], 0.5))
+        K, chosen = information(rows), set(exact.atoms.index.tolist())
+        reached = [
+            criterion.information(exact.matrix - K[i] + K[j]) for i in chosen for j in set(range(60)) - chosen
+        ]
+        assert max(reached) <= criterion.information(exact.matrix) * (1 + 1e-9)
+
+
+class TestFreeForces:
+    def test_the_bound_holds_for_directions_that_nobody_tried(self):
+        rows = np.random.default_rng(6).standard_normal((30, 3, 3, P))
+        criterion, n = AOptimality(np.eye(P)), 8
+        problem = problem_of(rows, criterion, n)
+        design = optimise(problem)
+        exact = exact_design(problem, design, Distinct(np.zeros((30, 1)), 0.0))
+        assert design.bound.efficiency > 1 - 1e-5
+        assert exact.efficiency > 0.9
+        rng = np.random.default_rng(7)
+        best = 0.0
+        for _ in range(300):
+            F = rng.standard_normal((n, 3))
+            F /= np.linalg.norm(F, axis=1, keepdims=True)
+            A = np.einsum("na,namp->nmp", F, rows[rng.integers(0, 30, n)])
+            best = max(best, criterion.information(information(A).sum(axis=0)))
+        assert best <= criterion.information(exact.matrix) / exact.efficiency
+
+
+class TestRareCandidates:
+    @pytest.mark.parametrize("count", [5_000, 120_000])
+    @pytest.mark.parametrize("criterion", [CRITERIA[0], CRITERIA[3]], ids=["D", "E"])
+    def test_one_that_alone_excites_a_parameter_is_found(self, count, criterion):
+        """No evenly spread sample holds it, whether the search begins among all candidates or some."""
+        rows = random_rows(1, count)
+        rows[:, :, 3] = 0.0
+        rows[7, 0, 3] = 1.0
+        design = optimise(problem_of(rows, criterion))
+        assert 7 in design.atoms.index
+        assert design.bound.efficiency > 1 - 1e-5
+
+
+class TestRefusedDesigns:
+    def test_a_parameter_that_nothing_excites(self):
+        rows = random_rows(1, 30)
+        rows[..., 2] = 0.0
+        with pytest.raises(RequestError, match="determine 3 of 4 parameters; nothing excites parameter"):
+            optimise(problem_of(rows, DOptimality(P)))
+
+    def test_too_few_distinct_postures(self):
+        problem = problem_of(random_rows(1, 30), DOptimality(P), 10)
+        postures = np.repeat([[0.0], [1.0], [2.0]], 10, axis=0)
+        with pytest.raises(RequestError, match="only 3 candidates"):
+            exact_design(problem, optimise(problem), Distinct(postures, 0.5))
+
+
+def best(rows, criterion):
+    """Optimal weights of one reading whose candidates have these rows (N, m, p)."""
+    return optimise(DesignProblem(Candidates.from_rows(rows), criterion, 1, np.zeros((rows.shape[-1],) * 2)))
+
+
+def polynomials(degree, count=2001):
+    return (np.linspace(-1.0, 1.0, count)[:, None] ** np.arange(degree + 1))[:, None]
+
+
+def assert_weights(design, rows, expected, tolerance):
+    at, places = rows[design.atoms.index, 0, 1], np.array(list(expected))
+    near = np.abs(at[:, None] - places).argmin(axis=1)
+    assert np.abs(at - places[near]).max() < 0.005
+    found = [float(design.weights[near == i].sum()) for i in range(len(places))]
+    assert found == pytest.approx(list(expected.values()), abs=tolerance)
+
+
+class TestPolynomialsOnAnInterval:
+    """Fedorov 1972, Pukelsheim 1993 (chapters 9.5 to 9.15)."""
+
+    def test_g_equals_d(self):
+        """Kiefer & Wolfowitz 1960: the worst variance of the best design is the number of parameters."""
+        rows = polynomials(2, 101)
+        criterion = GOptimality(np.einsum("rmi,rmj->rij", rows, rows))
+        design = best(rows, criterion)
+        assert_weights(design, rows, dict.fromkeys((-1.0, 0.0, 1.0), 1 / 3), 2e-3)
+        assert criterion.variances(design.matrix).max() == pytest.approx(3.0, rel=1e-5)
+
+
+def test_quadratic_on_a_grid_of_nine():
+    """Box & Draper 1971: corners 0.1458, middles of edges 0.0802, centre 0.0962."""
+    levels = (-1.0, 0.0, 1.0)
+    X = np.array([[1, a, b, a * a, b * b, a * b] for a in levels for b in levels], dtype=float)
+    design = best(X[:, None], DOptimality(6))
+    found = np.zeros(9)
+    found[design.atoms.index] = design.weights
+    corner, edge, centre = 0.14579, 0.08016, 0.09619
+    expected = [corner, edge, corner, edge, centre, edge, corner, edge, corner]
+    assert found == pytest.approx(expected, abs=1e-5)
+
+
+@pytest.mark.parametrize("rank", [1, 2, 3])
+def test_a_matrix_that_is_positive_definite_by_rounding_informs_of_nothing(rank):
+    """Far fewer rows than parameters: whether a factor of the product exists is chance."""
+    draws = np.random.default_rng(0)
+    for _ in range(200):
+        rows = draws.standard_normal((rank, 6)) * 10.0 ** draws.uniform(-3, 3, 6)
+        assert AOptimality(np.eye(6)).information(rows.T @ rows) == 0.0
+
+
+@pytest.mark.parametrize("seed", range(30))
+def test_distances_of_segments_are_those_of_bounded_least_squares(seed):
+    """Segments by chance, parallel ones, points, and such that meet."""
+    rng = np.random.default_rng(seed)
+    p, q, r, s = rng.uniform(-1.0, 1.0, (4, 6, 3))
+    q[1] = p[1]
+    s[2] = r[2]
+    q[3], s[3] = p[3], r[3]
+    s[4] = r[4] + 0.7 * (q[4] - p[4])
+    r[5] = 0.3 * p[5] + 0.7 * q[5]
+    columns = np.stack([q - p, r - s], axis=2)
+    expected = [
+        np.sqrt(2.0 * lsq_linear(A, d, bounds=(0.0, 1.0), method="bvls", tol=1e-14).cost)
+        for A, d in zip(columns, r - p, strict=True)
+    ]
+    np.testing.assert_allclose(segment_distance(p, q, r, s), expected, atol=1e-7)
+
+
+def test_the_greatest_force_turns_no_joint_beyond_its_limit_in_any_direction():
+    """By the simulator's axes: one joint is at its limit in its worst direction, or the force is whole."""
+    robot, point = robot_of(ARM), np.array([0.1, 0.05, 0.2])
+    rng = np.random.default_rng(0)
+    joints = rng.uniform(-1.5, 1.5, (40, 6))
+    limit = np.array([900.0, 1200.0, 800.0, 250.0, 250.0, 120.0])
+    equipment = Equipment(np.zeros((1, 3)), point, Loads("any_direction", 1500.0, limit), 1e-5)
+    force = equipment.strength(robot, joints)
+    share = []
+    for q in joints:
+        posture = ARM.posture(q)
+        arms = np.cross(posture.axis_directions, posture.point_to_base(point) - posture.axis_points)
+        share.append((np.linalg.norm(arms, axis=1) / limit).max())
+    np.testing.assert_allclose(force, np.minimum(1500.0, 1.0 / np.array(share)), rtol=1e-9)
+    assert (force < 1500.0).sum() > 0
+    free = replace(equipment, loads=replace(equipment.loads, torque_limit=np.full(6, np.inf)))
+    np.testing.assert_array_equal(free.strength(robot, joints), 1500.0)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_uncertainties_are_those_of_the_inverse_in_any_units(seed):
+    """Units over sixteen decades; a parameter that no reading shows is unknown, and it alone."""
+    rng = np.random.default_rng(seed)
+    M = information(rng.standard_normal((6, 2, P))).sum(axis=0)
+    unit = 10.0 ** rng.uniform(-8, 8, P)
+    scaled = M * np.outer(unit, unit)
+    expected = np.sqrt(np.diag(np.linalg.inv(M))) / unit
+    np.testing.assert_allclose(uncertainty_of(scaled, P), expected, rtol=1e-9)
+    np.testing.assert_allclose(uncertainty_of(np.stack([scaled, 4.0 * scaled]), 2)[1], expected[:2] / 2.0)
+    scaled[seed % P] = scaled[:, seed % P] = 0.0
+    assert np.flatnonzero(np.isinf(uncertainty_of(scaled, P))).tolist() == [seed % P]
+
+
+def test_planned_readings_have_the_noise_of_the_tracker_at_its_station():
+    """Along and across the line of sight, of a difference of two readings, in the tool's stated sigma."""
+    robot, targets = robot_of(ARM), np.array([[0.1, 0.0, 0.2], [0.0, -0.1, 0.15]])
+    station = np.array([3.0, 1.0, 0.5])
+    tracker = Instrument(station, 1e-5, 2e-6, 8e-6, 6e-6)
+    loads = Loads("any_direction", 1500.0, np.full(6, np.inf))
+    equipment = Equipment(targets, np.zeros(3), loads, 3e-5, tracker)
+    joints = np.random.default_rng(0).uniform(-1.0, 1.0, (5, 6))
+    planned = equipment.measurements(robot, joints, np.zeros((5, 3)))
+    for i, q in enumerate(joints):
+        for t, target in enumerate(targets):
+            sight = ARM.posture(q).point_to_base(target) - station
+            distance = np.linalg.norm(sight)
+            along = np.outer(sight, sight) / distance**2
+            variances = (1e-5 + 2e-6 * distance) ** 2, (8e-6 + 6e-6 * distance) ** 2
+            expected = 2.0 * (variances[0] * along + variances[1] * (np.eye(3) - along))
+            found = planned.sigma**2 * np.broadcast_to(planned.covariance, (5, 2, 3, 3))[i, t]
+            np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-16)

@@ -1,6 +1,4 @@
-"""What readings are worth: encoders, gauges, and a tracker's sheet against geometry done by hand."""
-
-from __future__ import annotations
+"""Readings of all kinds, and the terms that explain them: springs, own stiffness of the load, the base."""
 
 from dataclasses import replace
 
@@ -9,26 +7,41 @@ import pytest
 from support.campaigns import (
     ARM,
     METHODS,
+    METHODS_AND_WEIGHTS,
+    POINTS,
     SIGMA,
     assert_covariance,
     covariance_by_moving,
     estimate,
+    first_target,
     prepare,
+    simulated,
     wrench_of,
 )
 from support.encoders import with_encoders
 from support.gauges import by_gauges, triads
 
+from jointstiff.schemas.options import CrossValidation
 from jointstiff.simulator import simulate_campaign
-from jointstiff.simulator.campaign import torques
-from jointstiff.solver.errors import MeasurementError, UnsupportedMethodError
+from jointstiff.simulator.base import pedestal_campaign
+from jointstiff.simulator.campaign import LOAD_POINT
+from jointstiff.simulator.equilibrium import deflections, torques
+from jointstiff.solver.errors import MeasurementError, SolverError, UnsupportedMethodError
+from jointstiff.solver.estimation import identify as iteration
+from jointstiff.solver.estimation.causes import LINKS_LEVEL, screen_estimate
+from jointstiff.solver.estimation.conic import to_vector
 from jointstiff.solver.estimation.estimate import predict
 from jointstiff.solver.integrity import inspect
-from jointstiff.solver.mechanics.measurements import (
-    EncoderReadings,
-    Instrument,
-    refuse_no_covariance,
-)
+from jointstiff.solver.links.choice import Folds, compared_models
+from jointstiff.solver.links.fit import effective_compliances, effective_rows, estimate_elastic
+from jointstiff.solver.links.model import MODELS, WITH_BASE, ElasticColumns, ElasticModel, elastic_blocks
+from jointstiff.solver.mechanics import block as regressor
+from jointstiff.solver.mechanics.block import regressor_blocks
+from jointstiff.solver.mechanics.configuration import Configurations
+from jointstiff.solver.mechanics.measurements import EncoderReadings, Instrument, refuse_no_covariance
+from jointstiff.solver.mechanics.springs import BASE, NEGLECTED_STIFFNESS, complementary_stiffness
+from jointstiff.solver.predict.forward import LoadCases
+from jointstiff.solver.predict.models import ElasticPredictor
 
 ENCODER_SIGMA = 5e-6
 
@@ -299,3 +312,217 @@ def with_own_sigma(document):
         for k, reading in enumerate(observation["readings"]):
             reading["sigma"] = (1 + k) * 1e-5
     return document
+
+
+def exact(load="pull", *, configurations=19, **options):
+    """Readings without noise, of springs that balance the load, with the sigma that a tracker would have."""
+    options = {"load": load, "configurations": configurations, "sigma": 0.0, "seed": 3} | options
+    robot, measurements = simulated(**options)
+    return robot, replace(measurements, sigma=SIGMA)
+
+
+@pytest.fixture(scope="module")
+def pulls():
+    return exact()
+
+
+@pytest.fixture(scope="module")
+def dead_weight():
+    return exact("dead_weight")
+
+
+def derivative(measurements, step=1e-5):
+    """(N, 6, 6) derivatives of the simulator's torques by the joints [N·m/rad]."""
+    load = wrench_of(measurements)
+    ends = [
+        [torques(ARM, measurements.joints + s * np.eye(6)[k], *load) for s in (step, -step)] for k in range(6)
+    ]
+    return np.stack([(ahead - behind) / (2 * step) for ahead, behind in ends], axis=-1)
+
+
+class TestMatrix:
+    @pytest.mark.parametrize("moment", [0.0, 400.0])
+    def test_is_the_derivative_of_the_simulators_torques(self, moment):
+        robot, measurements = exact(configurations=7, moment=moment, seed=11)
+        measurements = replace(measurements, moment=measurements.moment * [1.0, 1.0, 0.0])
+        (block,) = regressor_blocks(robot, measurements)
+        # Torques of 4 kN.m have third derivatives of as much, and 1e-12 of rounding.
+        np.testing.assert_allclose(complementary_stiffness(block), derivative(measurements), atol=1e-5)
+
+    def test_its_greatest_ratio_is_that_over_all_postures(self, pulls):
+        robot, measurements = pulls
+        found = estimate(robot, measurements)
+        ratios = np.abs(derivative(measurements)) * found.compliance[:, None]
+        assert found.complementary_stiffness.largest_ratio == pytest.approx(ratios.max(), rel=1e-6)
+        assert ratios.max(axis=(1, 2)).argmax() not in (0, len(measurements) - 1)
+
+    def test_what_is_neglected_is_second_order_and_known_to_third(self):
+        errors = []
+        for force in (1500.0, 150.0):
+            robot, measurements = exact(force=force, moment=0.2 * force)
+            (block,) = regressor_blocks(robot, measurements)
+            missing = measurements.deflection - block.A @ ARM.compliances
+            found = NEGLECTED_STIFFNESS.motion(block, ARM.compliances).targets[..., 0]
+            assert np.abs(found - missing).max() < 0.02 * np.abs(missing).max()
+            errors.append(np.abs(found - missing).max())
+        assert errors[0] / errors[1] == pytest.approx(1000.0, rel=0.05)
+
+
+class TestDeflectedRegressor:
+    @pytest.mark.parametrize("readings", ["positions", "deflections"])
+    def test_predicts_the_exact_deflection_to_third_order(self, readings):
+        errors = []
+        for force in (1500.0, 150.0):
+            robot, measurements = exact(force=force, moment=0.2 * force, readings=readings)
+            (block,) = regressor_blocks(robot, measurements, ARM.compliances)
+            error = np.abs(block.A @ ARM.compliances - measurements.deflection).max()
+            assert error < 2e-6 * np.abs(measurements.deflection).max()
+            errors.append(error)
+        assert errors[0] / errors[1] == pytest.approx(1000.0, rel=0.05)
+
+    def test_torques_are_those_of_the_balance(self, pulls):
+        robot, measurements = pulls
+        (block,) = regressor_blocks(robot, measurements, ARM.compliances)
+        bent = measurements.joints + ARM.compliances * block.torque
+        expected = torques(ARM, bent, *wrench_of(measurements))
+        np.testing.assert_allclose(block.torque, expected, rtol=1e-10, atol=1e-9)
+
+    def test_a_load_that_buckles_the_arm_is_refused(self, pulls):
+        with pytest.raises(SolverError, match="no equilibrium"):
+            next(regressor_blocks(*pulls, 1e3 * ARM.compliances))
+
+
+class TestIncluded:
+    @pytest.mark.parametrize("load", ["pull", "dead_weight"])
+    @pytest.mark.parametrize(("method", "weighting"), METHODS_AND_WEIGHTS)
+    def test_removes_the_bias(self, method, weighting, load):
+        robot, measurements = exact(load)
+        options = {"method": method, "weighting": weighting}
+        neglected = estimate(robot, measurements, **options)
+        included = estimate(robot, measurements, complementary_stiffness="included", **options)
+        known = np.array([joint.compliance is not None for joint in included.joints])
+        truth, uncertainty = ARM.compliances[known], np.sqrt(np.diag(included.covariance))[known]
+        bias = np.abs(included.compliance[known] - truth)
+        assert (bias / truth).max() < 1e-5
+        assert (bias / uncertainty).max() < 1e-3
+        # A fifth for weightings of larger uncertainty, three quarters for the decoupled method.
+        before = np.abs(neglected.compliance[known] - truth)
+        assert 0.15 < (before / uncertainty).max() < 0.9
+
+    def test_prediction_is_the_exact_balance(self, pulls):
+        robot, measurements = pulls
+        found = estimate(robot, measurements, complementary_stiffness="included")
+        included = predict(robot, measurements, found.compliance, balanced=found.compliance)
+        linear = predict(robot, measurements, found.compliance)
+        load = measurements.force, measurements.moment, LOAD_POINT
+        unloaded, loaded = deflections(ARM, measurements.joints, *load, POINTS)
+        assert np.abs(included.predicted - (loaded - unloaded)).max() < 1e-8
+        assert included.rms_residual < 1e-8 < 1e-6 < linear.rms_residual
+
+    def test_compliances_that_never_settle_are_refused(self, pulls, monkeypatch):
+        monkeypatch.setattr(iteration, "MAX_ITERATIONS", 1)
+        with pytest.raises(SolverError, match="still change"):
+            estimate(*pulls, complementary_stiffness="included")
+
+
+class TestReported:
+    def test_shift_of_a_large_set_is_that_of_an_even_part_of_it(self, monkeypatch):
+        robot, measurements = exact("dead_weight", configurations=200)
+        whole = estimate(robot, measurements).complementary_stiffness
+        monkeypatch.setattr(regressor, "BLOCK_LENGTH", 30)
+        monkeypatch.setattr(iteration, "SHIFT_OBSERVATIONS", 100)
+        part = estimate(robot, measurements).complementary_stiffness
+        assert part.largest_ratio == pytest.approx(whole.largest_ratio, rel=1e-12)
+        assert part.largest_shift == pytest.approx(whole.largest_shift, rel=0.1)
+        assert part.largest_shift != whole.largest_shift
+
+    def test_no_sigma_and_no_freedom_leave_the_shift_unknown(self):
+        robot, measurements = exact(configurations=2)
+        one = replace(first_target(measurements), sigma=None)
+        assert estimate(robot, one).complementary_stiffness.largest_shift is None
+
+
+STIFFNESS, FOOT = np.array([8e6, 2e7]), -0.8
+COLUMNS = ElasticColumns(6, tuple(range(6)))
+TILT = np.array([[0.0, FOOT, 0.0, 1.0, 0.0, 0.0], [-FOOT, 0.0, 0.0, 0.0, 1.0, 0.0]])
+"""Motion of R0's origin by a tilt about x and y of the foot: translation, then rotation."""
+
+
+def compliances():
+    """Compliances of the arm, and of its pedestal about the origin of R0."""
+    truth = np.zeros(COLUMNS.width)
+    truth[COLUMNS.joints] = ARM.compliances
+    truth[COLUMNS.link(BASE)] = to_vector(TILT.T @ np.diag(1.0 / STIFFNESS) @ TILT)
+    return truth
+
+
+@pytest.mark.parametrize("force", [1500.0, 150.0])
+def test_the_exact_balance_on_a_pedestal_is_the_linear_model_to_first_order(force):
+    document = pedestal_campaign(ARM, STIFFNESS, foot=FOOT, configurations=8, force=force, sigma=0.0, seed=2)
+    robot, measurements = prepare(document)
+    rows = np.concatenate([rows[..., :-1] for _, rows in elastic_blocks(robot, measurements, COLUMNS)])
+    apart = np.abs(rows @ compliances() - measurements.deflection).max()
+    assert apart < 2.0e-6 * force * np.abs(measurements.deflection).max()
+
+
+def test_a_turn_of_the_base_about_the_first_axis_is_joint_1(pedestal):
+    robot, measurements = pedestal
+    (_, rows), *_ = elastic_blocks(robot, measurements, COLUMNS)
+    about = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
+    turned = rows[..., COLUMNS.link(BASE)] @ to_vector(np.outer(about, about))
+    np.testing.assert_allclose(turned, rows[..., 0], atol=1e-9 * np.abs(rows[..., 0]).max())
+    effective = effective_rows(robot, COLUMNS)[:, COLUMNS.link(BASE)] @ to_vector(np.outer(about, about))
+    np.testing.assert_allclose(effective, [1.0, 0.0, 0.0, 0.0, 0.0, 0.0], atol=1e-12)
+
+
+@pytest.fixture(scope="module")
+def pedestal():
+    return prepare(pedestal_campaign(ARM, STIFFNESS, foot=FOOT, seed=1))
+
+
+@pytest.fixture(scope="module")
+def found(pedestal):
+    folds = Folds(*pedestal, COLUMNS, np.ones(6, dtype=bool), CrossValidation(folds=3, draws=1))
+    return estimate_elastic(folds, ElasticModel("joints_and_base", COLUMNS), 1e-3)
+
+
+def test_base_and_joints_are_found_together(pedestal, found):
+    effective = effective_compliances(pedestal[0], found, 0.95)
+    np.testing.assert_allclose(effective.compliance[:3], ARM.compliances[:3], rtol=0.05)
+    assert found.base is not None
+    assert found.base.parameters == 21
+    softest = [each.value for each in found.base.rotation]
+    np.testing.assert_allclose(softest[:2], 1.0 / STIFFNESS, rtol=0.15)
+    assert softest[2] < 0.1 * softest[1]
+    assert not found.links
+    assert [each.kind for each in found.elements].count("base") == 1
+
+
+def test_the_model_predicts_other_postures_and_places(pedestal, found):
+    """At other postures, and where no target was."""
+    robot = pedestal[0]
+    document = pedestal_campaign(ARM, STIFFNESS, foot=FOOT, configurations=20, sigma=0.0, seed=9)
+    _, other = prepare(document)
+    at = Configurations(robot, other.joints)
+    place = (other.position[:, 0] - at.flange_translation)[:, None] @ at.flange_rotation
+    cases = LoadCases(other.joints, other.force, other.moment, other.load_point, place[:, 0])
+    predicted = ElasticPredictor.of(robot, found).deflect(cases)
+    off = np.linalg.norm(predicted.displacement - other.deflection[:, 0], axis=1)
+    assert off.mean() < 0.02 * np.linalg.norm(other.deflection[:, 0], axis=1).mean()
+
+
+def test_a_test_speaks_for_a_pedestal_and_links_have_nothing_to_say_beside_it(pedestal):
+    screening = screen_estimate(*pedestal, estimate(*pedestal))
+    assert screening.base_speaks
+    assert screening.base_p_value < 1e-20
+    assert screening.links_beside_base > LINKS_LEVEL
+    assert compared_models(screening, None) == ("joints", "joints_and_base")
+
+
+def test_a_clean_arm_has_no_base(pedestal):
+    clean = prepare(pedestal_campaign(ARM, np.inf, seed=1))
+    screening = screen_estimate(*clean, estimate(*clean))
+    assert not screening.base_speaks
+    assert not WITH_BASE & set(compared_models(screening, None))
+    assert not WITH_BASE & set(compared_models(screening, "joints_and_links"))
+    assert compared_models(screening, "joints_and_base") == MODELS
