@@ -394,7 +394,7 @@ def _elsewhere() -> Section:
         rows=(
             (
                 "DNS rebinding, cross-site page, null origin, in a real Chromium",
-                "tests/dashboard/test_other_sites.py",
+                "tests/dashboard/test_sign_in.py",
             ),
             ("role × operation; an operation without a role", "tests/service/api/test_access.py"),
             ("unfinished bodies together", "tests/service/api/test_connections.py"),

@@ -1,14 +1,16 @@
-"""The page from end to end: from a robot and a file to a result, compared, followed, repeated."""
+"""The page from end to end: to a result, compared, followed, repeated; its actions, 3D view and weight."""
 
+import math
 import re
+from copy import deepcopy
 
 import pytest
 from playwright.sync_api import expect
 from support.api import post
-from support.browsing import ROOT, campaign, file_of
+from support.browsing import DASHBOARD, ROOT, campaign, file_of, run_npm
 from support.processes import until
 
-from jointstiff.simulator import default_arm
+from jointstiff.simulator import TARGETS, default_arm
 from jointstiff.simulator.urdf import urdf_text
 
 
@@ -331,3 +333,186 @@ def test_what_was_begun_survives_a_reload(visit, stored):
     until(lambda: page.evaluate("Object.values(sessionStorage).some((kept) => kept.includes('-777'))"))
     page.reload()
     expect(page.get_by_label("Process force on the robot")).to_have_value("0, 0, -777")
+
+
+@pytest.fixture(scope="module")
+def readings():
+    """A clean set under pulls, with the places of its targets on the flange."""
+    document = campaign(load="pull", configurations=19, seed=8)["measurement_set"]
+    return {**document, "flange_targets": {name: list(place) for name, place in TARGETS.items()}}
+
+
+def zeroed_elsewhere(document):
+    for observation in document["observations"]:
+        observation["joints"][2] += math.pi / 2
+
+
+def moved(document):
+    """All targets of an observation, as by another load."""
+    for reading in document["observations"][4]["readings"]:
+        reading["loaded"][0] += 8e-4
+
+
+def bumped(document):
+    """One target of an observation."""
+    document["observations"][4]["readings"][0]["loaded"][0] += 8e-4
+
+
+def heavy(document):
+    """Nothing is wrong, but K_c matters."""
+    document |= campaign(load="dead_weight", configurations=19, force=4000.0, seed=8)["measurement_set"]
+
+
+CASES = {
+    "Repeat with Huber loss": (moved, {"loss": "huber"}),
+    "Omit c05 and repeat": (bumped, {"leave_out": ["c05"]}),
+    "Include K_c": (heavy, {"complementary_stiffness": "included"}),
+    "Use the suggested joint map": (zeroed_elsewhere, {}),
+}
+
+
+@pytest.fixture(scope="module")
+def runs(api, stored, readings):
+    """A run of each case, by its button, without K_c."""
+
+    def run(change):
+        document = deepcopy(readings)
+        change(document)
+        document |= {"name": change.__name__, "robot_id": stored.robot}
+        made = post(api, "/v1/measurement-sets", document)["id"]
+        asked = {"measurement_set_id": made, "complementary_stiffness": "neglected"}
+        return post(api, "/v1/runs", asked)
+
+    return {button: run(change) for button, (change, _) in CASES.items()}
+
+
+@pytest.mark.parametrize("button", list(CASES))
+def test_a_button_does_what_the_reason_advises(visit, api, runs, button):
+    before, options = runs[button], CASES[button][1]
+    page = visit("desktop", view=f"#/runs/{before['id']}").page
+    page.get_by_role("region", name="Assessment").get_by_role("button", name=button).first.click()
+    beside = page.get_by_role("region", name="Before and after")
+    expect(beside).to_be_visible()
+    expect(beside.get_by_role("row").filter(has_text="Verdict")).to_contain_text(re.compile("Use"))
+    after = api.get(f"/v1/runs/{page.url.rsplit('/', 1)[1]}").json()
+    request = after["request"]
+    assert request["variant_of"] == before["id"]
+    assert request | {"variant_of": None, "measurement_set_id": ""} == before["request"] | options | {
+        "measurement_set_id": ""
+    }
+    done = {reason["code"] for reason in before["result"]["assessment"]["reasons"]} - {
+        reason["code"] for reason in after["result"]["assessment"]["reasons"]
+    }
+    assert done, "the reason that was acted on is gone"
+    beside.get_by_role("link", name="Before").click()
+    expect(page.get_by_role("button", name=button).first).to_be_visible()
+
+
+def test_a_reason_shows_its_posture_in_3d_and_leads_back(visit, runs):
+    run = runs["Repeat with Huber loss"]["id"]
+    page = visit("desktop", view=f"#/runs/{run}").page
+    page.get_by_role("region", name="Assessment").get_by_role("link", name="Show c05 in 3D").first.click()
+    page.locator("canvas[data-ready=true]").wait_for()
+    expect(page.get_by_text("5 of 19")).to_be_visible()
+    page.locator(".back").click()
+    expect(page.get_by_role("table", name="Joint stiffness")).to_be_visible()
+
+
+FRAMES = "performance.getEntriesByName('jointstiff.frame').map((m) => m.duration)"
+
+
+def test_nothing_is_drawn_while_nothing_happens(visit, stored):
+    visited = visit("tablet")
+    visited.go(f"#/runs/{stored.run}/robot")
+    visited.page.locator("canvas[data-ready=true]").wait_for()
+    visited.settle()
+    visited.page.wait_for_timeout(300)
+    visited.page.evaluate("performance.clearMeasures()")
+    visited.page.wait_for_timeout(300)
+    assert visited.page.evaluate(FRAMES) == []
+
+
+def test_a_device_without_3d_graphics_gets_drawings(visit, stored):
+    visited = visit("phone")
+    visited.page.add_init_script("HTMLCanvasElement.prototype.getContext = () => null")
+    visited.go(f"#/runs/{stored.run}/robot")
+    expect(visited.page.get_by_text("This device does not support 3D graphics")).to_be_visible()
+    assert visited.page.locator("svg.posture").count() == 1
+    visited.faults.clear()  # three says so on the console
+
+
+@pytest.mark.slow
+def test_changes_of_3d_views_leave_nothing_behind(visit, stored):
+    """Heap, nodes and listeners after 50 changes to and from 3D are at most 1.2 times the first."""
+    visited = visit("tablet")
+    page = visited.page
+    measured = page.context.new_cdp_session(page)
+    measured.send("Performance.enable")
+    lost: list[str] = []
+    page.on("console", lambda m: lost.append(m.text) if "WebGL contexts" in m.text else None)
+
+    def change(times: int) -> dict[str, float]:
+        for _ in range(times):
+            for part in ("robot", "deflection"):
+                page.evaluate(f"location.hash = '#/runs/{stored.run}/{part}'")
+                page.locator("canvas[data-ready=true]" if part == "robot" else "svg.chart").first.wait_for()
+        page.wait_for_timeout(500)
+        for _ in range(2):
+            measured.send("HeapProfiler.collectGarbage")
+        metrics = {each["name"]: each["value"] for each in measured.send("Performance.getMetrics")["metrics"]}
+        return {name: metrics[name] for name in ("JSHeapUsedSize", "Nodes", "JSEventListeners")}
+
+    visited.go(f"#/runs/{stored.run}/deflection")
+    first, last = change(5), change(25)
+    print(first, last)  # noqa: T201
+    assert lost == []
+    assert {name: last[name] / first[name] for name in first if last[name] > 1.2 * first[name]} == {}
+
+
+FIRST_BUDGET = 90_000
+"""Bytes over the wire, bodies and headers, of all that the first look at a result loads."""
+BUDGET = 245_000
+"""The same with the 3D view."""
+
+
+def test_first_load_of_a_result_is_small_and_asks_no_one_else(visit, stored):
+    visited = visit("tablet")
+    policy_breaches = []
+    visited.page.on(
+        "console", lambda m: policy_breaches.append(m.text) if "Content Security" in m.text else None
+    )
+    sizes: dict[str, int] = {}
+
+    def weigh(request):
+        if request.url.startswith("http"):
+            size = request.sizes()
+            sizes[request.url] = size["responseBodySize"] + size["responseHeadersSize"]
+
+    visited.page.on("requestfinished", weigh)
+    visited.go(f"#/runs/{stored.run}")
+    visited.page.get_by_role("table", name="Joint stiffness").wait_for()
+    visited.page.wait_for_load_state("networkidle")
+    plain = sum(sizes.values())
+    visited.page.get_by_role("link", name="3D view").click()
+    visited.page.locator("canvas[data-ready=true]").wait_for()
+    visited.page.wait_for_load_state("networkidle")
+    for _ in range(100):  # its weight may be told after it is drawn
+        if any("stage" in url for url in sizes):
+            break
+        visited.page.wait_for_timeout(50)
+    total = sum(sizes.values())
+    print(f"first load of the result {plain} B, with the 3D view {total} B")  # noqa: T201
+    assert any("stage" in url for url in sizes)
+    assert 60_000 < plain <= FIRST_BUDGET
+    assert plain + 100_000 < total <= BUDGET
+    assert policy_breaches == []
+
+
+@pytest.mark.slow
+def test_types_of_the_api_are_made_anew(node_modules):
+    """`scripts/check` compiles them."""
+    types = DASHBOARD / "src" / "api" / "schema.d.ts"
+    types.write_text("export interface components { schemas: {} }", encoding="utf-8")  # of another service
+    done = run_npm("run", "--silent", "precheck")
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "MeasurementSet" in types.read_text(encoding="utf-8")

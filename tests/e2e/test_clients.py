@@ -1,4 +1,4 @@
-"""Typed clients: generated from the OpenAPI description, type-checked, they post what the docs post."""
+"""Typed clients, generated and type-checked, post what the docs post; the wheel in an empty environment."""
 
 import json
 import os
@@ -6,6 +6,7 @@ import re
 import shutil
 import subprocess
 import sys
+import zipfile
 from pathlib import Path
 
 import httpx2
@@ -13,6 +14,8 @@ import pytest
 from support.api import post
 from support.browsing import DASHBOARD, run_npm
 from support.guide_files import ROOT
+from support.wheel import run as carry_out
+from support.wheel import uv
 
 from jointstiff.service.api.bodies import EXAMPLES
 from jointstiff.service.kinds.geometry import GEOMETRY
@@ -201,3 +204,50 @@ def test_the_example_in_matlab(clients, url):
     refused = ran(*octave, f"identify('{url}', 'bad.json')", folder=clients)
     assert refused.returncode != 0
     assert "remedy" in refused.stderr
+
+
+NEIGHBOURS = ("service", "solver", "schemas")
+"""Packages on PyPI that are not ours."""
+
+CAMPAIGN = (
+    f"NEIGHBOURS = {NEIGHBOURS}"
+    + """
+import json, re, subprocess, sys
+from importlib.util import find_spec
+import jointstiff
+from jointstiff.simulator import default_arm, simulate_campaign
+
+theirs = [find_spec(name).submodule_search_locations or find_spec(name).origin for name in NEIGHBOURS]
+assert not any("jointstiff" in str(place) for place in theirs), theirs
+command = [sys.executable, "-m", "jointstiff", "serve", "--port", "0", "--database", "sqlite:///wheel.db"]
+with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+    try:
+        address = re.search(r"http://\\S+:\\d+", process.stdout.readline())[0]
+        with jointstiff.Client(address) as client:
+            run = client.identify(simulate_campaign(default_arm()))
+    finally:
+        process.terminate()
+print(json.dumps([run.state, len(run.result.joints)]))
+"""
+)
+
+
+def test_the_wheel_holds_one_package(built_wheel):
+    with zipfile.ZipFile(built_wheel) as archive:
+        names = archive.namelist()
+    tops = {name.split("/")[0] for name in names if ".dist-info/" not in name}
+    assert tops == {"jointstiff"}
+    needed = {"jointstiff/__init__.py", "jointstiff/py.typed", "jointstiff/service/static/index.html"}
+    assert needed <= set(names)
+
+
+@pytest.mark.slow
+def test_a_campaign_over_http_beside_packages_of_our_folders_names(built_wheel, tmp_path):
+    python = tmp_path / "environment" / "bin" / "python"
+    carry_out(uv(), "venv", "--quiet", str(python.parents[1]))
+    install = (uv(), "pip", "install", "--quiet", "--python", str(python))
+    carry_out(*install, "--requirement", str(ROOT / "requirements.lock"))
+    carry_out(*install, "--no-deps", str(built_wheel), *NEIGHBOURS)
+    environment = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
+    done = carry_out(str(python), "-c", CAMPAIGN, cwd=tmp_path, env=environment)
+    assert done.stdout.splitlines()[-1] == '["succeeded", 6]'

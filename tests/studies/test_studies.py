@@ -1,21 +1,27 @@
-"""Errors that all observations share, against springs whose true load and places are off."""
-
-from __future__ import annotations
+"""The studies of benchmarks/, each night: coverage, common uncertainty, own weight, links."""
 
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pytest
+from scipy.linalg import block_diag
+from scipy.optimize import nnls
 from scipy.spatial.transform import Rotation
-from scipy.stats import binom
-from support.campaigns import estimate
+from scipy.stats import binom, norm
+from support.campaigns import estimate, prepare
+from support.shared_data import shared
 from support.springs import robot_of
 
 from benchmarks.designs import SIGMA, planned_design
-from benchmarks.studies.coverage import Way, judge
+from benchmarks.studies.coverage import Way, interior_campaigns, judge, run
+from benchmarks.studies.links_fanuc import held_out_compensation
+from benchmarks.studies.own_weight import BOTH, KNOWN, WITHIN, WRONG, estimates, harmful, summary
 from jointstiff.simulator import TARGETS, default_arm, deflections, linear_deflections, torques
 from jointstiff.solver.errors import MeasurementError
+from jointstiff.solver.estimation.conic import GAP, Block, Cones, solve_weighed
 from jointstiff.solver.estimation.fit import Likelihood
+from jointstiff.solver.links.model import MODELS
 from jointstiff.solver.mechanics.measurements import CommonUncertainty, EncoderReadings
 
 pytestmark = pytest.mark.slow  # the studies of benchmarks/, each night
@@ -171,3 +177,130 @@ def test_intervals_hold_the_truth_where_load_and_places_are_off():
 def test_no_standard_uncertainty(wrong):
     with pytest.raises(MeasurementError, match="zero or positive"):
         CommonUncertainty(**wrong)
+
+
+DESIGNS, DRAWS = 2, 50
+RISK = 1e-4
+DIFFERENT = ("partial pose", "decoupled")
+
+
+def test_the_bound_is_that_of_the_linear_model():
+    """`cramer_rao`, from differences of the exact simulator, beside the formula of method.md §2."""
+    design = planned_design(default_arm(), seed=0)
+    arm, plan = design.arm, design.experiment
+    posture = arm.posture(plan.joints)
+    places = posture.targets_to_base(np.array(list(TARGETS.values())))
+    levers = places[:, :, None] - posture.axis_points[:, None]
+    velocities = np.cross(posture.axis_directions[:, None], levers)
+    J = (velocities * torques(arm, plan.joints, *plan.wrenches)[:, None, :, None]).transpose(0, 1, 3, 2)
+    J = J.reshape(-1, 6) * arm.compliances
+    expected = 2.0 * SIGMA**2 * np.linalg.inv(J.T @ J) * np.outer(arm.compliances, arm.compliances)
+    np.testing.assert_allclose(np.diag(design.cramer_rao()), np.diag(expected), rtol=0.02)
+
+
+def test_noise_is_what_it_says():
+    design = planned_design(default_arm(), seed=0)
+    exact = design.loaded - design.unloaded
+    errors = np.array([m.deflection - exact for m in design.measured(200, seed=1)])
+    assert abs(errors.std() / (np.sqrt(2.0) * SIGMA) - 1.0) < 0.02
+    assert abs(errors.mean()) < 4 * errors.std() / np.sqrt(errors.size)
+
+
+def test_spread_is_the_least_there_is_and_as_reported():
+    """Empirical deviations beside the Cramér-Rao bound and the reported ones, pooled over designs."""
+    interior = judge([Way(method) for method in DIFFERENT], interior_campaigns(DESIGNS, DRAWS))
+    plans = [planned_design(default_arm(), seed=seed) for seed in range(DESIGNS)]
+    bounds = np.sqrt([np.diag(plan.cramer_rao()) for plan in plans])[:, None]
+    tolerance = norm.ppf(1 - RISK / 2) / np.sqrt(2 * DESIGNS * (DRAWS - 1))
+    over_bound = {}
+    for method in DIFFERENT:
+        found = interior[Way(method)]
+        errors = (found.compliance - found.truth).reshape(DESIGNS, DRAWS, -1) / bounds
+        reported = found.standard_uncertainty.reshape(DESIGNS, DRAWS, -1) / bounds
+        variance = errors.var(axis=1, ddof=1).mean(axis=0)
+        over_bound[method] = np.sqrt(variance)
+        np.testing.assert_allclose(np.square(reported).mean(axis=(0, 1)) / variance, 1.0, atol=2 * tolerance)
+    np.testing.assert_allclose(over_bound["partial pose"], 1.0, atol=tolerance)
+    assert max(over_bound["decoupled"]) > 1.3  # what decoupling costs where there is only noise
+
+
+class TestFull:
+    """The figures of issue 4, as `python -m benchmarks` prints them."""
+
+    @pytest.mark.timeout(1800)
+    def test_figures_are_met(self):
+        sections = run(quick=False)
+        assert all(len(row) == len(section.columns) for section in sections for row in section.rows)
+        figures = [figure for section in sections for figure in section.figures]
+        assert [figure for figure in figures if not figure.met and not self.chance(figure)] == []
+
+    @staticmethod
+    def chance(figure):
+        """What holds in 95 % exactly falls short of it in half of all studies; 600 campaigns a joint."""
+        nominal = "least of the rigid" in figure.what
+        return nominal and figure.measured >= 100 * binom.ppf(RISK, 600, 0.95) / 600
+
+
+CAMPAIGNS = 30
+
+
+def test_intervals_with_exact_masses_hold_the_truth_as_often_as_they_say():
+    covered, _, gap = summary(estimates(KNOWN, range(CAMPAIGNS)))
+    assert (np.round(covered * CAMPAIGNS) >= binom.ppf(1e-4, CAMPAIGNS, 0.95)).all()
+    assert gap <= 1e-8
+
+
+def test_uncertain_masses_leave_intervals_that_a_payload_narrows():
+    covered, width, _ = summary(estimates(WITHIN, range(10)))
+    assert (covered[:2] >= 0.9).all()
+    assert width[0] <= 0.2
+    assert (summary(estimates(BOTH, range(5)))[1] <= 0.5 * width).all()
+
+
+def test_wrong_masses_and_geometry_harm_nobody_unsaid():
+    assert not any(harmful(each) for each in estimates(WRONG, range(5)))
+
+
+def false_certificates(seeds):
+    """Count certified optima that exceed the true one, and return the greatest gap.
+
+    A block of c and ζ in a box is the cone of the box's corners, so that the true optimum is a least
+    squares problem with zero or positive shares of corners, which Lawson and Hanson solve without Clarabel.
+    """
+    false, gaps = 0, []
+    for seed in seeds:
+        draws = np.random.default_rng([seed, 43])
+        boxes = draws.integers(1, 4, draws.integers(1, 5))
+        cones = Cones(tuple(Block(int(count)) for count in boxes), np.full(len(boxes), 100.0))
+        corners = [
+            np.insert(np.array(list(product((-1.0, 1.0), repeat=count))), 0, 1.0, axis=1).T
+            for count in boxes.tolist()
+        ]
+        size = sum(block.size for block in cones.blocks)
+        A = draws.standard_normal((size, size)) * 10.0 ** draws.uniform(-2.0, 0.0, size)
+        A[:, cones.first] /= np.linalg.norm(A[:, cones.first], axis=0)  # as the fit scales them
+        b = draws.standard_normal(size)
+        found = solve_weighed(A, b, cones)
+        truth = nnls(A @ block_diag(*corners), b)[1] ** 2
+        gaps.append(found.certificate.gap)
+        false += bool(found.loss > truth + GAP * float(b @ b))
+    return false, max(gaps)
+
+
+def test_no_certificate_is_false():
+    false, gap = false_certificates(range(100))
+    assert false == 0
+    assert gap <= 1e-8
+
+
+@pytest.mark.parametrize("splits", [1, pytest.param(20, marks=pytest.mark.slow)])
+def test_fanuc_held_out_compensation_gains_from_links(splits):
+    """The weight is chosen within the fitted part."""
+    robot, measurements = prepare(shared("fanuc_r2000ic/campaign"))
+    gains = []
+    for seed in range(splits):
+        drawn = np.random.default_rng(seed).permutation(len(measurements))
+        parts = measurements[np.sort(drawn[:20])], measurements[np.sort(drawn[20:])]
+        both = [held_out_compensation(robot, *parts, name, seed=seed) for name in (MODELS[0], MODELS[-1])]
+        gains.append(both[1] - both[0])
+    assert np.mean(gains) > 0.04

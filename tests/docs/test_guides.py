@@ -1,25 +1,33 @@
-"""The commands and the code of all guides, run as a reader would run them, in the order of the page,
-from an empty folder at 80 columns, by the package of the wheel.
-
-`guide_runner` has imported everything and runs `jointstiff` commands and Python; the shell runs the rest.
-"""
+"""The guides: commands, code and recipes work as a reader runs them, files exist, retired terms are gone."""
 
 import json
 import os
 import re
 import shlex
 import subprocess
+from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from textwrap import dedent
+from typing import Any, get_args
 
 import httpx2
+import numpy as np
 import pytest
 from support import guide_runner
 from support.api import post
+from support.campaigns import prepare
 from support.guide_files import ROOT, blocks_of, guides
 from support.processes import Service
 
+from jointstiff.schemas.finding import Finding, FindingCode
+from jointstiff.schemas.imports import FilePreview, ImportOptions
+from jointstiff.service.importing.errors import Faults
+from jointstiff.service.importing.grid import Grid, Row
+from jointstiff.service.importing.layout import lay_out
+from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.files import example_files
+from jointstiff.solver.integrity.values import View
 
 GUIDES = guides()
 SLOW = {"docs/elastic-links.md"}  # two comparisons of models, which the recorded answers hold by day
@@ -169,3 +177,121 @@ def test_the_notebook_of_the_guide_runs(folder, reader):
     made[2] += " --overwrite"
     reader.run("sh", "\n".join(made), folder)
     reader.run("python", "\n".join([*cells, states]), folder)
+
+
+GLOSSARY = (ROOT / "docs" / "glossary.md").read_text(encoding="utf-8")
+ENTRIES = re.findall(r"^(\S.*)\n: (.*(?:\n  .*)*)", GLOSSARY, re.MULTILINE)
+RETIRED = [term for _, text in ENTRIES for term in re.findall(r"`([^`]+)`", text.partition("Not: ")[2])]
+READ = {
+    "guides": [*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md"), ROOT / "docker" / "README.md"],
+    "page": [ROOT / "dashboard" / "src" / "i18n" / "en.ts"],
+    "messages": [
+        path for folder in ("schemas", "service", "solver") for path in (ROOT / folder).rglob("*.py")
+    ],
+}
+"""Files by what they hold; messages and help are strings of the code."""
+
+
+def words_of(path: Path) -> str:
+    """Return the text of a file with strings joined and single blanks, without what the glossary retires."""
+    text = path.read_text(encoding="utf-8")
+    if path.suffix == ".py":
+        text = re.sub(r'"\s*\n\s*f?"', "", text)
+    return " ".join(re.sub(r"Not: .*", "", text).split()).lower()
+
+
+def test_the_glossary_retires_terms_and_is_short():
+    assert len(RETIRED) >= 10
+    assert {
+        "compensate a program",
+        "held-out postures",
+        "reference campaign",
+        "well determined",
+        "work area",
+    } <= {name for name, _ in ENTRIES}
+    assert [name for name, text in ENTRIES if len(text) > 360] == []
+
+
+@pytest.mark.parametrize("kind", READ)
+def test_retired_terms_are_gone(kind):
+    retired = re.compile("|".join(rf"\b{re.escape(term)}\b" for term in RETIRED))
+    files = [path for path in READ[kind] if path.name != "CHANGELOG.md"]
+    found = {
+        f"{path.relative_to(ROOT)}: {one[0]}" for path in files for one in retired.finditer(words_of(path))
+    }
+    assert len(files) >= 1
+    assert sorted(found) == []
+
+
+TEXT = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+
+
+def recipe(title: str) -> str:
+    """Return the section of a title."""
+    return TEXT.split(f"## {title}\n")[1].split("\n## ")[0]
+
+
+def defined(title: str, name: str):
+    """Return the function that the code of a recipe defines."""
+    (code,) = re.findall(r"^   ```python\n(.*?)^   ```$", recipe(title), re.MULTILINE | re.DOTALL)
+    names = {
+        "FilePreview": FilePreview,
+        "Finding": Finding,
+        "Grid": Grid,
+        "Iterator": Iterator,
+        "Row": Row,
+        "View": View,
+        "np": np,
+    }
+    exec(compile(dedent(code), title, "exec"), names)  # noqa: S102
+    return names[name]
+
+
+@pytest.mark.parametrize(
+    "title", ["Add a kind of work", "Add a finding of the integrity checks", "Add an import format"]
+)
+def test_a_recipe_has_at_most_ten_steps(title):
+    assert 5 <= len(re.findall(r"^\d+\. ", recipe(title), re.MULTILINE)) <= 10
+
+
+def test_the_finding_of_the_recipe_is_found():
+    check = defined("Add a finding of the integrity checks", "light_loads")
+    robot, measurements = prepare(simulate_campaign(default_arm(), load="pull", configurations=4, seed=5))
+    weak = replace(measurements, force=measurements.force * np.array([1.0, 0.01, 1.0, 0.01])[:, None])
+    findings = list(check(View(robot, weak)))
+    assert [(finding.observation, finding.weight) for finding in findings] == [("c02", "use"), ("c04", "use")]
+
+
+def test_the_format_of_the_recipe_is_understood():
+    read = defined("Add an import format", "read_pipes")
+    faults = Faults()
+    grid = read("day.txt", b"name|x [mm]|y [mm]|z [mm]\nc01_P10_loaded|1|2|3\n")
+    layout = lay_out(grid, ImportOptions(), faults)
+    assert not faults.found
+    assert dict(layout.columns.units) == {"length": "mm"}
+
+
+def test_every_finding_has_a_row_in_a_guide():
+    guides = "\n".join(path.read_text(encoding="utf-8") for path in (ROOT / "docs").glob("*.md"))
+    codes = get_args(FindingCode)
+    assert sorted(code for code in codes if f"`{code}`" not in guides) == []
+
+
+NAMED = re.compile(r"`((?:solver|service|schemas|tests|examples|benchmarks|scripts|docker|docs)/[\w./-]+)`")
+
+
+@pytest.mark.parametrize("guide", READ["guides"], ids=lambda path: path.name)
+def test_what_a_guide_names_is_there(guide):
+    named = set(NAMED.findall(guide.read_text(encoding="utf-8")))
+    assert not sorted(name for name in named if not (ROOT / name).exists())
+
+
+@pytest.mark.parametrize(
+    "guide", [*(ROOT / "docs").glob("*.md"), ROOT / "README.md"], ids=lambda path: path.name
+)
+def test_no_paragraph_has_more_than_five_lines(guide):
+    text = re.sub(r"^ *```.*?^ *```", "", guide.read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL)
+    parts = re.split(r"\n\s*\n|\n(?=\s*(?:[*-]|\d+\.) |[|:])", text)
+    assert [
+        part for part in parts if len(part) > 5 * 120 and not part.lstrip().startswith(("|", "    "))
+    ] == []

@@ -1,0 +1,252 @@
+"""The shape of the house and of its tests: rooms, doors, docstrings, one triangle, notices, lanes."""
+
+import ast
+import json
+import re
+import subprocess
+import sys
+from collections import Counter
+from collections.abc import Iterator
+from importlib.metadata import distribution, distributions
+from pathlib import Path
+from typing import Any
+
+import pytest
+from support.sources import nodes
+
+from jointstiff import solver
+
+ROOT = Path(__file__).parents[2]
+REFUSED = (
+    *("What", "Of", "Whether", "That", "Where", "How", "Why", "Which", "Who", "Whom", "Whose", "Those"),
+    *("To", "As", "From", "On", "With", "Without", "Under", "Are", "Is", "Say", "Likewise"),
+)
+REFUSED_IN_FIELDS = {
+    *REFUSED,
+    "In",
+    "By",
+    "Its",
+    "Likewise",
+    "Who",
+    "Whose",
+    "When",
+    "Which",
+    "Along",
+    "They",
+}
+
+
+def docstrings(folder: str) -> list[str]:
+    """The docstrings of a folder's modules, classes and functions, each with its place."""
+    found = []
+    for path in sorted((ROOT / folder).rglob("*.py")):
+        for node in described(ast.parse(path.read_text(encoding="utf-8"))):
+            text = ast.get_docstring(node)
+            if text is not None:
+                found.append(f"{path.relative_to(ROOT)}:{node.body[0].lineno}: {text}")
+    return found
+
+
+def described(node: ast.AST) -> Iterator[Any]:
+    """A module, its classes and functions, and theirs; expressions have none."""
+    if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
+        yield node
+    for child in ast.iter_child_nodes(node):
+        if isinstance(child, ast.stmt):
+            yield from described(child)
+
+
+@pytest.mark.parametrize("folder", ["solver", "service", "schemas", "examples", "benchmarks"])
+def test_docstrings_begin_with_a_verb_or_a_noun(folder):
+    texts = docstrings(folder)
+    riddles = [text for text in texts if text.split(": ", 1)[1].split()[0].rstrip(",") in REFUSED]
+    assert len(texts) > 20
+    assert not riddles, "\n".join(riddles)
+
+
+def descriptions(node: object, place: str = "") -> Iterator[tuple[str, str]]:
+    """Every description in a document, with its place."""
+    if isinstance(node, dict):
+        if isinstance(node.get("description"), str):
+            yield place, node["description"]
+        for key, value in node.items():
+            yield from descriptions(value, f"{place}/{key}")
+    elif isinstance(node, list):
+        for i, value in enumerate(node):
+            yield from descriptions(value, f"{place}/{i}")
+
+
+def test_descriptions_of_the_api_begin_with_a_noun_or_a_verb(openapi):
+    """They are the help of commands and the reference of the API, where they stand beside a bare name."""
+    texts = list(descriptions(openapi))
+    assert len(texts) > 1500
+    first = [(place, text.split()[0].rstrip(",.;:"), text) for place, text in texts]
+    assert not [each for each in first if each[1] in REFUSED_IN_FIELDS]
+
+
+TESTS = Path(__file__).parents[1]
+FILES = sorted(TESTS.rglob("*.py"))
+STUDIES = TESTS / "studies"
+"""Its tests run the studies of benchmarks/; nobody else knows these."""
+
+
+def imported(path: Path) -> set[str]:
+    """Return the first parts of the names of the modules that a file imports."""
+    found = set()
+    for node in nodes(path):
+        if isinstance(node, ast.Import):
+            found |= {alias.name.split(".")[0] for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            found.add(node.module.split(".")[0])
+    return found
+
+
+def test_tests_import_neither_tests_nor_benchmarks():
+    tests = {path.stem for path in FILES if path.stem.startswith(("test_", "conftest"))} | {"tests"}
+    wrong = {
+        str(path.relative_to(TESTS)): found
+        for path in FILES
+        if (found := imported(path) & (tests if STUDIES in path.parents else tests | {"benchmarks"}))
+    }
+    assert not wrong
+
+
+PATCHED: dict[str, int] = {}
+"""How often private names are still replaced: the numbers may fall and never rise."""
+
+
+def name_of(called: ast.expr) -> str:
+    """Return the last part of what is called: `setattr` of `monkeypatch.setattr`."""
+    return called.attr if isinstance(called, ast.Attribute) else getattr(called, "id", "")
+
+
+def patches_of_private_names(path: Path) -> int:
+    """Count the calls of `monkeypatch.setattr` and `patch` that name something private."""
+    calls = [node for node in nodes(path) if isinstance(node, ast.Call)]
+    patching = [call for call in calls if name_of(call.func) in ("setattr", "patch", "object")]
+    texts = [[a.value for a in call.args[:2] if isinstance(a, ast.Constant)] for call in patching]
+    return sum(any(str(text).split(".")[-1].startswith("_") for text in each) for each in texts)
+
+
+def test_no_further_private_names_are_patched():
+    found = Counter({str(path.relative_to(TESTS)): patches_of_private_names(path) for path in FILES})
+    assert +found == Counter(PATCHED)
+
+
+def test_names_of_test_files_are_unique():
+    """Two of one name cannot be collected together."""
+    names = Counter(path.name for path in FILES if path.name.startswith("test_"))
+    assert [name for name, count in names.items() if count > 1] == []
+
+
+SOLVER = Path(__file__).parents[2] / "solver"
+WHITENED_BY_THEMSELVES = {"estimation/method.py", "geometry/poses.py", "geometry/frames.py"}
+"""Maps of methods, and positions of geometry, which are no deflections."""
+
+
+def _nodes():
+    for path in SOLVER.rglob("*.py"):
+        name = path.relative_to(SOLVER).as_posix()
+        yield from ((name, node) for node in nodes(path))
+
+
+def _compresses(node):
+    """Tell whether a node is a QR that keeps the triangle alone; one with pivoting asks for an order."""
+    if not isinstance(node, ast.Call) or ast.unparse(node.func).split(".")[-1] != "qr":
+        return False
+    keywords = {keyword.arg: ast.unparse(keyword.value) for keyword in node.keywords}
+    return keywords.get("mode") == "'r'" and "pivoting" not in keywords
+
+
+def test_only_the_triangle_compresses():
+    places = {name for name, node in _nodes() if _compresses(node)}
+    assert places == {"estimation/triangle.py"}
+
+
+def test_only_readings_whiten_deflections():
+    named = {
+        name
+        for name, node in _nodes()
+        if isinstance(node, ast.ImportFrom) and any(alias.name == "whitener" for alias in node.names)
+    }
+    assert named == WHITENED_BY_THEMSELVES
+
+
+def test_only_terms_know_the_columns_of_a_term():
+    users = {
+        name
+        for name, node in _nodes()
+        if isinstance(node, ast.Attribute) and node.attr == "motion" and not name.startswith("mechanics/")
+        if isinstance(node.value, ast.Name) and node.value.id.isupper()
+    }
+    assert not users
+
+
+MOST_MODULES = 8
+DOORS = {ROOT / "solver" / "__init__.py"}
+"""Packages from which names are imported; every other module is imported by its name."""
+
+
+@pytest.mark.parametrize("room", ["solver", "service"])
+def test_few_modules_lie_in_a_room(room):
+    assert len(list((ROOT / room).glob("*.py"))) <= MOST_MODULES
+
+
+@pytest.mark.parametrize("room", ["solver", "service", "schemas"])
+def test_packages_say_what_they_are_for(room):
+    inits = sorted((ROOT / room).rglob("__init__.py"))
+    silent = [path for path in inits if not path.read_text(encoding="utf-8").startswith('"""')]
+    assert inits
+    assert not silent
+
+
+@pytest.mark.parametrize("room", ["solver", "service", "schemas"])
+def test_packages_give_no_names_of_their_modules(room):
+    doors = [
+        path
+        for path in (ROOT / room).rglob("__init__.py")
+        if path not in DOORS and "__all__" in path.read_text(encoding="utf-8")
+    ]
+    assert not doors
+
+
+def test_the_door_of_the_solver_gives_every_name_that_it_promises():
+    given = {name: getattr(solver, name) for name in solver.__all__}
+    assert all(value.__name__ == name for name, value in given.items())
+
+
+NOTICES = (ROOT / "dashboard" / "public" / "notices.txt").read_text(encoding="utf-8")
+
+
+def test_libraries_of_the_page_are_named_with_their_copyright():
+    libraries = json.loads((ROOT / "dashboard" / "package.json").read_text())["dependencies"]
+    for name in libraries:
+        assert re.search(rf"Copyright .*{name}", NOTICES), name
+
+
+def test_packages_that_are_not_permissive_are_named():
+    names = re.findall(r"^([a-z0-9.-]+)(?:\[.*\])?==", (ROOT / "requirements.lock").read_text(), re.MULTILINE)
+    assert len(names) > 40
+    for name in set(names) & {
+        one.name.lower().replace("_", "-") for one in distributions()
+    }:  # of this system
+        metadata = distribution(name).metadata
+        stated = " ".join([metadata["License-Expression"] or "", *(metadata.get_all("Classifier") or [])])
+        if re.search("GPL|GNU|MPL|Mozilla", stated):
+            assert name in NOTICES, name
+
+
+def test_a_process_of_an_unmarked_test_is_refused():
+    with pytest.raises(pytest.fail.Exception, match=r"mark it @pytest\.mark\.process"):
+        subprocess.run([sys.executable, "-c", ""], check=True)
+
+
+@pytest.mark.process
+def test_a_process_of_a_marked_test_is_not():
+    subprocess.run([sys.executable, "-c", ""], check=True)
+
+
+@pytest.mark.parametrize("kind", ["sqlite", "postgresql"])
+def test_a_test_on_postgresql_is_marked(request, kind):
+    expected = {"sqlite": set(), "postgresql": {"postgresql", "process"}}[kind]
+    assert {mark.name for mark in request.node.iter_markers()} - {"parametrize"} == expected
