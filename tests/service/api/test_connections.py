@@ -74,9 +74,18 @@ def ended(connection: socket.socket) -> bytes:
     return received
 
 
-@pytest.mark.parametrize("sent", [b"", b"GET /heal", HEADER], ids=["nothing", "half a line", "half a header"])
-def test_a_header_has_its_time(sent, serve, connect):
-    url = serve(HEADER_SECONDS=0.3)
+@pytest.mark.parametrize(
+    ("bound", "sent"),
+    [
+        ("HEADER_SECONDS", b""),
+        ("HEADER_SECONDS", b"GET /heal"),
+        ("HEADER_SECONDS", HEADER),
+        ("BODY_SECONDS", BODY),
+    ],
+    ids=["nothing", "half a line", "half a header", "half a body"],
+)
+def test_each_part_of_a_request_has_its_time(bound, sent, serve, connect):
+    url = serve(**{bound: 0.3})
     connection = connect(url)
     connection.sendall(sent)
     assert ended(connection) == b""
@@ -100,12 +109,6 @@ def test_a_request_with_two_lengths_is_the_last_of_its_connection(serve, connect
     answers = ended(connection)
     assert answers.count(b"HTTP/1.1 ") == 1
     assert b" 204 " not in answers
-
-
-def test_a_body_has_its_time(serve, connect):
-    connection = connect(serve(BODY_SECONDS=0.3))
-    connection.sendall(BODY)
-    assert ended(connection) == b""
 
 
 def test_a_body_that_keeps_its_rate_has_more(serve):

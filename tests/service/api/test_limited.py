@@ -63,7 +63,7 @@ def test_its_faults_are_problem_documents_with_the_id_of_the_request(client):
     assert answer.json()["request_id"] == answer.headers["X-Request-Id"]
 
 
-def test_large_bodies_and_archives_of_any_size_are_its():
+def test_large_bodies_are_its_and_archives_programs_and_geometries_of_any_size():
     content = io.BytesIO()
     with zipfile.ZipFile(content, "w") as archive:
         archive.writestr("a.csv", "a,b\n")
@@ -71,6 +71,9 @@ def test_large_bodies_and_archives_of_any_size_are_its():
     assert limited.is_limited("/v1/robots", LARGE)
     assert not limited.is_limited("/v1/robots", LARGE[:-1])
     assert not limited.is_limited("/v1/runs", LARGE)  # its answer may wait for workers
+    assert limited.is_limited("/v1/programs", b"--boundary")
+    assert not limited.is_limited("/v1/programs/p/program", b"")
+    assert limited.is_limited("/v1/geometries", b"{}")
 
 
 def test_who_asks_is_found_out_before(store, child):
@@ -117,13 +120,3 @@ def test_its_time_and_memory_are_limited(bounds, database, client, child):
     client._app.state.answer_elsewhere = child.answer
     assert answer.status_code == 413
     assert "the body takes more than" in answer.json()["detail"]
-
-
-def test_programs_of_any_size_are_the_childs():
-    assert limited.is_limited("/v1/programs", b"--boundary")
-    assert not limited.is_limited("/v1/programs/p/program", b"")
-
-
-def test_geometries_of_any_size_are_the_childs():
-    assert limited.is_limited("/v1/geometries", b"{}")
-    assert not limited.is_limited("/v1/robots", b"{}")

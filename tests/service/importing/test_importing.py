@@ -333,13 +333,9 @@ def test_points(points, dialect, separator):
 ROWS = [line.split(";") for line in POINTS.splitlines()]
 
 
-def force_as(header):
-    return CAMPAIGN.replace("Fz [N]", header)
-
-
 @pytest.mark.parametrize("header", ["Kraft_C_t_mean", "Kraft C (links)", "Kraft C N", "Kraft_x_m"])
 def test_a_tail_that_is_no_unit_of_it_is_not_taken_for_one(header):
-    found = read(("a.csv", force_as(header)), columns={header: "Fz [N]"})
+    found = read(("a.csv", CAMPAIGN.replace("Fz [N]", header)), columns={header: "Fz [N]"})
     assert values_of(found) == values_of(read(("a.csv", CAMPAIGN)))
     measured = CAMPAIGN.replace("P10 unloaded x [mm]", "x_m")
     found = read(("a.csv", measured), columns={"x_m": "P10 unloaded x [mm]"})
@@ -451,11 +447,6 @@ UR = {
 TWISTS = (np.pi / 2, 0.0, 0.0, np.pi / 2, -np.pi / 2, 0.0)
 
 
-def poses_of(table, **options):
-    request = ImportRequest.model_validate(options)
-    return import_files(sources_of(("poses.csv", table)), request)
-
-
 def robot_of(name):
     rows = [
         {"a": a, "alpha": alpha, "d": d, "theta": 0.0} for (a, d), alpha in zip(UR[name], TWISTS, strict=True)
@@ -468,7 +459,8 @@ def test_uncertainties_in_the_files_become_one_sigma():
     expanded = TABLE.replace(
         "dx,dy,dz", "P1 unloaded U95 x [mm],P1 unloaded U95 y [mm],P1 unloaded U95 z [mm]"
     )
-    answer = poses_of(expanded.replace("-0.", "0."))
+    file = sources_of(("poses.csv", expanded.replace("-0.", "0.")))
+    answer = import_files(file, ImportRequest())
     squares = (np.array([0.5, 0.25, 0.125, 0.5, 0.75, 5e-4]) / 1.96) ** 2
     assert answer.poses.noise.sigma == pytest.approx(np.sqrt(squares.mean()), rel=1e-12)
 
@@ -504,12 +496,9 @@ def test_the_poses_of_a_real_ur10_give_its_geometry():
     assert found.result.goodness.sigma < 1e-3
 
 
-LINES = [line.split(";") for line in POINTS.splitlines()]
-
-
 def by_target_and_state(name="{target}_{state}.txt"):
     files = {}
-    for point, *xyz in LINES:
+    for point, *xyz in [line.split(";") for line in POINTS.splitlines()]:
         label, target, state = point.split("_")
         file = name.format(target=target, state=state)
         files[file] = files.get(file, "") + " ".join([label, *xyz]) + "\n"
@@ -623,10 +612,6 @@ def masses(*, joint="{name}", bound="± [%]", scale=100.0):
     return "masses.csv", "\n".join(rows) + "\n"
 
 
-def prepared(document):
-    return prepare_robot(RobotDocument.model_validate(document)).robot
-
-
 def test_a_robot_with_masses_makes_a_set_that_is_identified_without_an_option(tmp_path):
     """The numbers are those of the campaign as it was simulated; nothing says `weight`."""
     table = tmp_path / "grid.csv"
@@ -653,9 +638,8 @@ def test_a_robot_with_masses_makes_a_set_that_is_identified_without_an_option(tm
     "table", [{}, {"joint": "{number}"}, {"joint": "Axis {number}"}, {"bound": "± [kg]", "scale": 1.0}]
 )
 def test_a_table_of_masses_gives_the_bodies(table):
-    answer = import_files(
-        sources_of(POSITIONS, masses(**table)), ImportRequest(encoders="motor"), prepared(BARE)
-    )
+    robot = prepare_robot(RobotDocument.model_validate(BARE)).robot
+    answer = import_files(sources_of(POSITIONS, masses(**table)), ImportRequest(encoders="motor"), robot)
     assert answer.measurement_set is not None
     for body, stated in zip(answer.bodies, UNLOADED["robot"]["bodies"], strict=True):
         assert (body.name, body.joint, body.mass) == (stated["name"], stated["joint"], stated["mass"])

@@ -339,24 +339,17 @@ def test_the_strict_reader_reads_what_is_not_damaged():
         assert (values_of(imported), points_of(imported)) == _strict(sample, sample.content)
 
 
-@pytest.mark.parametrize("seed", range(2))
-def test_damaged_texts(seed):
-    _run(_check_text, seed, 250)
+@pytest.mark.parametrize(
+    ("seed", "count"), [(0, 250), (1, 250), pytest.param(20_261_120, 10_000, marks=pytest.mark.slow)]
+)
+def test_damaged_texts(seed, count):
+    _run(_check_text, seed, count)
 
 
-def test_damaged_workbooks():
+@pytest.mark.parametrize(
+    ("seed", "count"), [(1, 100), pytest.param(20_261_120, 3_000, marks=pytest.mark.slow)]
+)
+def test_damaged_workbooks(seed, count):
     with warnings.catch_warnings():  # openpyxl's, of damaged files
         warnings.simplefilter("ignore")
-        _run(_check_excel, 1, 100)
-
-
-@pytest.mark.slow
-def test_ten_thousand_damaged_files():
-    _run(_check_text, 20_261_120, 10_000)
-
-
-@pytest.mark.slow
-def test_thousands_of_damaged_workbooks():
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        _run(_check_excel, 20_261_120, 3_000)
+        _run(_check_excel, seed, count)

@@ -448,16 +448,13 @@ def texts(*parts):
     return st.lists(st.sampled_from(parts), max_size=14).map("".join)
 
 
-NUMBERS = texts(*"0179.+-eE' B_a\n", "7E", "1e5", "+E+", "'B01'", "1" * 14, "²", ".5", "e1234")
-
-
 @pytest.mark.parametrize(
     ("lexicon", "rules"),
     [(krl.LANGUAGE, (number, binary)), *((each.LANGUAGE, (number,)) for each in (rapid, fanuc, ur))],
     ids=["krl", "rapid", "fanuc", "ur"],
 )
 @examples(1000)
-@given(text=NUMBERS)
+@given(text=texts(*"0179.+-eE' B_a\n", "7E", "1e5", "+E+", "'B01'", "1" * 14, "²", ".5", "e1234"))
 def test_numbers(lexicon, rules, text):
     spans = [match.span() for match in lexicon.numbers.finditer(text)]
     assert spans == scan(text, *rules)

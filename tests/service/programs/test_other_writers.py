@@ -52,6 +52,10 @@ P = "{X 1,Y 2,Z 3,A 0,B 0,C 0}"
     ("FDAT_ACT={TOOL_NO 1,BASE_NO 2}\nBAS(#INITMOV,0)\nBAS(#CP_PARAMS,0.1)", "BASE_DATA[2]", "TOOL_DATA[1]"),
     ("FDAT_ACT={TOOL_NO 1,BASE_NO 2}\nBAS(#VEL_CP,1)\nBAS(#INITMOV,0)", "BASE_DATA[0]", "TOOL_DATA[1]"),
     ("FDAT_ACT={TOOL_NO 1,BASE_NO 2}\nBAS(#PTP_PARAMS,100)\n$BASE=BASE_DATA[5]", "BASE_DATA[5]", "TOOL_DATA[1]"),
+    # newer inline forms change none
+    *((f"$TOOL=TOOL_DATA[1]\n$BASE=BASE_DATA[1]\n{line}", "BASE_DATA[1]", "TOOL_DATA[1]") for line in (
+        "$COLLMON_TOL_PRO[1]=USE_CM_PRO_VALUES(0)", "$LOOP_CONT=TRUE", '$LOOP_MSG[]="x"', "$VEL_AXIS[1]=SVEL_JOINT(100.0)",
+        "FDAT_ACT={TOOL_NO 1,BASE_NO 1}\nBAS(#FRAMES)", "ANOUT ON x=1*$ANIN[1]+0")),
 ])  # fmt: skip
 def test_krl_frames_change_where_bas_sets_them(lines, base, tool):
     program = read("a.src", f"DEF a()\n{lines}\nLIN {P}\nEND")
@@ -134,34 +138,22 @@ def explained_fanuc(*body):
     return [(*each[:4], each.corrected) for each in explained([("a.LS", text.encode())])]
 
 
-def test_fanuc_logic_within_a_motion_ends_with_a_line_of_dashes():
+@pytest.mark.parametrize(
+    ("between", "is_certain"),
+    [
+        (["      1:  IF (DO[3]=ON),R[2]=5 ;", "      2:  DO[3]=OFF ;", "       ------ ;"], True),
+        (["   2:  CALL OTHER ;"], False),  # other frames may be active then
+    ],
+    ids=["logic within a motion", "a call"],
+)
+def test_fanuc_positions_belong_to_their_program_and_frames(between, is_certain):
     found = explained_fanuc(
-        "   1:J P[1] 10% CNT0 ACC100 TB    .00sec,P-SPS    ;",
-        "      1:  IF (DO[3]=ON),R[2]=5 ;",
-        "      2:  DO[3]=OFF ;",
-        "       ------ ;",
-        "   2:L P[2] 100mm/sec FINE    ;",
+        "   1:J P[1] 10% CNT0 TB .00sec,P-SPS ;", *between, "   2:L P[2] 100mm/sec FINE ;"
     )
-    assert [each[1:] for each in found] == [("P[1]", "UF 0", "UT 0", True), ("P[2]", "UF 0", "UT 0", True)]
-
-
-def test_fanuc_positions_belong_to_their_program_whatever_is_called():
-    found = explained_fanuc(
-        "   1:L P[1] 100mm/sec FINE ;", "   2:  CALL OTHER ;", "   3:L P[2] 100mm/sec FINE ;"
-    )
-    # other frames may be active then
-    assert [each[1:] for each in found] == [("P[1]", "UF 0", "UT 0", True), ("P[2]", "UF 0", "UT 0", False)]
-
-
-@pytest.mark.parametrize("move", ["J PR[3:REST] 100% FINE", "L P[R[2]] 50mm/sec CNT10 Offset,PR[1]"])
-def test_fanuc_moves_to_registers_leave_the_others(move):
-    found = explained_fanuc(f"   1:{move} ;", "   2:L P[1] 100mm/sec FINE ;")
-    assert [each[4] for each in found] == [False, True]
-
-
-def test_fanuc_positions_are_unknown_where_one_of_a_computed_number_changes():
-    found = explained_fanuc("   1:L P[1] 100mm/sec FINE ;", "   2:  P[R[1]]=LPOS ;")
-    assert [each[4] for each in found] == [False]
+    assert [each[1:] for each in found] == [
+        ("P[1]", "UF 0", "UT 0", True),
+        ("P[2]", "UF 0", "UT 0", is_certain),
+    ]
 
 
 FRAME_CHANGES = (
@@ -175,19 +167,31 @@ FRAME_CHANGES = (
 )
 
 
-@pytest.mark.parametrize("change", FRAME_CHANGES)
-def test_fanuc_frames_that_change_are_others_when_the_program_runs_again(change):
-    found = explained_fanuc(
-        "   1:L P[1] 100mm/sec FINE ;", f"   2:  {change} ;", "   3:L P[2] 100mm/sec FINE ;"
-    )
-    assert [each[4] for each in found] == [False, False]
-
-
-def test_fanuc_lines_of_other_writers_have_no_number_and_an_end():
-    found = explained_fanuc(
-        ":R[1]=5;", "1: L P[1] 240cm/min CNT100 ;", ": DO[3]=ON;", "2: L P[2] WELD_SPEED CNT100 PTH ;"
-    )
-    assert [each[4] for each in found] == [True, True]
+@pytest.mark.parametrize(
+    ("lines", "corrected"),
+    [
+        # moves to registers leave the others
+        (["   1:J PR[3:REST] 100% FINE ;", "   2:L P[1] 100mm/sec FINE ;"], [False, True]),
+        (["   1:L P[R[2]] 50mm/sec CNT10 Offset,PR[1] ;", "   2:L P[1] 100mm/sec FINE ;"], [False, True]),
+        # a position of a computed number changes
+        (["   1:L P[1] 100mm/sec FINE ;", "   2:  P[R[1]]=LPOS ;"], [False]),
+        # frames that change are others when the program runs again
+        *(
+            (
+                ["   1:L P[1] 100mm/sec FINE ;", f"   2:  {change} ;", "   3:L P[2] 100mm/sec FINE ;"],
+                [False] * 2,
+            )
+            for change in FRAME_CHANGES
+        ),
+        # lines of other writers have no number and an end
+        (
+            [":R[1]=5;", "1: L P[1] 240cm/min CNT100 ;", ": DO[3]=ON;", "2: L P[2] WELD_SPEED CNT100 PTH ;"],
+            [True] * 2,
+        ),
+    ],
+)
+def test_fanuc_moves_that_are_corrected(lines, corrected):
+    assert [each[4] for each in explained_fanuc(*lines)] == corrected
 
 
 def test_fanuc_second_group_that_moves_is_refused():
@@ -337,22 +341,6 @@ def test_blanks_within_a_line_of_fanuc_take_no_time():
     with suppress(ProgramError):
         read_program([("a.ls", text.encode())])
     assert time.process_time() - began < 1.0
-
-
-@pytest.mark.parametrize(
-    "line",
-    [
-        "$COLLMON_TOL_PRO[1]=USE_CM_PRO_VALUES(0)",
-        "$LOOP_CONT=TRUE",
-        '$LOOP_MSG[]="x"',
-        "FDAT_ACT={TOOL_NO 1,BASE_NO 1}\nBAS(#FRAMES)",
-        "$VEL_AXIS[1]=SVEL_JOINT(100.0)",
-        "ANOUT ON x=1*$ANIN[1]+0",
-    ],
-)
-def test_krl_of_newer_inline_forms_changes_no_frame(line):
-    program = read("a.src", f"DEF a()\n$TOOL=TOOL_DATA[1]\n$BASE=BASE_DATA[1]\n{line}\nLIN {P}\nEND")
-    assert frames(program) == [("BASE_DATA[1]", "TOOL_DATA[1]")]
 
 
 @pytest.mark.parametrize(
