@@ -418,9 +418,6 @@ def test_a_reason_shows_its_posture_in_3d_and_leads_back(visit, runs):
     expect(page.get_by_role("table", name="Joint stiffness")).to_be_visible()
 
 
-FRAMES = "performance.getEntriesByName('jointstiff.frame').map((m) => m.duration)"
-
-
 def test_nothing_is_drawn_while_nothing_happens(visit, stored):
     visited = visit("tablet")
     visited.go(f"#/runs/{stored.run}/robot")
@@ -429,7 +426,9 @@ def test_nothing_is_drawn_while_nothing_happens(visit, stored):
     visited.page.wait_for_timeout(300)
     visited.page.evaluate("performance.clearMeasures()")
     visited.page.wait_for_timeout(300)
-    assert visited.page.evaluate(FRAMES) == []
+    assert (
+        visited.page.evaluate("performance.getEntriesByName('jointstiff.frame').map((m) => m.duration)") == []
+    )
 
 
 def test_a_device_without_3d_graphics_gets_drawings(visit, stored):

@@ -389,12 +389,9 @@ def test_from_dropped_sweeps_to_a_robot(visit, api):
     expect(page.get_by_role("link", name=re.compile("cell 3"))).to_be_visible()
 
 
-SOFTENED = np.array([1.0, 1.0, 0.85, 1.0, 1.0, 1.0])
-
-
 def test_from_the_fleet_to_an_acknowledged_alarm(visit, api):
     arm = default_arm()
-    soft = replace(arm, stiffnesses=arm.stiffnesses * SOFTENED)
+    soft = replace(arm, stiffnesses=arm.stiffnesses * np.array([1.0, 1.0, 0.85, 1.0, 1.0, 1.0]))
     documents = [
         simulate_campaign(each, load="pull", configurations=10, seed=seed)
         for seed, each in enumerate([arm, arm, arm, soft])

@@ -183,7 +183,6 @@ def test_every_view_can_be_read_and_tapped_in_few_sizes_of_type(visit, stored, l
         assert len({pair.split()[1] for pair in found}) <= MOST_WEIGHTS
 
 
-AXE = DASHBOARD / "node_modules" / "axe-core" / "axe.min.js"
 CHECK = """async (rules) => {
   const found = await axe.run(document, {resultTypes: ["violations"], ...rules});
   return found.violations.filter((v) => ["serious", "critical"].includes(v.impact)).map((v) =>
@@ -211,7 +210,7 @@ def faults_of(page):
 def test_every_view_is_accessible(visit, stored, node_modules):
     visited = visit("tablet")
     page = visited.page
-    axe = AXE.read_text(encoding="utf-8")
+    axe = (DASHBOARD / "node_modules" / "axe-core" / "axe.min.js").read_text(encoding="utf-8")
     found: dict[str, list[str]] = {}
     for view in VIEWS:
         visited.go(view.format(**vars(stored)))

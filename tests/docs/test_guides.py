@@ -144,13 +144,6 @@ def runnable(text: str, reader: Reader, runs: list[dict[str, Any]]) -> str:
     return text.replace(PLACEHOLDERS["run"], f'"run_ids": {json.dumps([run["id"] for run in runs])}')
 
 
-def post_campaigns(url: str) -> list[dict[str, Any]]:
-    texts = dict(example_files())
-    with httpx2.Client(base_url=url, timeout=60.0) as client:
-        documents = [json.loads(texts[f"{name}.json"]) for name in ("motor", "secondary")]
-        return [post(client, "/v1/campaigns", document) for document in documents]
-
-
 @pytest.mark.timeout(1200)  # each command is a process of its own
 @pytest.mark.parametrize(
     "guide", [pytest.param(guide, marks=[pytest.mark.slow] if guide in SLOW else []) for guide in GUIDES]
@@ -158,7 +151,11 @@ def post_campaigns(url: str) -> list[dict[str, Any]]:
 def test_commands_and_code_of_a_guide_work(guide, folder, reader):
     blocks = blocks_of(guide)
     needs_ids = any(each in text for _, text in blocks for each in PLACEHOLDERS.values())
-    runs = post_campaigns(reader.url) if needs_ids else []
+    runs, texts = [], dict(example_files())
+    if needs_ids:
+        with httpx2.Client(base_url=reader.url, timeout=60.0) as client:
+            documents = [json.loads(texts[f"{name}.json"]) for name in ("motor", "secondary")]
+            runs = [post(client, "/v1/campaigns", document) for document in documents]
     for language, text in blocks:
         reader.run(language, runnable(text, reader, runs), folder)
 

@@ -207,18 +207,16 @@ class TestEquilibrium:
             equilibrium(default_arm(), np.zeros(6), (0.0, np.nan, 0.0), NOTHING, LOAD_POINT)
 
 
-class TestLinearisation:
-    def test_it_is_the_tangent_of_the_exact_deflection(self):
-        """A central difference over the load has no first-order term left."""
-        arm, step = default_arm(), 0.01
-        plan = plan_experiment(arm, load="pull", moment=300.0)
-        forces, moments, load_points = plan.wrenches
-        ends = [
-            deflections(arm, plan.joints, s * forces, s * moments, load_points, POINTS)[1]
-            for s in (step, -step)
-        ]
-        linear = linear_deflections(arm, plan.joints, *plan.wrenches, POINTS)
-        assert (ends[0] - ends[1]) / (2 * step) == pytest.approx(linear, abs=1e-11)
+def test_it_is_the_tangent_of_the_exact_deflection():
+    """A central difference over the load has no first-order term left."""
+    arm, step = default_arm(), 0.01
+    plan = plan_experiment(arm, load="pull", moment=300.0)
+    forces, moments, load_points = plan.wrenches
+    ends = [
+        deflections(arm, plan.joints, s * forces, s * moments, load_points, POINTS)[1] for s in (step, -step)
+    ]
+    linear = linear_deflections(arm, plan.joints, *plan.wrenches, POINTS)
+    assert (ends[0] - ends[1]) / (2 * step) == pytest.approx(linear, abs=1e-11)
 
 
 class TestCampaign:
@@ -280,27 +278,26 @@ class TestCampaign:
             simulate_campaign(default_arm(), **change)
 
 
-class TestUnits:
-    def test_other_units_say_the_same(self):
-        options = {"load": "pull", "moment": 120.0, "load_point": np.full((19, 3), 0.1)}
-        options["load_point"][3] = 0.2
-        si = simulate_campaign(default_arm(), **options)
-        shop = simulate_campaign(
-            default_arm(),
-            **options,
-            units={"length": "mm", "angle": "deg", "force": "kN", "moment": "N.mm"},
-        )
-        assert si["measurement_set"]["units"]["moment"] == "N.m"
-        assert shop["robot"] == si["robot"]
-        assert shop["measurement_set"]["noise"] == {"sigma": 0.02}
-        for reading in ("unloaded", "loaded"):
-            expected = 1000.0 * read_array(si, reading)
-            assert read_array(shop, reading) == pytest.approx(expected, rel=1e-14)
-        first, same = (d["measurement_set"]["observations"][0] for d in (si, shop))
-        assert same["joints"] == pytest.approx(np.degrees(first["joints"]), rel=1e-14)
-        assert same["force"] == pytest.approx(np.array(first["force"]) / 1e3, rel=1e-14)
-        assert same["moment"] == pytest.approx(np.array(first["moment"]) * 1e3, rel=1e-14)
-        assert same["load_point"] == pytest.approx([100.0, 100.0, 100.0])
+def test_other_units_say_the_same():
+    options = {"load": "pull", "moment": 120.0, "load_point": np.full((19, 3), 0.1)}
+    options["load_point"][3] = 0.2
+    si = simulate_campaign(default_arm(), **options)
+    shop = simulate_campaign(
+        default_arm(),
+        **options,
+        units={"length": "mm", "angle": "deg", "force": "kN", "moment": "N.mm"},
+    )
+    assert si["measurement_set"]["units"]["moment"] == "N.m"
+    assert shop["robot"] == si["robot"]
+    assert shop["measurement_set"]["noise"] == {"sigma": 0.02}
+    for reading in ("unloaded", "loaded"):
+        expected = 1000.0 * read_array(si, reading)
+        assert read_array(shop, reading) == pytest.approx(expected, rel=1e-14)
+    first, same = (d["measurement_set"]["observations"][0] for d in (si, shop))
+    assert same["joints"] == pytest.approx(np.degrees(first["joints"]), rel=1e-14)
+    assert same["force"] == pytest.approx(np.array(first["force"]) / 1e3, rel=1e-14)
+    assert same["moment"] == pytest.approx(np.array(first["moment"]) * 1e3, rel=1e-14)
+    assert same["load_point"] == pytest.approx([100.0, 100.0, 100.0])
 
 
 class TestTruth:

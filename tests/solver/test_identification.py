@@ -22,8 +22,8 @@ from support.campaigns import (
     spring_columns,
     straight_wrist,
 )
-from support.encoders import with_encoders
 from support.examples import examples
+from support.readings import with_encoders
 from support.shared_data import shared
 from support.slides import arm_on_rail, scara
 from support.springs import SpringCampaign, load_cases, robot_of
@@ -127,14 +127,13 @@ class TestEquivalence:
         assert found.largest_shift == pytest.approx(expected.largest_shift, rel=1e-9)
 
 
-class TestModel:
-    def test_the_regressor_is_that_of_the_simulator_to_first_order(self):
-        pull = {"load": "pull", "configurations": 8, "force": 2000.0, "moment": 300.0, "seed": 5}
-        robot, measurements = simulated(sigma=0.0, **pull)
-        (block,) = regressor_blocks(robot, measurements)
-        expected = spring_columns(measurements)
-        c = ARM.compliances
-        np.testing.assert_allclose(block.A * c, expected * c, rtol=1e-9, atol=1e-15)
+def test_the_regressor_is_that_of_the_simulator_to_first_order():
+    pull = {"load": "pull", "configurations": 8, "force": 2000.0, "moment": 300.0, "seed": 5}
+    robot, measurements = simulated(sigma=0.0, **pull)
+    (block,) = regressor_blocks(robot, measurements)
+    expected = spring_columns(measurements)
+    c = ARM.compliances
+    np.testing.assert_allclose(block.A * c, expected * c, rtol=1e-9, atol=1e-15)
 
 
 class TestUncertainty:
@@ -217,7 +216,9 @@ class TestObservability:
         robot, measurements = pulls
         axis = np.array([1.0, 0.0, 0.0])
         before, after = robot.chain.joints[:3], robot.chain.joints[3:]
-        to_centre = _wrist_centre(robot) - sum(joint.translation for joint in before)
+        zero = Configurations(robot, np.zeros((1, robot.n)))
+        wrist_centre = zero.to_base(np.broadcast_to(find_wrist(robot).centre, (1, 1, 3)))[0, 0]
+        to_centre = wrist_centre - sum(joint.translation for joint in before)
         roll = ChainJoint("roll", "revolute", np.eye(3), to_centre, axis, None, "roll_link")
         back = replace(after[0], translation=after[0].translation - to_centre)
         chain = replace(robot.chain, joints=(*before, roll, back, *after[1:]))
@@ -242,21 +243,20 @@ class TestObservability:
         assert all(j.standard_uncertainty is None and "unknown" in j.reason for j in found.joints)
 
 
-class TestConstraints:
-    def test_noise_makes_negative_stiffness_unconstrained_and_never_constrained(self, dead_weight):
-        robot, measurements = dead_weight
-        rng = np.random.default_rng(1)
-        negative = 0
-        for _ in range(10):
-            noisy = measurements.deflection + rng.normal(0, 1e-3, measurements.deflection.shape)
-            changed = replace(measurements, deflection=noisy, sigma=1e-3)
-            for method in METHODS:
-                free = estimate(robot, changed, method=method, positive=False)
-                positive = estimate(robot, changed, method=method, positive=True)
-                negative += (free.compliance < 0).any()
-                assert (positive.compliance >= 0).all()
-                assert all(c.is_optimal() for c in positive.certificates)
-        assert negative > 4
+def test_noise_makes_negative_stiffness_unconstrained_and_never_constrained(dead_weight):
+    robot, measurements = dead_weight
+    rng = np.random.default_rng(1)
+    negative = 0
+    for _ in range(10):
+        noisy = measurements.deflection + rng.normal(0, 1e-3, measurements.deflection.shape)
+        changed = replace(measurements, deflection=noisy, sigma=1e-3)
+        for method in METHODS:
+            free = estimate(robot, changed, method=method, positive=False)
+            positive = estimate(robot, changed, method=method, positive=True)
+            negative += (free.compliance < 0).any()
+            assert (positive.compliance >= 0).all()
+            assert all(c.is_optimal() for c in positive.certificates)
+    assert negative > 4
 
 
 class TestRefusals:
@@ -282,12 +282,6 @@ class TestRefusals:
             estimate(*pulls, method=method, weighting="characteristic_length")
 
 
-def _wrist_centre(robot):
-    """In R0, all angles zero."""
-    zero = Configurations(robot, np.zeros((1, robot.n)))
-    return zero.to_base(np.broadcast_to(find_wrist(robot).centre, (1, 1, 3)))[0, 0]
-
-
 def test_an_order_across_arm_and_wrist_holds_at_the_constrained_arm():
     """The decoupled method fits the wrist to the arm as the order leaves it, not as its readings show it."""
     order = [["joint_3", "joint_2"], ["joint_6", "joint_3"]]
@@ -301,44 +295,41 @@ def campaign():
     return simulated(load="pull", configurations=6, seed=2)
 
 
-class TestConfigurations:
-    @pytest.mark.parametrize("q", [np.zeros((2, 5)), np.zeros(6), np.full((1, 6), np.nan)])
-    def test_refuses(self, campaign, q):
-        with pytest.raises(MeasurementError, match="joint angles have shape"):
-            Configurations(campaign[0], q)
+@pytest.mark.parametrize("q", [np.zeros((2, 5)), np.zeros(6), np.full((1, 6), np.nan)])
+def test_angles_of_another_shape_are_refused(campaign, q):
+    with pytest.raises(MeasurementError, match="joint angles have shape"):
+        Configurations(campaign[0], q)
 
 
-class TestTriangle:
-    @examples(50)
-    @given(cuts=st.lists(st.integers(0, 40), max_size=4), seed=st.integers(0, 2**32 - 1))
-    def test_any_partition_keeps_every_residual(self, cuts, seed):
-        rng = np.random.default_rng(seed)
-        rows = rng.standard_normal((40, 5)) * 10.0 ** rng.uniform(-6, 6, 5)
-        triangle = Triangle(joints=4)
-        for part in np.split(rows, sorted(cuts)):
-            triangle.add(part)
-        assert triangle.rows == 40
-        scale = np.linalg.norm(rows, axis=0)
-        for _ in range(5):
-            x = rng.standard_normal(5) / scale
-            full, compressed = (np.linalg.norm(M @ x) for M in (rows, triangle.R))
-            assert compressed == pytest.approx(full, rel=1e-12)
+@examples(50)
+@given(cuts=st.lists(st.integers(0, 40), max_size=4), seed=st.integers(0, 2**32 - 1))
+def test_any_partition_keeps_every_residual(cuts, seed):
+    rng = np.random.default_rng(seed)
+    rows = rng.standard_normal((40, 5)) * 10.0 ** rng.uniform(-6, 6, 5)
+    triangle = Triangle(joints=4)
+    for part in np.split(rows, sorted(cuts)):
+        triangle.add(part)
+    assert triangle.rows == 40
+    scale = np.linalg.norm(rows, axis=0)
+    for _ in range(5):
+        x = rng.standard_normal(5) / scale
+        full, compressed = (np.linalg.norm(M @ x) for M in (rows, triangle.R))
+        assert compressed == pytest.approx(full, rel=1e-12)
 
 
-class TestWhitener:
-    @pytest.mark.parametrize(
-        "bad",
-        [
-            np.diag([1.0, 1.0, 0.0]),
-            np.diag([1.0, -1.0, 1.0]),
-            np.array([[1.0, 0.5, 0], [0.2, 1.0, 0], [0, 0, 1.0]]),
-            np.diag([1.0, np.nan, 1.0]),
-            np.diag([1.0, np.inf, 1.0]),
-        ],
-    )
-    def test_refuses_what_is_no_covariance(self, bad):
-        with pytest.raises(MeasurementError, match="not finite, symmetric and positive definite"):
-            whitener(bad)
+@pytest.mark.parametrize(
+    "bad",
+    [
+        np.diag([1.0, 1.0, 0.0]),
+        np.diag([1.0, -1.0, 1.0]),
+        np.array([[1.0, 0.5, 0], [0.2, 1.0, 0], [0, 0, 1.0]]),
+        np.diag([1.0, np.nan, 1.0]),
+        np.diag([1.0, np.inf, 1.0]),
+    ],
+)
+def test_refuses_what_is_no_covariance(bad):
+    with pytest.raises(MeasurementError, match="not finite, symmetric and positive definite"):
+        whitener(bad)
 
 
 class TestMeasurements:

@@ -30,14 +30,13 @@ ARM = default_arm()
 DESIGN = planned_design(ARM, seed=0)
 ROBOT = robot_of(ARM)
 ALL = CommonUncertainty(scale=0.02, direction=3e-3, load_point=2e-3, target_places=1e-3)
-PRIOR = {"joint_2": {"stiffness": 3.1e6, "standard_uncertainty": 2e5}}
 WAYS = {
     "partial pose": {},
     "complete pose": {"method": "complete_pose"},
     "characteristic length": {"method": "complete_pose", "weighting": "characteristic_length"},
     "decoupled": {"method": "decoupled_partial_pose"},
     "uniform": {"weighting": "uniform"},
-    "prior": {"priors": PRIOR},
+    "prior": {"priors": {"joint_2": {"stiffness": 3.1e6, "standard_uncertainty": 2e5}}},
 }
 
 

@@ -3,6 +3,7 @@
 The readings are those of `jointstiff.simulator.sweeps`, which shares no code with the solver.
 """
 
+import re
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
@@ -145,3 +146,12 @@ def shared_chain() -> KinematicChain:
 def axes_of_noisy_sweeps(seed: int) -> SweptAxes:
     """Identify the axes of the default cell from sweeps with noise, once for all tests of a process."""
     return identify_axes(Cell().sweeps(np.random.default_rng(seed)))
+
+
+_METRES = {"m": 1.0, "mm": 1e-3, "µm": 1e-6, "nm": 1e-9}
+
+
+def length_in(message: str) -> float:
+    """The first length in a sentence [m]."""
+    number, unit = re.search(r"([\d.]+) (nm|µm|mm|m)\b", message).groups()
+    return float(number) * _METRES[unit]

@@ -40,7 +40,6 @@ from jointstiff.simulator import default_arm, simulate_campaign
 NOW = datetime.now(UTC)
 ROLES = ("viewer", "operator", "admin")
 KEYS = {role: mint(f"{role}'s key", role, NOW, None) for role in ROLES}
-POSTURE = Posture.of("127.0.0.1", (), access_control=True, require_key=True)
 
 PUBLIC = {"getLive", "getSession", "createSession", "deleteSession"}
 READS_BY_POST = {"computeKinematics"}
@@ -58,7 +57,7 @@ def bearer(role):
 def opened(store):
     for minted in KEYS.values():
         store.keys.add(minted.record)
-    return Client(store, POSTURE)
+    return Client(store, Posture.of("127.0.0.1", (), access_control=True, require_key=True))
 
 
 @pytest.fixture

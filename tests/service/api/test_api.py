@@ -46,11 +46,6 @@ def readings(robot_id, campaign):
     return copy.deepcopy(campaign["measurement_set"]) | {"robot_id": robot_id}
 
 
-@pytest.fixture
-def set_id(client, readings):
-    return post(client, "/v1/measurement-sets", readings)["id"]
-
-
 def _edit(path, value):
     def change(document):
         *parents, last = path
@@ -97,37 +92,35 @@ class TestMeasurementSets:
         post(client, "/v1/measurement-sets", readings)
 
 
-class TestRuns:
-    @pytest.mark.parametrize(
-        ("request_", "where"),
-        [
-            ({"method": "best"}, "method"),
-            ({"resampling": {"size": 9}}, "resampling.size"),
-            ({"resampling": {"size": 5, "repetitions": MAX_REPETITIONS + 1}}, "resampling.repetitions"),
-            ({"wait": 61}, "query.wait"),
-        ],
-    )
-    def test_refused_with_the_place_and_nothing_stored(self, client, set_id, request_, where):
-        wait = request_.get("wait", 1)
-        body = {"measurement_set_id": set_id} | request_
-        body.pop("wait", None)
-        problem = post(client, f"/v1/runs?wait={wait}", body, 422)
-        assert problem["where"] == where
-        assert problem["remedy"]
-        assert client.get("/v1/runs", params={"measurement_set_id": set_id}).json()["items"] == []
+@pytest.mark.parametrize(
+    ("request_", "where"),
+    [
+        ({"method": "best"}, "method"),
+        ({"resampling": {"size": 9}}, "resampling.size"),
+        ({"resampling": {"size": 5, "repetitions": MAX_REPETITIONS + 1}}, "resampling.repetitions"),
+        ({"wait": 61}, "query.wait"),
+    ],
+)
+def test_runs_are_refused_with_the_place_and_nothing_stored(client, readings, request_, where):
+    set_id, wait = post(client, "/v1/measurement-sets", readings)["id"], request_.get("wait", 1)
+    body = {"measurement_set_id": set_id} | request_
+    body.pop("wait", None)
+    problem = post(client, f"/v1/runs?wait={wait}", body, 422)
+    assert problem["where"] == where
+    assert problem["remedy"]
+    assert client.get("/v1/runs", params={"measurement_set_id": set_id}).json()["items"] == []
 
 
 @EITHER_DATABASE
-class TestIdempotency:
-    @pytest.mark.parametrize("collection", ["robots", "measurement-sets"])
-    def test_the_same_key_gives_one_resource(self, client, campaign, readings, collection):
-        body, key = campaign["robot"], {"Idempotency-Key": uuid.uuid4().hex}
-        if collection == "measurement-sets":
-            body = readings
-        first = post(client, f"/v1/{collection}", body, **key)
-        assert post(client, f"/v1/{collection}", body, **key) == first
-        problem = post(client, f"/v1/{collection}", body | {"name": "x"}, 422, **key)
-        assert problem["type"].endswith("idempotency-conflict")
+@pytest.mark.parametrize("collection", ["robots", "measurement-sets"])
+def test_the_same_key_gives_one_resource(client, campaign, readings, collection):
+    body, key = campaign["robot"], {"Idempotency-Key": uuid.uuid4().hex}
+    if collection == "measurement-sets":
+        body = readings
+    first = post(client, f"/v1/{collection}", body, **key)
+    assert post(client, f"/v1/{collection}", body, **key) == first
+    problem = post(client, f"/v1/{collection}", body | {"name": "x"}, 422, **key)
+    assert problem["type"].endswith("idempotency-conflict")
 
 
 def test_health_counts_the_workers(client_of_workers):

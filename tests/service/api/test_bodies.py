@@ -30,7 +30,6 @@ from jointstiff.service.security.admission import SMALL_BYTES, refuse_structure
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.solver.errors import RequestError
 
-JSON = {"Content-Type": "application/json"}
 PATHS = ["/v1/robots", "/v1/measurement-sets", "/v1/runs"]
 
 BODIES = {
@@ -58,7 +57,7 @@ BODIES = {
 
 
 def send(client, path, content, **headers):
-    return client.post(path, content=content, headers=JSON | headers)
+    return client.post(path, content=content, headers={"Content-Type": "application/json"} | headers)
 
 
 @pytest.mark.parametrize("path", PATHS)
@@ -225,18 +224,14 @@ def test_numbers_at_the_edge_of_what_is_allowed(client):
             assert "unexpectedly" not in run.text, document
 
 
-def posted_urdf(client, text):
-    model = {"format": "urdf", "urdf": text, "base": "a", "flange": "b"}
-    return send(client, "/v1/robots", json.dumps({"name": "r", "model": model}))
-
-
 NOT_JSON = {"lone surrogate"}  # refused before it is a URDF
 
 
 @pytest.mark.parametrize("name", sorted(HOSTILE.keys() - NOT_JSON))
 def test_hostile_documents(client, name):
     text, where, _reason = HOSTILE[name]
-    answer = posted_urdf(client, text)
+    model = {"format": "urdf", "urdf": text, "base": "a", "flange": "b"}
+    answer = send(client, "/v1/robots", json.dumps({"name": "r", "model": model}))
     if len(answer.request.content) > 4 << 20:
         assert answer.status_code == 413
         return
@@ -276,10 +271,6 @@ def answered(client, *files, **options):
     return ImportAnswer.model_validate_json(answer.content)
 
 
-def _posted(found, robot):
-    return found.measurement_set.model_dump(mode="json", exclude_none=True) | {"robot_id": robot}
-
-
 def refused(answer, *statuses):
     assert answer.status_code in statuses, answer.text
     assert answer.headers["content-type"] == "application/problem+json"
@@ -305,7 +296,8 @@ class TestAnswers:
         assert answered(client, ("a.csv", table), **options).findings == []
         found = answered(client, ("a.csv", swapped), **options)
         assert "force_sign_suspect" in {finding.code for finding in found.findings}
-        stored = client.post("/v1/measurement-sets", json=_posted(found, robot)).json()
+        posted = found.measurement_set.model_dump(mode="json", exclude_none=True) | {"robot_id": robot}
+        stored = client.post("/v1/measurement-sets", json=posted).json()
         assert stored["warnings"] == [finding.model_dump(mode="json") for finding in found.findings]
         fewer = b"\n".join(
             b";".join(line.split(b";")[:6] + line.split(b";")[7:]) for line in table.split(b"\n")

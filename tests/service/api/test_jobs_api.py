@@ -14,10 +14,9 @@ import pytest
 from fastapi.sse import ServerSentEvent
 from support.api import CANCEL, DELETE, RESTORE, file_at, job_at, post, posted, posted_set
 from support.in_process import Client
-from support.jobs import run_request, runs_of, stored_set
+from support.jobs import RUN, job_record, run_request, runs_of, stored_set
 from support.kinds import posted_job
 from support.programs import options, path, tool_poses
-from support.records import RUN, job_record
 
 from jointstiff.schemas.comparison import ComparisonRequest
 from jointstiff.schemas.finding import Problem

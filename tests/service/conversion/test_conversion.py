@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 from support.campaigns import estimate, prepare
 from support.examples import examples
-from support.gauges import by_gauges, triads
 from support.importing_samples import sources_of
+from support.readings import by_gauges, triads
 
 from jointstiff import identify, plan
 from jointstiff.schemas.fields import Message

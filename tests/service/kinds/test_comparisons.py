@@ -53,13 +53,12 @@ def made(parts, *run_ids, **options):
     return parts.jobs["comparison"].current(parts.jobs["comparison"].create(body, None).id)
 
 
-class TestRunsOfOneSet:
-    def test_a_configuration_that_a_run_leaves_out_has_no_rest(self, parts):
-        run = stored(parts, simulate_campaign(default_arm(), **PULL))
-        other = identified(parts, set_of_run(parts, run), leave_out=["c03"])
-        result = made(parts, other, run).result
-        assert [entry.left.count(None) for entry in result.entries] == [1, 0]
-        assert None not in result.sides[0].deflection
+def test_a_configuration_that_a_run_leaves_out_has_no_rest(parts):
+    run = stored(parts, simulate_campaign(default_arm(), **PULL))
+    other = identified(parts, set_of_run(parts, run), leave_out=["c03"])
+    result = made(parts, other, run).result
+    assert [entry.left.count(None) for entry in result.entries] == [1, 0]
+    assert None not in result.sides[0].deflection
 
 
 class TestTwoSets:
@@ -146,20 +145,19 @@ def test_options_that_make_no_sense(options):
         CampaignComparison.model_validate(options)
 
 
-class TestCampaigns:
-    def test_a_method_that_the_readings_cannot_support_is_an_entry_without_numbers(self):
-        document = simulate_campaign(default_arm(), **PULL, targets={"P10": (0.1, 0.1, 0.0)})
-        found = jointstiff.compare(document)
-        for entry in found.result.entries:
-            if entry.method == "partial_pose":
-                assert entry.error is None
-            else:
-                assert "needs 3 targets" in entry.error.detail
-                assert (entry.joints, entry.compensation, entry.left) == ([], None, [])
-        rows = read(csv_text(entries_sheet(found)))
-        assert [row["joint"] != "" for row in rows] == [False] * 4 + [True] * 12 + [False] * 2
-        assert all(("needs 3 targets" in row["error"]) == (row["joint"] == "") for row in rows)
-        assert "no complete pose, decoupled partial pose" in shown(found, 200)
+def test_a_method_that_the_readings_cannot_support_is_an_entry_without_numbers():
+    document = simulate_campaign(default_arm(), **PULL, targets={"P10": (0.1, 0.1, 0.0)})
+    found = jointstiff.compare(document)
+    for entry in found.result.entries:
+        if entry.method == "partial_pose":
+            assert entry.error is None
+        else:
+            assert "needs 3 targets" in entry.error.detail
+            assert (entry.joints, entry.compensation, entry.left) == ([], None, [])
+    rows = read(csv_text(entries_sheet(found)))
+    assert [row["joint"] != "" for row in rows] == [False] * 4 + [True] * 12 + [False] * 2
+    assert all(("needs 3 targets" in row["error"]) == (row["joint"] == "") for row in rows)
+    assert "no complete pose, decoupled partial pose" in shown(found, 200)
 
 
 @pytest.fixture(scope="module")
@@ -220,20 +218,12 @@ def test_the_default_methods_are_the_papers_and_the_complete_pose_by_covariance(
     assert ComparedMethod(method="partial_pose").weighting == "covariance"
 
 
-@pytest.fixture
-def files(tmp_path):
-    paths = []
+def test_a_file_that_is_refused_says_which(tmp_path):
     for encoders in ("motor", "secondary"):
         document = simulate_campaign(default_arm(encoders), encoders=encoders, seed=7)
-        paths.append(tmp_path / f"{encoders}.json")
-        paths[-1].write_text(json.dumps(document))
-    return [str(path) for path in paths]
-
-
-def test_a_file_that_is_refused_says_which(files, tmp_path):
-    document = json.loads((tmp_path / "secondary.json").read_text())
-    document["measurement_set"]["load_point"] = None
-    (tmp_path / "secondary.json").write_text(json.dumps(document))
-    shown = terminal("compare", *files)
+        if encoders == "secondary":
+            document["measurement_set"]["load_point"] = None
+        (tmp_path / f"{encoders}.json").write_text(json.dumps(document))
+    shown = terminal("compare", tmp_path / "motor.json", tmp_path / "secondary.json")
     assert shown.exit_code == 2
     assert "second.measurement_set.observations[0].load_point" in shown.output

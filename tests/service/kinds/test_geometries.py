@@ -232,21 +232,20 @@ class TestFindings:
         assert goodness.sigma == pytest.approx(np.sqrt((2 * 40**2 + 10**2) / 3) * 1e-6, rel=1e-6)
 
 
-class TestPoses:
-    def test_a_joint_that_never_turned_is_named(self, parts):
-        result = made(parts, poses(TrackedArm(), still=3), robot_id=robot_id(parts)).result
-        assert result.poses.determined == 29
-        assert all(names[0].startswith("axis 4") for names in result.poses.only_together)
-        assert {finding.code for finding in result.findings} == {"parameters_not_identified"}
-        assert result.axes[3].position_uncertainty is None
-        assert result.axes[3].base.point_covariance is None
-        assert result.axes[1].position_uncertainty < 100e-6
-        assert result.base_frame.covariance is not None
-        assert result.wrist is None
-        assert result.no_wrist
-        unknown = {(link.quantity, link.joint) for link in result.links if link.standard_uncertainty is None}
-        assert ("a", "joint_4") in unknown
-        assert ("a", "joint_2") not in unknown
+def test_a_joint_that_never_turned_is_named(parts):
+    result = made(parts, poses(TrackedArm(), still=3), robot_id=robot_id(parts)).result
+    assert result.poses.determined == 29
+    assert all(names[0].startswith("axis 4") for names in result.poses.only_together)
+    assert {finding.code for finding in result.findings} == {"parameters_not_identified"}
+    assert result.axes[3].position_uncertainty is None
+    assert result.axes[3].base.point_covariance is None
+    assert result.axes[1].position_uncertainty < 100e-6
+    assert result.base_frame.covariance is not None
+    assert result.wrist is None
+    assert result.no_wrist
+    unknown = {(link.quantity, link.joint) for link in result.links if link.standard_uncertainty is None}
+    assert ("a", "joint_4") in unknown
+    assert ("a", "joint_2") not in unknown
 
 
 class TestDrift:

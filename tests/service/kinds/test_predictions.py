@@ -39,11 +39,6 @@ HEADER = "label,J1 [deg],J2 [deg],J3 [deg],J4 [deg],J5 [deg],J6 [deg],Fx [N],Fy 
 TABLE = f"{HEADER}\ndrill,{','.join(map(str, JOINTS + FORCE))}\n"
 
 
-def run_of(client, load, **options):
-    campaign = simulate_campaign(ARM, load=load, configurations=24, seed=1)
-    return posted(client, campaign, **options)["id"]
-
-
 def request(run_id, **changes):
     units = {"length": "mm", "angle": "deg", "force": "N"}
     case = {"label": "drill", "joints": JOINTS, "force": FORCE}
@@ -57,13 +52,10 @@ def truth():
     return after - before
 
 
-@pytest.fixture
-def pulled(client):
-    return run_of(client, "pull", complementary_stiffness="included")
-
-
-def test_the_answer_holds_the_truth(client, pulled):
-    answer = post(client, "/v1/deflections", request(pulled, confidence=0.95), status=200)
+def test_the_answer_holds_the_truth(client):
+    campaign = simulate_campaign(ARM, load="pull", configurations=24, seed=1)
+    asked = request(posted(client, campaign, complementary_stiffness="included")["id"], confidence=0.95)
+    answer = post(client, "/v1/deflections", asked, status=200)
     result = DeflectionResult.model_validate(answer)
     (case,) = result.cases
     assert (result.model_error_postures, result.postures_needed) == (24, 19)
@@ -77,7 +69,7 @@ def test_the_answer_holds_the_truth(client, pulled):
     assert case.compliance.along.lateral_free <= case.compliance.along.lateral_blocked
     assert case.compliance.symmetric
     assert result.remarks == ["own weight is not included, because no masses are given"]
-    again = post(client, "/v1/deflections", request(pulled, confidence=0.95), status=200)
+    again = post(client, "/v1/deflections", asked, status=200)
     assert again == answer
 
 
@@ -132,36 +124,33 @@ def test_cases_are_bounded_by_the_joints():
     assert "at most 146" in caught.value.remedy
 
 
-class TestTables:
-    def test_options_and_cells_each_have_their_units(self, tmp_path):
-        """Cells those of their headers, options those of `units`, which SI completes."""
-        masses = [{"joint": "joint_3", "mass": 10.0, "centre": (300, 0, 0)}]
-        campaign = Campaign.model_validate(simulate_campaign(ARM, load="pull", configurations=24, seed=1))
-        columns = (
-            ",".join(f"place {axis} [m]" for axis in "xyz")
-            + ","
-            + ",".join(f"M{axis} [N.m]" for axis in "xyz")
+def test_options_and_cells_each_have_their_units(tmp_path):
+    """Cells those of their headers, options those of `units`, which SI completes."""
+    masses = [{"joint": "joint_3", "mass": 10.0, "centre": (300, 0, 0)}]
+    campaign = Campaign.model_validate(simulate_campaign(ARM, load="pull", configurations=24, seed=1))
+    columns = (
+        ",".join(f"place {axis} [m]" for axis in "xyz") + "," + ",".join(f"M{axis} [N.m]" for axis in "xyz")
+    )
+    table = tmp_path / "table.csv"
+    cells = TABLE.replace("Fz [N]\n", f"Fz [N],{columns}\n").replace("-800.0\n", "-800.0,0,0,0.2,0,1,0\n")
+    table.write_text(cells)
+    stated, si = (
+        jointstiff.predict(campaign, table, **options)
+        for options in (
+            {
+                "load_point": (0, 0, 120),
+                "masses": masses,
+                "units": {"length": "mm", "angle": "deg", "force": "kN", "moment": "N.mm"},
+            },
+            {"load_point": (0, 0, 0.12), "masses": [masses[0] | {"centre": (0.3, 0, 0)}]},
         )
-        table = tmp_path / "table.csv"
-        cells = TABLE.replace("Fz [N]\n", f"Fz [N],{columns}\n").replace("-800.0\n", "-800.0,0,0,0.2,0,1,0\n")
-        table.write_text(cells)
-        stated, si = (
-            jointstiff.predict(campaign, table, **options)
-            for options in (
-                {
-                    "load_point": (0, 0, 120),
-                    "masses": masses,
-                    "units": {"length": "mm", "angle": "deg", "force": "kN", "moment": "N.mm"},
-                },
-                {"load_point": (0, 0, 0.12), "masses": [masses[0] | {"centre": (0.3, 0, 0)}]},
-            )
-        )
-        for case, other in zip(stated.cases, si.cases, strict=True):
-            np.testing.assert_allclose(case.displacement, other.displacement, rtol=1e-12)
-        short = read_load_cases(f"{cells}\n\n", KINDS, load_point=(0, 0, 120), units={"length": "mm"})
-        assert short.units == Units(length="mm", angle="rad", force="N", moment="N.m")
-        assert short.cases[0].place == (0.0, 0.0, 200.0)
-        assert read_load_cases(cells, KINDS, units=short.units).units == short.units
+    )
+    for case, other in zip(stated.cases, si.cases, strict=True):
+        np.testing.assert_allclose(case.displacement, other.displacement, rtol=1e-12)
+    short = read_load_cases(f"{cells}\n\n", KINDS, load_point=(0, 0, 120), units={"length": "mm"})
+    assert short.units == Units(length="mm", angle="rad", force="N", moment="N.m")
+    assert short.cases[0].place == (0.0, 0.0, 200.0)
+    assert read_load_cases(cells, KINDS, units=short.units).units == short.units
 
 
 CAMPAIGN = simulate_campaign(default_arm(), configurations=20, load="pull", seed=2)
@@ -179,29 +168,19 @@ def run_id(local):
     return posted(local, CAMPAIGN, method="partial_pose")["id"]
 
 
-@pytest.fixture(scope="module")
-def made(local, run_id):
-    return post(local, "/v1/maps", AREA | {"run_id": run_id, "name": "plate"})
-
-
-def rows_of(local, found):
-    text = local.get(file_at(found, "map.csv")).text
-    return list(csv.DictReader(io.StringIO(text)))
-
-
-class TestDownloads:
-    def test_npz_has_the_same_numbers(self, local, made):
-        answer = local.get(file_at(made, "map.npz"))
-        with np.load(io.BytesIO(answer.content), allow_pickle=False) as found:
-            headers, table, status = list(found["headers"]), found["table"], found["status"]
-            assert set(found["overall verdict"]) == {made["result"]["assessment"]["verdict"]}
-        rows = rows_of(local, made)
-        assert ["status", *headers, "overall verdict"] == list(rows[0])
-        assert status.tolist() == [row["status"] for row in rows]
-        for row, numbers in zip(rows, table, strict=True):
-            read = [float(row[header] or "nan") for header in headers]
-            np.testing.assert_allclose(read, numbers, rtol=1e-9)
-        assert table[1, 2] != table[0, 2]  # z runs fastest
+def test_npz_has_the_same_numbers(local, run_id):
+    made = post(local, "/v1/maps", AREA | {"run_id": run_id, "name": "plate"})
+    answer = local.get(file_at(made, "map.npz"))
+    with np.load(io.BytesIO(answer.content), allow_pickle=False) as found:
+        headers, table, status = list(found["headers"]), found["table"], found["status"]
+        assert set(found["overall verdict"]) == {made["result"]["assessment"]["verdict"]}
+    rows = list(csv.DictReader(io.StringIO(local.get(file_at(made, "map.csv")).text)))
+    assert ["status", *headers, "overall verdict"] == list(rows[0])
+    assert status.tolist() == [row["status"] for row in rows]
+    for row, numbers in zip(rows, table, strict=True):
+        read = [float(row[header] or "nan") for header in headers]
+        np.testing.assert_allclose(read, numbers, rtol=1e-9)
+    assert table[1, 2] != table[0, 2]  # z runs fastest
 
 
 @pytest.mark.slow

@@ -346,16 +346,6 @@ def deflected():
     return document
 
 
-@pytest.fixture(scope="module")
-def exchanged(deflected):
-    """The same with the columns of two joints exchanged."""
-    document = deepcopy(deflected)
-    for observation in document["measurement_set"]["observations"]:
-        joints = observation["joints"]
-        joints[1], joints[2] = joints[2], joints[1]
-    return document
-
-
 def of(document):
     return Campaign.model_validate_json(json.dumps(document))
 
@@ -423,8 +413,8 @@ def test_a_comparison_without_a_fit_is_not_for_use(deflected):
     assert comparison.result.summary.joints_identified == 0
 
 
-def test_a_pair_has_the_worse_verdict_and_says_which_side(deflected, exchanged):
-    run = {"complementary_stiffness": "included"}
+def test_a_pair_has_the_worse_verdict_and_says_which_side(deflected):
+    run, exchanged = {"complementary_stiffness": "included"}, planted(deflected, columns_exchanged)
     pair = jointstiff.compare(of(deflected), of(exchanged), methods=[], run=run)
     result = pair.result
     assert result.assessment.verdict == "do_not_use"
@@ -451,22 +441,13 @@ def test_a_geometry_is_assessed_by_its_findings():
 ACCEPTED = {"accept_verdict": "do_not_use"}
 REFUSED = ("plan", "map", "program")
 """Kinds that act on a robot, or guide a measurement."""
-HEADLINE = "Do not use"
-
-
-def campaign():
-    """Return pulls whose columns of joints 2 and 3 are exchanged."""
-    document = simulate_campaign(default_arm(), load="pull", configurations=12, seed=1)
-    for observation in document["measurement_set"]["observations"]:
-        joints = observation["joints"]
-        joints[1], joints[2] = joints[2], joints[1]
-    return document
 
 
 @pytest.fixture(scope="module")
 def runs(local):
-    """Return runs of two measurement sets of the campaign."""
-    document = campaign()
+    """Return runs of two sets of pulls whose columns of joints 2 and 3 are exchanged."""
+    document = simulate_campaign(default_arm(), load="pull", configurations=12, seed=1)
+    columns_exchanged(document["measurement_set"])
     again = document | {"measurement_set": document["measurement_set"] | {"name": "again"}}
     return posted(local, document), posted(local, again)
 
@@ -492,7 +473,7 @@ def test_every_kind_says_it_first_in_the_terminal_in_its_report_and_in_its_table
     console = Console(file=io.StringIO(), width=120)
     console.print(job_report(kind, kind.message.model_validate(job)))
     first, *rest = console.file.getvalue().splitlines()
-    assert first.startswith(HEADLINE)
+    assert first.startswith("Do not use")
     assert any("despite this verdict" in line for line in rest) == (kind.name in REFUSED)
     assert "do not use" in local.get(file_at(job, "report.html")).text.lower()
     names = [file.name for file in kind.files if file.suffix == "csv"]
@@ -565,7 +546,6 @@ def test_a_plan_goes_on_from_too_few_readings(local):
     assert answer.json()["result"]["assessment"]["verdict"] != "use"
 
 
-DOCUMENT = simulate_campaign(default_arm(), load="pull", configurations=19, seed=1)
 BY_WEIGHTS = simulate_campaign(default_arm(), configurations=19, seed=1)
 POCKET = ROOT / "examples" / "pocket.src"
 POSTURE = [[0, -20, 30, 0, 45, 0]]
@@ -577,7 +557,7 @@ MILLING = {"accuracy_option": "off"}
 
 @pytest.fixture(scope="module")
 def run():
-    return js.identify(DOCUMENT)
+    return js.identify(simulate_campaign(default_arm(), load="pull", configurations=19, seed=1))
 
 
 @pytest.fixture(scope="module")

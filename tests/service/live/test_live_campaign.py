@@ -100,13 +100,9 @@ def test_a_campaign_is_measured_until_its_goal_is_met_and_becomes_an_ordinary_se
     assert "90 % ball" in stored["notes"]
     run = service.get(f"/v1/runs/{closed['run_id']}").json()
     assert run["state"] == "succeeded"
-    late = service.post(f"{address}/observations", json=read({**run, "label": "m99", **reading_of(stored)}))
+    first = {name: stored["observations"][0][name] for name in ("joints", "force")}
+    late = service.post(f"{address}/observations", json=read({**run, "label": "m99", **first}))
     assert (late.status_code, late.json()["type"]) == (409, "urn:jointstiff:problem:closed")
-
-
-def reading_of(stored: Answer) -> Answer:
-    """Posture and force of the first observation."""
-    return {name: stored["observations"][0][name] for name in ("joints", "force")}
 
 
 def test_the_held_out_reading_is_announced_and_counts_towards_the_goal(service):

@@ -13,7 +13,7 @@ import httpx2
 import pypdf
 import pytest
 from support.api import file_at, job_at
-from support.records import RUN, job_record
+from support.jobs import RUN, job_record
 from support.terminal import terminal
 
 from jointstiff.schemas.report import Laboratory

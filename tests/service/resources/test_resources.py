@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from reference.published_arms import ARMS, UR_ORIGINS, ur_flange_at
 from support.api import post
-from support.encoders import with_encoders
+from support.readings import with_encoders
 
 from jointstiff.service.conversion.prepared import prepare_robot
 from jointstiff.service.conversion.robots import to_kinematics
@@ -83,14 +83,6 @@ def test_refusals_say_where_and_how_to_mend_it(client, robot_id, change, where):
     assert answer["remedy"]
 
 
-def robot_of(name):
-    return prepare_robot(nominal_robot(find_arm(name, "name"))).robot
-
-
-def postures(robot, controller):
-    return to_kinematics(robot, controller.tolist()).postures
-
-
 def test_every_arm_is_compared():
     assert {arm.name for arm in catalogue().arms} == {*ARMS, *UR_ORIGINS}
     assert len({arm.name for arm in catalogue().arms}) == len(catalogue().arms)
@@ -100,7 +92,9 @@ def test_every_arm_is_compared():
 def test_the_flange_is_where_the_published_joints_put_it(name):
     controller = np.random.default_rng(1).uniform(-3, 3, (20, 6))
     controller[0] = 0.0
-    for angles, posture in zip(controller, postures(robot_of(name), controller), strict=True):
+    robot = prepare_robot(nominal_robot(find_arm(name, "name"))).robot
+    postures = to_kinematics(robot, controller.tolist()).postures
+    for angles, posture in zip(controller, postures, strict=True):
         published = ARMS[name].flange_at(angles) if name in ARMS else ur_flange_at(name, angles)
         np.testing.assert_allclose(posture.flange_origin, published[0], atol=1e-9)
         np.testing.assert_allclose(np.transpose(posture.flange_axes), published[1], atol=1e-9)

@@ -11,8 +11,7 @@ from typing import Any, TypeVar
 
 import pytest
 import sqlalchemy as sa
-from support.jobs import run_request, runs_of, stored_set
-from support.records import RESOURCES, RUN, TIME, job_record, keeper
+from support.jobs import RESOURCES, RUN, TIME, job_record, keeper, run_request, runs_of, stored_set
 
 from jointstiff.service.problems import (
     CursorError,

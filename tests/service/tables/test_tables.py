@@ -46,34 +46,16 @@ def document():
     return simulate_campaign(default_arm(), load="dead_weight", force=400.0, seed=1)
 
 
-@pytest.fixture(scope="module")
-def run(document):
-    return identified(document)
-
-
-@pytest.fixture(scope="module")
-def bumped(document):
-    """Three readings of one target wrong by 3 mm."""
-    wrong = deepcopy(document)
-    for observation in wrong["measurement_set"]["observations"][3:12:4]:
-        observation["readings"][0]["loaded"][0] += 3e-3
-    return identified(wrong)
-
-
-def numbers(text):
-    """The cells of the second joint's row."""
-    row = next(line for line in text.splitlines() if line.startswith("│ joint_2"))
-    return [float(cell) for cell in re.findall(r"(?<![_\d])\d+(?:\.\d+)?", row.replace("joint_2", ""))]
-
-
 def test_the_terminal_offers_the_units_of_the_reports():
     assert list(get_args(Units)) == list(UNITS)
 
 
-def test_compliances_as_a_unit(run):
+def test_compliances_as_a_unit(document):
+    run = identified(document)
     text = printed(job_report(RUN, run, unit="urad/Nm"))
     joint = run.result.joints[1]
-    value, uncertainty, low, high = numbers(text)
+    row = next(line for line in text.splitlines() if line.startswith("│ joint_2")).replace("joint_2", "")
+    value, uncertainty, low, high = map(float, re.findall(r"(?<![_\d])\d+(?:\.\d+)?", row))
     u = 1e6 * joint.standard_uncertainty
     assert "Joint compliance" in text
     assert "µrad/(N·m)" in text
@@ -82,7 +64,12 @@ def test_compliances_as_a_unit(run):
     assert [value, low, high] == pytest.approx([1e6 * joint.compliance, *ends], abs=0.06 * u)
 
 
-def test_at_most_three_things_to_do_and_nothing_twice(bumped):
+def test_at_most_three_things_to_do_and_nothing_twice(document):
+    """Three readings of one target are wrong by 3 mm."""
+    wrong = deepcopy(document)
+    for observation in wrong["measurement_set"]["observations"][3:12:4]:
+        observation["readings"][0]["loaded"][0] += 3e-3
+    bumped = identified(wrong)
     assert len(bumped.result.warnings) > 3
     text = printed(job_report(RUN, bumped))
     to_do = text.split("To do\n")[1].splitlines()

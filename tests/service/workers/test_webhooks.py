@@ -118,7 +118,6 @@ def allowed(monkeypatch):
     monkeypatch.setenv(ALLOWED_VARIABLE, "127.0.0.1, ::1")
 
 
-POSTURE = Posture.of("127.0.0.1", (), access_control=True, require_key=True)
 ADMIN = mint("admin Smith", "admin", datetime.now(UTC), None)
 
 
@@ -129,7 +128,7 @@ def client_of(store):
     if store not in CLIENTS:
         store.keys.add(ADMIN.record)
         CLIENTS.clear()
-        CLIENTS[store] = Client(store, POSTURE)
+        CLIENTS[store] = Client(store, Posture.of("127.0.0.1", (), access_control=True, require_key=True))
     return CLIENTS[store]
 
 

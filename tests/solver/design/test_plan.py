@@ -178,31 +178,30 @@ def box_aside(distance):
     return Surroundings(obstacles=[np.add(BOX, [0.0, distance, 0.0]).tolist()])
 
 
-class TestFeasibility:
-    @pytest.mark.parametrize(
-        ("reason", "tools", "cell", "degrees", "direction"),
-        [
-            ("joint_limits", equipment(), Surroundings(), 100, None),
-            ("torque", equipment("dead_weight", torque_limit=np.full(N, 100.0)), Surroundings(), 0, DOWN),
-            ("floor_or_box", equipment(), Surroundings(floor=3.0), 0, None),
-            ("floor_or_box", equipment(), Surroundings(obstacles=[BOX.tolist()]), 0, None),
-            ("floor_or_box", equipment(), Surroundings(inside=(BOX + 9.0).tolist()), 0, None),
-            ("floor_or_box", equipment(), box_aside(0.2), 0, None),
-            (None, equipment(), box_aside(0.4), 0, None),
-            ("line_of_sight", equipment(instrument=BEHIND), Surroundings(link_radius=0.15), 0, None),
-            ("reflector_acceptance", equipment(instrument=BEHIND), TURNED, 0, None),
-            ("cable", CABLE, Surroundings(link_radius=0.15), 0, [[-1.0, 0.0, -0.2]]),
-            ("cable", BESIDE, Surroundings(link_radius=0.0), 0, [[0.0, 0.0, 1.0]]),
-            (None, equipment(instrument=AHEAD), Surroundings(floor=0.1), 0, None),
-        ],
+@pytest.mark.parametrize(
+    ("reason", "tools", "cell", "degrees", "direction"),
+    [
+        ("joint_limits", equipment(), Surroundings(), 100, None),
+        ("torque", equipment("dead_weight", torque_limit=np.full(N, 100.0)), Surroundings(), 0, DOWN),
+        ("floor_or_box", equipment(), Surroundings(floor=3.0), 0, None),
+        ("floor_or_box", equipment(), Surroundings(obstacles=[BOX.tolist()]), 0, None),
+        ("floor_or_box", equipment(), Surroundings(inside=(BOX + 9.0).tolist()), 0, None),
+        ("floor_or_box", equipment(), box_aside(0.2), 0, None),
+        (None, equipment(), box_aside(0.4), 0, None),
+        ("line_of_sight", equipment(instrument=BEHIND), Surroundings(link_radius=0.15), 0, None),
+        ("reflector_acceptance", equipment(instrument=BEHIND), TURNED, 0, None),
+        ("cable", CABLE, Surroundings(link_radius=0.15), 0, [[-1.0, 0.0, -0.2]]),
+        ("cable", BESIDE, Surroundings(link_radius=0.0), 0, [[0.0, 0.0, 1.0]]),
+        (None, equipment(instrument=AHEAD), Surroundings(floor=0.1), 0, None),
+    ],
+)
+def test_each_reason_strikes_out_what_it_should(robot, reason, tools, cell, degrees, direction):
+    joints = np.radians([[0.0, degrees, 0.0, 0.0, 0.0, 0.0]])
+    kept, struck_out = feasible(
+        robot, tools, cell, joints, direction if direction is None else np.array(direction)
     )
-    def test_each_reason_strikes_out_what_it_should(self, robot, reason, tools, cell, degrees, direction):
-        joints = np.radians([[0.0, degrees, 0.0, 0.0, 0.0, 0.0]])
-        kept, struck_out = feasible(
-            robot, tools, cell, joints, direction if direction is None else np.array(direction)
-        )
-        assert struck_out == ({} if reason is None else {reason: 1})
-        assert kept.tolist() == [reason is None]
+    assert struck_out == ({} if reason is None else {reason: 1})
+    assert kept.tolist() == [reason is None]
 
 
 THREE = np.random.default_rng(0).uniform(-1.0, 1.0, (3, N))
@@ -240,18 +239,17 @@ def advised(document, **options):
     return robot, measurements, found, advise(robot, measurements, found)
 
 
-class TestUncertainty:
-    @examples(100)
-    @given(seed=st.integers(0, 2**32 - 1), n=st.integers(1, 6))
-    def test_is_that_of_the_exact_inverse(self, seed, n):
-        rows = np.random.default_rng(seed).integers(-9, 10, (n + 3, n))
-        G = fmpq_mat((rows.T @ rows).tolist()) if n else None
-        if G.det() == 0:
-            return
-        inverse = G.inv()
-        # The least information of such integers is 1/det; double precision finds it to what is left.
-        variance = [float(inverse[j, j].p) / float(inverse[j, j].q) for j in range(n)]
-        assert uncertainty_of(rows.T @ rows, n) ** 2 == pytest.approx(variance, rel=1e-6)
+@examples(100)
+@given(seed=st.integers(0, 2**32 - 1), n=st.integers(1, 6))
+def test_uncertainty_is_that_of_the_exact_inverse(seed, n):
+    rows = np.random.default_rng(seed).integers(-9, 10, (n + 3, n))
+    G = fmpq_mat((rows.T @ rows).tolist()) if n else None
+    if G.det() == 0:
+        return
+    inverse = G.inv()
+    # The least information of such integers is 1/det; double precision finds it to what is left.
+    variance = [float(inverse[j, j].p) / float(inverse[j, j].q) for j in range(n)]
+    assert uncertainty_of(rows.T @ rows, n) ** 2 == pytest.approx(variance, rel=1e-6)
 
 
 class TestFollowed:
@@ -310,12 +308,11 @@ class TestNone:
         assert pieces == ()
 
 
-class TestNewPostures:
-    def test_none_where_the_limits_leave_no_room(self):
-        document = simulate_campaign(ARM, configurations=3, seed=3)
-        confined, measurements = limited(document, (3.0, 3.1))
-        # The measured postures are beyond these limits, too, and none of them is advised again.
-        assert not advise(confined, measurements, estimate(confined, measurements))
+def test_no_posture_is_new_where_the_limits_leave_no_room():
+    document = simulate_campaign(ARM, configurations=3, seed=3)
+    confined, measurements = limited(document, (3.0, 3.1))
+    # The measured postures are beyond these limits, too, and none of them is advised again.
+    assert not advise(confined, measurements, estimate(confined, measurements))
 
 
 def limited(document, limits):
@@ -433,36 +430,34 @@ class TestCertificate:
         assert max(reached) <= criterion.information(exact.matrix) * (1 + 1e-9)
 
 
-class TestFreeForces:
-    def test_the_bound_holds_for_directions_that_nobody_tried(self):
-        rows = np.random.default_rng(6).standard_normal((30, 3, 3, P))
-        criterion, n = AOptimality(np.eye(P)), 8
-        problem = problem_of(rows, criterion, n)
-        design = optimise(problem)
-        exact = exact_design(problem, design, Distinct(np.zeros((30, 1)), 0.0))
-        assert design.bound.efficiency > 1 - 1e-5
-        assert exact.efficiency > 0.9
-        rng = np.random.default_rng(7)
-        best = 0.0
-        for _ in range(300):
-            F = rng.standard_normal((n, 3))
-            F /= np.linalg.norm(F, axis=1, keepdims=True)
-            A = np.einsum("na,namp->nmp", F, rows[rng.integers(0, 30, n)])
-            best = max(best, criterion.information(information(A).sum(axis=0)))
-        assert best <= criterion.information(exact.matrix) / exact.efficiency
+def test_the_bound_holds_for_directions_that_nobody_tried():
+    rows = np.random.default_rng(6).standard_normal((30, 3, 3, P))
+    criterion, n = AOptimality(np.eye(P)), 8
+    problem = problem_of(rows, criterion, n)
+    design = optimise(problem)
+    exact = exact_design(problem, design, Distinct(np.zeros((30, 1)), 0.0))
+    assert design.bound.efficiency > 1 - 1e-5
+    assert exact.efficiency > 0.9
+    rng = np.random.default_rng(7)
+    best = 0.0
+    for _ in range(300):
+        F = rng.standard_normal((n, 3))
+        F /= np.linalg.norm(F, axis=1, keepdims=True)
+        A = np.einsum("na,namp->nmp", F, rows[rng.integers(0, 30, n)])
+        best = max(best, criterion.information(information(A).sum(axis=0)))
+    assert best <= criterion.information(exact.matrix) / exact.efficiency
 
 
-class TestRareCandidates:
-    @pytest.mark.parametrize("count", [5_000, 120_000])
-    @pytest.mark.parametrize("criterion", [CRITERIA[0], CRITERIA[3]], ids=["D", "E"])
-    def test_one_that_alone_excites_a_parameter_is_found(self, count, criterion):
-        """No evenly spread sample holds it, whether the search begins among all candidates or some."""
-        rows = random_rows(1, count)
-        rows[:, :, 3] = 0.0
-        rows[7, 0, 3] = 1.0
-        design = optimise(problem_of(rows, criterion))
-        assert 7 in design.atoms.index
-        assert design.bound.efficiency > 1 - 1e-5
+@pytest.mark.parametrize("count", [5_000, 120_000])
+@pytest.mark.parametrize("criterion", [CRITERIA[0], CRITERIA[3]], ids=["D", "E"])
+def test_one_that_alone_excites_a_parameter_is_found(count, criterion):
+    """No evenly spread sample holds it, whether the search begins among all candidates or some."""
+    rows = random_rows(1, count)
+    rows[:, :, 3] = 0.0
+    rows[7, 0, 3] = 1.0
+    design = optimise(problem_of(rows, criterion))
+    assert 7 in design.atoms.index
+    assert design.bound.efficiency > 1 - 1e-5
 
 
 class TestRefusedDesigns:
@@ -484,10 +479,6 @@ def best(rows, criterion):
     return optimise(DesignProblem(Candidates.from_rows(rows), criterion, 1, np.zeros((rows.shape[-1],) * 2)))
 
 
-def polynomials(degree, count=2001):
-    return (np.linspace(-1.0, 1.0, count)[:, None] ** np.arange(degree + 1))[:, None]
-
-
 def assert_weights(design, rows, expected, tolerance):
     at, places = rows[design.atoms.index, 0, 1], np.array(list(expected))
     near = np.abs(at[:, None] - places).argmin(axis=1)
@@ -501,7 +492,7 @@ class TestPolynomialsOnAnInterval:
 
     def test_g_equals_d(self):
         """Kiefer & Wolfowitz 1960: the worst variance of the best design is the number of parameters."""
-        rows = polynomials(2, 101)
+        rows = (np.linspace(-1.0, 1.0, 101)[:, None] ** np.arange(3))[:, None]
         criterion = GOptimality(np.einsum("rmi,rmj->rij", rows, rows))
         design = best(rows, criterion)
         assert_weights(design, rows, dict.fromkeys((-1.0, 0.0, 1.0), 1 / 3), 2e-3)

@@ -73,15 +73,14 @@ def is_true(found, truth=TRUTH):
     return bool((np.abs(found.compliance - truth) < 5 * u).all())
 
 
-class TestClean:
-    @pytest.mark.parametrize("loss", ["squared", "huber"])
-    def test_model_error_of_a_real_robot_is_no_mistake_but_lack_of_fit(self, fanuc, loss):
-        assessment, _ = assessed(*fanuc, loss=loss)
-        codes = {reason.code for reason in assessment.reasons}
-        assert codes == {"lack_of_fit", "sigma_implausible"}
-        assert "146 µm" in reason_of(assessment, "sigma_implausible").message or loss == "huber"
-        assert reason_of(assessment, "lack_of_fit").action.kind == "choose_model"
-        assert set(assessment.joints) == {assessment.verdict} == {"use_with_care"}
+@pytest.mark.parametrize("loss", ["squared", "huber"])
+def test_model_error_of_a_real_robot_is_no_mistake_but_lack_of_fit(fanuc, loss):
+    assessment, _ = assessed(*fanuc, loss=loss)
+    codes = {reason.code for reason in assessment.reasons}
+    assert codes == {"lack_of_fit", "sigma_implausible"}
+    assert "146 µm" in reason_of(assessment, "sigma_implausible").message or loss == "huber"
+    assert reason_of(assessment, "lack_of_fit").action.kind == "choose_model"
+    assert set(assessment.joints) == {assessment.verdict} == {"use_with_care"}
 
 
 class TestAlternatives:
@@ -441,21 +440,20 @@ def test_unknowns_are_said_in_units_of_their_size(unit, values, text):
     assert unknowns_text(unit, values) == text
 
 
-class TestLinks:
-    @pytest.mark.parametrize(
-        ("softness", "configurations"),
-        [
-            (2.0, 20),
-            (0.1, 40),
-        ],
-    )
-    def test_beams_speak(self, configurations, softness):
-        for seed in range(2):
-            robot, measurements = beams(seed, softness, configurations=configurations)
-            screening = screened(robot, measurements)
-            assert screening.links_speak
-            assert screening.lack_of_fit
-            assert not screening.proved
+@pytest.mark.parametrize(
+    ("softness", "configurations"),
+    [
+        (2.0, 20),
+        (0.1, 40),
+    ],
+)
+def test_beams_speak(configurations, softness):
+    for seed in range(2):
+        robot, measurements = beams(seed, softness, configurations=configurations)
+        screening = screened(robot, measurements)
+        assert screening.links_speak
+        assert screening.lack_of_fit
+        assert not screening.proved
 
 
 @pytest.mark.parametrize(

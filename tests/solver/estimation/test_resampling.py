@@ -65,11 +65,6 @@ def noisy():
 
 
 @pytest.fixture(scope="module")
-def blocks(noisy):
-    return blocks_of_set(*noisy, settings("partial_pose"))
-
-
-@pytest.fixture(scope="module")
 def rarely_twisted(noisy):
     """Joint 1 is twisted in the first three configurations only."""
     robot, measurements = noisy
@@ -226,31 +221,30 @@ class TestSameNumbers:
         assert len(digests) == 1
 
 
-class TestSummary:
-    def test_of_numbers_that_are_known(self):
-        nan = np.nan
-        compliance = np.array([[1.0, -2.0, nan], [2.0, 0.0, nan], [4.0, 2.0, nan], [nan, 4.0, nan]])
-        draws = Resamples(compliance, np.array([0.5, 0.7, 0.9, nan]))
-        found = summarise(draws, ["a", "b", "c"], confidence=0.5)
-        a, b, c = found.joints
-        assert (a.compliance_mean, b.compliance_mean) == pytest.approx((7 / 3, 1.0))
-        assert (a.compliance_deviation, b.compliance_deviation) == pytest.approx(
-            (np.sqrt(7 / 3), np.sqrt(20 / 3))
-        )
-        assert a.compliance_interval == pytest.approx((1.5, 3.0))
-        assert b.compliance_interval == pytest.approx((-0.5, 2.5))
-        assert (a.stiffness_mean, b.stiffness_mean) == pytest.approx((7 / 12, 1 / 12))
-        assert [joint.share_negative for joint in found.joints] == [0, 0.25, 0]
-        assert [joint.share_infinite for joint in found.joints] == [0, 0.25, 0]
-        assert [joint.share_undetermined for joint in found.joints] == [0.25, 0, 1]
-        assert c.compliance_mean is c.compliance_interval is c.stiffness_mean is None
-        assert found.share_any_negative == 0.25
-        assert found.compensation.mean == pytest.approx(0.7)
-        assert found.compensation.deviation == pytest.approx(0.2)
-        assert found.compensation.interval == pytest.approx((0.6, 0.8))
-        hidden = summarise(draws, ["a", "b", "c"], hidden=np.array([False, True, False]), confidence=0.5)
-        assert hidden.joints[0] == a
-        assert hidden.joints[1] == c.model_copy(update={"name": "b"})
+def test_a_summary_of_numbers_that_are_known():
+    nan = np.nan
+    compliance = np.array([[1.0, -2.0, nan], [2.0, 0.0, nan], [4.0, 2.0, nan], [nan, 4.0, nan]])
+    draws = Resamples(compliance, np.array([0.5, 0.7, 0.9, nan]))
+    found = summarise(draws, ["a", "b", "c"], confidence=0.5)
+    a, b, c = found.joints
+    assert (a.compliance_mean, b.compliance_mean) == pytest.approx((7 / 3, 1.0))
+    assert (a.compliance_deviation, b.compliance_deviation) == pytest.approx(
+        (np.sqrt(7 / 3), np.sqrt(20 / 3))
+    )
+    assert a.compliance_interval == pytest.approx((1.5, 3.0))
+    assert b.compliance_interval == pytest.approx((-0.5, 2.5))
+    assert (a.stiffness_mean, b.stiffness_mean) == pytest.approx((7 / 12, 1 / 12))
+    assert [joint.share_negative for joint in found.joints] == [0, 0.25, 0]
+    assert [joint.share_infinite for joint in found.joints] == [0, 0.25, 0]
+    assert [joint.share_undetermined for joint in found.joints] == [0.25, 0, 1]
+    assert c.compliance_mean is c.compliance_interval is c.stiffness_mean is None
+    assert found.share_any_negative == 0.25
+    assert found.compensation.mean == pytest.approx(0.7)
+    assert found.compensation.deviation == pytest.approx(0.2)
+    assert found.compensation.interval == pytest.approx((0.6, 0.8))
+    hidden = summarise(draws, ["a", "b", "c"], hidden=np.array([False, True, False]), confidence=0.5)
+    assert hidden.joints[0] == a
+    assert hidden.joints[1] == c.model_copy(update={"name": "b"})
 
 
 def test_fanuc_ten_of_thirty():

@@ -435,15 +435,18 @@ class TestClosedForms:
         expected = found.centre[:, None] + RADII[:, None, None] * deviation[:, None] * np.array([-1.0, 1.0])
         np.testing.assert_allclose(ends_of(found, positive(2)), expected, rtol=1e-14)
 
-    def test_a_joint_at_its_bound_and_one_beside_it(self):
-        """Centre (1, −1), unit metric, Δ = 1: the nearest point is (1, 0), so ρ² = 2."""
-        ends = ends_of(likelihood(np.eye(2), [1.0, -1.0]), positive(2), 1.0)[0]
-        np.testing.assert_allclose(ends, [[0.0, 2.0], [0.0, sqrt(2) - 1]], atol=1e-12)
-
-    def test_two_joints_in_an_order(self):
-        """Centre (1, 0), c₀ ≤ c₁, Δ = 1: the nearest point is (½, ½), so ρ² = 3/2."""
-        ends = ends_of(likelihood(np.eye(2), [1.0, 0.0]), positive(2, (0, 1)), 1.0)[0]
-        np.testing.assert_allclose(ends, [[0.0, 0.5 + sqrt(0.5)], [0.0, sqrt(1.5)]], atol=1e-12)
+    @pytest.mark.parametrize(
+        ("centre", "order", "expected"),
+        [
+            # the nearest point is (1, 0), so ρ² = 2; in the order c₀ ≤ c₁ it is (½, ½), so ρ² = 3/2
+            ([1.0, -1.0], [], [[0.0, 2.0], [0.0, sqrt(2) - 1]]),
+            ([1.0, 0.0], [(0, 1)], [[0.0, 0.5 + sqrt(0.5)], [0.0, sqrt(1.5)]]),
+        ],
+        ids=["a joint at its bound", "two in an order"],
+    )
+    def test_a_constraint_that_is_tight_moves_both_ends(self, centre, order, expected):
+        ends = ends_of(likelihood(np.eye(2), centre), positive(2, *order), 1.0)[0]
+        np.testing.assert_allclose(ends, expected, atol=1e-12)
 
     def test_a_joint_that_reaches_its_bound_inside_the_ball(self):
         ends = ends_of(likelihood(np.eye(2), [0.5, 3.0]), Constraints(Bounds(np.zeros(2), np.ones(2))), 3.0)

@@ -9,7 +9,6 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from scipy import stats
 from support.examples import examples
-from support.figures import length_in
 from support.geometry_truth import (
     FANUC_MAP,
     HOME,
@@ -21,6 +20,7 @@ from support.geometry_truth import (
     axis_errors,
     chi_square,
     imperfect_arm,
+    length_in,
     nominal,
     rodrigues,
 )
@@ -57,19 +57,10 @@ from jointstiff.solver.mechanics.urdf import read_urdf
 ANGLES = np.random.default_rng(6).uniform(-np.pi, np.pi, (40, 6))
 
 
-def model_of(found):
-    base = find_base_frame(found, nominal())
-    return base, identify_model(found, base, FlangeConvention.of_chain(nominal()), nominal=nominal())
-
-
 def flange_points(chain, angles, points):
     configurations = Configurations(Robot(chain), angles)
     turned = np.einsum("nij,tj->nti", configurations.flange_rotation, points)
     return turned + configurations.flange_translation[:, None]
-
-
-def exact_table(chain, convention):
-    return dh_table(chain, convention, parallel_within=0.0)  # type: ignore[arg-type]
 
 
 def table_gap(table, chain, points=TARGETS):
@@ -82,7 +73,9 @@ def table_gap(table, chain, points=TARGETS):
 @pytest.mark.parametrize("matrix", [np.eye(6), FANUC_MAP], ids=["own", "coupled"])
 def test_the_model_predicts_what_the_tracker_reads_anywhere(matrix):
     cell = Cell(imperfect_arm(11), matrix=matrix)
-    base, model = model_of(identify_axes(cell.sweeps()))
+    found = identify_axes(cell.sweeps())
+    base = find_base_frame(found, nominal())
+    model = identify_model(found, base, FlangeConvention.of_chain(nominal()), nominal=nominal())
     robot = Robot(model.chain, JointMap(matrix, np.zeros(6)))
     angles = robot.joint_map.model_angles(ANGLES)
     predicted = flange_points(model.chain, angles, model.targets_in_flange)
@@ -100,7 +93,7 @@ def test_dh_tables_are_exact_where_no_axes_are_nearly_parallel(seed, convention)
     directions = arm.axis_directions + rng.normal(0.0, 0.3, (6, 3))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     chain = read_urdf(urdf_text(replace(arm, axis_directions=directions)), "base_link", "flange")
-    table = exact_table(chain, convention)
+    table = dh_table(chain, convention, parallel_within=0.0)
     assert all(abs(row.d) < 100.0 for row in table.rows)
     assert np.abs(table_gap(table, chain)).max() < 1e-9
     assert table.deviation < 1e-12

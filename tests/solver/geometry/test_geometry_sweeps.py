@@ -9,7 +9,6 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from scipy import stats
-from support.figures import length_in
 from support.geometry_truth import (
     FANUC_MAP,
     HOME,
@@ -22,6 +21,7 @@ from support.geometry_truth import (
     chi_square,
     chi_squares,
     imperfect_arm,
+    length_in,
     nominal,
     shared_chain,
     shared_sweeps,
@@ -42,12 +42,7 @@ from jointstiff.solver.geometry.identification import (
     wrist_findings,
 )
 from jointstiff.solver.geometry.poses import Axis
-from jointstiff.solver.geometry.sweeps import (
-    SweepSet,
-    fit_axis,
-    identify_axes,
-    refine_axes,
-)
+from jointstiff.solver.geometry.sweeps import SweepSet, fit_axis, identify_axes, refine_axes
 from jointstiff.solver.mechanics.robot import JointMap
 from jointstiff.solver.mechanics.urdf import read_urdf
 
@@ -219,13 +214,12 @@ def test_sweeps_that_determine_no_robot_are_refused(sweeps, message):
         sweeps()
 
 
-class TestBaseConvention:
-    def test_parallel_first_axes_define_no_frame(self):
-        arm = default_arm()
-        directions = arm.axis_directions[[0, 0, 2, 3, 4, 5]]
-        found = identify_axes(Cell(replace(arm, axis_directions=directions)).sweeps())
-        with pytest.raises(MeasurementError, match="define the frame"):
-            find_base_frame(found)
+def test_parallel_first_axes_define_no_base_frame():
+    arm = default_arm()
+    directions = arm.axis_directions[[0, 0, 2, 3, 4, 5]]
+    found = identify_axes(Cell(replace(arm, axis_directions=directions)).sweeps())
+    with pytest.raises(MeasurementError, match="define the frame"):
+        find_base_frame(found)
 
 
 @pytest.mark.slow

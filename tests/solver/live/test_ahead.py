@@ -17,7 +17,6 @@ from jointstiff.solver.live.innovation import Expectation, held_out, innovation
 from jointstiff.solver.mechanics.block import regressor_blocks
 
 ROBOT, N = robot_of(ARM), 6
-AREA = np.array([[0.5, -2.0, 0.0], [3.0, 2.0, 2.5]])
 
 
 def ahead(kind="any_direction", force=None):
@@ -29,7 +28,7 @@ def ahead(kind="any_direction", force=None):
         prior=np.full(N, np.inf),
         readings=6,
         candidates=60,
-        work_area=AREA,
+        work_area=np.array([[0.5, -2.0, 0.0], [3.0, 2.0, 2.5]]),
     )
     return Ahead.of(ROBOT, request, None if force is None else np.array(force))
 

@@ -67,7 +67,8 @@ def test_it_is_tested_as_a_cause(campaign, cell_zero_term):
 def test_it_is_fitted_beside_the_joints(campaign, cell_zero_term):
     """What it moved is taken out of the readings, and the intervals hold its uncertainty."""
     robot, measurements = campaign
-    off = replace(measurements, force=measurements.force + rotation_of(measurements) @ ZERO)
+    rotation = ARM.posture(measurements.joints).flange_rotation
+    off = replace(measurements, force=measurements.force + rotation @ ZERO)
     screening = screen_estimate(robot, off, estimate(robot, off))
     assert [cause.suspect.name for cause in screening.causes] == ["cell_zero"]
     beside = fit_causes(robot, off, [("cell_zero", None)])
@@ -76,10 +77,6 @@ def test_it_is_fitted_beside_the_joints(campaign, cell_zero_term):
     found = estimate(robot, beside, complementary_stiffness="included")
     u = np.sqrt(np.diag(found.covariance))
     assert (np.abs(found.compliance - ARM.compliances) < 3 * u).all()
-
-
-def rotation_of(measurements):
-    return ARM.posture(measurements.joints).flange_rotation
 
 
 def test_it_has_a_line_in_the_budget_and_a_name_in_the_api(campaign, cell_zero_term):

@@ -18,8 +18,7 @@ from support.campaigns import (
     simulated,
     wrench_of,
 )
-from support.encoders import with_encoders
-from support.gauges import by_gauges, triads
+from support.readings import by_gauges, triads, with_encoders
 
 from jointstiff.schemas.options import CrossValidation
 from jointstiff.simulator import simulate_campaign

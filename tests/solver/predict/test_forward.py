@@ -382,15 +382,11 @@ def test_the_stiffest_posture_is_no_softer_than_any_other():
 def test_the_nearest_posture_and_its_full_turns():
     home = map_places(MODEL, None, task(), INVERSE, AREA[:1]).joints[0]
     turned = home + np.array([0.0, 0.0, 0.0, 0.0, 0.0, 2 * np.pi])
-    unlimited = replace_limits(ROBOT)
+    joints = tuple(replace(joint, limits=None) for joint in ROBOT.chain.joints)
+    unlimited = Robot(replace(ROBOT.chain, joints=joints), ROBOT.joint_map)
     model = JointModel(unlimited, ARM.compliances, None, POSITIVE)
     found = map_places(model, None, task(near=turned), InverseKinematics(unlimited), AREA[:1])
     np.testing.assert_allclose(found.joints[0], turned, rtol=0, atol=1e-9)
-
-
-def replace_limits(robot):
-    joints = tuple(replace(joint, limits=None) for joint in robot.chain.joints)
-    return type(robot)(replace(robot.chain, joints=joints), robot.joint_map)
 
 
 def test_why_a_place_has_no_numbers():
@@ -446,9 +442,6 @@ def test_near_singularities_a_map_keeps_the_branch_or_refuses_the_place():
     assert statuses.count("reached") >= 7
 
 
-DESIGN = SpringCampaign.of(ARM)
-
-
 def left_out(robot, measurements, method="partial_pose", **options):
     settings = Settings(method, "covariance", Bounds.positive(robot.n), **options)
     estimate = identify(robot, measurements, settings)
@@ -457,7 +450,7 @@ def left_out(robot, measurements, method="partial_pose", **options):
 
 
 def noisy():
-    return next(iter(DESIGN.measured(1, seed=4)))
+    return next(iter(SpringCampaign.of(ARM).measured(1, seed=4)))
 
 
 def test_too_few_postures_bound_nothing():
