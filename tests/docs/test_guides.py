@@ -48,7 +48,10 @@ NOT_RUN = {
 
 
 class Reader:
-    """Someone with the wheel's environment, an empty folder and a terminal of 80 columns."""
+    """Someone with the wheel's environment, an empty folder and a terminal of 80 columns.
+
+    `guide_runner` has imported everything and runs `jointstiff` commands and Python; the shell runs the rest.
+    """
 
     def __init__(self, installed: Path, place: Path) -> None:
         self.database, self._log = f"sqlite:///{place / 'jointstiff.db'}", place / "log"

@@ -1,4 +1,7 @@
-"""The studies of benchmarks/, each night: coverage, common uncertainty, own weight, links."""
+"""The studies of benchmarks/, each night: coverage, common uncertainty, own weight, links.
+
+Shares are judged by the binomial distribution: a sound one fails one of these tests in some 10,000 seeds.
+"""
 
 from dataclasses import replace
 from itertools import product

@@ -336,6 +336,7 @@ def test_head_of_a_stream_ends(client):
 
 
 PARTS = 24
+"""Each part takes every 24th operation; its cases are made when it runs."""
 STRIDE = 5
 """By day every fifth case at the bounds of fields is sent, of thousands; each night all of them."""
 

@@ -1,7 +1,5 @@
 """Axes, base frame, wrist centre and targets from sweeps; the circle-point fit of one sweep."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import lru_cache
 

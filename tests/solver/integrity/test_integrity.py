@@ -1,7 +1,5 @@
 """Mistakes of a long day are noticed with their figure, and clean sets are left in peace."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 

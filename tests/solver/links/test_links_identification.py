@@ -1,7 +1,5 @@
 """Elastic links against an arm that shares no code with us, and against the real readings."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A new term is a few lines and an entry: a test, a budget, a plan and the API then have it."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Own weight: compliances, intervals and loads that join in; sag predicted and corrected."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
