@@ -114,7 +114,7 @@ class BoundedProtocol(H11Protocol):
         A look at all of them finds the next ones, too, as long as they do not go on: their order stays.
         """
         now, slow = self.loop.time(), self._slow
-        while slow and not (slow[-1][1] in self.connections and slow[-1][1].silence() >= now - slow[-1][0]):
+        while slow and slow[-1][1].silence() < now - slow[-1][0]:
             slow.pop()
         if not slow:
             others = (cast("BoundedProtocol", one) for one in self.connections if one is not self)
@@ -125,6 +125,7 @@ class BoundedProtocol(H11Protocol):
         """Let go of what was received: a reference to itself would keep it until garbage is collected."""
         super().connection_lost(exc)
         self.app = self._application
+        self._slow[:] = (each for each in self._slow if each[1] is not self)
         if self.cycle in self._waiting:
             _, came = self._waiting.pop(self.cycle)
             came.set()

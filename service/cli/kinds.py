@@ -259,7 +259,7 @@ def in_options(message: type[Message], problem: Problem, forms: Forms = _PLAIN) 
     if items and all(re.split(r"\W", item.where)[0] in message.model_fields for item in items):
         title = "Options are missing or wrong"
     said = problem.remedy in {item.remedy for item in problem.errors}
-    remedy = None if said else problem.remedy and worded(message, problem.remedy, forms)
+    remedy = items[0].remedy if said else problem.remedy and worded(message, problem.remedy, forms)
     detail = worded(message, problem.detail, forms)
     return problem.model_copy(update={"title": title, "detail": detail, "remedy": remedy, "errors": items})
 

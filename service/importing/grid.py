@@ -123,14 +123,15 @@ _PARTS: Final = (
 )
 
 
-def file_type(content: bytes) -> str | None:
-    """Return what a file is if its first bytes tell; None for plain text and unknown types."""
+def file_type(content: bytes, name: str = "") -> str | None:
+    """Return what a file is if its first bytes and name tell; None for plain text and unknown types."""
     if content.startswith(_ZIP):
         return _archive_type(content)
     if content[4:8] == b"ftyp":
         return "a picture (HEIC) or a film"
     start = content[:256].lstrip(b"\xef\xbb\xbf \t\r\n")
-    if start[:1] in (b"{", b"[") and content.rstrip()[-1:] in (b"}", b"]"):
+    ends = content.rstrip()[-1:] in (b"}", b"]")
+    if start.lstrip(b"\xff\xfe\0")[:1] in (b"{", b"[") and (ends or name.lower().endswith(".json")):
         return JSON
     return next((name for signature, name in _SIGNATURES if start.startswith(signature)), None)
 

@@ -272,7 +272,7 @@ def _has_positions(layout: Layout) -> bool:
 def _grid(file: SourceFile, options: ImportOptions) -> Grid:
     if not file.content.strip():
         raise ImportFileError(Place(file.name), "the file is empty", "check the export")
-    kind = grid.JSON if file.name.lower().endswith(".json") else file_type(file.content)
+    kind = file_type(file.content, file.name)
     if kind == grid.WORKBOOK:
         return read_workbook(file.name, file.content, options.sheet)
     if kind is not None:
@@ -281,7 +281,7 @@ def _grid(file: SourceFile, options: ImportOptions) -> Grid:
             try:
                 from_json(file.content.removeprefix(b"\xef\xbb\xbf"))
             except ValueError as error:
-                reason, remedy = f"Invalid JSON: {error}", "correct the JSON there"
+                reason, remedy = f"Invalid JSON: {error}", "correct the JSON there; it must be UTF-8"
                 raise ImportFileError(Place(file.name), reason, remedy) from None
             remedy = "a campaign needs no import: `jointstiff identify` runs it, `jointstiff post` posts it"
         raise ImportFileError(Place(file.name), f"the file is {kind}, not a table", remedy)
