@@ -169,7 +169,7 @@ def create_webhook(request: Request, parts: PartsOf, body: access.WebhookRequest
                 where="url",
                 remedy="omit them: the receiver checks a message by its signature",
             )
-        receiver_addresses(url.hostname or "", url.port or (443 if url.scheme == "https" else 80))
+        receiver_addresses(url.hostname or "", url.port)
     except ValueError as error:
         raise RequestError("this is not an address", where="url", remedy="give https://HOST/PATH") from error
     secret = new_secret()

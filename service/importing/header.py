@@ -267,7 +267,7 @@ class Columns:
     """All columns of a table."""
 
     meanings: tuple[Meaning, ...]  # one a column, with the unit that holds for it
-    texts: Mapping[Kind, int]  # index of the columns that name something, by kind
+    texts: Mapping[Kind, int]  # index of the first column of each kind; read for those of texts
     # indices of the columns of each quantity, in order of joints or axes
     quantities: Mapping[Quantity, tuple[int, ...]]
     # by dimension, for all that occur; a moment may have none, then it is force times m
@@ -322,8 +322,7 @@ class ColumnReader:
         resolved = self._with_units(meanings, axes_unit)
         texts: dict[Kind, int] = {}
         for index, meaning in enumerate(meanings):
-            if meaning.axis is None and meaning.kind not in ("ignored", "unknown"):
-                texts.setdefault(meaning.kind, index)
+            texts.setdefault(meaning.kind, index)
         quantities: dict[Quantity, tuple[int, ...]] = {}
         if "unknown" not in kinds:
             quantities = self._quantities(meanings)

@@ -398,7 +398,7 @@ class Audit:
         """Write to a store."""
         self._store = store
         self._turns = CapacityLimiter(4)
-        self._minute = -1
+        self._minute = 0
         self._anonymous = 0
 
     async def follow(

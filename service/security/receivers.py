@@ -24,7 +24,7 @@ _UNICAST: Final = ip_network("2000::/3")
 """All public addresses of IPv6; what else counts as global is of old ways to reach IPv4."""
 
 
-def receiver_addresses(host: str, port: int) -> list[str]:
+def receiver_addresses(host: str, port: int | None) -> list[str]:
     """Return the addresses of a receiver, to connect to one of them and no other.
 
     A name is resolved once, and each of its addresses is checked: a name that leads elsewhere when it is

@@ -140,7 +140,7 @@ class Sender:
             },
             "extensions": {"sni_hostname": url.host},  # the certificate is that of the name
         }
-        *others, last = receiver_addresses(url.host, url.port or (443 if url.scheme == "https" else 80))
+        *others, last = receiver_addresses(url.host, url.port)
         with httpx2.Client(trust_env=False, follow_redirects=False, timeout=TIMEOUT_SECONDS) as client:
             for address in others:
                 with suppress(httpx2.ConnectError, httpx2.ConnectTimeout):

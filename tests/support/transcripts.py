@@ -299,7 +299,8 @@ def text_of_workbook(content: bytes) -> str:
     lines = []
     with closing(openpyxl.load_workbook(io.BytesIO(content))) as book:
         for sheet in book:
-            lines.append(f"sheet {sheet.title}, {sheet.freeze_panes}")
+            widths = [round(each.width) for each in sheet.column_dimensions.values()]
+            lines.append(f"sheet {sheet.title}, {sheet.freeze_panes}, widths {sum(widths)}")
             for row in sheet.iter_rows():
                 cells = [_of_cell(each.value) for each in row]
                 formats = [

@@ -2,9 +2,14 @@
 
 import io
 import json
+import os
+import resource
+import time
 import zipfile
 from contextlib import closing
 from datetime import UTC, datetime
+from multiprocessing import Pipe
+from threading import Thread
 
 import pytest
 from support.in_process import Client
@@ -17,7 +22,6 @@ from jointstiff.service.security.admission import Posture
 from jointstiff.service.security.keys import mint
 from jointstiff.service.store.store import Store
 
-pytestmark = pytest.mark.process
 JSON = {"Content-Type": "application/json"}
 LARGE = json.dumps(EXAMPLES["robots"]["modified DH"]).encode().ljust(limited.LIMITED_BYTES + 1)
 
@@ -76,6 +80,35 @@ def test_large_bodies_are_its_and_archives_programs_and_geometries_of_any_size()
     assert limited.is_limited("/v1/geometries", b"{}")
 
 
+class InThread(LimitedChild):
+    poll = kill = wait = staticmethod(lambda: None)
+
+    def _start(self):
+        ours, theirs = Pipe()
+        self._process = self
+        self.thread = Thread(target=limited.run_child, args=[os.dup(theirs.fileno())])
+        self.thread.start()
+        ours.send_bytes(self._opening)
+        return ours
+
+
+def test_it_limits_its_memory_and_time_once_and_goes_on(database, store, monkeypatch):
+    limits = []
+    monkeypatch.setattr(limited.resource, "setrlimit", lambda kind, bounds: limits.append((kind, bounds[0])))
+    monkeypatch.setattr(limited.gc, "freeze", lambda: None)
+    client = Client(store)
+    with closing(InThread(database, memory=1 << 40, seconds=50.0)) as child:
+        client._app.state.answer_elsewhere = child.answer
+        before = time.process_time()
+        posted = [client.request("POST", "/v1/robots", content=LARGE, headers=JSON) for _ in range(2)]
+    child.thread.join()
+    assert [each.status_code for each in posted] == [201, 201]
+    kinds, bounds = zip(*limits, strict=True)
+    assert kinds == (resource.RLIMIT_DATA, resource.RLIMIT_CPU, resource.RLIMIT_CPU)
+    assert (1 << 40) + (1 << 25) < bounds[0] < 1 << 41
+    assert all(before + 50.0 <= most <= time.process_time() + 51.0 for most in bounds[1:])
+
+
 def test_who_asks_is_found_out_before(store, child):
     store.keys.add((minted := mint("viewer", "viewer", datetime.now(UTC), None)).record)
     guarded = Client(store, Posture.of("127.0.0.1", (), access_control=True, require_key=True))
@@ -91,6 +124,7 @@ def test_one_that_ended_is_started_again(client, child):
     assert client.request("POST", "/v1/robots", content=LARGE, headers=JSON).status_code == 201
 
 
+@pytest.mark.process
 def test_one_that_is_slow_to_start_goes_on_starting(store, database, monkeypatch):
     """As long as its start takes, however many bodies come meanwhile."""
     monkeypatch.setattr(limited, "START_SECONDS", 0.0)

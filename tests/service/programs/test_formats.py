@@ -195,9 +195,12 @@ def test_angles_are_rewritten_near_what_was_written(kind, sequence, middle):
         assert np.abs(new - near)[:, 3:].max() < 0.1
 
 
-def test_the_lock_keeps_the_angles_of_an_unchanged_target():
-    notation = next(n for n in read("krl").targets.notations if n.has_pose)
-    near = np.array([[0.0, 0, 0, 20.0, 90.0, -70.0], [0, 0, 0, 20.0, -90.0, -70.0]])
+@pytest.mark.parametrize(
+    ("kind", "angles"), [("krl", [[20.0, 90, -70], [20, -90, -70]]), ("ur", [[3.0, 4, 0], [-8, 1, 2]])]
+)
+def test_the_lock_and_full_turns_keep_the_angles_of_an_unchanged_target(kind, angles):
+    notation = next(n for n in read(kind).targets.notations if n.has_pose)
+    near = np.pad(angles, ((0, 0), (3, 0)))
     np.testing.assert_allclose(notation.values(notation.poses(near), near), near, atol=1e-6)
 
 

@@ -170,9 +170,10 @@ FRAME_CHANGES = (
 @pytest.mark.parametrize(
     ("lines", "corrected"),
     [
-        # moves to registers leave the others
+        # moves to registers leave the others, unless they call
         (["   1:J PR[3:REST] 100% FINE ;", "   2:L P[1] 100mm/sec FINE ;"], [False, True]),
         (["   1:L P[R[2]] 50mm/sec CNT10 Offset,PR[1] ;", "   2:L P[1] 100mm/sec FINE ;"], [False, True]),
+        (["   1:J PR[3] 100% FINE DB 10mm,CALL X ;", "   2:L P[1] 100mm/sec FINE ;"], [False, False]),
         # a position of a computed number changes
         (["   1:L P[1] 100mm/sec FINE ;", "   2:  P[R[1]]=LPOS ;"], [False]),
         # frames that change are others when the program runs again
