@@ -690,7 +690,7 @@ class Monitored:
     def limits(self) -> FloatArray:
         """Deviations (..., N) that chance exceeds with the probability `level`, by bisection."""
         low: FloatArray = np.zeros_like(self.deviation)
-        high: FloatArray = 40.0 * np.sqrt(self.readings + self.between * self.tau.max(-1, keepdims=True) ** 2)
+        high: FloatArray = 100.0 * self.standard_uncertainty  # by Chebyshev's inequality
         for _ in range(_BISECTIONS):
             middle = 0.5 * (low + high)
             inside = self._chance(middle) > self.level

@@ -480,7 +480,7 @@ class _BlockFace:
             return np.zeros(len(self.basis))
         tangent = to_matrix(self.basis @ step, len(self.U))
         core = self.core + self.U.T @ tangent @ self.U
-        if np.linalg.eigvalsh(core).min() <= 0.0:
+        if np.linalg.eigvalsh(core)[0] <= 0.0:
             return None
         half = self.U @ core + self.V @ (self.V.T @ tangent @ self.U)
         return to_vector(half @ np.linalg.solve(core, half.T))

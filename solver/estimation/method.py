@@ -325,7 +325,7 @@ def fit_displacement(block: RegressorBlock) -> tuple[FloatArray, FloatArray, Flo
     """
     part = block.measurements
     present = part.present[..., None]
-    reference = (block.points * present).sum(axis=1) / present.sum(axis=1)
+    reference = block.points.mean(axis=1, where=present)
     arm = np.where(present, block.points - reference[:, None], 0.0)
     singular = np.linalg.svd(arm, compute_uv=False)
     flat = np.flatnonzero(singular[:, 1] <= _COLLINEAR * singular[:, 0])

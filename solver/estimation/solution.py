@@ -559,8 +559,7 @@ def _by_least_distance(scaled: Scaled) -> Iterator[_Proposal]:
     from scipy.optimize import nnls
 
     Q, R = np.linalg.qr(scaled.A)
-    diagonal = np.abs(np.diagonal(R))
-    if len(R) < R.shape[1] or diagonal.min() <= 1e-9 * diagonal.max():
+    if len(R) < R.shape[1] or np.abs(np.diagonal(R)).min() <= 1e-9:
         return
     G, h = scaled.rows
     rows = np.linalg.solve(R.T, G.T).T

@@ -736,8 +736,8 @@ def _across(vector: FloatArray, normal: FloatArray, instead: FloatArray) -> Floa
 
 
 def _angle(first: FloatArray, second: FloatArray, about: FloatArray) -> float:
-    """Angle [rad] from one vector to another about a unit vector; half a turn is +π."""
-    angle = np.arctan2(cross(first, second) @ about, first @ second - (first @ about) * (second @ about))
+    """Angle [rad] from one vector to another about a unit vector normal to either; half a turn is +π."""
+    angle = np.arctan2(cross(first, second) @ about, first @ second)
     return float(angle if angle > _SEAM else angle + 2.0 * np.pi)
 
 
@@ -768,7 +768,7 @@ def link_table(
     def change(moved: Sequence[Axis], points: FloatArray) -> FloatArray:
         """Differences over ±π are angles at the seam: lengths never differ by that much between two steps."""
         gap = measured(moved, points) - values
-        return np.where(np.abs(gap) > np.pi, gap - 2.0 * np.pi * np.sign(gap), gap)
+        return np.arctan2(np.sin(gap), np.cos(gap))
 
     values = measured(identified.axes, identified.targets)
     spread = identified.standard_uncertainties(identified.jacobian_of(change))

@@ -834,7 +834,7 @@ def _start(
         return start, np.linalg.lstsq(by_target, local.ravel(), rcond=None)[0].reshape(-1, 3)
     by_shift = np.tile(np.eye(3), (len(k), 1))
     by_rotation = np.einsum("ij,mk->mijk", np.eye(3), points).reshape(size, 9)
-    system = np.hstack([by_rotation, by_shift, -by_target])
+    system = np.hstack([by_rotation, by_shift, by_target])
     U, _, Vt = np.linalg.svd(np.linalg.lstsq(system, shift.ravel(), rcond=None)[0][:9].reshape(3, 3))
     Q = U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt
     right = (points @ Q.T - shift).ravel()

@@ -442,13 +442,12 @@ class InverseKinematics:
         rows = np.concatenate([each for each in branches if len(each)])
         least_squares = np.concatenate([solution.is_LS for solution in solutions]).astype(bool)
         complete: BoolArray = np.asarray((counts <= BRANCHES) | self._exact)
-        if least_squares.any():
-            pose = np.repeat(np.arange(len(poses)), counts)
-            if self._exact:  # the pose is out of reach; near it, Newton's method decides
-                rows, pose = rows[~least_squares], pose[~least_squares]
-                counts = np.bincount(pose, minlength=len(poses))
-            else:
-                complete[pose[least_squares]] = False
+        pose = np.repeat(np.arange(len(poses)), counts)
+        if self._exact:  # the pose is out of reach; near it, Newton's method decides
+            rows, pose = rows[~least_squares], pose[~least_squares]
+            counts = np.bincount(pose, minlength=len(poses))
+        else:
+            complete[pose[least_squares]] = False
         taken = np.arange(max(BRANCHES, counts.max())) < counts[:, None]
         angles = np.full((*taken.shape, _JOINTS), np.nan)
         angles[taken] = rows

@@ -176,9 +176,9 @@ def _predict(
 
 
 def _mended(document: dict[str, Any], **options: Any) -> Any:
-    """Apply each action that a reason of a run advises."""
+    """Return the reasons of a run, and what each action that they advise gives."""
     run = js.identify(document, **options)
-    out = {}
+    out: dict[str, Any] = {"reasons": run.result.assessment.reasons}
     for action in sorted({each.action.kind for each in run.result.assessment.reasons if each.action}):
         try:
             mended = run.apply(action)
@@ -215,7 +215,8 @@ def _measure(document: dict[str, Any], mistakes: Mapping[str, str] | None = None
                 live.run_source(most=live.count + 1)
             else:
                 mistake = _observed(live, mistake)
-            said.append({"next": following, "mistake": mistake, "said": live.state.message})
+            state = live.state.model_dump(mode="json", exclude={"readings"})
+            said.append({**state, "next": following, "mistake": mistake, "last": live.state.readings[-1]})
         return {"states": said, "run": live.close().result, "outcome": live.outcome}
 
 

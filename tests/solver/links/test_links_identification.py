@@ -458,7 +458,8 @@ def test_a_model_at_another_penalty_is_compared_anew():
     assert (kept.simplest, kept.best, kept.largest) == (*("diagonal_links",) * 2, "joints_and_links")
     after = Selection.among(kept.models, screened=True)
     assert (after.simplest, after.best, after.largest) == ("joints_and_links",) * 3
-    assert after.of("joints_and_links").penalty == 1e-5
+    by_huber = replace(better, loss="huber", penalty=1e-4, error=6e-5)
+    assert Selection.among([*kept.models, by_huber], screened=True).of("joints_and_links").penalty == 1e-5
 
 
 @pytest.mark.parametrize(
