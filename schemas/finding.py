@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Annotated, Literal
+from typing import Annotated, Final, Literal
 
 from pydantic import Field
 
@@ -162,8 +162,6 @@ FindingCode = Literal[
     "no_joint_identified",
     "no_residual_freedom",
     "few_postures",
-    "gross_error",
-    "suspicious_readings",
     "residuals_exceed_sigma",
     "sigma_overstated",
     "residuals_vanish",
@@ -202,6 +200,12 @@ FindingCode = Literal[
     "configurations_differ",
     "robot_models_differ",
 ]
+
+
+UNIT_MISTAKES: Final[frozenset[FindingCode]] = frozenset(
+    {"length_unit_suspect", "angle_unit_suspect", "force_unit_suspect"}
+)
+"""Findings that cause others: where one is a reason, it is the only one."""
 
 
 class Finding(Message):

@@ -98,7 +98,7 @@ class VerdictError(ItemsError):
             f"the verdict on {subject} is: do not use",
             where=where,
             remedy="follow the remedies of its reasons and identify again; to continue anyway, give "
-            "`accept_verdict`: do_not_use (--despite-verdict in the terminal)",
+            "`accept_verdict: do_not_use`",
             items=items,
         )
 

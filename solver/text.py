@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import degrees, floor, log10
+from math import degrees, floor, isinf, log10
 from typing import Final
 
 from jointstiff.schemas.joints import JOINT_UNITS, JointKind
@@ -69,9 +69,7 @@ def stiffness_text(stiffness: float, kind: JointKind) -> str:
     units, size = JOINT_UNITS[kind], float(f"{abs(stiffness):.3g}")  # as it is printed
     plain = units.stiffness.replace(".", "·")
     if size >= 1e9:
-        exponent = floor(log10(size))
-        power = str(exponent).translate(_RAISED)
-        return f"{stiffness / 10.0**exponent:.3g} · 10{power} {plain}"
+        return f"{'∞' if isinf(size) else figure(stiffness, '.3g')} {plain}"
     if size >= 1e4:
         return f"{stiffness / 1e6:.3g} {'' if kind == 'prismatic' else '· '}{units.million_stiffness}"
     return f"{stiffness:.4g} {plain}"

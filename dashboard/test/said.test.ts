@@ -12,7 +12,7 @@ describe("what a reason says", () => {
       warning("target_moved", "P2 moved"),
       warning("zero_load", "none"),
     ];
-    const reasons = [reason("gross_error", "P1 moved (and 1 more of this kind)")];
+    const reasons = [reason("target_moved", "P1 moved (and 1 more of this kind)")];
     expect(unsaid(warnings, reasons).map(({ code }) => code)).toEqual(["zero_load"]);
   });
   it("covers what it says better", () => {

@@ -6,6 +6,7 @@ import json
 import math
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType, NoneType, UnionType
@@ -101,7 +102,8 @@ def command_of(name: str) -> Callable[..., None]:
         output = values.get("output")
         if tabled and output is not None and output.suffix not in endings:
             raise typer.BadParameter(f"ends in one of {', '.join(endings)}", param_hint="--output")
-        for path in filter(None, [output, *extra.written(values, given)]):
+        written = list(filter(None, [output if tabled else None, *extra.written(values, given)]))
+        for path in written:
             cli.refuse_existing(path, overwrite=values.get("overwrite", False))
         passed = {key: values[key] for key in extra.passed if values[key] is not None}
         job = _done(kind, given, gathered(kind.options, values) | passed, values)
@@ -109,6 +111,8 @@ def command_of(name: str) -> Callable[..., None]:
             job = extra.finish(job, values, given)
             if tabled and output is not None:
                 output.write_bytes(job.table(output.suffix[1:]))
+            for path in written:
+                cli.warn(f"wrote {path}")
         _show(kind, job, values)
 
     others: dict[str, tuple[Any, Any]] = {"options": (_Options, None)}
@@ -179,7 +183,6 @@ def _done(kind: AnyKind, sources: list[Any], stated: dict[str, Any], values: _Va
     from jointstiff.schemas.run import Run
     from jointstiff.service.library.files import campaign_of, read_document, read_object
     from jointstiff.service.library.here import function_of, run_of
-    from jointstiff.service.problems import CampaignError
     from jointstiff.service.tables.terminal import progress_bar
 
     if values["options"] is not None:
@@ -189,12 +192,9 @@ def _done(kind: AnyKind, sources: list[Any], stated: dict[str, Any], values: _Va
         sources = [run_of(read_document(values["run"], Run), campaign_of(sources[0])), *sources[1:]]
     given = [each for source in sources for each in (source if isinstance(source, list) else [source])]
     do = function_of(ROOMS[kind.name].command)
-    try:
-        stepped = kind.stepped or "campaigns" in kind.sources
-        with progress_bar(shown=stepped) as tell:
-            job: Job = do(*given, on_progress=tell if stepped else None, **stated)
-    except CampaignError as error:
-        raise CampaignError(in_options(kind.options, error.problem)) from error
+    stepped = kind.stepped or "campaigns" in kind.sources
+    with refusals_in_options(kind.options), progress_bar(shown=stepped) as tell:
+        job: Job = do(*given, on_progress=tell if stepped else None, **stated)
     return job
 
 
@@ -236,11 +236,25 @@ def times(factor: float, value: Any) -> Any:  # noqa: ANN401 - JSON
 def worded(message: type[Message], text: str, forms: Forms = _PLAIN) -> str:
     """Return a text that names the command's options in place of the fields of a message."""
 
-    def option(name: re.Match[str]) -> str:
-        is_field = name[1] in message.model_fields
-        return f"`{flag_of(message, name[1], forms)}`" if is_field else name[0]
+    def option(named: re.Match[str]) -> str:
+        name, value = named.groups()
+        if name not in message.model_fields:
+            return named[0]
+        alone = value is None or _terminal(message.model_fields[name]).flag
+        return f"`{flag_of(message, name, forms)}{'' if alone else f' {value}'}`"
 
-    return re.sub(r"`(\w+)`", option, text)
+    return re.sub(r"`(\w+)(?:: (\w+))?`", option, text)
+
+
+@contextmanager
+def refusals_in_options(message: type[Message]) -> Iterator[None]:
+    """Reword what a campaign or a request is refused for, as `in_options` does."""
+    from jointstiff.service.problems import CampaignError
+
+    try:
+        yield
+    except CampaignError as error:
+        raise CampaignError(in_options(message, error.problem)) from error
 
 
 def in_options(message: type[Message], problem: Problem, forms: Forms = _PLAIN) -> Problem:
@@ -280,7 +294,12 @@ def _show(kind: AnyKind, job: Any, values: _Values) -> None:  # noqa: ANN401 - a
     else:
         if values.get("second") is not None:
             typer.echo(f"First: {values['file']}. Second: {values['second']}.")
-        console().print(job_report(kind, job, details=values["details"], unit=values["unit"]))
+        apply = (
+            f"jointstiff identify {_mended_file(values) or values['file']} --apply"
+            if kind.name == "run"
+            else None
+        )
+        console().print(job_report(kind, job, details=values["details"], unit=values["unit"], apply=apply))
     if job.state != "succeeded":
         raise typer.Exit(1)
 
@@ -382,26 +401,27 @@ def _bare(annotation: Any) -> Any:  # noqa: ANN401 - a type
     return annotation
 
 
-def _mended_file(values: _Values, sources: Sequence[Any]) -> Path:
+def _mended_file(values: _Values) -> Path | None:
     """Return where the mended campaign goes: beside the old one, unless the command says."""
-    name = values["apply"].replace("_", "-")
-    file: Path = sources[0]
-    return values["output"] or file.with_name(f"{file.stem}-{name}{file.suffix}")
+    if values["apply"] is None:
+        return None
+    file, name = values["file"], values["apply"].replace("_", "-")
+    output: Path | None = values["output"]
+    return output or file.with_name(f"{file.stem}-{name}{file.suffix}")
 
 
-def _apply(job: Any, values: _Values, sources: Sequence[Any]) -> Any:  # noqa: ANN401 - runs
+def _apply(job: Any, values: _Values, _sources: Sequence[Any]) -> Any:  # noqa: ANN401 - runs
     """Apply an action, write the mended campaign, print a table of both runs, and return the new one."""
     from jointstiff.service.kinds.run import before_and_after
     from jointstiff.service.tables.stiffness import UNITS
     from jointstiff.service.tables.terminal import console, printed
 
-    if values["apply"] is None:
+    path = _mended_file(values)
+    if path is None:
         return job
     after = job.apply(values["apply"])
-    path = _mended_file(values, sources)
     document = after.campaign.model_dump(mode="json", exclude_none=True, exclude_defaults=True)
     cli.write_json(path, document)
-    cli.warn(f"wrote {path}")
     if after.result is not None and not values["as_json"]:
         console().print(printed([before_and_after(job.result, after.result, UNITS[values["unit"]])]))
     return after
@@ -488,7 +508,7 @@ _EXTRAS: Final[Mapping[str, _Extra]] = {
             ),
         },
         finish=_apply,
-        written=lambda values, sources: [_mended_file(values, sources)] if values["apply"] else [],
+        written=lambda values, _: [_mended_file(values)],
     ),
     "geometry": _Extra(
         options={
@@ -497,6 +517,7 @@ _EXTRAS: Final[Mapping[str, _Extra]] = {
         },
         passed=("robot",),
         finish=_write_robot,
+        written=lambda values, _: [values["output"]],
     ),
     "plan": _Extra(
         options={"campaign": _may(cli.path_option("File to write the campaign to fill in to."))},

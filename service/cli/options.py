@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import inspect
-import re
 from collections.abc import Callable, Mapping
 from dataclasses import fields
 from pathlib import Path
@@ -138,9 +137,7 @@ def refused(problem: Problem) -> typer.Exit:
     """Show a problem as the API would answer it; to be raised."""
     from jointstiff.service.tables.terminal import console, problem_text
 
-    flag = r"`[\w-]+`: \w+ \((--[\w-]+) in the terminal\)"  # of a field that others must state with its value
-    remedy = problem.remedy and re.sub(flag, r"`\1`", problem.remedy)
-    console(stderr=True).print(problem_text(problem.model_copy(update={"remedy": remedy})))
+    console(stderr=True).print(problem_text(problem))
     return typer.Exit(2)
 
 

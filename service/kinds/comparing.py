@@ -185,7 +185,7 @@ def _two_sides(
     warnings = [_placed(finding, name) for name, run, _ in by for finding in _warnings(run.run)]
     if models_differ(sides[0].robot, sides[1].robot):
         warnings.append(_OTHER_MODEL)
-    if pair.unlike:
+    if pair.unlike and pair.unit_mistake is None:
         warnings.append(
             Finding(
                 code="configurations_differ",
@@ -195,14 +195,20 @@ def _two_sides(
                 remedy="measure the same postures under the same load, or give different labels",
             )
         )
+    verdicts = {name: found.assessment for name, _, found in by if found is not None}
+    common = set.intersection(*(set(each.notes) for each in verdicts.values()))
     assessments = [
-        found.assessment.model_copy(
-            update={"reasons": [_placed(each, name) for each in found.assessment.reasons]}
+        each.model_copy(
+            update={
+                "reasons": [_placed(reason, name) for reason in each.reasons],
+                "notes": [
+                    note if note in common else f"{name.capitalize()} side: {note}" for note in each.notes
+                ],
+            }
         )
-        for name, _, found in by
-        if found is not None
+        for name, each in verdicts.items()
     ]
-    own = [] if pair.avoided.matching else [_NOTHING_COMMON]
+    own = [] if pair.avoided.matching else [pair.unit_mistake or _NOTHING_COMMON]
     without = [joint.name for joint in pair.joints if joint.ratio is None]
     if without:
         message = f"no ratio for {', '.join(without)}"

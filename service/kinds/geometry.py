@@ -31,7 +31,7 @@ from jointstiff.service.tables.table import (
     number,
     numbers,
 )
-from jointstiff.solver.text import figure
+from jointstiff.solver.text import figure, length_text
 
 if TYPE_CHECKING:
     from jointstiff.service.kinds.work import Work
@@ -72,12 +72,10 @@ def _evidence(result: GeometryResult) -> list[Part]:
         poses = result.poses
         lines = [
             f"{poses.positions} poses determine {poses.determined} of {poses.unknowns} unknowns; residual "
-            f"{_MICRO * poses.rms_residual:.1f} µm rms of a coordinate"
+            f"{length_text(poses.rms_residual)} rms of a coordinate"
         ]
         if poses.held_out_rms is not None:
-            lines.append(
-                f"poses left out of the fit are predicted to {_MICRO * poses.held_out_rms:.1f} µm rms"
-            )
+            lines.append(f"poses left out of the fit are predicted to {length_text(poses.held_out_rms)} rms")
         lines += [f"not determined: {', '.join(names)}" for names in poses.only_together]
         parts.append(Line("\n".join(f"  {line}" for line in lines)))
     parts += [_frame(result.base_frame), _targets(result)]

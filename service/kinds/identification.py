@@ -378,7 +378,7 @@ _WEIGHTS_A_STEP: Final = 3
 """For all models and losses in one fold they take 0.5 s for 30 targets, and 5 s for 300."""
 
 
-_OUTLYING: Final = frozenset({"suspicious_readings", "deflection_unexplained"})
+_OUTLYING: Final = frozenset({"residual_outlier", "deflection_unexplained"})
 """Reasons that remain where links do not explain what joints alone did not."""
 
 

@@ -21,7 +21,7 @@ from jointstiff.schemas.run import Campaign
 from jointstiff.service.kinds.kind import READINGS_BYTES, File, Kind
 from jointstiff.service.tables.report import Report, View
 from jointstiff.service.tables.table import Chart, Column, Line, Sheet, Table, number
-from jointstiff.solver.text import figure
+from jointstiff.solver.text import figure, length_text
 
 if TYPE_CHECKING:
     from jointstiff.service.kinds.work import Work
@@ -61,8 +61,8 @@ def report(job: Plan, result: PlanResult, view: View) -> Report:
         lines.append("the plan allows for elastic links, because joints alone do not explain the deflection")
     if result.deflection_uncertainty is not None and result.worst_deflection_uncertainty is not None:
         lines.append(
-            f"predicted deflection in the work area: ± {1e6 * result.deflection_uncertainty:.2g} µm rms, "
-            f"± {1e6 * result.worst_deflection_uncertainty:.2g} µm at the worst place"
+            f"predicted deflection in the work area: ± {length_text(result.deflection_uncertainty)} rms, "
+            f"± {length_text(result.worst_deflection_uncertainty)} at the worst place"
         )
     if job.request.measurement_set_id is not None:
         lines.append(

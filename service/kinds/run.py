@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 from math import sqrt
 from typing import TYPE_CHECKING, Any, Final
 
+from jointstiff.schemas.finding import UNIT_MISTAKES
 from jointstiff.schemas.joints import JOINT_UNITS, JointKind
 from jointstiff.schemas.model import BaseCompliance, LinkCompliance, LinksResult, ModelSelection, ScoredModel
 from jointstiff.schemas.options import RunOptions
@@ -36,7 +37,7 @@ from jointstiff.service.tables.table import (
     percent,
     rounded,
 )
-from jointstiff.solver.text import figure, posture_text
+from jointstiff.solver.text import figure, length_text, posture_text
 
 if TYPE_CHECKING:
     from jointstiff.service.kinds.work import Work
@@ -60,6 +61,8 @@ def report(job: Run, result: RunResult, view: View) -> Report:
         *joint_reason_lines((joint.name, joint.reason) for joint in result.joints),
         _summary(result),
     ]
+    if not view.details and not UNIT_MISTAKES.isdisjoint(each.code for each in result.assessment.reasons):
+        return Report(parts[:1])
     if result.weight is not None:
         parts += _weight_lines(result.weight)
     evidence: list[Part] = [*detail_lines(result)] if view.details else []
@@ -107,7 +110,7 @@ def before_and_after(before: RunResult, after: RunResult, unit: StiffnessUnit) -
         return [
             VERDICTS[result.assessment.verdict],
             "—" if share is None else f"{100 * share:.1f} %",
-            f"{figure(1e6 * result.rms_residual, '.3g')} µm",
+            length_text(result.rms_residual),
             *(f"{cells[joint.name][0]} ± {cells[joint.name][1]}" for joint in before.joints),
         ]
 
@@ -128,10 +131,10 @@ def _weight_lines(weight: WeightResult) -> Iterator[Line]:
     shares = [f"{each.joint} {100 * each.masses:.0f} %" for each in weight.joints if each.masses is not None]
     if shares:
         yield Line(f"  uncertain masses make up of each interval: {', '.join(shares)}")
-    before, after = 1e6 * weight.rms_without_sag, 1e6 * weight.rms_residual
+    before, after = weight.rms_without_sag, weight.rms_residual
     yield Line(
-        f"  the best geometry of an arm that does not bend leaves {figure(before)} µm rms of a coordinate, "
-        f"with sag it leaves {figure(after)} µm"
+        f"  the best geometry of an arm that does not bend leaves {length_text(before)} rms of a coordinate, "
+        f"with sag it leaves {length_text(after)}"
         + (": the arm bends too little under its own weight to gain much" if after > 0.9 * before else "")
     )
 
@@ -161,9 +164,9 @@ def _summary(result: RunResult) -> Line:
     sigma = (
         ""
         if result.sigma is None
-        else f", sigma of a reading {figure(1e6 * result.sigma)} µm ({result.goodness.sigma_source})"
+        else f", sigma of a reading {length_text(result.sigma)} ({result.goodness.sigma_source})"
     )
-    return Line(f"  {explained}residual {figure(1e6 * result.rms_residual)} µm rms (3-D){sigma}")
+    return Line(f"  {explained}residual {length_text(result.rms_residual)} rms (3-D){sigma}")
 
 
 def _advised(run: Run, result: RunResult, *, details: bool) -> Iterator[str]:
@@ -184,7 +187,7 @@ def _reading(advice: Advice, kinds: Sequence[JointKind]) -> str:
     size = sqrt(sum(part**2 for part in advice.force))
     along = ", ".join(f"{part / size + 0.0:.2f}" for part in advice.force)
     posture = advice.observation or f"{posture_text(advice.joints, kinds)} if free of collisions"
-    return f"{size:.4g} N along ({along}) in posture {posture}"
+    return f"{figure(size)} N along ({along}) in posture {posture}"
 
 
 def _gain(run: Run, advice: Advice, joint: JointResult) -> str:

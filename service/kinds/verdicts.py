@@ -230,7 +230,7 @@ def judged(subject: str, reasons: Sequence[Finding], run: Assessment | None) -> 
     if run is not None and run.reasons:
         parts.append(f"{counted(len(run.reasons), 'reason')} of its run")
     if not parts:
-        passed = "" if run is None else f"; {support(run)}".replace(" joints ", " joints of its run ")
+        passed = "" if run is None else f"; {support(run, ' of its run')}"
         parts = [f"nothing speaks against it{passed}"]
     headline = f"{_SUBJECT[whole.verdict].format(subject)}: {', '.join(parts)}"
     return whole.model_copy(update={"headline": headline})

@@ -355,10 +355,9 @@ class LiveCampaign:
         reasons, kept = self.result.assessment.reasons, self._labels("kept")
         wrong = [each for each in reasons if each.weight == "do_not_use" and each.observation]
         if kept and self._prepared is not None:  # a reason stands for all findings of its kind
+            kinds = {each.code for each in wrong}
             found = [each for each in self._prepared.warnings if each.weight == "do_not_use"]
-            heads = [each.message for each in wrong]
-            first = {each.code for each in found if any(head.startswith(each.message) for head in heads)}
-            wrong = [each for each in found if each.observation and each.code in first] + wrong
+            wrong = [each for each in found if each.observation and each.code in kinds] + wrong
         return min(wrong, key=lambda each: each.observation in kept, default=None)
 
     @property

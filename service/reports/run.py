@@ -48,7 +48,7 @@ from jointstiff.service.tables.stiffness import UNITS
 from jointstiff.service.tables.table import NO_NUMBER, rounded, text_table
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.mechanics.measurements import ASSUMED_FORCE_SCALE, ASSUMED_LOAD_POINT
-from jointstiff.solver.text import figure
+from jointstiff.solver.text import figure, length_text
 
 STATEMENTS: Final = (
     "The results relate only to the item that is identified here, in the state and under the conditions of "
@@ -266,7 +266,7 @@ def results(model: ExportedModel, readings: MeasurementSetDocument) -> Section:
         ],
         facts=[
             ("Share of the mean deflection that the model explains", percent(result.compensation)),
-            ("Root mean square of the residuals' lengths", f"{rounded(1e6 * result.rms_residual)} µm"),
+            ("Root mean square of the residuals' lengths", length_text(result.rms_residual)),
             ("Standard uncertainty of a coordinate of a reading", sigma),
         ],
         pictures=[picture for picture in pictures if picture is not None],

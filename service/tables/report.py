@@ -28,6 +28,7 @@ class View:
 
     details: bool = False  # whether to show all that the result says
     unit: StiffnessUnit = UNITS[DEFAULT_UNIT]
+    apply: str | None = None  # command that applies an action, up to its name; None where there is none
 
 
 @dataclass(frozen=True)
@@ -89,12 +90,12 @@ def verdict_line(assessment: Assessment) -> Line:
     return Line(f"{VERDICTS[verdict].capitalize()}: {why}", _HEAD_STYLES[verdict])
 
 
-def support(assessment: Assessment) -> str:
-    """Return what passed the checks of a result without reasons against it."""
+def support(assessment: Assessment, of: str = "") -> str:
+    """Return what passed the checks of a result without reasons against it; `of` names the joints' run."""
     identified, count = assessment.joints_identified, assessment.joint_count
     if identified is None:
         return "the checks found no fault"
-    return f"{'all' if identified == count else f'{identified} of'} {count} joints passed the checks"
+    return f"{'all' if identified == count else f'{identified} of'} {count} joints{of} passed the checks"
 
 
 def verdict_lines(assessment: Assessment, *, details: bool) -> list[Line]:
@@ -110,9 +111,13 @@ def verdict_lines(assessment: Assessment, *, details: bool) -> list[Line]:
     return [*lines, *(Line(f"  {note}", "dim") for note in assessment.notes)]
 
 
-def remedies(assessment: Assessment) -> list[str]:
-    """Return what the reasons advise, most severe first, each once."""
-    return list(dict.fromkeys(reason.remedy for reason in assessment.reasons))
+def remedies(assessment: Assessment, apply: str | None = None) -> list[str]:
+    """Return what the reasons advise, most severe first, each once, with the command `apply` of actions."""
+    kinds = [None if each.action is None else each.action.kind for each in assessment.reasons]
+    commands = [
+        f", or run `{apply} {kind}`" if apply and kind not in (None, "show_posture") else "" for kind in kinds
+    ]
+    return list(dict.fromkeys(map(str.__add__, (each.remedy for each in assessment.reasons), commands)))
 
 
 def to_do_lines(things: Sequence[str], *, details: bool) -> list[Line]:
@@ -124,12 +129,7 @@ def to_do_lines(things: Sequence[str], *, details: bool) -> list[Line]:
 
 def warning_lines(assessment: Assessment, warnings: Sequence[Finding], *, details: bool) -> list[Line]:
     """Return the warnings of kinds that no reason says or sums up, or without details their number."""
-    reasons = assessment.reasons
-    said: set[str] = {reason.code for reason in reasons} | {
-        warning.code
-        for warning in warnings
-        if any(reason.message.startswith(warning.message) for reason in reasons)
-    }
+    said: set[str] = {reason.code for reason in assessment.reasons}
     said = said.union(*(_SAID_BETTER.get(code, ()) for code in said))
     rest = [warning for warning in warnings if warning.code not in said]
     if not details:
@@ -148,7 +148,7 @@ def joint_reason_lines(reasons: Iterable[tuple[str, str | None]]) -> list[Line]:
     names: dict[str, list[str]] = {}
     for name, reason in reasons:
         if reason:
-            names.setdefault(reason.removeprefix(f"{name} is "), []).append(name)
+            names.setdefault(reason, []).append(name)
     return [Line(f"  {', '.join(same)}: {reason}", "dim") for reason, same in names.items()]
 
 

@@ -22,7 +22,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import groupby
+from itertools import groupby, permutations
 from math import asin, atan2, exp, expm1, hypot, inf, isfinite, log, pi, sqrt, tan
 from typing import Final, NamedTuple
 
@@ -38,16 +38,18 @@ from jointstiff.schemas.comparison import (
     OrderedJoint,
     OrderedResult,
 )
+from jointstiff.schemas.finding import Finding
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.estimation.estimate import predict, profile_ends, stiffness_of
 from jointstiff.solver.estimation.fit import Likelihood, StageFit, rows_of, student_quantile
 from jointstiff.solver.estimation.solution import Bounds, Constraints, Order, greatest_violations
-from jointstiff.solver.mechanics.block import regressor_blocks
+from jointstiff.solver.mechanics.block import STANDARD_GRAVITY, regressor_blocks
 from jointstiff.solver.mechanics.configuration import Configurations
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.messages import rows
+from jointstiff.solver.text import figure
 
 SAME_PLACE: Final = 1e-9
 """Load points that differ by less are one [m]."""
@@ -61,6 +63,7 @@ _MODEL_TOLERANCE: Final = 1e-9
 _NO_EFFECT: Final = 1e-9
 """Norm of a joint's column, relative to the largest, that counts as rounding."""
 _QUARTER: Final = pi / 2
+_FORCE_UNITS: Final = {"N": 1.0, "kgf": float(-STANDARD_GRAVITY[2]), "kN": 1e3}
 _UNKNOWN: Final = "its uncertainty is unknown in one of the sets: state `noise`, or add observations"
 _NEGATIVE: Final = "the readings give a negative compliance in one of the sets"
 
@@ -98,6 +101,7 @@ class Comparison(NamedTuple):
     ordered: OrderedResult | None  #: both in one problem; None if that was not asked for
     avoided: AvoidedDeflection  #: share of the deflection that the second avoids
     unlike: tuple[str, ...]  #: labels that both have, with another posture or load, or no shared target
+    unit_mistake: Finding | None  #: forces that differ by a ratio of units where nothing matches
 
 
 class GaussianEstimate(NamedTuple):
@@ -155,6 +159,7 @@ def compare_sides(first: Side, second: Side, *, confidence: float, ordered: bool
         together,
         avoided_deflection(sides, matches, compliances),
         matches.unlike,
+        None if len(matches.present) else force_unit_mistake(first.measurements, second.measurements),
     )
 
 
@@ -358,8 +363,29 @@ def fit_ordered(
     return message, c.reshape(2, n)
 
 
-def match(one: Measurements, two: Measurements) -> Matches:
-    """Find the observations of equal label, posture and load that share a target."""
+def force_unit_mistake(one: Measurements, two: Measurements) -> Finding | None:
+    """Report forces that differ by a ratio of units in the same postures, while the deflections do not."""
+    for (unit, size), (other, other_size) in permutations(_FORCE_UNITS.items(), 2):
+        ratio = size / other_size
+        share = measured_shares((one, two), match(one, two, ratio), (None, None))[1]
+        value = 1.0 if share is None or share.value is None else share.value
+        if value < 1.0 and abs(log(1.0 - value)) < abs(log(ratio)) / 2:
+            return Finding(
+                code="force_unit_suspect",
+                weight="do_not_use",
+                message=f"the forces of the second side are {figure(ratio, '.3g')} times those of the first "
+                f"in the same postures, while the deflections are alike: {other} read as {unit} on the "
+                f"second side, or {unit} as {other} on the first",
+                remedy="correct `units.force` of the side that states it wrongly",
+            )
+    return None
+
+
+def match(one: Measurements, two: Measurements, force_ratio: float = 1.0) -> Matches:
+    """Find the observations of equal label, posture and load that share a target.
+
+    The second's forces are `force_ratio` times the first's.
+    """
     shared = [name for name in one.targets if name in two.targets]
     targets = np.array([[own.targets.index(name) for name in shared] for own in (one, two)], np.intp)
     place = {label: i for i, label in enumerate(two.labels)}
@@ -377,7 +403,7 @@ def match(one: Measurements, two: Measurements) -> Matches:
     same = np.abs(one.joints[i] - two.joints[k]).max(axis=1) <= POSTURE_TOLERANCE
     near = np.linalg.norm(one.load_point[i] - two.load_point[k], axis=1) <= LOAD_POINT_TOLERANCE
     same &= near | ~one.force[i].any(axis=1)
-    for a, b in ((one.force[i], two.force[k]), (one.moment[i], two.moment[k])):
+    for a, b in ((force_ratio * one.force[i], two.force[k]), (one.moment[i], two.moment[k])):
         size = np.maximum(np.linalg.norm(a, axis=1), np.linalg.norm(b, axis=1))
         same &= np.linalg.norm(a - b, axis=1) <= LOAD_TOLERANCE * size
     kept = same & present.any(axis=1)

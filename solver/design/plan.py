@@ -46,7 +46,7 @@ from jointstiff.solver.mechanics.block import targets_in_flange
 from jointstiff.solver.mechanics.configuration import Configurations
 from jointstiff.solver.mechanics.measurements import Measurements, shown_along, whitened
 from jointstiff.solver.mechanics.robot import Robot
-from jointstiff.solver.text import posture_text, stiffness_text
+from jointstiff.solver.text import figure, posture_text, stiffness_text
 
 _LINKS_GAP, _OTHERS_GAP = 1e-2, 1e-4
 """Gaps at which the search ends where elastic links are a nuisance, and for criteria not asked for."""
@@ -253,7 +253,7 @@ def least_readings(pool: Pool, request: PlanRequest, criterion: Criterion, disti
     while (reached := share(high)) > 1.0:
         if high >= most:
             raise RequestError(
-                f"{MAX_READINGS} readings leave {reached:.3g} times the uncertainty of the goal",
+                f"{MAX_READINGS} readings leave {figure(reached, '.3g')} times the uncertainty of the goal",
                 where="goal",
                 remedy="choose a wider goal, a greater load, more targets, or less noise",
             )
@@ -800,10 +800,10 @@ class _NextReading:
         else:
             shown = posture_text(postures.joints[m].tolist(), self._kinds)
             posture = f"in posture {shown}, if it is free of collisions,"
-        load = f"apply the load of {size:.4g} N as before"
+        load = f"apply the load of {figure(size)} N as before"
         if not (self._one_direction and np.allclose(force, self._own, rtol=1e-9)):
             direction = ", ".join(f"{part / size + 0.0:.2f}" for part in force.tolist())
-            load = f"apply {size:.4g} N along ({direction})"
+            load = f"apply {figure(size)} N along ({direction})"
         uncertainty, ratio = None, None if before is None else after / before
         if self._sigma is not None:
             shared = float(np.sqrt(self._shared[joint]))
@@ -811,7 +811,7 @@ class _NextReading:
             ratio = None if before is None else uncertainty / float(np.hypot(self._sigma * before, shared))
         whose, changes = self._left(joint, uncertainty)
         if ratio is not None:
-            changes.append(f"{ratio:.2g} times its present value")
+            changes.append(f"{figure(ratio, '.2g')} times its present value")
         gain = f"a {units.load.replace(' ', f' of {abs(torque[joint]):.3g} {units.effort} ', 1)} {name}"
         if changes:
             method = "" if self._same_method else "with method partial_pose "

@@ -15,7 +15,14 @@ from typing import Final
 
 import numpy as np
 
-from jointstiff.schemas.finding import Action, Finding, FindingCode, NamedCause, Verdict
+from jointstiff.schemas.finding import (
+    UNIT_MISTAKES,
+    Action,
+    Finding,
+    FindingCode,
+    NamedCause,
+    Verdict,
+)
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.estimation.causes import (
     LARGEST_RATIO,
@@ -81,12 +88,8 @@ _DISTINCT: Final = float(np.radians(5.0))
 """Difference of a joint's angle [rad] that makes a posture another one."""
 _SAME_MISTAKES: Final[frozenset[FindingCode]] = frozenset({"joint_sign_suspect", "joints_swapped"})
 """Findings that the alternatives examine, too, and can undo."""
-_UNITS: Final[frozenset[FindingCode]] = frozenset(
-    {"length_unit_suspect", "angle_unit_suspect", "force_unit_suspect"}
-)
-"""Findings that cause others: they come first."""
 _LENGTHS: Final[frozenset[FindingCode]] = frozenset(
-    {"length_unit_suspect", "deflection_implausibly_large", "deflection_implausibly_small"}
+    {"deflection_implausibly_large", "deflection_implausibly_small"}
 )
 _ORDER: Final[dict[Verdict, int]] = {"use": 0, "use_with_care": 1, "do_not_use": 2}
 _BY_STATUS: Final[dict[str, Verdict]] = {
@@ -118,7 +121,7 @@ class Assessment:
         An exact fit explains all, whatever was measured; without a joint no contribution is a joint's.
         """
         codes = {reason.code for reason in self.reasons}
-        exact = "no_residual_freedom" in codes
+        exact = bool(codes & (UNIT_MISTAKES | {"no_residual_freedom"}))
         return replace(
             prediction,
             compensation=None if exact else prediction.compensation,
@@ -146,12 +149,17 @@ def assess(
         findings: of the integrity checks of these measurements.
         screening: of an identification of joints alone; None to make it here.
     """
-    units = any(finding.code in _UNITS and finding.weight == "do_not_use" for finding in findings)
-    better = None if units else gross_mistake(robot, measurements, estimate)
+    notes = tuple(_notes(measurements, estimate))
+    units = [each for each in findings if each.code in UNIT_MISTAKES and each.weight == "do_not_use"]
+    if units:
+        reasons = [_of_all(same, same[0].action) for same in _kinds(units, "do_not_use")]
+        return replace(assessed(estimate.joints, reasons), notes=notes)
+    better = gross_mistake(robot, measurements, estimate)
     if better is not None:
         findings = [finding for finding in findings if finding.code not in _SAME_MISTAKES]
     # Behind a gross error tests of smaller ones say nothing.
-    if any(finding.weight == "do_not_use" for finding in findings):
+    gross = any(finding.weight == "do_not_use" for finding in findings)
+    if gross:
         screening = None
     elif screening is None and prediction.contributions is not None:
         screening = screen_estimate(robot, measurements, estimate)
@@ -161,14 +169,14 @@ def assess(
             better = None
         else:
             screening, causes = None, ()
-    reasons = chain(
+    found = chain(
         () if better is None else [alternative_reason(robot, measurements, better)],
         [causes_reason(causes, estimate)] if causes else (),
         fitted_reason(measurements),
         reading_reasons(robot, measurements, settings, prediction, findings),
-        fit_reasons(measurements, estimate, prediction, screening, explained=better is not None),
+        fit_reasons(measurements, estimate, prediction, screening, explained=gross or better is not None),
     )
-    return replace(assessed(estimate.joints, reasons), notes=tuple(_notes(measurements, estimate)))
+    return replace(assessed(estimate.joints, found), notes=notes)
 
 
 def _notes(measurements: Measurements, estimate: Estimate) -> Iterator[str]:
@@ -352,14 +360,14 @@ def reading_reasons(
 ) -> Iterator[Finding]:
     """Yield what is wrong with the readings: the findings of their checks, one of each kind, and more.
 
-    Wrong units come first, then errors of the whole set; neither they, nor most of a set, are to be left out.
+    Errors of the whole set come first; neither they, nor most of a set, are to be left out.
     """
     labels = measurements.labels
     yield from _load_at_target(robot, measurements)
     outliers = [finding for finding in findings if finding.code == "residual_outlier"]
     others = [finding for finding in findings if finding.code != "residual_outlier"]
     errors = _kinds(others, "do_not_use")
-    errors.sort(key=lambda same: (same[0].code not in _UNITS, same[0].observation is not None))
+    errors.sort(key=lambda same: same[0].observation is not None)
     for same in errors:
         first, observations = same[0], _observations(measurements, same)
         if first.code == "target_moved" and first.observation is not None:
@@ -367,12 +375,11 @@ def reading_reasons(
             # A target that stays elsewhere is two targets.
             observations = min(labels[row:], labels[:row], key=len)
         some = first.code not in _LENGTHS and 0 < len(observations) <= MOST_LEFT_OUT * len(labels)
-        code: FindingCode = "length_unit_suspect" if first.code in _LENGTHS else "gross_error"
-        yield _of_all(same, code, Action.of("leave_out_readings", observations) if some else first.action)
+        yield _of_all(same, Action.of("leave_out_readings", observations) if some else first.action)
     for same in _kinds(others, "use_with_care"):
         observations = _observations(measurements, same)
         action = Action.of("show_posture", observations) if observations else None
-        yield _of_all(same, "suspicious_readings", action)
+        yield _of_all(same, action)
     yield from _outlying(measurements, settings, prediction, outliers)
     noise = np.sqrt(2.0) * (measurements.sigma or 0.0)
     greatest = float(np.linalg.norm(measurements.deflection, axis=2).max())
@@ -434,7 +441,7 @@ def _outlying(
         )
     elif settings.loss != "huber":
         action = Action.of("use_huber" if measurements.direction is None else "show_posture", observations)
-        yield _of_all(outliers, "suspicious_readings", action)
+        yield _of_all(outliers, action)
 
 
 def _kinds(findings: Sequence[Finding], weight: Verdict) -> list[list[Finding]]:
@@ -450,10 +457,10 @@ def _observations(measurements: Measurements, same: Sequence[Finding]) -> tuple[
     return tuple(label for label in measurements.labels if label in named)
 
 
-def _of_all(same: Sequence[Finding], code: FindingCode, action: Action | None) -> Finding:
+def _of_all(same: Sequence[Finding], action: Action | None) -> Finding:
     """Return one reason for findings of a kind: the first of them, with their number."""
     more = f" (and {len(same) - 1} more of this kind)" if len(same) > 1 else ""
-    return same[0].model_copy(update={"code": code, "message": same[0].message + more, "action": action})
+    return same[0].model_copy(update={"message": same[0].message + more, "action": action})
 
 
 def fit_reasons(
@@ -501,8 +508,8 @@ def fit_reasons(
             remedy=f"measure at least {_LEAST_POSTURES} postures that differ by {np.degrees(_DISTINCT):.0f}° "
             "or more",
         )
-    yield from _residuals(measurements, estimate, joints_alone=prediction.contributions is not None)
     if not explained:
+        yield from _residuals(measurements, estimate, joints_alone=prediction.contributions is not None)
         yield from _unexplained(measurements, estimate, prediction)
     yield from judge(estimate)
     yield from _links(prediction, screening)
@@ -547,8 +554,8 @@ def _freedom(measurements: Measurements, estimate: Estimate) -> Iterator[Finding
         yield Finding(
             code="residuals_vanish",
             weight="use_with_care",
-            message=f"the residuals give a standard uncertainty of {sigma:.2g} m per reading, which no "
-            "tracker reaches: these readings are computed, not measured, and the uncertainties are "
+            message=f"the residuals give a standard uncertainty of {length_text(sigma)} per reading, which "
+            "no tracker reaches: these readings are computed, not measured, and the uncertainties are "
             "meaningless",
             remedy="state `noise` from the tracker's data sheet",
         )

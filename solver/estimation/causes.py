@@ -255,7 +255,7 @@ def _fit(robot: Robot, part: Measurements, terms: Sequence[Term], compliance: Fl
     for _ in range(_REFITS):
         block = next(regressor_blocks(robot, now, compliance))
         # a load elsewhere may twist joints that it did not
-        excitation = Excitation(robot.joint_names, robot.joint_kinds)
+        excitation = Excitation(robot.joint_kinds)
         excitation.add(block)
         seen = ~excitation.observability().null
         triangles = _Triangles(block, compliance, seen, terms, ())

@@ -563,13 +563,13 @@ class Evidence:
 
     def why_hidden(self, j: int) -> str | None:
         """Return why a joint has no stiffness, or None if it has one."""
-        observability, name = self.observability, self.names[j]
+        observability = self.observability
         if observability.null[j]:
             if np.isnan(self.prior_to_data[j]):
                 return observability.reasons[j]
             return (
                 f"{observability.reasons[j]}; its prior is not returned as a result, because the readings do "
-                f"not determine {name}"
+                "not determine it"
             )
         for group in self.fit.undetermined:
             if j in group.joints:

@@ -59,7 +59,7 @@ def identify(robot: Robot, measurements: Measurements, settings: Settings) -> Es
     refuse_unsupported(robot, measurements, settings)
     length = settings.characteristic_length if settings.weighting == "characteristic_length" else None
     if settings.weighting == "characteristic_length" and length is None:
-        excitation = Excitation(robot.joint_names, robot.joint_kinds)
+        excitation = Excitation(robot.joint_kinds)
         for block in regressor_blocks(robot, measurements):
             excitation.add(block)
         null = _require_observable(excitation).null
@@ -154,7 +154,7 @@ def _fit(
 ) -> _Pass:
     """Fit once, bent by the compliances of an earlier pass; None neglects K_c."""
     compliance = None if before is None else before.fit.compliance
-    excitation, triangles = Excitation(robot.joint_names, robot.joint_kinds), MethodTriangles(method)
+    excitation, triangles = Excitation(robot.joint_kinds), MethodTriangles(method)
     targets = TargetRows(robot.n) if settings.loss == "huber" else None
     largest = np.zeros((robot.n, robot.n))
     for block in regressor_blocks(robot, measurements, compliance):
@@ -205,7 +205,7 @@ def _require_observable(excitation: Excitation) -> Observability:
             remedy="check that the loaded readings were taken with the load applied",
         )
     if observability.null.all():
-        reasons = "; ".join(str(reason).split(":")[0] for reason in observability.reasons)
+        reasons = "; ".join(dict.fromkeys(str(each).split(":")[0] for each in observability.reasons))
         raise NotObservableError(
             f"the readings do not determine any joint: {reasons}",
             where="observations",

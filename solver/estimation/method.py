@@ -243,7 +243,7 @@ class MethodTriangles:
         self.stages = [self.judged] if method.is_plain else [Triangle(joints=n) for _ in method.stages]
         self.spreads = None if method.by_covariance else [Triangle(joints=n) for _ in method.stages]
         self.cross: FloatArray = np.zeros((n, n))
-        self.seen_from_centre = Excitation(method.joint_names, method.joint_kinds)
+        self.seen_from_centre = Excitation(method.joint_kinds)
 
     def add(self, block: RegressorBlock) -> None:
         """Take in a block of observations."""

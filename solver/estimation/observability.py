@@ -160,9 +160,9 @@ class Excitation:
     levers, had the force pulled across them. These ratios need no unit and no frame.
     """
 
-    def __init__(self, joint_names: tuple[str, ...], joint_kinds: tuple[JointKind, ...]) -> None:
-        n = len(joint_names)
-        self._names, self._kinds = joint_names, joint_kinds
+    def __init__(self, joint_kinds: tuple[JointKind, ...]) -> None:
+        n = len(joint_kinds)
+        self._kinds = joint_kinds
         self._torque, self._lever, self._column, self._potential, self._greatest_torque = np.zeros((5, n))
         self._deflection = 0.0
 
@@ -218,12 +218,12 @@ class Excitation:
         )
 
     def _reason(self, joint: int) -> str:
-        name, words = self._names[joint], JOINT_UNITS[self._kinds[joint]]
+        words = JOINT_UNITS[self._kinds[joint]]
         # A load on the joint's own axis has no lever: it is measured against the greatest one.
         lever = max(self._lever[joint], 1e-6 * self._lever.max())
         if self._torque[joint] <= NULL_COLUMN**2 * lever:
-            return f"the load never {words.loads} {name}: add loads that {words.load_verb} it"
-        return f"no target moves when {name} {words.moves}: place a target away from its axis"
+            return f"the load never {words.loads} it: add loads that {words.load_verb} it"
+        return f"no target moves when it {words.moves}: place a target away from its axis"
 
 
 @dataclass(frozen=True, eq=False)
@@ -330,10 +330,10 @@ def noise_reason(joint: int, names: tuple[str, ...], observability: Observabilit
     least, greatest = figure(torque[joint], ".2g"), figure(torque[most], ".2g")
     beside = "" if most == joint else f", and {names[most]} with up to {greatest} {other.effort}"
     return (
-        f"{names[joint]} is hidden by noise: its standard uncertainty of {uncertainty:.2g} "
-        f"{own.compliance} exceeds {observability.reference_compliance[joint]:.2g} {own.compliance}, the "
-        f"compliance with which it alone would explain all deflections; the load {own.loads} it with at "
-        f"most {least} {own.effort}{beside}: add loads that {own.load_verb} it more"
+        f"hidden by noise: its standard uncertainty of {figure(uncertainty, '.2g')} "
+        f"{own.compliance} exceeds {figure(observability.reference_compliance[joint], '.2g')} "
+        f"{own.compliance}, the compliance with which it alone would explain all deflections; the load "
+        f"{own.loads} it with at most {least} {own.effort}{beside}: add loads that {own.load_verb} it more"
     )
 
 

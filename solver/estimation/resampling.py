@@ -108,7 +108,7 @@ def gram_blocks(
             that bend the robot, so that the rows are linear.
     """
     method = Method(robot, settings, estimate.characteristic_length)
-    excitation = Excitation(robot.joint_names, robot.joint_kinds)
+    excitation = Excitation(robot.joint_kinds)
     fitted, regressors, deflections = [], [], []
     for block in regressor_blocks(robot, measurements, estimate.balanced):
         excitation.add(block)

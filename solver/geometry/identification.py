@@ -669,7 +669,7 @@ def _widened(identified: SweptAxes, columns: FloatArray) -> SweptAxes:
 def _refuse_exact(identified: IdentifiedAxes) -> None:
     if not identified.sigma > LEAST_SIGMA:
         raise MeasurementError(
-            f"the residuals give sigma = {identified.sigma:.1g} m, which no tracker reaches",
+            f"the residuals give sigma = {length_text(identified.sigma)}, which no tracker reaches",
             where="noise.sigma",
             remedy="state sigma if the readings are simulated without noise",
         )

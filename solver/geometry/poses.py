@@ -47,6 +47,7 @@ from jointstiff.solver.estimation.triangle import unit_columns
 from jointstiff.solver.mechanics.configuration import skew
 from jointstiff.solver.mechanics.measurements import whitener
 from jointstiff.solver.mechanics.robot import JointMap, KinematicChain
+from jointstiff.solver.text import length_text
 
 State = TypeVar("State")
 
@@ -329,7 +330,7 @@ def minimise(
     if rms < max(_EXACT, enough):
         return state, linear
     raise MeasurementError(
-        f"the fit did not converge in {_MOST_STEPS} steps; the residual is {rms:.2g} m rms",
+        f"the fit did not converge in {_MOST_STEPS} steps; the residual is {length_text(rms)} rms",
         where=where,
         remedy="check the unit and the sign of the angles, the joint map, and the order of the rows",
     )

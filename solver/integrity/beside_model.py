@@ -37,7 +37,7 @@ from jointstiff.solver.integrity.values import (
 from jointstiff.solver.mechanics.block import RegressorBlock, regressor_blocks, whole_block
 from jointstiff.solver.mechanics.configuration import Configurations
 from jointstiff.solver.mechanics.measurements import Measurements
-from jointstiff.solver.text import length_text
+from jointstiff.solver.text import figure, length_text
 
 LARGEST_MODEL_ERROR: Final = 0.02
 """Largest plausible deviation from the model's position [m]: more is a wrong frame, map, unit or angle."""
@@ -102,8 +102,8 @@ def unit_hypotheses(joints: FloatArray, prismatic: BoolArray) -> Iterator[Hypoth
         ("deg", as_degrees, 1.0, "all angles taken as degrees"),
         ("rad", as_radians, 1.0, "all angles taken as radians"),
     ]
-    for unit, angles, length, figure in units:
-        yield Hypothesis(OTHER_UNITS[unit][2], angles, figure, "", rows, length, unit)
+    for unit, angles, length, change in units:
+        yield Hypothesis(OTHER_UNITS[unit][2], angles, change, "", rows, length, unit)
 
 
 def angle_hypotheses(joints: FloatArray, rows: IndexArray, names: tuple[str, ...]) -> Iterator[Hypothesis]:
@@ -261,7 +261,7 @@ def _exchanged(
             "targets_swapped",
             "the targets are at each other's positions on the flange: the target named "
             f"{_pairs(view, unloaded)}",
-            "exchange their names in this observation",
+            f"exchange their names in '{view.measurements.labels[i]}'",
             "do_not_use",
             row=i,
         )
@@ -364,7 +364,8 @@ def inspect_rigidity(view: View, good: BoolArray) -> Iterator[Finding]:
         yield view.finding(
             "target_moved",
             f"from here on, '{names[step.target]}' is displaced by {length_text(step.size)} on "
-            f"the flange, relative to the other targets; {step.ratio:.3g} times the limit for chance",
+            f"the flange, relative to the other targets; {figure(step.ratio, '.3g')} times the limit for "
+            "chance",
             "check that the target is attached firmly; treat it as another target from here on "
             "(another name), or repeat",
             "do_not_use",
@@ -670,9 +671,9 @@ def inspect_response(view: View, good: BoolArray) -> Iterator[Finding]:
     for k in np.flatnonzero(against):
         yield view.finding(
             "deflection_against_force",
-            f"under {np.linalg.norm(part.force[k]):.4g} N the targets moved opposite to the prediction from "
-            f"the other observations, by {length_text(predicted[k])}; with the load reversed only "
-            f"{length_text(turned[k])} remain",
+            f"under {figure(float(np.linalg.norm(part.force[k])))} N the targets moved opposite to the "
+            f"prediction from the other observations, by {length_text(predicted[k])}; with the load reversed "
+            f"only {length_text(turned[k])} remain",
             "change the sign of this force, or exchange unloaded and loaded",
             "do_not_use",
             row=int(rows[k]),
@@ -795,7 +796,7 @@ def _outliers(
                 "targets_swapped",
                 f"with the deflections of '{targets[pair[0]]}' and '{targets[pair[1]]}' exchanged, joint "
                 "compliances explain them twice as well",
-                "exchange their names in this observation",
+                f"exchange their names in '{part.labels[k]}'",
                 "do_not_use",
                 row=int(rows[k]),
             )
@@ -846,7 +847,7 @@ def inspect_encoders(view: View) -> Iterator[Finding]:
         yield view.finding(
             "encoder_against_torque",
             f"the encoder of {names[j]} shows {1e6 * encoders.deflection[worst, j]:.3g} µrad, opposite to "
-            f"the torque of {torque[worst, j]:.4g} N.m, in {len(rows)} of "
+            f"the torque of {figure(torque[worst, j])} N.m, in {len(rows)} of "
             f"{int(encoders.present[:, j].sum())} readings",
             "check the encoder's sign, which is that of the model's joint, not the controller's; that "
             "unloaded and loaded are not exchanged; and the signs of the force",

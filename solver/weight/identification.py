@@ -61,7 +61,7 @@ from jointstiff.solver.mechanics.measurements import Measurements, check_array
 from jointstiff.solver.mechanics.robot import Body, Robot
 from jointstiff.solver.mechanics.springs import JOINTS
 from jointstiff.solver.predict.models import IdentifiedWeight, unit_levers
-from jointstiff.solver.text import length_text
+from jointstiff.solver.text import figure, length_text
 from jointstiff.solver.weight.masses import contradicted, contradiction, freed_masses, unchecked, widened
 
 _GEOMETRY: Final = 0.01
@@ -750,7 +750,8 @@ def joints_of(
             continue
         c = float(fit.compliance[j]) if fit.compliance[j] > _RIGID * high * unit else 0.0
         shares[j] = min(1.0, 2.0 * float(exact[k]) / (high - low))
-        wide = f"the interval reaches from rigid to {high / max(c / unit, 1e-300):.2g} times the estimate"
+        times = figure(high / max(c / unit, 1e-300), ".2g")
+        wide = f"the interval reaches from rigid to {times} times the estimate"
         joints[j] = JointCompliance(
             name,
             kind,

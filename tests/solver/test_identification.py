@@ -227,7 +227,7 @@ class TestObservability:
             estimate(Robot(chain), seven, method="decoupled_partial_pose")
 
     @pytest.mark.parametrize(
-        ("field", "reason"), [("deflection", "no target moved"), ("force", "never twists joint_1")]
+        ("field", "reason"), [("deflection", "no target moved"), ("force", "never twists it")]
     )
     def test_nothing_to_see(self, pulls, field, reason):
         robot, measurements = pulls

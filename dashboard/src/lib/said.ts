@@ -13,8 +13,6 @@ const SAID_BETTER: Record<string, string[]> = {
 /** The warnings that no reason says or sums up. */
 export function unsaid(warnings: Finding[], reasons: Finding[]): Finding[] {
   const said = new Set<string>(reasons.map((reason) => reason.code));
-  for (const { code, message } of warnings)
-    if (reasons.some((reason) => reason.message.startsWith(message))) said.add(code);
   for (const { code } of reasons) for (const same of SAID_BETTER[code] ?? []) said.add(same);
   return warnings.filter(({ code }) => !said.has(code));
 }

@@ -428,6 +428,14 @@ def test_a_pair_has_the_worse_verdict_and_says_which_side(deflected):
     assert first_line(job_report(COMPARISON, pair)).startswith("Do not use this comparison: ")
 
 
+def test_a_pair_in_two_units_of_force_names_them(deflected):
+    other = deepcopy(deflected)
+    other["measurement_set"]["units"]["force"] = "kgf"
+    assessment = jointstiff.compare(of(deflected), of(other), methods=[]).result.assessment
+    assert [each.code for each in assessment.reasons if each.where is None] == ["force_unit_suspect"]
+    assert [note[:14] for note in assessment.notes if "kgf" in note] == ["First side: Fo", "Second side: F"]
+
+
 def test_a_geometry_is_assessed_by_its_findings():
     document = shared("simulated/sweeps") | {"name": "simulated"}
     request = GeometryRequest.model_validate_json(json.dumps(document))

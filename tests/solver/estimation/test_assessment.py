@@ -138,7 +138,7 @@ class TestReadings:
         deflection[5, 1] += [0.0, 1e-3, 0.0]
         wrong = replace(only_deflections(measurements), deflection=deflection, sigma=None)
         assessment, _ = assessed(robot, wrong)
-        reason = reason_of(assessment, "suspicious_readings")
+        reason = reason_of(assessment, "residual_outlier")
         assert assessment.verdict == "use_with_care"
         assert reason.where == "observations[5] 'c06'"
         assert (reason.action.kind, reason.action.observations) == ("use_huber", ["c06"])
@@ -158,7 +158,7 @@ class TestReadings:
     def test_of_a_target_that_stays_elsewhere_the_shorter_side_is_left_out(self, pulls, row, left_out):
         label = pulls[1].labels[row]
         moved = Finding(code="target_moved", weight="do_not_use", observation=label, message="m", remedy="r")
-        action = reason_of(assessed(*pulls, findings=(moved,))[0], "gross_error").action
+        action = reason_of(assessed(*pulls, findings=(moved,))[0], "target_moved").action
         assert (action and action.observations) == left_out
 
 
