@@ -189,7 +189,7 @@ class Budget(Message):
     missing: list[BudgetGap] = Field(
         description="Sources without a component: with one of them an expanded uncertainty is partial. "
         "`model_error`: too few postures for a bound. `lack_of_fit`: the assessment names a lack of "
-        "fit, such as links that bend."
+        "fit, such as links that bend, or a mistake that forbids the numbers."
     )
 
 

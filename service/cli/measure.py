@@ -77,9 +77,9 @@ _OWN: Final[cli.Parameters] = {
         Annotated[Path | None, cli.file_option("JSON file with further options, named as in the API.")],
         None,
     ),
-    "service": (
+    "server": (
         _text_option(
-            "--service",
+            "--server",
             "ADDRESS",
             "Service that keeps the open set, so that a page can follow; default: this process.",
         ),
@@ -186,11 +186,11 @@ def _measure(source: str, stated: dict[str, Any], values: dict[str, Any]) -> Non
         "source_options": of_lines,
         **stated,
     }
-    if values["service"] is None:
+    if values["server"] is None:
         with measure(source, **given) as campaign:
             _carry_out(campaign, values, asks=asks)
         return
-    with Client(values["service"].rstrip("/"), warn=cli.warn) as client:
+    with Client(values["server"].rstrip("/"), warn=cli.warn) as client:
         client.ping()
         with measure(source, client=client, **given) as campaign:
             _carry_out(campaign, values, asks=asks)

@@ -74,7 +74,7 @@ def _report(job: Map, result: MapResult, _view: View) -> Report:
     """Return counts first, then the worst and the stiffest place."""
     counts = result.counts.model_dump()
     without = ", ".join(f"{counts[name]} {reason}" for name, reason in _REASONS.items() if counts[name])
-    lines = [f"{counts['reached']} of {result.places} places reached" + (f"; {without}" if without else "")]
+    lines = [without or f"all {result.places} places reached"]
     if result.quantiles:
         values = {each.share: 1e6 * each.deflection for each in result.quantiles}
         lines.append(

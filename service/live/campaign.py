@@ -13,6 +13,7 @@ from scipy import special
 
 from jointstiff.schemas import live
 from jointstiff.schemas.finding import Finding
+from jointstiff.schemas.joints import JOINT_UNITS
 from jointstiff.schemas.live import HeldOut, Innovation
 from jointstiff.schemas.measurement import (
     MAX_NOTES_LENGTH,
@@ -411,7 +412,7 @@ class LiveCampaign:
             still_needed=0 if state in ("reached", "closed") else self.still_needed,
             readings=self._record(),
             joints=_joints(
-                self.declared.robot, self.known, self._known(result, assumed=True), self.standings
+                self.declared.ahead, self.known, self._known(result, assumed=True), self.standings
             ),
             deflection_uncertainty=share.uncertainty if share is not None and known else None,
             greatest_deflection=share.greatest if share is not None and known else None,
@@ -620,14 +621,15 @@ def goal_text(options: live.LiveOptions) -> str:
     return f"whether the deflection in the work area{force} stays below {length_text(goal.limit)}"
 
 
-def _joints(robot: Robot, known: Known, whole: Known, priors: Mapping[str, Standing]) -> list[live.LiveJoint]:
+def _joints(ahead: Ahead, known: Known, whole: Known, priors: Mapping[str, Standing]) -> list[live.LiveJoint]:
     """Return what is known of each joint: without errors that are only assumed, and with them."""
-    half, joints = whole.factor * np.sqrt(np.diagonal(whole.covariance)), []
+    robot, half, joints = ahead.robot, whole.factor * np.sqrt(np.diagonal(whole.covariance)), []
     for j, (name, kind) in enumerate(zip(robot.joint_names, robot.joint_kinds, strict=True)):
         c, h = float(known.compliance[j]), float(half[j])
         if not np.isfinite(c):
             nothing = live.LiveJoint(name=name, kind=kind, stiffness=None, interval=None, relative=None)
-            joints.append(nothing.model_copy(update={"prior": priors.get(name)}))
+            reason = None if j in ahead.wanted else f"the load never {JOINT_UNITS[kind].loads} it"
+            joints.append(nothing.model_copy(update={"prior": priors.get(name), "reason": reason}))
             continue
         joints.append(
             live.LiveJoint(

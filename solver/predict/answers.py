@@ -638,7 +638,7 @@ def run_result(
     names, kinds = [joint.name for joint in estimate.joints], [joint.kind for joint in estimate.joints]
     robust, joint_budgets = to_robust_loss(estimate, measurements), to_joint_budgets(budget, len(names))
     judgement = to_assessment(assessment, estimate.joints)
-    whole_budget = to_budget(budget, names, [reason.code for reason in assessment.reasons])
+    whole_budget = to_budget(budget, names, assessment.reasons)
     indices = estimate.observability_indices
     i, t = np.nonzero(measurements.present)
     absent = dict.fromkeys(("resampling", "model", "links", "selection", "choice", "weight"))
@@ -720,7 +720,7 @@ _LACK_OF_FIT: Final = {
 
 
 def to_budget(
-    budget: UncertaintyBudget | None, names: Sequence[str], reasons: Iterable[str]
+    budget: UncertaintyBudget | None, names: Sequence[str], reasons: Iterable[Finding]
 ) -> run.Budget | None:
     """Return the budget of the joints that have an estimate; None for none."""
     if budget is None:
@@ -731,6 +731,7 @@ def to_budget(
         [part.source for part in budget.components],
     )
     joints, spread = [names[j] for j in shown], budget.spread
+    lacks = any(each.code in _LACK_OF_FIT or each.weight == "do_not_use" for each in reasons)
     uncertainty, correlation = spread.uncertainty[:, shown], spread.correlation[:, shown][..., shown]
     return message(
         run.Budget,
@@ -747,7 +748,7 @@ def to_budget(
         expanded_uncertainty=factor * uncertainty[-2],
         missing=[
             *([] if "model_error" in sources else ["model_error"]),
-            *([] if _LACK_OF_FIT.isdisjoint(reasons) else ["lack_of_fit"]),
+            *(["lack_of_fit"] if lacks else []),
         ],
         expanded_with_model_error=factor * uncertainty[-1],
     )

@@ -42,6 +42,7 @@ from jointstiff.solver.estimation.assessment import unidentified
 from jointstiff.solver.estimation.conic import Block, Cones, Weighed, solve_weighed, weighed_ends
 from jointstiff.solver.estimation.estimate import JointCompliance
 from jointstiff.solver.estimation.fit import student_quantile
+from jointstiff.solver.estimation.observability import NULL_COLUMN
 from jointstiff.solver.estimation.solution import Certificate
 from jointstiff.solver.estimation.triangle import Triangle, triangle_of
 from jointstiff.solver.geometry.poses import (
@@ -734,9 +735,11 @@ def joints_of(
     for name, kind, torque in named:
         reason = (
             f"its weight torque hardly varies over the postures ({torque.min():.3g} to {torque.max():.3g} "
-            f"N·m), so its sag looks like an offset of {name}'s angle: hang a known payload off its axis, or "
-            "pull across it with a known force; a vertical axis carries no weight at all"
+            "N·m), so its sag looks like an offset of its angle: hang a known payload off its axis, or pull "
+            "across it with a known force"
         )
+        if np.abs(torque).max() <= NULL_COLUMN * np.abs(fit.rows.torques.known).max():
+            reason = "gravity never twists it, as its axis is vertical: pull across it with a known force"
         joints.append(JointCompliance(name, kind, "not_observable", reason=reason))
     for k, j in enumerate(problem.seen.tolist()):
         name, unit, (low, high) = robot.joint_names[j], problem.unit[k], intervals[k]

@@ -34,10 +34,12 @@ const TARGETS = 6;
 export function Preview({ facts }: { facts: FileFacts }) {
   const { notSaid, facts: labels, ...words } = text.files;
   const { units, encoders, targets, forces, sigma, noise, loadPoint } = facts;
-  const faults = (Object.keys(UNITS) as (keyof typeof UNITS)[]).filter((of) => units?.[of] && !factorOf(units, of));
+  const faults = (Object.keys(UNITS) as (keyof typeof UNITS)[]).filter(
+    (of) => (units?.[of] || of !== "moment") && !factorOf(units, of),
+  );
   const [length, force] = (["length", "force"] as const).map((of) => (faults.includes(of) ? units?.[of] : null));
   const fault = (of: keyof typeof UNITS) => (
-    <span class="fault">{words.noUnit(units?.[of] ?? "", Object.keys(UNITS[of]))}</span>
+    <span class="fault">{words.noUnit(of, units?.[of] ?? "", Object.keys(UNITS[of]))}</span>
   );
   const [low, high] = forces?.map((size) => (force ? significant(size, 4) : fixed(size, 0))) ?? [];
   const shown: Fact[] = [

@@ -112,7 +112,8 @@ export const en = {
     },
     encoders: { motor: "motor encoders", secondary: "secondary encoders" },
     notSaid: "not stated",
-    noUnit: (word: string, units: string[]) => `“${word}” is none of ${units.join(", ")}`,
+    noUnit: (of: string, is: string, units: string[]) =>
+      `${of}: ${is ? `“${is}” is none` : "give one"} of ${units.join(", ")}`,
     noiseKinds: { instrument: "from the tracker's data sheet", readings: "stated per reading" },
     trackerFrame: "of the tracker, transformed to R0",
     noiseAbsent: "not given: estimated from the residuals",

@@ -143,21 +143,10 @@ export function lowerLimit(joint: JointResult): number | null {
   return joint.one_sided?.stiffness_at_least ?? joint.stiffness_interval?.[0] ?? null;
 }
 
-const SEVERITY: Record<Usability, number> = { use: 0, use_with_care: 1, do_not_use: 2 };
-const ALLOWS: Record<Verdict, Usability> = {
-  firm: "use",
-  fair: "use",
-  rough: "use_with_care",
-  unrated: "use_with_care",
-  vague: "use_with_care",
-  lower_limit: "use_with_care",
-  negative: "do_not_use",
-  unobservable: "do_not_use",
-};
-
-/** The assessment of a joint where it is worse than its numbers look by themselves; else null. */
-export function capOf(joint: JointResult): Usability | null {
-  return SEVERITY[joint.verdict] > SEVERITY[ALLOWS[verdictOf(joint)]] ? joint.verdict : null;
+/** The assessment of a joint where its status does not say it: of an identified one, or of one not to be used. */
+export function capOf({ status, verdict }: JointResult): Usability | null {
+  const told = status === "identified" ? "use" : status === "not_observable" ? "do_not_use" : "use_with_care";
+  return verdict === told ? null : verdict;
 }
 
 interface ShownStiffness {

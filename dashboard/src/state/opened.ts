@@ -82,7 +82,7 @@ export async function open(files: File[], before: Opened | null): Promise<Opened
 }
 
 /** Where the JSON of a file is wrong, as the service says it: its name, line and column. */
-const mistakeIn = (file: File): Promise<string> =>
+export const mistakeIn = (file: File): Promise<string> =>
   api.importFiles([file]).then(
     () => file.name,
     (error) => `${file.name}: ${problemOf(error).detail}`,

@@ -29,6 +29,7 @@ import { type Vector, norm, times } from "../lib/vector";
 import { ArmView, roomOf } from "../scene/view";
 import { useAction, go, link, toast } from "../state/action";
 import { useLoad, valueOf, namesChanged, storedRobot, useKinematics } from "../state/load";
+import { mistakeIn } from "../state/opened";
 import { recalled, remember, useSettings } from "../state/session";
 import { type Measuring, draftKey, keptIn, useMeasuring } from "../state/measuring";
 import { text } from "../i18n";
@@ -397,6 +398,7 @@ async function readingsOf(file: File, stated: ImportOptions = {}): Promise<Recor
     return set === null ? later.plan.missing(missing.join(", ")) : (set as unknown as Record<string, unknown>);
   }
   const understood = understand(await file.text());
+  if (understood === "not_json") return mistakeIn(file);
   return typeof understood === "string" ? text.files.faults[understood].join(" ") : understood.set;
 }
 
@@ -542,7 +544,7 @@ function Joints({ state, goal, read }: { state: LiveState; goal: number | null; 
         {words.stiffness} <small class="soft">{labelOf(unit, kinds)}</small>
       </h3>
       <ul class="live-joints">
-        {state.joints.map(({ name, kind, stiffness, relative }) => (
+        {state.joints.map(({ name, kind, stiffness, relative, reason }) => (
           <li>
             <b>
               <Name>{name}</Name>
@@ -562,7 +564,7 @@ function Joints({ state, goal, read }: { state: LiveState; goal: number | null; 
             </svg>
             <span class="value">
               {stiffness === null || relative === null ? (
-                <span class="soft">{read < FEW ? words.unknown : words.undetermined}</span>
+                <span class="soft">{reason ?? (read < FEW ? words.unknown : words.undetermined)}</span>
               ) : (
                 <>
                   {significant(inUnit(stiffness, unit, kind), 3)} <small class="soft">± {percent(relative)}</small>
@@ -593,7 +595,7 @@ function Record({ state, withdraw }: { state: LiveState; withdraw: (label: strin
     if (reason) withdraw(label, reason);
   };
   return (
-    <section class="card">
+    <section class="card record">
       <details>
         <summary>
           {words.record} ({state.readings.length})

@@ -217,13 +217,13 @@ function Stored({ list, names }: { list: "robots" | "sets"; names: Names }) {
 
 function robotRow(robot: Names["robots"][number], names: Names): Row {
   const sets = [...names.sets, ...names.archived.sets].filter((set) => set.robot_id === robot.id);
-  const toldApart = names.robot(robot.id).slice(robot.name.length); // serial number and date, where another has its name
-  const joints = text.lists.jointCount(robot.joints.length) + (robot.nominal_arm ? `, ${words.nominal}` : "");
+  const toldApart = names.robot(robot.id).slice(robot.name.length + " · ".length); // where another has its name
+  const joints = toldApart || text.lists.jointCount(robot.joints.length);
   return {
     id: robot.id,
     href: link(["robots", robot.id]),
     name: robot.name,
-    note: <Name>{joints + toldApart}</Name>,
+    note: <Name>{joints + (robot.nominal_arm ? `, ${words.nominal}` : "")}</Name>,
     how: `${words.sets}: ${sets.length}`,
     at: robot.created_at,
     standing: robot.alarms.length > 0 && <AlarmState alarms={robot.alarms} />,
