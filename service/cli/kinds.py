@@ -6,7 +6,6 @@ import json
 import math
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType, NoneType, UnionType
@@ -183,6 +182,7 @@ def _done(kind: AnyKind, sources: list[Any], stated: dict[str, Any], values: _Va
     from jointstiff.schemas.run import Run
     from jointstiff.service.library.files import campaign_of, read_document, read_object
     from jointstiff.service.library.here import function_of, run_of
+    from jointstiff.service.problems import CampaignError
     from jointstiff.service.tables.terminal import progress_bar
 
     if values["options"] is not None:
@@ -193,8 +193,11 @@ def _done(kind: AnyKind, sources: list[Any], stated: dict[str, Any], values: _Va
     given = [each for source in sources for each in (source if isinstance(source, list) else [source])]
     do = function_of(ROOMS[kind.name].command)
     stepped = kind.stepped or "campaigns" in kind.sources
-    with refusals_in_options(kind.options), progress_bar(shown=stepped) as tell:
-        job: Job = do(*given, on_progress=tell if stepped else None, **stated)
+    try:
+        with progress_bar(shown=stepped) as tell:
+            job: Job = do(*given, on_progress=tell if stepped else None, **stated)
+    except CampaignError as error:
+        raise CampaignError(in_options(kind.options, error.problem)) from error
     return job
 
 
@@ -244,17 +247,6 @@ def worded(message: type[Message], text: str, forms: Forms = _PLAIN) -> str:
         return f"`{flag_of(message, name, forms)}{'' if alone else f' {value}'}`"
 
     return re.sub(r"`(\w+)(?:: (\w+))?`", option, text)
-
-
-@contextmanager
-def refusals_in_options(message: type[Message]) -> Iterator[None]:
-    """Reword what a campaign or a request is refused for, as `in_options` does."""
-    from jointstiff.service.problems import CampaignError
-
-    try:
-        yield
-    except CampaignError as error:
-        raise CampaignError(in_options(message, error.problem)) from error
 
 
 def in_options(message: type[Message], problem: Problem, forms: Forms = _PLAIN) -> Problem:

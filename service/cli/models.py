@@ -35,14 +35,10 @@ def export(
     overwrite: cli.Overwrite = False,
 ) -> None:
     """Export a model as a table or for a simulator."""
-    from jointstiff.schemas.finding import AcceptingOptions
-    from jointstiff.service.cli.kinds import refusals_in_options
-
     if output.suffix.lower() not in _FORMATS:
         raise typer.BadParameter(f"ends in one of {', '.join(_FORMATS)}", param_hint="--output")
     cli.refuse_existing(output, overwrite=overwrite)
-    with refusals_in_options(AcceptingOptions):
-        identified(file, run).export(output, "do_not_use" if despite_verdict else None)
+    identified(file, run).export(output, "do_not_use" if despite_verdict else None)
     typer.echo(f"{output}: {output.stat().st_size:,} bytes")
 
 

@@ -135,9 +135,12 @@ def refusal_of(error: Exception) -> typer.Exit | None:
 
 def refused(problem: Problem) -> typer.Exit:
     """Show a problem as the API would answer it; to be raised."""
+    from jointstiff.schemas.finding import AcceptingOptions
+    from jointstiff.service.cli.kinds import worded
     from jointstiff.service.tables.terminal import console, problem_text
 
-    console(stderr=True).print(problem_text(problem))
+    remedy = problem.remedy and worded(AcceptingOptions, problem.remedy)
+    console(stderr=True).print(problem_text(problem.model_copy(update={"remedy": remedy})))
     return typer.Exit(2)
 
 

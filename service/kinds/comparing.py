@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from math import inf
@@ -100,6 +100,9 @@ def compute(inputs: Inputs, request: ComparisonRequest, runs: Sequence[MeasuredR
     sides = [_compared_side(name, part, leading[name].run) for name, part in parts.items()]
     where = {side.measurement_set_id: side for side in sides}
     verdicts = [each.run.result.assessment for each in runs if each.run.result is not None]
+    warnings: dict[tuple[str, str | None], Finding] = {}  # of the same kind and place the first
+    for finding in (finding for each in runs for finding in _warnings(each.run)):
+        warnings.setdefault((finding.code, finding.where), finding)
     result = ComparisonResult(
         assessment=combined(verdicts or [Assessment(verdict="do_not_use", reasons=[_NO_FIT])]),
         confidence=request.confidence or runs[0].run.request.confidence,
@@ -108,19 +111,11 @@ def compute(inputs: Inputs, request: ComparisonRequest, runs: Sequence[MeasuredR
         joints=[],
         avoided=None,
         ordered=None,
-        warnings=_once(finding for each in runs for finding in _warnings(each.run)),
+        warnings=list(warnings.values()),
     )
     if len(parts) == 1:
         return result.model_copy(update={"assessment": judged("comparison", [], result.assessment)})
     return _two_sides(inputs, request, parts, leading, result)
-
-
-def _once(findings: Iterator[Finding]) -> list[Finding]:
-    """Return findings, of the same kind and place the first."""
-    known: dict[tuple[str, str | None], Finding] = {}
-    for each in findings:
-        known.setdefault((each.code, each.where), each)
-    return list(known.values())
 
 
 def _warnings(run: Run) -> list[Finding]:

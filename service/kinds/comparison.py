@@ -50,7 +50,6 @@ _WEIGHTS: Final = {"covariance": "", "characteristic_length": "/L", "uniform": "
 _CONSTRAINTS: Final = {False: "free", True: "≥ 0"}
 _METHODS_ABREAST: Final = 4
 _LONGEST_NAME: Final = 24
-_SMALLEST_P: Final = 1e-4
 
 Cell = Callable[[ComparedRun, int], Line]
 
@@ -80,7 +79,9 @@ def _ratio_parts(result: ComparisonResult, unit: StiffnessUnit) -> list[Part]:
                 Column("second", second.joints, unit.concise),
                 Column("ratio", joints, lambda joint: _by_interval(joint.ratio, joint)),
                 Column(f"{100 * result.confidence:g} % interval", joints, _interval),
-                Column("p", [joint.p_value for joint in joints], _p_value),
+                Column(
+                    "p", [joint.p_value for joint in joints], lambda p: "< 0.0001" if p < 1e-4 else f"{p:.2g}"
+                ),
             ],
             title=f"Two sides, {METHOD_NAMES[first.method]}" if alike else "Two sides",
             caption=f"{unit.quantity} in {unit.label_of(first.joints)} with its standard uncertainty; ratio "
@@ -101,10 +102,6 @@ def _ratio_parts(result: ComparisonResult, unit: StiffnessUnit) -> list[Part]:
             Line(f"  deflection avoided by the second side: {measured}; predicted {predicted} in all")
         )
     return parts
-
-
-def _p_value(p: float) -> str:
-    return f"{p:.2g}" if p >= _SMALLEST_P else f"< {_SMALLEST_P:g}"
 
 
 def _by_interval(ratio: float | None, joint: JointRatio) -> str:

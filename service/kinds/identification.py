@@ -412,7 +412,12 @@ class ByLinks(Work):
         once = {} if given is None else {"draws": 1}
         self._validation = options.cross_validation.model_copy(update=once)
         self._weights = WEIGHTS if given is None else (given,)
-        self._losses = compared_losses(prepared.measurements, to_losses(options))
+        losses: tuple[Loss, ...] = (
+            LOSSES if given is None else ("squared",)
+        )  # which give a penalty its meaning
+        if options.loss != "automatic":
+            losses = (options.loss,)
+        self._losses = compared_losses(prepared.measurements, losses)
         self._fold_count = len(shared_out(self._validation, prepared.measurements.joints))
 
     def steps(self) -> tuple[Span, ...]:
@@ -622,13 +627,6 @@ def to_elastic_columns(options: RunOptions, robot: Robot) -> ElasticColumns:
     """
     named = sorted({joint_index(robot, name, "links") for name in options.links})
     return ElasticColumns(robot.n, tuple(named or range(robot.n)))
-
-
-def to_losses(options: RunOptions) -> tuple[Loss, ...]:
-    """Return the losses to compare; squares alone under a penalty that is given, whose meaning they give."""
-    if options.loss != "automatic":
-        return (options.loss,)
-    return LOSSES if options.link_penalty is None else ("squared",)
 
 
 def to_choice_of_joints(options: RunOptions, screening: Screening, excluded: str | None) -> ModelChoice:

@@ -84,11 +84,6 @@ def _each(measured: _Set, change: Callable[[Observation], Mapping[str, object]])
     return [each.model_copy(update=dict(change(each))) for each in measured.observations]
 
 
-def _without_readings(measured: _Set, action: Action) -> _Set:
-    kept = without(measured.observations, action.observations)
-    return measured.model_copy(update={"observations": kept})
-
-
 def _with_refuted_noise(measured: _Set, _action: Action) -> _Set:
     """Keep the tracker's noise on record, of the set or of its readings, as refuted."""
     noise = measured.noise or Noise(refuted=True)
@@ -211,7 +206,9 @@ def _with_lengths(measured: _Set, old: float, new: float) -> _Set:
 
 
 _SETS: Final[Mapping[str, Callable[[_Set, Action], _Set]]] = {
-    "leave_out_readings": _without_readings,
+    "leave_out_readings": lambda measured, action: measured.model_copy(
+        update={"observations": without(measured.observations, action.observations)}
+    ),
     "omit_noise": _with_refuted_noise,
     "exchange_load_and_target": _with_target_exchanged,
     "exchange_readings": _with_readings_exchanged,

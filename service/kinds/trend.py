@@ -677,7 +677,8 @@ class Trends:
         """Return a row for each robot and serial number, those in alarm first, those never measured last."""
         page = self._store.robots.page(limit=_MOST_ROBOTS)
         rows = [row for record in page.records for row in self._rows(record.id, record.name)]
-        return messages.Fleet(items=sorted(rows, key=_urgency), is_whole=page.next is None)
+        rows.sort(key=lambda row: (*_urgency(row.state, row.change, row.measured_at), row.name))
+        return messages.Fleet(items=rows, is_whole=page.next is None)
 
     def _rows(self, robot_id: str, name: str) -> Iterator[messages.FleetRow]:
         ground = self._ground(robot_id)
@@ -739,7 +740,7 @@ class Trends:
 
 
 def _row(trend: messages.Trend, name: str, serial_number: str | None) -> messages.FleetRow:
-    worst = min(trend.joints, key=_joint_urgency, default=None)
+    worst = min(trend.joints, key=lambda joint: _urgency(joint.state, _change_of(joint), True), default=None)
     alarm = worst.alarms[-1] if worst is not None and worst.alarms else None
     return messages.FleetRow(
         robot_id=trend.robot_id,
@@ -760,12 +761,8 @@ def _change_of(joint: messages.TrendJoint) -> TrendChange | None:
     return joint.latest or (None if joint.pair is None else joint.pair.change)
 
 
-def _joint_urgency(joint: messages.TrendJoint) -> tuple[int, float]:
-    change = _change_of(joint)
+def _urgency(
+    state: messages.JointState, change: TrendChange | None, measured: object
+) -> tuple[int, bool, float]:
     size = 0.0 if change is None else abs(change.relative) / change.standard_uncertainty
-    return _STATES[joint.state], -size
-
-
-def _urgency(row: messages.FleetRow) -> tuple[int, bool, float, str]:
-    size = 0.0 if row.change is None else abs(row.change.relative) / row.change.standard_uncertainty
-    return _STATES[row.state], row.measured_at is None, -size, row.name
+    return _STATES[state], not measured, -size

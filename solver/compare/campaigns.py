@@ -63,6 +63,8 @@ _MODEL_TOLERANCE: Final = 1e-9
 _NO_EFFECT: Final = 1e-9
 """Norm of a joint's column, relative to the largest, that counts as rounding."""
 _QUARTER: Final = pi / 2
+_ALIKE: Final = 0.5
+"""Largest change of the deflections that is none by another unit of force."""
 _FORCE_UNITS: Final = {"N": 1.0, "kgf": float(-STANDARD_GRAVITY[2]), "kN": 1e3}
 _UNKNOWN: Final = "its uncertainty is unknown in one of the sets: state `noise`, or add observations"
 _NEGATIVE: Final = "the readings give a negative compliance in one of the sets"
@@ -227,13 +229,15 @@ def _joint_ratio(
         return JointRatio(name=name, reason=_UNKNOWN)
     one, two = gaussian
     sound = one.value > 0 and two.value > 0
+    spread = hypot(one.standard_uncertainty, two.standard_uncertainty)
+    freedom = min(one.degrees_of_freedom, two.degrees_of_freedom)
     interval = ratio_interval(one, two, confidence, positive=positive)
     return JointRatio(
         name=name,
         ratio=one.value / two.value if sound else None,
         ratio_interval=None if interval is None else (interval.lower, interval.upper),
         ratio_excluded=None if interval is None else interval.excluded,
-        p_value=difference_p_value(one, two),
+        p_value=float(2.0 * special.stdtr(freedom, -abs(one.value - two.value) / spread)),
         reason=None if sound else _NEGATIVE,
     )
 
@@ -279,13 +283,6 @@ def ratio_interval(
     if positive and upper < 0.0:
         return RatioInterval(max(0.0, lower), None)
     return RatioInterval(0.0 if positive else None, None, (upper, lower))
-
-
-def difference_p_value(first: GaussianEstimate, second: GaussianEstimate) -> float:
-    """Return the probability of estimates as far apart if the compliance has not changed (two-sided)."""
-    spread = hypot(first.standard_uncertainty, second.standard_uncertainty)
-    freedom = min(first.degrees_of_freedom, second.degrees_of_freedom)
-    return float(2.0 * special.stdtr(freedom, -abs(first.value - second.value) / spread))
 
 
 def fit_ordered(
@@ -368,8 +365,7 @@ def force_unit_mistake(one: Measurements, two: Measurements) -> Finding | None:
     for (unit, size), (other, other_size) in permutations(_FORCE_UNITS.items(), 2):
         ratio = size / other_size
         share = measured_shares((one, two), match(one, two, ratio), (None, None))[1]
-        value = 1.0 if share is None or share.value is None else share.value
-        if value < 1.0 and abs(log(1.0 - value)) < abs(log(ratio)) / 2:
+        if share is not None and share.value is not None and abs(share.value) < _ALIKE:
             return Finding(
                 code="force_unit_suspect",
                 weight="do_not_use",

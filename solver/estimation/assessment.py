@@ -88,9 +88,7 @@ _DISTINCT: Final = float(np.radians(5.0))
 """Difference of a joint's angle [rad] that makes a posture another one."""
 _SAME_MISTAKES: Final[frozenset[FindingCode]] = frozenset({"joint_sign_suspect", "joints_swapped"})
 """Findings that the alternatives examine, too, and can undo."""
-_LENGTHS: Final[frozenset[FindingCode]] = frozenset(
-    {"deflection_implausibly_large", "deflection_implausibly_small"}
-)
+_LENGTHS: Final = ("deflection_implausibly_large", "deflection_implausibly_small")
 _ORDER: Final[dict[Verdict, int]] = {"use": 0, "use_with_care": 1, "do_not_use": 2}
 _BY_STATUS: Final[dict[str, Verdict]] = {
     "identified": "use",
@@ -378,8 +376,7 @@ def reading_reasons(
         yield _of_all(same, Action.of("leave_out_readings", observations) if some else first.action)
     for same in _kinds(others, "use_with_care"):
         observations = _observations(measurements, same)
-        action = Action.of("show_posture", observations) if observations else None
-        yield _of_all(same, action)
+        yield _of_all(same, Action.of("show_posture", observations) if observations else None)
     yield from _outlying(measurements, settings, prediction, outliers)
     noise = np.sqrt(2.0) * (measurements.sigma or 0.0)
     greatest = float(np.linalg.norm(measurements.deflection, axis=2).max())

@@ -42,7 +42,6 @@ from jointstiff.solver.estimation.assessment import unidentified
 from jointstiff.solver.estimation.conic import Block, Cones, Weighed, solve_weighed, weighed_ends
 from jointstiff.solver.estimation.estimate import JointCompliance
 from jointstiff.solver.estimation.fit import student_quantile
-from jointstiff.solver.estimation.observability import NULL_COLUMN
 from jointstiff.solver.estimation.solution import Certificate
 from jointstiff.solver.estimation.triangle import Triangle, triangle_of
 from jointstiff.solver.geometry.poses import (
@@ -65,6 +64,8 @@ from jointstiff.solver.predict.models import IdentifiedWeight, unit_levers
 from jointstiff.solver.text import figure, length_text
 from jointstiff.solver.weight.masses import contradicted, contradiction, freed_masses, unchecked, widened
 
+_UPRIGHT: Final = 1e-3
+"""Weight torque of a vertical axis, relative to the greatest of all."""
 _GEOMETRY: Final = 0.01
 """Standard uncertainty of axes and targets before any reading [m and rad]: a nominal arm is as good."""
 
@@ -738,7 +739,7 @@ def joints_of(
             "N·m), so its sag looks like an offset of its angle: hang a known payload off its axis, or pull "
             "across it with a known force"
         )
-        if np.abs(torque).max() <= NULL_COLUMN * np.abs(fit.rows.torques.known).max():
+        if np.abs(torque).max() <= _UPRIGHT * np.abs(fit.rows.torques.known).max():
             reason = "gravity never twists it, as its axis is vertical: pull across it with a known force"
         joints.append(JointCompliance(name, kind, "not_observable", reason=reason))
     for k, j in enumerate(problem.seen.tolist()):
