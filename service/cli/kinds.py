@@ -192,8 +192,8 @@ def _done(kind: AnyKind, sources: list[Any], stated: dict[str, Any], values: _Va
         sources = [run_of(read_document(values["run"], Run), campaign_of(sources[0])), *sources[1:]]
     given = [each for source in sources for each in (source if isinstance(source, list) else [source])]
     do = function_of(ROOMS[kind.name].command)
-    stepped = kind.stepped or "campaigns" in kind.sources
     try:
+        stepped = kind.stepped or "campaigns" in kind.sources
         with progress_bar(shown=stepped) as tell:
             job: Job = do(*given, on_progress=tell if stepped else None, **stated)
     except CampaignError as error:
@@ -286,11 +286,8 @@ def _show(kind: AnyKind, job: Any, values: _Values) -> None:  # noqa: ANN401 - a
     else:
         if values.get("second") is not None:
             typer.echo(f"First: {values['file']}. Second: {values['second']}.")
-        apply = (
-            f"jointstiff identify {_mended_file(values) or values['file']} --apply"
-            if kind.name == "run"
-            else None
-        )
+        file = (_mended_file(values) or values["file"]) if kind.name == "run" else None
+        apply = file and f"jointstiff identify {file} --apply"
         console().print(job_report(kind, job, details=values["details"], unit=values["unit"], apply=apply))
     if job.state != "succeeded":
         raise typer.Exit(1)

@@ -394,7 +394,6 @@ class ReadingArrays:
                 too many different targets or encoders, noise stated of some readings only.
         """
         _refuse_ragged(observations)
-        _refuse_duplicate_labels(observations)
         names = dict.fromkeys(r.target for o in observations for r in o.readings)
         _refuse_crowd(names)
         column = {name: i for i, name in enumerate(names)}
@@ -546,7 +545,7 @@ def _refuse_crowd(names: Collection[str]) -> None:
 
 
 def _refuse_ragged(observations: list[Observation]) -> None:
-    length = len(observations[0].joints)
+    length, first = len(observations[0].joints), dict[str, int]()
     for i, observation in enumerate(observations):
         if len(observation.joints) != length:
             raise MeasurementError(
@@ -554,11 +553,6 @@ def _refuse_ragged(observations: list[Observation]) -> None:
                 where=f"observations[{i}].joints",
                 remedy="give one angle for each joint of the robot in every observation",
             )
-
-
-def _refuse_duplicate_labels(observations: list[Observation]) -> None:
-    first: dict[str, int] = {}
-    for i, observation in enumerate(observations):
         if first.setdefault(observation.label, i) != i:
             raise MeasurementError(
                 f"label '{observation.label}' is already used by observations[{first[observation.label]}]",

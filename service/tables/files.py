@@ -163,17 +163,13 @@ def frame_of(sheet: Sheet) -> Any:  # noqa: ANN401 - of pandas or polars, whiche
     try:
         import pandas
     except ImportError:
-        return _polars(columns)
+        try:
+            import polars
+        except ImportError:
+            raise ImportError('to_frame needs pandas or polars: pip install "jointstiff[frames]"') from None
+        return polars.DataFrame(columns, strict=False)
     first = next(iter(columns), None)
     names = columns[first] if first is not None else []
     named = bool(names) and all(isinstance(name, str) for name in names) and len(set(names)) == len(names)
     frame = pandas.DataFrame(columns)
     return frame.set_index(first) if named else frame
-
-
-def _polars(columns: dict[str, list[Any]]) -> Any:  # noqa: ANN401 - of polars
-    try:
-        import polars
-    except ImportError:
-        raise ImportError('to_frame needs pandas or polars: pip install "jointstiff[frames]"') from None
-    return polars.DataFrame(columns, strict=False)

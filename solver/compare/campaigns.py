@@ -146,9 +146,14 @@ def compare_sides(first: Side, second: Side, *, confidence: float, ordered: bool
         RequestError: the robots' joints differ, or the order contradicts the constraints.
         SolverError: optimality could not be certified.
     """
-    refuse_other_joints(first.robot, second.robot)
-    sides, names = (first, second), first.robot.joint_names
-    covariances = _covariances(sides)
+    names, others = first.robot.joint_names, second.robot.joint_names
+    if names != others or first.robot.joint_kinds != second.robot.joint_kinds:
+        raise RequestError(
+            f"the robots have different joints: {', '.join(names)}, and {', '.join(others)}",
+            where="run_ids",
+            remedy="compare sets of one robot, or of two robots of the same model with the same joint names",
+        )
+    covariances = _covariances(sides := (first, second))
     positive = all(bool((side.constraints.bounds.lower >= 0).all()) for side in sides)
     compliances = np.stack([side.compliance for side in sides])
     together = None
@@ -163,21 +168,6 @@ def compare_sides(first: Side, second: Side, *, confidence: float, ordered: bool
         matches.unlike,
         None if len(matches.present) else force_unit_mistake(first.measurements, second.measurements),
     )
-
-
-def refuse_other_joints(first: Robot, second: Robot) -> None:
-    """Refuse robots whose joints do not correspond.
-
-    Raises:
-        RequestError: they differ in number, names or kinds.
-    """
-    if first.joint_names != second.joint_names or first.joint_kinds != second.joint_kinds:
-        raise RequestError(
-            f"the robots have different joints: {', '.join(first.joint_names)}, and "
-            f"{', '.join(second.joint_names)}",
-            where="run_ids",
-            remedy="compare sets of one robot, or of two robots of the same model with the same joint names",
-        )
 
 
 def models_differ(first: Robot, second: Robot) -> bool:
@@ -378,10 +368,7 @@ def force_unit_mistake(one: Measurements, two: Measurements) -> Finding | None:
 
 
 def match(one: Measurements, two: Measurements, force_ratio: float = 1.0) -> Matches:
-    """Find the observations of equal label, posture and load that share a target.
-
-    The second's forces are `force_ratio` times the first's.
-    """
+    """Find the observations of equal label, posture and load, forces by a ratio, that share a target."""
     shared = [name for name in one.targets if name in two.targets]
     targets = np.array([[own.targets.index(name) for name in shared] for own in (one, two)], np.intp)
     place = {label: i for i, label in enumerate(two.labels)}

@@ -15,14 +15,7 @@ from typing import Final
 
 import numpy as np
 
-from jointstiff.schemas.finding import (
-    UNIT_MISTAKES,
-    Action,
-    Finding,
-    FindingCode,
-    NamedCause,
-    Verdict,
-)
+from jointstiff.schemas.finding import UNIT_MISTAKES, Action, Finding, FindingCode, NamedCause, Verdict
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.estimation.causes import (
     LARGEST_RATIO,
@@ -148,10 +141,11 @@ def assess(
         screening: of an identification of joints alone; None to make it here.
     """
     notes = tuple(_notes(measurements, estimate))
-    units = [each for each in findings if each.code in UNIT_MISTAKES and each.weight == "do_not_use"]
+    units = _kinds([each for each in findings if each.code in UNIT_MISTAKES], "do_not_use")
     if units:
-        reasons = [_of_all(same, same[0].action) for same in _kinds(units, "do_not_use")]
-        return replace(assessed(estimate.joints, reasons), notes=notes)
+        return replace(
+            assessed(estimate.joints, [_of_all(same, same[0].action) for same in units]), notes=notes
+        )
     better = gross_mistake(robot, measurements, estimate)
     if better is not None:
         findings = [finding for finding in findings if finding.code not in _SAME_MISTAKES]

@@ -300,11 +300,7 @@ def _find_anomalies(fit: AxisFit, typical: float) -> Iterator[tuple[_Anomaly, fl
 
 
 def agreement_findings(probability: float | None) -> Iterator[Finding]:
-    """Report sweeps that no single robot model fits, by the p-value of one model for all.
-
-    Args:
-        probability: of the F-test of the fit of all sweeps inside the fits one by one; None if there is none.
-    """
+    """Report sweeps that no one model fits, by the p-value of an F-test beside single fits, if any."""
     if probability is not None and probability < DISAGREEMENT:
         yield _finding(
             "sweeps_disagree",

@@ -256,17 +256,9 @@ def _exchanged(
     view: View, i: int, unloaded: IndexArray | None, loaded: IndexArray | None
 ) -> Iterator[Finding]:
     """Name the targets that each one really is (T,) in a row: at once where both states have the same."""
-    if unloaded is not None and loaded is not None and np.array_equal(unloaded, loaded):
-        yield view.finding(
-            "targets_swapped",
-            "the targets are at each other's positions on the flange: the target named "
-            f"{_pairs(view, unloaded)}",
-            f"exchange their names in '{view.measurements.labels[i]}'",
-            "do_not_use",
-            row=i,
-        )
-        return
-    for state, order in (("unloaded", unloaded), ("loaded", loaded)):
+    both = unloaded is not None and loaded is not None and np.array_equal(unloaded, loaded)
+    states = [("unloaded", unloaded), ("loaded", loaded)]
+    for state, order in [("unloaded and loaded", unloaded)] if both else states:
         if order is None:
             continue
         renamed, label = _renamed(order), view.measurements.labels[i]
@@ -275,7 +267,7 @@ def _exchanged(
         if sorted(order[renamed]) == renamed:
             message = f"{who} are exchanged in the {state} readings of '{label}'"
             message += f": the target named {_pairs(view, order)}" if len(renamed) > 2 else ""
-            remedy = f"exchange only the {state} values of {who} in '{label}'"
+            remedy = f"exchange {'' if both else 'only '}the {state} values of {who} in '{label}'"
         else:  # the value of one of them was not read
             message = f"in the {state} readings of '{label}' the target named {_pairs(view, order)}"
             remedy = f"repeat the observation, or remove these readings of {who}"

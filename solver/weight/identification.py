@@ -736,8 +736,7 @@ def joints_of(
     for name, kind, torque in named:
         reason = (
             f"its weight torque hardly varies over the postures ({torque.min():.3g} to {torque.max():.3g} "
-            "N·m), so its sag looks like an offset of its angle: hang a known payload off its axis, or pull "
-            "across it with a known force"
+            "N·m): hang a known payload off its axis, or pull across it with a known force"
         )
         if np.abs(torque).max() <= _UPRIGHT * np.abs(fit.rows.torques.known).max():
             reason = "gravity never twists it, as its axis is vertical: pull across it with a known force"

@@ -160,13 +160,10 @@ def test_exchanged_targets_are_told_with_their_state_and_nothing_else(mistakes):
     findings = only(look(wrong), "targets_swapped")
     assert {finding.observation for finding in findings} == {f"c{row + 1:02}" for row in mistakes}
     for finding in findings:
-        states = ["unloaded", "loaded"]
-        if not finding.remedy.startswith("exchange their names in '"):
-            names, label = "'P10' and 'P11'", finding.observation
-            told = re.fullmatch(f"exchange only the (.*) values of {names} in '{label}'", finding.remedy)
-            states = [told[1]]
-            assert finding.message == f"{names} are exchanged in the {told[1]} readings of '{label}'"
-        wrong = exchanged(wrong, int(finding.observation[1:]) - 1, states)
+        names, label = "'P10' and 'P11'", finding.observation
+        told = re.fullmatch(f"exchange (?:only )?the (.*) values of {names} in '{label}'", finding.remedy)
+        assert finding.message == f"{names} are exchanged in the {told[1]} readings of '{label}'"
+        wrong = exchanged(wrong, int(finding.observation[1:]) - 1, told[1].split(" and "))
     assert look(wrong) == []
 
 
