@@ -145,7 +145,7 @@ def test_from_a_run_to_the_numbers_of_a_place(visit, stored, api):
     expect(page).to_have_url(re.compile("#/maps/"))
     made = page.url.rsplit("/", 1)[1]
     counts = api.get(f"/v1/maps/{made}").json()["result"]["counts"]
-    expect(page.get_by_text(f"{counts['reached']} of 150 places reached")).to_be_visible()
+    expect(page.get_by_text(f"{counts['reached']} of 150 places have a number")).to_be_visible()
     assert counts["reached"] > 0
 
 

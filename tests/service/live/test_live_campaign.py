@@ -182,7 +182,7 @@ def test_a_goal_is_not_reached_by_readings_that_are_not_to_be_used(service):
     service.post(f"{address}/observations", json=exchanged(read(first)))
     state = measured(service, address, 3)
     assert [each["state"] for each in state["readings"]] == ["doubtful", "counts", "counts", "counts"]
-    assert "exchange their names" in state["readings"][0]["innovation"]["message"]
+    assert "exchange the unloaded and loaded values" in state["readings"][0]["innovation"]["message"]
     assert "m01 is doubtful" in state["message"]
     service.patch(address, json={"kept": ["m01"]})
     state = measured(service, address, 1)
@@ -192,7 +192,7 @@ def test_a_goal_is_not_reached_by_readings_that_are_not_to_be_used(service):
     assert state["assessment"]["verdict"] == "do_not_use"
     assert (state["state"], state["still_needed"], state["next"]["held_out"]) == ("cannot", None, False)
     assert "will not be met by these readings: m01" in state["message"]
-    assert "exchange their names" in state["message"]
+    assert "exchange the unloaded and loaded values" in state["message"]
     service.patch(address, json={"withdrawn": {"m01": "targets exchanged"}})
     assert measured(service, address, 5)["state"] == "reached"
 
@@ -207,7 +207,7 @@ def test_a_second_mistake_of_a_kind_is_named_beside_one_that_is_kept(service):
         doubtful = [each["label"] for each in state["readings"] if each["state"] == "doubtful"]
         service.patch(address, json={"kept": doubtful})
     assert "m01" in doubtful
-    assert measured(service, address, 1)["message"].startswith("m02 is doubtful: the targets are at each")
+    assert measured(service, address, 1)["message"].startswith("m02 is doubtful: 'P11' and 'P10' are")
 
 
 def test_a_posture_is_skipped_and_no_other_than_the_next_one(service):
