@@ -52,6 +52,8 @@ LARGEST_SIGMA: Final = 1e-3
 FLANGE_LENGTHS: Final = (2e-3, 10.0)
 """Load points and targets in the flange frame [m]: none is as near the flange as all of a set in metres
 taken for millimetres would be, none as far as in the other case."""
+_READ_LENGTHS: Final = (0.02, 100.0)
+"""The farthest position of a set in R0 [m] where its unit is the declared one, in the same way."""
 FORCES: Final = (5.0, 5e4)
 """Plausible forces [N]: less deflects nothing, more is twice the payload of the largest robots."""
 RARE_TARGET: Final = 0.1
@@ -258,12 +260,25 @@ def loads(view: View) -> Iterator[Finding]:
 
 
 def flange_lengths(view: View) -> Iterator[Finding]:
-    """Name load points and targets that are implausibly near the flange, or far from it."""
+    """Name load points and targets that are implausibly near the flange, or far from it.
+
+    Positions that were read in R0 tell whether all lengths have another unit, or these alone.
+    """
     m = view.measurements
     points = np.concatenate([m.load_point, m.position[m.present & m.in_flange]])
     largest, (near, far) = float(np.linalg.norm(points, axis=1).max()), FLANGE_LENGTHS
-    if largest > far or 0.0 < largest < near:
-        effect = f"the load points and targets in the flange frame are up to {length_text(largest)} from it"
+    if near <= largest <= far or not largest:
+        return
+    effect = f"the load points and targets in the flange frame are up to {length_text(largest)} from it"
+    farthest = float(np.linalg.norm(m.position[view.measured], axis=1).max(initial=0.0))
+    if _READ_LENGTHS[0] <= farthest <= _READ_LENGTHS[1]:
+        yield view.finding(
+            "length_unit_suspect",
+            f"{effect}, while the targets were read up to {length_text(farthest)} from the origin of R0",
+            "state `load_point` and positions in the flange frame in `units.length`",
+            "do_not_use",
+        )
+    else:
         yield view.other_unit("mm" if largest > far else "m", effect)
 
 

@@ -87,6 +87,10 @@ def bumped(measurements, row):
             "target_off_model do_not_use c06 .*mm away from its median position on the flange",
         ),
         (
+            {"load_point": 1e3 * CAMPAIGN.load_point},
+            r"length_unit_suspect do_not_use None .*from the origin of R0 state `load_point`",
+        ),
+        (
             {"measurements": CAMPAIGN[np.array([*range(15), 6])]},
             r"duplicated_observation do_not_use c07 .*observations\[15\].*observations\[6\]",
         ),
