@@ -203,7 +203,7 @@ def _two_sides(
         )
         for name, each in verdicts.items()
     ]
-    own = [] if pair.avoided.matching else [pair.unit_mistake or _NOTHING_COMMON]
+    own = [pair.unit_mistake] if pair.unit_mistake else [] if pair.avoided.matching else [_NOTHING_COMMON]
     without = [joint.name for joint in pair.joints if joint.ratio is None]
     if without:
         message = f"no ratio for {', '.join(without)}"

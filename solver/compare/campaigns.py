@@ -103,7 +103,7 @@ class Comparison(NamedTuple):
     ordered: OrderedResult | None  #: both in one problem; None if that was not asked for
     avoided: AvoidedDeflection  #: share of the deflection that the second avoids
     unlike: tuple[str, ...]  #: labels that both have, with another posture or load, or no shared target
-    unit_mistake: Finding | None  #: forces that differ by a ratio of units where nothing matches
+    unit_mistake: Finding | None  #: forces of most observations that differ by a ratio of units
 
 
 class GaussianEstimate(NamedTuple):
@@ -166,7 +166,7 @@ def compare_sides(first: Side, second: Side, *, confidence: float, ordered: bool
         together,
         avoided_deflection(sides, matches, compliances),
         matches.unlike,
-        None if len(matches.present) else force_unit_mistake(first.measurements, second.measurements),
+        force_unit_mistake(first.measurements, second.measurements, matches),
     )
 
 
@@ -350,18 +350,28 @@ def fit_ordered(
     return message, c.reshape(2, n)
 
 
-def force_unit_mistake(one: Measurements, two: Measurements) -> Finding | None:
-    """Report forces that differ by a ratio of units in the same postures, while the deflections do not."""
+def force_unit_mistake(one: Measurements, two: Measurements, matches: Matches) -> Finding | None:
+    """Report forces of most observations that differ by a ratio of units, while the deflections do not.
+
+    Args:
+        one: the first campaign.
+        two: the second.
+        matches: observations of both that are alike with the forces as they are stated.
+    """
     for (unit, size), (other, other_size) in permutations(_FORCE_UNITS.items(), 2):
         ratio = size / other_size
-        share = measured_shares((one, two), match(one, two, ratio), (None, None))[1]
+        scaled = match(one, two, ratio)
+        more = np.setdiff1d(scaled.observations[0], matches.observations[0])
+        if 2 * len(more) <= len(matches.present) + len(matches.unlike):
+            continue
+        share = measured_shares((one, two), scaled, (None, None))[1]
         if share is not None and share.value is not None and abs(share.value) < _ALIKE:
             return Finding(
                 code="force_unit_suspect",
                 weight="do_not_use",
                 message=f"the forces of the second side are {figure(ratio, '.3g')} times those of the first "
-                f"in the same postures, while the deflections are alike: {other} read as {unit} on the "
-                f"second side, or {unit} as {other} on the first",
+                f"in the same postures, the deflections {figure(1.0 - share.value, '.3g')} times: probably "
+                f"{other} read as {unit} on the second side, or {unit} as {other} on the first",
                 remedy="correct `units.force` of the side that states it wrongly",
             )
     return None

@@ -30,6 +30,7 @@ from jointstiff.solver.compare.campaigns import (
     alarm_level,
     charts_of,
     compare_sides,
+    force_unit_mistake,
     log_stiffness,
     match,
     measured_shares,
@@ -321,6 +322,17 @@ def test_labels_find_each_other_in_any_order_but_in_other_postures_and_loads(sim
     assert avoided.matching == 16
     assert avoided.measured.value == pytest.approx(straight.measured.value)
     assert avoided.predicted == pytest.approx(straight.predicted)
+
+
+@pytest.mark.parametrize(
+    ("scaled", "named"), [(np.s_[:], True), (np.s_[1:], True), (np.s_[:1], False)], ids=["all", "most", "one"]
+)
+def test_forces_of_most_observations_in_another_unit_are_named(simulated, scaled, named):
+    first, second = (one.measurements for one in simulated)
+    force = second.force.copy()
+    force[scaled] /= 9.80665
+    other = replace(second, force=force)
+    assert (force_unit_mistake(first, other, match(first, other)) is not None) == named
 
 
 def test_without_an_uncertainty_there_is_neither_ratio_nor_order(simulated):
