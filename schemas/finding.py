@@ -205,7 +205,7 @@ FindingCode = Literal[
 UNIT_MISTAKES: Final[frozenset[FindingCode]] = frozenset(
     {"length_unit_suspect", "angle_unit_suspect", "force_unit_suspect"}
 )
-"""Findings that cause others: where one is a reason, it is the only one."""
+"""Findings that cause others: an assessment of readings with one of them tells no other reason."""
 
 
 class Finding(Message):

@@ -140,7 +140,7 @@ class LiveJoint(Message):
     relative_with_assumed: Dimensionless[float | None] = Field(
         default=None, description="The same with the load point and the force as they are assumed."
     )
-    reason: str | None = Field(default=None, description="Reason for which it will have no number.")
+    reason: str | None = Field(default=None, description="Reason for which the joint will have no number.")
     prior: Literal["waits", "counts", "deviates"] | None = Field(
         default=None,
         description="Standing of the joint's prior: it `waits` until the own readings know the joint as "

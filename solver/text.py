@@ -25,9 +25,9 @@ def figure(value: float, form: str = ".4g") -> str:
 def length_text(length: float) -> str:
     """A length [m] for people, in the unit that suits it."""
     for factor, unit in ((1.0, "m"), (1e3, "mm"), (1e6, "µm")):
-        if abs(length) * factor >= 1.0:
+        if abs(length) * factor >= 0.9995:  # which is printed as 1
             return f"{figure(length * factor, '.3g')} {unit}"
-    return f"{length * 1e9:.3g} nm"
+    return f"{figure(length * 1e9, '.3g')} nm"
 
 
 def unknowns_text(unit: str, values: Sequence[float]) -> str:

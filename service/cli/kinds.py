@@ -286,9 +286,10 @@ def _show(kind: AnyKind, job: Any, values: _Values) -> None:  # noqa: ANN401 - a
     else:
         if values.get("second") is not None:
             typer.echo(f"First: {values['file']}. Second: {values['second']}.")
-        file = (_mended_file(values) or values["file"]) if kind.name == "run" else None
-        apply = file and f"jointstiff identify {file} --apply"
-        console().print(job_report(kind, job, details=values["details"], unit=values["unit"], apply=apply))
+        applies = kind.name == "run" and values["apply"] is None
+        console().print(
+            job_report(kind, job, details=values["details"], unit=values["unit"], applies=applies)
+        )
     if job.state != "succeeded":
         raise typer.Exit(1)
 

@@ -393,7 +393,7 @@ class ReadingArrays:
             MeasurementError: joints of different lengths, a label, a target or an encoder given twice,
                 too many different targets or encoders, noise stated of some readings only.
         """
-        _refuse_ragged(observations)
+        _refuse_unlike_observations(observations)
         names = dict.fromkeys(r.target for o in observations for r in o.readings)
         _refuse_crowd(names)
         column = {name: i for i, name in enumerate(names)}
@@ -544,8 +544,10 @@ def _refuse_crowd(names: Collection[str]) -> None:
         )
 
 
-def _refuse_ragged(observations: list[Observation]) -> None:
-    length, first = len(observations[0].joints), dict[str, int]()
+def _refuse_unlike_observations(observations: list[Observation]) -> None:
+    """Refuse observations of different numbers of joints, or of one label."""
+    length = len(observations[0].joints)
+    first = dict[str, int]()
     for i, observation in enumerate(observations):
         if len(observation.joints) != length:
             raise MeasurementError(

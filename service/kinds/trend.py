@@ -677,7 +677,7 @@ class Trends:
         """Return a row for each robot and serial number, those in alarm first, those never measured last."""
         page = self._store.robots.page(limit=_MOST_ROBOTS)
         rows = [row for record in page.records for row in self._rows(record.id, record.name)]
-        rows.sort(key=lambda row: (*_urgency(row.state, row.change, row.measured_at), row.name))
+        rows.sort(key=lambda row: (*_urgency(row.state, row.change, row.measured_at is not None), row.name))
         return messages.Fleet(items=rows, is_whole=page.next is None)
 
     def _rows(self, robot_id: str, name: str) -> Iterator[messages.FleetRow]:
@@ -762,7 +762,7 @@ def _change_of(joint: messages.TrendJoint) -> TrendChange | None:
 
 
 def _urgency(
-    state: messages.JointState, change: TrendChange | None, measured: object
+    state: messages.JointState, change: TrendChange | None, measured: bool
 ) -> tuple[int, bool, float]:
     size = 0.0 if change is None else abs(change.relative) / change.standard_uncertainty
     return _STATES[state], not measured, -size

@@ -48,7 +48,7 @@ _DESPITE: Final = Line("  computed despite this verdict, because the request acc
 
 
 def job_report(
-    kind: AnyKind, job: Job, *, details: bool = False, unit: str = DEFAULT_UNIT, apply: str | None = None
+    kind: AnyKind, job: Job, *, details: bool = False, unit: str = DEFAULT_UNIT, applies: bool = False
 ) -> RenderableType:
     """Lay out a job for the terminal.
 
@@ -57,9 +57,9 @@ def job_report(
         job: with its result, or its error.
         details: whether to show all that the result says.
         unit: name of a unit of `UNITS`.
-        apply: command that applies an action to the job, up to the action's name.
+        applies: whether the command that made the job takes `--apply`.
     """
-    parts = job_parts(kind, job, View(details, UNITS[unit], apply))
+    parts = job_parts(kind, job, View(details, UNITS[unit], applies))
     if details:
         facts = [(label, text.replace("\n", "; ")) for label, text in requested(job.request, kinds_in(job))]
         parts.append(text_table(["what was asked for", ""], facts, texts=[0, 1]))
@@ -88,7 +88,7 @@ def job_parts(kind: AnyKind, job: Job, view: View = _DEFAULT) -> list[Part]:
         *report.parts,
         *warning_lines(assessment, warnings, details=details),
         *report.evidence,
-        *to_do_lines([*remedies(assessment, view.apply), *report.advice], details=details),
+        *to_do_lines([*remedies(assessment, applies=view.applies), *report.advice], details=details),
         *kind.charts(result),
     ]
 

@@ -28,7 +28,7 @@ class View:
 
     details: bool = False  # whether to show all that the result says
     unit: StiffnessUnit = UNITS[DEFAULT_UNIT]
-    apply: str | None = None  # command that applies an action, up to its name; None where there is none
+    applies: bool = False  # whether the command that shows it takes `--apply`
 
 
 @dataclass(frozen=True)
@@ -111,13 +111,16 @@ def verdict_lines(assessment: Assessment, *, details: bool) -> list[Line]:
     return [*lines, *(Line(f"  {note}", "dim") for note in assessment.notes)]
 
 
-def remedies(assessment: Assessment, apply: str | None = None) -> list[str]:
-    """Return what the reasons advise, most severe first, each once, with the command `apply` of actions."""
+def remedies(assessment: Assessment, *, applies: bool = False) -> list[str]:
+    """Return what reasons advise, most severe first, each once, with the option that applies an action."""
     kinds = [None if each.action is None else each.action.kind for each in assessment.reasons]
-    commands = [
-        f", or run `{apply} {kind}`" if apply and kind not in (None, "show_posture") else "" for kind in kinds
+    options = [
+        f", or repeat the command with `--apply {kind}`"
+        if applies and kind not in (None, "show_posture")
+        else ""
+        for kind in kinds
     ]
-    return list(dict.fromkeys(map(str.__add__, (each.remedy for each in assessment.reasons), commands)))
+    return list(dict.fromkeys(map(str.__add__, (each.remedy for each in assessment.reasons), options)))
 
 
 def to_do_lines(things: Sequence[str], *, details: bool) -> list[Line]:

@@ -205,7 +205,7 @@ def _require_observable(excitation: Excitation) -> Observability:
             remedy="check that the loaded readings were taken with the load applied",
         )
     if observability.null.all():
-        reasons = "; ".join(dict.fromkeys(str(each).split(":")[0] for each in observability.reasons))
+        reasons = ", or ".join(dict.fromkeys(str(each).split(":")[0] for each in observability.reasons))
         raise NotObservableError(
             f"the readings do not determine any joint: {reasons}",
             where="observations",

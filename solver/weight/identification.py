@@ -739,7 +739,7 @@ def joints_of(
             "N·m): hang a known payload off its axis, or pull across it with a known force"
         )
         if np.abs(torque).max() <= _UPRIGHT * np.abs(fit.rows.torques.known).max():
-            reason = "gravity never twists it, as its axis is vertical: pull across it with a known force"
+            reason = "gravity does not load it in any of the postures: pull across it with a known force"
         joints.append(JointCompliance(name, kind, "not_observable", reason=reason))
     for k, j in enumerate(problem.seen.tolist()):
         name, unit, (low, high) = robot.joint_names[j], problem.unit[k], intervals[k]
@@ -753,8 +753,10 @@ def joints_of(
             continue
         c = float(fit.compliance[j]) if fit.compliance[j] > _RIGID * high * unit else 0.0
         shares[j] = min(1.0, 2.0 * float(exact[k]) / (high - low))
-        times = figure(high / max(c / unit, 1e-300), ".2g")
-        wide = f"the interval reaches from rigid to {times} times the estimate"
+        times = (
+            f" to {figure(high * unit / c, '.2g')} times the estimate" if c else ", and so does the estimate"
+        )
+        wide = f"the interval reaches from rigid{times}"
         joints[j] = JointCompliance(
             name,
             kind,

@@ -73,7 +73,7 @@ def test_uncertain_masses_leave_intervals_that_hold_the_truth(uncertain):
 def test_the_first_joint_of_a_floor_mounted_arm_cannot_be_told(uncertain):
     joint = uncertain.joints[0]
     assert joint.status == "not_observable"
-    assert "axis is vertical" in joint.reason
+    assert "gravity does not load it" in joint.reason
 
 
 def test_an_uncertain_centre_of_mass_widens_the_intervals():
