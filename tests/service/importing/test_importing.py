@@ -402,7 +402,7 @@ def test_a_load_point_in_metres_is_blamed_on_itself():
     request = ImportRequest(encoders="motor", load_point=(0.0, 0.0, 0.12), length_unit="mm")
     findings = import_files(sources_of(("a.csv", table_of(campaign))), request, robot).findings
     (finding,) = [one for one in findings if one.code == "length_unit_suspect"]
-    assert finding.message.startswith("the lengths seem to be in m, not in mm as declared: the load points")
+    assert finding.message.startswith("the load points and targets in the flange frame are up to 120 µm")
     assert finding.remedy == "check the unit of `load_point`"
 
 
