@@ -55,6 +55,8 @@ class Database:
         self._turns = threading.BoundedSemaphore(1 if dialect == "sqlite" else _CONNECTIONS)
         self._is_locked = False  # the last one waited in vain: those behind it need not wait as long again
         self._is_closed = False
+        self._pools = 0  # how many pools of readers have been given up
+        sa.event.listen(reader, "connect", self._number)
         sa.event.listen(reader, "checkin", self._close_late)
 
     @classmethod
@@ -90,9 +92,13 @@ class Database:
         self._is_closed = True
         self._reader.dispose()
 
+    def _number(self, _: object, record: sa.pool.ConnectionPoolEntry) -> None:
+        """Note of which pool a new connection is."""
+        record.info["pool"] = self._pools
+
     def _close_late(self, _: object, record: sa.pool.ConnectionPoolEntry) -> None:
         """Close a connection given back to a pool that is gone, which would keep it open."""
-        if self._is_closed:
+        if self._is_closed or record.info.get("pool") != self._pools:
             record.invalidate()
 
     @contextmanager
@@ -150,7 +156,8 @@ class Database:
             raise
         except (DBAPIError, PoolTimeoutError) as error:
             cause = error.orig if isinstance(error, DBAPIError) else error
-            if _code(error) == sqlite3.SQLITE_READONLY:  # connections stay so for ever
+            if _code(error) == sqlite3.SQLITE_READONLY:  # it stays so until no connection is left
+                self._pools += 1
                 self._reader.dispose()
             lines = str(cause).strip().splitlines() or [type(cause).__name__]
             raise StoreUnavailableError(
