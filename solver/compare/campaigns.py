@@ -66,6 +66,7 @@ _QUARTER: Final = pi / 2
 _ALIKE: Final = 0.5
 """Largest change of the deflections that is none by another unit of force."""
 _FORCE_UNITS: Final = {"N": 1.0, "kgf": float(-STANDARD_GRAVITY[2]), "kN": 1e3}
+"""Units of force that are confused [N]."""
 _UNKNOWN: Final = "its uncertainty is unknown in one of the sets: state `noise`, or add observations"
 _NEGATIVE: Final = "the readings give a negative compliance in one of the sets"
 

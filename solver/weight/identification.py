@@ -65,7 +65,7 @@ from jointstiff.solver.text import figure, length_text
 from jointstiff.solver.weight.masses import contradicted, contradiction, freed_masses, unchecked, widened
 
 _UPRIGHT: Final = 1e-3
-"""Weight torque of a vertical axis, relative to the greatest of all."""
+"""Weight torque, relative to the greatest of all, that counts as none."""
 _GEOMETRY: Final = 0.01
 """Standard uncertainty of axes and targets before any reading [m and rad]: a nominal arm is as good."""
 
@@ -753,10 +753,9 @@ def joints_of(
             continue
         c = float(fit.compliance[j]) if fit.compliance[j] > _RIGID * high * unit else 0.0
         shares[j] = min(1.0, 2.0 * float(exact[k]) / (high - low))
-        times = (
-            f" to {figure(high * unit / c, '.2g')} times the estimate" if c else ", and so does the estimate"
-        )
-        wide = f"the interval reaches from rigid{times}"
+        wide = "the interval begins at rigid, as the estimate does"
+        if c > 0.0:
+            wide = f"the interval reaches from rigid to {figure(high * unit / c, '.2g')} times the estimate"
         joints[j] = JointCompliance(
             name,
             kind,
