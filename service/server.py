@@ -45,6 +45,8 @@ _TURN_SECONDS: Final = 0.0005
 each of those that work, several times a request."""
 UNREAD_BYTES: Final = 256 * 1024
 """Bytes that the system keeps of a connection until we read them (Linux takes twice as many)."""
+UNTAKEN_BYTES: Final = 64 * 1024
+"""Bytes of an answer that the system keeps until the client takes them (Linux takes twice as many)."""
 _UNCONTROLLED: Final = (
     "warning: no access control: everyone who reaches this address can read, post and delete, unless a "
     "proxy prevents it"
@@ -246,6 +248,8 @@ def listen(host: str, port: int, options: str) -> socket.socket:
     # asyncio sets it only on sockets of explicit protocol; without it answers wait 40 ms for an ACK.
     listener.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
     # Connections inherit it. Else the system keeps tens of megabytes of each body that waits for its turn,
-    # and under that pressure drops what others send: they stall for a minute.
+    # and under that pressure drops what others send: they stall for a minute. It would also take megabytes
+    # of the answers of clients that read nothing, and the time to copy them.
     listener.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, UNREAD_BYTES)
+    listener.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, UNTAKEN_BYTES)
     return listener

@@ -9,6 +9,7 @@ from __future__ import annotations
 import asyncio
 import resource
 from collections.abc import Iterable, Mapping
+from heapq import nsmallest
 from operator import itemgetter
 from typing import Any, ClassVar, Final, cast
 
@@ -52,7 +53,7 @@ class BoundedProtocol(H11Protocol):
     BODY_RATE: ClassVar[float] = 64 * 1024
     WRITE_SECONDS: ClassVar[float] = 20.0  # without a byte of the answer taken
     ANSWER_RATE: ClassVar[float] = 4 * 1024  # bytes a second of an answer, on average over `WRITE_SECONDS`
-    LOOK_SECONDS: ClassVar[float] = 1.0  # between two looks at the clock
+    LOOK_SECONDS: ClassVar[float] = 1.0  # between two looks at the clock; a header that came may wait as long
     BODY_BYTES: ClassVar[int] = 64 * 1024 * 1024  # bytes of all bodies that are received or worked on
     TURNS: ClassVar[int] = 2  # bodies not declared to be small that are received or worked on at once
     TURN_SECONDS: ClassVar[float] = 30.0  # that a body waits for its turn
@@ -75,7 +76,7 @@ class BoundedProtocol(H11Protocol):
     _waiting: ClassVar[dict[RequestResponseCycle, tuple[BoundedProtocol, asyncio.Event]]] = {}
     """Requests whose body waits for a turn, and what tells that it has come."""
     _slow: ClassVar[list[tuple[float, BoundedProtocol]]] = []
-    """Connections that make room next, the last one first, and when they were looked for."""
+    """Connections that make room next, the last one first, and since when they lagged as they were found."""
 
     _phase: tuple[Any, Any] = (None, None)
     _since: float = 0.0
@@ -109,16 +110,16 @@ class BoundedProtocol(H11Protocol):
         self.loop.call_later(self.LOOK_SECONDS, self._look)
 
     def _make_room(self) -> None:
-        """Close the connection that is silent, or lags, for longest; this one if none does.
+        """Close the connection that lags for longest; this one if none does.
 
         A look at all of them finds the next ones, too, as long as they do not go on: their order stays.
         """
-        now, slow = self.loop.time(), self._slow
-        while slow and slow[-1][1].silence() < now - slow[-1][0]:
+        slow = self._slow
+        while slow and slow[-1][1].lags_since() > slow[-1][0]:
             slow.pop()
         if not slow:
             others = (cast("BoundedProtocol", one) for one in self.connections if one is not self)
-            slow += [(now, one) for one in _slowest(others, 0.0, ACCEPTED_AT_ONCE)]
+            slow += _slowest(others, float("inf"), ACCEPTED_AT_ONCE)
         (slow.pop()[1] if slow else self).transport.abort()
 
     def connection_lost(self, exc: Exception | None) -> None:
@@ -135,14 +136,17 @@ class BoundedProtocol(H11Protocol):
         """Return whether no request is under way."""
         return self.conn.their_state is h11.IDLE and self.conn.our_state is h11.IDLE
 
-    def silence(self) -> float:
-        """Return how long the client sent no request, lags with a body, or took nothing of an answer [s]."""
-        now = self.loop.time()
+    def lags_since(self) -> float:
+        """Return the time since which the client keeps us waiting; infinity if we keep it waiting.
+
+        A header may be in the system's buffers while the service is busy, so it has `LOOK_SECONDS` more.
+        """
         if self.awaits_header:
-            return now - self._since
-        if self.conn.their_state is h11.SEND_BODY:  # one that we do not read waits for us
-            return 0.0 if self.flow.read_paused else now - self._since - self._received / self.BODY_RATE
-        return now - self._written_at if self._left(now) else 0.0
+            return self._since + self.LOOK_SECONDS
+        if self.conn.their_state is h11.SEND_BODY:
+            due = self._since + self._received / self.BODY_RATE
+            return float("inf") if self.flow.read_paused else due
+        return self._written_at if self._left(self.loop.time()) else float("inf")
 
     def data_received(self, data: bytes) -> None:
         """Take what came, unless all bodies together are too large."""
@@ -257,11 +261,12 @@ class BoundedProtocol(H11Protocol):
     @classmethod
     def _pass_turns(cls) -> None:
         """Give free turns to those who lag least; if others wait, the holder that lags most makes room."""
+        now = asyncio.get_running_loop().time()
         while cls._waiting and len(cls._turns) < cls.TURNS:
-            cycle = min(cls._waiting, key=lambda one: max(0.0, cls._waiting[one][0].silence()))
+            cycle = max(cls._waiting, key=lambda one: min(cls._waiting[one][0].lags_since(), now))
             cls._turns[cycle], came = cls._waiting.pop(cycle)
             came.set()
-        for slowest in _slowest(cls._turns.values(), cls.LOOK_SECONDS) if cls._waiting else ():
+        for _, slowest in _slowest(cls._turns.values(), now - cls.LOOK_SECONDS) if cls._waiting else ():
             slowest.transport.abort()
 
     def _look(self) -> None:
@@ -308,10 +313,12 @@ class BoundedProtocol(H11Protocol):
         self.transport.close()
 
 
-def _slowest(connections: Iterable[BoundedProtocol], seconds: float, most: int = 1) -> list[BoundedProtocol]:
-    """Return connections that are silent, or lag, for longer than this; the longest one last."""
-    slow = ((one.silence(), one) for one in connections if not one.transport.is_closing())
-    return [one for _, one in sorted((each for each in slow if each[0] > seconds), key=itemgetter(0))[-most:]]
+def _slowest(
+    connections: Iterable[BoundedProtocol], before: float, most: int = 1
+) -> list[tuple[float, BoundedProtocol]]:
+    """Return connections that lag since a time before this, and since when; the longest one last."""
+    slow = ((one.lags_since(), one) for one in connections if not one.transport.is_closing())
+    return nsmallest(most, (each for each in slow if each[0] < before), key=itemgetter(0))[::-1]
 
 
 def _whole_answer(status: int, reason: str, remedy: str, headers: Mapping[str, str]) -> bytes:

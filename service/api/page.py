@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
-from functools import cache
 from mimetypes import guess_type
 from pathlib import Path
-from threading import Lock
 from typing import Final
 
+from anyio import Lock
 from anyio.to_thread import run_sync
 from fastapi import FastAPI, HTTPException
 from fastapi.responses import FileResponse, HTMLResponse, PlainTextResponse, RedirectResponse, Response
@@ -124,15 +123,17 @@ def _install_docs(app: FastAPI, docs: Path) -> None:
 
 def install_description(app: FastAPI) -> None:
     """Answer at /openapi.json. FastAPI's own route writes it anew each time, and keeps all others waiting."""
-    writing = Lock()  # of eight who ask at once one writes
+    writing = Lock()  # of eight who ask at once one writes, and the others take no thread meanwhile
+    description = b""
 
-    @cache
     def written() -> bytes:
         return json.dumps(app.openapi(), ensure_ascii=False, separators=(",", ":")).encode()
 
-    def get_description() -> Response:
-        with writing:
-            return Response(written(), media_type="application/json")
+    async def get_description() -> Response:
+        nonlocal description
+        async with writing:
+            description = description or await run_sync(written)
+        return Response(description, media_type="application/json")
 
     route = AccessRoute("/openapi.json", get_description, dependencies=[VIEWER], include_in_schema=False)
     app.router.routes.append(route)

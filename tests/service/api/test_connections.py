@@ -22,7 +22,7 @@ from jointstiff.service.api.connections import BoundedProtocol, connection_limit
 from jointstiff.service.process import ACCESS_LOGGER
 from jointstiff.service.security.admission import MAX_ROBOT_BYTES, Posture
 from jointstiff.service.security.keys import mint
-from jointstiff.service.server import UNREAD_BYTES, listen
+from jointstiff.service.server import UNREAD_BYTES, UNTAKEN_BYTES, listen
 from jointstiff.service.store.store import Store
 
 FOR_EVER = 1e9
@@ -376,13 +376,17 @@ def test_a_body_that_proves_small_ends_its_turn(tmp_path, connect):
         assert waiting.recv(12) == b"HTTP/1.1 201"
 
 
-def test_what_the_system_keeps_of_an_unread_body_is_bounded():
+def test_what_the_system_keeps_of_a_connection_is_bounded():
     """Of 64 unread bodies it would keep so much that it drops what others send."""
     with listen("127.0.0.1", 0, "--port") as listener, socket.create_connection(listener.getsockname()):
         accepted, _ = listener.accept()
         with accepted:
-            kept = accepted.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF)
-    assert kept == 2 * UNREAD_BYTES  # Linux doubles it; a size that it chooses itself grows to megabytes
+            sizes = (
+                accepted.getsockopt(socket.SOL_SOCKET, which)
+                for which in (socket.SO_RCVBUF, socket.SO_SNDBUF)
+            )
+            # Linux doubles them; sizes that it chooses itself grow to megabytes.
+            assert tuple(sizes) == (2 * UNREAD_BYTES, 2 * UNTAKEN_BYTES)
 
 
 def test_the_bounds_are_as_documented():
