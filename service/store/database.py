@@ -54,10 +54,8 @@ class Database:
         # which halves the time and takes the long waits away.
         self._turns = threading.BoundedSemaphore(1 if dialect == "sqlite" else _CONNECTIONS)
         self._is_locked = False  # the last one waited in vain: those behind it need not wait as long again
-        self._is_closed = False
-        self._pools = 0  # how many pools of readers have been given up
-        sa.event.listen(reader, "connect", self._number)
-        sa.event.listen(reader, "checkin", self._close_late)
+        self._is_read_only = self._is_closed = False
+        sa.event.listen(reader, "checkin", self._keep_or_close)
 
     @classmethod
     def open(cls, url: str) -> Database:
@@ -92,13 +90,13 @@ class Database:
         self._is_closed = True
         self._reader.dispose()
 
-    def _number(self, _: object, record: sa.pool.ConnectionPoolEntry) -> None:
-        """Note of which pool a new connection is."""
-        record.info["pool"] = self._pools
+    def _keep_or_close(self, _: object, record: sa.pool.ConnectionPoolEntry) -> None:
+        """Close a connection that is given back, unless it stays open for the next who needs one.
 
-    def _close_late(self, _: object, record: sa.pool.ConnectionPoolEntry) -> None:
-        """Close a connection given back to a pool that is gone, which would keep it open."""
-        if self._is_closed or record.info.get("pool") != self._pools:
+        An SQLite file that could not be written when a connection was opened stays so in this process for
+        new ones, too, until none is left.
+        """
+        if self._is_read_only or self._is_closed:
             record.invalidate()
 
     @contextmanager
@@ -124,7 +122,7 @@ class Database:
                     except OperationalError as error:
                         self._is_locked = _code(error) == sqlite3.SQLITE_BUSY
                         raise
-                    self._is_locked = False
+                    self._is_locked = self._is_read_only = False
                     with transaction:
                         yield connection
             finally:
@@ -156,9 +154,7 @@ class Database:
             raise
         except (DBAPIError, PoolTimeoutError) as error:
             cause = error.orig if isinstance(error, DBAPIError) else error
-            if _code(error) == sqlite3.SQLITE_READONLY:  # it stays so until no connection is left
-                self._pools += 1
-                self._reader.dispose()
+            self._is_read_only |= _code(error) == sqlite3.SQLITE_READONLY
             lines = str(cause).strip().splitlines() or [type(cause).__name__]
             raise StoreUnavailableError(
                 f"the {self.dialect} database failed ({lines[0][:200]})",
