@@ -228,6 +228,23 @@ def test_one_that_does_not_read_makes_room(serve, connect):
             return
 
 
+def test_a_newcomer_has_time_for_its_header_before_it_makes_room(serve, connect):
+    """It may have come while the service was busy with those who do not read."""
+    protocols = []
+
+    def made(protocol, transport):
+        protocols.append(protocol)
+        Patient.connection_made(protocol, transport)
+
+    url = serve(CONNECTIONS=2, LOOK_SECONDS=30.0, connection_made=made)
+    newcomer, reader = connect(url), connect(url, window=4096)
+    reader.sendall(LARGE * 20)
+    until(lambda: protocols[1:] and protocols[1].lags_since() < time.monotonic() - 0.5)
+    assert httpx2.get(f"{url}/live").status_code == 204
+    newcomer.sendall(b"GET /live HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n")
+    assert ended(newcomer).startswith(b"HTTP/1.1 204")
+
+
 def test_unfinished_bodies_are_bounded_together(serve, connect):
     """Each stays below the 64 KiB at which the server stops to read, so that all of it counts."""
     url = serve(BODY_BYTES=200_000)
