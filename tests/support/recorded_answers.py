@@ -68,7 +68,8 @@ UNSETTLED = "~"
 KERNELS = ("", "Haswell", "Nehalem")
 """Record on a processor with AVX-512: what is settled there is settled on others."""
 NUMBER = re.compile(r"[-+−]?\d+(?:\.\d+)?(?:[eE][-+]?\d{1,3})?")
-ID = re.compile(r"\b[0-9a-f]{32,64}\b")
+OF_TODAY = re.compile(r"\b[0-9a-f]{32,64}\b|(?<=corrected )\d{4}-\d\d-\d\d")
+"""Ids, and the day that the head of a corrected program names."""
 POSTURES = [[0.3, -0.4, 0.5, 0.2, 0.6, -0.1, 0.4], [-0.5, 0.2, 0.3, -0.8, 0.9, 0.4, -0.2]]
 
 
@@ -133,7 +134,7 @@ def _plain(value: Any) -> Any:
     if isinstance(value, list | tuple):
         return [_plain(each) for each in value]
     if isinstance(value, str):
-        return ID.sub("…", value)
+        return OF_TODAY.sub("…", value)
     return float(f"{value:.7g}") if isinstance(value, float) else value
 
 
