@@ -9,6 +9,7 @@
   const BLOCK = "td, th, dd, dt, li, p, label, figcaption, h1, h2, h3, legend, summary, option, button, output, [role=cell], [role=columnheader], .gain, .figures > span, svg";
 
   let known = new Map();
+  let read = new Map();
 
   /** Boxes around an element that cut off what goes beyond them, and how; null if it is not shown at all. */
   function edges(element) {
@@ -108,7 +109,11 @@
     return found.filter(Boolean);
   }
 
-  const said = (element) => [...texts(element, true)].map(({ node }) => node.textContent).join(" ");
+  /** Words of an element that can be seen. */
+  function said(element) {
+    if (!read.has(element)) read.set(element, [...texts(element, true)].map(({ node }) => node.textContent).join(" "));
+    return read.get(element);
+  }
 
   function bareNumbers() {
     const faults = new Set();
@@ -170,7 +175,7 @@
 
   /** All faults at a width, on a screen or on paper. */
   window.seeing = (paper, mostRow, mostFirst) => {
-    known = new Map();
+    [known, read] = [new Map(), new Map()];
     return [
       ...overlaps(),
       ...bareNumbers(),
