@@ -260,14 +260,16 @@ class BoundedProtocol(H11Protocol):
 
     @classmethod
     def _pass_turns(cls) -> None:
-        """Give free turns to those who lag least; if others wait, the holder that lags most makes room."""
+        """Give free turns to those who lag least; the holder that lags most makes room if more wait than leave."""
         now = asyncio.get_running_loop().time()
         while cls._waiting and len(cls._turns) < cls.TURNS:
             cycle = max(cls._waiting, key=lambda one: min(cls._waiting[one][0].lags_since(), now))
             cls._turns[cycle], came = cls._waiting.pop(cycle)
             came.set()
-        for _, slowest in _slowest(cls._turns.values(), now - cls.LOOK_SECONDS) if cls._waiting else ():
-            slowest.transport.abort()
+        leaving = sum(holder.transport.is_closing() for holder in cls._turns.values())
+        if len(cls._waiting) > leaving:
+            for _, slowest in _slowest(cls._turns.values(), now - cls.LOOK_SECONDS):
+                slowest.transport.abort()
 
     def _look(self) -> None:
         """Close the connection if its time is over, else look again later."""

@@ -1,5 +1,6 @@
 """An application in this process: asked without a socket, or served by a thread."""
 
+import asyncio
 import socket
 import threading
 from collections.abc import Iterator
@@ -50,7 +51,10 @@ class Client:
         async def send() -> httpx2.Response:
             transport = httpx2.ASGITransport(self._app, client=self._client)
             async with httpx2.AsyncClient(transport=transport, base_url=self._url) as client:
-                return await client.request(method, path, **options)
+                answer = await client.request(method, path, **options)
+            if others := asyncio.all_tasks() - {asyncio.current_task()}:  # what it writes in the background
+                await asyncio.wait(others, timeout=5.0)
+            return answer
 
         return anyio.run(send)
 
