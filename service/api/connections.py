@@ -260,7 +260,7 @@ class BoundedProtocol(H11Protocol):
 
     @classmethod
     def _pass_turns(cls) -> None:
-        """Give free turns to those who lag least; the holder that lags most makes room if more wait than leave."""
+        """Give free turns to those who lag least; if more wait than leave, close who lags most."""
         now = asyncio.get_running_loop().time()
         while cls._waiting and len(cls._turns) < cls.TURNS:
             cycle = max(cls._waiting, key=lambda one: min(cls._waiting[one][0].lags_since(), now))
