@@ -16,8 +16,7 @@ from reference.kinematics import flange_by_pinocchio, flange_by_textbook, produc
 from scipy.spatial.transform import Rotation, Slerp
 from support.calibrated_arms import ARMS, arm, chain_rows
 from support.examples import examples
-from support.hostile_urdfs import HOSTILE
-from support.urdf_documents import BRANCHED
+from support.hostile_urdfs import BRANCHED, HOSTILE
 
 from jointstiff.schemas.robot import DhRow
 from jointstiff.solver.errors import RobotError
