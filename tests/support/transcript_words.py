@@ -14,7 +14,14 @@ from fastapi.testclient import TestClient
 from support import importing_samples, kinds, programs, workbooks
 from support.in_process import Client, description
 from support.terminal import terminal
-from support.transcripts import printed, text_of_arrays, text_of_page, text_of_table, text_of_workbook
+from support.transcripts import (
+    printed,
+    shortened,
+    text_of_arrays,
+    text_of_page,
+    text_of_table,
+    text_of_workbook,
+)
 
 from jointstiff.schemas.imports import ImportRequest
 from jointstiff.schemas.robot import RobotDocument
@@ -141,6 +148,14 @@ def together(answers: Iterable[tuple[str, str]]) -> None:
         asked.setdefault(answer, []).append(question)
     for answer, questions in asked.items():
         print(f"{answer}\n    {'; '.join(questions)}")
+
+
+def told(answer: Any) -> str:
+    """Return the status of an answer, and of a problem the place, reason and remedy."""
+    is_problem = answer.headers.get("content-type") == "application/problem+json"
+    problem = answer.json() if is_problem else {}
+    words = [problem[name] for name in ("where", "detail", "remedy") if problem.get(name)]
+    return " | ".join([str(answer.status_code), *map(shortened, words)])
 
 
 def understood(*files: tuple[str, Any], robot: Any = None, **options: Any) -> None:
