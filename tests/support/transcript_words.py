@@ -153,7 +153,7 @@ def together(answers: Iterable[tuple[str, str]]) -> None:
 def told(answer: Any) -> str:
     """Return the status of an answer, and of a problem the place, reason and remedy."""
     is_problem = answer.headers.get("content-type") == "application/problem+json"
-    problem = answer.json() if is_problem else {}
+    problem = answer.json() if is_problem and answer.content else {}
     words = [problem[name] for name in ("where", "detail", "remedy") if problem.get(name)]
     return " | ".join([str(answer.status_code), *map(shortened, words)])
 

@@ -105,33 +105,6 @@ def test_a_file_that_can_only_be_read_is_not_ready_until_it_can_be_written(tmp_p
         service.stop()
 
 
-@pytest.fixture(scope="module")
-def own_and_foreign():
-    """Clients that ask for the service by its own name and by another's."""
-    with Store.open("sqlite://") as store:
-        yield Client(store), Client(store, host="evil.example")
-
-
-@pytest.mark.parametrize(
-    ("method", "path"),
-    [
-        ("GET", "/health"),
-        ("GET", "/v1/robots"),
-        ("HEAD", "/v1/robots"),
-        ("POST", "/v1/runs"),
-        ("GET", "/x"),
-        ("OPTIONS", "/v1"),
-    ],
-)
-def test_every_answer_has_security_headers(own_and_foreign, method, path):
-    for client in own_and_foreign:
-        headers = client.request(method, path).headers
-        assert headers["x-content-type-options"] == "nosniff"
-        assert headers["cache-control"] == "no-store"
-        assert headers["cross-origin-resource-policy"] == "same-origin"
-        assert headers["content-security-policy"].startswith("default-src 'none'")
-
-
 class Stumbling(Store):
     """A store whose database fails as no database error says, for a while."""
 
