@@ -39,7 +39,6 @@ from jointstiff.solver.design.optimum import (
     uncertainty_of,
 )
 from jointstiff.solver.design.plan import Distinct, advise, exact_design, plan_campaign
-from jointstiff.solver.errors import RequestError
 from jointstiff.solver.estimation.identify import identify
 from jointstiff.solver.mechanics.configuration import Configurations
 from jointstiff.solver.mechanics.measurements import CommonUncertainty, Instrument
@@ -202,34 +201,6 @@ def test_each_reason_strikes_out_what_it_should(robot, reason, tools, cell, degr
     )
     assert struck_out == ({} if reason is None else {reason: 1})
     assert kept.tolist() == [reason is None]
-
-
-THREE = np.random.default_rng(0).uniform(-1.0, 1.0, (3, N))
-
-
-class TestRefusals:
-    def test_a_joint_that_no_weight_twists_is_left_out_unless_it_is_named(self, robot):
-        every = np.arange(robot.n)
-        with pytest.raises(RequestError, match="no candidate load twists joint_1"):
-            plan_campaign(robot, request_of(equipment("dead_weight"), joints=every))
-        plan = plan_campaign(robot, request_of(equipment("dead_weight")))
-        assert plan.pool.parameters.joints.tolist() == every[1:].tolist()
-
-    @pytest.mark.parametrize(
-        ("options", "message"),
-        [
-            ({"cell": Surroundings(floor=9.0)}, "none of 150 readings is feasible: floor_or_box 150"),
-            ({"readings": 1}, "1 readings without those held out do not determine 6 joints"),
-            ({"criterion": "work_area"}, "needs a work area"),
-            ({"work_area": [[50.0] * 3, [60.0] * 3]}, "0 of 150 candidates have their load point"),
-            ({"readings": 9, "angle": 9.0}, "only 1 candidates are in postures 516° apart"),
-            ({"postures": THREE, "validation": 0.5, "readings": 4}, "0 of 2 readings for validation"),
-        ],
-    )
-    def test_what_cannot_be_planned(self, robot, options, message):
-        tools = replace(equipment(), targets=PLACES[:1])
-        with pytest.raises(RequestError, match=message):
-            plan_campaign(robot, request_of(tools, **options))
 
 
 def advised(document, **options):
@@ -458,20 +429,6 @@ def test_one_that_alone_excites_a_parameter_is_found(count, criterion):
     design = optimise(problem_of(rows, criterion))
     assert 7 in design.atoms.index
     assert design.bound.efficiency > 1 - 1e-5
-
-
-class TestRefusedDesigns:
-    def test_a_parameter_that_nothing_excites(self):
-        rows = random_rows(1, 30)
-        rows[..., 2] = 0.0
-        with pytest.raises(RequestError, match="determine 3 of 4 parameters; nothing excites parameter"):
-            optimise(problem_of(rows, DOptimality(P)))
-
-    def test_too_few_distinct_postures(self):
-        problem = problem_of(random_rows(1, 30), DOptimality(P), 10)
-        postures = np.repeat([[0.0], [1.0], [2.0]], 10, axis=0)
-        with pytest.raises(RequestError, match="only 3 candidates"):
-            exact_design(problem, optimise(problem), Distinct(postures, 0.5))
 
 
 def best(rows, criterion):

@@ -18,14 +18,14 @@ from support.campaigns import (
     simulated,
     wrench_of,
 )
-from support.readings import by_gauges, triads, with_encoders
+from support.readings import with_encoders
 
 from jointstiff.schemas.options import CrossValidation
 from jointstiff.simulator import simulate_campaign
 from jointstiff.simulator.base import pedestal_campaign
 from jointstiff.simulator.campaign import LOAD_POINT
 from jointstiff.simulator.equilibrium import deflections, torques
-from jointstiff.solver.errors import MeasurementError, SolverError, UnsupportedMethodError
+from jointstiff.solver.errors import MeasurementError, SolverError
 from jointstiff.solver.estimation import identify as iteration
 from jointstiff.solver.estimation.causes import LINKS_LEVEL, screen_estimate
 from jointstiff.solver.estimation.conic import to_vector
@@ -37,7 +37,7 @@ from jointstiff.solver.links.model import MODELS, WITH_BASE, ElasticColumns, Ela
 from jointstiff.solver.mechanics import block as regressor
 from jointstiff.solver.mechanics.block import regressor_blocks
 from jointstiff.solver.mechanics.configuration import Configurations
-from jointstiff.solver.mechanics.measurements import EncoderReadings, Instrument, refuse_no_covariance
+from jointstiff.solver.mechanics.measurements import Instrument, refuse_no_covariance
 from jointstiff.solver.mechanics.springs import BASE, NEGLECTED_STIFFNESS, complementary_stiffness
 from jointstiff.solver.predict.forward import LoadCases
 from jointstiff.solver.predict.models import ElasticPredictor
@@ -108,66 +108,6 @@ def test_predicted_deflections_are_those_of_springs_under_a_small_load():
     np.testing.assert_allclose(predicted, exact, atol=2e-4 * np.abs(exact).max())
 
 
-@pytest.mark.parametrize(
-    ("method", "weighting"),
-    [("partial_pose", "uniform"), ("complete_pose", "characteristic_length"), ("complete_pose", "uniform")],
-)
-def test_other_weightings_are_refused(method, weighting):
-    with pytest.raises(UnsupportedMethodError, match="encoder") as refusal:
-        estimate(*prepared(), method=method, weighting=weighting)
-    assert refusal.value.where == "weighting"
-
-
-@pytest.mark.parametrize(
-    ("joints", "where", "reason"),
-    [
-        (["elbow"], "observations[2].encoder_readings", "no joint"),
-        (["joint_2", "joint_2"], "observations[2].encoder_readings[1].joint", "two readings"),
-    ],
-)
-def test_readings_of_no_joint_or_twice_of_one_are_refused(joints, where, reason):
-    document, _ = campaign()
-    readings = [{"joint": joint, "unloaded": 0.0, "loaded": 0.0} for joint in joints]
-    document["measurement_set"]["observations"][2]["encoder_readings"] = readings
-    with pytest.raises(MeasurementError, match=reason) as refusal:
-        prepare(document)
-    assert refusal.value.where == where
-    assert refusal.value.remedy
-
-
-@pytest.mark.parametrize(
-    ("deflection", "sigma", "reason"),
-    [*((0.0, sigma, "sigma") for sigma in (0.0, -1.0, np.nan, np.inf)), (np.nan, 1e-6, "finite")],
-)
-def test_numbers_that_are_none_are_refused(deflection, sigma, reason):
-    with pytest.raises(MeasurementError, match=reason):
-        EncoderReadings(np.full((1, 2), deflection), np.ones((1, 2), dtype=bool), sigma)
-
-
-def test_arrays_of_another_shape_are_refused():
-    with pytest.raises(MeasurementError, match="shape"):
-        changed(prepared()[1], deflection=np.zeros((19, 2)), present=np.ones((19, 2), dtype=bool))
-
-
-SPREAD = {"P0": (0.15, 0.0, 0.1), "P1": (-0.1, 0.12, 0.1), "P2": (-0.1, -0.12, 0.05)}
-
-
-ONE = {"P0": (0.1, 0.05, 0.1)}
-
-
-def tracked(targets=ONE, **options):
-    options = {"load": "pull", "seed": 3, "configurations": 20, "readings": "deflections"} | options
-    return simulate_campaign(ARM, targets=targets, **options)
-
-
-def test_what_gauges_do_not_support_is_refused():
-    robot, measurements = prepare(by_gauges(tracked(targets=SPREAD), triads(20)))
-    with pytest.raises(UnsupportedMethodError, match="3 targets"):
-        estimate(robot, measurements, method="complete_pose")
-    with pytest.raises(UnsupportedMethodError, match="one direction"):
-        estimate(robot, measurements, loss="huber")
-
-
 STATION = (3.5, -2.0, 0.8)
 SHEET = {
     "range": {"constant": 3e-6, "per_distance": 1e-6},
@@ -219,18 +159,6 @@ class TestInstrument:
         np.testing.assert_allclose(found[0], covariance, rtol=1e-12, atol=1e-15 * np.max(covariance))
 
     @pytest.mark.parametrize(
-        ("instrument", "reason"),
-        [
-            (((0.0, 0.001, 0.0), 1e-5, 0.0, 1e-5, 0.0), "from the tracker"),
-            ((STATION, 1e-5, 0.0, 1e-16, 0.0), "implausible"),
-            ((STATION, 1e2, 0.0, 1e-6, 0.0), "implausible"),
-        ],
-    )
-    def test_impossible_sheets_and_places_are_refused(self, instrument, reason):
-        with pytest.raises(MeasurementError, match=reason):
-            Instrument(*instrument).covariance(np.zeros((1, 3)))
-
-    @pytest.mark.parametrize(
         "matrix", [np.diag([1.0, 1.0, -1.0]), np.diag([1.0, 1.0, 0.0]), np.eye(3) + np.eye(3, k=1) * 0.1]
     )
     def test_matrices_that_are_no_covariance(self, matrix):
@@ -269,48 +197,6 @@ def covariance_at(place):
     r, t = (SHEET[k]["constant"] + SHEET[k]["per_distance"] * d for k in ("range", "transverse"))
     matrix = axes @ np.diag([r**2, t**2, t**2]) @ axes.T
     return (0.5 * (matrix + matrix.T)).tolist()
-
-
-class TestKindsExclude:
-    @pytest.mark.parametrize(
-        "noise",
-        [
-            {},
-            {"sigma": 2e-5, "instrument": {"station": [0, 0, 0], **SHEET}},
-            {"instrument": {"station": [0, 0, 0], **SHEET, "range": {"constant": 0.0, "per_distance": 0.0}}},
-        ],
-    )
-    def test_of_the_set(self, noise):
-        with pytest.raises(ValueError, match="give"):
-            prepare(pulled(noise))
-
-    def test_of_a_reading(self):
-        document = pulled(None)
-        reading = readings_of(document)[0]
-        reading["unloaded_covariance"] = np.eye(3).tolist()
-        with pytest.raises(ValueError, match="give both"):
-            prepare(document)
-        reading["loaded_covariance"], reading["sigma"] = np.eye(3).tolist(), 1e-5
-        with pytest.raises(ValueError, match="not both"):
-            prepare(document)
-
-    @pytest.mark.parametrize(
-        ("noise", "where"), [({"sigma": 2e-5}, "noise.sigma"), (None, "observations[3].readings")]
-    )
-    def test_of_set_and_some_readings(self, noise, where):
-        document = with_own_sigma(pulled(noise))
-        if noise is None:
-            del document["measurement_set"]["observations"][3]["readings"][1]["sigma"]
-        with pytest.raises(MeasurementError) as caught:
-            prepare(document)
-        assert caught.value.where == where
-
-
-def with_own_sigma(document):
-    for observation in document["measurement_set"]["observations"]:
-        for k, reading in enumerate(observation["readings"]):
-            reading["sigma"] = (1 + k) * 1e-5
-    return document
 
 
 def exact(load="pull", *, configurations=19, **options):
