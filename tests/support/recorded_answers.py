@@ -89,6 +89,7 @@ class Case:
     campaigns: list[str]
     options: dict[str, Any]
     changes: dict[str, Any]  # of each measurement set
+    edits: list[list[Any]]  # of it, in turn: a path, how, and by what
 
     @cached_property
     def answer(self) -> Any:
@@ -107,16 +108,49 @@ class Case:
 
     def _document(self, name: str) -> dict[str, Any]:
         document = campaign(name)
-        return document | (
-            {"measurement_set": document["measurement_set"] | self.changes} if self.changes else {}
-        )
+        measurement_set = document["measurement_set"] | self.changes if self.changes or self.edits else None
+        for path, how, by in self.edits:
+            _edit(measurement_set, path.split("/"), how, by)
+        return document | ({"measurement_set": measurement_set} if measurement_set else {})
+
+
+def _edit(document: Any, path: Sequence[str], how: str, by: Any) -> None:
+    """Change parts of a document: `observations/3:/force` is that of all from the fourth on.
+
+    Numbers are `added`, or they are `times` others; a part `is` another, is to be `dropped`, or takes its
+    place in an `order` of all of them.
+    """
+    parts = [document]
+    for step in path[:-1]:
+        parts = [part[key] for part in parts for key in _keys(part, step)]
+    places = [(part, key) for part in parts for key in _keys(part, path[-1])]
+    values = [part[key] for part, key in places]
+    if how == "dropped":
+        for part, key in reversed(places):
+            del part[key]
+        return
+    changed: list[Any] = {
+        "added": lambda: np.add(values, by).tolist(),
+        "times": lambda: np.multiply(values, by).tolist(),
+        "is": lambda: [by] * len(values),
+        "order": lambda: [values[i] for i in by],
+    }[how]()
+    for (part, key), value in zip(places, changed, strict=True):
+        part[key] = value
+
+
+def _keys(part: Any, step: str) -> Sequence[Any]:
+    """Return the keys of a part that a step of a path names."""
+    if isinstance(part, dict):
+        return [step]
+    first, colon, last = step.partition(":")
+    return range(len(part))[slice(int(first or 0), int(last) if last else None)] if colon else [int(step)]
 
 
 def recorded() -> dict[str, Case]:
     """Return all cases by name."""
-    return {
-        name: Case(name, **{"changes": {}} | case) for name, case in json.loads(CASES.read_text()).items()
-    }
+    cases = json.loads(CASES.read_text())
+    return {name: Case(name, **{"changes": {}, "edits": []} | case) for name, case in cases.items()}
 
 
 def _plain(value: Any) -> Any:
