@@ -11,9 +11,6 @@ from contextlib import suppress
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
-
-from jointstiff.service.cli.app import app
 
 pytestmark = pytest.mark.process
 
@@ -101,22 +98,6 @@ def test_output_that_finds_no_room_is_said(arguments):
         done = subprocess.run(program, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
     assert done.returncode == 2
     assert done.stderr == "cannot write: No space left on device\n  remedy: make room\n"
-
-
-@pytest.mark.parametrize(
-    ("line", "completed"),
-    [
-        ("ide", "identify"),
-        ("identify --meth", "--method"),
-        ("identify --method dec", "decoupled_partial_pose"),
-    ],
-)
-def test_the_shell_completes_commands_options_and_values(line, completed):
-    words = f"jointstiff {line}"
-    environment = {"_JOINTSTIFF_COMPLETE": "complete_bash", "COMP_WORDS": words}
-    environment["COMP_CWORD"] = str(len(words.split()) - 1)
-    result = CliRunner().invoke(app, [], env=environment, prog_name="jointstiff")
-    assert result.stdout.split() == [completed]
 
 
 COMMAND = [sys.executable, "-m", "jointstiff", "demo", "--port", "0"]
