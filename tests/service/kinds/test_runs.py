@@ -31,6 +31,7 @@ from jointstiff.simulator.base import pedestal_campaign
 from jointstiff.simulator.elastic_links import beam_arm, elastic_campaign
 from jointstiff.simulator.programs import program_text
 from jointstiff.solver.errors import RequestError, UnsupportedMethodError
+from jointstiff.solver.links.choice import LIMITS, WEIGHTS
 from jointstiff.solver.predict.answers import forward_model
 
 VIEW = View(True, UNITS["MNm/rad"])
@@ -281,6 +282,15 @@ def test_a_pedestal_is_recognised_and_shown(tmp_path):
     shown = terminal(*command, "--details", width=120)
     for text in ("Base below joint 1", "joints and base", "N·m/rad", "µrad/(kN·m)"):
         assert text in shown.stdout
+
+
+@pytest.mark.slow
+def test_a_penalty_under_which_no_link_bends_is_noted():
+    document = simulate_campaign(default_arm(), load="pull", seed=3, readings="deflections")
+    del document["measurement_set"]["observations"][12:]
+    result = jointstiff.identify(document, elasticity="coupled_joints", loss="absolute").result
+    assert max(WEIGHTS) < result.links.penalty <= max(LIMITS)
+    assert "link_penalty_at_end" in {warning.code for warning in result.warnings}
 
 
 def test_readings_without_a_balance_are_identified_without_it():
