@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, replace
 from fractions import Fraction
-from math import exp, inf, log, sqrt
+from math import exp, inf, sqrt
 
 import numpy as np
 import pytest
@@ -31,7 +31,6 @@ from jointstiff.solver.compare.campaigns import (
     charts_of,
     compare_sides,
     force_unit_mistake,
-    log_stiffness,
     match,
     measured_shares,
     models_differ,
@@ -39,7 +38,6 @@ from jointstiff.solver.compare.campaigns import (
     pooled_excess,
     ratio_interval,
 )
-from jointstiff.solver.errors import RequestError
 from jointstiff.solver.estimation.estimate import Estimate
 from jointstiff.solver.estimation.identify import identify
 from jointstiff.solver.estimation.method import Settings
@@ -231,16 +229,6 @@ def test_the_order_is_never_crossed_in_noise(method, seed):
     assert (high[1] <= high[0] * (1 + 1e-9)).all()
 
 
-def test_bounds_that_contradict_the_order_are_refused(simulated):
-    limits = Bounds(np.zeros(6), np.full(6, 1e-7)), Bounds(np.full(6, 2e-7), np.ones(6))
-    sides = [
-        changed(one, settings=replace(one.settings, bounds=bounds))
-        for one, bounds in zip(simulated, limits, strict=True)
-    ]
-    with pytest.raises(RequestError, match="contradict"):
-        pair_of(*sides, ordered=True)
-
-
 def _whitened(one):
     """A (9N, 6) and d of a campaign with deflections, by unit compliances of a simulator of ours."""
     m = one.measurements
@@ -335,25 +323,12 @@ def test_forces_of_most_observations_in_another_unit_are_named(simulated, scaled
     assert (force_unit_mistake(first, other, match(first, other)) is not None) == named
 
 
-def test_without_an_uncertainty_there_is_neither_ratio_nor_order(simulated):
-    first, second = simulated
-    one = with_readings(first, sigma=None)
-    few = replace(one, estimate=replace(one.estimate, sigma=None, covariance=None))
-    assert {joint.reason for joint in pair_of(few, second).joints} == {
-        "its uncertainty is unknown in one of the sets: state `noise`, or add observations"
-    }
-    with pytest.raises(RequestError, match="cannot be weighted"):
-        pair_of(few, second, ordered=True)
-
-
-def test_robots_that_differ_are_refused_by_their_joints_and_noticed_by_their_model(simulated):
-    first, second = simulated
-    document = simulate_campaign(default_arm(wrist_offset=0.01), configurations=1)
-    assert models_differ(first.robot, prepare(document)[0])
-    assert not models_differ(first.robot, second.robot)
-    document["robot"]["model"]["urdf"] = document["robot"]["model"]["urdf"].replace("joint_3", "elbow")
-    with pytest.raises(RequestError, match="have different joints"):
-        pair_of(first, replace(second, robot=prepare(document)[0]))
+def test_robots_that_differ_are_noticed_by_their_model(simulated):
+    first, second = (one.robot for one in simulated)
+    assert models_differ(
+        first, prepare(simulate_campaign(default_arm(wrist_offset=0.01), configurations=1))[0]
+    )
+    assert not models_differ(first, second)
 
 
 @pytest.mark.slow
@@ -490,49 +465,11 @@ def test_false_alarms_of_six_joints_are_below_the_rate() -> None:
         assert found.exceeded.any(axis=(1, 2)).mean() <= 0.05
 
 
-def test_an_alarm_that_goes_away_is_closed_and_the_next_is_another() -> None:
-    values = [0.0, 0.0, 0.0, 0.5, *[0.0] * 12, -0.5]
-    first, second = _chart(*values).alarms
-    assert (first.first, first.is_open) == (3, False)
-    assert (second.first, second.is_open) == (len(values) - 1, True)
-
-
 def test_a_change_of_one_campaign_has_the_uncertainty_of_both() -> None:
     change = _chart(0.0, 0.0, 0.0, -0.1).change(3)
     assert change.difference == pytest.approx(-0.1)
     assert change.standard_uncertainty >= 0.02 * sqrt(1 + 1 / 3)
     assert change.relative == pytest.approx(exp(-0.1) - 1)
-
-
-def test_joints_with_too_few_campaigns_have_no_chart_and_count_for_none() -> None:
-    short, whole = _series([0.0, 0.1]), [0.0, 0.0, 0.0, 0.01]
-    assert charts_of([short], 3) == [None]
-    none, both = charts_of([short, _series(whole)], 3)
-    assert none is None
-    assert both is not None
-    assert both.monitored.limits == pytest.approx(_chart(*whole).monitored.limits)
-    wide = _chart(0.0, 0.1, -0.1)
-    excess = pooled_excess(wide.baseline.scatter, 2)
-    assert np.array_equal(wide.monitored.tau, wide.baseline.plausible_between(excess)[0])
-
-
-def test_two_campaigns_are_compared_as_a_pair() -> None:
-    change = _series([10.0, 10.1], [0.03, 0.04]).change(0, 1)
-    assert change.standard_uncertainty == pytest.approx(0.05)
-    assert change.p_value == pytest.approx(2 * stats.norm.sf(2.0))
-
-
-def test_only_joints_with_a_closed_interval_enter() -> None:
-    assert log_stiffness(1e-6, 1e-7) == pytest.approx((-log(1e-6), 0.1))
-    assert log_stiffness(1e-6, 1e-7, 6e-8) == pytest.approx((-log(1e-6), 0.08))
-    assert log_stiffness(1e-6, 1e-7, 1e-7)[1] > 0.0
-    for compliance, u in ((0.0, 1e-8), (-1e-7, 1e-8), (1e-6, 3e-7), (None, 1e-8), (1e-6, None), (1e-6, 0.0)):
-        assert log_stiffness(compliance, u) is None
-
-
-def test_a_baseline_of_two_is_refused() -> None:
-    with pytest.raises(RequestError, match="baseline of 2"):
-        charts_of([_series([0.0, 0.0, 0.0])], 2)
 
 
 def test_the_uncertainty_of_an_even_baseline_is_that_of_a_mean() -> None:
