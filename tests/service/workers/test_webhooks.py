@@ -19,20 +19,15 @@ from support import api
 from support.in_process import Client
 from support.jobs import run_request, runs_of, stored_set
 from support.processes import Service, until
-from support.terminal import terminal
 
 from jointstiff.service.jobs import Parts
-from jointstiff.service.library.client import problem_in
-from jointstiff.service.problems import RefusedError, WorkerLostError
 from jointstiff.service.security.admission import Posture
 from jointstiff.service.security.keys import mint
 from jointstiff.service.security.receivers import ALLOWED_VARIABLE, signature
 from jointstiff.service.server import forgetting
-from jointstiff.service.store.jobs import Heartbeats
 from jointstiff.service.store.store import Store
 from jointstiff.service.workers import webhooks
 from jointstiff.service.workers.webhooks import Sender
-from jointstiff.service.workers.worker import Recovery
 from jointstiff.simulator import default_arm, simulate_campaign
 
 
@@ -221,32 +216,6 @@ def test_a_receiver_that_is_down_ten_minutes_gets_everything_once_and_in_order(d
         assert data["robot"]
 
 
-def test_the_terminal_makes_lists_and_deletes_them(store, receiver, monkeypatch):
-    """The commands ask this service in process."""
-
-    def send(_client, verb, path, _query=None, document=None):
-        answer = ask(store, verb, path, **({} if document is None else {"json": document}))
-        if not answer.is_success:
-            raise RefusedError(problem_in(answer))
-        return answer
-
-    monkeypatch.setattr("jointstiff.service.library.client.Client.send", send)
-
-    def command(*words):
-        return terminal("webhooks", *words, width=200)
-
-    made = command("create", receiver.url, "--event", "run.failed")
-    assert made.exit_code == 0, made.output
-    assert made.stdout.strip().startswith("whsec_")
-    (hook,) = store.webhooks.all()
-    listed = command("list").output
-    assert hook.id in listed
-    assert "run.failed" in listed
-    assert command("create", receiver.url, "--event", "run.paused").exit_code == 2
-    assert command("delete", hook.id).exit_code == 0
-    assert store.webhooks.all() == []
-
-
 def test_a_receiver_that_answers_500_or_redirects_gets_the_same_id_again(store, receiver, clock):
     sender = due(store, receiver, clock)
     receiver.answers = {1: 500, 2: 503, 3: 302}
@@ -411,54 +380,6 @@ def test_an_answer_that_drips_has_its_time_as_a_whole(store, receiver, clock, mo
         receiver.drips = 0
 
 
-def test_what_does_not_arrive_in_a_day_is_dead_and_shown(store, receiver, clock):
-    sender = due(store, receiver, clock)
-    for _ in range(25):
-        sender.look()
-        clock.go_on(hours=1)
-    (dead,) = outcome(store)["undelivered"]
-    assert dead["state"] == "dead"
-    attempts = dead["attempts"]
-    with receiver.up():
-        sender.look()
-    assert receiver.came == []
-    assert outcome(store)["undelivered"][0]["attempts"] == attempts
-
-
-def test_one_message_that_is_refused_does_not_hold_other_jobs(store, receiver, clock):
-    told_of(store, receiver, events=["run.succeeded"])
-    set_id = stored_set(store)
-    runs = [run(store, set_id) for _ in range(2)]
-    receiver.answers = {1: 500}
-    with receiver.up():
-        sender_of(store, clock).look()
-    assert [one["data"]["run_id"] for one in receiver.messages] == [one.id for one in runs]
-    assert outcome(store)["delivered"] == 1
-
-
-def test_failed_runs_and_lost_workers_are_told(store, receiver, clock):
-    told_of(store, receiver, events=["run.failed", "worker.lost"])
-    jobs = runs_of(store, lambda *_: None)
-    record = jobs.create(run_request(stored_set(store)), None)
-    jobs.fail(record.id, WorkerLostError("five workers died"))
-    jobs.fail(record.id, WorkerLostError("and again"))
-    beats = Heartbeats(store._database, lambda _: clock.time)
-    recovery = Recovery(store, lambda _: jobs, "alive", heartbeats=beats)
-    beats.beat("gone")
-    clock.go_on(seconds=31)
-    with receiver.up():
-        for _ in range(4):
-            recovery.look()
-            clock.go_on(seconds=5)
-        looks(sender_of(store, clock), clock, seconds=3)
-    failed, lost = receiver.messages
-    assert failed["type"] == "run.failed"
-    assert failed["data"]["run_id"] == record.id
-    assert failed["data"]["verdict"] is None
-    assert lost["type"] == "worker.lost"
-    assert lost["data"]["worker"] == "gone"
-
-
 def test_a_lost_worker_is_told_once_by_two_who_see_it_at_one_instant(database_url, receiver):
     """Two workers of two processes, and the service that held the one that died."""
     with Store.open(database_url) as first, Store.open(database_url) as second:
@@ -512,55 +433,6 @@ def test_an_alarm_is_told_once_after_the_run_that_raised_it(store, receiver, clo
     assert len(set(receiver.ids)) == len(runs) + 1
 
 
-PRIVATE = [
-    "http://127.0.0.1:1/",
-    "http://localhost/",
-    "http://10.1.2.3/",
-    "http://192.168.0.1/",
-    "https://172.16.3.4/",
-    "http://169.254.169.254/latest/meta-data",
-    "http://100.64.0.1/",
-    "http://0.0.0.0/",
-    "http://224.0.0.1/",
-    "http://[::1]/",
-    "http://[fe80::1]/",
-    "http://[fd00::1]/",
-    "http://[::ffff:10.0.0.1]/",
-    "http://[64:ff9b::a00:1]/",
-    "http://[2002:a00:1::1]/",
-    "http://2130706433/",
-    "http://0x7f.1/",
-]
-
-
-def test_addresses_that_are_not_public_are_refused(store, monkeypatch):
-    monkeypatch.delenv(ALLOWED_VARIABLE)
-    odd = ["http://no-such-name.invalid/", "http://[::1/", "http://a:b/", "ftp://x/"]
-    answers = {url: ask(store, "POST", "/v1/webhooks", json={"url": url}) for url in [*PRIVATE, *odd]}
-    places = {url: answer.json().get("where") for url, answer in answers.items()}
-    assert places == dict.fromkeys(answers, "url")
-    assert {answer.status_code for answer in answers.values()} == {422}
-    assert store.webhooks.all() == []
-
-
-@pytest.mark.parametrize("user", ["anna:secret@", "anna@", ":secret@", "@"])
-def test_an_address_with_a_user_or_a_password_is_refused_unseen(store, receiver, user):
-    url = receiver.url.replace("http://", f"http://{user}")
-    answer = ask(store, "POST", "/v1/webhooks", json={"url": url})
-    assert (answer.status_code, answer.json()["where"]) == (422, "url")
-    assert "signature" in answer.json()["remedy"]
-    assert "secret" not in answer.text
-    assert store.webhooks.all() == []
-
-
-@pytest.mark.parametrize("entry", ["10.1.2.3", "10.0.0.0/8", "mes.plant", "other, MES.plant"])
-def test_the_settings_allow_receivers_by_name_address_and_network(store, entry, monkeypatch):
-    monkeypatch.setenv(ALLOWED_VARIABLE, entry)
-    resolve(monkeypatch, "10.1.2.3")
-    answer = ask(store, "POST", "/v1/webhooks", json={"url": "http://mes.plant/"})
-    assert answer.status_code == 201, answer.text
-
-
 def resolve(monkeypatch, *addresses):
     """Let every name have these addresses."""
     found = [(socket.AF_INET, socket.SOCK_STREAM, 6, "", (one, 80)) for one in addresses]
@@ -582,35 +454,3 @@ def test_a_name_that_leads_elsewhere_later_leads_nowhere(store, receiver, clock,
     assert both.status_code == 422
     assert receiver.came == []
     assert "is 127.0.0.1" in outcome(store)["undelivered"][0]["error"]
-
-
-def test_only_admins_see_them_and_the_secret_is_shown_once(store, receiver):
-    operator = mint("operator", "operator", datetime.now(UTC), None)
-    store.keys.add(operator.record)
-    for method, path in (("POST", "/v1/webhooks"), ("GET", "/v1/webhooks"), ("DELETE", "/v1/webhooks/x")):
-        assert ask(store, method, path, operator.text, json={}).status_code == 403
-        assert client_of(store).request(method, path, json={}).status_code == 401
-    made = told_of(store, receiver)
-    assert made["secret"].startswith("whsec_")
-    assert len(b64decode(made["secret"].removeprefix("whsec_"))) == 32
-    assert "secret" not in outcome(store)
-    for body in ({"url": receiver.url, "events": []}, {"url": receiver.url, "events": ["x"]}, {}):
-        assert ask(store, "POST", "/v1/webhooks", json=body).status_code == 422
-    assert ask(store, "DELETE", f"/v1/webhooks/{made['id']}").status_code == 204
-    assert ask(store, "DELETE", f"/v1/webhooks/{made['id']}").status_code == 404
-
-
-def test_settled_messages_are_shown_for_a_month_and_pending_ones_stay(store, receiver, clock):
-    sender = due(store, receiver, clock)
-    for _ in range(25):
-        sender.look()
-        clock.go_on(hours=1)
-    told = datetime.now(UTC)
-    shown = {29: 1, 31: 0}
-    for days, left in shown.items():
-        store.webhooks.forget(told + timedelta(days=days))
-        assert len(outcome(store)["undelivered"]) == left, f"after {days} days"
-    run(store, stored_set(store))
-    store.webhooks.forget(told + timedelta(days=400))
-    (pending,) = outcome(store)["undelivered"]
-    assert pending["state"] == "pending"
