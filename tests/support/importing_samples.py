@@ -5,7 +5,6 @@ import io
 from dataclasses import dataclass
 
 from jointstiff.schemas.imports import ImportAnswer, ImportOptions, ImportRequest
-from jointstiff.service.importing.errors import ImportFileError, Place
 from jointstiff.service.importing.reading import SourceFile, Understood, understand_files
 from jointstiff.service.resources.imports import import_files
 
@@ -106,31 +105,6 @@ def values_of(imported: Understood) -> dict[tuple[str, str], tuple[float, ...]]:
         for quantity, value in one.values.items()
         if quantity.target is None
     }
-
-
-def refused(
-    *files: tuple[str, str | bytes],
-    reason: str,
-    line: int | None = None,
-    column: int | None = None,
-    file: str | None = "",
-    **options: object,
-) -> ImportFileError:
-    """Return the first fault, which has this reason at this place; `file` is the first one unless given."""
-    understood = understand_files(sources_of(*files), ImportOptions.model_validate(options))
-    assert understood.faults, "it was read"
-    fault = understood.faults[0]
-    assert reason in fault.reason
-    assert fault.place == Place(files[0][0] if file == "" else file, line, column)
-    assert fault.remedy
-    return fault
-
-
-def faults(*files: tuple[str, str | bytes], **options: object) -> tuple[ImportFileError, ...]:
-    """Return all faults."""
-    understood = understand_files(sources_of(*files), ImportOptions.model_validate(options))
-    assert understood.faults, "it was read"
-    return understood.faults
 
 
 def answered(*files: tuple[str, str | bytes], **options: object) -> ImportAnswer:
