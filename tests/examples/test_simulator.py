@@ -26,7 +26,6 @@ from jointstiff.simulator.campaign import (
     random_configurations,
     simulate_positions,
     torques,
-    truth,
 )
 from jointstiff.simulator.elastic_links import beam_compliance
 from jointstiff.simulator.equilibrium import torque_derivative
@@ -234,44 +233,6 @@ class TestCampaign:
         assert read_array(document, "deflection") == pytest.approx(expected, abs=1e-13)
         targets = document["measurement_set"]["flange_targets"]
         assert targets == {name: list(point) for name, point in TARGETS.items()}
-
-
-def test_other_units_say_the_same():
-    options = {"load": "pull", "moment": 120.0, "load_point": np.full((19, 3), 0.1)}
-    options["load_point"][3] = 0.2
-    si = simulate_campaign(default_arm(), **options)
-    shop = simulate_campaign(
-        default_arm(),
-        **options,
-        units={"length": "mm", "angle": "deg", "force": "kN", "moment": "N.mm"},
-    )
-    assert si["measurement_set"]["units"]["moment"] == "N.m"
-    assert shop["robot"] == si["robot"]
-    assert shop["measurement_set"]["noise"] == {"sigma": 0.02}
-    for reading in ("unloaded", "loaded"):
-        expected = 1000.0 * read_array(si, reading)
-        assert read_array(shop, reading) == pytest.approx(expected, rel=1e-14)
-    first, same = (d["measurement_set"]["observations"][0] for d in (si, shop))
-    assert same["joints"] == pytest.approx(np.degrees(first["joints"]), rel=1e-14)
-    assert same["force"] == pytest.approx(np.array(first["force"]) / 1e3, rel=1e-14)
-    assert same["moment"] == pytest.approx(np.array(first["moment"]) * 1e3, rel=1e-14)
-    assert same["load_point"] == pytest.approx([100.0, 100.0, 100.0])
-
-
-class TestTruth:
-    def test_a_dead_weight_does_not_twist_a_vertical_axis(self):
-        arm = default_arm()
-        found = truth(arm, simulate_campaign(arm))
-        assert found["not_observable"] == ["joint_1"]
-        assert found["stiffness"] == arm.stiffnesses.tolist()
-        plan = plan_experiment(arm)
-        assert not equilibrium(arm, plan.joints, *plan.wrenches)[:, 0].any()
-
-    def test_a_rigid_joint_has_no_number_for_its_stiffness(self):
-        arm = dataclasses.replace(default_arm(), stiffnesses=[1e6, np.inf, 1e6, 1e5, 1e5, 1e5])
-        found = json.loads(json.dumps(truth(arm, simulate_campaign(arm)), allow_nan=False))
-        assert found["stiffness"][1] is None
-        assert found["compliance"][1] == 0.0
 
 
 def read_array(document, reading):

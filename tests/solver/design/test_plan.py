@@ -15,7 +15,6 @@ from support.shared_data import shared
 from support.springs import SpringCampaign, robot_of
 
 from jointstiff.schemas.options import RunOptions
-from jointstiff.schemas.plan import Surroundings
 from jointstiff.service.kinds.identification import to_settings
 from jointstiff.simulator import LOAD_POINT, TARGETS, simulate_campaign
 from jointstiff.simulator.campaign import Experiment
@@ -25,7 +24,6 @@ from jointstiff.solver.design.candidates import (
     Loads,
     PlanRequest,
     Pool,
-    feasible,
     segment_distance,
 )
 from jointstiff.solver.design.optimum import (
@@ -42,7 +40,6 @@ from jointstiff.solver.design.plan import Distinct, advise, exact_design, plan_c
 from jointstiff.solver.estimation.identify import identify
 from jointstiff.solver.mechanics.configuration import Configurations
 from jointstiff.solver.mechanics.measurements import CommonUncertainty, Instrument
-from jointstiff.solver.mechanics.robot import Robot
 
 N = len(ARM.stiffnesses)
 PLACES = np.array(list(TARGETS.values()))
@@ -164,45 +161,6 @@ class TestPromise:
         )
 
 
-DOWN = np.array([[0.0, 0.0, -1.0]])
-BOX = np.array([1.64 + 0.24, 0.0, 0.78 + 1.12 + 0.06]) + np.array([[-0.1], [0.1]])  # about the flange at zero
-AHEAD, BEHIND = (Instrument((x, 0.0, z), 1e-5, 0.0, 1e-5, 0.0) for x, z in ((5.0, 2.0), (-5.0, 1.2)))
-TURNED = Surroundings(link_radius=0.0, facing=dict.fromkeys(TARGETS, (0.0, 0.0, 1.0)), acceptance=0.5)
-CABLE = equipment("cable", anchors=[[-3.0, 0.0, 1.2]])
-BESIDE = equipment("cable", anchors=[[2.06, 3.02, 5.02], [2.06, 0.02, 2.07]])  # the second too near the load
-
-
-def box_aside(distance):
-    """A box that far to the side of where the flange is at zero; the links have their default radius."""
-    return Surroundings(obstacles=[np.add(BOX, [0.0, distance, 0.0]).tolist()])
-
-
-@pytest.mark.parametrize(
-    ("reason", "tools", "cell", "degrees", "direction"),
-    [
-        ("joint_limits", equipment(), Surroundings(), 100, None),
-        ("torque", equipment("dead_weight", torque_limit=np.full(N, 100.0)), Surroundings(), 0, DOWN),
-        ("floor_or_box", equipment(), Surroundings(floor=3.0), 0, None),
-        ("floor_or_box", equipment(), Surroundings(obstacles=[BOX.tolist()]), 0, None),
-        ("floor_or_box", equipment(), Surroundings(inside=(BOX + 9.0).tolist()), 0, None),
-        ("floor_or_box", equipment(), box_aside(0.2), 0, None),
-        (None, equipment(), box_aside(0.4), 0, None),
-        ("line_of_sight", equipment(instrument=BEHIND), Surroundings(link_radius=0.15), 0, None),
-        ("reflector_acceptance", equipment(instrument=BEHIND), TURNED, 0, None),
-        ("cable", CABLE, Surroundings(link_radius=0.15), 0, [[-1.0, 0.0, -0.2]]),
-        ("cable", BESIDE, Surroundings(link_radius=0.0), 0, [[0.0, 0.0, 1.0]]),
-        (None, equipment(instrument=AHEAD), Surroundings(floor=0.1), 0, None),
-    ],
-)
-def test_each_reason_strikes_out_what_it_should(robot, reason, tools, cell, degrees, direction):
-    joints = np.radians([[0.0, degrees, 0.0, 0.0, 0.0, 0.0]])
-    kept, struck_out = feasible(
-        robot, tools, cell, joints, direction if direction is None else np.array(direction)
-    )
-    assert struck_out == ({} if reason is None else {reason: 1})
-    assert kept.tolist() == [reason is None]
-
-
 def advised(document, **options):
     """Robot, measurements, the estimate and the advice."""
     robot, measurements = prepare(document)
@@ -237,17 +195,6 @@ class TestFollowed:
             assert joint.standard_uncertainty == pytest.approx(piece.standard_uncertainty, rel=0.01)
 
 
-class TestWords:
-    @pytest.mark.parametrize(("force", "whose"), [(100.0, "compliance"), (250.0, "stiffness")])
-    def test_the_uncertainty_left_is_that_of_a_stiffness_only_where_it_is_less(self, force, whose):
-        """A compliance may be less than its uncertainty: that of its inverse would be more than itself."""
-        *_, found, pieces = advised(simulate_campaign(ARM, configurations=4, seed=3, force=force))
-        assert found.joints[5].compliance > 0.0
-        (piece,) = (each for each in pieces if each.joint == "joint_6")
-        assert (piece.standard_uncertainty < found.joints[5].compliance) == (whose == "stiffness")
-        assert f"the uncertainty of joint_6's {whose} falls to" in piece.message
-
-
 class TestNone:
     def test_where_all_joints_are_well_determined(self):
         *_, pieces = advised(shared("simulated/pull_40"))
@@ -271,28 +218,6 @@ class TestNone:
             before, left = (each.covariance[j, j] for each in (found, after))
             assert left < 0.97**2 * before
             assert np.sqrt(left) == pytest.approx(piece.standard_uncertainty, rel=0.05)
-
-    def test_where_no_force_was_applied(self):
-        document = simulate_campaign(ARM, force=0.0, moment=300.0, configurations=2, sigma=1e-3)
-        *_, found, pieces = advised(document)
-        assert any(joint.status != "identified" for joint in found.joints)
-        assert pieces == ()
-
-
-def test_no_posture_is_new_where_the_limits_leave_no_room():
-    document = simulate_campaign(ARM, configurations=3, seed=3)
-    confined, measurements = limited(document, (3.0, 3.1))
-    # The measured postures are beyond these limits, too, and none of them is advised again.
-    assert not advise(confined, measurements, estimate(confined, measurements))
-
-
-def limited(document, limits):
-    """Robot with other limits of joint_2, and measurements."""
-    robot, measurements = prepare(document)
-    joints = (
-        replace(joint, limits=limits) if joint.name == "joint_2" else joint for joint in robot.chain.joints
-    )
-    return Robot(replace(robot.chain, joints=tuple(joints))), measurements
 
 
 def follow(robot, measurements, advice):
