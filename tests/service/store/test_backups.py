@@ -11,7 +11,6 @@ import threading
 import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import closing
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -32,7 +31,7 @@ from jointstiff.service.problems import StoreError, StoreUnavailableError
 from jointstiff.service.server import _shown
 from jointstiff.service.store import backups
 from jointstiff.service.store import database as database_module
-from jointstiff.service.store.backups import Manifest, back_up, content_of, restore
+from jointstiff.service.store.backups import back_up, restore
 from jointstiff.service.store.database import Database
 from jointstiff.service.store.store import Store
 from jointstiff.service.store.tables import LAYOUT, RobotRecord, metadata
@@ -172,33 +171,11 @@ def test_processes_open_a_fresh_database_together(database_url: str) -> None:
         assert (output, errors) == ("opened\n", "")
 
 
-@pytest.mark.parametrize(
-    "url",
-    [
-        "",
-        "jointstiff.db",
-        "mysql://user@host/database",
-        "postgresql+asyncpg://user@host/database",
-        "postgresql://user@host:port/database",
-        "sqlite://host/path",
-        "sqlite://user@/path",
-        "sqlite:///path?mode=ro",
-    ],
-)
-def test_other_addresses_are_refused(url: str) -> None:
-    with pytest.raises(StoreError) as caught:
-        Store.open(url)
-    assert "sqlite:///" in caught.value.remedy
-
-
 def test_errors_do_not_show_the_password(tmp_path: Path) -> None:
     for url in (
         "postgresql://user:secret@127.0.0.1:1/database",
         f"postgresql://user:secret@/database?host={tmp_path}",
         f"postgresql://user:secret@/database?host={tmp_path}&nonsense=1",
-        "mysql://user:secret@host/database",
-        "sqlite://user:secret@host/path",
-        "postgresql://user:secret@host:port/database",
     ):
         with pytest.raises(StoreError) as caught:
             Store.open(url)
@@ -409,93 +386,6 @@ def test_what_is_in_use_is_not_replaced(new_database, tmp_path):
             restore(url, tmp_path / "backup", overwrite=True)
         assert caught.value.remedy == "stop the service and its workers first"
         assert store.robots.get("r") == ROBOT
-
-
-class TestOnSqlite:
-    @pytest.fixture
-    def url(self, tmp_path):
-        url = f"sqlite:///{tmp_path / 'of.db'}"
-        with Store.open(url) as store:
-            store.robots.add(ROBOT)
-        return url
-
-    def test_a_file_that_is_replaced_is_set_aside_even_if_damaged(self, url, tmp_path):
-        back_up(url, tmp_path / "backup")
-        (tmp_path / "of.db").write_bytes(b"no database" * 1000)
-        restore(url, tmp_path / "backup", overwrite=True)
-        assert robots_of(url) == {"r"}
-        (aside,) = tmp_path.glob("of.db.replaced-*")
-        assert aside.read_bytes().startswith(b"no database")
-
-    def test_a_backup_that_changed_is_refused(self, url, tmp_path):
-        back_up(url, tmp_path / "backup")
-        with closing(sqlite3.connect(tmp_path / "backup" / "jointstiff.db")) as copy, copy:
-            copy.execute("UPDATE robots SET name = 'another'")
-        with pytest.raises(StoreError, match="has changed"):
-            restore(f"sqlite:///{tmp_path / 'new.db'}", tmp_path / "backup")
-        assert not (tmp_path / "new.db").exists()
-
-    def test_rows_that_do_not_arrive_are_noticed(self, url, tmp_path):
-        back_up(url, tmp_path / "backup")
-        path = tmp_path / "backup" / "manifest.json"
-        manifest = json.loads(path.read_text())
-        manifest["tables"]["robots"]["rows"] = 2
-        path.write_text(json.dumps(manifest))
-        with pytest.raises(StoreError, match="restored table robots differs"):
-            restore(f"sqlite:///{tmp_path / 'new.db'}", tmp_path / "backup")
-        assert sorted(path.name for path in tmp_path.iterdir()) == ["backup", "of.db"]
-
-    @pytest.mark.parametrize(
-        ("database", "reason"),
-        [
-            ("sqlite:///{0}/none.db", "there is no database"),
-            ("sqlite://", "in memory"),
-            ("sqlite:///{0}/empty.db", "no Jointstiff tables"),
-        ],
-    )
-    def test_nothing_to_copy(self, tmp_path, database, reason):
-        (tmp_path / "empty.db").touch()
-        with pytest.raises(StoreError, match=reason):
-            back_up(database.format(tmp_path), tmp_path / "backup")
-        assert not (tmp_path / "backup").exists()
-        assert not (tmp_path / "none.db").exists()
-
-    def test_folders_that_are_no_place_or_no_backup(self, url, tmp_path):
-        with pytest.raises(StoreError, match="exists"):
-            back_up(url, tmp_path)
-        with pytest.raises(StoreError, match="no readable manifest"):
-            restore(url, tmp_path)
-        back_up(url, tmp_path / "backup")
-        with pytest.raises(StoreError, match="backup of a sqlite"):
-            restore("postgresql://nobody@/nothing", tmp_path / "backup")
-
-    def test_nobody_else_reads_a_backup(self, url, tmp_path):
-        back_up(url, tmp_path / "backup")
-        assert (tmp_path / "backup").stat().st_mode & 0o077 == 0
-
-    def test_another_layout_is_neither_copied_nor_restored(self, url, tmp_path):
-        back_up(url, tmp_path / "backup")
-        manifest = tmp_path / "backup" / "manifest.json"
-        manifest.write_text(manifest.read_text().replace(LAYOUT, "0000_earlier"))
-        with pytest.raises(StoreError, match="0000_earlier"):
-            restore(f"sqlite:///{tmp_path / 'other.db'}", tmp_path / "backup")
-        with closing(Database.open(url)) as database, database.writing() as connection:
-            connection.exec_driver_sql("UPDATE alembic_version SET version_num = '0000_earlier'")
-            connection.exec_driver_sql("DROP TABLE jobs")
-        before = set(tmp_path.iterdir())
-        with pytest.raises(StoreError, match="0000_earlier") as caught:
-            back_up(url, tmp_path / "second")
-        assert "the version that wrote it" in caught.value.remedy
-        assert set(tmp_path.iterdir()) == before
-
-    def test_content_is_of_values_not_of_places(self, url, tmp_path):
-        back_up(url, tmp_path / "backup")
-        manifest = Manifest.model_validate_json((tmp_path / "backup" / "manifest.json").read_bytes())
-        with closing(Database.open(url)) as database, database.reading() as connection:
-            assert content_of(connection) == manifest.tables
-        with closing(Database.open(url)) as database, database.writing() as connection:
-            connection.exec_driver_sql("UPDATE robots SET name = 'r' || name")
-            assert content_of(connection)["robots"] != manifest.tables["robots"]
 
 
 @pytest.mark.parametrize("url", ["postgresql://me:geheim@host/db", "postgresql://me@host/db?password=geheim"])
