@@ -54,14 +54,10 @@ BENCHMARKS = {
         "attacks.live_service", "kill -9 while readings are sent; fifty campaigns at once", in_parts=True
     ),
     "links_fanuc": Benchmark("studies.links_fanuc", "elastic links, held out on the real set", in_parts=True),
-    "effective": Benchmark(
-        "studies.effective", "effective stiffness after links are chosen; half an hour", in_parts=True
-    ),
     "own_weight": Benchmark(
         "studies.own_weight", "stiffness without a load; docs/without-a-load.md", in_parts=True
     ),
     "programs": Benchmark("studies.programs", "on exact springs, beside a loop of EAIK; docs/compensate.md"),
-    "plan_nuisance": Benchmark("studies.plan_nuisance", "elastic links as nuisance; docs/plan.md"),
     "mutants": Benchmark("studies.mutants", "small changes of both houses; half an hour", in_parts=True),
     "attacks": Benchmark(
         "attacks.attacks", "hostile bodies, connections, many posts; a quarter of an hour", in_parts=True

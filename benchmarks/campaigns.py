@@ -37,17 +37,11 @@ _BLOCK = 1_000
 
 @dataclass(frozen=True, eq=False)
 class Campaign:
-    """A robot and what was measured on it.
-
-    Attributes:
-        robot: of six joints.
-        measurements: of three targets.
-        document: the same as the service takes it; empty for large campaigns.
-    """
+    """A robot of six joints and what was measured on it."""
 
     robot: Robot
-    measurements: Measurements
-    document: Document
+    measurements: Measurements  # of three targets
+    document: Document  # the same as the service takes it; empty for large campaigns
 
 
 def default_settings(robot: Robot) -> Settings:

@@ -28,21 +28,18 @@ class Part:
 
 @dataclass(frozen=True)
 class Figure:
-    """A number that is asked for beside the one that was measured.
+    """A number that is asked for beside the one that was measured."""
 
-    Attributes:
-        what: what is measured, against what.
-        measured: the number.
-        relation: on which side of `required` it should lie.
-        required: the number asked for.
-        unit: of both.
-    """
-
-    what: str
+    what: str  # is measured, against what
     measured: float
     relation: Literal["at least", "at most"]
     required: float
-    unit: str = ""
+    unit: str = ""  # of both numbers
+
+    @classmethod
+    def none(cls, what: str, count: int) -> Figure:
+        """Count what should not be."""
+        return cls(what, count, "at most", 0)
 
     @property
     def met(self) -> bool:
@@ -54,23 +51,14 @@ class Figure:
 
 @dataclass(frozen=True)
 class Section:
-    """The outcome of one benchmark.
-
-    Attributes:
-        title: what was compared.
-        columns: headings of the table.
-        rows: its cells.
-        figures: that were asked for.
-        notes: what a reader needs to know to judge the numbers.
-        data: the numbers behind them.
-    """
+    """The outcome of one benchmark."""
 
     title: str
     columns: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
     figures: tuple[Figure, ...] = ()
-    notes: tuple[str, ...] = ()
-    data: dict[str, Any] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()  # that a reader needs to judge the numbers
+    data: dict[str, Any] = field(default_factory=dict)  # numbers behind the cells
 
 
 def times_table(

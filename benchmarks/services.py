@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import resource
 import shutil
@@ -17,22 +18,33 @@ from contextlib import closing, contextmanager
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Final
+from uuid import uuid4
 
 import httpx2
 import psycopg
 
 from benchmarks.campaigns import small_campaign
+from jointstiff import identify
+from jointstiff.schemas.run import Campaign
+from jointstiff.simulator.campaign import Document
 
 __all__ = [
     "PostgresqlServer",
     "Service",
     "ServiceError",
+    "begin_run",
     "cpu",
+    "databases",
+    "ended",
+    "followed",
     "locked",
     "numbers",
     "post_campaign",
+    "post_document",
     "postgresql",
     "running",
+    "size_of",
+    "undisturbed",
 ]
 
 _START_SECONDS: Final = 60.0
@@ -131,11 +143,45 @@ class Service:
 
 def post_campaign(client: httpx2.Client, configurations: int) -> str:
     """Post robot and readings; the id of the set."""
-    document = small_campaign(configurations=configurations).document
+    return post_document(client, small_campaign(configurations=configurations).document)
+
+
+def post_document(client: httpx2.Client, document: Document) -> str:
+    """Post robot and readings of a campaign; the id of the set."""
     robot = client.post("/v1/robots", json=document["robot"]).raise_for_status().json()
     readings = document["measurement_set"] | {"robot_id": robot["id"]}
     stored = client.post("/v1/measurement-sets", json=readings).raise_for_status().json()
     return str(stored["id"])
+
+
+def begin_run(client: httpx2.Client, configurations: int, resampling: dict[str, int]) -> str:
+    """Post a campaign and a long run of it; the address of the run."""
+    body = {"measurement_set_id": post_campaign(client, configurations), "resampling": resampling}
+    return str(client.post("/v1/runs?wait=0", json=body).raise_for_status().headers["location"])
+
+
+def followed(client: httpx2.Client, address: str, seconds: float) -> Iterator[dict[str, Any]]:
+    """Yield a run again and again, the last time when it has ended or so many seconds have passed."""
+    deadline = time.monotonic() + seconds
+    while True:
+        found: dict[str, Any] = client.get(address).raise_for_status().json()
+        yield found
+        if found["state"] not in {"queued", "running"} or time.monotonic() > deadline:
+            return
+        time.sleep(0.1)
+
+
+def ended(client: httpx2.Client, address: str, seconds: float) -> dict[str, Any]:
+    """Return a run when it has ended, or as it is after so many seconds."""
+    *_, found = followed(client, address, seconds)
+    return found
+
+
+def undisturbed(configurations: int, resampling: dict[str, int]) -> dict[str, Any]:
+    """Return the numbers of the same run in this process, without workers."""
+    document = small_campaign(configurations=configurations).document | {"run": {"resampling": resampling}}
+    campaign = Campaign.model_validate_json(json.dumps(document))
+    return numbers(json.loads(identify(campaign, campaign.run).model_dump_json()))
 
 
 def numbers(run: dict[str, Any]) -> dict[str, Any]:
@@ -170,6 +216,19 @@ def cpu(pid: int) -> float:
     ]
     own = sum(map(int, fields[11:15])) / os.sysconf("SC_CLK_TCK")
     return own + sum(cpu(int(child)) for child in started if running(int(child)))
+
+
+def size_of(pid: int | str = "self", kind: str = "VmRSS") -> float:
+    """Return the size of a process, resident or by another name of the kernel (`VmHWM`: its peak) [MB]."""
+    status = Path(f"/proc/{pid}/status").read_text(encoding="ascii")
+    return int(status.partition(f"{kind}:")[2].split()[0]) / 1024.0
+
+
+@contextmanager
+def databases() -> Iterator[dict[str, Callable[[], str]]]:
+    """Yield a function for each kind of database that makes one and returns its URL."""
+    with tempfile.TemporaryDirectory(prefix="jointstiff-benchmark-") as place, postgresql() as server:
+        yield {"SQLite": lambda: f"sqlite:///{Path(place) / uuid4().hex}.db", "PostgreSQL": server}
 
 
 @contextmanager

@@ -13,15 +13,10 @@ __all__ = ["Times", "interleaved"]
 
 @dataclass(frozen=True)
 class Times:
-    """Seconds that each candidate took, round by round.
+    """Seconds that each candidate took, round by round."""
 
-    Attributes:
-        seconds: of each candidate, in the order of the rounds.
-        results: what each candidate returned in the last round.
-    """
-
-    seconds: dict[str, list[float]]
-    results: dict[str, Any]
+    seconds: dict[str, list[float]]  # of each candidate, in the order of the rounds
+    results: dict[str, Any]  # of each candidate, in the last round
 
     def median(self, candidate: str) -> float:
         """Median over the rounds [s]."""

@@ -13,7 +13,7 @@ import tempfile
 import threading
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass
@@ -31,7 +31,7 @@ from benchmarks.attacks.hostile_bodies import bodies, imports
 from benchmarks.attacks.many_posts import posts_at_once, queue_full
 from benchmarks.campaigns import small_campaign
 from benchmarks.report import Figure, Part, Section
-from benchmarks.services import Service, cpu, locked, post_campaign, postgresql
+from benchmarks.services import Service, cpu, locked, post_campaign, postgresql, size_of
 from jointstiff.schemas.imports import ImportRequest
 from jointstiff.schemas.measurement import MeasurementSetRequest
 from jointstiff.service.api.bodies import understood
@@ -124,19 +124,12 @@ def _imports() -> Section:
 
 @dataclass(frozen=True)
 class _Manner:
-    """A way to hold a connection.
-
-    Attributes:
-        name: of it.
-        first: sent at once.
-        drip: sent each second after that.
-        bound: until it has to be closed [s].
-    """
+    """A way to hold a connection."""
 
     name: str
-    first: bytes
-    drip: bytes
-    bound: float
+    first: bytes  # sent at once
+    drip: bytes  # sent each second after that
+    bound: float  # until it has to be closed [s]
 
 
 _POST: Final = (
@@ -184,12 +177,12 @@ def _at_once(database: str, fewer: int) -> Section:
         with Service(database, 0) as service, httpx2.Client(base_url=service.url, timeout=120) as client:
             path, legal, _ = _loads(client)[f"4 × {_LEGAL}"]
             body = legal if what == _LEGAL else b" " * (MAX_SET_BYTES + 1)
-            idle, peak, done = _memory(service), 0.0, threading.Event()
+            idle, peak, done = size_of(service.process.pid), 0.0, threading.Event()
 
             def look(service: Service = service, done: threading.Event = done) -> None:
                 nonlocal peak
                 while not done.wait(0.1):
-                    peak = max(peak, _memory(service))
+                    peak = max(peak, size_of(service.process.pid))
 
             with _asking(service.port) as seconds, ThreadPoolExecutor(4) as pool:
                 pool.submit(look)
@@ -211,7 +204,7 @@ def _at_once(database: str, fewer: int) -> Section:
             Figure(f"at once, {what}: /health p95", p95, "at most", 0.05, " s"),
         ]
     others = posted.total() - posted[413]
-    figures.append(Figure(f"at once, {_REFUSED}: answers that are not 413", others, "at most", 0))
+    figures.append(Figure.none(f"at once, {_REFUSED}: answers that are not 413", others))
     clients = f"{counts['slow reader']} slow readers, {counts['silent']:,} silent"
     return Section(
         title=f"At once: {clients}, {64 // fewer} clients that post large bodies",
@@ -219,12 +212,6 @@ def _at_once(database: str, fewer: int) -> Section:
         rows=tuple(rows),
         figures=tuple(figures),
     )
-
-
-def _memory(service: Service) -> float:
-    """Resident memory of the service's process [MB]."""
-    status = Path(f"/proc/{service.process.pid}/status").read_text(encoding="ascii")
-    return int(status.partition("VmRSS:")[2].split()[0]) / 1024.0
 
 
 async def _held(service: Service, manner: _Manner, count: int) -> float:
@@ -392,10 +379,7 @@ def _elsewhere() -> Section:
         title="What tests and other benchmarks show",
         columns=("what", "where"),
         rows=(
-            (
-                "DNS rebinding, cross-site page, null origin, in a real Chromium",
-                "tests/dashboard/test_sign_in.py",
-            ),
+            ("DNS rebinding, cross-site page, null origin, in Chromium", "tests/dashboard/test_sign_in.py"),
             ("role × operation; an operation without a role", "tests/service/api/test_access.py"),
             ("unfinished bodies together", "tests/service/api/test_connections.py"),
             ("kill -9 of services and workers", "python -m benchmarks durability"),
@@ -409,23 +393,16 @@ def _elsewhere() -> Section:
 
 def _threads(database: str, count: int) -> Section:
     with Service(database, 0) as service, httpx2.Client(base_url=service.url, timeout=200) as client:
-        requests: dict[str, Callable[[], httpx2.Response]] = {
-            f"geometry of {6 * count}": lambda: client.post(
-                "/v1/geometries", content=_sweeps(count), headers=_JSON
-            ),
-            "coupled joints": lambda: client.post(
-                "/v1/runs",
-                json={
-                    "measurement_set_id": post_campaign(client, 20 * count),
-                    "elasticity": "coupled_joints",
-                    "link_penalty": 1e-3,
-                },
-            ),
+        coupled = {"elasticity": "coupled_joints", "link_penalty": 1e-3}
+        run = {"measurement_set_id": post_campaign(client, 20 * count)} | coupled
+        requests = {
+            f"geometry of {6 * count}": ("/v1/geometries", _sweeps(count)),
+            "coupled joints": ("/v1/runs", json.dumps(run).encode()),
         }
         found = {}
-        for name, send in requests.items():
+        for name, (path, body) in requests.items():
             before, began = cpu(service.process.pid), time.monotonic()
-            send().raise_for_status()
+            client.post(path, content=body, headers=_JSON).raise_for_status()
             found[name] = (cpu(service.process.pid) - before, time.monotonic() - began)
     return Section(
         title="Processor time of the service beside the time that it took",

@@ -5,15 +5,11 @@ By name only: it takes about twenty minutes, or five for each `--part` of 1/4 to
 
 from __future__ import annotations
 
-import json
 import random
-import tempfile
 import threading
 import time
-from collections.abc import Callable
 from contextlib import closing, suppress
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any, Final
 from uuid import uuid4
 
@@ -22,9 +18,16 @@ from sqlalchemy import func, select
 
 from benchmarks.campaigns import small_campaign
 from benchmarks.report import Figure, Part, Section
-from benchmarks.services import Service, numbers, post_campaign, postgresql, running
-from jointstiff import identify
-from jointstiff.schemas.run import Campaign
+from benchmarks.services import (
+    Service,
+    begin_run,
+    databases,
+    ended,
+    followed,
+    numbers,
+    running,
+    undisturbed,
+)
 from jointstiff.service.store.database import Database
 from jointstiff.service.store.tables import idempotency_keys, job_steps, jobs, measurement_sets
 
@@ -64,19 +67,15 @@ class Posted:
 
 def run(*, quick: bool, part: Part) -> list[Section]:
     """Disturb services on an SQLite file and on a PostgreSQL server of our own."""
-    with tempfile.TemporaryDirectory(prefix="jointstiff-durability-") as folder, postgresql() as new_database:
-        kinds: dict[str, Callable[[], str]] = {
-            "SQLite": lambda: f"sqlite:///{Path(folder) / uuid4().hex}.db",
-            "PostgreSQL": new_database,
-        }
+    with databases() as kinds:
         mine = [(number // 2, list(kinds)[number % 2]) for number in part.of(2 * len(kinds))]
         runs = {kind: _disturbed(kinds[kind](), quick=quick) for of, kind in mine if of == 0}
         kills = 2 if quick else KILLS_WHILE_POSTING
         posts = {kind: _posting(kinds[kind](), kills) for of, kind in mine if of == 1}
     sections = [_post_section(posts)] if posts else []
     if runs:
-        undisturbed = _undisturbed(quick=quick)
-        sections.insert(0, _run_section(runs, undisturbed, 0 if quick else KILLS_OF_A_RUN))
+        expected = undisturbed(*_options(quick=quick))
+        sections.insert(0, _run_section(runs, expected, 0 if quick else KILLS_OF_A_RUN))
     return sections
 
 
@@ -88,38 +87,26 @@ def _options(*, quick: bool) -> tuple[int, dict[str, int]]:
     return configurations, {"size": size, "repetitions": repetitions}
 
 
-def _undisturbed(*, quick: bool) -> dict[str, Any]:
-    """The same run in this process, without workers."""
-    configurations, resampling = _options(quick=quick)
-    document = small_campaign(configurations=configurations).document | {"run": {"resampling": resampling}}
-    campaign = Campaign.model_validate_json(json.dumps(document))
-    found: dict[str, Any] = json.loads(identify(campaign, campaign.run).model_dump_json())
-    return numbers(found)
-
-
 def _disturbed(database: str, *, quick: bool) -> Outcome:
-    configurations, resampling = _options(quick=quick)
     chance, outcome = random.Random(7), Outcome()  # noqa: S311 - moments, not secrets
     service = Service(database, 1)
     with httpx2.Client(base_url=service.url, timeout=60.0) as client:
-        body = {"measurement_set_id": post_campaign(client, configurations), "resampling": resampling}
-        address = client.post("/v1/runs?wait=0", json=body).raise_for_status().headers["location"]
-        victims = [VICTIMS[number % len(VICTIMS)] for number in range(_kills(quick=quick))]
+        address = begin_run(client, *_options(quick=quick))
+        victims = [VICTIMS[number % len(VICTIMS)] for number in range(3 if quick else KILLS_OF_A_RUN)]
         chance.shuffle(victims)
         for victim in victims:
             time.sleep(chance.uniform(0.0, 5.0))
             if client.get(address).json()["state"] not in {"queued", "running"}:
                 break
             service = _struck(service, database, victim, outcome)
-        outcome.run = _ended(client, address, outcome)
+        before = 0
+        for outcome.run in followed(client, address, _END_SECONDS):
+            outcome.repeated += outcome.run["progress"]["done"] < before  # it never goes back
+            before = outcome.run["progress"]["done"]
     with service:
         pass
     _count(database, outcome)
     return outcome
-
-
-def _kills(*, quick: bool) -> int:
-    return 3 if quick else KILLS_OF_A_RUN
 
 
 def _struck(service: Service, database: str, victim: str, outcome: Outcome) -> Service:
@@ -144,18 +131,6 @@ def _left(workers: list[int]) -> int:
     return sum(map(running, workers))
 
 
-def _ended(client: httpx2.Client, address: str, outcome: Outcome) -> dict[str, Any]:
-    """The run when it has ended; that its progress never goes back is looked at meanwhile."""
-    deadline, before = time.monotonic() + _END_SECONDS, 0
-    while True:
-        found: dict[str, Any] = client.get(address).raise_for_status().json()
-        outcome.repeated += found["progress"]["done"] < before
-        before = found["progress"]["done"]
-        if found["state"] not in {"queued", "running"} or time.monotonic() > deadline:
-            return found
-        time.sleep(0.1)
-
-
 def _count(database: str, outcome: Outcome) -> None:
     with closing(Database.open(database)) as opened, opened.reading() as connection:
         outcome.rows = connection.execute(select(func.count()).select_from(jobs)).scalar_one()
@@ -163,10 +138,10 @@ def _count(database: str, outcome: Outcome) -> None:
     outcome.done = int(outcome.run["progress"]["done"])
 
 
-def _run_section(runs: dict[str, Outcome], undisturbed: dict[str, Any], kills: int) -> Section:
+def _run_section(runs: dict[str, Outcome], expected: dict[str, Any], kills: int) -> Section:
     def faults(outcome: Outcome) -> int:
-        different = numbers(outcome.run) != undisturbed
-        duplicates = outcome.rows != 1 or outcome.done != undisturbed["progress"]["total"]
+        different = numbers(outcome.run) != expected
+        duplicates = outcome.rows != 1 or outcome.done != expected["progress"]["total"]
         duplicates = duplicates or outcome.steps > 0
         return sum([outcome.run["state"] != "succeeded", different, duplicates, outcome.repeated > 0])
 
@@ -175,7 +150,7 @@ def _run_section(runs: dict[str, Outcome], undisturbed: dict[str, Any], kills: i
             kind,
             f"{found.kills}, {found.steps} steps left",
             found.run["state"],
-            "the same" if numbers(found.run) == undisturbed else "DIFFERENT",
+            "the same" if numbers(found.run) == expected else "DIFFERENT",
             f"{found.rows}, {found.done:,} draws",
             str(found.left),
             f"{found.slowest:.1f} s",
@@ -191,9 +166,7 @@ def _run_section(runs: dict[str, Outcome], undisturbed: dict[str, Any], kills: i
             for kind, found in runs.items()
             for figure in (
                 Figure(f"{kind}: kills before the run had ended", found.kills, "at least", kills),
-                Figure(
-                    f"{kind}: runs not succeeded, different, or stored twice", faults(found), "at most", 0
-                ),
+                Figure.none(f"{kind}: runs not succeeded, different, or stored twice", faults(found)),
             )
         ),
         notes=("the undisturbed run was carried out in one process, without workers",),
@@ -260,9 +233,9 @@ def _lost(service: Service, posted: Posted) -> list[str]:
             if response.status_code != httpx2.codes.OK:
                 faults.append(f"{path}/{identifier} is {response.status_code}")
             elif answer.get("state") in {"queued", "running"}:
-                ended = _ended(client, f"{path}/{identifier}", Outcome())
-                if ended["state"] != "succeeded":
-                    faults.append(f"{path}/{identifier} is {ended['state']}: {ended['error']}")
+                run = ended(client, f"{path}/{identifier}", _END_SECONDS)
+                if run["state"] != "succeeded":
+                    faults.append(f"{path}/{identifier} is {run['state']}: {run['error']}")
             elif any(response.json()[name] != value for name, value in answer.items()):
                 faults.append(f"{path}/{identifier} differs from the answer")
         faults += _unreadable(client)
@@ -311,9 +284,7 @@ def _post_section(posts: dict[str, tuple[int, Posted, list[str]]]) -> Section:
         title="kill -9 of the service while a client posts sets, quick runs and long runs",
         columns=("database", "kills", "posts tried", "acknowledged", "faults"),
         rows=rows,
-        figures=tuple(
-            Figure(f"{kind}: {what}", len(faults), "at most", 0) for kind, (_, _, faults) in posts.items()
-        ),
+        figures=tuple(Figure.none(f"{kind}: {what}", len(faults)) for kind, (*_, faults) in posts.items()),
         notes=tuple(f"{kind}: {fault}" for kind, (*_, faults) in posts.items() for fault in faults[:10]),
         data={kind: {"faults": faults} for kind, (*_, faults) in posts.items()},
     )

@@ -6,7 +6,6 @@ memory, which takes root.
 
 from __future__ import annotations
 
-import json
 import resource
 import subprocess
 import tempfile
@@ -26,9 +25,18 @@ import httpx2
 from benchmarks.attacks.worker_faults import worker_faults
 from benchmarks.campaigns import small_campaign
 from benchmarks.report import Figure, Part, Section
-from benchmarks.services import PostgresqlServer, Service, locked, numbers, post_campaign, postgresql
-from jointstiff import identify
-from jointstiff.schemas.run import Campaign
+from benchmarks.services import (
+    PostgresqlServer,
+    Service,
+    begin_run,
+    databases,
+    ended,
+    locked,
+    numbers,
+    post_campaign,
+    postgresql,
+    undisturbed,
+)
 from jointstiff.service.store.backups import back_up, restore
 from jointstiff.service.workers.doctor import examine
 
@@ -46,31 +54,21 @@ _CODED: Final = frozenset({201, 429, 503, 507})
 
 @dataclass
 class Outcome:
-    """Outcome of one fault.
+    """Outcome of one fault."""
 
-    Attributes:
-        statuses: answers to posts while it lasted.
-        uncoded: posts without an answer, or with one that is no problem document.
-        lost: acknowledged resources that are not there.
-        recovered: time until a post was taken again [s].
-        state: of the long run at its end.
-        same: whether its numbers are those of the undisturbed run.
-        found: faults that the doctor sees.
-    """
-
-    statuses: Counter[int] = field(default_factory=Counter)
-    uncoded: list[str] = field(default_factory=list)
-    lost: int = 0
-    recovered: float = float("inf")
-    state: str = ""
-    same: bool = False
-    found: list[str] = field(default_factory=list)
+    statuses: Counter[int] = field(default_factory=Counter)  # answers to posts while it lasted
+    uncoded: list[str] = field(default_factory=list)  # posts whose answer is no problem document
+    lost: int = 0  # acknowledged resources that are not there
+    recovered: float = float("inf")  # time until a post was taken again [s]
+    state: str = ""  # of the long run at its end
+    same: bool = False  # whether its numbers are those of the undisturbed run
+    found: list[str] = field(default_factory=list)  # faults that the doctor sees
 
 
 def run(*, quick: bool, part: Part) -> list[Section]:
     """Let services of our own meet each fault."""
     seconds = 3.0 if quick else 8.0
-    undisturbed = _undisturbed()
+    expected = undisturbed(CONFIGURATIONS, RESAMPLING)
     with _disk() as folder, postgresql() as server:
         sqlite: dict[str, Callable[[Path], Fault]] = {
             "disk full": lambda path: partial(_full, path.parent),
@@ -81,13 +79,11 @@ def run(*, quick: bool, part: Part) -> list[Section]:
         for name, fault in sqlite.items():
             path = folder / f"{uuid4().hex}.db"
             long = 25.0 if name == "locked" and not quick else seconds
-            cases[f"SQLite: {name}"] = partial(_meet, f"sqlite:///{path}", fault(path), long, undisturbed)
+            cases[f"SQLite: {name}"] = partial(_meet, f"sqlite:///{path}", fault(path), long, expected)
         url, back = f"sqlite:///{folder / uuid4().hex}.db", partial(_clock_set_back, folder)
-        cases["SQLite: clock −1 day"] = lambda: _meet(url, back, seconds, undisturbed, _faked(folder))
+        cases["SQLite: clock −1 day"] = lambda: _meet(url, back, seconds, expected, _faked(folder))
         for name, hurt in {"server stopped and back": _stopped, "read-only": _read_only}.items():
-            cases[f"PostgreSQL: {name}"] = partial(
-                _meet, server(), partial(hurt, server), seconds, undisturbed
-            )
+            cases[f"PostgreSQL: {name}"] = partial(_meet, server(), partial(hurt, server), seconds, expected)
         outcomes: dict[str, Outcome] = {}
         sections: list[Section] = []
         for number in part.of(len(cases) + (1 if quick else 2)):
@@ -99,15 +95,8 @@ def run(*, quick: bool, part: Part) -> list[Section]:
             elif number == len(cases):
                 sections.append(copies(1.0 if quick else 5.0))
             else:
-                sections.append(hurt_workers(undisturbed))
+                sections.append(hurt_workers(expected))
     return [_section(outcomes), *sections] if outcomes else sections
-
-
-@contextmanager
-def databases() -> Iterator[dict[str, Callable[[], str]]]:
-    """Yield a function for each kind of database that makes one."""
-    with tempfile.TemporaryDirectory(prefix="jointstiff-faults-") as place, postgresql() as server:
-        yield {"SQLite": lambda: f"sqlite:///{Path(place) / uuid4().hex}.db", "PostgreSQL": server}
 
 
 def copies(seconds: float) -> Section:
@@ -116,23 +105,17 @@ def copies(seconds: float) -> Section:
         return _backups(new, seconds)
 
 
-def hurt_workers(undisturbed: dict[str, Any]) -> Section:
+def hurt_workers(expected: dict[str, Any]) -> Section:
     """Let workers meet their faults, those that die at a step on both databases."""
     with databases() as new:
-        return worker_faults(new, CONFIGURATIONS, RESAMPLING, undisturbed)
-
-
-def _undisturbed() -> dict[str, Any]:
-    document = small_campaign(configurations=CONFIGURATIONS).document | {"run": {"resampling": RESAMPLING}}
-    campaign = Campaign.model_validate_json(json.dumps(document))
-    return numbers(json.loads(identify(campaign, campaign.run).model_dump_json()))
+        return worker_faults(new, CONFIGURATIONS, RESAMPLING, expected)
 
 
 def _meet(
     database: str,
     fault: Fault,
     seconds: float,
-    undisturbed: dict[str, Any],
+    expected: dict[str, Any],
     environment: dict[str, str] | None = None,
 ) -> Outcome:
     outcome, created = Outcome(), list[str]()
@@ -141,9 +124,7 @@ def _meet(
         Service(database, 1, environment=environment) as service,
         httpx2.Client(base_url=service.url, timeout=90) as client,
     ):
-        set_id = post_campaign(client, CONFIGURATIONS)
-        body = {"measurement_set_id": set_id, "resampling": RESAMPLING}
-        address = client.post("/v1/runs?wait=0", json=body).raise_for_status().headers["location"]
+        address = begin_run(client, CONFIGURATIONS, RESAMPLING)
         poster = threading.Thread(target=_post_on, args=(service.url, stop, faulty, outcome, created))
         poster.start()
         time.sleep(1.0)
@@ -152,12 +133,12 @@ def _meet(
             time.sleep(seconds)
         faulty.clear()
         outcome.recovered = _recovered(created)
-        run = _ended(client, address)
+        run = ended(client, address, _END_SECONDS)
         stop.set()
         poster.join()
         outcome.lost = sum(client.get(f"/v1/robots/{robot}").status_code != 200 for robot in created)
     outcome.state = run["state"]
-    outcome.same = numbers(run) == undisturbed
+    outcome.same = numbers(run) == expected
     outcome.found = [f"{each.code}: {each.where}" for each in examine(database).faults]
     return outcome
 
@@ -186,15 +167,6 @@ def _recovered(created: list[str]) -> float:
             return float("inf")
         time.sleep(0.02)
     return time.monotonic() - began
-
-
-def _ended(client: httpx2.Client, address: str) -> dict[str, Any]:
-    deadline = time.monotonic() + _END_SECONDS
-    while True:
-        found: dict[str, Any] = client.get(address).raise_for_status().json()
-        if found["state"] not in {"queued", "running"} or time.monotonic() > deadline:
-            return found
-        time.sleep(0.2)
 
 
 # The faults
@@ -313,6 +285,7 @@ def _read_only(server: PostgresqlServer, _: Service) -> Iterator[None]:
 
 
 def _section(outcomes: dict[str, Outcome]) -> Section:
+    again = "until posts are taken again"
     return Section(
         title="Faults during posts and a long run",
         columns=("fault", "answers meanwhile", "uncoded", "lost", "recovered", "long run", "doctor"),
@@ -332,17 +305,11 @@ def _section(outcomes: dict[str, Outcome]) -> Section:
             figure
             for name, found in outcomes.items()
             for figure in (
-                Figure(f"{name}: answers without a code", len(found.uncoded), "at most", 0),
-                Figure(f"{name}: acknowledged and lost", found.lost, "at most", 0),
-                Figure(
-                    f"{name}: until posts are taken again",
-                    found.recovered,
-                    "at most",
-                    _RECOVERED_SECONDS,
-                    " s",
-                ),
-                Figure(f"{name}: long run not the same", int(not found.same), "at most", 0),
-                Figure(f"{name}: faults that the doctor finds", len(found.found), "at most", 0),
+                Figure.none(f"{name}: answers without a code", len(found.uncoded)),
+                Figure.none(f"{name}: acknowledged and lost", found.lost),
+                Figure(f"{name}: {again}", found.recovered, "at most", _RECOVERED_SECONDS, " s"),
+                Figure.none(f"{name}: long run not the same", int(not found.same)),
+                Figure.none(f"{name}: faults that the doctor finds", len(found.found)),
             )
         ),
         notes=("kill -9 of service and worker: the benchmark `durability`",),
@@ -362,10 +329,8 @@ def _backups(kinds: dict[str, Callable[[], str]], seconds: float) -> Section:
             figure
             for kind, (_, odd, faults) in found.items()
             for figure in (
-                Figure(
-                    f"{kind}, restored: acknowledged before and not there, or not the same", odd, "at most", 0
-                ),
-                Figure(f"{kind}, restored: the doctor finds something", int(bool(faults)), "at most", 0),
+                Figure.none(f"{kind}, restored: acknowledged before and not there, or not the same", odd),
+                Figure.none(f"{kind}, restored: the doctor finds something", int(bool(faults))),
             )
         ),
         notes=("that `doctor` finds planted faults: tests/service/workers/test_recovery.py",),

@@ -234,14 +234,9 @@ def _section(
         columns=("requests", "answers"),
         rows=tuple(answers.items()),
         figures=(
-            Figure("hostile requests: exceptions that nothing handles", len(raised) - failed, "at most", 0),
-            Figure("hostile requests: answers of class 5xx", failed, "at most", 0),
-            Figure(
-                "damaged URDFs: models that are not those of Pinocchio's reader",
-                models["WRONG"],
-                "at most",
-                0,
-            ),
+            Figure.none("hostile requests: exceptions that nothing handles", len(raised) - failed),
+            Figure.none("hostile requests: answers of class 5xx", failed),
+            Figure.none("damaged URDFs: models that are not those of Pinocchio's reader", models["WRONG"]),
         ),
         notes=(
             f"damaged URDFs: {taken}; `alone`: Pinocchio's reader refuses it, so it is compared with nothing",

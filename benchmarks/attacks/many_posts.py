@@ -50,8 +50,8 @@ def posts_at_once(kind: str, database: str, count: int) -> Section:
         rows=((f"{rate:.0f}/s", f"{loop:.0f}/s", f"{len(created)}", f"{count - len(created)}"),),
         figures=(
             Figure(f"{kind}, posts at once: rate / that of one client", rate / loop, "at least", 0.8, "×"),
-            Figure(f"{kind}, posts at once: acknowledged and not stored", lost, "at most", 0),
-            Figure(f"{kind}, posts at once: acknowledged twice", twice, "at most", 0),
+            Figure.none(f"{kind}, posts at once: acknowledged and not stored", lost),
+            Figure.none(f"{kind}, posts at once: acknowledged twice", twice),
         ),
     )
 
@@ -70,7 +70,7 @@ def queue_full(databases: Mapping[str, str], count: int) -> Section:
         columns=("database", "202", "429"),
         rows=tuple((kind, f"{c[202, False]}", f"{c[429, True]}") for kind, c in found.items()),
         figures=tuple(
-            Figure(f"{kind}: answers that are not 202, then 429", int(c != expected), "at most", 0)
+            Figure.none(f"{kind}: answers that are not 202, then 429", int(c != expected))
             for kind, c in found.items()
         ),
     )

@@ -16,7 +16,7 @@ from typing import Any, Final
 import httpx2
 
 from benchmarks.report import Figure, Section
-from benchmarks.services import Service, numbers, post_campaign
+from benchmarks.services import Service, begin_run, ended, numbers
 from jointstiff.service.store.backups import back_up, restore
 
 __all__ = ["worker_faults"]
@@ -24,7 +24,6 @@ __all__ = ["worker_faults"]
 _CLEAR_SECONDS: Final = 120.0
 _AT_ONCE: Final = 4
 """Services at the same time: eight of them do not start in time on a busy machine of two processors."""
-_ENDED: Final = frozenset({"succeeded", "failed", "cancelled"})
 _DYING: Final = """
 import os, signal, sys
 if "jointstiff.service.workers" in sys.orig_argv:
@@ -72,7 +71,7 @@ def worker_faults(
     new: Mapping[str, Callable[[], str]],
     configurations: int,
     resampling: dict[str, int],
-    undisturbed: dict[str, Any],
+    expected: dict[str, Any],
 ) -> Section:
     """Let workers meet their faults, many at the same time; SQLite's meet all of them.
 
@@ -80,7 +79,7 @@ def worker_faults(
         new: makes a database, by its kind; one is `SQLite`.
         configurations: of the set.
         resampling: of its long run.
-        undisturbed: what a run that nothing disturbs finds.
+        expected: numbers of a run that nothing disturbs.
     """
     sqlite = new["SQLite"]
     with (
@@ -93,60 +92,33 @@ def worker_faults(
             for kind, make in new.items()
             for step, code in _STEPS.items()
         }
-        others = {
-            "out of memory": pool.submit(_starved, sqlite(), configurations, resampling),
-        }
+        starved = pool.submit(_starved, sqlite(), configurations, resampling)
         unable = pool.submit(_unable, sqlite(), folder)
         planted = pool.submit(_planted, sqlite(), folder, configurations, resampling)
-        ended = {step: task.result() for step, task in dying.items()}
-        runs = {fault: task.result() for fault, task in others.items()}
+        dead, starving = {step: task.result() for step, task in dying.items()}, starved.result()
         pickled, (told, starts) = planted.result(), unable.result()
     rows = [
         (f"dies at the step {step}, each time", f"{run['state']}", f"{s:.0f} s")
-        for step, (run, s) in ended.items()
+        for step, (run, s) in dead.items()
     ]
-    rows += [(fault, run["state"], "") for fault, run in runs.items()]
-    rows += [("cannot start", f"{starts} starts in {_UNABLE_SECONDS:g} s", f"said after {told:.0f} s")]
-    rows += [("a pickle planted in a backup", pickled, "")]
+    rows += [
+        ("out of memory", starving["state"], ""),
+        ("cannot start", f"{starts} starts in {_UNABLE_SECONDS:g} s", f"said after {told:.0f} s"),
+        ("a pickle planted in a backup", pickled, ""),
+    ]
+    died = "worker dies at the step {}: until a clear state"
     return Section(
         title="Workers",
         columns=("worker", "its job", "after"),
         rows=tuple(rows),
         figures=(
-            *(
-                Figure(
-                    f"worker dies at the step {step}: until a clear state", s, "at most", _CLEAR_SECONDS, " s"
-                )
-                for step, (_, s) in ended.items()
-            ),
-            *(
-                Figure(f"worker {fault}: run not the same", int(numbers(run) != undisturbed), "at most", 0)
-                for fault, run in runs.items()
-            ),
+            *(Figure(died.format(step), s, "at most", _CLEAR_SECONDS, " s") for step, (_, s) in dead.items()),
+            Figure.none("worker out of memory: run not the same", int(numbers(starving) != expected)),
             Figure("worker cannot start: until /health says so", told, "at most", _UNABLE_SECONDS, " s"),
             Figure(f"worker cannot start: starts in {_UNABLE_SECONDS:g} s", starts, "at most", 6),
-            Figure(
-                "pickle in a backup: run, or its job does not end",
-                int(pickled != "failed"),
-                "at most",
-                0,
-            ),
+            Figure.none("pickle in a backup: run, or its job does not end", int(pickled != "failed")),
         ),
     )
-
-
-def _begun(client: httpx2.Client, configurations: int, resampling: dict[str, int]) -> str:
-    body = {"measurement_set_id": post_campaign(client, configurations), "resampling": resampling}
-    return str(client.post("/v1/runs?wait=0", json=body).raise_for_status().headers["location"])
-
-
-def _ended(client: httpx2.Client, address: str, seconds: float) -> dict[str, Any]:
-    deadline = time.monotonic() + seconds
-    while True:
-        run: dict[str, Any] = client.get(address).raise_for_status().json()
-        if run["state"] in _ENDED or time.monotonic() > deadline:
-            return run
-        time.sleep(0.5)
 
 
 def _dies(
@@ -158,9 +130,9 @@ def _dies(
         Service(database, 1, environment=environment) as service,
         httpx2.Client(base_url=service.url, timeout=90) as client,
     ):
-        address = _begun(client, configurations, resampling)
+        address = begin_run(client, configurations, resampling)
         began = time.monotonic()
-        run = _ended(client, address, 1.5 * _CLEAR_SECONDS)
+        run = ended(client, address, 1.5 * _CLEAR_SECONDS)
         seconds = time.monotonic() - began
     return run, seconds if run["state"] == "failed" and run["error"] else float("inf")
 
@@ -168,12 +140,12 @@ def _dies(
 def _starved(database: str, configurations: int, resampling: dict[str, int]) -> dict[str, Any]:
     """Take a worker all further memory in the middle; the one that follows has enough."""
     with Service(database, 1) as service, httpx2.Client(base_url=service.url, timeout=90) as client:
-        address = _begun(client, configurations, resampling)
+        address = begin_run(client, configurations, resampling)
         while client.get(address).json()["progress"]["done"] == 0:
             time.sleep(0.05)
         for pid in service.workers():
             resource.prlimit(pid, resource.RLIMIT_DATA, (1 << 20, 1 << 20))
-        return _ended(client, address, _CLEAR_SECONDS)
+        return ended(client, address, _CLEAR_SECONDS)
 
 
 def _unable(database: str, folder: Path) -> tuple[float, int]:
@@ -202,7 +174,7 @@ def _planted(database: str, folder: Path, configurations: int, resampling: dict[
     """Return what becomes of a job of which a step in a backup holds a pickle."""
     ran = folder / "ran"
     with Service(database, 0) as service, httpx2.Client(base_url=service.url, timeout=90) as client:
-        address = _begun(client, configurations, resampling)
+        address = begin_run(client, configurations, resampling)
     job_id, draws = address.rpartition("/")[2], resampling["repetitions"]
     steps = [(job_id, 0, draws, 1, 1, pickle.dumps(_Planted(ran))), (job_id, draws, 0, 0, 1, None)]
     with closing(sqlite3.connect(database.removeprefix("sqlite:///"))) as connection, connection:
@@ -215,5 +187,5 @@ def _planted(database: str, folder: Path, configurations: int, resampling: dict[
     restored = f"sqlite:///{folder / 'restored.db'}"
     restore(restored, folder / "backup", overwrite=False)
     with Service(restored, 1) as service, httpx2.Client(base_url=service.url, timeout=90) as client:
-        state = str(_ended(client, address, _CLEAR_SECONDS)["state"])
+        state = str(ended(client, address, _CLEAR_SECONDS)["state"])
     return "RUN" if ran.exists() else state

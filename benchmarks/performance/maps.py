@@ -56,13 +56,10 @@ def run(*, quick: bool) -> list[Section]:
         for name, way, where in (("map", ours, joints), ("exact", exact, some), ("linear", linear, some)):
             times[name].append(_seconds(way, where) / len(where))
     map_time, exact_time, linear_time = (median(times[name]) for name in times)
+    what = "map after inverse kinematics / Pinocchio place by place, the same exact balance: speed"
     rows = (
         ("map, exact balance, in blocks", 1e6 * map_time, ""),
-        (
-            "Pinocchio place by place, exact balance (Newton)",
-            1e6 * exact_time,
-            f"{exact_time / map_time:.1f}",
-        ),
+        ("Pinocchio place by place, exact balance", 1e6 * exact_time, f"{exact_time / map_time:.1f}"),
         ("Pinocchio place by place, linear in the load", 1e6 * linear_time, f"{linear_time / map_time:.1f}"),
         ("map with inverse kinematics and choice of the branch", 1e6 * with_inverse, ""),
     )
@@ -71,15 +68,7 @@ def run(*, quick: bool) -> list[Section]:
             title=f"Map of {places:,} places, {len(joints):,} reached, six numbers each",
             columns=("way", "µs a place", "times the map's"),
             rows=tuple((name, f"{time:.1f}", ratio) for name, time, ratio in rows),
-            figures=(
-                Figure(
-                    "map after inverse kinematics / Pinocchio place by place, the same exact balance: speed",
-                    exact_time / map_time,
-                    "at least",
-                    30.0,
-                    "×",
-                ),
-            ),
+            figures=(Figure(what, exact_time / map_time, "at least", 30.0, "×"),),
             notes=(
                 f"numbers of both agree to {near:.1e}; times are medians of {ROUNDS} rounds, in turns",
                 f"the loops are timed on {looped:,} of the places",

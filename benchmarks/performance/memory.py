@@ -23,19 +23,12 @@ _MEGABYTE = 1e6
 
 @dataclass(frozen=True)
 class Peak:
-    """Megabytes of one process.
+    """Megabytes of one process."""
 
-    Attributes:
-        configurations: how many were identified.
-        inputs: size of the arrays in `Measurements`.
-        before: greatest resident size until the inputs were there.
-        after: greatest resident size until the estimate was there.
-    """
-
-    configurations: int
-    inputs: float
-    before: float
-    after: float
+    configurations: int  # that were identified
+    inputs: float  # size of the arrays in `Measurements`
+    before: float  # greatest resident size until the inputs were there
+    after: float  # greatest resident size until the estimate was there
 
     @property
     def beyond_inputs(self) -> float:

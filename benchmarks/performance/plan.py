@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 
@@ -30,6 +31,7 @@ __all__ = ["run"]
 CANDIDATES = 5_000
 READINGS = 20
 CRITERIA = ("D", "relative A", "I")
+OURS, PEER = "ours, from the rows", "fresh cvxpy + Clarabel"
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,31 +80,23 @@ def _weights(pool: Pool, name: str) -> Design:
 def _against_cvxpy(pool: Pool, rounds: int) -> Section:
     rows, figures = [], []
     for name in CRITERIA:
-        times = interleaved(
-            {
-                "ours, from the rows": partial(_weights, pool, name),
-                "fresh cvxpy + Clarabel": partial(_cvxpy_weights, pool, name),
-            },
-            rounds=rounds,
-        )
-        ours: Design = times.results["ours, from the rows"]
-        theirs = times.results["fresh cvxpy + Clarabel"]
-        criterion = pool.criterion(name)
-        gaps = {"ours, from the rows": 1 - ours.bound.efficiency, "fresh cvxpy + Clarabel": np.nan}
+        candidates: dict[str, Callable[[], object]] = {
+            OURS: partial(_weights, pool, name),
+            PEER: partial(_cvxpy_weights, pool, name),
+        }
+        times = interleaved(candidates, rounds=rounds)
+        ours: Design = times.results[OURS]
+        theirs, criterion = times.results[PEER], pool.criterion(name)
+        gaps = {OURS: 1 - ours.bound.efficiency, PEER: np.nan}
         if theirs is not None:
             reached = criterion.information(pool.information(theirs))
             best = criterion.information(ours.matrix) / ours.bound.efficiency
-            gaps["fresh cvxpy + Clarabel"] = float(1 - reached / best)
-        columns, table = times_table(
-            times, "ours, from the rows", [("gap", {n: f"{g:.1e}" for n, g in gaps.items()})]
-        )
+            gaps[PEER] = float(1 - reached / best)
+        columns, table = times_table(times, OURS, [("gap", {n: f"{g:.1e}" for n, g in gaps.items()})])
         rows += [(f"{name}: {row[0]}", *row[1:]) for row in table]
-        ratio = times.ratio("fresh cvxpy + Clarabel", "ours, from the rows")
-        figures += [
-            Figure(
-                f"{name}: {len(pool.rows):,} candidates, cvxpy + Clarabel / ours", ratio, "at least", 50, "×"
-            )
-        ]
+        ratio = times.ratio(PEER, OURS)
+        what = f"{name}: {len(pool.rows):,} candidates, cvxpy + Clarabel / ours"
+        figures.append(Figure(what, ratio, "at least", 50, "×"))
     return Section(
         title=f"{len(pool.rows):,} candidates × 3 targets: ours beside cvxpy",
         columns=columns,

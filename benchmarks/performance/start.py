@@ -66,19 +66,14 @@ def _commands(commands: dict[str, list[str]], rounds: int) -> Section:
     relative = {name: f"{times.ratio(name, NUMERICS):.2f}" for name in commands}
     extra = [("/ numpy, pinocchio, cvxpy", relative), ("peak memory", peaks)]
     columns, rows = times_table(times, TERMINAL, extra)
+    what = f"{IDENTIFY}: CPU / import numpy, pinocchio, cvxpy"
     return Section(
         title="CPU time of commands, each in a fresh process, with bytecode",
         columns=("process", "CPU / typer, rich", *columns[2:]),
         rows=rows,
         figures=(
             Figure("--help: CPU / import typer, rich", times.ratio("--help", TERMINAL), "at most", 1.5, "×"),
-            Figure(
-                f"{IDENTIFY}: CPU / import numpy, pinocchio, cvxpy",
-                times.ratio(IDENTIFY, NUMERICS),
-                "at most",
-                1.5,
-                "×",
-            ),
+            Figure(what, times.ratio(IDENTIFY, NUMERICS), "at most", 1.5, "×"),
         ),
         notes=("user and system time of the process, medians of rounds in which all take turns",),
         data={"seconds": times.seconds},

@@ -189,8 +189,8 @@ def run(*, quick: bool, part: Part) -> list[Section]:
     accused, waiting = sum(bool(each.named) for each in silent), sum(each.waits for each in silent)
     figures += [
         Figure("planted causes named, or in a tie", named, "at least", 90.0, " %"),
-        Figure(f"of {len(clean)} clean campaigns, causes named", accused, "at most", 0.0),
-        Figure(f"of {len(clean)} clean campaigns, waiting for a cross-validation", waiting, "at most", 0.0),
+        Figure.none(f"of {len(clean)} clean campaigns, causes named", accused),
+        Figure.none(f"of {len(clean)} clean campaigns, waiting for a cross-validation", waiting),
     ]
     return [
         Section(

@@ -54,17 +54,11 @@ _DESIGN_NOTE = (
 
 @dataclass(frozen=True)
 class Way:
-    """One way to identify.
+    """One way to identify."""
 
-    Attributes:
-        method: a key of `METHODS`; complete pose is weighted by covariance.
-        complementary_stiffness: whether K_c is included.
-        sigma_given: else it is estimated from the residuals.
-    """
-
-    method: str
-    complementary_stiffness: bool = True
-    sigma_given: bool = True
+    method: str  # a key of `METHODS`; complete pose is weighted by covariance
+    complementary_stiffness: bool = True  # K_c is included
+    sigma_given: bool = True  # else it is estimated from the residuals
 
     def __str__(self) -> str:
         stiffness = "K_c included" if self.complementary_stiffness else "K_c neglected"
@@ -86,45 +80,33 @@ class Way:
 
 @dataclass(frozen=True, eq=False)
 class Verdicts:
-    """Estimates of K campaigns of an arm of n joints, beside the truth.
+    """Estimates of K campaigns of an arm of n joints, beside the truth [rad/(N·m)]."""
 
-    Attributes:
-        truth: (K, n) compliances [rad/(N·m)].
-        compliance: (K, n) estimates [rad/(N·m)].
-        standard_uncertainty: (K, n) as reported [rad/(N·m)].
-        interval: (K, n, 2) two-sided [rad/(N·m)].
-        one_sided: (K, n, 2) at least, at most; each by itself [rad/(N·m)].
-    """
-
-    truth: FloatArray
-    compliance: FloatArray
-    standard_uncertainty: FloatArray
-    interval: FloatArray
-    one_sided: FloatArray
+    truth: FloatArray  # (K, n) compliances
+    compliance: FloatArray  # (K, n) estimates
+    standard_uncertainty: FloatArray  # (K, n) as reported
+    interval: FloatArray  # (K, n, 2) two-sided
+    one_sided: FloatArray  # (K, n, 2) at least, at most; each by itself
 
     @property
     def rigid(self) -> BoolArray:
         """(K, n) joints of no compliance at all."""
-        rigid: BoolArray = self.truth == 0.0
-        return rigid
+        return np.asarray(self.truth == 0.0)
 
     @property
     def covered(self) -> BoolArray:
         """(K, n) intervals that hold the truth; one that is not there, or NaN, does not."""
-        held: BoolArray = (self.interval[..., 0] <= self.truth) & (self.truth <= self.interval[..., 1])
-        return held
+        return np.asarray((self.interval[..., 0] <= self.truth) & (self.truth <= self.interval[..., 1]))
 
     @property
     def above(self) -> BoolArray:
         """(K, n) compliances as great as the one-sided bound says at least."""
-        held: BoolArray = self.one_sided[..., 0] <= self.truth
-        return held
+        return np.asarray(self.one_sided[..., 0] <= self.truth)
 
     @property
     def below(self) -> BoolArray:
         """(K, n) joints as stiff as the one-sided bound says at least."""
-        held: BoolArray = self.truth <= self.one_sided[..., 1]
-        return held
+        return np.asarray(self.truth <= self.one_sided[..., 1])
 
     @property
     def unsound(self) -> int:
@@ -178,12 +160,7 @@ def interior_campaigns(designs: int, draws: int) -> Iterator[Campaign]:
 
 
 def rigid_campaigns(draws: int, sets: Sequence[tuple[int, ...]] = RIGID_SETS) -> Iterator[Campaign]:
-    """Campaigns with some joints rigid, each planned as if they were not.
-
-    Args:
-        draws: campaigns of each design.
-        sets: indices of the rigid joints, design by design.
-    """
+    """Draws of each design with a set of joints rigid, planned as if they were not."""
     arm = default_arm()
     for seed, rigid in enumerate(sets):
         compliances = arm.compliances.copy()
@@ -198,14 +175,13 @@ def _interior_section(found: dict[Way, Verdicts]) -> Section:
     shares = {way: 100.0 * verdicts.covered.mean(axis=0) for way, verdicts in found.items()}
     campaigns, n = next(iter(found.values())).truth.shape
     asked = [way for way in found if way.complementary_stiffness and way.sigma_given]
-    figures = [
-        figure
-        for way in asked
-        for figure in (
-            Figure(f"coverage, {way.method}: least of a joint", shares[way].min(), "at least", 93.5, " %"),
-            Figure(f"coverage, {way.method}: greatest of a joint", shares[way].max(), "at most", 96.5, " %"),
-        )
-    ]
+    figures = []
+    for way in asked:
+        least, greatest = shares[way].min(), shares[way].max()
+        figures += [
+            Figure(f"coverage, {way.method}: least of a joint", least, "at least", 93.5, " %"),
+            Figure(f"coverage, {way.method}: greatest of a joint", greatest, "at most", 96.5, " %"),
+        ]
     return Section(
         title=f"Coverage of 95 % intervals, {campaigns:,} campaigns, interior truth",
         columns=("share that holds the truth, %", *(f"joint {j + 1}" for j in range(n))),
@@ -245,14 +221,12 @@ def _rigid_section(found: dict[Way, Verdicts]) -> Section:
 
 
 def _rigid_rows(verdicts: Verdicts) -> list[tuple[str, tuple[str, ...]]]:
-    rigid, elastic = verdicts.rigid, ~verdicts.rigid
+    held = {"two-sided": verdicts.covered, "stiffer than": verdicts.below, "softer than": verdicts.above}
+    joints = {"rigid": verdicts.rigid, "elastic": ~verdicts.rigid}
     return [
-        ("rigid, two-sided", _cells(verdicts.covered, rigid)),
-        ("rigid, stiffer than", _cells(verdicts.below, rigid)),
-        ("rigid, softer than", _cells(verdicts.above, rigid)),
-        ("elastic, two-sided", _cells(verdicts.covered, elastic)),
-        ("elastic, stiffer than", _cells(verdicts.below, elastic)),
-        ("elastic, softer than", _cells(verdicts.above, elastic)),
+        (f"{kind}, {bound}", _cells(holds, among))
+        for kind, among in joints.items()
+        for bound, holds in held.items()
     ]
 
 
@@ -260,15 +234,14 @@ def _rigid_figures(way: Way, verdicts: Verdicts) -> list[Figure]:
     name = f"rigid joints, {way.method}"
     both = 100.0 * np.stack([verdicts.above, verdicts.below])
     widths = np.ptp(verdicts.interval, axis=-1)
-    greatest = (
-        float("inf") if np.isnan(widths).any() else float((widths / verdicts.standard_uncertainty).max())
-    )
+    relative = float((widths / verdicts.standard_uncertainty).max())
+    greatest = float("inf") if np.isnan(widths).any() else relative
     rigid = [float(both[:, verdicts.rigid[:, j], j].mean(axis=1).min()) for j in range(widths.shape[1])]
     return [
         Figure(f"{name}: one-sided bounds that hold, least of the rigid", min(rigid), "at least", 95.0, " %"),
         Figure(f"{name}: one-sided bounds that hold, of all", float(both.mean()), "at least", 95.0, " %"),
         Figure(f"{name}: greatest width / standard uncertainty", greatest, "at most", 10.0),
-        Figure(f"{name}: negative, NaN or infinite numbers", verdicts.unsound, "at most", 0),
+        Figure.none(f"{name}: negative, NaN or infinite numbers", verdicts.unsound),
     ]
 
 

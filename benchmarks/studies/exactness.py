@@ -53,19 +53,12 @@ def combined_problem(seed: int) -> Problem:
 
 @dataclass(frozen=True)
 class Outcome:
-    """One problem, solved by us and exactly.
+    """One problem, solved by us and exactly."""
 
-    Attributes:
-        solved_by: what found the support; None if there was no certificate.
-        error: greatest relative error of a parameter; nan if there was no certificate.
-        same_support: whether the same parameters are zero.
-        active: how many are zero in truth.
-    """
-
-    solved_by: str | None
-    error: float
-    same_support: bool
-    active: int
+    solved_by: str | None  # what found the support; None if there was no certificate
+    error: float  # greatest relative error of a parameter; nan if there was no certificate
+    same_support: bool  # the same parameters are zero
+    active: int  # parameters that are zero in truth
 
     @property
     def falsely_certified(self) -> bool:
@@ -103,7 +96,7 @@ def _figures(found: dict[str, dict[str, Any]]) -> Iterable[Figure]:
         yield Figure(f"{name} problems: greatest relative error", error, "at most", TOLERANCE)
     for what in ("false certificates", "unanswered"):
         total = sum(summary[what] for summary in found.values())
-        yield Figure(f"exactness, all problems: {what}", total, "at most", 0)
+        yield Figure.none(f"exactness, all problems: {what}", total)
 
 
 def _outcome(problem: Problem, solver: Callable[[IdentificationProblem], Solution]) -> Outcome:

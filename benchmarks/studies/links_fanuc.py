@@ -82,24 +82,16 @@ def _fanuc(robot: Robot, measurements: Measurements, *, quick: bool, part: Part)
     for name, values in found.items():
         gain = 100 * (np.array(values) - joints)
         rows.append((name, *_mean_and_spread(100 * np.array(values)), *_mean_and_spread(gain)))
+    compensated, radius = 100 * float(np.mean(found[_CHOSEN])), float(np.median(of_splits))
+    crossed = _cross_validated(robot, measurements)
     return Section(
         title=f"FANUC R-2000iC, real readings: {len(joints)} splits, {FITTED} fitted and 10 held out",
         columns=("model", "held out, %", "deviation", "gain, points", "deviation"),
         rows=tuple(rows),
         figures=(
-            Figure(
-                "FANUC: held-out compensation", 100 * float(np.mean(found[_CHOSEN])), "at least", 85.2, " %"
-            ),
-            Figure(
-                "FANUC: cross-validated, 30 poses",
-                _cross_validated(robot, measurements),
-                "at least",
-                87,
-                " %",
-            ),
-            Figure(
-                "FANUC: ball of 90 %, radius over need, median", float(np.median(of_splits)), "at most", 1.4
-            ),
+            Figure("FANUC: held-out compensation", compensated, "at least", 85.2, " %"),
+            Figure("FANUC: cross-validated, 30 poses", crossed, "at least", 87, " %"),
+            Figure("FANUC: ball of 90 %, radius over need, median", radius, "at most", 1.4),
             Figure("FANUC: readings within the ball of 90 %", 100 * float(held.mean()), "at least", 88, " %"),
         ),
         notes=(
