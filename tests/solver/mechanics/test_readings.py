@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from reference.kinematics import product_of_exponentials
 from support.campaigns import (
     ARM,
     METHODS,
@@ -19,13 +20,15 @@ from support.campaigns import (
     wrench_of,
 )
 from support.readings import with_encoders
+from support.slides import arm_on_rail, scara
+from support.springs import robot_of
 
 from jointstiff.schemas.options import CrossValidation
-from jointstiff.simulator import simulate_campaign
+from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.base import pedestal_campaign
 from jointstiff.simulator.campaign import LOAD_POINT
 from jointstiff.simulator.equilibrium import deflections, torques
-from jointstiff.solver.errors import MeasurementError, SolverError
+from jointstiff.solver.errors import SolverError
 from jointstiff.solver.estimation import identify as iteration
 from jointstiff.solver.estimation.causes import LINKS_LEVEL, screen_estimate
 from jointstiff.solver.estimation.conic import to_vector
@@ -35,9 +38,9 @@ from jointstiff.solver.links.choice import Folds, compared_models
 from jointstiff.solver.links.fit import effective_compliances, effective_rows, estimate_elastic
 from jointstiff.solver.links.model import MODELS, WITH_BASE, ElasticColumns, ElasticModel, elastic_blocks
 from jointstiff.solver.mechanics import block as regressor
-from jointstiff.solver.mechanics.block import regressor_blocks
+from jointstiff.solver.mechanics.block import OwnWeight, regressor_blocks
 from jointstiff.solver.mechanics.configuration import Configurations
-from jointstiff.solver.mechanics.measurements import Instrument, refuse_no_covariance
+from jointstiff.solver.mechanics.measurements import Instrument
 from jointstiff.solver.mechanics.springs import BASE, NEGLECTED_STIFFNESS, complementary_stiffness
 from jointstiff.solver.predict.forward import LoadCases
 from jointstiff.solver.predict.models import ElasticPredictor
@@ -157,19 +160,6 @@ class TestInstrument:
     def test_covariance_by_hand(self, instrument, place, covariance):
         found = Instrument(*instrument).covariance(np.array([place], dtype=float))
         np.testing.assert_allclose(found[0], covariance, rtol=1e-12, atol=1e-15 * np.max(covariance))
-
-    @pytest.mark.parametrize(
-        "matrix", [np.diag([1.0, 1.0, -1.0]), np.diag([1.0, 1.0, 0.0]), np.eye(3) + np.eye(3, k=1) * 0.1]
-    )
-    def test_matrices_that_are_no_covariance(self, matrix):
-        covariance = np.broadcast_to(np.eye(3), (2, 2, 3, 3)).copy()
-        covariance[1, 1] = matrix
-        present = np.array([[True, True], [False, True]])
-        with pytest.raises(MeasurementError) as caught:
-            refuse_no_covariance(covariance, present, "loaded_covariance")
-        assert caught.value.where == "observations[1].readings[0].loaded_covariance"
-        present[1, 1] = False
-        refuse_no_covariance(covariance, present, "loaded_covariance")
 
 
 class TestKindsAgree:
@@ -411,3 +401,25 @@ def test_a_clean_arm_has_no_base(pedestal):
     assert not WITH_BASE & set(compared_models(screening, None))
     assert not WITH_BASE & set(compared_models(screening, "joints_and_links"))
     assert compared_models(screening, "joints_and_base") == MODELS
+
+
+@pytest.mark.parametrize("make", [scara, arm_on_rail, default_arm])
+def test_own_weight_pulls_as_its_energy_falls(make):
+    """Energy by a product of exponentials in extended precision, and its differences."""
+    robot, rng = robot_of(make()), np.random.default_rng(1)
+    mass, centre = rng.uniform(1.0, 20.0, robot.n), rng.uniform(-0.3, 0.3, (robot.n, 3))
+    gravity, q, steps = np.array([1.0, -2.0, -9.0]), rng.uniform(-1.0, 1.0, robot.n), 1e-4 * np.eye(robot.n)
+
+    def energy(q):
+        frames = product_of_exponentials(robot.chain, q)[1]
+        places = (frames[:, :3, :3] @ centre[..., None])[..., 0] + frames[:, :3, 3]
+        return -(mass * (places @ gravity)).sum()
+
+    def torque(q):
+        return np.array([energy(q - h) - energy(q + h) for h in steps]) / 2e-4
+
+    stiffness = np.stack([torque(q + h) - torque(q - h) for h in steps], axis=1) / 2e-4
+    weight, at = OwnWeight(mass, centre, gravity), Configurations(robot, q[None])
+    pull, change = weight.torque_and_stiffness(robot, at)
+    np.testing.assert_allclose(pull[0], torque(q).astype(float), atol=1e-5)
+    np.testing.assert_allclose(change[0], stiffness.astype(float), atol=1e-5)

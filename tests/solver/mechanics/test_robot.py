@@ -47,12 +47,6 @@ def joint(name, child, **changes):
     return ChainJoint(name=name, child=child, **(fields | {"limits": (-1.0, 1.0)} | changes))
 
 
-def turned(name, child, **changes):
-    """A joint that stands askew, without limits."""
-    fields = {"rotation": pin.rpy.rpyToMatrix(0.1, -0.2, 0.3), "translation": np.array([0.1, 0.2, 0.3])}
-    return joint(name, child, **(fields | {"axis": np.array([0.6, 0.0, 0.8]), "limits": None} | changes))
-
-
 @examples(300)
 @given(
     ANGLES,
@@ -115,26 +109,6 @@ def test_urdf_reads_back_the_same(chain):
 def test_the_cross_product_of_a_vector_is_a_matrix():
     a, b = np.random.default_rng(0).standard_normal((2, 5, 3))
     np.testing.assert_allclose((skew(a) @ b[..., None])[..., 0], np.cross(a, b), rtol=1e-15)
-
-
-def test_model_follows_the_chain():
-    joints = (
-        turned("mount", "pedestal", kind="fixed"),
-        turned("zeta", "l1", limits=(-1.0, 2.0)),
-        turned("spacer", "l2", kind="fixed"),
-        turned("alpha", "l3"),
-        turned("plate", "l4", kind="fixed"),
-        turned("adapter", "flange", kind="fixed"),
-    )
-    chain = KinematicChain("arm", "base", "flange", joints)
-    robot = Robot(chain)
-
-    assert robot.joint_names == ("zeta", "alpha")  # in the order of the chain, not of the alphabet
-    assert robot.n == 2
-    assert robot.chain is chain
-    one = pin.SE3(pin.rpy.rpyToMatrix(0.1, -0.2, 0.3), np.array([0.1, 0.2, 0.3]))
-    np.testing.assert_allclose(robot.flange_placement.homogeneous, (one * one).homogeneous, atol=1e-15)
-    np.testing.assert_array_equal(robot.limits, [[-1.0, 2.0], [-np.inf, np.inf]])
 
 
 def random_chain(rng, count):

@@ -389,38 +389,6 @@ def test_the_nearest_posture_and_its_full_turns():
     np.testing.assert_allclose(found.joints[0], turned, rtol=0, atol=1e-9)
 
 
-def test_why_a_place_has_no_numbers():
-    far = np.array([[9.0, 0.0, 0.0], [1.6, 0.0, 0.9]])
-    found = map_places(MODEL, None, task(), INVERSE, far)
-    assert [STATUSES[s] for s in found.status] == ["out_of_reach", "reached"]
-    narrow = np.where(np.arange(6)[:, None] == 1, [2.0, 2.1], FREE)
-    assert named(map_places(MODEL, None, task(limits=narrow), INVERSE, far[1:])) == ["joint_limits"]
-    heavy = map_places(MODEL, None, task(force=(0.0, 9e6, 0.0)), INVERSE, far[1:])
-    assert named(heavy) == ["overloaded"]
-    assert np.isnan(heavy.displacement).all()
-    assert np.isfinite(heavy.joints).all()
-    blind = measured_model(load="dead_weight")
-    assert named(map_places(blind, None, task(), INVERSE, far[1:])) == ["unseen_joint"]
-    down = map_places(blind, None, task(force=(0.0, 0.0, -900.0)), INVERSE, far[1:])
-    assert named(down) == ["reached"]
-    assert np.isfinite(down.along).all()
-    assert np.isnan(down.across).all()  # a force to the side would twist joint 1
-
-
-def named(found):
-    return [STATUSES[s] for s in found.status]
-
-
-def measured_model(load="pull"):
-    campaign = SpringCampaign.of(ARM, configurations=15)
-    measurements = next(campaign.measured(1, seed=4))
-    if load == "dead_weight":
-        down = np.zeros_like(measurements.force)
-        down[:, 2] = -1500.0
-        measurements = replace(measurements, force=down)
-    return JointModel.of(ROBOT, estimate(ROBOT, measurements), POSITIVE)
-
-
 def test_near_singularities_a_map_keeps_the_branch_or_refuses_the_place():
     """Near its wrist's singularity the closed form of an identified arm loses branches."""
     robot, draw = arm("r2000ic", 1e-3), np.random.default_rng(2)
@@ -453,13 +421,6 @@ def noisy():
     return next(iter(SpringCampaign.of(ARM).measured(1, seed=4)))
 
 
-def test_too_few_postures_bound_nothing():
-    _, error = left_out(ROBOT, noisy()[np.arange(10)])
-    assert [ModelError.needed(level) for level in (0.5, 0.9, 0.95, 0.99)] == [1, 9, 19, 99]
-    assert np.isfinite(error.quantile(0.9))
-    assert np.isinf(error.quantile(0.95))
-
-
 def test_numbers_that_are_not_finite_are_no_dispersion_over_the_postures():
     found = identify(ROBOT, noisy(), Settings("partial_pose", "covariance", Bounds.positive(ROBOT.n)))
     fits = found.compliance * (1.0 + 0.1 * np.random.default_rng(2).standard_normal((30, ROBOT.n)))
@@ -472,15 +433,6 @@ def test_numbers_that_are_not_finite_are_no_dispersion_over_the_postures():
     nothing = replace(found, covariance=np.full((ROBOT.n, ROBOT.n), np.nan))
     budget = UncertaintyBudget.of(nothing, 0.95, LeftOut(fits, 30))
     assert "model_error" not in [part.source for part in budget.components]
-
-
-def test_one_posture_alone_cannot_be_left_out():
-    same = noisy()[np.array([0, 0, 0, 1, 1, 1])]
-    _, error = left_out(ROBOT, same)
-    assert error.postures == 2
-    alone = replace(noisy()[np.arange(6)], joints=np.repeat(noisy().joints[:1], 6, axis=0))
-    with pytest.raises(RequestError, match="two postures"):
-        left_out(ROBOT, alone)
 
 
 def test_merged_steps_round_quantiles_up_by_little():
