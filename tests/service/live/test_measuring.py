@@ -28,10 +28,8 @@ from jointstiff.service.live.sources import (
     Simulated,
     SourceError,
     Stand,
-    source_of,
 )
 from jointstiff.simulator import LOAD_POINT, TARGETS, default_arm, robot_document, simulate_campaign
-from jointstiff.solver.errors import RequestError
 
 ARM = default_arm()
 LOAD = {"load": "dead_weight:1500", "targets": TARGETS, "load_point": LOAD_POINT, "sigma": 2e-5}
@@ -326,25 +324,6 @@ def test_robodk_measures_targets_where_the_robot_holds_them(monkeypatch):
 
     places = positions(ARM, STAND.joints, STAND.force, sigma=0.0)["unloaded"]
     np.testing.assert_allclose(asyncio.run(read()), np.add(places[:2], [0.0, 0.0, 1e-3]), atol=1e-9)
-
-
-@pytest.mark.parametrize(
-    ("text", "options", "words"),
-    [
-        ("radar:1", {}, "no source 'radar'"),
-        ("simulated:x", {}, "no seed"),
-        ("simulated:1", {"columns": "x,y,z"}, "takes no `columns`"),
-        ("lines:", {}, "no address"),
-        ("lines:tcp://nowhere", {}, "no address"),
-        ("lines:udp://:4000", {"request": "READ"}, "only listened to"),
-        ("lines:/dev/ttyS9", {"columns": "x,y"}, "do not name x, y and z"),
-        ("lines:/dev/ttyS9", {"pattern": "(?P<x>.*"}, "no regular expression"),
-        ("lines:/dev/ttyS9", {"source_unit": "ell"}, "no unit"),
-    ],
-)
-def test_what_is_no_source_is_refused(text, options, words):
-    with pytest.raises(RequestError, match=words):
-        source_of(text, options)
 
 
 def test_a_source_is_one_class_with_one_method(campaign, monkeypatch):
