@@ -9,7 +9,6 @@ from collections import Counter
 from collections.abc import Iterator
 from importlib.metadata import distribution, distributions
 from pathlib import Path
-from typing import Any
 
 import pytest
 from support.sources import nodes
@@ -21,39 +20,20 @@ REFUSED = (
     *("What", "Of", "Whether", "That", "Where", "How", "Why", "Which", "Who", "Whom", "Whose", "Those"),
     *("To", "As", "From", "On", "With", "Without", "Under", "Are", "Is", "Say", "Likewise"),
 )
-REFUSED_IN_FIELDS = {
-    *REFUSED,
-    "In",
-    "By",
-    "Its",
-    "Likewise",
-    "Who",
-    "Whose",
-    "When",
-    "Which",
-    "Along",
-    "They",
-}
+REFUSED_IN_FIELDS = {*REFUSED, "In", "By", "Its", "When", "Along", "They"}
+
+
+DESCRIBED = ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef
 
 
 def docstrings(folder: str) -> list[str]:
     """The docstrings of a folder's modules, classes and functions, each with its place."""
-    found = []
-    for path in sorted((ROOT / folder).rglob("*.py")):
-        for node in described(ast.parse(path.read_text(encoding="utf-8"))):
-            text = ast.get_docstring(node)
-            if text is not None:
-                found.append(f"{path.relative_to(ROOT)}:{node.body[0].lineno}: {text}")
-    return found
-
-
-def described(node: ast.AST) -> Iterator[Any]:
-    """A module, its classes and functions, and theirs; expressions have none."""
-    if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
-        yield node
-    for child in ast.iter_child_nodes(node):
-        if isinstance(child, ast.stmt):
-            yield from described(child)
+    return [
+        f"{path.relative_to(ROOT)}:{node.body[0].lineno}: {text}"
+        for path in sorted((ROOT / folder).rglob("*.py"))
+        for node in nodes(path)
+        if isinstance(node, DESCRIBED) and (text := ast.get_docstring(node)) is not None
+    ]
 
 
 @pytest.mark.parametrize("folder", ["solver", "service", "schemas", "examples", "benchmarks"])
@@ -103,12 +83,9 @@ def imported(path: Path) -> set[str]:
 
 def test_tests_import_neither_tests_nor_benchmarks():
     tests = {path.stem for path in FILES if path.stem.startswith(("test_", "conftest"))} | {"tests"}
-    wrong = {
-        str(path.relative_to(TESTS)): found
-        for path in FILES
-        if (found := imported(path) & (tests if STUDIES in path.parents else tests | {"benchmarks"}))
-    }
-    assert not wrong
+    for path in FILES:
+        refused = tests if STUDIES in path.parents else tests | {"benchmarks"}
+        assert not imported(path) & refused, path
 
 
 PATCHED: dict[str, int] = {}
@@ -139,15 +116,15 @@ def test_names_of_test_files_are_unique():
     assert [name for name, count in names.items() if count > 1] == []
 
 
-SOLVER = Path(__file__).parents[2] / "solver"
+SOLVER = ROOT / "solver"
 WHITENED_BY_THEMSELVES = {"estimation/method.py", "geometry/poses.py", "geometry/frames.py"}
 """Maps of methods, and positions of geometry, which are no deflections."""
 
 
-def _nodes():
-    for path in SOLVER.rglob("*.py"):
-        name = path.relative_to(SOLVER).as_posix()
-        yield from ((name, node) for node in nodes(path))
+def solver_nodes():
+    """Return all nodes of the solver, each with its module."""
+    paths = {path.relative_to(SOLVER).as_posix(): path for path in SOLVER.rglob("*.py")}
+    return [(name, node) for name, path in paths.items() for node in nodes(path)]
 
 
 def _compresses(node):
@@ -159,14 +136,13 @@ def _compresses(node):
 
 
 def test_only_the_triangle_compresses():
-    places = {name for name, node in _nodes() if _compresses(node)}
-    assert places == {"estimation/triangle.py"}
+    assert {name for name, node in solver_nodes() if _compresses(node)} == {"estimation/triangle.py"}
 
 
 def test_only_readings_whiten_deflections():
     named = {
         name
-        for name, node in _nodes()
+        for name, node in solver_nodes()
         if isinstance(node, ast.ImportFrom) and any(alias.name == "whitener" for alias in node.names)
     }
     assert named == WHITENED_BY_THEMSELVES
@@ -175,7 +151,7 @@ def test_only_readings_whiten_deflections():
 def test_only_terms_know_the_columns_of_a_term():
     users = {
         name
-        for name, node in _nodes()
+        for name, node in solver_nodes()
         if isinstance(node, ast.Attribute) and node.attr == "motion" and not name.startswith("mechanics/")
         if isinstance(node.value, ast.Name) and node.value.id.isupper()
     }
@@ -192,21 +168,11 @@ def test_few_modules_lie_in_a_room(room):
 
 
 @pytest.mark.parametrize("room", ["solver", "service", "schemas"])
-def test_packages_say_what_they_are_for(room):
-    inits = sorted((ROOT / room).rglob("__init__.py"))
-    silent = [path for path in inits if not path.read_text(encoding="utf-8").startswith('"""')]
+def test_packages_say_what_they_are_for_and_give_no_names_of_their_modules(room):
+    inits = {path: path.read_text(encoding="utf-8") for path in (ROOT / room).rglob("__init__.py")}
     assert inits
-    assert not silent
-
-
-@pytest.mark.parametrize("room", ["solver", "service", "schemas"])
-def test_packages_give_no_names_of_their_modules(room):
-    doors = [
-        path
-        for path in (ROOT / room).rglob("__init__.py")
-        if path not in DOORS and "__all__" in path.read_text(encoding="utf-8")
-    ]
-    assert not doors
+    assert not [path for path, text in inits.items() if not text.startswith('"""')]
+    assert not [path for path, text in inits.items() if path not in DOORS and "__all__" in text]
 
 
 def test_the_door_of_the_solver_gives_every_name_that_it_promises():
