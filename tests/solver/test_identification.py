@@ -15,7 +15,6 @@ from support.campaigns import (
     assert_covariance,
     covariance_by_moving,
     estimate,
-    first_target,
     held,
     prepare,
     simulated,
@@ -28,12 +27,11 @@ from support.shared_data import shared
 from support.slides import arm_on_rail, scara
 from support.springs import SpringCampaign, load_cases, robot_of
 
-from jointstiff.simulator import default_arm, equilibrium, simulate_campaign, torques
+from jointstiff.simulator import equilibrium, simulate_campaign, torques
 from jointstiff.simulator.own_weight import Bodies, sag
 from jointstiff.solver.errors import (
     JointstiffError,
     MeasurementError,
-    NotObservableError,
     UnsupportedMethodError,
 )
 from jointstiff.solver.estimation.estimate import predict
@@ -226,22 +224,6 @@ class TestObservability:
         with pytest.raises(UnsupportedMethodError, match="wrist centre does not move when roll turns"):
             estimate(Robot(chain), seven, method="decoupled_partial_pose")
 
-    @pytest.mark.parametrize(
-        ("field", "reason"), [("deflection", "no target moved"), ("force", "never twists it")]
-    )
-    def test_nothing_to_see(self, pulls, field, reason):
-        robot, measurements = pulls
-        still = replace(measurements, **{field: np.zeros_like(getattr(measurements, field))})
-        with pytest.raises(NotObservableError, match=reason):
-            estimate(robot, still)
-
-    def test_as_many_readings_as_joints_and_no_sigma(self, pulls):
-        robot, measurements = pulls
-        few = first_target(replace(measurements[:2], sigma=None))
-        found = estimate(robot, few, positive=False)
-        assert found.sigma is None
-        assert all(j.standard_uncertainty is None and "unknown" in j.reason for j in found.joints)
-
 
 def test_noise_makes_negative_stiffness_unconstrained_and_never_constrained(dead_weight):
     robot, measurements = dead_weight
@@ -271,24 +253,6 @@ class TestRefusals:
     def test_targets_that_show_no_pose(self, method, targets, reason):
         with pytest.raises(UnsupportedMethodError, match=reason):
             estimate(*simulated(targets=targets, load="pull"), method=method)
-
-    def test_wrist_whose_axes_miss(self):
-        """Axis 5 misses the point between it and the other two, which are one line, by two thirds."""
-        with pytest.raises(UnsupportedMethodError, match=r"miss each other by 33\.3 mm"):
-            estimate(*simulated(default_arm(wrist_offset=0.05)), method="decoupled_partial_pose")
-
-    @pytest.mark.parametrize("method", ["partial_pose", "decoupled_partial_pose"])
-    def test_characteristic_length_without_rotations(self, pulls, method):
-        with pytest.raises(UnsupportedMethodError, match="needs rotations"):
-            estimate(*pulls, method=method, weighting="characteristic_length")
-
-
-def test_an_order_across_arm_and_wrist_holds_at_the_constrained_arm():
-    """The decoupled method fits the wrist to the arm as the order leaves it, not as its readings show it."""
-    order = [["joint_3", "joint_2"], ["joint_6", "joint_3"]]
-    campaign = simulated(load="pull", configurations=15, seed=5)
-    c = estimate(*campaign, method="decoupled_partial_pose", stiffness_order=order).compliance
-    np.testing.assert_allclose(c[[2, 5]], c[1], rtol=1e-12)
 
 
 @pytest.fixture(scope="module")
