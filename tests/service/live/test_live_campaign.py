@@ -46,16 +46,16 @@ def service(either_database_url: str) -> Iterator[TestClient]:
         yield client
 
 
-def body_of(service: TestClient, options: Answer, length: str = "m", **more: object) -> Answer:
-    """An open set of a new robot, as it is posted, which states neither noise nor load point."""
-    robot = service.post("/v1/robots", json=robot_document(ARM)).json()["id"]
-    units = {"length": length, "angle": "rad", "force": "N"}
+def described(robot: str, options: Answer, **more: object) -> Answer:
+    """An open set of a robot, as it is posted."""
+    units = {"length": "m", "angle": "rad", "force": "N"}
     return {"robot_id": robot, "name": "live", "units": units, "encoders": "motor", "open": options} | more
 
 
 def declared(service: TestClient, **changes: object) -> str:
     """The address of an open set."""
-    body = body_of(service, OPEN | changes, noise=EXACT, load_point=list(LOAD_POINT))
+    robot = service.post("/v1/robots", json=robot_document(ARM)).json()["id"]
+    body = described(robot, OPEN | changes, noise=EXACT, load_point=list(LOAD_POINT))
     answer = service.post("/v1/measurement-sets", json=body)
     assert answer.status_code == 201, answer.text
     return str(answer.headers["Location"])
@@ -136,20 +136,6 @@ def test_a_reading_that_comes_while_the_set_closes_is_in_it(service, monkeypatch
     assert "6 readings" in closed["message"]
 
 
-LIVE = {
-    "name": "live",
-    "units": {"length": "m", "angle": "rad", "force": "N"},
-    "encoders": "motor",
-    "noise": EXACT,
-    "load_point": list(LOAD_POINT),
-    "open": {
-        "goal": {"kind": "joints", "relative": 0.15},
-        "load": {"kind": "any_direction", "force": 600.0},
-        "targets": OPEN["targets"],
-    },
-}
-
-
 def arm(*factors):
     """An arm whose stiffnesses are the usual ones times factors."""
     return replace(ARM, stiffnesses=ARM.stiffnesses * np.array(factors))
@@ -179,7 +165,8 @@ def posted(client, collection, body):
 def measured_to_goal(client, own, prior):
     """The last state of an arm that is measured live, and its run."""
     robot = posted(client, "robots", robot_document(own) | {"name": f"own {prior} {own.stiffnesses[2]:.0f}"})
-    body = LIVE | {"robot_id": robot, "open": LIVE["open"] | {"prior": prior}}
+    options = OPEN | {"load": {"kind": "any_direction", "force": 600.0}, "prior": prior}
+    body = described(robot, options, noise=EXACT, load_point=list(LOAD_POINT))
     address = f"/v1/measurement-sets/{posted(client, 'measurement-sets', body)}"
     state = client.get(f"{address}/next").json()
     while state["state"] == "measuring":

@@ -32,7 +32,6 @@ from jointstiff.service.live.sources import (
 from jointstiff.simulator import LOAD_POINT, TARGETS, default_arm, robot_document, simulate_campaign
 
 ARM = default_arm()
-LOAD = {"load": "dead_weight:1500", "targets": TARGETS, "load_point": LOAD_POINT, "sigma": 2e-5}
 
 
 @pytest.fixture(scope="module")
@@ -111,14 +110,6 @@ def test_a_target_that_slips_in_every_reading_ends_the_campaign(campaign, monkey
     assert state.state == "cannot"
     assert [each.state for each in state.readings].count("counts") <= 11
     assert sum(each.reason == "a mistake, as later readings show" for each in state.readings) <= 1
-
-
-def test_a_robot_of_the_catalogue_needs_load_and_targets():
-    with pytest.raises(jointstiff.CampaignError, match="targets"):
-        jointstiff.measure("KUKA KR 210 R2700 extra", goal="15 %")
-    with jointstiff.measure("KUKA KR 210 R2700 extra", "15 %", "simulated:2", **LOAD) as live:
-        assert live.run_source(most=3).state == "measuring"
-        assert live.count == 3
 
 
 ARM = default_arm()
@@ -324,30 +315,6 @@ def test_robodk_measures_targets_where_the_robot_holds_them(monkeypatch):
 
     places = positions(ARM, STAND.joints, STAND.force, sigma=0.0)["unloaded"]
     np.testing.assert_allclose(asyncio.run(read()), np.add(places[:2], [0.0, 0.0, 1e-3]), atol=1e-9)
-
-
-def test_a_source_is_one_class_with_one_method(campaign, monkeypatch):
-    """Entry points name it; `point` is all that must be there."""
-
-    class Still:
-        def __init__(self, address: str) -> None:
-            self.address = address
-
-        async def point(self, _: str):
-            return (1.0, 2.0, float("nan")), None
-
-    class Entry:
-        name = "still"
-
-        def load(self):
-            return Still
-
-    monkeypatch.setattr(sources, "entry_points", lambda group: [Entry()] if group == sources.GROUP else [])
-    with (
-        jointstiff.measure(campaign, "15 %", "still:here") as live,
-        pytest.raises(SourceError, match="no position of a target"),
-    ):
-        live.run_source()
 
 
 def test_the_profile_is_shown_and_confirmed(campaign, tmp_path):

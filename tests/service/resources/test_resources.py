@@ -4,7 +4,6 @@ import httpx2
 import numpy as np
 import pytest
 from reference.published_arms import ARMS, UR_ORIGINS, ur_flange_at
-from support.api import post
 from support.readings import with_encoders
 
 from jointstiff.service.conversion.prepared import prepare_robot
@@ -13,7 +12,6 @@ from jointstiff.service.resources.catalogue import catalogue, find_arm, nominal_
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.campaign import equilibrium
 from jointstiff.simulator.document import experiment_of
-from jointstiff.solver.errors import RequestError
 
 ARM = default_arm()
 
@@ -58,31 +56,6 @@ def test_encoders_make_uncertainties_smaller(client, robot_id):
     assert (np.array(uncertainties[0]) < 0.7 * np.array(uncertainties[1])).all()
 
 
-def test_a_wrong_sign_is_a_warning(client, robot_id):
-    body = campaign()["measurement_set"] | {"robot_id": robot_id}
-    for observation in body["observations"]:
-        reading = observation["encoder_readings"][3]
-        reading["unloaded"], reading["loaded"] = -reading["unloaded"], -reading["loaded"]
-    (warning,) = client.post("/v1/measurement-sets", json=body).json()["warnings"]
-    assert warning["code"] == "encoder_against_torque"
-    assert "joint_4" in warning["message"]
-
-
-@pytest.mark.parametrize(
-    ("change", "where"),
-    [
-        ({"noise": None}, "noise"),
-        ({"noise": {"sigma": 2e-5}}, "noise.encoder_sigma"),
-        ({"encoders": "secondary"}, "observations[0].encoder_readings"),
-    ],
-)
-def test_refusals_say_where_and_how_to_mend_it(client, robot_id, change, where):
-    body = campaign()["measurement_set"] | {"robot_id": robot_id} | change
-    answer = post(client, "/v1/measurement-sets", body, 422)
-    assert answer["where"] == where
-    assert answer["remedy"]
-
-
 def test_every_arm_is_compared():
     assert {arm.name for arm in catalogue().arms} == {*ARMS, *UR_ORIGINS}
     assert len({arm.name for arm in catalogue().arms}) == len(catalogue().arms)
@@ -98,19 +71,3 @@ def test_the_flange_is_where_the_published_joints_put_it(name):
         published = ARMS[name].flange_at(angles) if name in ARMS else ur_flange_at(name, angles)
         np.testing.assert_allclose(posture.flange_origin, published[0], atol=1e-9)
         np.testing.assert_allclose(np.transpose(posture.flange_axes), published[1], atol=1e-9)
-
-
-@pytest.mark.parametrize(
-    ("typed", "said"),
-    [
-        ("IRB", "several arms"),
-        ("", "no arm"),
-        ("/", "no arm"),
-        ("KUKA KR 6 R700", "similar names: KUKA KR 6 R900 sixx"),
-        ("💥", "no arm"),
-    ],
-)
-def test_an_unclear_name_is_refused(typed, said):
-    with pytest.raises(RequestError, match=said) as caught:
-        find_arm(typed, "model.arm")
-    assert caught.value.where == "model.arm"
