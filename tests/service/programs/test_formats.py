@@ -1,5 +1,4 @@
-# ruff: noqa: E501
-"""Programs: what is understood, what is refused by line, and what post-processors of CAD systems write."""
+"""Programs come back as they were written, but for numbers; hostile ones are refused in few words."""
 
 from pathlib import Path
 
@@ -139,8 +138,6 @@ def test_the_lock_and_full_turns_keep_the_angles_of_an_unchanged_target(kind, an
 
 FREE_FRAMES = "$TOOL=TOOL_DATA[1]\n$BASE=BASE_DATA[1]"
 LIN = "LIN {X 1,Y 2,Z 3,A 0,B 0,C 0}"
-
-
 SHARE = 1 if is_full() else 10
 """Part of a large file's size by day."""
 BIG = 10 * 1024 * 1024 // SHARE
@@ -162,8 +159,6 @@ HOSTILE = {
     "brackets": "[" * (BIG // 2),
     "quotes": '"' * 4000 + "\n" + "[1,2,'" * 600,
 }
-
-
 EVERYWHERE = ("all bytes", "brackets", "quotes", "relative")
 
 
@@ -193,7 +188,7 @@ def test_large_files_of_nothing_are_refused_soon(name, piece, count):
 
 
 def test_many_routines_and_names_are_followed_soon():
-    """Of 2,000 routines that call one another, that are called in turn, and of 2,000 branches over as many names."""
+    """2,000 routines that call one another, or are called in turn; 2,000 branches over as many names."""
     count = 2000 // SHARE
     some = range(count)
     chain = (
