@@ -52,27 +52,16 @@ def skew_arm(joints: int = 5, seed: int = 3) -> SpringArm:
     )
 
 
+def arm_of_levers(stiffnesses: list[float], direction: tuple[float, ...], length: float = 1.0) -> SpringArm:
+    """Parallel axes, so far apart along x."""
+    places = length * np.eye(3)[[0]] * np.arange(len(stiffnesses) + 1)[:, None]
+    directions = np.tile(direction, (len(stiffnesses), 1))
+    return SpringArm(places[:-1], directions, np.eye(3), places[-1], np.array(stiffnesses))
+
+
 def lever(length: float, stiffness: float) -> SpringArm:
     """A horizontal lever along x that turns about y; positive angles lower its end."""
-    return SpringArm(
-        axis_points=np.zeros((1, 3)),
-        axis_directions=np.array([[0.0, 1.0, 0.0]]),
-        flange_rotation=np.eye(3),
-        flange_translation=np.array([length, 0.0, 0.0]),
-        stiffnesses=np.array([stiffness]),
-    )
-
-
-def planar_arm(stiffnesses: list[float]) -> SpringArm:
-    """Parallel axes along z, a metre apart along x."""
-    n = len(stiffnesses)
-    return SpringArm(
-        axis_points=np.column_stack([np.arange(n), np.zeros(n), np.zeros(n)]).astype(float),
-        axis_directions=np.tile([0.0, 0.0, 1.0], (n, 1)),
-        flange_rotation=np.eye(3),
-        flange_translation=np.array([float(n), 0.0, 0.0]),
-        stiffnesses=np.array(stiffnesses),
-    )
+    return arm_of_levers([stiffness], (0.0, 1.0, 0.0), length)
 
 
 ARMS = {
@@ -160,8 +149,8 @@ class TestEquilibrium:
 
     def test_a_moment_turns_parallel_springs_exactly(self):
         stiffnesses = [3e3, 1e3, 2e3]
-        q, moment = [0.3, -0.8, 1.1], 400.0
-        actual = equilibrium(planar_arm(stiffnesses), q, NOTHING, (250.0, -90.0, moment), (0.3, 0.1, 0.2))
+        parallel, q, moment = arm_of_levers(stiffnesses, (0.0, 0.0, 1.0)), [0.3, -0.8, 1.1], 400.0
+        actual = equilibrium(parallel, q, NOTHING, (250.0, -90.0, moment), (0.3, 0.1, 0.2))
         assert actual == pytest.approx(moment / np.array(stiffnesses), rel=1e-14)
 
     def test_rigid_joints_do_not_move(self):

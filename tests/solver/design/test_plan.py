@@ -181,8 +181,8 @@ def test_uncertainty_is_that_of_the_exact_inverse(seed, n):
     assert uncertainty_of(rows.T @ rows, n) ** 2 == pytest.approx(variance, rel=1e-6)
 
 
-class TestFollowed:
-    """What the advice promised is what the same identification finds with the advised reading."""
+class TestAdvice:
+    """What it promised is what the same identification finds with the advised reading."""
 
     def test_several_joints_without_a_trace(self):
         """One posture with the weight above the wrist: joints 1 and others show nothing."""
@@ -194,13 +194,11 @@ class TestFollowed:
             joint = after.joints[robot.joint_names.index(piece.joint)]
             assert joint.standard_uncertainty == pytest.approx(piece.standard_uncertainty, rel=0.01)
 
-
-class TestNone:
-    def test_where_all_joints_are_well_determined(self):
+    def test_none_where_all_joints_are_well_determined(self):
         *_, pieces = advised(shared("simulated/pull_40"))
         assert pieces == ()
 
-    def test_where_an_error_of_all_readings_is_the_most(self):
+    def test_none_where_an_error_of_all_readings_is_the_most(self):
         """Of a joint that the load point decides, no reading tells more."""
         document = simulate_campaign(ARM, load="pull", configurations=8, seed=3, sigma=6e-5)
         robot, measurements = prepare(document)
@@ -369,16 +367,13 @@ def assert_weights(design, rows, expected, tolerance):
     assert found == pytest.approx(list(expected.values()), abs=tolerance)
 
 
-class TestPolynomialsOnAnInterval:
-    """Fedorov 1972, Pukelsheim 1993 (chapters 9.5 to 9.15)."""
-
-    def test_g_equals_d(self):
-        """Kiefer & Wolfowitz 1960: the worst variance of the best design is the number of parameters."""
-        rows = (np.linspace(-1.0, 1.0, 101)[:, None] ** np.arange(3))[:, None]
-        criterion = GOptimality(np.einsum("rmi,rmj->rij", rows, rows))
-        design = best(rows, criterion)
-        assert_weights(design, rows, dict.fromkeys((-1.0, 0.0, 1.0), 1 / 3), 2e-3)
-        assert criterion.variances(design.matrix).max() == pytest.approx(3.0, rel=1e-5)
+def test_g_equals_d():
+    """Kiefer & Wolfowitz 1960: the worst variance of the best design is the number of parameters."""
+    rows = (np.linspace(-1.0, 1.0, 101)[:, None] ** np.arange(3))[:, None]
+    criterion = GOptimality(np.einsum("rmi,rmj->rij", rows, rows))
+    design = best(rows, criterion)
+    assert_weights(design, rows, dict.fromkeys((-1.0, 0.0, 1.0), 1 / 3), 2e-3)
+    assert criterion.variances(design.matrix).max() == pytest.approx(3.0, rel=1e-5)
 
 
 def test_quadratic_on_a_grid_of_nine():

@@ -271,8 +271,3 @@ class TestFlags:
         across = (fit.target_points - fit.axis.point) @ fit.axis.frame[:, :2]
         radii = [target.radius for target in fit.targets(NAMES)]
         np.testing.assert_allclose(radii, np.linalg.norm(across, axis=1), rtol=1e-9)
-
-    def test_a_short_arc_is_flagged_with_its_figure(self):
-        (found,) = sweep_findings(fitted(made(2, 0.0, 20.0)), NAMES)
-        assert found.code == "short_arc"
-        assert "an arc of 20° determines" in found.message
