@@ -1,4 +1,4 @@
-/* What eyes see of the view as it stands: each function returns faults in words. */
+/* What eyes see of the view as it stands: most functions return faults in words. */
 (() => {
   const NUMBER = /\d[.,]\d|\d\s*·\s*10/; // a fraction is a quantity; whole numbers may count things
   const NOTATION = /3\.188\(17\): .*/; // says how uncertainties are written
@@ -185,3 +185,81 @@
     ];
   };
 })();
+
+/* Wait until charts have the width of their place for some frames. */
+window.drawn = async () => {
+  const drawings = () => [...document.querySelectorAll("svg[width]")];
+  const widths = () => drawings().map((svg) => svg.getAttribute("width")).join();
+  for (let [before, same] = ["", 0]; same < 3; ) {
+    await new Promise((done) => requestAnimationFrame(done));
+    same = widths() === before ? same + 1 : 0;
+    before = widths();
+  }
+};
+
+/* Return what is too wide, cut off, beyond the screen, or too small to tap. */
+window.ill = () => {
+  const faults = [];
+  const wide = document.documentElement.scrollWidth;
+  if (wide > innerWidth) faults.push(`the view is ${wide} px wide`);
+  const title = document.querySelector("h1");
+  const room = title.getBoundingClientRect();
+  const lines = room.height / parseFloat(getComputedStyle(title).lineHeight);
+  if (lines > 3.1) faults.push(`the title has ${lines.toFixed(1)} lines`);
+  if (room.width < Math.min(300, innerWidth - 60)) faults.push(`the title is ${room.width} px wide`);
+  const scrolls = (element) => {
+    for (let box = element.parentElement; box; box = box.parentElement) {
+      if (["auto", "scroll"].includes(getComputedStyle(box).overflowX) && box !== document.body) return true;
+    }
+    return false;
+  };
+  const inLabel = "label.option, label.toggle, label.pick";
+  const all = `a, button, select, summary, textarea, input, ${inLabel}`;
+  for (const control of document.querySelectorAll(all)) {
+    if (!control.checkVisibility() || control.closest(".skip, .hidden")) continue;
+    if (control instanceof HTMLInputElement && control.closest(inLabel)) continue;
+    const {width, height, left, right} = control.getBoundingClientRect();
+    const name = control.outerHTML.slice(0, 120);
+    if (width < 39.5 || height < 39.5) faults.push(`${width} x ${height} px to tap: ${name}`);
+    const beyond = left < -0.5 || right > innerWidth + 0.5;
+    if (beyond && !scrolls(control)) faults.push(`beyond the screen: ${name}`);
+    const {scrollWidth, clientWidth, scrollHeight, clientHeight} = control;
+    const cut = scrollWidth > clientWidth + 1 || scrollHeight > clientHeight + 1;
+    const holds = ".button, .tabs a, .sections a, summary, label.option, label.toggle";
+    if (cut && control.matches(holds)) faults.push(`cut off: ${name}`);
+  }
+  for (const words of document.querySelectorAll("p, dd, h2, h3, td, .legend li, .angles span")) {
+    const apart = words.closest(".scroll, .hidden, .scene-labels");
+    if (apart || !words.checkVisibility() || words.getBoundingClientRect().right <= innerWidth + 1) continue;
+    faults.push(`words beyond the screen: ${words.outerHTML.slice(0, 120)}`);
+  }
+  return faults;
+};
+
+/* Return the pairs of size and weight of all words. */
+window.pairs = () => {
+  const pairs = new Set();
+  const walker = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT);
+  while (walker.nextNode()) {
+    const element = walker.currentNode.parentElement;
+    if (!walker.currentNode.textContent.trim() || !element.checkVisibility()) continue;
+    const {fontSize, fontWeight} = getComputedStyle(element);
+    pairs.add(`${fontSize} ${fontWeight}`);
+  }
+  return [...pairs].sort();
+};
+
+/* Return what axe-core finds that is serious. */
+window.check = async (rules) => {
+  const found = await axe.run(document, {resultTypes: ["violations"], ...rules});
+  return found.violations.filter((v) => ["serious", "critical"].includes(v.impact)).map((v) =>
+    v.id + ": " + v.nodes.slice(0, 3).map((n) => n.html + " " + n.failureSummary).join("\n"));
+};
+
+/* Return targets that are less than 44 px. */
+window.small = () => [...document.querySelectorAll("a, button, select, summary, input:not(.hidden)")]
+  .filter((e) => e.offsetParent !== null && !e.closest(".skip, label.option, label.toggle"))
+  .filter((e) => !(e instanceof HTMLInputElement && ["checkbox", "radio"].includes(e.type)))
+  .map((e) => [e, e.getBoundingClientRect()])
+  .filter(([e, box]) => box.height < 44 - 0.5 || box.width < 44 - 0.5)
+  .map(([e, box]) => `${e.outerHTML.slice(0, 120)} ${box.width} x ${box.height}`);

@@ -1,6 +1,7 @@
 """Names and file names that would like to be more than text."""
 
 import re
+from pathlib import Path
 
 from playwright.sync_api import expect
 from support.api import post, posted
@@ -8,49 +9,15 @@ from support.browsing import campaign, file_of
 
 from jointstiff.service.api.bodies import EXAMPLES
 
-NAMES = [
-    "<script>window.hacked=1</script>",
-    "<img src=x onerror=window.hacked=1>",
-    "<svg onload=window.hacked=1>",
-    "<svg><script>window.hacked=1</script></svg>",
-    "<iframe srcdoc='<script>parent.hacked=1</script>'>",
-    "<a href=javascript:window.hacked=1>x</a>",
-    "<b style=position:fixed>x</b>",
-    "<style>*{display:none}</style>",
-    "<link rel=stylesheet href=//evil.example>",
-    "<meta http-equiv=refresh content=0>",
-    "<base href=//evil.example>",
-    "<object data=x>",
-    "<embed src=x>",
-    "<math><mtext><script>window.hacked=1</script>",
-    "<template><img src=x onerror=window.hacked=1></template>",
-    "<!--<img src=x onerror=window.hacked=1>-->",
-    "</title><script>window.hacked=1</script>",
-    "</textarea><script>window.hacked=1</script>",
-    "</option></select><img src=x onerror=window.hacked=1>",
-    "<![CDATA[<script>window.hacked=1</script>]]>",
-    '"><script>window.hacked=1</script>',
-    "'><img src=x onerror=window.hacked=1>",
-    '" onmouseover="window.hacked=1',
-    "javascript:window.hacked=1",
-    "data:text/html,<script>window.hacked=1</script>",
-    "{{constructor.constructor('window.hacked=1')()}}",
-    "${window.hacked=1}",
-    "#{7*7}",
-    "&lt;script&gt;window.hacked=1&lt;/script&gt;",
-    "&#60;img src=x&#62;",
-    "%3Cscript%3Ewindow.hacked=1%3C/script%3E",
-    '=HYPERLINK("http://evil.example";"x")',
-    "+cmd|' /C calc'!A0",
-    "@SUM(1+1)*cmd|' /C calc'!A0",
-    "-2+3",
-    "__proto__",
-    "constructor",
-    "../../../etc/passwd",
-    "🤖" * 100,
-    "W" * 200,
-]
+NAMES = Path(__file__).with_name("hostile_names.txt").read_text(encoding="utf-8").splitlines()
 PLANTED = "script:not([src]), iframe, object, embed, base, style, #page img, #page b[style], #page meta"
+
+
+SHOWN = (
+    *("#/", "#/runs", "#/robots", "#/sets", "#/sets/{set}", "#/robots/{robot}", "#/runs/{run}"),
+    *("#/runs/{run}/deflection", "#/runs/{run}/robot", "#/runs/{run}/predict", "#/runs/{run}/report"),
+    *("#/compare/methods/{comparison}", "#/compare/trend/{robot}", "#/compare/pairs"),
+)
 
 
 def test_forty_hostile_names_are_shown_as_text(visit, api):
@@ -77,23 +44,9 @@ def test_forty_hostile_names_are_shown_as_text(visit, api):
 
     visited = visit("tablet")
     page = visited.page
-    for view in (
-        "#/",
-        "#/runs",
-        "#/robots",
-        "#/sets",
-        f"#/sets/{set_id}",
-        f"#/robots/{robot['id']}",
-        f"#/runs/{run}",
-        f"#/runs/{run}/deflection",
-        f"#/runs/{run}/robot",
-        f"#/runs/{run}/predict",
-        f"#/runs/{run}/report",
-        f"#/compare/methods/{comparison}",
-        f"#/compare/trend/{robot['id']}",
-        "#/compare/pairs",
-    ):
-        visited.go(view)
+    about = {"set": set_id, "robot": robot["id"], "run": run, "comparison": comparison}
+    for view in SHOWN:
+        visited.go(view.format(**about))
         visited.settle()
         assert page.evaluate("window.hacked") is None, view
         assert page.locator(PLANTED).count() == 0, view
@@ -109,12 +62,8 @@ def test_hostile_file_names_and_contents_are_shown_as_text(visit, stored):
         file_name = re.sub(r"[/\0]", "_", name)[:60] + ".json"
         file.set_input_files(file_of(file_name, "<script>"))
         expect(page.get_by_text(f"{file_name}: the file has a header")).to_be_visible()
-        document = {
-            "name": name,
-            "units": name,
-            "encoders": name,
-            "observations": [{"readings": [{"target": name}]}],
-        }
+        document = dict.fromkeys(("name", "units", "encoders"), name)
+        document["observations"] = [{"readings": [{"target": name}]}]
         file.set_input_files(file_of(file_name, document))
         expect(page.locator("h3.file")).to_have_text(name)
         assert page.locator(PLANTED).count() == 0

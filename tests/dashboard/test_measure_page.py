@@ -8,7 +8,7 @@ import pytest
 from playwright.sync_api import Page, expect
 from support.browsing import file_of
 
-from jointstiff.simulator import LOAD_POINT, TARGETS
+from jointstiff.simulator import TARGETS
 
 
 def simulated(visited) -> str:
@@ -151,16 +151,6 @@ def test_a_plan_is_measured_live_and_its_file_joins(visit, api, stored):
     expect(page.get_by_role("button", name="Send reading")).to_be_enabled()
     page.get_by_text("On a tablet").click()
     expect(page.get_by_role("img", name=re.compile("QR code"))).to_be_visible()
-
-
-def test_equipment_is_that_of_the_last_campaign(visit, stored):
-    page = (visited := visit("desktop")).page
-    visited.go(f"#/measure?robot={stored.robot}")
-    expect(page.get_by_label("Force [N]")).to_have_value("1500")
-    expect(page.get_by_label("Load point: x, y, z")).to_have_value(
-        ", ".join(f"{1e3 * x:g}" for x in LOAD_POINT)
-    )
-    expect(page.get_by_role("button", name="Begin")).to_be_disabled()
 
 
 def test_a_file_filled_in_part_joins_the_readings_that_are_there(visit, api):

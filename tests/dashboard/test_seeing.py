@@ -18,30 +18,11 @@ ROW = {"phone": 72, "desk": 44}
 FIRST = 400
 """A phone shows the first number of a result within this height [px]."""
 ASKING = (
-    "/report",
-    "}/map",
-    "/program",
-    "/predict",
-    "/new",
-    "plans?robot={robot}",
-    "?set={set}",
-    "of-this-name",
-    "compare/methods",
-    "compare/pairs",
-    "#/geometries",
+    *("/report", "}/map", "/program", "/predict", "/new", "plans?robot={robot}", "?set={set}"),
+    *("of-this-name", "compare/methods", "compare/pairs", "#/geometries"),
 )
 """Views that ask, or hand out files: they have no number of their own to show first."""
 LONG = "an arm of the third cell beside the paint shop, refitted in the spring"
-DRAWN = """async () => {
-  const drawings = () => [...document.querySelectorAll("svg[width]")];
-  const widths = () => drawings().map((svg) => svg.getAttribute("width")).join();
-  for (let [before, same] = ["", 0]; same < 3; ) {
-    await new Promise((done) => requestAnimationFrame(done));
-    same = widths() === before ? same + 1 : 0;
-    before = widths();
-  }
-}"""
-"""Wait until charts have the width of their place for some frames."""
 
 
 @pytest.fixture
@@ -69,81 +50,18 @@ def limits(view: str, width: int, media: str) -> list[float | bool]:
     return [False, row, FIRST if width <= PHONE and shows else 0]
 
 
-WRONG = """
-<main><table>
-<thead><tr><th>Stiffness</th>
-<th style="overflow: hidden; max-width: 20px; white-space: nowrap">Standard uncertainty [mm]</th></tr></thead>
-<tbody><tr style="height: 90px"><td>3.25</td><td>0.17</td></tr></tbody></table>
-<p style="position: relative; top: -60px; margin: 0">words over a number</p></main>
-"""
-
-
 def test_faults_are_seen(visit):
     page = visit("desktop").page
-    page.set_content(WRONG)
+    page.set_content(Path(__file__).with_name("seeing_faults.html").read_text(encoding="utf-8"))
     page.evaluate(LOOK)
     found = "\n".join(page.evaluate("seeing(false, 44, 10)"))
-    for fault in (
-        "overlap",
-        'no unit beside "3.25"',
-        "is cut off",
-        "a row of 9",
-        "the first number stands at",
-    ):
-        assert fault in found, found
+    wanted = ("overlap", 'no unit beside "3.25"', "is cut off", "a row of 9", "the first number stands at")
+    assert [fault for fault in wanted if fault not in found] == [], found
     assert '"0.17"' not in found.split("overlap")[-1]  # its head has the unit
 
 
 MOST_PAIRS = 6  # of size and weight
 MOST_SIZES, MOST_WEIGHTS = 5, 3
-FAULTS = """() => {
-  const faults = [];
-  const wide = document.documentElement.scrollWidth;
-  if (wide > innerWidth) faults.push(`the view is ${wide} px wide`);
-  const title = document.querySelector("h1");
-  const room = title.getBoundingClientRect();
-  const lines = room.height / parseFloat(getComputedStyle(title).lineHeight);
-  if (lines > 3.1) faults.push(`the title has ${lines.toFixed(1)} lines`);
-  if (room.width < Math.min(300, innerWidth - 60)) faults.push(`the title is ${room.width} px wide`);
-  const scrolls = (element) => {
-    for (let box = element.parentElement; box; box = box.parentElement) {
-      if (["auto", "scroll"].includes(getComputedStyle(box).overflowX) && box !== document.body) return true;
-    }
-    return false;
-  };
-  const inLabel = "label.option, label.toggle, label.pick";
-  const all = `a, button, select, summary, textarea, input, ${inLabel}`;
-  for (const control of document.querySelectorAll(all)) {
-    if (!control.checkVisibility() || control.closest(".skip, .hidden")) continue;
-    if (control instanceof HTMLInputElement && control.closest(inLabel)) continue;
-    const {width, height, left, right} = control.getBoundingClientRect();
-    const name = control.outerHTML.slice(0, 120);
-    if (width < 39.5 || height < 39.5) faults.push(`${width} x ${height} px to tap: ${name}`);
-    const beyond = left < -0.5 || right > innerWidth + 0.5;
-    if (beyond && !scrolls(control)) faults.push(`beyond the screen: ${name}`);
-    const {scrollWidth, clientWidth, scrollHeight, clientHeight} = control;
-    const cut = scrollWidth > clientWidth + 1 || scrollHeight > clientHeight + 1;
-    const holds = ".button, .tabs a, .sections a, summary, label.option, label.toggle";
-    if (cut && control.matches(holds)) faults.push(`cut off: ${name}`);
-  }
-  for (const words of document.querySelectorAll("p, dd, h2, h3, td, .legend li, .angles span")) {
-    const apart = words.closest(".scroll, .hidden, .scene-labels");
-    if (apart || !words.checkVisibility() || words.getBoundingClientRect().right <= innerWidth + 1) continue;
-    faults.push(`words beyond the screen: ${words.outerHTML.slice(0, 120)}`);
-  }
-  return faults;
-}"""
-PAIRS = """() => {
-  const pairs = new Set();
-  const walker = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT);
-  while (walker.nextNode()) {
-    const element = walker.currentNode.parentElement;
-    if (!walker.currentNode.textContent.trim() || !element.checkVisibility()) continue;
-    const {fontSize, fontWeight} = getComputedStyle(element);
-    pairs.add(`${fontSize} ${fontWeight}`);
-  }
-  return [...pairs].sort();
-}"""
 
 
 @pytest.mark.parametrize(
@@ -171,11 +89,11 @@ def test_every_view_can_be_read_and_tapped_in_few_sizes_of_type(visit, stored, l
                 if width not in looked_at[media]:
                     continue
                 page.emulate_media(media=medium, color_scheme=scheme)
-                page.evaluate(DRAWN)
+                page.evaluate("drawn()")
                 seen = page.evaluate("(limits) => seeing(...limits)", limits(view, width, media))
-                for fault in seen + (page.evaluate(FAULTS) if media == "light" else []):
+                for fault in seen + (page.evaluate("ill()") if media == "light" else []):
                     faults.setdefault(f"{view}: {fault}", []).append(f"{width} {media}")
-            pairs[width] |= set(page.evaluate(PAIRS))
+            pairs[width] |= set(page.evaluate("pairs()"))
     assert not faults, "\n".join(f"{fault} at {at}" for fault, at in faults.items())
     for found in pairs.values():
         assert len(found) <= MOST_PAIRS, sorted(found)
@@ -183,28 +101,17 @@ def test_every_view_can_be_read_and_tapped_in_few_sizes_of_type(visit, stored, l
         assert len({pair.split()[1] for pair in found}) <= MOST_WEIGHTS
 
 
-CHECK = """async (rules) => {
-  const found = await axe.run(document, {resultTypes: ["violations"], ...rules});
-  return found.violations.filter((v) => ["serious", "critical"].includes(v.impact)).map((v) =>
-    v.id + ": " + v.nodes.slice(0, 3).map((n) => n.html + " " + n.failureSummary).join("\\n"));
-}"""
 COLOURS = {"runOnly": {"type": "rule", "values": ["color-contrast", "link-in-text-block"]}}
 """All that differs between the themes."""
-SMALL = """() => [...document.querySelectorAll("a, button, select, summary, input:not(.hidden)")]
-  .filter((e) => e.offsetParent !== null && !e.closest(".skip, label.option, label.toggle"))
-  .filter((e) => !(e instanceof HTMLInputElement && ["checkbox", "radio"].includes(e.type)))
-  .map((e) => [e, e.getBoundingClientRect()])
-  .filter(([e, box]) => box.height < 44 - 0.5 || box.width < 44 - 0.5)
-  .map(([e, box]) => `${e.outerHTML.slice(0, 120)} ${box.width} x ${box.height}`)"""
 
 
 def faults_of(page):
     """What axe-core finds in light, and of the colours in dark; small targets."""
     page.emulate_media(color_scheme="light")
-    faults = page.evaluate(CHECK, {})
+    faults = page.evaluate("check({})")
     page.emulate_media(color_scheme="dark")
-    faults += [f"dark: {fault}" for fault in page.evaluate(CHECK, COLOURS)]
-    return faults + page.evaluate(SMALL)
+    faults += [f"dark: {fault}" for fault in page.evaluate("(rules) => check(rules)", COLOURS)]
+    return faults + page.evaluate("small()")
 
 
 def test_every_view_is_accessible(visit, stored, node_modules):
@@ -217,8 +124,8 @@ def test_every_view_is_accessible(visit, stored, node_modules):
         visited.settle()
         page.evaluate("document.querySelectorAll('details').forEach((e) => { e.open = true; })")
         page.evaluate(axe)
-        faults = faults_of(page)
-        if faults:
+        page.evaluate(LOOK)
+        if faults := faults_of(page):
             found[view] = faults
     assert found == {}
 

@@ -5,6 +5,7 @@ import threading
 from dataclasses import asdict
 from datetime import UTC, datetime, timedelta
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
 from urllib.parse import urlsplit
 
 import httpx2
@@ -24,13 +25,7 @@ NOW = datetime.now(UTC)
 KEY = mint("tablet hall 3", "operator", NOW, None)
 ADMIN = mint("admin Smith", "admin", NOW, None)
 
-FOLLOW = """async (run) => {
-  const source = new EventSource(`/v1/jobs/${run}/events`);
-  return new Promise((tell) => {
-    source.addEventListener("end", () => { source.close(); tell("end"); });
-    source.addEventListener("error", () => { source.close(); tell("refused"); });
-  });
-}"""
+FOLLOW = Path(__file__).with_name("follow.js").read_text(encoding="utf-8")
 
 
 @pytest.fixture(scope="module")
@@ -58,6 +53,13 @@ def run(site):
         return posted(api, simulate_campaign(default_arm(), configurations=6))["id"]
 
 
+def sign_in(page, key):
+    """Enter a key, which is taken."""
+    page.get_by_label("Key").fill(key.text)
+    page.get_by_role("button", name="Sign in").click()
+    expect(page.locator("h1")).not_to_have_text("Sign in")
+
+
 def test_a_key_is_entered_once_and_the_page_works_until_sign_out(visit, run):
     tablet = visit()
     page = tablet.page
@@ -70,9 +72,7 @@ def test_a_key_is_entered_once_and_the_page_works_until_sign_out(visit, run):
     expect(page.get_by_role("alert")).to_contain_text("is not a key")
     assert page.context.cookies() == []
 
-    page.get_by_label("Key").fill(KEY.text)
-    page.get_by_role("button", name="Sign in").click()
-    expect(page.locator("h1")).not_to_have_text("Sign in")
+    sign_in(page, KEY)
     tablet.settle()
     (cookie,) = page.context.cookies()
     assert (cookie["httpOnly"], cookie["sameSite"], cookie["secure"]) == (True, "Strict", False)
@@ -93,9 +93,7 @@ def test_a_key_is_entered_once_and_the_page_works_until_sign_out(visit, run):
 def test_a_session_that_ends_meanwhile_asks_for_the_key(visit, run, database):
     tablet = visit()
     tablet.go("#/runs")
-    tablet.page.get_by_label("Key").fill(KEY.text)
-    tablet.page.get_by_role("button", name="Sign in").click()
-    expect(tablet.page.locator("h1")).not_to_have_text("Sign in")
+    sign_in(tablet.page, KEY)
     tablet.settle()
     (cookie,) = tablet.page.context.cookies()
     with Store.open(database) as store:
@@ -117,9 +115,7 @@ def test_a_link_signs_in_once_and_leaves_the_address(visit, run, database):
     second.go(f"#/sign-in/{token}")
     expect(second.page.get_by_role("alert")).to_contain_text("used before")
     assert token not in second.page.url
-    second.page.get_by_label("Key").fill(KEY.text)
-    second.page.get_by_role("button", name="Sign in").click()
-    expect(second.page.locator("h1")).not_to_have_text("Sign in")
+    sign_in(second.page, KEY)
     assert all(
         token not in address for one in (first, second) for address in one.requests if "#" not in address
     )
@@ -127,9 +123,7 @@ def test_a_link_signs_in_once_and_leaves_the_address(visit, run, database):
 
 def test_an_admin_adds_a_webhook_sees_what_did_not_arrive_and_deletes_it(visit, database):
     page = visit("phone", view="#/runs").page
-    page.get_by_label("Key").fill(ADMIN.text)
-    page.get_by_role("button", name="Sign in").click()
-    expect(page.locator("h1")).not_to_have_text("Sign in")
+    sign_in(page, ADMIN)
     page.get_by_label("Display").click()
     page.get_by_role("link", name="Webhooks").click()
     expect(page.get_by_text("No webhooks yet")).to_be_visible()
@@ -162,22 +156,7 @@ def test_an_admin_adds_a_webhook_sees_what_did_not_arrive_and_deletes_it(visit, 
     expect(page.get_by_text("No webhooks yet")).to_be_visible()
 
 
-TRY = """async ([service, run, robot]) => {
-  const seen = [];
-  const sent = async (path, options) => {
-    try {
-      const answer = await fetch(service + path, options);
-      seen.push(answer.ok ? await answer.text() : "");
-    } catch { seen.push(""); }
-  };
-  await sent("/v1/robots", {});
-  await sent("/v1/robots", { method: "POST", mode: "no-cors", body: robot });
-  await sent("/v1/robots", { method: "POST", body: robot, headers: { "Content-Type": "application/json" } });
-  await sent("/v1/jobs/" + run, { method: "DELETE" });
-  await sent("/v1/jobs/" + run, { method: "PATCH", mode: "no-cors" });
-  await sent("/v1/runs/" + run, {});
-  return seen.join("");
-}"""
+TRY = Path(__file__).with_name("another_site.js").read_text(encoding="utf-8")
 """What a hostile page tries; it returns what it could read."""
 
 

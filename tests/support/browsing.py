@@ -24,14 +24,8 @@ SIZES = {
     "desktop": (1440, 900),
 }
 ARGUMENTS = [
-    "--headless",
-    "--no-sandbox",
-    "--disable-gpu",
-    "--disable-quic",
-    "--no-first-run",
-    "--disable-background-networking",
-    "--disable-component-update",
-    "--disable-sync",
+    *("--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run"),
+    *("--disable-background-networking", "--disable-component-update", "--disable-sync"),
 ]
 
 
@@ -109,37 +103,5 @@ def campaign(**options: Any) -> dict[str, Any]:
     )
 
 
-VIEWS = (
-    "#/",
-    "#/?set={set}",
-    "#/runs",
-    "#/runs/{run}",
-    "#/runs/{run}/deflection",
-    "#/runs/{run}/robot",
-    "#/runs/{run}/predict",
-    "#/runs/{run}/report",
-    "#/runs/{run}/map",
-    "#/runs/{run}/program",
-    "#/maps/{map}",
-    "#/programs/{program}",
-    "#/robots",
-    "#/robots/new",
-    "#/robots/{robot}",
-    "#/sets",
-    "#/sets/{set}",
-    "#/geometries",
-    "#/geometries/{geometry}",
-    "#/plans?robot={robot}",
-    "#/plans/{plan}",
-    "#/compare/methods",
-    "#/compare/pairs",
-    "#/compare/methods/{comparison}",
-    "#/compare/methods/{pair}",
-    "#/compare/runs?ids={run},{run}",
-    "#/compare/trend/{robot}",
-    "#/fleet",
-    "#/measure?robot={robot}",
-    "#/measure/{live}",
-    "#/runs/nothing-of-this-name",
-)
+VIEWS = Path(__file__).with_name("views.txt").read_text(encoding="utf-8").splitlines()
 """Every view, an error among them."""

@@ -1,0 +1,16 @@
+async ([service, run, robot]) => {
+  const seen = [];
+  const sent = async (path, options) => {
+    try {
+      const answer = await fetch(service + path, options);
+      seen.push(answer.ok ? await answer.text() : "");
+    } catch { seen.push(""); }
+  };
+  await sent("/v1/robots", {});
+  await sent("/v1/robots", { method: "POST", mode: "no-cors", body: robot });
+  await sent("/v1/robots", { method: "POST", body: robot, headers: { "Content-Type": "application/json" } });
+  await sent("/v1/jobs/" + run, { method: "DELETE" });
+  await sent("/v1/jobs/" + run, { method: "PATCH", mode: "no-cors" });
+  await sent("/v1/runs/" + run, {});
+  return seen.join("");
+}
