@@ -1,4 +1,4 @@
-"""The command line as a newcomer uses it: imports, catalogue, programs, keys; what it starts and refuses."""
+"""What commands start and follow; what they say stands in the transcripts of commands and keys."""
 
 import json
 import os

@@ -25,7 +25,6 @@ from jointstiff.service.store.store import SESSION_IDLE, SESSION_LONGEST, Store
 from jointstiff.service.store.tables import (
     AuditEntry,
     IdempotencyKey,
-    JobRecord,
     MeasurementSetRecord,
     RobotRecord,
     SessionRecord,
@@ -45,7 +44,6 @@ HOSTILE = {
     "empty": "",
     "unit separator": "\x1f",
 }
-hostile = pytest.mark.parametrize("text", HOSTILE.values(), ids=HOSTILE.keys())
 
 
 @pytest.fixture
@@ -66,10 +64,6 @@ def measurement_set(identifier: str = "s1", **changes: Any) -> MeasurementSetRec
     return dataclasses.replace(record, **changes)
 
 
-def run(identifier: str = "u1", **changes: Any) -> JobRecord:
-    return job_record(RUN, identifier, **changes)
-
-
 def together(count: int, work: Callable[[int], T]) -> list[T]:
     """What `work` returns in as many threads, all released at the same moment."""
     barrier = threading.Barrier(count)
@@ -88,7 +82,7 @@ class TestRecords:
             store.robots.add(robot(created_at=TIME.replace(tzinfo=None)))
         assert store.robots.page(limit=1).records == ()
 
-    @hostile
+    @pytest.mark.parametrize("text", HOSTILE.values(), ids=HOSTILE.keys())
     def test_missing_parents(self, store: Store, text: str) -> None:
         key = IdempotencyKey("k", "b")
         with pytest.raises(NotFoundError) as caught:
@@ -96,7 +90,7 @@ class TestRecords:
         assert (caught.value.kind, caught.value.id) == (store.robots.resource, text)
         store.robots.add(robot())
         with pytest.raises(NotFoundError) as caught:
-            store.jobs(RUN).add(run(measurement_set_id=text))
+            store.jobs(RUN).add(job_record(measurement_set_id=text))
         assert caught.value.kind == store.sets.resource
         assert store.sets.page(limit=9).records == ()
         assert store.jobs(RUN).page(limit=9).records == ()
@@ -296,11 +290,6 @@ def test_a_full_database_takes_no_note():
 
 
 SPANS = [(0, 100), (100, 200), (200, 300)]
-
-
-@pytest.fixture
-def runs(store):
-    return runs_of(store, store.steps.announce)
 
 
 @pytest.fixture

@@ -44,11 +44,6 @@ def store(either_database_url):
         yield opened
 
 
-@pytest.fixture
-def runs(store):
-    return runs_of(store, store.steps.announce)
-
-
 SPANS = [(0, 100), (100, 200), (200, 300)]
 
 

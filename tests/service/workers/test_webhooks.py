@@ -119,18 +119,14 @@ ADMIN = mint("admin Smith", "admin", datetime.now(UTC), None)
 CLIENTS = {}
 
 
-def client_of(store):
+def ask(store, method, path, **options):
+    """Ask as an admin."""
     if store not in CLIENTS:
         store.keys.add(ADMIN.record)
         CLIENTS.clear()
         CLIENTS[store] = Client(store, Posture.of("127.0.0.1", (), access_control=True, require_key=True))
-    return CLIENTS[store]
-
-
-def ask(store, method, path, text=ADMIN.text, **options):
-    """Ask as an admin."""
-    headers = {"Authorization": f"Bearer {text}"}
-    return client_of(store).request(method, path, headers=headers, **options)
+    headers = {"Authorization": f"Bearer {ADMIN.text}"}
+    return CLIENTS[store].request(method, path, headers=headers, **options)
 
 
 def told_of(store, receiver, **body):
