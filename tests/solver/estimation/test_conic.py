@@ -17,7 +17,6 @@ from support.campaigns import (
     METHODS_AND_WEIGHTS,
     SIGMA,
     estimate,
-    first_target,
     held,
     simulated,
     spring_columns,
@@ -27,7 +26,7 @@ from support.examples import examples
 from support.springs import readings_of
 
 from jointstiff.simulator.equilibrium import torques
-from jointstiff.solver.errors import SolverError, UnsupportedMethodError
+from jointstiff.solver.errors import SolverError
 from jointstiff.solver.estimation import fit as robust
 from jointstiff.solver.estimation import programs
 from jointstiff.solver.estimation.conic import (
@@ -550,12 +549,6 @@ def _stationary(robot, measurements, found, threshold):
 
 
 class TestRefusals:
-    def test_no_sigma_and_no_readings_to_spare(self, pulls):
-        robot, exact = pulls
-        few = first_target(replace(noisy(exact, 0)[:2], sigma=None))
-        with pytest.raises(UnsupportedMethodError, match="needs sigma"):
-            estimate(robot, few, loss="huber")
-
     def test_an_optimum_without_a_certificate_is_none(self, bad, monkeypatch):
         monkeypatch.setattr(robust, "MOST_ROUNDS", 2)
         monkeypatch.setattr(robust, "MOST_STATED", 0)

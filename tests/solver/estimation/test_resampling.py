@@ -19,9 +19,7 @@ from support.campaigns import (
     METHODS_AND_WEIGHTS,
     blocks_of_set,
     estimate,
-    first_target,
     prepare,
-    settings_of,
     simulated,
     straight_wrist,
     twins,
@@ -33,7 +31,7 @@ from support.shared_data import shared
 from jointstiff.schemas.options import Resampling
 from jointstiff.schemas.run import JointResult
 from jointstiff.simulator.campaign import torques
-from jointstiff.solver.errors import NotObservableError, RequestError, UnsupportedMethodError
+from jointstiff.solver.errors import RequestError
 from jointstiff.solver.estimation import resampling as module
 from jointstiff.solver.estimation import solution
 from jointstiff.solver.estimation.assessment import judge
@@ -170,27 +168,6 @@ class TestPlan:
         again = draws_of(plan_of(10, 100, 5, replacement=True), 19, 40, 60)
         np.testing.assert_array_equal(again, np.floor(19 * table[40:60, :10]))
 
-    def test_what_the_full_set_cannot_support_is_refused_in_its_words(self, noisy):
-        robot, measurements = noisy
-        few = replace(measurements, present=np.arange(3) < np.full((19, 1), 2))
-        with pytest.raises(UnsupportedMethodError, match="needs 3 targets"):
-            blocks_of_set(robot, few, settings("complete_pose"))
-        nothing = replace(measurements, force=np.zeros((19, 3)))
-        with pytest.raises(NotObservableError, match="never twists"):
-            blocks_of_set(robot, nothing, settings("partial_pose"))
-
-    @pytest.mark.parametrize(
-        ("options", "reason"),
-        [
-            ({"loss": "huber"}, "^resampling: "),
-            ({"priors": {"joint_2": {"stiffness": 3e6, "standard_uncertainty": 1e6}}}, "supports neither"),
-            ({"stiffness_order": [["joint_2", "joint_3"]]}, "supports neither"),
-        ],
-    )
-    def test_refuses_what_is_not_linear_or_not_of_the_readings(self, noisy, options, reason):
-        with pytest.raises(UnsupportedMethodError, match=reason):
-            blocks_of_set(*noisy, settings_of(noisy[0], **options))
-
 
 class TestSameNumbers:
     @pytest.mark.parametrize("method", METHODS)
@@ -316,16 +293,6 @@ def test_partial_pose_is_bayes_rule(pulls, sigma):
     np.testing.assert_allclose(complete.compliance, expected, rtol=1e-8)
 
 
-def test_a_joint_that_nothing_was_measured_of_has_no_number():
-    robot, measurements = simulated(load="dead_weight", seed=4)
-    found = estimate(robot, measurements, priors={"joint_1": PRIORS["joint_2"]})
-    joint = found.joints[0]
-    assert (joint.status, joint.compliance, joint.prior_to_data) == ("not_observable", None, None)
-    assert "never twists" in joint.reason
-    assert "prior" in joint.reason
-    np.testing.assert_allclose(found.compliance, estimate(robot, measurements).compliance, rtol=1e-12)
-
-
 def test_a_combination_that_the_prior_tells_apart():
     """Two joints on one axis: their sum is measured, the prior of one leaves the rest to the other."""
     campaign = simulated(load="pull", seed=3)
@@ -342,22 +309,7 @@ def test_a_combination_that_the_prior_tells_apart():
     assert "prior_dominates" in {finding.code for finding in judge(found)}
 
 
-def test_a_prior_that_outweighs_the_readings_is_a_warning(pulls):
-    robot, measurements = pulls
-    for uncertainty, warned in ((1.0, True), (1.9e5, False)):
-        prior = {"joint_5": {"stiffness": 4e5, "standard_uncertainty": uncertainty}}
-        found = estimate(robot, replace(measurements, sigma=1e-7), priors=prior)
-        codes = {finding.code for finding in judge(found)}
-        assert ("prior_dominates" in codes) == warned == (found.joints[4].prior_to_data > 1)
-
-
 class TestRefusals:
-    def test_without_sigma_and_degrees_of_freedom(self, pulls):
-        robot, measurements = pulls
-        with pytest.raises(UnsupportedMethodError, match="a prior needs sigma"):
-            # Two observations of one target: as many readings as joints.
-            estimate(robot, first_target(replace(measurements[:2], sigma=None)), priors=PRIORS)
-
     @pytest.mark.parametrize("uncertainty", [0.0, -1.0, np.nan, np.inf])
     def test_an_uncertainty_that_is_none(self, uncertainty):
         with pytest.raises(RequestError, match="not positive"):
@@ -368,14 +320,6 @@ NAMES = ("a", "b", "c", "d")
 
 
 class TestVisibleJoints:
-    def test_joints_without_a_trace_are_left_out(self):
-        found = estimate(*simulated(load="dead_weight", seed=4))
-        assert found.joints[0].status == "not_observable"
-        R, observability = found.regressor[:, 1:], visibility_of(found.observability.excitation[1:])
-        assert observability_indices(found.regressor, found.observability) == observability_indices(
-            R, observability
-        )
-
     def test_no_index_where_joints_show_only_together(self):
         assert observability_indices(np.ones((4, 2)), visibility_of(np.ones(2))) is None
 

@@ -12,8 +12,6 @@ from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.elastic_links import beam_arm, elastic_campaign
 from jointstiff.solver.errors import UnsupportedMethodError
 from jointstiff.solver.estimation.conic import LeastSquares, range_of_squares, to_vector
-from jointstiff.solver.estimation.method import Settings
-from jointstiff.solver.estimation.solution import Bounds
 from jointstiff.solver.links.choice import (
     LIMITS,
     WEIGHTS,
@@ -35,7 +33,6 @@ from jointstiff.solver.links.fit import (
     effective_rows,
     estimate_elastic,
     first_certified,
-    refuse_unsupported_elastic,
 )
 from jointstiff.solver.links.model import (
     LOSSES,
@@ -351,24 +348,6 @@ def test_a_model_without_an_answer_is_left_out_unless_it_is_asked_for(elastic):
     assert [held_out.model for held_out in found.models] == answered
     with pytest.raises(UnsupportedMethodError):
         select_model(folds, paths, "coupled_joints")
-
-
-@pytest.mark.parametrize(
-    ("change", "where"),
-    [
-        ({"method": "complete_pose"}, "method"),
-        ({"weighting": "uniform"}, "weighting"),
-        ({"bounds": Bounds.unconstrained(6)}, "stiffness_bounds"),
-        ({"order": ((1, 2),)}, "stiffness_order"),
-    ],
-)
-def test_what_does_not_go_with_links_is_refused(elastic, change, where):
-    settings = Settings("partial_pose", "covariance", Bounds.positive(6))
-    refuse_unsupported_elastic(elastic[1], settings)
-    with pytest.raises(UnsupportedMethodError) as refused:
-        refuse_unsupported_elastic(elastic[1], replace(settings, **change))
-    assert refused.value.where == where
-    assert "elasticity joints" in refused.value.remedy
 
 
 def test_nothing_to_scale_the_penalty_by_is_refused(elastic):
