@@ -48,10 +48,7 @@ NOT_RUN = {
 
 
 class Reader:
-    """Someone with the wheel's environment, an empty folder and a terminal of 80 columns.
-
-    `guide_runner` has imported everything and runs `jointstiff` commands and Python; the shell runs the rest.
-    """
+    """Someone with the wheel's environment, an empty folder and a terminal of 80 columns."""
 
     def __init__(self, installed: Path, place: Path) -> None:
         self.database, self._log = f"sqlite:///{place / 'jointstiff.db'}", place / "log"
@@ -73,23 +70,10 @@ class Reader:
         tasks = [{"code": text}] if language == "python" else parts_of(text)
         for task in tasks:
             self._log.write_text("")
-            if "shell" in task:
-                command = ["bash", "-euo", "pipefail", "-c", task["shell"]]
-                with self._log.open("w") as log:
-                    status = subprocess.run(
-                        command,
-                        cwd=folder,
-                        env=os.environ | environment,
-                        stdout=log,
-                        stderr=log,
-                        check=False,
-                        timeout=240,
-                    ).returncode
-            else:
-                task |= {"folder": str(folder), "environment": environment, "log": str(self._log)}
-                self._runner.stdin.write(json.dumps(task) + "\n")
-                self._runner.stdin.flush()
-                status = int(self._runner.stdout.readline())
+            task |= {"folder": str(folder), "environment": environment, "log": str(self._log)}
+            self._runner.stdin.write(json.dumps(task) + "\n")
+            self._runner.stdin.flush()
+            status = int(self._runner.stdout.readline())
             shown = self._log.read_text()
             assert status == 0, f"{text}\n{shown}"
             cut = [line for line in shown.splitlines() if "│" in line and len(line) > COLUMNS]
@@ -173,8 +157,8 @@ def test_the_notebook_of_the_guide_runs(folder, reader):
     notebook = json.loads((ROOT / "examples" / "jointstiff.ipynb").read_text(encoding="utf-8"))
     cells = ["".join(cell["source"]) for cell in notebook["cells"] if cell["cell_type"] == "code"]
     states = "assert {run.state, area.state, program.state} == {'succeeded'}"
-    made = ["jointstiff examples .", "jointstiff examples", "jointstiff simulate campaign.json --load pull"]
-    made[2] += " --overwrite"
+    simulate = "jointstiff simulate campaign.json --load pull --overwrite"
+    made = ["jointstiff examples .", "jointstiff examples", simulate]
     reader.run("sh", "\n".join(made), folder)
     reader.run("python", "\n".join([*cells, states]), folder)
 
@@ -202,13 +186,9 @@ def words_of(path: Path) -> str:
 
 def test_the_glossary_retires_terms_and_is_short():
     assert len(RETIRED) >= 10
-    assert {
-        "compensate a program",
-        "held-out postures",
-        "reference campaign",
-        "well determined",
-        "work area",
-    } <= {name for name, _ in ENTRIES}
+    names = {name for name, _ in ENTRIES}
+    assert {"compensate a program", "held-out postures", "reference campaign", "well determined"} <= names
+    assert "work area" in names
     assert [name for name, text in ENTRIES if len(text) > 360] == []
 
 
@@ -234,15 +214,7 @@ def recipe(title: str) -> str:
 def defined(title: str, name: str):
     """Return the function that the code of a recipe defines."""
     (code,) = re.findall(r"^   ```python\n(.*?)^   ```$", recipe(title), re.MULTILINE | re.DOTALL)
-    names = {
-        "FilePreview": FilePreview,
-        "Finding": Finding,
-        "Grid": Grid,
-        "Iterator": Iterator,
-        "Row": Row,
-        "View": View,
-        "np": np,
-    }
+    names = {each.__name__: each for each in (FilePreview, Finding, Grid, Iterator, Row, View)} | {"np": np}
     exec(compile(dedent(code), title, "exec"), names)  # noqa: S102
     return names[name]
 

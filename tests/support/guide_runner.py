@@ -1,8 +1,8 @@
 """Run commands and programs of the guides, each in a process that has imported everything already.
 
 The Python of an installed wheel starts it, and it imports nothing of the repository. Each line of its input
-is a JSON object with `folder`, `environment`, `log`, and `command` (arguments of `jointstiff`) or `code`. It
-answers each with the exit status.
+is a JSON object with `folder`, `environment`, `log`, and `command` (arguments of `jointstiff`), `code` or
+`shell`. It answers each with the exit status.
 """
 
 import json
@@ -33,6 +33,8 @@ def carry_out(task: dict[str, Any]) -> int:
         if "code" in task:
             exec(compile(task["code"], "<guide>", "exec"), {"__name__": "__main__"})  # noqa: S102
             return 0
+        if "shell" in task:
+            os.execvp("bash", ["bash", "-euo", "pipefail", "-c", task["shell"]])  # noqa: S606
         sys.argv = ["jointstiff", *task["command"]]
         import_module("jointstiff.service.cli.entry").main()
     except SystemExit as end:

@@ -167,10 +167,11 @@ class Flow:
         self.page.keyboard.press(key)
         until(lambda: self.first(selector).screenshot() != before, 5.0)
 
-    def one_restored(self) -> None:
-        """Press the first of the buttons *Restore*, which goes."""
+    def one_restored(self, collection: str) -> None:
+        """Press the first of the buttons *Restore*, one for each that the service has deleted; it goes."""
         buttons = self.page.get_by_role("button", name="Restore")
-        before = buttons.count()
+        before = len(self.api.get(f"/v1/{collection}?deleted=true").json()["items"])
+        expect(buttons).to_have_count(before)
         buttons.first.click()
         expect(buttons).to_have_count(before - 1)
 
@@ -217,7 +218,7 @@ VERBS: dict[str, Callable[..., object]] = {
     "hover": lambda flow, selector: flow.first(selector).hover(),
     "tab": Flow.tabbed,
     "turn": Flow.turned,
-    "restore": lambda flow, _: flow.one_restored(),
+    "restore": Flow.one_restored,
     "key": lambda flow, name: flow.page.keyboard.press(name),
     "focus": lambda flow, selector: flow.first(selector).focus(),
     "read": lambda flow, path, name: flow.values.update({name: str(flow.found(path))}),
