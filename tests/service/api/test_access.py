@@ -1,16 +1,20 @@
-"""Access, where more than an answer is asked: roles undeclared, wrong keys, sessions that end, failures.
+"""Access: own names, keys and roles, sessions of browsers, what other sites ask for, and the audit."""
 
-Who is answered what stands in `tests/recorded/transcripts/access.txt`.
-"""
-
+import csv
+import io
+import logging
+import re
 from datetime import UTC, datetime, timedelta
 
 import anyio
+import httpx2
 import pytest
 from fastapi import APIRouter
 from starlette.requests import HTTPConnection
 from support.in_process import Client
+from support.terminal import terminal
 
+from jointstiff.schemas.finding import Problem
 from jointstiff.service import app
 from jointstiff.service.api import health
 from jointstiff.service.api.bodies import EXAMPLES
@@ -30,20 +34,93 @@ from jointstiff.service.security.access import (
 from jointstiff.service.security.admission import Posture
 from jointstiff.service.security.keys import digest, mint, mint_token
 from jointstiff.service.server import _configuration
+from jointstiff.service.store.store import Store
+from jointstiff.simulator import default_arm, simulate_campaign
 
 NOW = datetime.now(UTC)
-KEYS = {role: mint(f"{role}'s key", role, NOW, None) for role in ("viewer", "operator", "admin")}
+ROLES = ("viewer", "operator", "admin")
+KEYS = {role: mint(f"{role}'s key", role, NOW, None) for role in ROLES}
+
+PUBLIC = {"getLive", "getSession", "createSession", "deleteSession"}
+READS_BY_POST = {"computeKinematics"}
+ADMINS = {"createKey", "listKeys", "revokeKey", "listAudit", "authoriseRun"} | {
+    "createWebhook",
+    "listWebhooks",
+    "deleteWebhook",
+}
 
 
 def bearer(role):
     return {} if role is None else {"Authorization": f"Bearer {KEYS[role].text}"}
 
 
-@pytest.fixture
-def client(store):
+def opened(store):
     for minted in KEYS.values():
         store.keys.add(minted.record)
     return Client(store, Posture.of("127.0.0.1", (), access_control=True, require_key=True))
+
+
+@pytest.fixture
+def client(store):
+    return opened(store)
+
+
+@pytest.fixture(scope="module")
+def shared():
+    with Store.open("sqlite://") as store:
+        yield opened(store)
+
+
+def operations(openapi):
+    """Method, path, name and security of each operation."""
+    for path, methods in openapi["paths"].items():
+        for method, operation in methods.items():
+            yield method, path, operation["operationId"], operation.get("security")
+
+
+def test_each_role_may_do_what_is_declared_and_no_more(openapi, shared, subtests):
+    """What is declared stands in OpenAPI, and is checked here against the rule it should follow."""
+    for method, path, name, security in operations(openapi):
+        with subtests.test(name):
+            needed = None if security is None else security[-1]["key"][0]
+            assert needed in {None, "admin"} or security[0] == {}, "a service may demand no key"
+            assert needed != "admin" or len(security) == 1
+            if name in PUBLIC:
+                assert needed is None
+            elif name in ADMINS:
+                assert needed == "admin"
+            else:
+                assert needed == ("viewer" if method == "get" or name in READS_BY_POST else "operator")
+            address = re.sub(r"\{\w+\}", "0" * 10, path)
+            for role in (None, *ROLES):
+                status = shared.request(method.upper(), address, headers=bearer(role)).status_code
+                if needed is None:
+                    assert status not in {401, 403}
+                elif role is None:
+                    assert status == 401
+                else:
+                    assert (status == 403) == (ROLES.index(role) < ROLES.index(needed)), (role, status)
+                    assert status != 401
+
+
+@pytest.mark.parametrize("path", ["/v1", "/v1/nothing", "/openapi.json", "/health", "/live/"])
+@pytest.mark.parametrize("method", ["GET", "HEAD", "POST", "OPTIONS", "TRACE"])
+def test_what_no_route_declares_public_needs_a_key(method, path, shared):
+    answer = shared.request(method, path)
+    assert answer.status_code == 401
+    assert answer.headers["WWW-Authenticate"].startswith("Bearer")
+
+
+@pytest.mark.parametrize("path", ["/", "/favicon.svg", "/docs", "/docs/", "/live"])
+def test_the_page_and_life_need_none(path, shared):
+    assert shared.get(path).status_code not in {401, 403}
+
+
+@pytest.mark.parametrize(
+    "path", ["/docs/../v1/robots", "/assets/..%2f..%2fv1/robots", "//v1/robots", "/docs/%2e%2e/v1"]
+)
+def test_no_detour_leads_to_what_needs_one(path, shared):
+    assert shared.get(path).status_code in {401, 404, 405}
 
 
 def test_an_operation_without_a_role_is_not_composed(monkeypatch, store):
@@ -63,6 +140,47 @@ def test_an_operation_without_a_role_is_not_composed(monkeypatch, store):
             create_app(store)
 
 
+def test_open_services_demand_no_key_but_issue_none_either(store):
+    client = Client(store)
+    assert client.request("POST", "/v1/robots", json=EXAMPLES["robots"]["modified DH"]).status_code == 201
+    for method, path in (("POST", "/v1/keys"), ("GET", "/v1/keys"), ("GET", "/v1/audit")):
+        answer = client.request(method, path, json={"name": "x", "role": "admin"})
+        assert answer.status_code == 403
+        assert "--require-key" in answer.json()["remedy"]
+    assert client.get("/v1/session").json()["access"] == "loopback"
+    assert store.keys.all() == []
+    assert store.audit.page(9).records == ()
+
+
+@pytest.mark.parametrize(
+    ("header", "reason"),
+    [
+        ("Bearer ", "is not a key"),
+        (f"Bearer {KEYS['admin'].text[:-1]}", "is not a key"),
+        (f"bearer {KEYS['admin'].text[:-8]}00000000", "mistyped"),
+        (f"BEARER {mint('stranger', 'admin', NOW, None).text}", "not one of"),
+        ("Basic YWRtaW46YWRtaW4=", "has no key"),
+        (KEYS["admin"].text, "has no key"),
+    ],
+    ids=["empty", "cut off", "mistyped", "unknown", "another scheme", "no scheme"],
+)
+def test_what_is_no_valid_key_is_refused_with_a_remedy(header, reason, client, caplog):
+    with caplog.at_level(logging.DEBUG):
+        answer = client.get("/v1/robots", headers={"Authorization": header})
+    problem = answer.json()
+    assert answer.status_code == 401
+    assert reason in problem["detail"]
+    assert problem["remedy"]
+    assert "jst_" not in answer.text.replace("from jst_ to", "")
+    assert "jst_" not in caplog.text
+
+
+def test_a_wrong_key_is_not_made_good_by_a_session(client):
+    cookie = signed_in(client)
+    headers = {"Cookie": cookie, "Authorization": "Bearer jst_wrong"}
+    assert client.get("/v1/robots", headers=headers).status_code == 401
+
+
 def test_wrong_keys_slow_down_and_good_ones_do_not(client, store, monkeypatch):
     slept = []
 
@@ -77,17 +195,133 @@ def test_wrong_keys_slow_down_and_good_ones_do_not(client, store, monkeypatch):
     assert slept == [access.SLOW_SECONDS] * 9
     assert client.get("/v1/robots", headers=bearer("viewer")).status_code == 200
     assert client.request("POST", "/v1/session", json={"link": "x"}).status_code == 429
+    token = offered(store)
+    assert client.request("POST", "/v1/session", json={"link": token}).status_code == 201
+
+
+def test_revoked_keys_and_their_sessions_end_at_once(client, store):
+    cookie = signed_in(client, "operator")
+    assert client.get("/v1/robots", headers={"Cookie": cookie}).status_code == 200
+    revoked = client.request("DELETE", f"/v1/keys/{KEYS['operator'].record.id}", headers=bearer("admin"))
+    assert revoked.json()["revoked_at"]
+    assert client.get("/v1/robots", headers={"Cookie": cookie}).status_code == 401
+    assert "revoked" in client.get("/v1/robots", headers=bearer("operator")).json()["detail"]
+
+
+@pytest.mark.parametrize("end", ["9999-12-31T23:59:59-12:00", "2999-01-01T00:00:00"])
+def test_a_key_ends_at_a_time_that_utc_has(end, client, store):
+    body = {"name": "x", "role": "viewer", "expires_at": end}
+    assert client.request("POST", "/v1/keys", json=body, headers=bearer("admin")).status_code == 422
+    assert len(store.keys.all()) == len(KEYS)
+
+
+def test_admins_issue_keys_that_are_shown_once(client, store):
+    body = {"name": "tablet hall 3", "role": "viewer", "expires_at": "2999-01-01T00:00:00Z"}
+    made = client.request("POST", "/v1/keys", json=body, headers=bearer("admin"))
+    assert made.status_code == 201
+    key = made.json()["key"]
+    assert client.get("/v1/robots", headers={"Authorization": f"Bearer {key}"}).status_code == 200
+    listed = client.get("/v1/keys", headers=bearer("admin"))
+    assert "tablet hall 3" in listed.text
+    assert "key_hash" not in listed.text
+    assert key.split("_")[2] not in listed.text
+    assert key.split("_")[2] not in client.get("/v1/audit", headers=bearer("admin")).text
+
+
+def test_who_signs_in_again_leaves_no_session_behind(client):
+    before = signed_in(client)
+    after = signed_in(client, "admin", Cookie=before)
+    assert client.get("/v1/robots", headers={"Cookie": before}).status_code == 401
+    assert client.get("/v1/robots", headers={"Cookie": after}).status_code == 200
+
+
+def offered(store, key_id=KEYS["viewer"].record.id, lasts=timedelta(minutes=10)):
+    """Store a one-time link; its time runs from now, however long the suite has run before."""
     token, now = mint_token("jsl"), datetime.now(UTC)
-    store.sessions.offer(digest(token), KEYS["viewer"].record.id, now, now + timedelta(minutes=10))
+    store.sessions.offer(digest(token), key_id, now, now + lasts)
+    return token
+
+
+def signed_in(client, role="viewer", **headers):
+    answer = client.request("POST", "/v1/session", json={"key": KEYS[role].text}, headers=headers)
+    assert answer.status_code == 201, answer.text
+    assert answer.json()["role"] == role
+    return answer.headers["Set-Cookie"].partition(";")[0]
+
+
+@pytest.mark.parametrize("origin", ["http://localhost:8000", "https://localhost:8000"])
+def test_a_browser_signs_in_is_known_and_signs_out(origin, client, store):
+    made = client.request(
+        "POST", "/v1/session", json={"key": KEYS["viewer"].text}, headers={"Origin": origin}
+    )
+    cookie, *flags = made.headers["Set-Cookie"].split("; ")
+    assert {"HttpOnly", "Path=/", "SameSite=strict"} <= set(flags)
+    assert ("Secure" in flags) == origin.startswith("https")
+    assert not any(flag.startswith("Domain") for flag in flags)
+    name, token = cookie.split("=")
+    assert name == "jointstiff_8000"
+    assert store.sessions.find(token, NOW) is None  # only its hash is there
+    assert store.sessions.find(digest(token), NOW)
+    who = client.get("/v1/session", headers={"Cookie": cookie}).json()
+    assert who["key_name"] == "viewer's key"
+    assert datetime.fromisoformat(who["ends_at"]) > NOW + timedelta(days=6)
+    out = client.request("DELETE", "/v1/session", headers={"Cookie": cookie})
+    assert out.status_code == 204
+    assert 'jointstiff_8000=""' in out.headers["Set-Cookie"]
+    assert client.get("/v1/robots", headers={"Cookie": cookie}).status_code == 401
+    assert client.get("/v1/session", headers={"Cookie": cookie}).json()["key_id"] is None
+
+
+@pytest.mark.parametrize(
+    "body", [{}, {"key": None}, {"key": "x", "link": "y"}, {"key": "x" * 300}, {"key": 1}]
+)
+def test_odd_sign_ins_are_refused_without_an_echo(body, shared):
+    answer = shared.request("POST", "/v1/session", json=body)
+    assert answer.status_code == 422
+    assert "xxx" not in answer.text
+
+
+def test_a_wrong_key_opens_no_session(client):
+    answer = client.request("POST", "/v1/session", json={"key": KEYS["viewer"].text + "0"})
+    assert answer.status_code == 401
+    assert "Set-Cookie" not in answer.headers
+
+
+def test_a_second_tap_on_a_link_is_no_wrong_key(client, store):
+    token = offered(store)
     taps = [client.request("POST", "/v1/session", json={"link": token}) for _ in range(20)]
-    assert [answer.status_code for answer in taps] == [201] + [401] * 19  # a second tap is no wrong key
+    assert [answer.status_code for answer in taps] == [201] + [401] * 19
+    strangers = [client.request("POST", "/v1/session", json={"link": "x"}) for _ in range(12)]
+    assert [answer.status_code for answer in strangers] == [401] * 11 + [429]
+
+
+def test_a_link_signs_one_browser_in_once_and_in_time(client, store):
+    key_id = KEYS["viewer"].record.id
+    token, late, orphan = offered(store), offered(store, lasts=timedelta(0)), offered(store, "0" * 10)
+    first, again, *others = (
+        client.request("POST", "/v1/session", json={"link": one}) for one in (token, token, late, orphan)
+    )
+    assert first.status_code == 201
+    assert first.json()["key_id"] == key_id
+    for refused in (again, *others):
+        assert refused.status_code == 401
+        assert "ten minutes" in refused.json()["detail"]
+
+
+def test_an_open_service_uses_no_link_up(store):
+    key = KEYS["viewer"].record
+    store.keys.add(key)
+    token = offered(store)
+    answer = Client(store).request("POST", "/v1/session", json={"link": token})
+    assert answer.status_code == 422
+    assert "requires no key" in answer.json()["detail"]
+    assert store.sessions.redeem(digest(token), NOW) == key.id
 
 
 @pytest.mark.parametrize("ends", ["session", "key"])
 def test_an_answer_that_goes_on_ends_with_the_session_or_the_key(ends, client, store):
     guard, key = client._app.state.gate, KEYS["viewer"].record
-    signed = client.request("POST", "/v1/session", json={"key": KEYS["viewer"].text})
-    cookie = signed.headers["Set-Cookie"].partition(";")[0]
+    cookie = signed_in(client)
     scope = {"type": "http", "headers": [(b"cookie", cookie.encode()), (b"host", b"localhost:8000")]}
 
     def still_opens(*headers):
@@ -104,10 +338,56 @@ def test_an_answer_that_goes_on_ends_with_the_session_or_the_key(ends, client, s
     assert still_opens((b"authorization", b"Bearer")) == (ends == "session"), "a key needs no session"
 
 
+def test_who_changes_what_stands_in_the_audit(client, store):
+    robot = EXAMPLES["robots"]["modified DH"]
+    assert client.request("POST", "/v1/robots", json=robot, headers=bearer("operator")).status_code == 201
+    assert client.request("POST", "/v1/robots", json=robot, headers=bearer("viewer")).status_code == 403
+    assert client.request("POST", "/v1/robots", json=robot).status_code == 401
+    assert (
+        client.request("DELETE", f"/v1/jobs/{KEYS['admin'].text}", headers=bearer("operator")).status_code
+        == 422
+    )
+    client.request("PUT", "/v1/robots", headers=bearer("operator"))
+    signed_in(client)
+    client.get("/v1/robots", headers=bearer("viewer"))
+    listed = client.get("/v1/audit", headers=bearer("admin")).json()["items"]
+    assert [
+        (one["key_name"], one["method"], one["operation"], one["status"]) for one in reversed(listed)
+    ] == [
+        ("operator's key", "POST", "createRobot", 201),
+        ("viewer's key", "POST", "createRobot", 403),
+        (None, "POST", None, 401),
+        ("operator's key", "DELETE", "deleteJob", 422),
+        ("operator's key", "PUT", None, 405),
+        ("viewer's key", "POST", "createSession", 201),
+    ]
+    assert listed[2]["path"] == "/v1/jobs/jst_…"
+    assert {one["address"] for one in listed} == {"127.0.0.1"}
+    mine = client.get(f"/v1/audit?key_id={KEYS['viewer'].record.id}&limit=1", headers=bearer("admin")).json()
+    assert mine["items"][0]["operation"] == "createSession"
+    assert mine["next"]
+
+
 def test_an_address_that_a_proxy_invents_is_unknown():
     assert address_of({"client": ("10.0.0.7", 80)}) == "10.0.0.7"
     assert [address_of({"client": client}) for client in (("=HYPERLINK(1)", 0), None)] == ["unknown"] * 2
     assert address_of({}) == "unknown"
+
+
+def test_the_audit_as_a_table_has_all_entries_and_no_formulas(client, store):
+    made = client.request(
+        "POST", "/v1/keys", json={"name": "=1+1", "role": "operator"}, headers=bearer("admin")
+    )
+    headers = {"Authorization": f"Bearer {made.json()['key']}"}
+    for _ in range(3):
+        client.request("POST", "/v1/runs", headers=headers)
+    table = list(
+        csv.DictReader(io.StringIO(client.get("/v1/audit?format=csv", headers=bearer("admin")).text))
+    )
+    assert len(table) == 4
+    assert table[0]["key_name"] == "'=1+1"
+    assert table[0]["status"] == "415"
+    assert datetime.fromisoformat(table[0]["at"]).tzinfo
 
 
 def test_those_without_a_key_cannot_fill_the_audit(client, store, caplog):
@@ -140,9 +420,169 @@ def test_a_database_that_is_away_lets_nobody_in(client, store, monkeypatch):
     assert client.request("POST", "/v1/session", json={"key": KEYS["viewer"].text}).status_code == 503
 
 
+def test_jobs_name_the_key_that_asked_for_them(client, store):
+    campaign = simulate_campaign(default_arm(), configurations=6)
+    headers = bearer("operator")
+    run = client.request("POST", "/v1/campaigns", json=campaign, headers=headers).json()
+    expected = {"key_id": KEYS["operator"].record.id, "key_name": "operator's key"}
+    assert run["requested_by"] == expected
+    assert client.get(f"/v1/runs/{run['id']}", headers=headers).json()["requested_by"] == expected
+
+
+def test_uses_are_noted(client, store):
+    cookie = signed_in(client, "operator")
+    used: dict[str, object] = {}
+    for _ in range(1_000):  # written in the background; where the database is busy, a later use is noted
+        client.get("/v1/robots", headers=bearer("viewer"))
+        client.get("/v1/robots", headers={"Cookie": cookie})
+        used = {key.name: key.last_used_at for key in store.keys.all()}
+        if used["viewer's key"] and used["operator's key"]:
+            break
+    assert used["viewer's key"]
+    assert used["operator's key"]
+    assert used["admin's key"] is None
+
+
 def test_operations_are_called_as_openapi_calls_them(openapi):
-    names = {each["operationId"] for path in openapi["paths"].values() for each in path.values()}
+    names = {name for *_, name, _ in operations(openapi)}
     assert {operation_id(route) for route in health.router.routes} - {"getIndex"} <= names
+
+
+ROBOT = EXAMPLES["robots"]["modified DH"]
+
+
+@pytest.fixture(scope="module")
+def named():
+    """A client of an empty service; who changes something needs one of its own."""
+    with Store.open("sqlite://") as store:
+        yield Client(store, Posture.of("127.0.0.1", ("cell3",), access_control=True))
+
+
+def assert_refused(answer: httpx2.Response, status: int) -> None:
+    assert answer.status_code == status
+    problem = Problem.model_validate_json(answer.content)
+    assert problem.status == status
+    assert problem.remedy
+
+
+@pytest.mark.parametrize(
+    "host", ["localhost", "LOCALHOST:8000", "127.0.0.1:1", "[::1]:8000", "cell3:80", "localhost."]
+)
+def test_own_names_are_answered(named, host):
+    assert named.get("/health", headers={"Host": host}).json()["access"] == "loopback"
+
+
+@pytest.mark.parametrize(
+    "host",
+    [
+        "evil.example",
+        "localhost.evil.example",
+        "localhost..",
+        "127.0.0.1.evil.example:8000",
+        "",
+        "user@localhost",
+        "localhost:8000:1",
+        "10.0.0.1",
+    ],
+)
+@pytest.mark.parametrize(
+    ("method", "path"), [("GET", "/v1/robots"), ("GET", "/"), ("POST", "/v1/robots"), ("OPTIONS", "/v1")]
+)
+def test_foreign_names_are_not(named, host, method, path):
+    assert_refused(named.request(method, path, headers={"Host": host}), 421)
+
+
+def test_two_names_are_none(named):
+    headers = httpx2.Headers([("Host", "localhost"), ("Host", "evil.example")])
+    assert_refused(named.get("/health", headers=headers), 421)
+
+
+@pytest.mark.parametrize(
+    "headers",
+    [
+        {"Origin": "http://evil.example"},
+        {"Origin": "http://localhost:9000"},
+        {"Origin": "null"},
+        {"Origin": ""},
+        {"Origin": "http://[evil"},
+        {"Sec-Fetch-Site": "cross-site"},
+        {"Sec-Fetch-Site": "same-site"},
+        {"Origin": "http://localhost:8000", "Sec-Fetch-Site": "cross-site"},
+    ],
+)
+@pytest.mark.parametrize(("method", "path"), [("POST", "/v1/robots"), ("DELETE", "/v1/jobs/1")])
+def test_changes_that_other_sites_ask_for_are_refused(named, headers, method, path):
+    assert_refused(named.request(method, path, headers=headers), 403)
+    assert named.get("/v1/robots").json()["items"] == []
+
+
+@pytest.mark.parametrize(
+    "headers",
+    [
+        {},
+        {"Origin": "http://localhost:8000", "Sec-Fetch-Site": "same-origin"},
+        {"Origin": "https://localhost:8000"},
+    ],
+)
+def test_the_own_page_and_programs_may_change(headers):
+    with Store.open("sqlite://") as store:
+        named = Client(store, Posture.of("127.0.0.1", (), access_control=True))
+        assert named.request("POST", "/v1/robots", json=ROBOT, headers=headers).status_code == 201
+
+
+def test_without_access_control_any_name_is_answered_only_if_that_is_said():
+    with pytest.raises(ValueError, match="the service has no name"):
+        Posture.of("192.0.2.1", (), access_control=False)
+    with Store.open("sqlite://") as store:
+        everything = Client(store, Posture.of("192.0.2.1", ("*",), access_control=False), "cell3.example")
+        assert everything.get("/health").json()["access"] == "none"
+        named = Client(
+            store, Posture.of("192.0.2.1", ("Cell3.example",), access_control=False), "cell3.example"
+        )
+        assert named.get("/health").status_code == 200
+        assert_refused(named.get("/health", headers={"Host": "evil.example"}), 421)
+
+
+def test_on_a_loopback_address_no_sign_stands_for_any_name():
+    with Store.open("sqlite://") as store:
+        named = Client(store, Posture.of("127.0.0.1", ("*",), access_control=True), "evil.example")
+        assert_refused(named.get("/health"), 421)
+
+
+@pytest.mark.parametrize(
+    ("options", "reason"),
+    [
+        (["--host", "::"], "keys create"),
+        (["--require-key"], "keys create"),
+        (["--keys-file", "missing.json"], "keys create"),
+        (["--host", "192.0.2.1", "--no-access-control"], "--allowed-host"),
+        (["--host", "::", "--no-access-control", "--require-key"], "both"),
+    ],
+)
+def test_the_service_does_not_start_where_nothing_controls_who_is_answered(options, reason, tmp_path):
+    database = f"sqlite:///{tmp_path / 'jointstiff.db'}"
+    ended = terminal("serve", "--port", "0", "--database", database, *options)
+    assert ended.exit_code == 2
+    assert reason in ended.output
+    assert "remedy" in ended.output
+
+
+def test_a_service_that_awaits_its_key_answers_its_own_machine_only():
+    """As the image does: Docker hands on what comes to a published port from an address of its own."""
+    with Store.open("sqlite://") as store:
+        posture = Posture.of("0.0.0.0", (), access_control=True)  # noqa: S104 - the address of containers
+        beyond = Client(store, posture, address="172.17.0.1")
+        for method, path in (("GET", "/"), ("GET", "/v1/robots"), ("POST", "/v1/robots")):
+            answer = beyond.request(method, path, json=None if method == "GET" else ROBOT)
+            assert_refused(answer, 403)
+            assert "keys create" in answer.json()["remedy"]
+        assert beyond.get("/live").status_code == 204
+        assert Client(store, posture).get("/v1/robots").status_code == 401
+        store.keys.add((minted := mint("viewer", "viewer", datetime.now(UTC), None)).record)
+        headers = {"Authorization": f"Bearer {minted.text}"}
+        beyond = Client(store, posture, address="172.17.0.1")
+        assert beyond.get("/v1/robots").status_code == 401
+        assert beyond.get("/v1/robots", headers=headers).status_code == 200
 
 
 @pytest.mark.parametrize(

@@ -1,5 +1,7 @@
 """Keys: their text, what is stored of them, who recognises them, and what wrong ones cost."""
 
+import json
+import re
 import zlib
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
@@ -21,8 +23,11 @@ from jointstiff.service.security.admission import Posture
 from jointstiff.service.security.keys import (
     Keyring,
     KeysFile,
+    KeysFileError,
+    digest,
     id_in,
     mint,
+    without_keys,
 )
 from jointstiff.service.store.access import FORGET, MOST_WRONG, WrongKeys
 from jointstiff.service.store.database import Database
@@ -31,6 +36,22 @@ from jointstiff.service.store.tables import SessionRecord, wrong_keys
 
 NOW = datetime.now(UTC)
 KEYS = [mint(f"key {number}", "viewer", NOW, None) for number in range(3)]
+
+
+def test_a_key_has_an_id_256_bits_and_a_check_sum():
+    text, record = KEYS[0]
+    name, key_id, secret, check = text.split("_")
+    assert (name, key_id) == ("jst", record.id)
+    assert 62 ** len(secret) > 2**256
+    assert int(check, 16) == zlib.crc32(text.rpartition("_")[0].encode())
+    assert len({minted.text for minted in KEYS}) == len(KEYS)
+
+
+def test_nothing_of_the_secret_is_stored():
+    text, record = KEYS[0]
+    secret = text.split("_")[2]
+    assert secret not in repr(record)
+    assert re.fullmatch(r"[0-9a-f]{64}", record.key_hash)
 
 
 @given(place=st.integers(0, 65), letter=st.sampled_from("aZ09_-x"))
@@ -44,6 +65,21 @@ def test_a_mistyped_key_is_told_from_a_wrong_one(place, letter):
         with pytest.raises(KeyRefusedError, match=r"mistyped|is not a key") as caught:
             id_in(typed)
         assert "whole key" in caught.value.remedy
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["", "jst_", KEYS[0].text + "\n", KEYS[0].text + "0", "☃" * 67, "\ud800"],
+    ids=["empty", "prefix", "line end", "too long", "snowmen", "surrogate"],  # the same in each process
+)
+def test_what_is_no_key_is_refused(text):
+    with pytest.raises(KeyRefusedError):
+        id_in(text)
+
+
+def test_keys_are_taken_out_of_texts():
+    text = f"/v1/keys/{KEYS[0].text}/x?link=jsl_{'a' * 43}"
+    assert without_keys(text) == "/v1/keys/jst_…/x?link=jsl_…"
 
 
 def ring(store, *records):
@@ -90,6 +126,28 @@ def test_last_uses_only_grow(database_url):
         assert [key.last_used_at for key in store.keys.all()] == [NOW]
 
 
+def test_a_file_has_hashes_and_its_keys_count_before_those_of_the_database(tmp_path):
+    path = tmp_path / "keys.json"
+    file = KeysFile(path)
+    file.add(KEYS[0].record)
+    file.add(KEYS[1].record)
+    assert path.stat().st_mode & 0o077 == 0
+    assert KEYS[0].text.split("_")[2] not in path.read_text()
+    with Store.open("sqlite://") as store:
+        keyring = Keyring(store, path)
+        keyring.look()
+        assert [key.source for key in keyring.listing()] == ["file", "file"]
+        assert keyring.check(KEYS[0].text).id == KEYS[0].record.id
+        file.revoke(KEYS[0].record.id, NOW)
+        keyring.look()
+        with pytest.raises(KeyRefusedError, match="revoked"):
+            keyring.check(KEYS[0].text)
+        assert keyring.check(KEYS[1].text)
+        path.unlink()
+        keyring.look()
+        assert not keyring.has_keys()
+
+
 def test_a_service_that_runs_refuses_a_revoked_key_soon(tmp_path):
     url = f"sqlite:///{tmp_path / 'jointstiff.db'}"
     with Store.open(url) as store, Store.open(url) as terminal:
@@ -98,6 +156,29 @@ def test_a_service_that_runs_refuses_a_revoked_key_soon(tmp_path):
             assert keyring.find(KEYS[0].record.id)
             terminal.keys.revoke(KEYS[0].record.id, NOW)
             until(lambda: keyring.find(KEYS[0].record.id) is None, seconds=10)
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        b"",
+        b"[]",
+        b"{}",
+        b'{"keys": [{"id": "x"}]}',
+        json.dumps({"format": "jointstiff-keys-2", "keys": []}).encode(),
+        b" " * (2 * 1024 * 1024),
+    ],
+    ids=["empty", "list", "object", "half a key", "another format", "2 MiB"],
+)
+def test_what_is_no_file_of_keys_is_refused(content, tmp_path):
+    path = tmp_path / "keys.json"
+    path.write_bytes(content)
+    with pytest.raises(KeysFileError, match="cannot be used") as caught:
+        KeysFile(path).all()
+    assert "keys create" in caught.value.remedy
+    with pytest.raises(KeysFileError):
+        KeysFile(path).add(KEYS[0].record)
+    assert path.read_bytes() == content
 
 
 def test_wrong_keys_are_counted_by_network_for_all_services_and_forgotten(database_url):
@@ -146,6 +227,18 @@ def test_the_count_forgets_networks_rather_than_growing(monkeypatch):
             store.wrong_keys.count(f"10.0.0.{number}")
         with store._database.reading() as connection:
             assert len(connection.execute(select(wrong_keys)).all()) == 8
+
+
+def test_digests_take_any_text():
+    assert len(digest("\ud800")) == 64
+
+
+def test_a_file_that_everyone_can_write_has_no_keys(tmp_path):
+    path = tmp_path / "keys.json"
+    KeysFile(path).add(KEYS[0].record)
+    path.chmod(0o666)
+    with pytest.raises(KeysFileError, match="chmod o-w"):
+        KeysFile(path).all()
 
 
 def test_sessions_of_a_key_do_not_come_back_with_its_file(tmp_path):

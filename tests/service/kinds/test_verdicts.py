@@ -1,0 +1,411 @@
+"""Verdicts: of every kind of job, along with what is made of a run, and mended by the advised action."""
+
+import io
+import json
+import math
+from copy import deepcopy
+
+import numpy as np
+import pytest
+from rich.console import Console
+from support.api import file_at, posted
+from support.guide_files import ROOT
+from support.kinds import MAP, posted_job
+
+import jointstiff
+import jointstiff as js
+from jointstiff.schemas.options import RunOptions
+from jointstiff.schemas.run import Campaign
+from jointstiff.service.kinds.registry import KINDS
+from jointstiff.service.reports.exports import FORMATS
+from jointstiff.simulator import TARGETS, default_arm, simulate_campaign
+
+TRUTH = default_arm().compliances
+
+
+@pytest.fixture(scope="module")
+def clean():
+    """Pulls of 1500 N in 19 postures, with the places of the targets."""
+    document = simulate_campaign(default_arm(), load="pull", configurations=19, seed=8)
+    places = {name: list(place) for name, place in TARGETS.items()}
+    return document | {"measurement_set": document["measurement_set"] | {"flange_targets": places}}
+
+
+def positions(measured, change):
+    for observation in measured["observations"]:
+        for reading in observation["readings"]:
+            reading["unloaded"], reading["loaded"] = change(reading["unloaded"], reading["loaded"])
+
+
+def millimetres_as_metres(measured):
+    """All that a tracker's software writes; what people state is in metres, as the set says."""
+    positions(measured, lambda *both: [[1e3 * part for part in place] for place in both])
+
+
+def whole_set_in_millimetres(measured):
+    """Load point, places and sigma, too."""
+    millimetres_as_metres(measured)
+    measured["load_point"] = [1e3 * part for part in measured["load_point"]]
+    measured["noise"]["sigma"] *= 1e3
+    measured["flange_targets"] = {
+        name: [1e3 * part for part in place] for name, place in measured["flange_targets"].items()
+    }
+
+
+def degrees_as_radians(measured):
+    for observation in measured["observations"]:
+        observation["joints"] = [math.degrees(angle) for angle in observation["joints"]]
+
+
+def kilonewtons_as_newtons(measured):
+    for observation in measured["observations"]:
+        observation["force"] = [1e-3 * part for part in observation["force"]]
+
+
+def readings_exchanged(measured):
+    positions(measured, lambda unloaded, loaded: (loaded, unloaded))
+
+
+def columns_exchanged(measured):
+    for observation in measured["observations"]:
+        joints = observation["joints"]
+        joints[1], joints[2] = joints[2], joints[1]
+
+
+def zero_elsewhere(measured):
+    for observation in measured["observations"]:
+        observation["joints"][2] += math.pi / 2
+
+
+def load_and_target_exchanged(measured):
+    places, load = measured["flange_targets"], measured["load_point"]
+    measured["load_point"], places["P11"] = places["P11"], load
+
+
+def load_and_target_exchanged_by_observation(measured):
+    """Each observation states the same load point itself."""
+    load_and_target_exchanged(measured)
+    load = measured.pop("load_point")
+    for observation in measured["observations"]:
+        observation["load_point"] = load
+
+
+def half_a_turn_elsewhere(measured):
+    """A whole turn more brings the angles within the limits."""
+    for observation in measured["observations"]:
+        observation["joints"][2] += math.pi
+
+
+def load_point_elsewhere(measured):
+    measured["load_point"] = np.add(measured["load_point"], (0.03, -0.02, 0.04)).tolist()
+
+
+def load_point_far_elsewhere(measured):
+    """By 141 mm: another joint map would explain something of it, too."""
+    measured["load_point"] = np.add(measured["load_point"], (0.08, -0.06, 0.1)).tolist()
+
+
+def load_point_at_the_flange(measured):
+    """By 191 mm, to the axis of joint 6: as stated, no pull twists it."""
+    measured["load_point"] = [0.0, 0.0, 0.0]
+
+
+def load_point_stated_too_well(measured):
+    """By 16 mm, which an assumed load point would hold, and one that is stated to 1 mm does not."""
+    measured["load_point"] = np.add(measured["load_point"], (-0.007, -0.01, 0.01)).tolist()
+    measured["noise"]["load_point"] = 0.001
+
+
+def weight_forgotten(measured):
+    """The robot also carried 300 N, which the forces leave out."""
+    for observation in measured["observations"]:
+        observation["force"][2] += 300.0
+
+
+MISTAKES = {
+    millimetres_as_metres: "convert_units",
+    whole_set_in_millimetres: "convert_units",
+    degrees_as_radians: "convert_units",
+    kilonewtons_as_newtons: "convert_units",
+    readings_exchanged: "exchange_readings",
+    columns_exchanged: "exchange_columns",
+    zero_elsewhere: "apply_joint_map",
+    load_and_target_exchanged: "exchange_load_and_target",
+    load_and_target_exchanged_by_observation: "exchange_load_and_target",
+    half_a_turn_elsewhere: "apply_joint_map",
+}
+
+
+CAUSES = {
+    load_point_elsewhere: "load_point",
+    load_point_far_elsewhere: "load_point",
+    load_point_at_the_flange: "load_point",
+    load_point_stated_too_well: "load_point",
+    weight_forgotten: "constant_force",
+}
+
+
+def planted(clean, mistake):
+    document = deepcopy(clean)
+    mistake(document["measurement_set"])
+    return document
+
+
+@pytest.mark.parametrize("mistake", MISTAKES, ids=lambda mistake: mistake.__name__)
+def test_the_action_of_a_proved_mistake_leads_to_a_run_for_use(clean, mistake):
+    action = MISTAKES[mistake]
+    before = jointstiff.identify(planted(clean, mistake), complementary_stiffness="included")
+    assert before.result.assessment.verdict != "use"
+    after = before.apply(action)
+    assert after.result.assessment.verdict == "use", after.result.assessment.reasons
+    for joint, compliance in zip(after.result.joints, TRUTH, strict=True):
+        assert abs(joint.compliance - compliance) < 5 * joint.budget.readings
+    assert after.request.complementary_stiffness == "included"
+    mended = after.campaign
+    changed = mended.robot if action == "apply_joint_map" else mended.measurement_set
+    assert changed.name.endswith(")")
+
+
+@pytest.mark.parametrize("mistake", CAUSES, ids=lambda mistake: mistake.__name__)
+def test_a_cause_is_fitted_beside_the_joints_and_the_numbers_stay(clean, mistake):
+    """What was stated stays refuted: the run is for use with care, and its intervals hold the truth."""
+    before = jointstiff.identify(planted(clean, mistake))
+    if mistake in {load_point_far_elsewhere, load_point_at_the_flange}:  # judged no milder than nearer ones
+        assert before.result.assessment.verdict == "do_not_use"
+    after = before.apply("fit_causes")
+    assert [cause.name for cause in after.request.causes] == [CAUSES[mistake]]
+    assert after.campaign.measurement_set == before.campaign.measurement_set
+    assert after.result.assessment.verdict == "use_with_care"
+    (reason,) = after.result.assessment.reasons
+    assert (reason.code, reason.action) == ("cause_fitted", None)
+    for words in ("±", "mm" if CAUSES[mistake] == "load_point" else " N", "95 %"):
+        assert words in reason.message
+    for joint, compliance in zip(after.result.joints, TRUTH, strict=True):
+        assert abs(joint.compliance - compliance) < 3 * joint.standard_uncertainty
+    assert "fitted_causes" in {component.source for component in after.result.budget.components}
+    assert before.result.causes[0].name == CAUSES[mistake]
+    assert before.result.causes[0].p_value < 1e-6
+
+
+def stated_for_the_set(measured):
+    measured["noise"]["sigma"] = 6e-6
+
+
+def stated_by_a_data_sheet(measured):
+    error = {"constant": 6e-6, "per_distance": 0.0}
+    measured["noise"] = {"instrument": {"station": [4.0, 0.0, 1.0], "range": error, "transverse": error}}
+
+
+def stated_by_each_reading(measured):
+    measured["noise"] = None
+    covariance = (36e-12 * np.eye(3)).tolist()
+    for number, observation in enumerate(measured["observations"]):
+        for reading in observation["readings"]:
+            if number % 2:
+                reading["sigma"] = 6e-6
+            else:
+                reading["unloaded_covariance"] = reading["loaded_covariance"] = covariance
+
+
+@pytest.mark.parametrize(
+    "statement",
+    [stated_for_the_set, stated_by_a_data_sheet, stated_by_each_reading],
+    ids=lambda statement: statement.__name__,
+)
+def test_noise_that_the_residuals_refuted_stays_on_record(clean, statement):
+    before = jointstiff.identify(planted(clean, statement))
+    assert before.result.assessment.verdict == "do_not_use"
+    after = before.apply("omit_noise")
+    old, new = before.campaign.measurement_set, after.campaign.measurement_set
+    assert new.noise.refuted
+    assert new.observations == old.observations
+    if old.noise is not None:
+        assert new.noise.model_copy(update={"refuted": False}) == old.noise
+    assert after.result.sigma == pytest.approx(2e-5, rel=0.2)
+    assert after.result.assessment.verdict == "use_with_care"
+    (reason,) = after.result.assessment.reasons
+    ratio = after.result.sigma / 6e-6
+    assert f"{ratio:.3g} times the 6 µm that were stated" in reason.message
+    assert reason.action is None
+    unstated = planted(clean, statement)
+    unstated["measurement_set"]["noise"] = None
+    for observation in unstated["measurement_set"]["observations"]:
+        for reading in observation["readings"]:
+            for name in ("sigma", "unloaded_covariance", "loaded_covariance"):
+                reading.pop(name, None)
+    plain = jointstiff.identify(unstated)
+    assert [(one.stiffness, one.stiffness_interval) for one in plain.result.joints] == [
+        (one.stiffness, one.stiffness_interval) for one in after.result.joints
+    ]
+
+
+def test_a_movement_of_all_loaded_readings_is_no_force(clean):
+    """The tracker stood 50 µm elsewhere for the loaded readings."""
+    document = deepcopy(clean)
+    positions(document["measurement_set"], lambda old, new: (old, np.add(new, (3e-5, 0.0, 4e-5)).tolist()))
+    run = jointstiff.identify(document, elasticity="joints")
+    (reason,) = (
+        reason for reason in run.result.assessment.reasons if reason.code == "alternative_explains_better"
+    )
+    assert "what was read under load moved by" in reason.message
+    assert "read a posture again without the load" in reason.remedy
+    assert [cause.name for cause in run.apply("fit_causes").request.causes] == ["shift"]
+
+
+INCLUDED = RunOptions(complementary_stiffness="included")
+
+
+@pytest.fixture(scope="module")
+def deflected():
+    """Pulls of 1500 N that show every joint, read as deflections."""
+    document = simulate_campaign(default_arm(), load="pull", seed=3)
+    readings = document["measurement_set"]
+    readings["flange_targets"] = {name: np.array(place).tolist() for name, place in TARGETS.items()}
+    for observation in readings["observations"]:
+        for reading in observation["readings"]:
+            moved = np.array(reading.pop("loaded")) - np.array(reading.pop("unloaded"))
+            reading["deflection"] = moved.tolist()
+    return document
+
+
+def of(document):
+    return Campaign.model_validate_json(json.dumps(document))
+
+
+def first_line(report):
+    console = Console(file=io.StringIO(), width=120)
+    console.print(report)
+    return console.file.getvalue().splitlines()[0]
+
+
+ACCEPTED = {"accept_verdict": "do_not_use"}
+REFUSED = ("plan", "map", "program")
+"""Kinds that act on a robot, or guide a measurement."""
+
+
+@pytest.fixture(scope="module")
+def runs(local):
+    """Return runs of two sets of pulls whose columns of joints 2 and 3 are exchanged."""
+    document = simulate_campaign(default_arm(), load="pull", configurations=12, seed=1)
+    columns_exchanged(document["measurement_set"])
+    again = document | {"measurement_set": document["measurement_set"] | {"name": "again"}}
+    return posted(local, document), posted(local, again)
+
+
+@pytest.fixture(scope="module")
+def post_job(local, runs):
+    """Post a job of a kind that is made from the runs."""
+    return lambda kind, **more: posted_job(local, kind, runs[0], runs[1]["id"], **more)
+
+
+@pytest.mark.parametrize("kind", REFUSED)
+def test_nothing_acts_on_a_robot_unasked(local, post_job, kind):
+    collection = next(each.collection for each in KINDS if each.name == kind)
+    before = local.get(f"/v1/{collection}").json()["items"]
+    answer = post_job(kind)
+    assert answer.status_code == 422
+    problem = answer.json()
+    assert problem["type"] == "urn:jointstiff:problem:not-to-be-used"
+    assert problem["where"] == ("measurement_set_id" if kind == "plan" else "run_id")
+    assert "accept_verdict" in problem["remedy"]
+    assert any("joint_2" in each["reason"] and each["remedy"] for each in problem["errors"])
+    assert local.get(f"/v1/{collection}").json()["items"] == before
+    assert post_job(kind, accept_verdict="use_with_care").status_code == 422
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_nor_does_an_export(local, runs, name):
+    address = file_at(runs[0], f"model.{name}")
+    assert local.get(address).json()["type"] == "urn:jointstiff:problem:not-to-be-used"
+    accepted = local.get(address, params=ACCEPTED)
+    assert accepted.status_code == 200
+    if name not in {"csv", "xlsx"}:
+        assert "Verdict on the result: do not use." in accepted.text
+
+
+def test_the_program_says_it_even_unmarked(local, post_job):
+    program = post_job("program", **ACCEPTED, mark=False).json()
+    text = local.get(file_at(program, "program")).text
+    (mark,) = [line for line in text.splitlines() if "Jointstiff run" in line]
+    assert mark.endswith("verdict: do not use")
+
+
+def test_with_care_is_not_refused():
+    document = simulate_campaign(default_arm(), load="dead_weight", configurations=12, seed=1)
+    run = jointstiff.identify(document, complementary_stiffness="neglected")
+    assert run.result.assessment.verdict == "use_with_care"
+    downward = MAP | {"force": [0.0, 0.0, -500.0]}  # which joint 1, without a number, does not feel
+    assert jointstiff.map(run, **downward).result.assessment.verdict == "use_with_care"
+
+
+BY_WEIGHTS = simulate_campaign(default_arm(), configurations=19, seed=1)
+POCKET = ROOT / "examples" / "pocket.src"
+POSTURE = [[0, -20, 30, 0, 45, 0]]
+POINT = (0, 0, 0.12)
+AREA = {"area": [[1.4, -0.2, 0.6], [1.8, 0.2, 0.6]], "grid": (3, 3, 1), "place": (0, 0, 0.25)}
+FAR = AREA | {"area": [[14.0, -2.0, 6.0], [18.0, 2.0, 6.0]]}
+MILLING = {"accuracy_option": "off"}
+
+
+@pytest.fixture(scope="module")
+def run():
+    return js.identify(simulate_campaign(default_arm(), load="pull", configurations=19, seed=1))
+
+
+@pytest.fixture(scope="module")
+def by_weights():
+    run = js.identify(BY_WEIGHTS)
+    assert run.joints["joint_1"].stiffness is None
+    return run
+
+
+KILONEWTONS = (0, 0, -500_000)
+ABSURD = {
+    "prediction, kN for N": lambda run, _: run.predict(POSTURE, KILONEWTONS, at=POINT),
+    "prediction, mm for m in the load point": lambda run, _: run.predict(
+        POSTURE, (0, 0, -500), load_point=(0, 0, 120), place=POINT
+    ),
+    "prediction, mm for m in the place": lambda run, _: run.predict(
+        POSTURE, (0, 0, -500), load_point=POINT, place=(0, 0, 120)
+    ),
+    "prediction, a few metres": lambda run, _: run.predict(POSTURE, (0, 0, -500), at=(0, 0, 4.0)),
+    "prediction, joint without a number": lambda _, less: less.predict(POSTURE, (0, 500, 0), at=POINT),
+    "map, kN for N": lambda run, _: js.map(run, force=KILONEWTONS, **AREA),
+    "map, mm for m": lambda run, _: js.map(run, force=(0, 0, -500), **AREA | {"place": (0, 0, 250)}),
+    "map, no place reached": lambda run, _: js.map(run, force=(0, 0, -500), **FAR),
+    "map, joint without a number": lambda _, less: js.map(less, force=(0, 500, 0), **AREA),
+    "program, kN for N": lambda run, _: js.compensate(run, POCKET, force=KILONEWTONS, **MILLING),
+    "program, all capped": lambda run, _: js.compensate(
+        run, POCKET, force=(0, 0, -500), limits={"displacement": 1e-4}, **MILLING
+    ),
+    "program, all capped, accepted": lambda run, _: js.compensate(
+        run, POCKET, force=(0, 0, -500), limits={"displacement": 1e-4}, **MILLING, **ACCEPTED
+    ),
+    "program, nothing to correct": lambda run, _: js.compensate(run, POCKET, force=(0, 0, 0), **MILLING),
+    "plan, joint without a load": lambda *_: js.plan(BY_WEIGHTS, readings=4, candidates=100),
+    "run, joint without a number": lambda _, less: less,
+}
+
+
+@pytest.mark.parametrize("name", ABSURD)
+def test_no_head_says_use(name, run, by_weights):
+    try:
+        result = ABSURD[name](run, by_weights)
+    except js.CampaignError as refused:
+        assert refused.problem.remedy  # noqa: PT017 - one of two outcomes
+        return
+    head = str(result).splitlines()[0]
+    if name.startswith("run"):
+        assert head.startswith("Use 5 of 6 joints: the others have no number")
+        return
+    assert head.startswith(("Do not use this", "Use this")), head
+    assert "Do not use" in head or "with care" in head, head
+
+
+def test_a_program_with_a_capped_point_needs_a_confirmation(run):
+    with pytest.raises(js.CampaignError, match="do not use") as refused:
+        ABSURD["program, all capped"](run, None)
+    assert "limits reduce the corrections of 4 of 4" in str(refused.value.problem.errors)
+    program = ABSURD["program, all capped, accepted"](run, None)
+    assert program.result.assessment.verdict == "do_not_use"
+    assert "limits reduce the corrections" in program.result.assessment.reasons[0].message
