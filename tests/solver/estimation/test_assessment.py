@@ -130,6 +130,17 @@ class TestReadings:
 
 
 class TestFit:
+    def test_the_posture_to_look_at_is_that_of_the_largest_residual(self, pulls):
+        robot, measurements = pulls
+        deflection = measurements.deflection.copy()
+        deflection[3, 1] += [0.0, 0.02, 0.0]  # of one target alone
+        wrong = replace(measurements, force=measurements.force[:, [1, 2, 0]], deflection=deflection)
+        assessment, found = assessed(robot, wrong, findings=(), complementary_stiffness="neglected")
+        left = np.linalg.norm(predict(robot, wrong, found.compliance).residual, axis=2)
+        shown = reason_of(assessment, "deflection_unexplained").action.observations
+        assert shown == ["c04"] == [measurements.labels[left.max(axis=1).argmax()]]
+        assert left.min(axis=1).argmax() != 3
+
     def test_behind_a_gross_error_no_smaller_cause_is_sought(self, pulls):
         """A load point 5 cm off is one; another finding that forbids nothing does not matter."""
         robot, measurements = pulls

@@ -1,5 +1,6 @@
 """Clean sets are left in peace, by exact springs; what is said of mistakes stands in recorded answers."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -74,3 +75,22 @@ def test_a_robot_that_is_not_its_model_raises_no_finding(load, seed):
     assert look(measurements) == []
     assert look(only_deflections(measurements)) == []
     assert look(measurements, sigma=None) == []
+
+
+def test_repetitions_tell_sigma():
+    """Ten postures, each measured four times with noise of its own: 90·3 degrees of freedom."""
+    exact = prepare(simulate_campaign(default_arm(), load="pull", configurations=10, sigma=0.0, seed=5))[1]
+    rows = np.repeat(np.arange(10), 4)
+    unloaded, change = 3e-5 * np.random.default_rng(3).standard_normal((2, 40, 3, 3))
+    repeated = replace(
+        exact[rows],
+        position=exact.position[rows] + unloaded,
+        deflection=exact.deflection[rows] + change - unloaded,
+        sigma=3e-5,
+    )
+    deflections, positions = (each for each in look(repeated) if each.code == "repeated_readings")
+    assert (deflections.weight, positions.weight) == ("use", "use")
+    for finding in (deflections, positions):
+        assert 28.0 < float(re.search(r"(\S+) µm", finding.message)[1]) < 32.0
+    found = look(repeated, sigma=1e-5)
+    assert next(f for f in found if f.code == "repeated_readings").weight == "use_with_care"

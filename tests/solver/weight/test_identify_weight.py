@@ -124,6 +124,17 @@ def test_a_mass_of_which_no_reading_tells_is_neither_checked_nor_contradicted():
     assert contradicted(freed) is None
 
 
+@pytest.mark.parametrize("seed", [1, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (0, 3))])
+def test_few_postures_that_do_not_tell_the_tilt_of_the_base_are_fitted_with_a_rigid_one(seed):
+    readings = campaign(postures=6, stated=burden_of(BODIES, 0.1), seed=seed)
+    estimate = identify_weight(ROBOT, readings)
+    assert not estimate.fit.base.any()
+    assert holds_the_truth(estimate)
+    asked = identify_weight(ROBOT, readings, free_base=True)
+    assert "base_unchecked" in [reason.code for reason in asked.reasons]
+    np.testing.assert_array_equal(intervals(asked), intervals(estimate))
+
+
 def test_gravity_may_be_estimated_where_the_tracker_is_not_levelled():
     tilted = np.array([0.02, -0.01, 0.0]) * 9.80665 + BODIES.gravity
     bodies = Bodies(BODIES.masses, BODIES.centres, tilted * 9.80665 / np.linalg.norm(tilted))
