@@ -251,8 +251,8 @@ def written(root: Element) -> bytes:
 _VERSION: Final = "1.9"
 _NO_LIMIT: Final = 1e16  # of the format
 _SPRINGS: Final = (
-    "Each spring pulls its joint to spring_reference: the angle that the controller commands, which is zero "
-    "here. For another posture write its model angles there."
+    "Each spring pulls its joint to spring_reference: the position that the controller commands, which is "
+    "zero here. For another posture write its model angles and lengths there."
 )
 _FREE: Final = "A joint without a stiffness has no spring here and moves freely: hold it by a controller."
 
@@ -321,17 +321,17 @@ def _axis(element: Element, joint: ChainJoint, stiffness: float | None) -> None:
 
 
 _ACTUATORS: Final = (
-    "Each position actuator is the spring in series with a drive that holds its angle: kp is the stiffness, "
-    "ctrl the commanded angle, and the joint's angle differs from it by torque over kp."
+    "Each position actuator is the spring in series with a drive that holds its joint: kp is the stiffness, "
+    "ctrl the commanded position, and the joint's position differs from it by the torque or force over kp."
 )
 _HELD: Final = (
     "A joint without a stiffness has no actuator: an equality constraint, which is no spring of the robot, "
-    "holds it at the angle that is the first number of polycoef."
+    "holds it at the position that is the first number of polycoef."
 )
 
 
 def mjcf(model: ExportedModel) -> bytes:
-    """Return a model of hinges and position actuators; the frame of the world is R0."""
+    """Return a model of hinges, slides and position actuators; the frame of the world is R0."""
     root = ElementTree.Element("mujoco", model=model.name)
     add_remarks(root, model, _ACTUATORS, _HELD, PLACEHOLDERS)
     # Roll, pitch and yaw turn about fixed axes: capital letters. Bodies that move must have some mass.
@@ -355,8 +355,9 @@ def _body(parent: Element, joint: ChainJoint) -> Element:
     place = {"pos": numbers(joint.translation), "euler": numbers(joint.roll_pitch_yaw)}
     body = add(parent, "body", name=joint.child, **place)
     if joint.is_moving:
+        kind = "slide" if joint.kind == "prismatic" else "hinge"
         limits = {} if joint.limits is None else {"range": numbers(joint.limits)}
-        add(body, "joint", name=joint.name, type="hinge", axis=numbers(joint.axis), **limits)
+        add(body, "joint", name=joint.name, type=kind, axis=numbers(joint.axis), **limits)
     return body
 
 

@@ -19,7 +19,7 @@ from jointstiff.service.kinds.geometry import GEOMETRY
 from jointstiff.service.problems import DeletedError
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.document import robot_document
-from jointstiff.simulator.sweeps import SWEEPS, TrackedArm, imperfect_arm, rotation_by
+from jointstiff.simulator.sweeps import HOME, SWEEPS, TrackedArm, imperfect_arm, rotation_by
 from jointstiff.solver.errors import MeasurementError, RequestError
 from jointstiff.solver.mechanics.configuration import Configurations
 
@@ -184,6 +184,25 @@ class TestFindings:
         bumps = [finding for finding in found if finding.code == "tracker_bumped"]
         places = [f"sweep of joint_{j + 1}, position 8" for j in (0, 1, 2, 4)]
         assert [(bump.weight, bump.where) for bump in bumps] == [("do_not_use", place) for place in places]
+
+    def test_joints_that_do_not_repeat_make_sweeps_disagree(self, parts):
+        cell, rng = TrackedArm(), np.random.default_rng(5)
+        document = sweeps(cell, seed=5)
+        for j, sweep in enumerate(document["sweeps"]):
+            real = cell.sweep(j, np.linspace(*SWEEPS[j], 15), HOME + rng.normal(0.0, 3e-4, 6))
+            sweep["observations"] = [
+                one | {"joints": shown["joints"]}
+                for one, shown in zip(positions(cell, real, rng), sweep["observations"], strict=True)
+            ]
+        together = made(parts, document).result
+        assert "sweeps_disagree" in {finding.code for finding in together.findings}
+        assert together.goodness.agreement_probability < 1e-6
+        assert together.fit == "one_by_one"
+        alone = made(parts, document, fit="one_by_one").result
+        assert alone.goodness.agreement_probability is None
+        assert {finding.code for finding in alone.findings} == {"wrist_centres_disagree"}
+        assert together.axes == alone.axes
+        assert together.base_frame == alone.base_frame
 
     def test_an_instruments_sheet_weighs_readings(self, parts):
         """Noise across the line of sight four times that along it: χ² is right, and the axes are better."""

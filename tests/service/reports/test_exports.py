@@ -8,6 +8,7 @@ from xml.etree import ElementTree
 import numpy as np
 import openpyxl
 import pytest
+from support.slides import arm_on_rail
 
 import jointstiff
 from jointstiff.schemas.run import Campaign, JointResult
@@ -181,12 +182,14 @@ def statics(mujoco, model, content, q, force):
 
 
 @pytest.mark.process  # MuJoCo asks one for the version of its window library
-def test_mujoco_bends_as_the_springs_do(pulled, weighed):
+@pytest.mark.parametrize("arm", [ARM, arm_on_rail()], ids=["six axes", "on a rail"])
+def test_mujoco_bends_as_the_springs_do(arm, weighed):
     mujoco = pytest.importorskip("mujoco")
     held = mujoco.MjModel.from_xml_string(export_model(weighed, "mjcf").decode())
     assert (held.nu, held.neq) == (5, 1)
+    pulled = model_of(simulate_campaign(arm, load="pull", configurations=24, seed=3))
     content = export_model(pulled, "mjcf")
-    q = np.radians([10.0, -20.0, 30.0, 5.0, 45.0, 0.0])
+    q = np.r_[[0.4] * len(arm.prismatic), np.radians([10.0, -20.0, 30.0, 5.0, 45.0, 0.0])]
     posture = Configurations(pulled.robot, q[None])
     J = posture.jacobian_at(posture.flange_translation[:, None])[0, 0]
     C = np.diag([joint.compliance for joint in pulled.result.joints])
