@@ -525,7 +525,7 @@ def optimise(problem: DesignProblem, tolerance: float | None = None) -> Design:
         tolerance: gap at which the search ends; `GAP` or `LOOSE_GAP` if None.
 
     Raises:
-        SolverError: the gap does not close.
+        SolverError: the gap does not close, or rounding hides a parameter.
     """
     if tolerance is None:
         smooth = isinstance(problem.criterion, SmoothCriterion) and not problem.candidates.free
@@ -610,6 +610,9 @@ def optimal_weights(
 
     Returns:
         (k,) weights, to rounding.
+
+    Raises:
+        SolverError: rounding hides a parameter, so that φ has no curvature.
     """
 
     def slope(w: FloatArray) -> Slope:
@@ -642,7 +645,14 @@ def _newton_step(at: Slope, w: FloatArray) -> FloatArray:
     gradient is taken less what all its entries share, so that the row has no pull at the optimum.
     """
     ridge = _RIDGE * np.trace(at.hessian) / len(w) * np.eye(len(w))
-    root = np.linalg.cholesky(at.hessian + ridge).T
+    try:
+        root = np.linalg.cholesky(at.hessian + ridge).T
+    except np.linalg.LinAlgError:
+        raise SolverError(
+            "the readings of the plan tell parameters so unequally that rounding hides some",
+            remedy="give loads and postures of plausible size, or name the joints to be determined",
+            where="candidates",
+        ) from None
     downhill = np.linalg.solve(root.T, at.gradient @ w - at.gradient)
     heavy = _HEAVY * float(np.abs(root).max())
     x = nnls(np.vstack([root, np.full(len(w), heavy)]), np.append(root @ w + downhill, heavy))[0]

@@ -33,10 +33,12 @@ from jointstiff.solver.design.optimum import (
     DOptimality,
     EOptimality,
     GOptimality,
+    optimal_weights,
     optimise,
     uncertainty_of,
 )
 from jointstiff.solver.design.plan import Distinct, advise, exact_design, plan_campaign
+from jointstiff.solver.errors import SolverError
 from jointstiff.solver.estimation.identify import identify
 from jointstiff.solver.mechanics.configuration import Configurations
 from jointstiff.solver.mechanics.measurements import CommonUncertainty, Instrument
@@ -395,6 +397,14 @@ def test_a_matrix_that_is_positive_definite_by_rounding_informs_of_nothing(rank)
     for _ in range(200):
         rows = draws.standard_normal((rank, 6)) * 10.0 ** draws.uniform(-3, 3, 6)
         assert AOptimality(np.eye(6)).information(rows.T @ rows) == 0.0
+
+
+def test_a_parameter_that_rounding_hides_is_an_error_with_a_remedy():
+    """Two readings tell of one direction alone, the second of 1e-20 of it."""
+    alike = np.array([np.ones((2, 2)), 1e-20 * np.ones((2, 2))])
+    with pytest.raises(SolverError, match="rounding hides some") as caught:
+        optimal_weights(DOptimality(2), np.zeros((2, 2)), alike, np.array([0.5, 0.5]))
+    assert "loads and postures of plausible size" in caught.value.remedy
 
 
 @pytest.mark.parametrize("seed", range(30))
