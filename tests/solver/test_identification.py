@@ -441,3 +441,11 @@ def test_own_weight_of_a_prismatic_joint_is_the_weight_along_its_axis(arm):
 def test_a_wrist_turns():
     assert find_wrist(robot_of(scara())) is None
     assert find_wrist(robot_of(arm_on_rail())).spherical
+
+
+def test_an_order_across_arm_and_wrist_holds_at_the_constrained_arm():
+    """The decoupled method fits the wrist to the arm as the order leaves it, not as its readings show it."""
+    order = [["joint_3", "joint_2"], ["joint_6", "joint_3"]]
+    campaign = simulated(load="pull", configurations=15, seed=5)
+    c = estimate(*campaign, method="decoupled_partial_pose", stiffness_order=order).compliance
+    np.testing.assert_allclose(c[[2, 5]], c[1], rtol=1e-12)

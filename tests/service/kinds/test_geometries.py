@@ -245,6 +245,19 @@ def test_a_joint_that_never_turned_is_named(parts):
 class TestDrift:
     MOTION = rotation_by([0.3, 0.2, 1.0], 120e-6), np.array([0.0, 4e-4, -2e-4])
 
+    def test_within_the_sweeps(self, parts):
+        cell, rng = TrackedArm(), np.random.default_rng(2)
+        before = base_readings(cell, rng)
+        still = made(parts, sweeps(cell), base_targets={"before": before, "after": base_readings(cell, rng)})
+        assert not still.result.drift.significant
+        moved = base_readings(cell, rng, self.MOTION)
+        moved["B4"] = [moved["B4"][0] + 1e-3, *moved["B4"][1:]]
+        drift = made(parts, sweeps(cell), base_targets={"before": before, "after": moved}).result
+        assert drift.drift.significant
+        assert drift.drift.moved_targets == ["B4"]
+        codes = {finding.code: finding.where for finding in drift.findings}
+        assert codes == {"base_drifted": "base_targets", "base_target_moved": "base_targets.after.B4"}
+
     def test_is_removed_from_a_later_set(self, parts):
         cell, rng = TrackedArm(), np.random.default_rng(3)
         nominal = robot_id(parts)

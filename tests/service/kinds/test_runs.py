@@ -4,24 +4,37 @@ import json
 
 import numpy as np
 import pytest
+from pydantic import ValidationError
 from support.jobs import run_request, runs_of, set_of, stored_set
+from support.programs import path, request, tool_poses
 from support.terminal import terminal
 
 import jointstiff
+from jointstiff.schemas.deflection import DeflectionOptions
+from jointstiff.schemas.measurement import Noise
+from jointstiff.schemas.options import RunOptions
 from jointstiff.schemas.run import Run, RunRequest
 from jointstiff.service import jobs as module
 from jointstiff.service.jobs import Parts
+from jointstiff.service.kinds.deflection import predict_by_run
+from jointstiff.service.kinds.program_work import ProgramWork
 from jointstiff.service.kinds.run import RUN
 from jointstiff.service.kinds.work import carry_out, new_job, pack
 from jointstiff.service.problems import TooManyJobsError
+from jointstiff.service.reports.job import job_parts
 from jointstiff.service.resources.stored import Resources
 from jointstiff.service.store.store import Store
+from jointstiff.service.tables.report import View
+from jointstiff.service.tables.stiffness import UNITS
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.base import pedestal_campaign
 from jointstiff.simulator.elastic_links import beam_arm, elastic_campaign
+from jointstiff.simulator.programs import program_text
 from jointstiff.solver.errors import RequestError, UnsupportedMethodError
 from jointstiff.solver.links.choice import LIMITS, WEIGHTS
+from jointstiff.solver.predict.answers import forward_model
 
+VIEW = View(True, UNITS["MNm/rad"])
 OPTIONS = {"elasticity": "joints_and_links", "link_penalty": 1e-3, "cross_validation": {"folds": 3}}
 
 
@@ -39,6 +52,113 @@ def carried_out(memory, set_id, **options):
     jobs = Parts(memory).jobs["run"]
     request = RunRequest.model_validate({"measurement_set_id": set_id} | OPTIONS | options)
     return jobs.current(jobs.create(request, None).id)
+
+
+@pytest.fixture(scope="module")
+def given(memory, set_id):
+    return carried_out(memory, set_id)
+
+
+def test_a_given_penalty_is_quick_and_reports_all(given, document):
+    assert given.state == "succeeded", given.error
+    assert given.progress is None
+    result, links = given.result, given.result.links
+    assert (links.model, links.penalty, links.penalty_source) == ("joints_and_links", 1e-3, "given")
+    assert [link.joint for link in links.links] == [f"joint_{j + 1}" for j in range(6)]
+    for link in links.links:
+        matrix = np.array(link.matrix)
+        np.testing.assert_array_equal(matrix, matrix.T)
+        assert np.linalg.eigvalsh(matrix).min() >= 0.0
+        for principal, block in ((link.translation, matrix[:3, :3]), (link.rotation, matrix[3:, 3:])):
+            for each in principal:
+                direction = np.array(each.direction)
+                np.testing.assert_allclose(
+                    block @ direction, each.value * direction, atol=1e-6 * abs(matrix).max()
+                )
+    shares = sum(element.share for element in links.elements)
+    assert shares + links.unexplained == pytest.approx(1.0)
+    assert len(links.elements[0].by_observation) == len(document["measurement_set"]["observations"])
+    assert links.certificate.gap <= 1e-2
+    assert links.certificate.least_eigenvalue >= 0.0
+    assert links.effective_freedom <= links.parameters == 132
+    assert result.compensation > 0.95
+    assert result.rms_residual == pytest.approx(
+        np.sqrt(np.mean([np.square(each.residual).sum() for each in result.residuals]))
+    )
+
+
+def test_the_table_of_elements_has_the_least_and_the_greatest_share_of_an_observation(given):
+    elements = given.result.links.elements
+    table = next(part for part in job_parts(RUN, given, VIEW) if "element" in getattr(part, "head", list)())
+    columns = {column.name: list(column.values)[:-1] for column in table.columns}
+    assert columns["least"] == [min(each.by_observation) for each in elements]
+    assert columns["greatest"] == [max(each.by_observation) for each in elements]
+    assert columns["least"] < columns["overall"] < columns["greatest"]
+
+
+def test_joints_have_their_number_and_its_spread(given):
+    for joint in given.result.joints:
+        assert joint.compliance >= 0.0
+        assert joint.status == ("identified" if joint.compliance else "at_bound")
+        assert joint.compliance == 0.0 or "link's rotation" in joint.reason
+        assert joint.standard_uncertainty >= 0.0
+        assert joint.compliance_interval is None
+
+
+def test_deflections_are_predicted_by_the_stored_model(memory, given, document):
+    """As the message travels, at a target that was read: what the run itself predicts there."""
+    parts = Parts(memory)
+    run = Run.model_validate_json(given.model_dump_json())
+    readings = document["measurement_set"]
+    observation = readings["observations"][3]
+    robot = parts.sets.prepared(run.request.measurement_set_id).robot
+    options = {
+        "units": readings["units"],
+        "load_point": readings["load_point"],
+        "cases": [{"joints": observation["joints"], "force": observation["force"]}],
+    }
+    found = predict_by_run(robot, run, DeflectionOptions.model_validate(options))
+    (case,) = found.cases
+    for (low, high), value in zip(case.readings_only.displacement, case.displacement, strict=True):
+        assert low < value < high
+    assert found.model_error_postures == 24
+    assert case.with_model_error is not None
+    np.testing.assert_allclose(
+        np.array(case.compliance.translation_by_force) @ observation["force"], case.displacement, atol=1e-9
+    )
+    masses = options | {"masses": [{"joint": "joint_2", "mass": 1.0, "centre": [0.0, 0.0, 0.0]}]}
+    with pytest.raises(RequestError, match="own weight"):
+        predict_by_run(robot, run, DeflectionOptions.model_validate(masses))
+    assert forward_model(robot, run.result.model)[0].first_order
+
+
+def test_a_program_is_compensated_by_links(memory, set_id, given):
+    robot = Parts(memory).sets.prepared(set_id).robot
+    text = program_text("krl", tool_poses(path(12)), 5)
+    result = ProgramWork(robot, "robot", given, request("krl", text)).conclude(())
+    assert result.corrected == 12
+    assert result.residual.greatest < 1e-6 < 1e-3 < result.deflection.median  # five digits of mm and degrees
+    for point in result.worst:
+        (low, high), (wide_low, wide_high) = point.interval, point.interval_with_model_error
+        assert wide_low <= low < point.deflection < high <= wide_high
+    assert any("first order" in remark for remark in result.remarks)
+    masses = [{"joint": "joint_2", "mass": 1.0, "centre": [0.0, 0.0, 0.0]}]
+    with pytest.raises(RequestError, match="own weight"):
+        ProgramWork(robot, "robot", given, request("krl", text, masses=masses))
+
+
+def test_the_selection_compares_all_models(given):
+    selection = given.result.selection
+    names = [scored.model for scored in selection.models]
+    assert names == ["joints", "coupled_joints", "diagonal_links", "joints_and_links"]
+    assert selection.best in names
+    assert (selection.chosen, selection.chosen_loss) == ("joints_and_links", "squared")
+    assert given.result.links.loss_source == "given"
+    for scored in selection.models:
+        assert scored.compensation == pytest.approx(np.mean(scored.by_fold))
+        assert scored.standard_error == pytest.approx(np.std(scored.by_fold, ddof=1) / np.sqrt(3))
+    by_name = {scored.model: scored.compensation for scored in selection.models}
+    assert by_name["joints_and_links"] > by_name["joints"] + 0.1
 
 
 def test_cross_validation_is_a_durable_job_with_the_numbers_of_one_go(memory, set_id):
@@ -77,6 +197,36 @@ def test_cross_validation_is_a_durable_job_with_the_numbers_of_one_go(memory, se
     assert [link.joint for link in durable.result.links.links] == ["joint_2"]
     assert told[-1].done == queued.progress.total
     assert told[-1].activity == "cross-validating"
+
+
+@pytest.mark.parametrize(
+    ("options", "where"),
+    [
+        ({"method": "complete_pose"}, "method"),
+        ({"resampling": {"size": 5}}, "resampling"),
+    ],
+)
+def test_what_does_not_go_with_links_is_refused_with_its_remedy(memory, set_id, options, where):
+    with pytest.raises(UnsupportedMethodError) as refused:
+        carried_out(memory, set_id, **options)
+    assert refused.value.where == where
+    assert refused.value.remedy
+
+
+@pytest.mark.parametrize(
+    ("options", "text"),
+    [
+        ({"elasticity": "joints", "links": ["joint_2"]}, "needs an elasticity"),
+        ({"link_penalty": 0.1}, "needs an elasticity"),
+        ({"elasticity": "coupled_joints", "links": ["joint_2"]}, "needs an elasticity"),
+        ({"loss": "absolute"}, "huber"),
+        ({"elasticity": "automatic", "loss": "absolute"}, "huber"),
+        ({"elasticity": "automatic", "link_penalty": 0.1}, "automatic"),
+    ],
+)
+def test_options_go_with_what_takes_them(options, text):
+    with pytest.raises(ValidationError, match=text):
+        RunOptions.model_validate(options)
 
 
 @pytest.mark.slow
@@ -134,13 +284,77 @@ def test_a_pedestal_is_recognised_and_shown(tmp_path):
         assert text in shown.stdout
 
 
-@pytest.mark.slow
-def test_a_penalty_under_which_no_link_bends_is_noted():
-    document = simulate_campaign(default_arm(), load="pull", seed=3, readings="deflections")
-    del document["measurement_set"]["observations"][12:]
-    result = jointstiff.identify(document, elasticity="coupled_joints", loss="absolute").result
-    assert max(WEIGHTS) < result.links.penalty <= max(LIMITS)
-    assert "link_penalty_at_end" in {warning.code for warning in result.warnings}
+def test_readings_without_a_balance_are_identified_without_it():
+    """Deflections a thousand times too large: joints as soft as they say would not carry the load."""
+    wrong = simulate_campaign(default_arm(), load="pull", seed=2)
+    for observation in wrong["measurement_set"]["observations"]:
+        for reading in observation["readings"]:
+            moved = np.subtract(reading["loaded"], reading["unloaded"])
+            reading["loaded"] = (reading["unloaded"] + 1e3 * moved).tolist()
+    found = jointstiff.identify(wrong, elasticity="joints").result
+    size = found.complementary_stiffness
+    assert (size.included, size.iterations) == (False, 0)
+    (reason,) = (each for each in found.assessment.reasons if each.code == "complementary_stiffness_matters")
+    assert "had to be neglected: there is no equilibrium" in reason.message
+    assert "units" in reason.remedy
+    assert found.assessment.verdict == "do_not_use"
+    assert "include_complementary_stiffness" not in {
+        reason.action.kind for reason in found.assessment.reasons if reason.action
+    }
+
+
+def identified(noise, **options):
+    document = simulate_campaign(default_arm(), configurations=8, load="pull", **options)
+    document["measurement_set"]["noise"] = noise
+    return jointstiff.identify(document)
+
+
+ALL = {
+    "sigma": 2e-5,
+    "force": {"scale": 0.01, "direction": 0.002},
+    "load_point": 5e-4,
+    "target_places": 5e-4,
+    "axes": {"position": 1e-4, "direction": 1e-4},
+}
+
+
+def test_each_source_is_named_and_all_add_up():
+    result = identified(ALL).result
+    budget = result.budget
+    assert [(part.source, part.evaluation) for part in budget.components if part.included] == [
+        ("readings", "B"),
+        ("force_scale", "B"),
+        ("force_direction", "B"),
+        ("load_point", "B"),
+        ("target_places", "B"),
+        ("axes", "B"),
+    ]
+    assert budget.missing == []
+    beyond = {part.source: part for part in budget.components if not part.included}
+    assert set(beyond) == {"model_error"}
+    assert beyond["model_error"].degrees_of_freedom == 7
+    for j, joint in enumerate(result.joints):
+        parts = [part.contributions[j] ** 2 for part in budget.components if part.included]
+        assert sum(parts) == pytest.approx(joint.standard_uncertainty**2, rel=1e-9)
+        assert budget.expanded_uncertainty[j] == pytest.approx(
+            1.959964 * joint.standard_uncertainty, rel=1e-6
+        )
+        own = joint.budget.model_dump().values()
+        assert sum(value**2 for value in own) == pytest.approx(joint.standard_uncertainty**2, rel=1e-9)
+
+
+def test_a_stated_direction_of_the_force_says_nothing_of_its_size():
+    sources = {part.source for part in identified({"force": {"direction": 0.002}}).result.budget.components}
+    assert sources >= {"assumed_force_scale", "force_direction"}
+
+
+def test_lengths_are_in_the_units_of_the_set():
+    places = {"load_point": 0.5, "target_places": 0.5, "axes": {"position": 0.1, "direction": 1e-4}}
+    metres = identified(ALL).result.budget
+    in_mm = {"length": "mm", "angle": "rad", "force": "N"}
+    millimetres = identified(ALL | {"sigma": 0.02} | places, units=in_mm).result.budget
+    for one, other in zip(metres.components, millimetres.components, strict=True):
+        assert one.contributions == pytest.approx(other.contributions, rel=1e-6)
 
 
 def test_intervals_hold_the_truth_where_the_load_point_is_10_mm_off():
@@ -160,6 +374,21 @@ def test_intervals_hold_the_truth_where_the_load_point_is_10_mm_off():
             by_readings += abs(joint.compliance - truth) <= 1.96 * joint.budget.readings
     assert inside >= 0.93 * count
     assert by_readings < 0.8 * count
+
+
+WRONG = [
+    *({"force": force} for force in ({}, {"scale": 0.6}, {"scale": -0.1}, {"direction": 1.0})),
+    {"axes": {}},
+    {"axes": {"direction": 1.0}},
+    {"load_point": 0.0},
+    {"target_places": -1.0},
+]
+
+
+@pytest.mark.parametrize("noise", WRONG)
+def test_no_such_uncertainty(noise):
+    with pytest.raises(ValidationError):
+        Noise.model_validate(noise)
 
 
 @pytest.fixture
@@ -261,3 +490,12 @@ def test_progress_does_not_go_back_when_a_run_ends_while_it_is_read(store, runs,
     monkeypatch.setattr(runs.records, "status", end_first)
     read = runs.current(run.id)
     assert (read.state, read.progress.done) == ("cancelled", 120)
+
+
+@pytest.mark.slow
+def test_a_penalty_under_which_no_link_bends_is_noted():
+    document = simulate_campaign(default_arm(), load="pull", seed=3, readings="deflections")
+    del document["measurement_set"]["observations"][12:]
+    result = jointstiff.identify(document, elasticity="coupled_joints", loss="absolute").result
+    assert max(WEIGHTS) < result.links.penalty <= max(LIMITS)
+    assert "link_penalty_at_end" in {warning.code for warning in result.warnings}

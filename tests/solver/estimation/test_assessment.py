@@ -141,6 +141,27 @@ class TestFit:
         assert shown == ["c04"] == [measurements.labels[left.max(axis=1).argmax()]]
         assert left.min(axis=1).argmax() != 3
 
+    def test_neglected_complementary_stiffness_is_included_at_a_click(self):
+        campaign = simulate_campaign(default_arm(), load="pull", seed=5, force=4000.0, sigma=5e-6)
+        robot, measurements = prepare(campaign)
+        measurements = replace(measurements, sigma=2e-5)  # so that the residuals agree with sigma
+        assessment, found = assessed(robot, measurements, complementary_stiffness="neglected", findings=())
+        assert found.complementary_stiffness.largest_shift > 0.5
+        reason = reason_of(assessment, "complementary_stiffness_matters")
+        assert assessment.verdict == "use_with_care"
+        assert reason.action.kind == "include_complementary_stiffness"
+        assert assessed(robot, measurements, findings=())[0].verdict == "use"
+
+    def test_causes_that_hold_each_other_are_fitted_as_one(self):
+        """A turn holds a shift: both together leave nothing that could not be told."""
+        robot, measurements = springs(4, configurations=20)
+        moved = replace(measurements, deflection=np.add(measurements.deflection, [1e-4, 0.0, 0.0]))
+        beside = fit_causes(robot, moved, [("shift", None), ("turn", None)])
+        assert [term.name for term in beside.common_uncertainty.fitted.terms] == ["turn"]
+        found = estimate(robot, beside, complementary_stiffness="included")
+        u = np.sqrt(np.diag(found.covariance))
+        assert (np.abs(found.compliance - default_arm().compliances) < 3 * u).all()
+
     def test_behind_a_gross_error_no_smaller_cause_is_sought(self, pulls):
         """A load point 5 cm off is one; another finding that forbids nothing does not matter."""
         robot, measurements = pulls

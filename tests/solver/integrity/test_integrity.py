@@ -88,7 +88,8 @@ def test_repetitions_tell_sigma():
         deflection=exact.deflection[rows] + change - unloaded,
         sigma=3e-5,
     )
-    deflections, positions = (each for each in look(repeated) if each.code == "repeated_readings")
+    deflections, positions = found = look(repeated)
+    assert {each.code for each in found} == {"repeated_readings"}
     assert (deflections.weight, positions.weight) == ("use", "use")
     for finding in (deflections, positions):
         assert 28.0 < float(re.search(r"(\S+) µm", finding.message)[1]) < 32.0
