@@ -20,6 +20,8 @@ from typing import Any
 import pytest
 from _pytest.main import pytest_runtestloop as run_tests
 
+from benchmarks.studies.caches import forget
+
 __all__ = ["CHANGES", "replace_code"]
 
 CHANGES = "JOINTSTIFF_CHANGES"
@@ -74,6 +76,7 @@ def _fork(session: pytest.Session, change: dict[str, Any]) -> int:
         os.dup2(silence, 2)
         importlib.import_module(change["module"])  # some are imported when they are first needed
         replace_code(Path(change["path"]), change["source"])
+        forget()  # what was computed while tests were collected
         gc.freeze()
         code = _FAILED
         session.items[:] = _in_order(session.items, change["tests"], set(change["files"]))

@@ -110,27 +110,17 @@ class _Changes(ast.NodeVisitor):
         self._statement: ast.stmt
 
     def visit(self, node: ast.AST) -> None:
-        """Keep the statement that is visited."""
+        """Keep the statement visited; pass over texts and errors, and functions, which are visited alone."""
+        if isinstance(node, ast.JoinedStr | ast.Raise | ast.FunctionDef | ast.AsyncFunctionDef):
+            return
         if isinstance(node, ast.stmt):
             self._statement = node
         super().visit(node)
-
-    def visit_JoinedStr(self, node: ast.JoinedStr) -> None:
-        """Leave texts alone."""
-
-    def visit_Raise(self, node: ast.Raise) -> None:
-        """Leave errors alone."""
 
     def visit_AnnAssign(self, node: ast.AnnAssign) -> None:
         """Pass over annotations."""
         if node.value is not None:
             self.visit(node.value)
-
-    def visit_FunctionDef(self, node: ast.FunctionDef) -> None:
-        """Leave functions within this one alone: they are visited by themselves."""
-
-    def visit_AsyncFunctionDef(self, node: ast.AsyncFunctionDef) -> None:
-        """Leave functions within this one alone: they are visited by themselves."""
 
     def generic_visit(self, node: ast.AST) -> None:
         """Take the changes of an expression."""
