@@ -90,7 +90,7 @@ class ArrayReadings:
         """
         joints = table_of(self.joints, "joints")
         count = len(joints)
-        if joints.ndim != 2 or not np.isfinite(joints).all():
+        if joints.ndim != 2 or not joints.size or not np.isfinite(joints).all():
             raise _shape("joints", joints, "a row of finite numbers for each observation, (N, n)")
         point = None if self.load_point is None else vectors_of(self.load_point, count, "load_point")
         common = point is not None and bool((point == point[0]).all())

@@ -34,6 +34,7 @@ from jointstiff.service.store.store import Store
 
 FOLDER = Path(__file__).parents[1] / "recorded" / "transcripts"
 LONG, WIDE, SHOWN, FEW, LINES = 8, 110, 3, 3, 24
+FEWEST = 3  # significant digits of a number that rounding may change
 """Numbers that a list prints, characters of a line, and what is printed of longer lists and of tables."""
 _NUMBER = re.compile(r"(?<![\w.])\d+(?:\.\d+)?(?:[eE][-+]?\d+)?")
 _ID = re.compile(r"(?<![\w.])(?=\d*[a-f])(?:[0-9a-f]{64}|[0-9a-f]{32})\b")
@@ -155,13 +156,17 @@ def same(then: str, now: str) -> bool:
 
 
 def _close(then: str, now: str) -> bool:
-    """Return whether two numbers are equal, or differ by one in the last digit of the coarser one."""
-    if then == now:
-        return True
+    """Return whether two numbers are equal to 1e-6, or differ by one in the last digit of the finer one.
+
+    Zeros at the end of a number are not printed, so one of fewer than three digits is taken as exact.
+    """
     if not ("." in then and "." in now):
-        return False
-    step = max(_last_digit(then), _last_digit(now))
-    return abs(float(then) - float(now)) <= 1.01 * step
+        return then == now
+    if math.isclose(float(then), float(now), rel_tol=1e-6):
+        return True
+    finer = min(then, now, key=_last_digit)
+    digits = finer.lower().partition("e")[0].replace(".", "").strip("0")
+    return len(digits) >= FEWEST and abs(float(then) - float(now)) <= 1.01 * _last_digit(finer)
 
 
 def _last_digit(number: str) -> float:

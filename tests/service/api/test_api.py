@@ -7,12 +7,13 @@ import time
 import zlib
 from concurrent.futures import ThreadPoolExecutor
 from itertools import count
+from uuid import uuid4
 
 import httpx2
 import pytest
 from fastapi import FastAPI
 from hypothesis import HealthCheck, Phase
-from support.api import CANCEL, job_at
+from support.api import CANCEL, EITHER_DATABASE, job_at, post
 from support.examples import examples, is_full
 
 from jointstiff.service.api.page import install_page
@@ -171,3 +172,19 @@ def test_files_of_the_page_are_packed_for_browsers_that_take_it(client):
     assert "content-encoding" not in plain.headers
     assert zlib.decompress(packed, 31) == plain.content
     assert len(packed) < len(plain.content) / 2
+
+
+@EITHER_DATABASE
+@pytest.mark.parametrize("collection", ["robots", "measurement-sets"])
+def test_the_same_key_gives_one_resource(client, collection):
+    campaign, key = (
+        simulate_campaign(default_arm(), configurations=8, seed=11),
+        {"Idempotency-Key": uuid4().hex},
+    )
+    body = campaign["robot"]
+    if collection == "measurement-sets":
+        body = campaign["measurement_set"] | {"robot_id": post(client, "/v1/robots", body)["id"]}
+    first = post(client, f"/v1/{collection}", body, **key)
+    assert post(client, f"/v1/{collection}", body, **key) == first
+    problem = post(client, f"/v1/{collection}", body | {"name": "x"}, 422, **key)
+    assert problem["type"].endswith("idempotency-conflict")

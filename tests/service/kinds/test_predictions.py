@@ -181,3 +181,17 @@ def test_each_block_of_four_is_a_good_plan_by_itself(parts, robot):
         postures = [each.joints for each in own if not each.validation]
         alone = plan_of(parts, **options | {"readings": 4, "validation": 0.0, "postures": postures}).result
         assert mean(alone) <= 1.5 * 2.0 * mean(whole)
+
+
+def test_what_is_known_beforehand_counts(parts, robot):
+    """Independent information adds: 1/u² of the plan is at least that of the prior and of the list."""
+    prior = {"joint_4": {"stiffness": 5e5, "standard_uncertainty": 5e3}}
+    with_prior, without = (
+        plan_of(parts, robot_id=robot, **BEGIN, priors=each).result for each in (prior, {})
+    )
+    known = 5e3 / 5e5**2
+    joint = with_prior.joints[3]
+    assert joint.before == pytest.approx(known)  # though no reading is there
+    assert joint.standard_uncertainty <= known
+    assert joint.standard_uncertainty < without.joints[3].standard_uncertainty
+    assert joint.relative == pytest.approx(joint.standard_uncertainty * 5e5)
