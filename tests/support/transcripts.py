@@ -111,7 +111,7 @@ class Session:
 def _without_rounding(line: str) -> str:
     """Return a line with 0 in place of rounding errors; a covariance of compliances may be small."""
     least = "2[5-9]|[3-9]\\d" if "covariance" in line else "1[2-9]|[2-9]\\d"
-    line = re.sub(rf"(?<![\w.])-?\d\.\d+e-(?:{least})\b", "0.0", line)
+    line = re.sub(rf"(?<![\w.])-?\d(?:\.\d+)?e-(?:{least})\b", "0.0", line)
     return re.sub(r"(?<![\w.>])-(0(?:\.0+)?)(?![\w.])", r"\1", line).rstrip()
 
 
