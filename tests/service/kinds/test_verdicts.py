@@ -1,21 +1,16 @@
 """Verdicts: of every kind of job, along with what is made of a run, and mended by the advised action."""
 
-import io
-import json
 import math
 from copy import deepcopy
 
 import numpy as np
 import pytest
-from rich.console import Console
 from support.api import file_at, posted
 from support.guide_files import ROOT
 from support.kinds import MAP, posted_job
 
 import jointstiff
 import jointstiff as js
-from jointstiff.schemas.options import RunOptions
-from jointstiff.schemas.run import Campaign
 from jointstiff.service.kinds.registry import KINDS
 from jointstiff.service.reports.exports import FORMATS
 from jointstiff.simulator import TARGETS, default_arm, simulate_campaign
@@ -250,32 +245,6 @@ def test_a_movement_of_all_loaded_readings_is_no_force(clean):
     assert "what was read under load moved by" in reason.message
     assert "read a posture again without the load" in reason.remedy
     assert [cause.name for cause in run.apply("fit_causes").request.causes] == ["shift"]
-
-
-INCLUDED = RunOptions(complementary_stiffness="included")
-
-
-@pytest.fixture(scope="module")
-def deflected():
-    """Pulls of 1500 N that show every joint, read as deflections."""
-    document = simulate_campaign(default_arm(), load="pull", seed=3)
-    readings = document["measurement_set"]
-    readings["flange_targets"] = {name: np.array(place).tolist() for name, place in TARGETS.items()}
-    for observation in readings["observations"]:
-        for reading in observation["readings"]:
-            moved = np.array(reading.pop("loaded")) - np.array(reading.pop("unloaded"))
-            reading["deflection"] = moved.tolist()
-    return document
-
-
-def of(document):
-    return Campaign.model_validate_json(json.dumps(document))
-
-
-def first_line(report):
-    console = Console(file=io.StringIO(), width=120)
-    console.print(report)
-    return console.file.getvalue().splitlines()[0]
 
 
 ACCEPTED = {"accept_verdict": "do_not_use"}
