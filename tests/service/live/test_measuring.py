@@ -14,6 +14,7 @@ from typing import Self
 import numpy as np
 import pytest
 from support.live import positions
+from support.slides import arm_on_rail
 from support.terminal import terminal
 
 import jointstiff
@@ -290,6 +291,100 @@ def test_a_serial_line_is_read_and_hangs_up():
     points = asyncio.run(read())
     assert np.allclose([place for place, _ in points.values()], places, atol=1e-9)
     assert [sigma for _, sigma in points.values()] == pytest.approx([3e-5] * len(TARGETS))
+
+
+class Shown:
+    """A source that shows places of its own, as packages of others have it: `point` alone."""
+
+    def __init__(self, *places) -> None:
+        self._places = [place for each in places for place in each]
+
+    async def point(self, _name):
+        place = self._places.pop(0)
+        return place if isinstance(place, tuple) else (tuple(place), None)
+
+
+THERE = positions(ARM, STAND.joints, STAND.force, sigma=0.0)["unloaded"]
+UP = np.array([0.0, 0.6, 0.8])
+LONGER = np.outer([0.0, 1.0, 0.0], THERE[1] - THERE[0]) / np.linalg.norm(THERE[1] - THERE[0])
+
+
+def shown(*stands, where=None):
+    """Read targets as a source shows them, with the load in all postures but the first."""
+
+    async def read():
+        checked = Checked(Shown(*stands), where or setting(), 5.0)
+        return [await checked.read(replace(STAND, loaded=i > 0)) for i, _ in enumerate(stands)]
+
+    return asyncio.run(read())
+
+
+@pytest.mark.parametrize(
+    ("kept", "refused", "words"),
+    [
+        ([THERE + 0.099 * UP], [THERE + 0.101 * UP], "P10 is 0.101 m from where the robot holds it"),
+        ([THERE + 0.009 * LONGER], [THERE + 0.011 * LONGER], "P11 is .* mm from P10"),
+        ([THERE - 0.009 * LONGER], [THERE - 0.011 * LONGER], "P11 is .* mm from P10"),
+        ([THERE, THERE - 0.049 * UP], [THERE, THERE - 0.051 * UP], "P10 is 51 mm from where it was without"),
+        ([THERE, THERE + 1e-9], [THERE, THERE], "P10: the source repeats an earlier reading"),
+        ([THERE], [THERE[[0, 0]]], "P11: the source repeats an earlier reading"),
+    ],
+    ids=["astray", "longer", "shorter", "deflected", "repeated", "one for another"],
+)
+def test_a_reading_is_refused_beyond_its_bound_and_kept_within(kept, refused, words):
+    """Bounds of 100 mm from the robot's place, 10 mm of two targets' distance, and 50 mm under a load."""
+    for points, places in zip(shown(*kept), kept, strict=True):
+        np.testing.assert_array_equal([place for place, _ in points.values()], places)
+    with pytest.raises(SourceError, match=words):
+        shown(*refused)
+
+
+@pytest.mark.parametrize("part", [-100.1, 100.1, -99.9, np.inf, np.nan])
+@pytest.mark.parametrize("axis", range(3))
+def test_a_coordinate_is_finite_and_within_a_hundred_metres(axis, part):
+    place = [part if k == axis else 1.0 for k in range(3)]
+    with pytest.raises(SourceError, match="has jumped" if part == -99.9 else "is no position"):
+        shown([place])
+
+
+def test_an_uncertainty_is_positive_and_below_a_metre():
+    for sigma in (None, 1e-9, 0.999):
+        points = shown([(tuple(place), sigma) for place in THERE])[0]
+        assert [each for _, each in points.values()] == [sigma] * 3
+    for sigma in (0.0, -1e-5, 1.0, np.nan):
+        with pytest.raises(SourceError, match="is no position of a target"):
+            shown([(tuple(place), sigma) for place in THERE])
+
+
+def test_readings_in_another_frame_are_looked_for_there():
+    """The tracker's frame is turned by 90° about z, and stands at (4, -1, 0.5) m."""
+    turn, station = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]), np.array([4.0, -1.0, 0.5])
+    where = replace(setting(sigma=1e-12), frame=(turn, station))
+    read = (THERE - station) @ turn  # the inverse of a rotation is its transpose
+    assert len(shown(read, where=where)[0]) == len(TARGETS)
+    with pytest.raises(SourceError, match=r"0\.101 m from where"):
+        shown(read + 0.101 * UP, where=where)
+
+    async def simulated():
+        source = Simulated()
+        await source.open(where)
+        await source.stand(STAND)
+        return [(await source.point(name))[0] for name in TARGETS]
+
+    np.testing.assert_allclose(asyncio.run(simulated()), read, atol=1e-9)
+
+
+def test_simulated_stiffnesses_are_those_of_arms_of_their_size():
+    """3e6 · (reach/2.8)³ at the base, with the square of the distance from the flange along the chain."""
+    steps = np.array([np.hypot(0.33, 0.78), 1.12, 0.06, 1.31, 0.0, 0.24])  # of the default arm [m]
+    distances = np.cumsum(steps[::-1])[::-1]
+    reach = distances[0]
+    usual = 3e6 * (reach / 2.8) ** 3 * np.maximum(distances / reach, 0.15) ** 2
+    for arm, expected in ((ARM, usual), (arm_on_rail(), [1e8 * reach / 2.8, *usual])):
+        robot = prepare_robot(RobotDocument.model_validate(robot_document(arm))).robot
+        drawn = np.random.default_rng(7).standard_normal(robot.n)
+        stiffness = sources.plausible_stiffness(robot, np.random.default_rng(7))
+        np.testing.assert_allclose(stiffness, expected * np.exp(0.35 * drawn))
 
 
 def test_robodk_measures_targets_where_the_robot_holds_them(monkeypatch):
