@@ -96,7 +96,9 @@ def freed_masses(problem: Reduced, burden: Burden, noise: float) -> list[FreedMa
         root = np.linalg.pinv(jacobian)
         # Where no reading tells the mass, the pseudo-inverse has a row of zeros
         variance = float(root[n + k] @ root[n + k]) or np.inf
-        doubled = means[number] / half * (root[:n] @ root[n + k]) / variance / np.maximum(y[:n], 1e-300)
+        told = np.maximum(y[:n], np.linalg.norm(root[:n], axis=1))  # of one at zero, beside its uncertainty
+        told[told == 0.0] = np.inf
+        doubled = means[number] / half * (root[:n] @ root[n + k]) / variance / told
         mass, uncertainty = means[number] + half * float(y[n + k]), half * float(np.sqrt(variance))
         freed.append(FreedMass(number, mass, uncertainty, loss - left, doubled))
     return freed
