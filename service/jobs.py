@@ -53,7 +53,7 @@ _COLUMNS: Final = (
 """Columns of the store that have the values of the summary's fields."""
 _CHANGING: Final = ("state", "summary", "document", "elasticity", "verdict")
 """Columns that change until a job ends."""
-JOB: Final = Resource("job", "{collection}")
+JOB: Final = Resource("job", "runs, of other kinds see GET /v1")
 """A job of any kind; its listing is that of its kind."""
 _NONE: Final[Mapping[str, object]] = MappingProxyType({})
 

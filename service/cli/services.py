@@ -225,3 +225,4 @@ def delete(
 
     with Client(server) as client:
         client.send("DELETE", f"/v1/webhooks/{quote(webhook_id, safe='')}")
+    typer.echo(f"deleted {webhook_id}")
