@@ -2,6 +2,7 @@
 
 import io
 import time
+import zipfile
 
 import numpy as np
 import openpyxl
@@ -45,6 +46,92 @@ def test_small_files_that_unpack_to_much_are_refused_at_once(cells, reason):
     with pytest.raises(ImportFileError, match=reason):
         read(("a.xlsx", content))
     assert time.process_time() - began < 2
+
+
+def with_a_part_twice(content):
+    output = io.BytesIO(content)
+    with zipfile.ZipFile(output, "a") as archive, pytest.warns(UserWarning, match="Duplicate name"):
+        archive.writestr(SHEET, "<a/>")
+    return output.getvalue()
+
+
+def with_a_part_that_is_encrypted(content):
+    flags = content.index(b"PK\1\2") + 8
+    return content[:flags] + bytes([content[flags] | 1]) + content[flags + 1 :]
+
+
+def with_remarks(content, count):
+    return repacked(
+        content, SHEET, lambda part: part.replace(b"<sheetData>", b"<!-- -->" * count + b"<sheetData>")
+    )
+
+
+@pytest.mark.parametrize(
+    ("harm", "reason"),
+    [
+        (with_a_part_twice, "two of one name"),
+        (with_a_part_that_is_encrypted, "it is encrypted"),
+        (lambda content: with_remarks(content, 300_000), "100 times as large"),
+    ],
+)
+def test_a_single_part_that_means_harm_is_enough(harm, reason):
+    with pytest.raises(ImportFileError, match=reason):
+        read(("a.xlsx", harm(workbook())))
+
+
+def test_a_part_of_more_than_a_mebibyte_is_read_if_it_is_packed_fairly():
+    content = with_remarks(workbook(), 140_000)
+    assert zipfile.ZipFile(io.BytesIO(content)).getinfo(SHEET).file_size > 2**20
+    assert values_of(read(("a.xlsx", content))) == values_of(read(("a.csv", CAMPAIGN)))
+
+
+@pytest.mark.parametrize(
+    ("others", "last", "outcome"),
+    [
+        (("1.25", "2.75"), "3.50", "taken"),
+        (("1.25", "2.75"), "3.5", "doubted"),
+        (("1.20", "2.75"), "3.5", "cut off"),
+        (("1.25", "2.75"), "3.", "cut off"),
+        (("1.2", "2.75"), "3.6", "doubted"),
+        (("1.2", "2.7"), "3.6", "taken"),
+        (("1.5", "2.5"), "3", "cut off"),
+        (("1.5", "2.5"), "-3", "cut off"),
+        (("1.5", "2.5"), "333", "doubted"),
+        (("1.1234567", "2.1234567"), "3.123456", "taken"),
+        (("1.123456", "2.123456"), "3.12345", "doubted"),
+        (("125", "275"), "3", "doubted"),
+        (("125", "275"), "27", "cut off"),
+        (("125", "275"), "275", "taken"),
+        (("P10", "P12"), "P1", "cut off"),
+        (("P10", "P12"), "P11", "taken"),
+        (("P1", "P12"), "P", "cut off"),
+        (("P10", "Q1"), "P1", "taken"),
+    ],
+)
+@pytest.mark.parametrize("end", ["", "\n"])
+def test_a_last_line_without_an_end_may_be_cut_off(others, last, outcome, end):
+    """Its last cell is compared with those above it: taken as it is, asked about, or refused."""
+    named = others[0][0].isalpha()
+    header = "J1 [deg];Fx [N];Fy [N];Fz [N];label" if named else "label;J1 [deg];Fx [N];Fy [N];Fz [N]"
+    cells = enumerate((*others, last))
+    rows = (f"1;0;0;-5;{cell}" if named else f"c{i};1;0;0;{cell}" for i, cell in cells)
+    file = "a.csv", "\n".join([header, *rows]) + end
+    if outcome == "cut off" and not end:
+        with pytest.raises(ImportFileError, match="the file is cut off"):
+            read(file)
+        return
+    asked = [f"the last number {last} ('a.csv', line 4, column 5), whose line has no end"]
+    assert list(read(file).unusual) == (asked if outcome == "doubted" and not end else [])
+
+
+@pytest.mark.parametrize(("first", "second"), [("", ""), ("7", ""), ("", "7"), ("7", "7")])
+def test_a_column_without_a_header_is_left_out_if_all_of_it_is_empty(first, second):
+    table = f"label;J1 [deg];;Fx [N];Fy [N];Fz [N]\nc01;1;{first};0;0;-1\nc02;2;{second};0;0;-1\n"
+    if first or second:
+        with pytest.raises(ImportFileError, match="unknown column header ''"):
+            read(("a.csv", table))
+    else:
+        assert len(values_of(read(("a.csv", table)))) == 4
 
 
 @pytest.mark.slow
