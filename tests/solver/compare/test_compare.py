@@ -1,8 +1,9 @@
 """Comparisons of methods and of two campaigns, and trends of many, beside exact springs."""
 
+import re
 from dataclasses import dataclass, replace
 from fractions import Fraction
-from math import exp, inf, sqrt
+from math import exp, inf, log, sqrt
 
 import numpy as np
 import pytest
@@ -21,9 +22,11 @@ from jointstiff.solver.compare.campaigns import (
     FALSE_ALARMS,
     LIFE,
     Baseline,
+    Change,
     Chart,
     FreeEstimate,
     GaussianEstimate,
+    Monitored,
     RatioInterval,
     Series,
     Side,
@@ -31,6 +34,7 @@ from jointstiff.solver.compare.campaigns import (
     charts_of,
     compare_sides,
     force_unit_mistake,
+    log_stiffness,
     match,
     measured_shares,
     models_differ,
@@ -41,7 +45,7 @@ from jointstiff.solver.compare.campaigns import (
 from jointstiff.solver.estimation.estimate import Estimate
 from jointstiff.solver.estimation.identify import identify
 from jointstiff.solver.estimation.method import Settings
-from jointstiff.solver.estimation.solution import Bounds
+from jointstiff.solver.estimation.solution import Bounds, Constraints
 from jointstiff.solver.mechanics.measurements import CommonUncertainty, Measurements
 from jointstiff.solver.mechanics.robot import Robot
 
@@ -313,14 +317,28 @@ def test_labels_find_each_other_in_any_order_but_in_other_postures_and_loads(sim
 
 
 @pytest.mark.parametrize(
-    ("scaled", "named"), [(np.s_[:], True), (np.s_[1:], True), (np.s_[:1], False)], ids=["all", "most", "one"]
+    ("scaled", "factor", "moved", "named"),
+    [
+        (19, 1.0 / 9.80665, 1.0, "0.102 times those .* kgf read as N on the second side, or N as kgf"),
+        (10, 9.80665, 1.0, "9.81 times .* N read as kgf on"),  # of 19
+        (9, 9.80665, 1.0, None),
+        (1, 1e-3, 1.0, None),
+        (19, 1e-3, 0.6, "0.001 times .* the deflections 0.6 times: probably kN read as N on"),
+        (19, 1e3, 1.4, "1000 times .* the deflections 1.4 times: probably N read as kN on"),
+        (19, 1e3 / 9.80665, 1.0, "102 times .* kgf read as kN on"),
+        (19, 9.80665, 9.80665, None),  # as much more load
+        (19, 9.80665, 0.4, None),
+    ],
 )
-def test_forces_of_most_observations_in_another_unit_are_named(simulated, scaled, named):
-    first, second = (one.measurements for one in simulated)
+def test_forces_of_most_observations_in_another_unit_are_named(simulated, scaled, factor, moved, named):
+    first, second = (one.measurements for one in simulated[:1] * 2)
     force = second.force.copy()
-    force[scaled] /= 9.80665
-    other = replace(second, force=force)
-    assert (force_unit_mistake(first, other, match(first, other)) is not None) == named
+    force[:scaled] *= factor
+    other = replace(second, force=force, deflection=moved * second.deflection)
+    found = force_unit_mistake(first, other, match(first, other))
+    assert found is None if named is None else re.search(named, found.message)
+    still = replace(first, deflection=0.0 * first.deflection)
+    assert force_unit_mistake(still, other, match(still, other)) is None
 
 
 def test_robots_that_differ_are_noticed_by_their_model(simulated):
@@ -414,22 +432,26 @@ def test_the_scatter_between_campaigns_is_dersimonian_and_lairds_in_fractions() 
     assert float(agreeing.between) == 0.0
 
 
-def test_the_deviation_has_the_variance_of_a_dense_matrix() -> None:
+@pytest.mark.parametrize("scatter", [0.0, 0.1])
+def test_the_deviation_has_the_variance_of_a_dense_matrix(scatter: float) -> None:
     """z_t - mean is a linear map of all campaigns: its rows come from unit vectors, with unequal noise."""
     rng = np.random.default_rng(3)
     before, after = np.array([0.02, 0.03, 0.025]), rng.uniform(0.015, 0.06, size=9)
-    flat = Baseline.of(np.zeros(3), before)
-    values = rng.normal(0.0, 0.02, size=9)
-    found = monitor(flat, _AGREED, values, after, 1e-3)
-    reading2 = 3 / (before**-2.0).sum()
-    share = 0.2 * reading2 / after**2 / (0.2 * reading2 / after**2 + 0.8)
-    weight = before**-2.0 / (before**-2.0).sum()
+    baseline = Baseline.of(scatter * np.array([0.0, 1.0, -2.0]), before)
+    tau2 = float(baseline.between) ** 2
+    assert (tau2 > 0.0) == (scatter > 0.0)
+    values = np.concatenate([baseline.values, rng.normal(0.0, 0.02, size=9)])
+    found = monitor(baseline, _AGREED, values[3:], after, 1e-3)
+    reading2 = 3 / (before**-2.0).sum() + tau2
+    share = 0.2 * reading2 / (after**2 + tau2)
+    share /= share + 0.8
+    weight = 1.0 / (before**2 + tau2) / (1.0 / (before**2 + tau2)).sum()
     noise2 = np.concatenate([before**2, after**2])
     row = np.concatenate([weight, np.zeros(9)])
     for t in range(9):
         row = (1 - share[t]) * row + share[t] * np.eye(12)[3 + t]
         minus_mean = row - np.concatenate([weight, np.zeros(9)])
-        assert found.deviation[t] == pytest.approx(float(minus_mean[3:] @ values), rel=1e-12)
+        assert found.deviation[t] == pytest.approx(float(minus_mean @ values), rel=1e-12)
         assert found.readings[t] == pytest.approx(float(minus_mean**2 @ noise2), rel=1e-12)
         assert found.between[t] == pytest.approx(float(minus_mean @ minus_mean), rel=1e-12)
 
@@ -484,3 +506,163 @@ def test_the_uncertainty_of_an_even_baseline_is_that_of_a_mean() -> None:
         assert change.difference == pytest.approx(chart.series.values[campaign] - 0.01, rel=1e-9)
         variance = u**2 + tau2 + (u**2 + tau2) / 3.0
         assert change.standard_uncertainty**2 == pytest.approx(variance, rel=1e-9)
+
+
+def test_each_campaigns_own_order_holds_in_the_one_problem(simulated):
+    """Joint 6, which is the softest, is to be as stiff as joint 2 in one of them, or in both."""
+    constraints = Constraints(Bounds.positive(6), ((5, 1),))
+    for ordered in ((True, False), (False, True), (True, True)):
+        sides = [
+            replace(one.side, constraints=constraints) if own else one.side
+            for one, own in zip(simulated, ordered, strict=True)
+        ]
+        found = Ordered(compare_sides(*sides, confidence=0.95, ordered=True).ordered).compliance
+        assert (found[:, 5] == found[:, 1]).tolist() == [*ordered]
+
+
+@pytest.mark.parametrize("freedoms", [(3.0, inf), (inf, 5.0)])
+def test_the_fewer_degrees_of_freedom_count(simulated, freedoms):
+    sides = [
+        replace(one.side, free=replace(one.side.free, degrees_of_freedom=freedom))
+        for one, freedom in zip(simulated, freedoms, strict=True)
+    ]
+    result = compare_sides(*sides, confidence=0.9, ordered=True)
+    t = stats.t.ppf(0.95, min(freedoms))
+    values, uncertainties = (
+        np.array(numbers).T
+        for numbers in zip(
+            *((s.free.compliance, np.sqrt(np.diag(s.free.covariance))) for s in sides), strict=True
+        )
+    )
+    for joint, (c, d), (u, v) in zip(result.joints[:5], values, uncertainties, strict=False):
+        for ratio in joint.ratio_interval:
+            assert abs(c - ratio * d) == pytest.approx(t * np.hypot(u, ratio * v))
+        assert joint.p_value == pytest.approx(2.0 * stats.t.sf(abs(c - d) / np.hypot(u, v), min(freedoms)))
+    widths = np.ptp(Ordered(result.ordered).intervals[:, 1], axis=1)  # the order hardly cuts joint 2's
+    np.testing.assert_allclose(widths, 2.0 * t * uncertainties[1], rtol=2e-3)
+
+
+@pytest.mark.parametrize("negative", SIDES)
+def test_a_negative_compliance_has_no_ratio(simulated, negative):
+    sides = {name: one.side for name, one in zip(SIDES, simulated, strict=True)}
+    free = sides[negative].free
+    sides[negative] = replace(sides[negative], free=replace(free, compliance=-free.compliance))
+    for joint in compare_sides(*sides.values(), confidence=0.9).joints:
+        assert joint.ratio is None
+        assert "negative compliance" in joint.reason
+
+
+@pytest.mark.parametrize("side", [0, 1])
+def test_no_share_is_predicted_where_a_load_twists_a_joint_of_which_one_campaign_says_nothing(
+    simulated, side
+):
+    """A vertical force twists joint 6, and not joint 1."""
+    sides = [one.side for one in simulated]
+    force = sides[0].measurements.force.copy()
+    force[:5] = [0.0, 0.0, -1000.0]
+    sides[0] = replace(sides[0], measurements=replace(sides[0].measurements, force=force))
+    for hidden, known in (([0], 5), ([0, 5], 0), ([5], 0)):
+        unseen = np.isin(np.arange(6), hidden)
+        sides[side] = replace(sides[side], free=replace(sides[side].free, unseen=unseen))
+        shares = compare_sides(*sides, confidence=0.9).avoided.configurations
+        told = [one.predicted is not None for one in shares if one.side != "second"]
+        assert told == [k < known for k in range(19)], hidden
+
+
+X, Y = np.eye(3)[:2]
+
+
+def _turned(angle):
+    return (np.cos(angle) - 1.0) * X + np.sin(angle) * Y
+
+
+@pytest.mark.parametrize(
+    ("field", "factor", "offset", "alike"),
+    [
+        ("joints", 1.0, 9e-4 * np.eye(6)[2], True),  # 1 mrad
+        ("joints", 1.0, -1.1e-3 * np.eye(6)[2], False),
+        ("load_point", 1.0, 6e-4 * (X + Y), True),  # 1 mm
+        ("load_point", 1.0, 8e-4 * (X + Y), False),
+        ("force", 1.00501, 0.0, True),  # half a percent of the larger one
+        ("force", 1.0051, 0.0, False),
+        ("moment", 1.0 / 1.00501, 0.0, True),
+        ("moment", 1.0 / 1.0051, 0.0, False),
+        ("moment", 0.0, 0.0, False),
+        ("direction", -1.0, -_turned(1.9e-3), True),  # 2 mrad, to either side
+        ("direction", 1.0, _turned(2.1e-3), False),
+        ("direction", 0.0, 0.0, False),  # all three coordinates
+    ],
+)
+def test_observations_are_alike_within_tolerances(simulated, field, factor, offset, alike):
+    read = simulated[0].measurements
+    one = replace(read, moment=np.full((19, 3), 50.0), direction=np.tile(X, (19, 3, 1)))
+    two = replace(one, **{field: factor * getattr(one, field) + offset})
+    for pair in ((one, two), (two, one)):
+        assert match(*pair).present.sum() == (57 if alike else 0)
+
+
+def test_a_moment_alone_acts_anywhere(simulated):
+    one = replace(simulated[0].measurements, force=np.zeros((19, 3)), moment=np.full((19, 3), 50.0))
+    assert match(one, replace(one, load_point=one.load_point + X)).present.all()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        ((None, 1e-8), None),
+        ((1e-6, None), None),
+        ((0.0, 1e-8), None),
+        ((-1e-6, 1e-8), None),
+        ((1e-6, 0.24e-6), (6.0, 0.24)),  # up to a quarter
+        ((1e-6, 0.26e-6), None),
+        ((1e-6, 0.5e-6, 0.48e-6), (6.0, 0.14)),  # 0.5² - 0.48² = 0.14²
+        ((1e-6, 0.1e-6, 0.2e-6), (6.0, 0.1 * sqrt(1.0 - 0.999999**2))),
+    ],
+)
+def test_points_of_a_chart_are_logarithms_with_their_own_uncertainty(arguments, expected):
+    found = log_stiffness(*arguments)
+    assert found == (None if expected is None else pytest.approx((expected[0] * log(10.0), expected[1])))
+
+
+@pytest.mark.parametrize(("ratio", "words"), [(0.9, "10.0 ± 1.8 % softer"), (1.25, "25.0 ± 2.5 % stiffer")])
+def test_a_change_in_words_has_the_uncertainty_of_a_ratio(ratio, words):
+    change = Change(log(ratio), 0.02)
+    assert change.in_words() == words
+    assert change.p_value == pytest.approx(2.0 * stats.norm.sf(abs(log(ratio)) / 0.02))
+
+
+def test_limits_are_what_chance_exceeds_with_the_level_averaged_over_the_scatter() -> None:
+    deviation, readings, between = (
+        np.array([0.125, -0.132, 0.1]),
+        np.array([4e-4, 9e-4, 1e-4]),
+        np.full(3, 0.5),
+    )
+    tau, probability = np.array([0.0, 0.08]), np.array([0.75, 0.25])
+    found = Monitored(deviation, readings, between, tau, probability, 0.01)
+    spread = np.sqrt(readings + between * tau[:, None] ** 2)
+    np.testing.assert_allclose(2.0 * probability @ stats.norm.sf(found.limits / spread), 0.01)
+    np.testing.assert_allclose(found.standard_uncertainty**2, readings + between * 0.25 * 0.08**2)
+    assert found.exceeded.tolist() == (np.abs(deviation) > found.limits).tolist() == [True, True, False]
+
+
+def test_alarms_are_campaigns_in_a_row_beyond_the_limit_on_one_side() -> None:
+    """The limit is 2.576 u of 1 %, to either side of a ratio: 2.5 % softer, 2.6 % stiffer."""
+    chart = _chart(0.0, 0.0, 0.0, *np.log([0.9, 0.8, 1.2, 1.0, 1.1, 1.25]))
+    deviation = np.log([0.95, 0.92, 1.05, 1.02, 1.03, 1.04])
+    own = np.full(6, 1e-4), np.zeros(6), np.zeros(1), np.ones(1), 0.01
+    alarms = replace(chart, monitored=Monitored(deviation, *own)).alarms
+    assert [(each.first, each.last, each.is_open) for each in alarms] == [
+        (3, 4, False),
+        (5, 5, False),
+        (7, 8, True),
+    ]
+    for alarm, latest, average, limit in zip(
+        alarms,
+        ("20.0 ± 1.8 % softer", "20.0 ± 2.8 % stiffer", "25.0 ± 2.9 % stiffer"),
+        ("8.0 ± 0.9 % softer", "5.0 ± 1.1 % stiffer", "4.0 ± 1.0 % stiffer"),
+        ("2.5", "2.6", "2.6"),
+        strict=True,
+    ):
+        text = alarm.in_words("joint_2", "May")
+        assert text.startswith(f"joint_2 is {latest} than")
+        assert f"(EWMA) is {average}, beyond the limit of {limit} %, since May" in text
