@@ -235,7 +235,7 @@ class PointNoise(ArrayGroup):
     @property
     def stated(self) -> BoolArray:
         """(N, T) readings that state their noise."""
-        return np.asarray((self.sigma > 0.0) | self.unloaded.any(axis=(-1, -2)))
+        return np.asarray((self.sigma > 0.0) | self.unloaded.any(axis=(2, 3)))
 
     def covariances(self) -> tuple[FloatArray, FloatArray]:
         """Return covariances (N, T, 3, 3) of unloaded and loaded positions, unit of length squared."""

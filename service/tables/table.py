@@ -34,7 +34,7 @@ def concise(value: float, uncertainty: float | None, bare: str = ".4g") -> str:
     if not uncertainty or not isfinite(uncertainty):
         return text
     digits = rounded(uncertainty, uncertainty)
-    return f"{text}({digits.lstrip('0.') if float(digits) < 1 else digits})"
+    return f"{text}({digits.lstrip('0.') or 0 if float(digits) < 1 else digits})"
 
 
 def percent(share: float | None) -> str:

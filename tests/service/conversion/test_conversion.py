@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 from support.campaigns import estimate, prepare
 from support.examples import examples
-from support.importing_samples import sources_of
+from support.importing_samples import MM, sources_of
 from support.readings import by_gauges, triads
 
 from jointstiff import identify, plan
@@ -90,6 +90,42 @@ def test_gauges_along_the_axes_are_the_deflections_themselves():
         assert other.compliance == pytest.approx(one.compliance, rel=1e-6)
     posted = MeasurementSetDocument.model_validate_json(json.dumps(axes["measurement_set"]))
     assert ReadingArrays.from_observations(posted.observations).directions.present.all()
+
+
+ENCODER = {"joint": "joint_1", "unloaded": 0.1, "loaded": 0.2}
+OTHER, UNKNOWN = ENCODER | {"joint": "joint_2"}, ENCODER | {"joint": "elbow"}
+TIP = {"target": "tip", "deflection": [0.0, 0.0, 1e-4]}
+STATED = {"target": "P10", "deflection": [0.0, 0.0, 1e-4], "sigma": 1e-5}
+ANGLES = {"sigma": 1e-5, "encoder_sigma": 1e-5}
+ALONG = {"target": "P11", "displacement": 1e-4, "direction": [0.0, 0.0, 1.0]}
+
+
+@pytest.mark.parametrize(
+    ("of_set", "each", "faulty", "where"),
+    [
+        ({"load_point": None}, {"load_point": [0, 0, 0.1]}, {"load_point": None}, ".load_point"),
+        ({"encoders": "secondary"}, {}, {"encoder_readings": [ENCODER]}, ".encoder_readings"),
+        ({"noise": ANGLES}, {}, {"encoder_readings": [UNKNOWN]}, ".encoder_readings"),
+        ({}, {}, {"encoder_readings": [OTHER, ENCODER, OTHER]}, ".encoder_readings[2].joint"),
+        ({}, {}, {"label": "c01"}, ".label"),
+        ({}, {}, {"joints": [0.0] * 5}, ".joints"),
+        ({}, {}, {"readings": [TIP, STATED, TIP]}, ".readings[2].target"),
+        ({}, {}, {"readings": [TIP]}, ".readings"),
+        ({"noise": None}, {"readings": [STATED]}, {"readings": [STATED | {"sigma": None}]}, ".readings"),
+        ({"noise": None}, {"readings": [STATED]}, {"readings": [STATED, ALONG]}, ".readings"),
+        ({"units": MM}, {}, {"moment": [0, 0, 1]}, " has a moment"),
+    ],
+)
+def test_the_observation_that_is_refused_is_named(of_set, each, faulty, where):
+    """The first of five is sound, without a load; the third has the fault, and the last has it, too."""
+    document = simulate_campaign(ARM, load="pull", readings="deflections", configurations=5, seed=1)
+    observations = [one | {"moment": None} | each for one in document["measurement_set"]["observations"]]
+    observations[0] |= {"force": [0, 0, 0], "load_point": None}
+    observations[2] |= faulty
+    observations[4] |= faulty | ({"encoder_readings": [ENCODER, OTHER]} if "encoders" in of_set else {})
+    with pytest.raises(MeasurementError) as refused:
+        prepare(measured(document, observations=observations, **of_set))
+    assert f"observations[2]{where}" in str(refused.value)
 
 
 class TestNoise:

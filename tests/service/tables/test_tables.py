@@ -24,9 +24,10 @@ from jointstiff.service.kinds.comparison import _by_interval
 from jointstiff.service.kinds.comparison import _interval as interval_text
 from jointstiff.service.kinds.run import RUN
 from jointstiff.service.reports.job import job_report
+from jointstiff.service.tables import terminal
 from jointstiff.service.tables.report import requested
 from jointstiff.service.tables.stiffness import UNITS
-from jointstiff.service.tables.table import Sheet, number, rounded
+from jointstiff.service.tables.table import Column, Sheet, Table, concise, number, rounded
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.solver.text import figure
 
@@ -223,11 +224,63 @@ def test_numbers_have_one_format(value, form, text):
     assert figure(value, form) == number(form)(value) == text
 
 
-def test_a_number_has_two_digits_of_its_uncertainty():
-    assert rounded(0.26951, 0.0213) == "0.270"
-    assert rounded(-0.0004, 0.02) == "0.000"
-    assert rounded(12345.6, 321.0) == "12350"
-    assert rounded(None) == "—"
+@pytest.mark.parametrize(
+    ("value", "uncertainty", "text", "short"),
+    [
+        (0.26951, 0.0213, "0.270", "0.270(21)"),
+        (-0.0004, 0.02, "0.000", "0.000(20)"),
+        (12345.6, 321.0, "12350", "12350(320)"),
+        (12.346, 1.0, "12.3", "12.3(1.0)"),
+        (12.346, 0.998, "12.35", "12.35(1.00)"),
+        (12.346, 0.98, "12.35", "12.35(98)"),
+        (12.346, 0.1, "12.35", "12.35(10)"),
+        (1.23456e-9, 2e-12, "0.000000001", "0.000000001(0)"),
+        (1234.5678, 0.0, "1235", "1235"),
+        (1234.5678, float("inf"), "1235", "1235"),
+        (1234.5678, None, "1235", "1235"),
+        (None, 0.1, "—", "—"),
+    ],
+)
+def test_a_number_has_two_digits_of_its_uncertainty(value, uncertainty, text, short):
+    assert rounded(value, uncertainty) == text
+    if value is not None:
+        assert concise(value, uncertainty) == short
+
+
+@pytest.mark.parametrize(
+    ("reason", "width", "layout"),
+    [
+        # joint_1, `stiffness [N·m/rad]`, `standard uncertainty [N·m/rad]`: 7 + 19 + 30 characters;
+        # between lines 3 more a column and 1, without 1 between two; 7 + 9 + 11 where heads are folded
+        (False, 66, "lines"),
+        (False, 65, "no lines"),
+        (False, 58, "no lines"),
+        (False, 57, "folded heads"),
+        (False, 29, "folded heads"),
+        (False, 28, "parts"),
+        # a reason needs 16
+        (True, 85, "lines"),
+        (True, 84, "no lines"),
+        (True, 75, "no lines"),
+        (True, 74, "folded heads"),
+        (True, 46, "folded heads"),
+        (True, 45, "parts"),
+    ],
+)
+def test_a_table_has_the_first_layout_that_fits(reason, width, layout):
+    columns = [
+        Column("joint", ["joint_1", "joint_2"], text=True),
+        Column("stiffness", ["270000", "1.25"], unit="N·m/rad"),
+        Column("standard uncertainty", ["0.02", "0.5"], unit="N·m/rad"),
+        *[Column("reason", ["none", "the load does not twist it"], text=True)] * reason,
+    ]
+    console = Console(file=io.StringIO(), width=width)
+    console.print(terminal.printed([Table(columns)]))
+    text = console.file.getvalue()
+    found = "lines" if "│" in text else "no lines" if "standard uncertainty [N·m/rad]" in text else ""
+    found = found or ("folded heads" if text.count("joint_1") == 1 else "parts")
+    assert (found, max(map(len, text.splitlines())) <= width) == (layout, True)
+    assert all(number in text.split() for number in ("270000", "1.25", "0.02", "0.5"))
 
 
 def test_long_readings_are_counted_and_hashed():
