@@ -439,7 +439,7 @@ def _pinocchio_joint(model: Any, index: int) -> ChainJoint:  # noqa: ANN401 - a 
     (kind, axis), limits = next(iter(moved.items())), None
     if joint.nq == 1:
         lower, upper = model.lowerPositionLimit[joint.idx_q], model.upperPositionLimit[joint.idx_q]
-        limits = (float(lower), float(upper)) if max(-lower, upper) < UNLIMITED else None
+        limits = max(float(lower), -UNLIMITED), min(float(upper), UNLIMITED)
     return ChainJoint(
         name, kind, place.rotation, place.translation, axis / np.linalg.norm(axis), limits, f"{name}_link"
     )

@@ -66,6 +66,13 @@ def arrays(**changes):
     } | changes
 
 
+def at(state, height):
+    """One target of the fifth observation stands at another place."""
+    values = positions(state)
+    values[4, 1] = [0.0, 0.0, height]
+    return values
+
+
 def wide(state):
     return pandas.DataFrame(positions(state).reshape(len(OBSERVATIONS), -1))
 
@@ -137,6 +144,13 @@ def test_deflections_and_lengths_along_directions_are_read_at_their_places():
         ({"units": "m, deg, N", "load_point": (0, 0, 0.12)}, "unloaded["),
         ({"targets": dict.fromkeys(TARGETS, (0.0, 0.0, 9000.0))}, f"targets['{TARGETS[0]}']"),
         ({"loaded": positions("loaded") + 2e3}, "loaded["),
+        ({"unloaded": at("unloaded", -99e3), "loaded": at("loaded", -101e3)}, "loaded[4]"),
+        ({"unloaded": at("unloaded", 101e3), "loaded": at("loaded", 101e3)}, "unloaded[4]"),
+        ({"unloaded": at("unloaded", 2e3), "loaded": at("loaded", 999.0)}, "loaded[4]"),
+        ({"loaded": at("loaded", np.nan)}, "loaded[4]"),
+        ({"loaded": {TARGETS[0]: positions("loaded")[:, 0]}}, "loaded"),
+        ({"loaded": positions("loaded")[:, :2]}, "loaded"),
+        ({"units": "mm, m, deg, N"}, "units"),
         ({"labels": ["a"]}, "labels"),
         ({"robot": "KUKA KR 9999"}, "--robot"),
         ({"operatr": "M. Keller"}, "operatr"),
@@ -147,6 +161,32 @@ def test_what_does_not_fit_is_refused_by_name(changes, where):
         js.identify(js.Campaign.from_arrays(**arrays(**changes)))
     assert (refused.value.problem.where or "").startswith(where)
     assert refused.value.problem.remedy
+
+
+def test_what_an_arm_may_just_reach_is_taken_and_load_points_of_each_observation_are_kept():
+    points = np.array([[0.0, 0.0, 100.0 + i] for i in range(len(OBSERVATIONS))])
+    taken = {"unloaded": at("unloaded", 99e3), "loaded": at("loaded", 98001.0)}
+    measured = js.Campaign.from_arrays(**arrays(**taken, load_point=points, labels=None)).measurement_set
+    assert measured.observations[4].readings[1].unloaded == (0.0, 0.0, 99e3)
+    assert [each.load_point for each in measured.observations] == [tuple(point) for point in points.tolist()]
+    assert [each.label for each in measured.observations] == [f"c{i:02}" for i in range(1, 13)]
+
+
+@pytest.mark.parametrize(
+    ("shape", "kept"), [((3,), True), ((3, 3), True), ((12, 3, 3), True), ((2, 3), False), ((12, 3), False)]
+)
+def test_directions_are_of_all_readings_of_targets_or_of_each(shape, kept):
+    directions = np.random.default_rng(0).uniform(0.1, 1.0, shape)
+    places = {name: [0.0, 30.0 * t, 100.0] for t, name in enumerate(TARGETS)}
+    free = {"unloaded": None, "loaded": None, "targets": places, "directions": directions}
+    along = arrays(deflections=np.full((12, 3), 0.5), **free)
+    if not kept:
+        with pytest.raises(js.CampaignError, match="directions"):
+            js.Campaign.from_arrays(**along)
+        return
+    observations = js.Campaign.from_arrays(**along).measurement_set.observations
+    wanted = np.broadcast_to(directions, (12, 3, 3)).tolist()
+    assert [[list(r.direction) for r in each.readings] for each in observations] == wanted
 
 
 @pytest.mark.parametrize("row", [0, 4, 11])
@@ -216,6 +256,18 @@ def test_a_model_without_frames_ends_at_its_last_joint():
     np.testing.assert_allclose(pose, pin.SE3(np.eye(3), np.array([0.0, 0.0, 1.0])).homogeneous, atol=1e-12)
     with pytest.raises(js.CampaignError, match="'tool' is no frame"):
         js.robot(model, flange="tool")
+
+
+def test_a_model_of_pinocchio_keeps_limits_of_either_side_and_masses():
+    model, place = pin.Model(), pin.SE3(np.eye(3), np.array([0.0, 0.0, 0.5]))
+    for number, (lower, upper) in enumerate([(-1.5, 2.5), (-1e300, 2.5), (-1.5, 1e300)]):
+        ends = [np.array([each]) for each in (1.0, 1.0, lower, upper)]
+        model.addJoint(number, pin.JointModelRY(), place, f"joint_{number + 1}", *ends)
+    model.appendBodyToJoint(2, pin.Inertia(4.0, np.array([0.0, 0.1, 0.2]), np.eye(3)), pin.SE3.Identity())
+    robot = js.robot(model)
+    assert chain_of(robot).limits.tolist() == [[-1.5, 2.5], [-np.inf, 2.5], [-1.5, np.inf]]
+    (body,) = robot.bodies
+    assert (body.joint, body.mass, body.centre) == ("joint_2", 4.0, (0.0, 0.1, 0.2))
 
 
 def default_arm_urdf():
