@@ -7,11 +7,13 @@ import pickle
 import re
 import resource
 import signal
+import subprocess
 import sys
 import threading
 from contextlib import closing
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -396,6 +398,49 @@ def test_planted_faults_are_found(either_database_url):
 
 def test_pauses_double_up_to_a_minute():
     assert [pause_after(lives) for lives in (1, 2, 3, 4, 5, 6, 7, 10_000)] == [2, 4, 8, 16, 32, 60, 60, 60]
+
+
+def test_a_worker_is_started_again_after_pauses_that_double(monkeypatch):
+    """Of four lives, in seconds: one of a minute is no short one."""
+    lives, pauses, failing = [1.0, 59.0, 60.0, 5.0], [], []
+    now = iter((0.0, 1.0, 0.0, 59.0, 0.0, 60.0, 0.0, 5.0))
+    supervisor = Supervisor("sqlite://", 0, "test")
+    monkeypatch.setattr(supervisor_module, "time", SimpleNamespace(monotonic=lambda: next(now)))
+    supervisor._stopping = SimpleNamespace(is_set=lambda: not lives, wait=pauses.append)
+    supervisor._watch = lambda *_: failing.append((lives.pop(0), supervisor.failing))
+    supervisor._keep("sqlite://", "test-1")
+    assert pauses == [2, 4, 8]
+    assert failing == [(1.0, 0), (59.0, 0), (60.0, 1), (5.0, 1)]
+
+
+def test_a_worker_is_ended_once_two_looks_in_a_row_find_it_silent():
+    """The first look comes after a minute, the others every 15 s."""
+    looks, pauses, ended = iter([True, False, True, True]), [], []
+
+    def wait(pause):
+        pauses.append(pause)
+        if ended:
+            return -9
+        raise subprocess.TimeoutExpired("test-1", pause)
+
+    process = SimpleNamespace(wait=wait, kill=lambda: ended.append(len(pauses)))
+    supervisor = Supervisor("sqlite://", 0, "test", is_silent=lambda _: next(looks))
+    assert supervisor._end_of(process, "test-1") == -9
+    assert (pauses, ended) == ([60.0, 15.0, 15.0, 15.0, 15.0], [4])
+
+
+def test_all_workers_are_started_and_their_ends_awaited(monkeypatch):
+    names, ended = [], []
+
+    def watch(self, _database, name):
+        names.append(name)
+        self._stopping.wait()
+        ended.append(threading.Event().wait(0.05))
+
+    monkeypatch.setattr(Supervisor, "_watch", watch)
+    with Supervisor("sqlite://", 2, "test"):
+        until(lambda: len(names) == 2)
+    assert (sorted(names), len(ended)) == (["test-1", "test-2"], 2)
 
 
 @pytest.mark.process
