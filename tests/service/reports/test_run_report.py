@@ -2,6 +2,7 @@
 
 import contextlib
 import io
+import itertools
 import json
 import math
 import os
@@ -34,7 +35,7 @@ from jointstiff.service.reports.certificate import NAMESPACES, certificate
 from jointstiff.service.reports.document import State, draft, state_of
 from jointstiff.service.reports.exports import ExportedModel, joints_csv
 from jointstiff.service.reports.laboratory import LaboratorySettings
-from jointstiff.service.reports.pictures import bars, intervals
+from jointstiff.service.reports.pictures import arm, bars, intervals
 from jointstiff.service.reports.plots import figure_of
 from jointstiff.service.reports.rendering import report_page, report_pdf
 from jointstiff.service.reports.run import (
@@ -556,6 +557,27 @@ def test_stiffnesses_stand_on_a_logarithmic_axis_that_holds_them_all(joints):
     assert dots == pytest.approx(expected, abs=0.1)
     assert all(at_first <= dot <= at_last for dot in dots)
 
+    rows = {
+        text: float(y) for y, text in re.findall(r'<text [^>]*? y="([\d.]+)"[^>]*>([^<]*)</text>', drawing)
+    }
+    known = [each for each in joints if each.stiffness]
+    lines = numbers_of(drawing, "line", ("x1", "y1", "x2", "y2", "stroke-width"))
+    bars_, ticks = lines[lines[:, 4] == 2.2], lines[lines[:, 4] == 0.8]
+    of_ticks = iter(ticks)
+    for each, (left, y, right, below, _), dot in zip(known, bars_, dots, strict=True):
+        low, high = each.stiffness_interval
+        places = [
+            at_first + math.log(end / first) / math.log(last / first) * (at_last - at_first)
+            for end in (low, high or last)
+        ]  # without a limit to the end of the axis
+        assert [left, right] == pytest.approx(places, abs=0.1)
+        assert left <= dot <= right
+        assert y == below == pytest.approx(rows[each.name] - 0.35 * 8.0, abs=1.0)  # beside its name
+        for end in [left, *([right] if high else [])]:
+            x, above, other, under, _ = next(of_ticks)
+            assert (x, other, (above + under) / 2) == pytest.approx((end, end, y), abs=0.02)
+    assert next(of_ticks, None) is None
+
 
 def test_no_number_at_all_is_no_picture():
     assert intervals([joint("a", None, None)], 0.95) is None
@@ -572,11 +594,67 @@ def test_places_without_a_number_are_crosses_in_a_map():
     assert crosses.get_offsets()[:, 0].tolist() == [1.0, 3.0]
 
 
+def numbers_of(drawing, tag, names):
+    """Some numbers of all elements of a tag, (k, names)."""
+    tags = re.findall(rf"<{tag} [^>]*>", drawing)
+    return np.array([[float(re.search(rf'[ ]{name}="([-\d.]+)"', tag)[1]) for name in names] for tag in tags])
+
+
 def rectangles(drawing):
     """x, y, width and height of all bars."""
-    tags = re.findall(r"<rect [^>]*>", drawing)
-    names = ("x", "y", "width", "height")
-    return np.array([[float(re.search(rf'\b{name}="([-\d.]+)"', tag)[1]) for name in names] for tag in tags])
+    return numbers_of(drawing, "rect", ("x", "y", "width", "height"))
+
+
+def folding_arm():
+    """Two links of 1 m that turn about z; the first two of the three joints are at one place."""
+    rows = [[0.0, 0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0]]
+    return prepare_robot(js.robot(rows, convention="standard", units="m, rad, N")).robot
+
+
+def test_an_arm_is_seen_as_it_stands():
+    """Its axes are at right angles (Gauss), z upwards; two joints in a place share one label."""
+    drawing = arm(folding_arm(), [0.0, 0.0, np.pi / 2]).svg
+    axes = numbers_of(drawing, "line", ("x1", "y1", "x2", "y2"))
+    x, y, z = (axes[:, 2:] - axes[:, :2]) @ [1.0, -1.0j]  # upwards
+    assert abs(x**2 + y**2 + z**2) == pytest.approx(0.0, abs=1.0)
+    assert (z.real, z.imag > 0.0) == (0.0, True)
+    assert (x.imag < 0.0 < x.real, y.imag > 0.0, y.real > 0.0) == (True, True, True)  # from the corner
+    points = re.search(r'polyline points="([^"]*)"', drawing)[1].split()
+    places = np.array([[float(each) for each in point.split(",")] for point in points]) @ [1.0, -1.0j]
+    base = axes[0, :2] @ [1.0, -1.0j]
+    reached = [0.0, 0.0, 0.0, 4.0 * x, 4.0 * (x + y)]  # arrows are a quarter of the reach long
+    assert (places - base).tolist() == pytest.approx(reached, abs=0.1)
+    assert re.findall(r">([\d, ]+)</text>", drawing) == ["1, 2", "3"]
+
+
+@pytest.mark.parametrize("kind", ["intervals", "bars", "many bars", "arm"])
+def test_what_is_drawn_stands_within_the_picture_and_no_text_on_another(kind):
+    count = 100 if kind == "many bars" else 3
+    values = {name: [1e-3 * (i + 1) for i in range(count)] for name in ("measured", "left by the model")}
+    picture = {
+        "intervals": lambda: intervals([joint("a", 2e5, (1e4, None)), joint("b", 4e6, (3e6, 7e6))], 0.95),
+        "arm": lambda: arm(folding_arm(), [0.0, 0.0, np.pi / 2]),
+    }.get(kind, lambda: bars(Chart("Bars", list(map(str, range(count))), values, 1e3, "mm")))()
+    svg = ElementTree.fromstring(picture.svg)  # noqa: S314
+    width, height = map(float, svg.get("viewBox").split()[2:])
+    boxes, corners = [], []
+    for each in svg:
+        n = {name: float(text) for name, text in each.items() if re.fullmatch(r"-?[\d.]+", text)}
+        if each.tag.endswith("}text"):
+            wide = 0.45 * n["font-size"] * len(each.text)
+            left = n["x"] - wide * {"start": 0.0, "middle": 0.5, "end": 1.0}[each.get("text-anchor")]
+            boxes.append((left, n["y"] - 0.6 * n["font-size"], left + wide, n["y"]))
+        elif "cx" in n:
+            corners.append((n["cx"], n["cy"]))
+        elif "x1" in n:
+            corners += [(n["x1"], n["y1"]), (n["x2"], n["y2"])]
+        elif "width" in n:
+            corners += [(n["x"], n["y"]), (n["x"] + n["width"], n["y"] + n["height"])]
+    corners = np.array([*corners, *(box[:2] for box in boxes), *(box[2:] for box in boxes)])
+    assert corners.min() >= 0.0
+    assert (corners <= [width, height]).all()
+    for (left, top, right, bottom), other in itertools.combinations(boxes, 2):
+        assert right <= other[0] or other[2] <= left or bottom <= other[1] or other[3] <= top
 
 
 @pytest.mark.parametrize("greatest", [0.7e-3, 1.0e-3, 3e-3, 8e-3])
