@@ -2,6 +2,7 @@
 
 import itertools
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,10 +16,12 @@ from support.shared_data import shared
 from support.springs import SpringCampaign, robot_of
 
 from jointstiff.schemas.options import RunOptions
+from jointstiff.schemas.plan import MAX_READINGS, JointsGoal
 from jointstiff.service.kinds.identification import to_settings
 from jointstiff.simulator import LOAD_POINT, TARGETS, simulate_campaign
 from jointstiff.simulator.campaign import Experiment
 from jointstiff.simulator.equilibrium import deflections
+from jointstiff.solver.design import plan
 from jointstiff.solver.design.candidates import (
     Equipment,
     Loads,
@@ -38,7 +41,7 @@ from jointstiff.solver.design.optimum import (
     uncertainty_of,
 )
 from jointstiff.solver.design.plan import Distinct, advise, exact_design, plan_campaign
-from jointstiff.solver.errors import SolverError
+from jointstiff.solver.errors import RequestError, SolverError
 from jointstiff.solver.estimation.identify import identify
 from jointstiff.solver.mechanics.configuration import Configurations
 from jointstiff.solver.mechanics.measurements import CommonUncertainty, Instrument
@@ -130,6 +133,31 @@ class TestPromise:
         np.testing.assert_allclose(np.linalg.norm(plan.force, axis=1), 1500.0)
         if kind == "dead_weight":
             np.testing.assert_allclose(plan.force[:, :2], 0.0)
+        if kind == "cable":  # to change the anchor takes longer than to travel: there are no blocks
+            assert np.count_nonzero(np.diff(plan.anchor)) == len(set(plan.anchor.tolist())) - 1 > 0
+        assert plan.block.max() == (0 if kind == "cable" else 2)
+
+    def test_blocks_are_good_plans_by_themselves_the_best_one_first(self, robot):
+        """By the simulator's kinematics: no two readings of different blocks are better exchanged."""
+        plan = plan_campaign(robot, request_of(equipment(), readings=8, candidates=40))
+        assert plan.block.tolist() == [0] * 4 + [1] * 4
+        posture = ARM.posture(plan.joints)
+        load = posture.point_to_base(np.broadcast_to(LOAD_POINT, (8, 3)))
+        torque = np.einsum("nji,ni->nj", posture.velocities(load), plan.force)
+        M = np.zeros((8, N, N))
+        for target in PLACES:
+            moved = posture.velocities(posture.point_to_base(np.broadcast_to(target, (8, 3))))
+            A = moved.transpose(0, 2, 1) * (torque * ARM.compliances)[:, None]
+            M += A.transpose(0, 2, 1) @ A
+
+        def logarithms(first):
+            sums = M[first].sum(axis=0), M[np.setdiff1d(np.arange(8), first)].sum(axis=0)
+            return [-np.log(np.trace(np.linalg.inv(each))) for each in sums]
+
+        first, second = logarithms(np.arange(4))
+        assert first > second
+        others = [np.r_[np.delete(np.arange(4), i), j] for i in range(4) for j in range(4, 8)]
+        assert max(sum(logarithms(other)) for other in others) <= first + second + 1e-3
 
     def test_for_a_work_area_with_elastic_links_as_nuisance(self, robot):
         options = {"criterion": "work_area", "work_area": AREA, "readings": 12, "candidates": 60}
@@ -324,6 +352,37 @@ class TestCertificate:
             criterion.information(exact.matrix - K[i] + K[j]) for i in chosen for j in set(range(60)) - chosen
         ]
         assert max(reached) <= criterion.information(exact.matrix) * (1 + 1e-9)
+
+
+@pytest.mark.parametrize("count", [1, 3, 5])
+def test_the_bound_of_a_mean_price_is_that_of_distinct_postures(count):
+    """Of many candidates only the best are compared: here these are alike, and of others count - 1 remain."""
+    postures, prices = np.zeros((5009, 2)), np.r_[np.linspace(2.0, 1.0, 5000), np.full(9, 0.5)]
+    assert Distinct(postures[:9], 0.2).best_mean(prices[:9], count) == pytest.approx(2.0 / count)
+    assert Distinct(postures, 0.0).best_mean(prices, count) == 2.0
+    postures[5000:, 0] = np.arange(1.0, 10.0)
+    assert Distinct(postures[5000:], 0.2).best_mean(prices[5000:], count) == pytest.approx(0.5)
+    assert Distinct(postures, 0.2).best_mean(prices, count) >= (2.0 + 0.5 * (count - 1)) / count - 1e-12
+
+
+@pytest.mark.parametrize("validation", [0.0, 0.2])
+@pytest.mark.parametrize("least", [1, 2, 7, 50, 160, 10**6])
+def test_as_many_readings_are_planned_as_a_goal_needs_at_least(monkeypatch, least, validation):
+    """Uncertainties that fall a little slower than with the root; those held out come on top."""
+    for name in ("DesignProblem", "optimise"):
+        monkeypatch.setattr(plan, name, lambda *parts: parts[2] if len(parts) == 4 else None)
+    monkeypatch.setattr(plan, "exact_design", lambda problem, *_, **__: SimpleNamespace(matrix=problem))
+    monkeypatch.setattr(plan, "goal_share", lambda _, __, fitted: (least / fitted) ** 0.4)
+    goal = JointsGoal(kind="joints", relative=0.1)
+    request = request_of(equipment(), goal=goal, validation=validation)
+    pool = SimpleNamespace(parameters=SimpleNamespace(joints=range(6)), candidates=None, base=None)
+    if least > MAX_READINGS:
+        with pytest.raises(RequestError, match="times the uncertainty of the goal"):
+            plan.least_readings(pool, request, None, None)
+        return
+    counts = np.arange(1, 2 * least + 2)
+    enough = counts - np.round(validation * counts) >= least
+    assert plan.least_readings(pool, request, None, None) == counts[enough][0]
 
 
 def test_the_bound_holds_for_directions_that_nobody_tried():

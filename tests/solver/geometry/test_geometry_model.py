@@ -26,6 +26,7 @@ from support.geometry_truth import (
 )
 from support.shared_data import MISSING, SHARED
 
+from jointstiff.schemas.geometry import LinkComparison, NearlyParallel
 from jointstiff.schemas.robot import DhRow
 from jointstiff.simulator import default_arm
 from jointstiff.simulator.sweeps import WornArm
@@ -46,12 +47,14 @@ from jointstiff.solver.geometry.identification import (
     calibration_findings,
     drift_findings,
     identify_from_poses,
+    identify_from_sweeps,
+    model_findings,
     wrist_findings,
 )
 from jointstiff.solver.geometry.poses import Poses, PoseState, calibrate, transformed
 from jointstiff.solver.geometry.sweeps import identify_axes
 from jointstiff.solver.mechanics.configuration import Configurations
-from jointstiff.solver.mechanics.robot import JointMap, Robot, dh_chain
+from jointstiff.solver.mechanics.robot import ChainJoint, JointMap, Robot, dh_chain
 from jointstiff.solver.mechanics.urdf import read_urdf
 
 ANGLES = np.random.default_rng(6).uniform(-np.pi, np.pi, (40, 6))
@@ -97,6 +100,71 @@ def test_dh_tables_are_exact_where_no_axes_are_nearly_parallel(seed, convention)
     assert all(abs(row.d) < 100.0 for row in table.rows)
     assert np.abs(table_gap(table, chain)).max() < 1e-9
     assert table.deviation < 1e-12
+
+
+@pytest.mark.parametrize("convention", ["standard", "modified"])
+@pytest.mark.parametrize("turn", [(0.0, 0.0, 0.4), (0.1, 1.5, 0.1), (0.0, np.pi / 2, 0.0)])
+def test_dh_tables_are_exact_however_robot_and_tool_are_mounted(turn, convention):
+    """Upright, or on a wall where x of R0 lies along axis 1; axes 2 and 3 are parallel, the wrist's meet."""
+    chain, turned, z = nominal(), pin.exp3(np.array(turn)), np.array([0.0, 0.0, 1.0])
+    mounts = [ChainJoint(name, "fixed", turned, 0.2 * z, z, None, name) for name in ("wall", "tool")]
+    chain = replace(chain, flange="tool", joints=(mounts[0], *chain.joints, mounts[1]))
+    table = dh_table(chain, convention)
+    assert np.abs(table_gap(table, chain)).max() < 1e-9
+    assert table.deviation < 1e-12
+    assert [(pair.joint, pair.made_parallel) for pair in table.parallel] == [("joint_2", True)]
+
+
+def test_table_numbers_that_run_away_and_links_that_are_vague_are_findings():
+    pairs = [
+        NearlyParallel(joint=f"joint_{i}", angle=angle, made_parallel=made)
+        for i, angle, made in ((1, 4e-3, False), (2, 4e-3, True), (3, 0.02, False))
+    ]
+    numbers = {"nominal": 0.0, "identified": 0.0, "difference": 0.0}
+    links = [
+        LinkComparison(quantity=quantity, joint=f"joint_{i}", unit=unit, standard_uncertainty=u, **numbers)
+        for quantity, i, unit, u in (
+            ("a", 1, "m", 0.0125),
+            ("d", 2, "m", 9e-3),
+            ("alpha", 3, "rad", 0.0125),
+            ("theta", 4, "rad", None),
+        )
+    ]
+    table = dh_table(nominal(), "standard").model_copy(update={"parallel": pairs})
+    near, vague = model_findings(nominal().joint_names, table, links)
+    assert (near.code, near.where) == ("axes_nearly_parallel", "dh.standard")
+    assert near.message.startswith("axes 1 and 2 are 4 mrad from parallel")
+    assert vague.message.endswith("determine a of joint 1 (± 12 mm), alpha of joint 3 (± 0.72°)")
+    assert len(list(model_findings(nominal().joint_names, table, links[1::2]))) == 1
+
+
+def perpendicular(arm, main, other):
+    """Frame at the foot of the common perpendicular on the main axis: z along it, x the perpendicular."""
+    (o, p), (a, b) = (values[[main, other]] for values in (arm.axis_points, arm.axis_directions))
+    along, _ = np.linalg.lstsq(np.column_stack([a, -b]), p - o, rcond=None)[0]
+    x = np.cross(b, a) / np.linalg.norm(np.cross(b, a))
+    return pin.SE3(np.column_stack([x, np.cross(a, x), a]), o + along * a)
+
+
+@pytest.mark.parametrize(
+    ("base", "flange"), [("nominal", "targets"), ("nominal", "axes"), ("axes", "nominal")]
+)
+def test_frames_stand_where_their_convention_says_though_there_is_a_nominal_model(base, flange):
+    cell, still = Cell(imperfect_arm(5)), default_arm().posture(np.zeros(6))
+    asked = Conventions(base, flange, height=0.3)
+    found = identify_from_sweeps(cell.sweeps(count=5), asked, nominal=nominal(), fit="one_by_one")
+    positions = np.array([target.position for target in found.targets])
+    place = perpendicular(cell.arm, 5, 4)
+    if flange == "nominal":
+        there = pin.SE3(still.flange_rotation, still.flange_translation)
+        place = place * perpendicular(default_arm(), 5, 4).inverse() * there
+    read = transformed(place.inverse(), cell.arm.posture(np.zeros(6)).targets_to_base(TARGETS))
+    same = [[0, 0, 0, 1, 1, 2], [0, 1, 2, 1, 2, 2]]
+    expected = np.zeros(6) if flange == "targets" else read[*same]
+    assert positions[*same] == pytest.approx(expected, abs=1e-7)
+    point, way = np.array(found.axes[1].base.point), np.array(found.axes[1].base.direction)
+    foot = point - way * (point[:2] @ way[:2]) / (way[:2] @ way[:2])
+    assert foot[2] == pytest.approx({"nominal": 0.78, "axes": 0.3}[base], abs=1e-7)
 
 
 class TestLinkTable:
@@ -198,6 +266,14 @@ def test_parts_whose_fit_stalls_at_the_residual_of_all_poses_have_converged(seed
     assert found.evidence.rms_residual < found.evidence.held_out_rms < 4 * SIGMA
 
 
+def test_covariances_of_each_reading_go_with_their_poses():
+    read = poses(Cell(), 3, count=12, sigma=SIGMA)
+    each = replace(read, covariance=np.tile(np.eye(3), (12, 3, 1, 1)))
+    alike, found = (calibrate(nominal(), one).evidence.held_out_rms for one in (read, each))
+    assert SIGMA < found == pytest.approx(alike, rel=1e-6)
+    assert each[np.arange(12) < 5].covariance.shape == (5, 3, 3, 3)
+
+
 @pytest.mark.slow
 @pytest.mark.skipif(not SHARED.is_dir(), reason=MISSING)
 def test_a_real_arm_has_an_error_of_poses_left_out():
@@ -240,6 +316,8 @@ def test_a_joint_that_never_turned_is_named_and_its_numbers_have_no_uncertainty(
     assert found.evidence.determined == 33 - 4
     assert len(found.evidence.only_together) == 4
     assert all(any(name.startswith("axis 4") for name in names) for names in found.evidence.only_together)
+    named = {name for names in found.evidence.only_together for name in names}
+    assert not any(name.startswith(("axis 1", "axis 2", "axis 3")) for name in named), "these are known"
     assert {finding.code for finding in calibration_findings(found)} == {"parameters_not_identified"}
     base = find_base_frame(found, nominal())
     rows = link_table(found, base, FlangeConvention.of_chain(nominal()), nominal())
@@ -380,6 +458,11 @@ def test_a_drift_is_found_with_its_figure_and_can_be_removed():
     (finding,) = drift_findings(found, targets)
     assert finding.code == "base_drifted"
     assert length_in(finding.message) == pytest.approx(np.linalg.norm(TURN @ AT + SHIFT - AT), abs=60e-6)
+
+
+def test_a_base_that_is_read_twice_alike_did_not_move():
+    found = BaseTargets(BASE, BASE.copy(), np.eye(3), tuple("12345")).drift(SIGMA, AT)
+    assert (found.probability, found.significant, found.moved_targets) == (pytest.approx(1.0), False, [])
 
 
 def test_one_base_target_that_moved_is_named_and_the_rest_is_no_drift_of_its_own():

@@ -1,6 +1,7 @@
 """Elastic links against an arm that shares no code with us, and against the real readings."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,13 +13,16 @@ from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.elastic_links import beam_arm, elastic_campaign
 from jointstiff.solver.errors import UnsupportedMethodError
 from jointstiff.solver.estimation.conic import LeastSquares, range_of_squares, to_vector
+from jointstiff.solver.links import choice
 from jointstiff.solver.links.choice import (
     LIMITS,
     WEIGHTS,
     Folds,
     HeldOut,
+    PenaltyPath,
     Selection,
     chosen_weight,
+    compared_models,
     fit_fold,
     fit_folds,
     judge_losses,
@@ -156,6 +160,49 @@ def test_the_penalty_is_refined_to_a_quarter_of_a_decade_and_beyond_an_end():
         assert mean[best] <= errors[:, np.isin(finer.weights, WEIGHTS)].mean(axis=0).min()
         ratios = np.diff(np.log10(finer.weights))[max(0, best - 1) : best + 1]
         np.testing.assert_allclose(ratios, 0.25)
+
+
+@pytest.mark.parametrize("best", [-9.0, -6.3, -3.4, -1.6, 0.4, 0.9, 2.0])
+def test_the_best_penalty_is_found_to_a_quarter_of_a_decade_wherever_it_is(monkeypatch, best):
+    """Errors with a minimum within the weights that are tried first, or beyond their ends, or the limits."""
+
+    def fitted(_folds, _model, weights):
+        errors = np.tile(np.square(np.log10(weights) - best), (2, 1))
+        return PenaltyPath(tuple(weights), np.zeros((2, len(weights), 1)), errors)
+
+    monkeypatch.setattr(choice, "fit_folds", fitted)
+    finer = refined(None, None, fitted(None, None, WEIGHTS))
+    found = np.log10(finer.weights[chosen_weight(finer.errors, "best")])
+    assert found == pytest.approx(np.clip(best, *np.log10(LIMITS)), abs=0.126)
+
+
+@pytest.mark.parametrize(
+    ("asked", "speaks", "links", "base", "left_out"),
+    [
+        (None, False, 1e-9, 1e-9, {"joints_and_base", "links_and_base"}),
+        ("joints_and_links", True, 1e-9, 1e-9, {"joints_and_base", "links_and_base"}),
+        ("joints_and_base", False, 0.5, 0.5, set()),
+        (None, True, 1e-9, 1e-9, set()),
+        (None, True, 1e-9, 0.5, {"links_and_base"}),
+        (None, True, 0.5, 1e-9, {*MODELS} - {"joints", "joints_and_base"}),
+    ],
+)
+def test_models_with_a_base_are_compared_where_its_test_speaks(asked, speaks, links, base, left_out):
+    screening = SimpleNamespace(base_speaks=speaks, links_beside_base=links, base_beside_links=base)
+    assert {*MODELS} - {*compared_models(screening, asked)} == left_out
+
+
+def test_errors_of_many_targets_are_those_of_their_coordinates(monkeypatch):
+    monkeypatch.setattr(choice, "MOST_TARGETS", 9)
+    robot, measurements = rigid_pulled(6, 2)
+    folds = Folds(robot, measurements, COLUMNS, VISIBLE, CrossValidation(folds=2, draws=1))
+    compliances = np.outer([0.0, 1.0, 2.0], truth_of(beam_arm(default_arm())))
+    rows = np.concatenate(
+        [rows for _, rows in elastic_blocks(robot, measurements[folds.held_out[1]], COLUMNS)]
+    )
+    left = rows[..., :-1] @ compliances.T - rows[..., -1:]
+    expected = np.sqrt(np.square(left).mean(axis=(0, 1, 2)) / 2.0)  # of a difference of two readings
+    np.testing.assert_allclose(folds.error(1, compliances), expected, rtol=1e-6)
 
 
 def selected(robot, measurements, weights, folds):

@@ -5,6 +5,7 @@ import os
 import re
 import subprocess
 import sys
+from contextlib import nullcontext
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +18,8 @@ from scipy.spatial.transform import Rotation, Slerp
 from support.calibrated_arms import ARMS, arm
 from support.examples import examples
 from support.hostile_urdfs import BRANCHED, HOSTILE
+from support.slides import arm_on_rail
+from support.springs import robot_of
 
 from jointstiff.schemas.robot import DhRow
 from jointstiff.solver.errors import RobotError
@@ -32,9 +35,11 @@ from jointstiff.solver.mechanics.configuration import (
 )
 from jointstiff.solver.mechanics.robot import (
     ChainJoint,
+    JointMap,
     KinematicChain,
     Robot,
     dh_chain,
+    standing_still,
 )
 from jointstiff.solver.mechanics.urdf import read_urdf, write_urdf
 
@@ -342,3 +347,13 @@ def test_a_path_through_a_singularity_is_refused_where_it_is():
     refused = np.flatnonzero(unreached == Unreached.NOT_FOLLOWED)
     assert len(refused)
     assert (np.abs(q[refused, 4]) < 0.06).all()
+
+
+@pytest.mark.parametrize("rotary", [1, 4])
+def test_a_rail_stands_still_unless_a_rotary_axis_of_the_controller_moves_it(rotary):
+    matrix = np.eye(7)
+    matrix[0, rotary] = 0.3
+    for rows, refused in ((matrix.T, False), (matrix, True)):
+        robot = Robot(robot_of(arm_on_rail()).chain, JointMap(rows, np.zeros(7)))
+        with pytest.raises(RobotError, match="cannot stand still") if refused else nullcontext():
+            assert standing_still(robot, np.zeros(7)).n == 6

@@ -28,6 +28,7 @@ from jointstiff.solver.mechanics.configuration import (
     joint_frames,
 )
 from jointstiff.solver.mechanics.robot import Robot, dh_chain
+from jointstiff.solver.predict import models
 from jointstiff.solver.predict.answers import STATUSES, MapTask, map_places, tool_rotations
 from jointstiff.solver.predict.forward import CorrectionLimits, LoadCases, compensate, ramp_shares
 from jointstiff.solver.predict.models import (
@@ -131,6 +132,15 @@ def test_the_three_stiffnesses_are_what_their_names_say():
             assert 1.0 / (u[b] @ moved[:3]) == pytest.approx(stiffness, rel=1e-5)
     assert (free <= lateral).all()
     assert (lateral <= rotation).all()
+
+
+@pytest.mark.parametrize("unit", [1e-7, 1e7])
+def test_stiffnesses_do_not_depend_on_the_unit_of_angles(unit):
+    found, u = MODEL.deflect(cases()).compliance, np.eye(3)[[0, 1, 2, 0, 1, 2]]
+    scale = np.r_[np.ones(3), np.full(3, unit)]
+    other = replace(found, matrix=found.matrix * np.outer(scale, scale))
+    for name in ("stiffness_lateral_free", "stiffness_lateral_blocked", "stiffness_rotation_blocked"):
+        np.testing.assert_allclose(getattr(other, name)(u), getattr(found, name)(u), rtol=1e-9)
 
 
 def test_rigid_joints_have_a_compliance_and_no_endless_numbers():
@@ -433,6 +443,11 @@ def test_numbers_that_are_not_finite_are_no_dispersion_over_the_postures():
     nothing = replace(found, covariance=np.full((ROBOT.n, ROBOT.n), np.nan))
     budget = UncertaintyBudget.of(nothing, 0.95, LeftOut(fits, 30))
     assert "model_error" not in [part.source for part in budget.components]
+
+
+def test_of_many_postures_some_are_left_out_evenly_spread(monkeypatch):
+    monkeypatch.setattr(models, "MOST_LEFT_OUT", 5)
+    assert left_out(ROBOT, noisy())[1].postures == 5
 
 
 def test_merged_steps_round_quantiles_up_by_little():
