@@ -18,7 +18,12 @@ from jointstiff.solver.estimation.causes import LINKS_LEVEL, MISTAKE_LEVEL, fit_
 from jointstiff.solver.estimation.estimate import JointCompliance, predict
 from jointstiff.solver.estimation.identify import identify
 from jointstiff.solver.integrity import inspect
-from jointstiff.solver.mechanics.measurements import CommonUncertainty, DifferenceNoise, Instrument
+from jointstiff.solver.mechanics.measurements import (
+    CommonUncertainty,
+    DifferenceNoise,
+    EncoderReadings,
+    Instrument,
+)
 from jointstiff.solver.mechanics.robot import JointMap, Robot
 from jointstiff.solver.text import stiffness_text, unknowns_text
 
@@ -330,11 +335,17 @@ class TestLoad:
         found = estimate(robot, fit_causes(robot, wrong, named(screening)))
         u = np.sqrt(np.diag(found.covariance))
         assert (np.abs(found.compliance - arm.compliances) < 3 * u).all()
+        elastic = bent - measurements.joints
+        behind = EncoderReadings(elastic + further, np.ones((30, 6), np.bool_), 5e-6)
+        mended = fit_causes(robot, replace(wrong, encoders=behind), [("play", None)]).encoders.deflection
+        twisted = (np.abs(elastic) > 5e-5) & (np.arange(6) < 4)
+        np.testing.assert_allclose(mended[twisted], elastic[twisted], atol=3e-5)
 
     def test_a_noise_of_the_wrong_shape_accuses_nothing(self):
-        """A data sheet says 7 µm along the line of sight and 30 across; the noise is 20 µm anywhere."""
-        sheet = Instrument((4.0, 1.0, 1.5), 3e-6, 1e-6, 1e-5, 5e-6)
-        for seed in range(3):
+        """A data sheet says 7 or 0.1 µm along the line of sight, 30 across; the noise is 20 µm anywhere."""
+        usual = Instrument((4.0, 1.0, 1.5), 3e-6, 1e-6, 1e-5, 5e-6)
+        sharp = Instrument((4.0, 1.0, 1.5), 1e-7, 0.0, 3e-5, 5e-6)
+        for seed, sheet in ((0, usual), (1, usual), (7, sharp)):
             robot, measurements = springs(seed, configurations=20)
             noise = DifferenceNoise.by(sheet, robot, measurements)
             stated = replace(measurements, sigma=noise.sigma, covariance=noise.covariance)
@@ -351,6 +362,15 @@ class TestLoad:
             wrong[row] += [3e-4, 0.0, -4e-4]
             found = named(screened(robot, replace(measurements, deflection=wrong)))
             assert found == [], seed
+
+
+@pytest.mark.parametrize(("offset", "told"), [(0.15, ["load_point"]), (0.03, [])])
+def test_a_load_point_elsewhere_is_told_beside_links_unless_these_explain_more(offset, told):
+    robot, measurements = beams(0, 0.1, configurations=30)
+    wrong = replace(measurements, load_point=np.add(measurements.load_point, [offset, 0.0, 0.0]))
+    screening = screened(robot, wrong)
+    assert [cause.suspect.name for cause in screening.causes] == told
+    assert not screening.proved
 
 
 @pytest.mark.parametrize(("softness", "configurations"), [(2.0, 20), (0.1, 40)])

@@ -1,9 +1,11 @@
 """Own weight: compliances, intervals and loads that join in; sag predicted and corrected."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy import stats
 from support.sagging import (
     ARM,
     BODIES,
@@ -23,15 +25,16 @@ from jointstiff.simulator.base import SPRINGS, on_pedestal, standing
 from jointstiff.simulator.imperfections import with_link_errors
 from jointstiff.simulator.own_weight import Bodies, sag
 from jointstiff.solver.errors import MeasurementError, RequestError
+from jointstiff.solver.estimation import programs
 from jointstiff.solver.estimation.solution import Bounds, Constraints
 from jointstiff.solver.geometry.poses import PoseState, chain_axes, transformed
 from jointstiff.solver.mechanics.block import OwnWeight
-from jointstiff.solver.mechanics.configuration import Configurations
+from jointstiff.solver.mechanics.configuration import Configurations, joint_frames
 from jointstiff.solver.mechanics.robot import Body
 from jointstiff.solver.predict.forward import CorrectionLimits, LoadCases, compensate
 from jointstiff.solver.predict.models import JointModel
-from jointstiff.solver.weight.identification import Burden, identify_weight, rows_at
-from jointstiff.solver.weight.masses import contradicted, freed_masses
+from jointstiff.solver.weight.identification import Burden, identify_weight, reasons_of, rows_at
+from jointstiff.solver.weight.masses import FreedMass, contradicted, freed_masses, unchecked, widened
 
 
 def compliances(estimate):
@@ -181,14 +184,84 @@ def test_readings_that_join_in_count_once_along_a_direction():
     assert gauges == vectors - 2 * loaded.present.sum()
 
 
-def test_a_burden_that_is_none_is_refused():
-    readings = campaign(postures=5)
+@pytest.mark.parametrize("joints", [(), (6,), (0, -1)])
+def test_a_burden_that_is_none_is_refused(joints):
+    readings, bodies = campaign(postures=5), [Body.within("link", j, 1.0, (0.0, 0.0, 0.0)) for j in joints]
     with pytest.raises(MeasurementError, match="on none of the 6 joints"):
-        replace(
-            readings, burden=Burden((Body.within("link", 6, 1.0, (0.0, 0.0, 0.0)),)), carried=np.ones((5, 1))
-        )
+        replace(readings, burden=Burden(tuple(bodies)), carried=np.ones((5, len(joints))))
     with pytest.raises(MeasurementError, match="shape"):
         replace(readings, force=np.zeros((4, 3)))
+
+
+def test_bounds_of_a_spring_are_in_order():
+    for bounds in ((0.0, 1.0), (1.0, 1.0)):
+        stated_spring(bounds, bounds)
+    for bounds in ((2.0, 1.0), (-1.0, 1.0), (0.0, 0.0), (1.0, np.inf), (np.nan, 1.0)):
+        for name in ("rate", "pull"):
+            with pytest.raises(RequestError, match="not in order"):
+                replace(stated_spring(), **{name: bounds})
+
+
+def hung(readings, relative):
+    """Return the same with a body of 100 kg in place of the force that its weight is."""
+    at = Configurations(ROBOT, np.zeros((1, 6)))
+    rotations, origins = joint_frames(ROBOT, at.q)
+    arm = at.to_base(LOAD_POINT[None, None])[0, 0] - origins[0, -1]
+    body = Body.within("payload", 5, 100.0, tuple(arm @ rotations[0, -1]), relative=relative)
+    carried = np.column_stack([readings.carried, readings.force.any(axis=1)])
+    burden = replace(readings.burden, bodies=(*readings.burden.bodies, body))
+    return replace(readings, burden=burden, carried=carried, force=0.0 * readings.force)
+
+
+def test_a_body_that_hangs_on_in_some_postures_is_the_force_of_its_weight():
+    pulled = campaign(postures=8, payload=100.0)
+    torques, hanging = rows_of(pulled).torques, rows_of(hung(pulled, 0.1)).torques
+    for name in ("known", "on_base"):
+        np.testing.assert_allclose(getattr(hanging, name), getattr(torques, name), atol=1e-9)
+    less = replace(pulled, force=0.9 * pulled.force)
+    np.testing.assert_allclose(torques.known - rows_of(less).torques.known, hanging.unit[..., 0], atol=1e-9)
+
+
+def test_a_payload_of_uncertain_mass_widens_the_intervals():
+    readings = campaign(postures=8, payload=100.0, stated=burden_of(BODIES, 0.05))
+    exact, loose = (intervals(identify_weight(ROBOT, hung(readings, each)))[1:5] for each in (0.0, 0.3))
+    assert (np.ptp(loose, axis=1) > 1.05 * np.ptp(exact, axis=1)).all()
+
+
+def test_an_interval_that_is_not_found_leaves_no_number(monkeypatch):
+    solve = programs.Program.solve_with_duals
+    no_ends = lambda self, data, *to: None if "a" in data else solve(self, data, *to)  # noqa: E731
+    monkeypatch.setattr(programs.Program, "solve_with_duals", no_ends)
+    found = identify_weight(ROBOT, campaign(postures=8))
+    assert {joint.status for joint in found.joints} == {"not_observable"}
+    assert np.isnan(found.shares).all()
+
+
+def test_residuals_and_masses_are_reasons_beyond_chance():
+    """One of a thousand exceeds χ² of 50 or 5 degrees of freedom, and F where the residuals give sigma."""
+
+    def codes(outside, loss, stated):
+        parts = SimpleNamespace(outside=outside, loss=loss)
+        found = reasons_of(SimpleNamespace(reduced=parts, optimum=parts), 5, 50, stated=stated)
+        return [each.code for each in found]
+
+    for chance in (1.1e-3, 0.9e-3):
+        masses = ["masses_contradicted"] * (chance < 1e-3)
+        loss = 1e3 / 50.0 * 5.0 * stats.f.isf(chance, 5, 50)
+        assert codes(50.0, stats.chi2.isf(chance, 5), 2e-5) == codes(1e3, loss, None) == masses
+        assert codes(1e3, loss, 2e-5) == ["residuals_exceed_sigma", *masses]
+        assert len(codes(stats.chi2.isf(chance, 50), 0.0, 2e-5)) == len(masses)
+
+
+def test_masses_are_widened_by_two_standard_uncertainties_and_checked_by_five():
+    body = Body("arm", 1, 10.0, 9.0, 11.0, (0.0, 0.0, 0.0))
+    for mass, bounds in ((5.0, (3, 11)), (20.0, (9, 22)), (1.0, (0, 11)), (10.0, (8, 12))):
+        one, wide, other = widened((body,) * 3, FreedMass(1, mass, 1.0, 20.0, np.zeros(1)))
+        assert (wide.least, wide.most) == bounds
+        assert one == other == body
+    for uncertainty, change, told in ((2.1, 0.11, 1), (2.1, -0.11, 1), (1.9, 0.11, 0), (2.1, 0.09, 0)):
+        freed = FreedMass(0, 10.0, uncertainty, 0.0, np.array([0.0, change]))
+        assert (unchecked((body,), [freed]) is not None) == told
 
 
 SPRING_STATED = stated_spring((3e4, 3e4), (9e3, 9e3))
