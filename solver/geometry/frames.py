@@ -224,7 +224,7 @@ class BaseTargets:
             where="base_targets",
         )
         left, unmoved = linear.residual, (W @ (after - before)[..., None]).ravel()
-        probability = float(special.chdtrc(6, max(unmoved @ unmoved - linear.rss, 0.0)))
+        probability = float(special.chdtrc(6, max(float(unmoved @ unmoved) - linear.rss, 0.0)))
         S = by_small_motion(at)
         # Test each target alone: what leaving it out takes off the sum of squares, χ² with three numbers.
         # With three targets a rigid motion leaves three numbers, which do not tell which one moved.
