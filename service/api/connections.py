@@ -134,7 +134,7 @@ class BoundedProtocol(H11Protocol):
     @property
     def awaits_header(self) -> bool:
         """Return whether no request is under way."""
-        return self.conn.their_state is h11.IDLE and self.conn.our_state is h11.IDLE
+        return self.conn.their_state is h11.IDLE
 
     def lags_since(self) -> float:
         """Return the time since which the client keeps us waiting; infinity if we keep it waiting.

@@ -3,6 +3,7 @@
 import copy
 from collections.abc import Iterator
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -271,3 +272,39 @@ def test_a_prior_waits_until_the_own_readings_know_as_much(compliance, uncertain
     priors = priors_of(results(0.9e-6, 1.0e-6, 1.1e-6))
     known = Known(np.array([1e-6 * compliance]), np.array([[(1e-6 * uncertainty) ** 2]]), 2.0)
     assert standings(["joint_1"], known, priors) == {"joint_1": standing}
+
+
+def campaign_with(readings, missing=None, **state):
+    """Properties of a campaign that decide whether the next reading is held out."""
+    usual = {"doubtful": [], "met": False, "_is_small": False, "check": None, "mistake": None}
+    ahead = None if missing is None else SimpleNamespace(missing=missing)
+    return SimpleNamespace(**usual | {"fewest": 5, "ahead": ahead, "observations": [None] * readings} | state)
+
+
+MET = {"met": True, "_is_small": True}
+INSIDE, OUTSIDE = ({"check": SimpleNamespace(inside=inside)} for inside in (True, False))
+
+
+@pytest.mark.parametrize(
+    ("campaign", "needed", "awaits"),
+    [
+        (campaign_with(7, **MET | INSIDE), 0, False),
+        (campaign_with(7, **MET | OUTSIDE), 1, True),
+        (campaign_with(7, **MET), 1, True),
+        (campaign_with(7, 6, mistake="m02", _is_small=True), None, False),
+        (campaign_with(7), None, False),
+        (campaign_with(0, 6), None, False),
+        (campaign_with(2, 2), 4, False),  # three to the fifth, and one held out
+        (campaign_with(2, 6), 6, False),
+        (campaign_with(4, 1), 2, False),
+        (campaign_with(5, 1), 1, True),  # the goal is expected to be met with it
+        (campaign_with(5, 2), 2, False),
+        (campaign_with(5, 1, doubtful=["m02"]), 1, False),
+        (campaign_with(4, 2, fewest=10), 7, False),
+        (campaign_with(4, 9, fewest=10), 10, False),
+        (campaign_with(10, 1, fewest=10), 2, False),
+    ],
+)
+def test_what_is_missing_counts_the_held_out_reading(campaign, needed, awaits):
+    assert LiveCampaign.still_needed.fget(campaign) == needed
+    assert LiveCampaign.awaits_held_out.fget(campaign) is awaits
