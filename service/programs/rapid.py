@@ -63,7 +63,7 @@ def _routine(line: Line) -> list[Op]:
 
 def _test(line: Line) -> list[Op]:
     first = ir.attached(line.expression(line["first"])) if line["first"] else []
-    kind = "close" if line.text[-1] != ":" else "turn" if first or line["first"] else "default"
+    kind = "close" if line.text[-1] != ":" else "turn" if line["first"] else "default"
     return [ir.Flow("if"), *first, ir.Flow(kind)]
 
 

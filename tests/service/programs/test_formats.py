@@ -128,15 +128,6 @@ def test_angles_are_rewritten_near_what_was_written(kind, sequence, middle):
         assert np.abs(new - near)[:, 3:].max() < 0.1
 
 
-@pytest.mark.parametrize(
-    ("kind", "angles"), [("krl", [[20.0, 90, -70], [20, -90, -70]]), ("ur", [[3.0, 4, 0], [-8, 1, 2]])]
-)
-def test_the_lock_and_full_turns_keep_the_angles_of_an_unchanged_target(kind, angles):
-    notation = next(n for n in read(kind).targets.notations if n.has_pose)
-    near = np.pad(angles, ((0, 0), (3, 0)))
-    np.testing.assert_allclose(notation.values(notation.poses(near), near), near, atol=1e-6)
-
-
 NEAR = {
     Orientation.EULER_ZYX: [[10.0, 20, 30], [-170, 100, 200], [380, -90, 15], [-100, 90, 40]],
     Orientation.FIXED_XYZ: [[10.0, 20, 30], [200, 100, -170], [15, -90, 380], [40, 90, -100]],
@@ -160,63 +151,43 @@ def test_an_unchanged_target_keeps_its_numbers_in_each_notation_and_unit(orienta
     assert np.array_equal(notation.pose(near[0]), poses[0])
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "text", "differs"),
-    [
-        ("1.000", 1.0004, "1.000", False),
-        ("1.000", 1.0006, "1.001", True),
-        ("1.000", 0.9994, "0.999", True),
-        ("1.000", -1.0, "-1.000", True),
-        ("5.000", -0.0004, "0.000", True),
-        ("5.000", 0.0004, "0.000", True),
-        ("0.000", -0.0004, "0.000", False),
-        ("-0.0002", 0.0, "0.0000", True),
-        ("-0.000", 0.0004, "0.000", False),
-        ("+1.5", 2.0, "+2.000", True),
-        ("+1.5", -2.0, "-2.000", True),
-        ("1.23456", 1.234564, "1.23456", False),
-        ("1.25e-1", 0.126, "0.126", True),
-        ("1.2345E+0", 1.23456, "1.2346", True),
-        ("7", 8.0, "8.000", True),
-    ],
-)
-@pytest.mark.parametrize("beside", ["", "12.3456789 "])
-def test_a_number_is_written_with_its_digits_and_differs_where_they_do(old, new, text, differs, beside):
-    """At least three digits; a number of more beside it changes nothing, and there is no -0."""
-    olds, news = [*beside.split(), old], [*[0.5] * bool(beside), new]
-    line = beside + old
-    spans = np.array([(line.rindex(each), line.rindex(each) + len(each)) for each in olds], dtype=np.int32)
-    signs = np.frombuffer(line.encode(), dtype=np.uint8)
-    values = np.array([float(each) for each in olds])
-    texts, changed = written(signs, spans, np.array(news), values, np.full(len(olds), 3))
-    assert (texts[-1], changed.tolist()[-1]) == (text, differs)
-    assert texts[:-1] == ["0.5000000"] * bool(beside)
+WRITTEN = """1.000 1.0006 1.001, 1.000 0.9994 0.999, 1.000 -1 -1.000, 5.000 -0.0004 0.000, 5.000 0.0004 0.000,
+-0.0002 0 0.0000, +1.5 2 +2.000, +1.5 -2 -2.000, 1.25e-1 0.126 0.126, 1.2345E+0 1.23456 1.2346, 7 8 8.000"""
+KEPT = "1.000 1.0004 1.000, 0.000 -0.0004 0.000, -0.000 0.0004 0.000, 1.23456 1.234564 1.23456"
+
+
+@pytest.mark.parametrize(("cases", "changes"), [(WRITTEN, True), (KEPT, False)])
+@pytest.mark.parametrize("beside", [[], ["12.3456789"]])
+def test_a_number_is_written_with_its_digits_and_differs_where_they_do(cases, changes, beside):
+    """An old number, a new one, and what is written: three digits at least, no -0; others have their own."""
+    for old, new, text in (case.split() for case in cases.split(",")):
+        line = " ".join([*beside, old])
+        spans = np.array([(0, 10)] * len(beside) + [(len(line) - len(old), len(line))], dtype=np.int32)
+        signs, read = np.frombuffer(line.encode(), dtype=np.uint8), np.array([*beside, old], dtype=float)
+        numbers = np.array([0.5] * len(beside) + [float(new)])
+        texts, differ = written(signs, spans, numbers, read, np.full(len(read), 3))
+        assert (texts, differ[-1]) == (["0.5000000"] * len(beside) + [text], changes)
 
 
 @pytest.mark.parametrize(
     ("units", "metres", "radians", "decimals"),
     [
-        (["mm"] * 3 + ["deg"] * 3, 1e-3, np.pi / 180, (6, 9)),
-        (["m"] * 3 + ["rad"] * 3, 1.0, 1.0, (9, 9)),
-        (["MM"] * 3 + ["°"] * 3, 1e-3, np.pi / 180, (6, 9)),
-        (["mm", "mm", "m", "deg", "deg", "deg"], None, None, None),
-        (["mm"] * 3 + ["deg", "rad", "deg"], None, None, None),
-        (["mm", "mm", "deg", "deg", "deg", "deg"], None, None, None),
-        (["mm"] * 3 + ["deg", "mm", "deg"], None, None, None),
-        (["mm", "mm", "", "deg", "deg", "deg"], None, None, None),
+        ("mm mm mm deg deg deg", 1e-3, np.pi / 180, (6, 9)),
+        ("m m m rad rad rad", 1.0, 1.0, (9, 9)),
+        ("MM MM MM ° ° °", 1e-3, np.pi / 180, (6, 9)),
     ],
 )
 def test_columns_of_a_table_have_one_unit_for_each_quantity(units, metres, radians, decimals):
-    header = ";".join(
-        f"{name} [{unit}]" if unit else name for name, unit in zip("xyzabc", units, strict=True)
-    )
-    text = f"{header}\n1;2;3;4;5;6\n"
-    if metres is None:
-        assert "different ones" in refusal("a.csv", text).faults[0].reason
-        return
-    (notation,) = read_program([("a.csv", text.encode("latin-1"))]).targets.notations
+    def table(units):
+        return ";".join(map("{} [{}]".format, "xyzabc", units.split())) + "\n1;2;3;4;5;6\n"
+
+    (notation,) = read_program([("a.csv", table(units).encode("latin-1"))]).targets.notations
     assert (notation.length, notation.angle) == (metres, pytest.approx(radians))
     assert (notation.length_decimals, notation.angle_decimals) == decimals
+    for wrong in ("mm mm m ° ° °", "mm mm mm ° rad °", "mm mm ° ° ° °", "mm mm mm ° mm °"):
+        fault = refusal("a.csv", f"\n{table(wrong)}").faults[0]
+        assert (fault.line, "different ones" in fault.reason) == (2, True)
+    assert "same name" in refusal("a.csv", table(units).replace("y [", "x [")).faults[0].reason
 
 
 FREE_FRAMES = "$TOOL=TOOL_DATA[1]\n$BASE=BASE_DATA[1]"

@@ -541,42 +541,30 @@ def joint(name, stiffness, interval):
     ],
 )
 def test_stiffnesses_stand_on_a_logarithmic_axis_that_holds_them_all(joints):
-    drawing = str(intervals(joints, 0.95))
-    texts = re.findall(r'<text [^>]*?x="([\d.]+)"[^>]*>([^<]*)</text>', drawing)
-    decades = {float(text) * 1e6: float(x) for x, text in texts if re.fullmatch(r"[\d.e+-]+", text)}
+    drawing = intervals(joints, 0.95).svg
+    decades = {float(text) * 1e6: at for text, at in texts_of(drawing) if re.fullmatch(r"[\d.e+-]+", text)}
+    (first, (at_first, _)), (last, (at_last, below)) = min(decades.items()), max(decades.items())
     ends = [end for each in joints for end in (each.stiffness, *(each.stiffness_interval or ())) if end]
-    assert min(decades) <= min(ends)
-    assert max(decades) >= max(ends)
-    (first, at_first), (last, at_last) = min(decades.items()), max(decades.items())
-    dots = [float(x) for x in re.findall(r'<circle [^>]*?cx="([\d.]+)"', drawing)]
-    expected = [
-        at_first + math.log(each.stiffness / first) / math.log(last / first) * (at_last - at_first)
-        for each in joints
-        if each.stiffness
-    ]
-    assert dots == pytest.approx(expected, abs=0.1)
-    assert all(at_first <= dot <= at_last for dot in dots)
-
-    rows = {
-        text: float(y) for y, text in re.findall(r'<text [^>]*? y="([\d.]+)"[^>]*>([^<]*)</text>', drawing)
-    }
-    known = [each for each in joints if each.stiffness]
+    assert min(decades) <= min(ends) <= max(ends) <= max(decades)
     lines = numbers_of(drawing, "line", ("x1", "y1", "x2", "y2", "stroke-width"))
-    bars_, ticks = lines[lines[:, 4] == 2.2], lines[lines[:, 4] == 0.8]
-    of_ticks = iter(ticks)
-    for each, (left, y, right, below, _), dot in zip(known, bars_, dots, strict=True):
-        low, high = each.stiffness_interval
-        places = [
-            at_first + math.log(end / first) / math.log(last / first) * (at_last - at_first)
-            for end in (low, high or last)
-        ]  # without a limit to the end of the axis
-        assert [left, right] == pytest.approx(places, abs=0.1)
-        assert left <= dot <= right
-        assert y == below == pytest.approx(rows[each.name] - 0.35 * 8.0, abs=1.0)  # beside its name
-        for end in [left, *([right] if high else [])]:
-            x, above, other, under, _ = next(of_ticks)
-            assert (x, other, (above + under) / 2) == pytest.approx((end, end, y), abs=0.02)
-    assert next(of_ticks, None) is None
+    ticks = lines[lines[:, 4] == 0.8].tolist()
+    known = [each for each in joints if each.stiffness]
+    dots = numbers_of(drawing, "circle", ("cx", "cy"))
+    for each, bar, (dot, row) in zip(known, lines[lines[:, 4] == 2.2], dots, strict=True):
+        low, high = each.stiffness_interval  # without a limit to the end of the axis
+        share = np.log(np.array([low, high or last, each.stiffness]) / first) / np.log(last / first)
+        at = at_first + share * (at_last - at_first)
+        assert [*bar[:4:2], dot] == pytest.approx(at, abs=0.1)
+        assert at_first <= at[0] <= at[2] <= at[1] <= at_last
+        for end in bar[:3:2] if high else bar[:1]:
+            x, above, other, under, _ = ticks.pop(0)
+            assert (x, other, (above + under) / 2) == pytest.approx((end, end, row), abs=0.02)
+    assert ticks == []
+    names = np.array([dict(texts_of(drawing))[each.name] for each in joints])
+    rows = [y for text, (x, y) in texts_of(drawing) if text.startswith("no number") and x >= at_first]
+    rows += [y + 0.35 * 8.0 for y in dots[:, 1]]
+    assert sorted(rows) == pytest.approx(names[:, 1], abs=1.0)  # each beside its name
+    assert (np.diff([*names[:, 1], below]) >= 10.0).all()
 
 
 def test_no_number_at_all_is_no_picture():
@@ -600,14 +588,15 @@ def numbers_of(drawing, tag, names):
     return np.array([[float(re.search(rf'[ ]{name}="([-\d.]+)"', tag)[1]) for name in names] for tag in tags])
 
 
-def rectangles(drawing):
-    """x, y, width and height of all bars."""
-    return numbers_of(drawing, "rect", ("x", "y", "width", "height"))
+def texts_of(drawing):
+    """Texts with their places."""
+    found = re.findall(r'<text x="([\d.]+)" y="([\d.]+)"[^>]*>([^<]*)</text>', drawing)
+    return [(text, (float(x), float(y))) for x, y, text in found]
 
 
 def folding_arm():
-    """Two links of 1 m that turn about z; the first two of the three joints are at one place."""
-    rows = [[0.0, 0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0]]
+    """Two links of 2 m that turn about z; the first two of the three joints are at one place."""
+    rows = [[a, 0.0, 0.0, 0.0] for a in (0.0, 2.0, 2.0)]
     return prepare_robot(js.robot(rows, convention="standard", units="m, rad, N")).robot
 
 
@@ -664,24 +653,26 @@ def test_bars_have_the_heights_of_their_numbers_on_the_axis(greatest):
         "measured": [greatest, 0.5 * greatest, 0.2 * greatest],
         "left": [0.1 * greatest, None, -0.3 * greatest],
     }
-    drawing = str(bars(Chart("Bars", ["a", "b", "c"], series, 1e3, "mm")))
-    texts = re.findall(r'<text [^>]*?x="([\d.]+)" y="([\d.]+)"[^>]*>([^<]*)</text>', drawing)
-    ticks = sorted((float(text), float(y)) for x, y, text in texts if re.fullmatch(r"[\d.]+", text))
-    (least, bottom), *_, (top, above) = ticks
-    assert least == 0.0
-    assert top >= 1e3 * greatest
-    boxes = rectangles(drawing)
+    drawing = bars(Chart("Bars", ["a", "b", "c"], series, 1e3, "mm")).svg
+    texts, axis = texts_of(drawing), numbers_of(drawing, "line", ("x1", "y1"))
+    (least, (_, bottom)), *_, (top, (beside, above)) = sorted(
+        (float(text), place) for text, place in texts if re.fullmatch(r"[\d.]+", text)
+    )
+    assert (least, beside < axis[:, 0].min()) == (0.0, True)
+    assert top == min(each for each in (1.0, 2.0, 5.0, 10.0) if each > 999.0 * greatest)
+    boxes = numbers_of(drawing, "rect", ("x", "y", "width", "height"))
     boxes, legend = boxes[boxes[:, 1] < bottom], boxes[boxes[:, 1] > bottom]
     values = 1e3 * np.abs([value or 0.0 for each in series.values() for value in each])
-    np.testing.assert_allclose(boxes[:, 3], values / top * (bottom - above), atol=4.0)
+    np.testing.assert_allclose(boxes[:, 3], values / top * (bottom - above), atol=0.02)
     shown = boxes[boxes[:, 3] > 0.0]
-    np.testing.assert_allclose(shown[:, 1] + shown[:, 3], shown[0, 1] + shown[0, 3], atol=0.02)
+    np.testing.assert_allclose(shown[:, 1] + shown[:, 3], axis[:, 1].max(), atol=0.02)
     assert (np.diff(boxes[:3, 0]) > boxes[0, 2]).all()
     assert boxes[3, 0] == pytest.approx(boxes[0, 0] + boxes[0, 2], abs=0.02)
-    assert boxes[:, 0].min() >= 40.0
-    assert (boxes[:, 0] + boxes[:, 2]).max() <= 480.0
-    assert len(legend) == 2
-    assert legend[0, 0] < legend[1, 0] < 480.0
+    assert 0.7 * 434.0 < boxes[:, 2].sum() < 434.0
+    assert 40.0 <= boxes[:, 0].min() < (boxes[:, 0] + boxes[:, 2]).max() <= 480.0
+    names = [place for text, place in texts if text in series]
+    assert 40.0 == legend[0, 0] < names[0][0] < legend[1, 0] < names[1][0] < 400.0
+    assert legend[:, 1] + legend[:, 3] == pytest.approx([y for _, y in names], abs=2.0)
 
 
 def test_bars_of_a_plot_stand_around_their_place_from_left_to_right():
