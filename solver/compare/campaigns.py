@@ -311,7 +311,7 @@ def fit_ordered(
         np.concatenate([each.bounds.lower for each in own]),
         np.concatenate([each.bounds.upper for each in own]),
     )
-    order: Order = tuple((i + k * n, j + k * n) for k in (0, 1) for i, j in own[k].order)
+    order: Order = (*own[0].order, *((n + i, n + j) for i, j in own[1].order))
     apart = Constraints(bounds, order)
     together = Constraints(bounds, (*((n + j, j) for j in range(n)), *order))
     centre = np.concatenate([each.compliance for each in free])

@@ -649,7 +649,7 @@ def _minimise(problem: _HuberProblem) -> tuple[FloatArray, Certificate]:
 def _robust_scale(problem: _HuberProblem, threshold: float) -> float:
     """Scale of the residuals [m], brought to convergence round by round with the fit."""
     compliance = solve_step(problem.least_squares()).compliance
-    rows = problem.rows[..., -1].size
+    rows = problem.rows[..., 0].size
     freedom = rows - len(compliance)
     if freedom < 1:
         raise UnsupportedMethodError(

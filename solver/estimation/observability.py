@@ -118,7 +118,7 @@ def _combination(
         pivots.append(last)
     free = sorted(pivots)
     bound = np.setdiff1d(np.arange(len(group)), free)
-    null = null / (scale[group] / scale[group].max())  # of the compliances themselves
+    null = null / scale[group]  # of the compliances themselves
     seen = np.zeros((len(bound), len(group)))
     seen[np.arange(len(bound)), bound] = 1.0
     seen[:, free] = -np.linalg.solve(null[:, free], null[:, bound]).T

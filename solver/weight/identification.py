@@ -533,7 +533,8 @@ def reduce(rows: Rows, linear: LinearFit, burden: Burden, others: FloatArray) ->
     left, singular, _ = np.linalg.svd(A)
     nothing = left[:, singular <= _NOTHING * singular[0]]  # rounding, which no x explains
     beyond = nothing @ (nothing.T @ b)
-    scale = np.where(varies, np.abs(torque).max(axis=0), rows.across)[seen]
+    scale = np.where(varies, np.abs(torque).max(axis=0), rows.across)
+    scale = np.maximum(scale, _UPRIGHT * scale.max())[seen]  # one that carries nothing may be pulled
     reduced = Reduced(
         A=A,
         b=b - beyond,
@@ -744,7 +745,7 @@ def joints_of(
     for k, j in enumerate(problem.seen.tolist()):
         name, unit, (low, high) = robot.joint_names[j], problem.unit[k], intervals[k]
         kind = robot.joint_kinds[j]
-        if not np.isfinite(high - low) or high >= _AT_CAP * problem.cones.cap[k]:
+        if not high < _AT_CAP * problem.cones.cap[k]:  # NaN where the program has no answer
             reason = (
                 f"own weight and readings do not determine the compliance of {name}: read more postures in "
                 "which its weight torque differs, as a plan for own weight lists them, or hang on a payload"

@@ -3,7 +3,7 @@
 import re
 from dataclasses import dataclass, replace
 from fractions import Fraction
-from math import inf, log, sqrt
+from math import inf, sqrt
 
 import numpy as np
 import pytest
@@ -32,7 +32,6 @@ from jointstiff.solver.compare.campaigns import (
     charts_of,
     compare_sides,
     force_unit_mistake,
-    log_stiffness,
     match,
     measured_shares,
     models_differ,
@@ -525,21 +524,6 @@ def test_the_fewer_degrees_of_freedom_count(simulated, freedoms):
     assert width == pytest.approx(2.0 * t * u[1], rel=2e-3)
 
 
-@pytest.mark.parametrize("side", [0, 1])
-def test_no_share_is_predicted_of_a_load_on_a_joint_of_which_one_campaign_says_nothing(simulated, side):
-    """A vertical force twists joint 6, and not joint 1."""
-    sides = [one.side for one in simulated]
-    force = sides[0].measurements.force.copy()
-    force[:5] = [0.0, 0.0, -1000.0]
-    sides[0] = replace(sides[0], measurements=replace(sides[0].measurements, force=force))
-    for hidden, known in (([0], 5), ([0, 5], 0), ([5], 0)):
-        unseen = np.isin(np.arange(6), hidden)
-        sides[side] = replace(sides[side], free=replace(sides[side].free, unseen=unseen))
-        shares = compare_sides(*sides, confidence=0.9).avoided.configurations
-        told = [one.predicted is not None for one in shares if one.side != "second"]
-        assert told == [k < known for k in range(19)], hidden
-
-
 X, Y, _ = np.eye(3)
 
 
@@ -563,12 +547,3 @@ def test_observations_are_alike_within_tolerances(simulated, field, change, near
         assert match(one, other).present.sum() == match(other, one).present.sum() == count
     still = replace(one, force=np.zeros((19, 3)))  # a moment alone acts anywhere
     assert match(still, replace(still, load_point=still.load_point + X)).present.all()
-
-
-def test_points_of_a_chart_are_logarithms_with_their_own_uncertainty():
-    for numbers in ((None, 1e-8), (1e-6, None), (0.0, 1e-8), (-1e-6, 1e-8), (1e-6, 0.26e-6)):
-        assert log_stiffness(*numbers) is None
-    logarithm = 6.0 * log(10.0)
-    assert log_stiffness(1e-6, 0.24e-6) == pytest.approx((logarithm, 0.24))
-    assert log_stiffness(1e-6, 0.5e-6, 0.48e-6) == pytest.approx((logarithm, 0.14))  # 0.5² - 0.48² = 0.14²
-    assert log_stiffness(1e-6, 0.1e-6, 0.2e-6)[1] > 0.0

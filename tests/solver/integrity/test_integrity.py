@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from support.campaigns import only_deflections, prepare
+from support.campaigns import first_target, only_deflections, prepare
 
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.campaign import TARGETS, experiment_of, linear_deflections
@@ -95,3 +95,38 @@ def test_repetitions_tell_sigma():
         assert 28.0 < float(re.search(r"(\S+) µm", finding.message)[1]) < 32.0
     found = look(repeated, sigma=1e-5)
     assert next(f for f in found if f.code == "repeated_readings").weight == "use_with_care"
+
+
+def test_copies_are_named_unless_chance_makes_few_numbers_equal():
+    """Readings of several targets agree in no two postures; a reading of three numbers may."""
+    few = first_target(only_deflections(CAMPAIGN))
+    for measurements, posture_too, said in (
+        (CAMPAIGN, True, ["joint angles and readings"]),
+        (CAMPAIGN, False, ["its readings"]),
+        (few, True, ["joint angles and readings"]),
+        (few, False, []),
+    ):
+        order = np.where(np.arange(15) == 9, 4, np.arange(15))
+        copy = (
+            measurements[order] if posture_too else replace(measurements[order], joints=measurements.joints)
+        )
+        found = [each for each in look(copy) if each.code == "duplicated_observation"]
+        assert [words in each.message for words, each in zip(said, found, strict=True)] == [True] * len(said)
+
+
+def test_a_single_position_that_was_read_leaves_the_angles_to_the_positions():
+    """Deflections of the row before: with positions they are no mistake in the angles."""
+    shifted = replace(only_deflections(CAMPAIGN), deflection=np.roll(CAMPAIGN.deflection, 1, axis=0))
+    assert "observations_out_of_order" in [each.code for each in look(shifted)]
+    in_flange, position = shifted.in_flange.copy(), shifted.position.copy()
+    in_flange[2], position[2] = False, CAMPAIGN.position[2]
+    codes = [each.code for each in look(shifted, in_flange=in_flange, position=position)]
+    assert "observations_out_of_order" not in codes
+
+
+def test_moments_of_one_axis_are_loads():
+    force, moment = CAMPAIGN.force.copy(), CAMPAIGN.moment.copy()
+    force[3:5] = 0.0
+    moment[3] = [50.0, 0.0, 0.0]
+    found = [each.observation for each in look(force=force, moment=moment) if each.code == "zero_load"]
+    assert found == ["c05"]

@@ -25,7 +25,6 @@ from jointstiff.simulator.base import SPRINGS, on_pedestal, standing
 from jointstiff.simulator.imperfections import with_link_errors
 from jointstiff.simulator.own_weight import Bodies, sag
 from jointstiff.solver.errors import MeasurementError, RequestError
-from jointstiff.solver.estimation import programs
 from jointstiff.solver.estimation.solution import Bounds, Constraints
 from jointstiff.solver.geometry.poses import PoseState, chain_axes, transformed
 from jointstiff.solver.mechanics.block import OwnWeight
@@ -34,7 +33,7 @@ from jointstiff.solver.mechanics.robot import Body
 from jointstiff.solver.predict.forward import CorrectionLimits, LoadCases, compensate
 from jointstiff.solver.predict.models import JointModel
 from jointstiff.solver.weight.identification import Burden, identify_weight, reasons_of, rows_at
-from jointstiff.solver.weight.masses import FreedMass, contradicted, freed_masses, unchecked, widened
+from jointstiff.solver.weight.masses import FreedMass, contradicted, freed_masses, widened
 
 
 def compliances(estimate):
@@ -156,10 +155,10 @@ def test_a_balancer_joins_by_its_attachment_points():
     assert identify_weight(ROBOT, replace(readings, burden=burden_of(BODIES))).reasons
 
 
-def pushed():
+def pushed(along=(1.0, 1.0, 1.0)):
     """Return deflections by 15 known loads."""
     q = random_configurations(ARM, 15, seed=9)
-    force = np.random.default_rng(3).standard_normal((15, 3)) * 800.0
+    force = np.random.default_rng(3).standard_normal((15, 3)) * 800.0 * along
     before, after = deflections(ARM, q, force, np.zeros((15, 3)), LOAD_POINT, POINTS)
     noise = 3e-5 * np.sqrt(2.0) * np.random.default_rng(4).standard_normal(before.shape)
     return readings_of(q, force, LOAD_POINT, before, after - before + noise, sigma=3e-5)
@@ -228,13 +227,16 @@ def test_a_payload_of_uncertain_mass_widens_the_intervals():
     assert (np.ptp(loose, axis=1) > 1.05 * np.ptp(exact, axis=1)).all()
 
 
-def test_an_interval_that_is_not_found_leaves_no_number(monkeypatch):
-    solve = programs.Program.solve_with_duals
-    no_ends = lambda self, data, *to: None if "a" in data else solve(self, data, *to)  # noqa: E731
-    monkeypatch.setattr(programs.Program, "solve_with_duals", no_ends)
-    found = identify_weight(ROBOT, campaign(postures=8))
-    assert {joint.status for joint in found.joints} == {"not_observable"}
-    assert np.isnan(found.shares).all()
+def test_a_joint_that_known_loads_alone_twist_is_identified():
+    """Vertical forces twist joint 6, which carries nothing, and not joint 1."""
+    bodies = Bodies(BODIES.masses * (np.arange(6) < 5), BODIES.centres)
+    unloaded = campaign(
+        bodies=bodies, postures=12, stated=burden_of(Bodies(bodies.masses[:5], bodies.centres[:5]))
+    )
+    found = identify_weight(ROBOT, unloaded, loaded=pushed([0.0, 0.0, 1.0])).joints
+    assert [joint.status for joint in found[::5]] == ["not_observable", "identified"]
+    low, high = found[5].compliance_interval
+    assert low <= ARM.compliances[5] <= high
 
 
 def test_residuals_and_masses_are_reasons_beyond_chance():
@@ -253,15 +255,12 @@ def test_residuals_and_masses_are_reasons_beyond_chance():
         assert len(codes(stats.chi2.isf(chance, 50), 0.0, 2e-5)) == len(masses)
 
 
-def test_masses_are_widened_by_two_standard_uncertainties_and_checked_by_five():
+def test_a_mass_is_widened_by_two_standard_uncertainties():
     body = Body("arm", 1, 10.0, 9.0, 11.0, (0.0, 0.0, 0.0))
     for mass, bounds in ((5.0, (3, 11)), (20.0, (9, 22)), (1.0, (0, 11)), (10.0, (8, 12))):
         one, wide, other = widened((body,) * 3, FreedMass(1, mass, 1.0, 20.0, np.zeros(1)))
         assert (wide.least, wide.most) == bounds
         assert one == other == body
-    for uncertainty, change, told in ((2.1, 0.11, 1), (2.1, -0.11, 1), (1.9, 0.11, 0), (2.1, 0.09, 0)):
-        freed = FreedMass(0, 10.0, uncertainty, 0.0, np.array([0.0, change]))
-        assert (unchecked((body,), [freed]) is not None) == told
 
 
 SPRING_STATED = stated_spring((3e4, 3e4), (9e3, 9e3))
