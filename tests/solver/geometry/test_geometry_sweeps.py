@@ -248,16 +248,6 @@ def test_a_coupled_axis_is_as_uncertain_as_all_readings_that_tell_of_it_make_it(
 
 
 class TestFlags:
-    @pytest.mark.parametrize(("arc", "codes"), [(25.0, ["short_arc"]), (35.0, [])])
-    def test_a_short_arc_is_said_with_what_it_costs(self, arc, codes):
-        fit = fitted(made(2, -arc / 2.0, arc / 2.0))
-        found = list(sweep_findings(fit, NAMES))
-        assert [finding.code for finding in found] == codes
-        for finding in found:
-            assert f"an arc of {arc:.3g}°" in finding.message
-            worst = np.linalg.norm(fit.axis_covariance[:2, :2], 2) ** 0.5
-            assert length_in(finding.message) == pytest.approx(worst, rel=0.02)
-
     def displaced(self, sweep, part, shift):
         """Findings where some readings are displaced by (3,) [m]."""
         points = sweep.points.copy()

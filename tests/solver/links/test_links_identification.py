@@ -144,34 +144,17 @@ def test_links_that_are_known_leave_noise_and_joints_alone_leave_much_more():
     assert found.chi_square / found.degrees_of_freedom == pytest.approx(1.0, abs=4.0 * spread)
 
 
-def test_the_penalty_is_refined_to_a_quarter_of_a_decade_and_beyond_an_end():
-    """20 postures call for some penalty on full links; 60 of diagonal ones for hardly any."""
-    for name, count, expected in (
-        ("joints_and_links", 20, (1e-5, 1e-1)),
-        ("diagonal_links", 60, (LIMITS[0], 0.1 * WEIGHTS[0])),
-    ):
-        robot, measurements = pulled(beam_arm(default_arm()), count, seed=1)
-        model = ElasticModel(name, COLUMNS)
-        folds = Folds(robot, measurements, COLUMNS, VISIBLE, CrossValidation(folds=2, draws=1))
-        finer = refined(folds, model, fit_folds(folds, model, WEIGHTS))
-        errors = finer.errors
-        mean, best = errors.mean(axis=0), chosen_weight(errors, "best")
-        assert expected[0] <= finer.weights[best] <= expected[1]
-        assert mean[best] <= errors[:, np.isin(finer.weights, WEIGHTS)].mean(axis=0).min()
-        ratios = np.diff(np.log10(finer.weights))[max(0, best - 1) : best + 1]
-        np.testing.assert_allclose(ratios, 0.25)
-
-
 @pytest.mark.parametrize("best", [-9.0, -6.3, -3.4, -1.6, 0.4, 0.9, 2.0])
 def test_the_best_penalty_is_found_to_a_quarter_of_a_decade_wherever_it_is(monkeypatch, best):
     """Errors with a minimum within the weights that are tried first, or beyond their ends, or the limits."""
 
     def fitted(_folds, _model, weights):
         errors = np.tile(np.square(np.log10(weights) - best), (2, 1))
-        return PenaltyPath(tuple(weights), np.zeros((2, len(weights), 1)), errors)
+        return PenaltyPath(tuple(weights), np.tile(weights, (2, 1))[..., None], errors)
 
     monkeypatch.setattr(choice, "fit_folds", fitted)
     finer = refined(None, None, fitted(None, None, WEIGHTS))
+    np.testing.assert_array_equal(finer.compliances[1, :, 0], finer.weights)
     found = np.log10(finer.weights[chosen_weight(finer.errors, "best")])
     assert found == pytest.approx(np.clip(best, *np.log10(LIMITS)), abs=0.126)
 
@@ -203,6 +186,13 @@ def test_errors_of_many_targets_are_those_of_their_coordinates(monkeypatch):
     left = rows[..., :-1] @ compliances.T - rows[..., -1:]
     expected = np.sqrt(np.square(left).mean(axis=(0, 1, 2)) / 2.0)  # of a difference of two readings
     np.testing.assert_allclose(folds.error(1, compliances), expected, rtol=1e-6)
+
+
+def test_a_joint_that_a_part_sees_by_rounding_alone_is_no_unknown_of_it():
+    rows = elastic_rows(*rigid_pulled(6, 2), COLUMNS)
+    triangle = rows.triangle * np.where(np.arange(COLUMNS.width + 1) == 2, 1e-12, 1.0)
+    form = formulate(replace(rows, triangle=triangle), ElasticModel("joints", COLUMNS), VISIBLE)
+    assert form.columns.tolist() == [0, 1, 3, 4, 5]
 
 
 def selected(robot, measurements, weights, folds):

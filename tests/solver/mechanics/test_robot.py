@@ -5,7 +5,6 @@ import os
 import re
 import subprocess
 import sys
-from contextlib import nullcontext
 from pathlib import Path
 
 import numpy as np
@@ -349,11 +348,9 @@ def test_a_path_through_a_singularity_is_refused_where_it_is():
     assert (np.abs(q[refused, 4]) < 0.06).all()
 
 
-@pytest.mark.parametrize("rotary", [1, 4])
-def test_a_rail_stands_still_unless_a_rotary_axis_of_the_controller_moves_it(rotary):
+def test_a_rail_that_moves_with_one_rotary_axis_of_the_controller_cannot_stand_still():
     matrix = np.eye(7)
-    matrix[0, rotary] = 0.3
-    for rows, refused in ((matrix.T, False), (matrix, True)):
-        robot = Robot(robot_of(arm_on_rail()).chain, JointMap(rows, np.zeros(7)))
-        with pytest.raises(RobotError, match="cannot stand still") if refused else nullcontext():
-            assert standing_still(robot, np.zeros(7)).n == 6
+    matrix[0, 4] = 0.3
+    robot = Robot(robot_of(arm_on_rail()).chain, JointMap(matrix, np.zeros(7)))
+    with pytest.raises(RobotError, match="cannot stand still"):
+        standing_still(robot, np.zeros(7))
