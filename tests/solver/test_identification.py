@@ -29,11 +29,7 @@ from support.springs import SpringCampaign, load_cases, robot_of
 
 from jointstiff.simulator import equilibrium, simulate_campaign, torques
 from jointstiff.simulator.own_weight import Bodies, sag
-from jointstiff.solver.errors import (
-    JointstiffError,
-    MeasurementError,
-    UnsupportedMethodError,
-)
+from jointstiff.solver.errors import JointstiffError, MeasurementError, UnsupportedMethodError
 from jointstiff.solver.estimation.estimate import predict
 from jointstiff.solver.estimation.solution import Bounds, Constraints
 from jointstiff.solver.estimation.triangle import Triangle

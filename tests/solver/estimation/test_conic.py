@@ -200,6 +200,17 @@ CONES = Cones(BLOCKS, np.array([50.0, 40.0, 60.0]))
 SIZE = sum(block.size for block in BLOCKS)
 
 
+def test_cones_are_left_by_no_point_and_bounded_by_hand():
+    x = np.array([60.0, -70.0, 10.0, 100.0, 0.0, 0.0, 0.0, 30.0, 0.0, -1.0, 5.0, 9.0])
+    drawn_in = [50.0, -50.0, 10.0, 53.0, 0.0, 0.0, 0.0, 30.0, 0.0, 0.0, 5.0, 5.0]
+    np.testing.assert_allclose(CONES.projected(x), drawn_in)
+    # 50 (10 - 1 - |-2 - 0.3 · 5| - 5 - 2) + 40 (-2) + 60 (1 - 3); nothing where such a sum is positive
+    s = np.array([10.0, 1.0, -2.0, 3.0, 0.0, 4.0, 0.0, 2.0, 0.0, -2.0, 1.0, -3.0])
+    for c, least in ((10.0, -275.0), (11.4, -205.0), (11.6, -200.0)):
+        s[0] = c
+        assert CONES.least(s) == pytest.approx(least)
+
+
 def inside(rng, count):
     """Points of the set, drawn one by one from its definition."""
     points = np.zeros((count, SIZE))
@@ -310,6 +321,7 @@ def test_the_range_far_from_all_bounds_is_that_of_an_ellipsoid():
     size = np.linalg.norm(R @ truth)
     fit = LeastSquares(R, R @ truth / size)
     program = SemidefiniteProgram(fit, cone, 1e-4)
+    np.testing.assert_array_equal(program.penalty, 1e-4 * np.array([0.0, 0.0, 1.0, 1.0, 0.0, 1.0]))
     x = np.linalg.lstsq(R, fit.z, rcond=None)[0] - 0.5 * np.linalg.solve(R.T @ R, program.penalty)
     rise, functions = 1e-6, rng.standard_normal((4, 6))
     half = np.sqrt(rise * np.einsum("ki,ij,kj->k", functions, np.linalg.inv(R.T @ R), functions))

@@ -11,6 +11,7 @@ from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.campaign import TARGETS, experiment_of, linear_deflections
 from jointstiff.simulator.imperfections import with_link_errors
 from jointstiff.solver.integrity import inspect
+from jointstiff.solver.integrity.values import View, loads
 from jointstiff.solver.mechanics.configuration import Configurations
 
 ROBOT, CAMPAIGN = prepare(simulate_campaign(default_arm(), load="pull", configurations=15, seed=5))
@@ -99,19 +100,11 @@ def test_repetitions_tell_sigma():
 
 def test_copies_are_named_unless_chance_makes_few_numbers_equal():
     """Readings of several targets agree in no two postures; a reading of three numbers may."""
-    few = first_target(only_deflections(CAMPAIGN))
-    for measurements, posture_too, said in (
-        (CAMPAIGN, True, ["joint angles and readings"]),
-        (CAMPAIGN, False, ["its readings"]),
-        (few, True, ["joint angles and readings"]),
-        (few, False, []),
-    ):
-        order = np.where(np.arange(15) == 9, 4, np.arange(15))
-        copy = (
-            measurements[order] if posture_too else replace(measurements[order], joints=measurements.joints)
-        )
-        found = [each for each in look(copy) if each.code == "duplicated_observation"]
-        assert [words in each.message for words, each in zip(said, found, strict=True)] == [True] * len(said)
+    order = np.where(np.arange(15) == 9, 4, np.arange(15))
+    for measurements, count in ((CAMPAIGN, 1), (first_target(only_deflections(CAMPAIGN)), 0)):
+        copy = replace(measurements[order], joints=measurements.joints)
+        found = [each.message for each in look(copy) if each.code == "duplicated_observation"]
+        assert [words.startswith("its readings equal") for words in found] == [True] * count
 
 
 def test_a_single_position_that_was_read_leaves_the_angles_to_the_positions():
@@ -126,7 +119,7 @@ def test_a_single_position_that_was_read_leaves_the_angles_to_the_positions():
 
 def test_moments_of_one_axis_are_loads():
     force, moment = CAMPAIGN.force.copy(), CAMPAIGN.moment.copy()
-    force[3:5] = 0.0
-    moment[3] = [50.0, 0.0, 0.0]
-    found = [each.observation for each in look(force=force, moment=moment) if each.code == "zero_load"]
-    assert found == ["c05"]
+    force[3:5], moment[3, 0] = 0.0, 50.0
+    assert [
+        each.observation for each in loads(View(ROBOT, replace(CAMPAIGN, force=force, moment=moment)))
+    ] == ["c05"]
