@@ -12,6 +12,8 @@ import pytest
 from support.shared_data import shared
 from support.terminal import terminal
 
+from jointstiff.service.cli.measure import _force
+
 run = partial(terminal, width=160)
 
 
@@ -31,6 +33,10 @@ def test_negative_stiffness_is_shown_as_what_it_is(tmp_path):
     constrained = run("identify", path).stdout
     assert "rigid" in constrained
     assert "cannot distinguish it from a rigid" in constrained
+
+
+def test_one_number_is_a_weight_that_pulls_down():
+    assert _force("200") == _force("-200") == _force("0,0,-200") == (0.0, 0.0, -200.0)
 
 
 def test_serve_on_a_port_in_use(tmp_path):

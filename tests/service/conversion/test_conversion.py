@@ -57,12 +57,6 @@ def test_a_reading_is_of_one_kind(fields):
         Reading(target="tip", **fields)
 
 
-def test_a_gauge_has_its_place_in_the_flange():
-    document = measured(gauges()[1], flange_targets={})
-    with pytest.raises(MeasurementError, match="no position in the flange frame"):
-        prepare(document)
-
-
 def test_directions_turn_with_the_tracker_frame():
     """All in the frame of a tracker that stands askew gives the same as in R0."""
     document = gauges()[1]

@@ -173,15 +173,6 @@ def test_what_an_arm_may_just_reach_is_taken_and_load_points_of_each_observation
     assert [each.label for each in measured.observations] == [f"c{i:02}" for i in range(1, 13)]
 
 
-@pytest.mark.parametrize("shape", [(3,), (3, 3), (12, 3, 3)])
-def test_directions_are_of_all_readings_of_targets_or_of_each(shape):
-    directions = np.random.default_rng(0).uniform(0.1, 1.0, shape)
-    along = arrays(**FREE, deflections=np.full((12, 3), 0.5), directions=directions)
-    observations = js.Campaign.from_arrays(**along).measurement_set.observations
-    found = [[r.direction for r in each.readings] for each in observations]
-    assert np.array_equal(found, np.broadcast_to(directions, (12, 3, 3)))
-
-
 def chain_of(robot):
     return prepare_robot(robot).robot
 

@@ -136,19 +136,13 @@ NEAR = {
 }
 
 
-@pytest.mark.parametrize("angle", [1.0, np.pi / 180])
-@pytest.mark.parametrize("length", [1.0, 1e-3])
 @pytest.mark.parametrize("orientation", NEAR)
-def test_an_unchanged_target_keeps_its_numbers_in_each_notation_and_unit(orientation, length, angle):
+def test_an_unchanged_target_keeps_its_numbers_in_each_notation(orientation):
     """Numbers of no, one and two full turns, at the lock, of either sign and of a length beside 1."""
-    notation = Notation(orientation, length, angle)
-    turning = orientation is not Orientation.QUATERNION
     near = np.array([[1.0, -2, 3, *each] for each in NEAR[orientation]])
-    near[:, 3:] *= np.pi / 180 / angle if turning else 1.0
-    poses = notation.poses(near)
-    np.testing.assert_allclose(poses[:, :3, 3], np.tile(np.array([1.0, -2, 3]) * length, (len(near), 1)))
-    np.testing.assert_allclose(notation.values(poses, near), near, atol=1e-9)
-    assert np.array_equal(notation.pose(near[0]), poses[0])
+    poses = Notation(orientation).poses(near)
+    np.testing.assert_allclose(poses[:, :3, 3] * 1e3, near[:, :3])
+    np.testing.assert_allclose(Notation(orientation).values(poses, near), near, atol=1e-9)
 
 
 WRITTEN = """1.000 1.0006 1.001, 1.000 0.9994 0.999, 1.000 -1 -1.000, 5.000 -0.0004 0.000, 5.000 0.0004 0.000,
@@ -157,37 +151,33 @@ KEPT = "1.000 1.0004 1.000, 0.000 -0.0004 0.000, -0.000 0.0004 0.000, 1.23456 1.
 
 
 @pytest.mark.parametrize(("cases", "changes"), [(WRITTEN, True), (KEPT, False)])
-@pytest.mark.parametrize("beside", [[], ["12.3456789"]])
-def test_a_number_is_written_with_its_digits_and_differs_where_they_do(cases, changes, beside):
-    """An old number, a new one, and what is written: three digits at least, no -0; others have their own."""
+def test_a_number_is_written_with_its_digits_and_differs_where_they_do(cases, changes):
+    """An old number, a new one, and what is written: three digits at least, no -0; one beside it has more."""
     for old, new, text in (case.split() for case in cases.split(",")):
-        line = " ".join([*beside, old])
-        spans = np.array([(0, 10)] * len(beside) + [(len(line) - len(old), len(line))], dtype=np.int32)
-        signs, read = np.frombuffer(line.encode(), dtype=np.uint8), np.array([*beside, old], dtype=float)
-        numbers = np.array([0.5] * len(beside) + [float(new)])
-        texts, differ = written(signs, spans, numbers, read, np.full(len(read), 3))
-        assert (texts, differ[-1]) == (["0.5000000"] * len(beside) + [text], changes)
+        line = f"12.3456789 {old}"
+        spans = np.array([(0, 10), (11, len(line))], dtype=np.int32)
+        signs, read = np.frombuffer(line.encode(), dtype=np.uint8), np.array(line.split(), dtype=float)
+        texts, differ = written(signs, spans, np.array([0.5, float(new)]), read, np.array([3, 3]))
+        assert (texts, differ[1]) == (["0.5000000", text], changes)
+        assert written(signs, spans[1:], np.array([float(new)]), read[1:], np.array([3]))[0] == [text]
 
 
-@pytest.mark.parametrize(
-    ("units", "metres", "radians", "decimals"),
-    [
-        ("mm mm mm deg deg deg", 1e-3, np.pi / 180, (6, 9)),
-        ("m m m rad rad rad", 1.0, 1.0, (9, 9)),
-        ("MM MM MM ° ° °", 1e-3, np.pi / 180, (6, 9)),
-    ],
-)
-def test_columns_of_a_table_have_one_unit_for_each_quantity(units, metres, radians, decimals):
-    def table(units):
-        return ";".join(map("{} [{}]".format, "xyzabc", units.split())) + "\n1;2;3;4;5;6\n"
+UNITS = {"mm mm mm ° ° °": (1e-3, np.pi / 180, 6, 9), "m m m rad rad rad": (1.0, 1.0, 9, 9)}
+OTHERS = ("mm mm m ° ° °", "mm mm mm ° rad °", "mm mm ° ° ° °", "mm mm mm ° mm °")
 
-    (notation,) = read_program([("a.csv", table(units).encode("latin-1"))]).targets.notations
-    assert (notation.length, notation.angle) == (metres, pytest.approx(radians))
-    assert (notation.length_decimals, notation.angle_decimals) == decimals
-    for wrong in ("mm mm m ° ° °", "mm mm mm ° rad °", "mm mm ° ° ° °", "mm mm mm ° mm °"):
-        fault = refusal("a.csv", f"\n{table(wrong)}").faults[0]
+
+@pytest.mark.parametrize("units", [*UNITS, *OTHERS])
+def test_columns_of_a_table_have_one_unit_for_each_quantity(units):
+    header = ";".join(map("{} [{}]".format, "xyzabc", units.split()))
+    text = f"# a remark\n{header}\n1;2;3;4;5;6\n"
+    if units in OTHERS:
+        fault = refusal("a.csv", text).faults[0]
         assert (fault.line, "different ones" in fault.reason) == (2, True)
-    assert "same name" in refusal("a.csv", table(units).replace("y [", "x [")).faults[0].reason
+        return
+    (one,) = read_program([("a.csv", text.encode("latin-1"))]).targets.notations
+    found = one.length, one.angle, one.length_decimals, one.angle_decimals
+    assert found == pytest.approx(UNITS[units])
+    assert "same name" in refusal("a.csv", text.replace("y [", "x [")).faults[0].reason
 
 
 FREE_FRAMES = "$TOOL=TOOL_DATA[1]\n$BASE=BASE_DATA[1]"
