@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from reference.optima import huber_by_clarabel, huber_objective
-from scipy import special, stats
+from scipy import stats
 from scipy.optimize import minimize
 from support.campaigns import (
     ARM,
@@ -50,7 +50,6 @@ from jointstiff.solver.estimation.conic import (
     to_vector,
     weighed_ends,
 )
-from jointstiff.solver.estimation.solution import Bounds, Constraints, IdentificationProblem
 from jointstiff.solver.mechanics.measurements import EncoderReadings
 from jointstiff.solver.mechanics.robot import ChainJoint, JointMap, KinematicChain, Robot
 
@@ -355,18 +354,6 @@ def test_programs_of_one_variable_are_solved_on_paper():
     for sign in (1.0, -1.0):  # (2 x - 3)² + x / 2 = 2
         x = (11.5 - sign * np.sqrt(11.5**2 - 4.0 * 4.0 * 7.0)) / 8.0
         np.testing.assert_allclose(end.solve({"a": np.array([sign])}, 1e-9), [x], rtol=1e-6)
-    squared = IdentificationProblem(A[:, 0], d[:, 0], Bounds.positive(1))
-    for row, x in ((0.0, 4.0 / 3.0), (1.0, 1.5), (2.0, 8.0 / 7.0)):  # 3 (x - 1) + row (row x - 2) = 1
-        found = programs.huber(A, d, np.array([[row]]), np.array([2.0]), squared)
-        np.testing.assert_allclose(found, [x], rtol=1e-6)
-
-
-def test_the_loss_that_must_fall_is_huber_s():
-    A, d, c = (np.random.default_rng(2).standard_normal(shape) for shape in ((9, 3, 4), (9, 3), 4))
-    rows, beside = np.concatenate([A, d[..., None]], axis=-1), np.array([[1.0, 0.0, 0.0, 0.0, 3.0]])
-    problem = robust._HuberProblem(rows, beside, Constraints(Bounds.positive(4)))
-    loss = special.huber(1.0, np.linalg.norm(A @ c - d, axis=1)).sum() + (c[0] - 3.0) ** 2 / 2.0
-    assert problem.objective(c) == pytest.approx(loss)
 
 
 def test_the_design_for_the_worst_direction_is_solved_by_hand():

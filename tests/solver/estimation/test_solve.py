@@ -298,6 +298,16 @@ def correlated(rng, count, n):
     return At @ A, (At @ b)[..., 0]
 
 
+@pytest.mark.parametrize("n", [2, 3, 6])
+def test_gram_matrices_answer_down_to_the_least_eigenvalue(n):
+    """Of a unit diagonal and equal correlations r the eigenvalues are 1 - r and 1 + (n - 1) r."""
+    for share, sound in ((0.99, False), (1.01, True)):
+        least = share * module.LEAST_EIGENVALUE
+        for r in (1.0 - least, (least - 1.0) / (n - 1)):
+            problem = GramProblems((r + (1.0 - r) * np.eye(n))[None], np.ones((1, n)), Bounds.positive(n))
+            assert problem.well_conditioned() == [sound]
+
+
 @pytest.mark.parametrize("finder", ["pivoting", "alone"])
 def test_random_problems_against_exact_arithmetic(monkeypatch, finder):
     """Columns over twelve decades, condition up to 1e3, any number of zeros: all certified and exact."""

@@ -107,16 +107,6 @@ def test_copies_are_named_unless_chance_makes_few_numbers_equal():
         assert [words.startswith("its readings equal") for words in found] == [True] * count
 
 
-def test_a_single_position_that_was_read_leaves_the_angles_to_the_positions():
-    """Deflections of the row before: with positions they are no mistake in the angles."""
-    shifted = replace(only_deflections(CAMPAIGN), deflection=np.roll(CAMPAIGN.deflection, 1, axis=0))
-    assert "observations_out_of_order" in [each.code for each in look(shifted)]
-    in_flange, position = shifted.in_flange.copy(), shifted.position.copy()
-    in_flange[2], position[2] = False, CAMPAIGN.position[2]
-    codes = [each.code for each in look(shifted, in_flange=in_flange, position=position)]
-    assert "observations_out_of_order" not in codes
-
-
 def test_moments_of_one_axis_are_loads():
     force, moment = CAMPAIGN.force.copy(), CAMPAIGN.moment.copy()
     force[3:5], moment[3, 0] = 0.0, 50.0
