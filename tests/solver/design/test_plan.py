@@ -28,7 +28,6 @@ from jointstiff.solver.design.candidates import (
     PlanRequest,
     Pool,
     segment_distance,
-    whitened_rows,
 )
 from jointstiff.solver.design.optimum import (
     AOptimality,
@@ -45,8 +44,7 @@ from jointstiff.solver.design.plan import Distinct, advise, exact_design, plan_c
 from jointstiff.solver.errors import SolverError
 from jointstiff.solver.estimation.identify import identify
 from jointstiff.solver.mechanics.configuration import Configurations
-from jointstiff.solver.mechanics.measurements import CommonUncertainty, FittedErrors, Instrument
-from jointstiff.solver.mechanics.terms import FORCE_SCALE
+from jointstiff.solver.mechanics.measurements import CommonUncertainty, Instrument
 
 N = len(ARM.stiffnesses)
 PLACES = np.array(list(TARGETS.values()))
@@ -341,7 +339,6 @@ def test_the_bound_of_a_mean_price_is_that_of_distinct_postures(count):
     assert Distinct(postures[:9], 0.2).best_mean(prices[:9], count) == pytest.approx(2.0 / count)
     assert Distinct(postures, 0.0).best_mean(prices, count) == 2.0
     postures[5000:, 0] = np.arange(1.0, 10.0)
-    assert Distinct(postures[5000:], 0.2).best_mean(prices[5000:], count) == pytest.approx(0.5)
     assert Distinct(postures, 0.2).best_mean(prices, count) >= (2.0 + 0.5 * (count - 1)) / count - 1e-12
 
 
@@ -349,12 +346,11 @@ def test_the_bound_of_a_mean_price_is_that_of_distinct_postures(count):
 @pytest.mark.parametrize("validation", [0.0, 0.2])
 def test_as_many_readings_are_planned_as_a_goal_needs_at_least(monkeypatch, least, validation):
     """Uncertainties that fall a little slower than with the root; readings held out come on top."""
-    for name in ("DesignProblem", "optimise"):
-        monkeypatch.setattr(plan, name, lambda *parts: parts[2] if len(parts) == 4 else None)
+    monkeypatch.setattr(plan, "DesignProblem", lambda _, __, fitted, ___: fitted)
+    monkeypatch.setattr(plan, "optimise", lambda *_: None)
     monkeypatch.setattr(plan, "exact_design", lambda problem, *_, **__: SimpleNamespace(matrix=problem))
     monkeypatch.setattr(plan, "goal_share", lambda _, __, fitted: (least / fitted) ** 0.4)
-    goal = JointsGoal(kind="joints", relative=0.1)
-    request = request_of(equipment(), goal=goal, validation=validation)
+    request = request_of(equipment(), goal=JointsGoal(kind="joints", relative=0.1), validation=validation)
     pool = SimpleNamespace(parameters=SimpleNamespace(joints=range(6)), candidates=None, base=None)
     enough = [n for n in range(1, 300) if n - round(validation * n) >= least]
     assert plan.least_readings(pool, request, None, None) == enough[0]
@@ -375,21 +371,6 @@ def test_blocks_are_good_plans_by_themselves_the_best_one_first(criterion):
         exchanged = block.copy()
         exchanged[[i, j]] = block[[j, i]]
         assert sum(values(exchanged)) <= first + second + 1e-3
-
-
-def test_rows_beside_which_a_cause_was_fitted_are_what_it_leaves(robot):
-    """One force for all readings: it moves the targets as all joints together do."""
-    tools = equipment()
-    joints, force = np.random.default_rng(0).uniform(-1.0, 1.0, (4, N)), np.full((4, 3), 300.0)
-    readings = tools.measurements(robot, joints, force)
-    rows = whitened_rows(robot, request_of(tools), readings)[..., :N].reshape(-1, N)
-    fitted = FittedErrors((FORCE_SCALE,), (np.zeros(1),), np.zeros((1, 1)), 1)
-    readings = replace(readings, common_uncertainty=CommonUncertainty(fitted=fitted))
-    left = whitened_rows(robot, request_of(tools), readings)[..., :N].reshape(-1, N)
-    moved = rows @ ARM.compliances
-    np.testing.assert_allclose(
-        left, rows - np.outer(moved, moved @ rows) / (moved @ moved), atol=1e-9 * abs(rows).max()
-    )
 
 
 def test_the_bound_holds_for_directions_that_nobody_tried():

@@ -145,6 +145,9 @@ def test_exact_sweeps_of_an_imperfect_arm_give_its_axes(matrix, way):
     cell = Cell(imperfect_arm(3), matrix=matrix)
     found = identified(cell.sweeps(), way)
     assert np.abs(axis_errors(found, cell)).max() < 1e-8
+    for fit in (each for each in found.fits if each.outer is not None):
+        by_readings = np.hstack([fit.influence[:4], fit.dependence @ fit.outer.influence[:4]])
+        np.testing.assert_allclose(fit.axis_covariance, SIGMA**2 * by_readings @ by_readings.T, rtol=1e-6)
     posture = cell.arm.posture(np.zeros(6))
     at_zero = posture.targets_to_base(TARGETS) @ cell.rotation.T + cell.translation
     assert np.abs(found.targets - at_zero).max() < 1e-8
@@ -237,14 +240,6 @@ def test_free_angles_survive_encoder_errors_that_ruin_the_others():
         trusted.append(other.variance_factor)
     assert np.mean(free) == pytest.approx(4.0, rel=0.35)
     assert np.min(trusted) > 2.0
-
-
-def test_a_coupled_axis_is_as_uncertain_as_all_readings_that_tell_of_it_make_it():
-    """J2 of a FANUC arm turns axes 2 and 3: its own sweep, and that of axis 3 alone."""
-    cell = Cell(imperfect_arm(3), matrix=FANUC_MAP)
-    inner = identify_axes(cell.sweeps(np.random.default_rng(1))).fits[1]
-    by_readings = np.hstack([inner.influence[:4], inner.dependence @ inner.outer.influence[:4]])
-    np.testing.assert_allclose(inner.axis_covariance, SIGMA**2 * by_readings @ by_readings.T, rtol=1e-6)
 
 
 class TestFlags:

@@ -159,20 +159,17 @@ def test_the_best_penalty_is_found_to_a_quarter_of_a_decade_wherever_it_is(monke
     assert found == pytest.approx(np.clip(best, *np.log10(LIMITS)), abs=0.126)
 
 
-@pytest.mark.parametrize(
-    ("asked", "speaks", "links", "base", "left_out"),
-    [
+def test_models_with_a_base_are_compared_where_its_test_speaks():
+    for asked, speaks, links, base, left_out in (
         (None, False, 1e-9, 1e-9, {"joints_and_base", "links_and_base"}),
         ("joints_and_links", True, 1e-9, 1e-9, {"joints_and_base", "links_and_base"}),
         ("joints_and_base", False, 0.5, 0.5, set()),
         (None, True, 1e-9, 1e-9, set()),
         (None, True, 1e-9, 0.5, {"links_and_base"}),
         (None, True, 0.5, 1e-9, {*MODELS} - {"joints", "joints_and_base"}),
-    ],
-)
-def test_models_with_a_base_are_compared_where_its_test_speaks(asked, speaks, links, base, left_out):
-    screening = SimpleNamespace(base_speaks=speaks, links_beside_base=links, base_beside_links=base)
-    assert {*MODELS} - {*compared_models(screening, asked)} == left_out
+    ):
+        tests = SimpleNamespace(base_speaks=speaks, links_beside_base=links, base_beside_links=base)
+        assert {*MODELS} - {*compared_models(tests, asked)} == left_out
 
 
 def test_errors_of_many_targets_are_those_of_their_coordinates(monkeypatch):
@@ -270,6 +267,15 @@ def test_residuals_that_vanish_leave_a_threshold_of_a_millionth_of_the_mean_defl
     _, threshold = formulate(elastic_rows(robot, exact, COLUMNS), model, VISIBLE).fit(model, 1.0, gap=1e-3)
     mean = np.linalg.norm(exact.deflection, axis=2).mean()
     assert threshold == pytest.approx(1e-6 * model.threshold * mean / np.sqrt(2.0), rel=1e-6)  # of a reading
+    noise = np.random.default_rng(0).normal(0.0, np.sqrt(2.0) * 2e-5, exact.deflection.shape)
+    noisy = replace(exact, deflection=exact.deflection + noise)
+    model = replace(model, name="joints")
+    form = formulate(elastic_rows(robot, noisy, COLUMNS), model, VISIBLE)
+    _, threshold = form.fit(model, 1e3, gap=1e-3)
+    assert threshold == pytest.approx(model.threshold * 2e-5, rel=0.25)
+    absolute = form.compliances(form.absolute(1e3, 1e-3).x)
+    squares, weight = form.companion(replace(model, loss="absolute"), absolute, 1e3, 0.0)
+    assert 0.5 * weight * squares.size**2 / form.total / 1e3 == pytest.approx(threshold, rel=1e-6)
 
 
 def test_the_squares_that_stand_for_a_robust_loss_have_its_optimum(elastic):

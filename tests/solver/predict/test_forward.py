@@ -227,10 +227,11 @@ class TestIdentified:
         model = self.model(replace(self.design.measurements(*readings, sigma=SIGMA), force=down))
         load = cases()
         assert model.deflect(load).unseen[:, 0].all()
-        with pytest.raises(RequestError, match="twists joint_1, which the readings do not determine"):
-            compensate(model, load, ANY)
-        dead = replace(load, force=np.broadcast_to([0.0, 0.0, -900.0], (COUNT, 3)))
+        dead = replace(load, force=np.tile([0.0, 0.0, -900.0], (COUNT, 1)))
         assert not model.deflect(dead).unseen.any()
+        last = replace(dead, force=np.vstack([dead.force[1:], load.force[:1]]))
+        with pytest.raises(RequestError, match="twists joint_1, which the readings do not determine"):
+            compensate(model, last, ANY)
 
     @pytest.mark.parametrize("draws", [40, pytest.param(150, marks=pytest.mark.slow)])
     def test_the_worst_direction_is_uncertain_as_the_readings_make_it(self, draws):
@@ -459,6 +460,9 @@ def test_merged_steps_round_quantiles_up_by_little():
     for confidence in (0.05, 0.5, 0.9, 0.95, 0.98):
         assert exact(confidence) <= error.quantile(confidence) <= exact(confidence + 1.0 / MOST_STEPS)
     assert np.isinf(error.quantile(0.999))
+    load = replace(cases(1), force=np.array([[1.0, 0.0, 0.0]]))
+    growing = replace(error, noise=1e-5).bound(load, np.array([3e-5]), 0.5)
+    assert growing.radius == pytest.approx(error.quantile(0.5) * np.hypot(1.0, 3.0))
 
 
 def test_held_out_postures_of_a_real_robot():
