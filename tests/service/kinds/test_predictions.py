@@ -13,7 +13,7 @@ from jointstiff.schemas.imports import ImportRequest
 from jointstiff.schemas.plan import Plan, PlanRequest
 from jointstiff.schemas.robot import RobotDocument
 from jointstiff.service.importing.reading import SourceFile
-from jointstiff.service.kinds.plan import readings_sheet
+from jointstiff.service.kinds.plan import _readings, readings_sheet
 from jointstiff.service.resources.imports import import_files
 from jointstiff.service.tables.files import csv_text
 from jointstiff.simulator import TARGETS, default_arm, equilibrium, robot_document, simulate_campaign
@@ -167,8 +167,12 @@ def test_each_block_of_four_is_a_good_plan_by_itself(parts, robot):
     """Of each block's postures alone the uncertainty is near that of the whole list, as the root has it."""
     options = BEGIN | {"robot_id": robot, "candidates": 400}
     options["stiffness"] = {f"joint_{j}": k for j, k in enumerate(default_arm().stiffnesses.tolist(), 1)}
-    whole = plan_of(parts, **options | {"readings": 20, "validation": 0.2}).result
+    plan = plan_of(parts, **options | {"readings": 20, "validation": 0.2})
+    whole = plan.result
     blocks = [each.block for each in whole.readings]
+    assert ["block", list(map(str, blocks))] in [
+        [each.name, each.values] for each in _readings(plan, whole, boxes=False).columns
+    ]
     assert blocks == sorted(blocks)
     assert max(blocks) == 4
 

@@ -1,12 +1,14 @@
 """Runs as users ask for them: options, elastic links, long ones that workers compute."""
 
 import json
+from contextlib import nullcontext
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from pydantic import ValidationError
 from support.jobs import run_request, runs_of, set_of, stored_set
-from support.programs import path, request, tool_poses
+from support.programs import exact_run, path, request, tool_poses
 from support.terminal import terminal
 
 import jointstiff
@@ -16,11 +18,15 @@ from jointstiff.schemas.options import RunOptions
 from jointstiff.schemas.run import Run, RunRequest
 from jointstiff.service import jobs as module
 from jointstiff.service.jobs import Parts
+from jointstiff.service.kinds import program_path
+from jointstiff.service.kinds import run as run_module
 from jointstiff.service.kinds.deflection import predict_by_run
+from jointstiff.service.kinds.map_work import MapWork
 from jointstiff.service.kinds.program_work import ProgramWork
 from jointstiff.service.kinds.run import RUN
 from jointstiff.service.kinds.work import carry_out, new_job, pack
 from jointstiff.service.problems import TooManyJobsError
+from jointstiff.service.programs.errors import ProgramError
 from jointstiff.service.reports.job import job_parts
 from jointstiff.service.resources.stored import Resources
 from jointstiff.service.store.store import Store
@@ -35,6 +41,7 @@ from jointstiff.solver.links.choice import LIMITS, WEIGHTS
 from jointstiff.solver.predict.answers import forward_model
 
 VIEW = View(True, UNITS["MNm/rad"])
+SPANS = ((0, 9), (9, 12))
 OPTIONS = {"elasticity": "joints_and_links", "link_penalty": 1e-3, "cross_validation": {"folds": 3}}
 
 
@@ -145,6 +152,51 @@ def test_a_program_is_compensated_by_links(memory, set_id, given):
     masses = [{"joint": "joint_2", "mass": 1.0, "centre": [0.0, 0.0, 0.0]}]
     with pytest.raises(RequestError, match="own weight"):
         ProgramWork(robot, "robot", given, request("krl", text, masses=masses))
+
+
+@pytest.mark.parametrize(("apart", "refused"), [(0.0, False), (1e-7, False), (1e-5, True), (-0.5, True)])
+def test_a_target_is_visited_again_with_full_turns_between_alone(apart, refused, monkeypatch):
+    """The posture of its second visit, two turns of a joint further, and a difference."""
+    robot, run = exact_run()
+    place = program_text("krl", tool_poses(path(1)), 5).partition("{")[2].partition("}")[0]
+    moves = "$TOOL=TOOL_DATA[1]\n$BASE=BASE_DATA[1]\nLIN XP1\nLIN XP1"
+    text = f"DEF a()\nDECL E6POS XP1={{{place}}}\n{moves}\nEND"
+    work = ProgramWork(robot, "robot", run, request("krl", text))
+    again = path(1) + np.eye(6)[5] * (4.0 * np.pi + apart)
+    monkeypatch.setattr(program_path, "_postures", lambda *_: np.concatenate([path(1), again]))
+    with pytest.raises(ProgramError, match="two configurations") if refused else nullcontext():
+        np.testing.assert_array_equal(work._path.cases.joints, path(1))
+
+
+def parts(*values):
+    return [SimpleNamespace(value=value, direction=(0.0, 0.0, 1.0)) for value in values]
+
+
+def test_a_compliance_that_is_rounding_is_shown_as_rigid():
+    """2 nm/N are 2 µm/kN, or 500 N/µm; a 10⁻⁹th of it is nothing."""
+    bends = SimpleNamespace(
+        translation=parts(2e-9, 1e-9, 1e-18),
+        rotation=parts(5e-7, 4e-7, 4e-16),
+        effective_freedom=5.0,
+        parameters=21,
+    )
+    assert run_module._principal(bends, "translation") == "2, 1, 0"
+    assert run_module._principal(bends, "rotation") == "500, 400, 0"
+    *_, compliance, stiffness = run_module._base_table(bends).columns
+    assert compliance.values[:3] == ("2 µm/kN", "1 µm/kN", "0 µm/kN")
+    assert stiffness.values[:3] == ("500 N/µm", "1000 N/µm", "rigid")
+
+
+@pytest.mark.parametrize(("targets", "visits"), [(10_000, 10_000), (10_001, 1), (1, 10_001)])
+def test_a_program_is_cut_by_its_points_or_by_its_visits(targets, visits):
+    program = SimpleNamespace(targets=range(targets), moves=SimpleNamespace(visits=range(visits)))
+    work = SimpleNamespace(_program=program, _spans=lambda: SPANS)
+    assert ProgramWork.steps(work) == (SPANS if max(targets, visits) > 10_000 else ())
+
+
+@pytest.mark.parametrize(("blocks", "steps"), [(SPANS, SPANS), (SPANS[:1], ()), ((), ())])
+def test_a_map_of_one_block_is_made_at_once(blocks, steps):
+    assert MapWork.steps(SimpleNamespace(_blocks=lambda: blocks)) == steps
 
 
 def test_the_selection_compares_all_models(given):

@@ -2,7 +2,6 @@
 
 import math
 from copy import deepcopy
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,8 +11,6 @@ from support.kinds import MAP, posted_job
 
 import jointstiff
 import jointstiff as js
-from jointstiff.service.kinds import verdicts
-from jointstiff.service.kinds.deflection import _reasons
 from jointstiff.service.kinds.registry import KINDS
 from jointstiff.service.reports.exports import FORMATS
 from jointstiff.simulator import TARGETS, default_arm, simulate_campaign
@@ -383,48 +380,8 @@ def test_a_program_with_a_capped_point_needs_a_confirmation(run):
     assert "limits reduce the corrections" in program.result.assessment.reasons[0].message
 
 
-def residuals(*sizes):
-    return SimpleNamespace(residuals=[SimpleNamespace(deflection=(0.6 * s, 0.0, -0.8 * s)) for s in sizes])
-
-
-@pytest.mark.parametrize(
-    ("findings", "said"),
-    [
-        (verdicts.of_deflection(0.02, residuals(1e-3, 2e-3)), None),
-        (verdicts.of_deflection(0.02001, residuals(0.03)), "the greatest deflection is 20.01 mm"),
-        (verdicts.of_deflection(1.99e-3, residuals(1e-4, 1e-5)), None),
-        (
-            verdicts.of_deflection(2.1e-3, residuals(1e-5, 1e-4)),
-            "2.1 mm, 21 times the greatest of the campaign",
-        ),
-        (verdicts.of_deflection(0.03, residuals()), "the greatest deflection is 30 mm"),
-        (verdicts.of_deflection(0.01, residuals()), None),
-        (verdicts.of_deflection(math.inf, residuals(1e-3)), None),
-        (verdicts.of_deflection(None, residuals(1e-3)), None),
-        (verdicts.of_points([(0.9, 1.2, 0.0), None]), None),
-        (verdicts.of_points([(0.0, 0.0, 0.1), (0.9, 1.2, 0.1)]), "the place is 1.5 m from the flange"),
-        (verdicts.of_missing(0, 3, "cases"), None),
-        (verdicts.of_missing(1, 3, "cases"), "2 of 3 cases have a number"),
-        (verdicts.of_missing(3, 3, "cases"), "none of the 3 cases have a number"),
-        (verdicts.of_missing(1, 1, "case"), "none of the 1 case has a number"),
-    ],
-)
-def test_a_reason_begins_beyond_its_bound(findings, said):
-    """20 mm, 20 times the campaign's greatest deflection, 1.5 m from the flange."""
-    assert len(findings) == (said is not None)
-    assert all(each.message.endswith(said) for each in findings)
-
-
-def test_the_greatest_of_all_cases_decides():
-    """Of three predictions one is 50 mm, and two extrapolate: one by its load, one by its leverage."""
-    cases = SimpleNamespace(load_point=np.zeros((3, 3)), place=np.zeros((3, 3)))
-    answers = [
-        SimpleNamespace(
-            displacement=(size, 0.0, 0.0),
-            with_model_error=SimpleNamespace(load_ratio=load, leverage_ratio=leverage),
-        )
-        for size, load, leverage in ((1e-3, 0.5, 1.02), (0.05, 1.02, 0.5), (2e-3, 1.0, 1.0))
-    ]
-    first, second = _reasons(answers, cases, residuals(0.04))
-    assert first.message == "the greatest deflection is 50 mm, 1.25 times the greatest of the campaign"
-    assert second.message.startswith("2 of 3 cases have loads or postures beyond")
+def test_the_greatest_deflection_of_all_cases_decides(run):
+    forces = [(0, 0, -1), KILONEWTONS, (0, 0, -2)]
+    said = {each.code: each.message for each in run.predict(3 * POSTURE, forces, at=POINT).assessment.reasons}
+    assert said["beyond_campaign"].startswith("1 of 3 cases")
+    assert "times the greatest of the campaign" in said["prediction_implausible"]

@@ -338,14 +338,6 @@ def test_readings_in_another_frame_are_looked_for_there():
     with pytest.raises(SourceError, match=r"0\.101 m from where"):
         shown(read + 0.101 * UP, where=where)
 
-    async def simulated():
-        source = Simulated()
-        await source.open(where)
-        await source.stand(STAND)
-        return [(await source.point(name))[0] for name in TARGETS]
-
-    np.testing.assert_allclose(asyncio.run(simulated()), read, atol=1e-9)
-
 
 def test_simulated_stiffnesses_are_those_of_arms_of_their_size():
     """3e6 · (reach/2.8)³ at the base, with the square of the distance from the flange along the chain."""
@@ -390,18 +382,7 @@ def test_the_profile_is_shown_and_confirmed(campaign, tmp_path):
     path.write_text(json.dumps(campaign))
     with Tracker() as tracker:
         source = f"lines:tcp://127.0.0.1:{tracker.port}"
-        arguments = [
-            str(path),
-            "--goal",
-            "15 %",
-            "--source",
-            source,
-            "--request",
-            ASK,
-            "--json",
-            "--most",
-            "2",
-        ]
+        arguments = [str(path), "--goal=15 %", f"--source={source}", f"--request={ASK}", "--json", "--most=2"]
         unanswered = terminal("measure", *arguments)
         assert unanswered.exit_code == 2
         assert "confirm" in unanswered.stderr

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
+from types import SimpleNamespace
 from typing import Any, TypeVar
 
 import pytest
@@ -21,6 +22,7 @@ from jointstiff.service.problems import (
     StoreError,
 )
 from jointstiff.service.store import access as access_module
+from jointstiff.service.store import database
 from jointstiff.service.store.store import SESSION_IDLE, SESSION_LONGEST, Store
 from jointstiff.service.store.tables import (
     AuditEntry,
@@ -287,6 +289,31 @@ def test_notes_come_back_oldest_first_and_by_robot(store):
 def test_a_full_database_takes_no_note():
     with Store.open("sqlite://", most_bytes=1) as store, pytest.raises(QuotaError):
         store.trend_notes.add(NOTE)
+
+
+def test_a_size_is_asked_again_after_a_second(monkeypatch):
+    """Also where the clock begins."""
+    now = [0.0]
+    monkeypatch.setattr(database, "time", SimpleNamespace(monotonic=lambda: now[0]))
+    with Store.open("sqlite://") as store:
+        empty = store.quota.used()
+        store.trend_notes.add(replace(NOTE, document="x" * 100_000))
+        now[0] = 0.99
+        assert store.quota.used() == empty > 0
+        now[0] = 1.0
+        assert store.quota.used() > empty + 90_000
+
+
+@pytest.mark.parametrize(("left", "before"), [(19.0, []), (2.0, ["PRAGMA busy_timeout=2000"])])
+def test_who_has_waited_waits_for_the_file_as_long_as_is_left(left, before):
+    """Of twenty seconds; who gets the connection next has them all."""
+    said = []
+    connection = SimpleNamespace(
+        get_execution_options=lambda: {"busy_seconds": left}, exec_driver_sql=said.append
+    )
+    database._begin_immediate(connection)
+    after = ["PRAGMA busy_timeout=20000"] * len(before)
+    assert said == [*before, "BEGIN IMMEDIATE", *after]
 
 
 SPANS = [(0, 100), (100, 200), (200, 300)]
