@@ -101,8 +101,6 @@ ALONG = {"target": "P11", "displacement": 1e-4, "direction": [0.0, 0.0, 1.0]}
         ({"encoders": "secondary"}, {}, {"encoder_readings": [ENCODER]}, ".encoder_readings"),
         ({"noise": ANGLES}, {}, {"encoder_readings": [UNKNOWN]}, ".encoder_readings"),
         ({}, {}, {"encoder_readings": [OTHER, ENCODER, OTHER]}, ".encoder_readings[2].joint"),
-        ({}, {}, {"label": "c01"}, ".label"),
-        ({}, {}, {"joints": [0.0] * 5}, ".joints"),
         ({}, {}, {"readings": [TIP, STATED, TIP]}, ".readings[2].target"),
         ({}, {}, {"readings": [TIP]}, ".readings"),
         ({"noise": None}, {"readings": [STATED]}, {"readings": [STATED | {"sigma": None}]}, ".readings"),
@@ -116,7 +114,7 @@ def test_the_observation_that_is_refused_is_named(of_set, each, faulty, where):
     observations = [one | {"moment": None} | each for one in document["measurement_set"]["observations"]]
     observations[0] |= {"force": [0, 0, 0], "load_point": None}
     observations[2] |= faulty
-    observations[4] |= faulty | ({"encoder_readings": [ENCODER, OTHER]} if "encoders" in of_set else {})
+    observations[4] |= {"encoder_readings": [ENCODER, OTHER]} if "encoders" in of_set else faulty
     with pytest.raises(MeasurementError) as refused:
         prepare(measured(document, observations=observations, **of_set))
     assert f"observations[2]{where}" in str(refused.value)

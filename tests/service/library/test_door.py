@@ -166,9 +166,10 @@ def test_what_does_not_fit_is_refused_by_name(changes, where):
 
 def test_what_an_arm_may_just_reach_is_taken_and_load_points_of_each_observation_are_kept():
     points = np.array([[0.0, 0.0, 100.0 + i] for i in range(len(OBSERVATIONS))])
-    taken = {"unloaded": at("unloaded", 99e3), "loaded": at("loaded", 98001.0)}
-    measured = js.Campaign.from_arrays(**arrays(**taken, load_point=points, labels=None)).measurement_set
-    assert measured.observations[4].readings[1].unloaded == (0.0, 0.0, 99e3)
+    taken = {"unloaded": at("unloaded", 99e3), "loaded": at("loaded", 98001.0), "load_point": points}
+    measured = js.Campaign.from_arrays(**arrays(**taken, labels=None, targets=None)).measurement_set
+    reading = measured.observations[4].readings[1]
+    assert (reading.target, reading.unloaded) == ("T2", (0.0, 0.0, 99e3))
     assert [each.load_point for each in measured.observations] == [tuple(point) for point in points.tolist()]
     assert [each.label for each in measured.observations] == [f"c{i:02}" for i in range(1, 13)]
 

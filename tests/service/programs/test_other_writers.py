@@ -1,6 +1,5 @@
 """The posture follows what programs say of it: status and turn, quadrants, letters; and the path."""
 
-import time
 from contextlib import suppress
 
 import numpy as np
@@ -19,13 +18,12 @@ from jointstiff.simulator.programs import program_text
 FREE = "[9E9,9E9,9E9,9E9,9E9,9E9]"
 
 
+@pytest.mark.timeout(30)
 def test_blanks_within_a_line_of_fanuc_take_no_time():
     """A pattern that gives blanks back took their cube: a minute for one line."""
     text = "/PROG A\n/MN\n" + "".join(f"   {i}:!x{' ' * 4000}x ;\n" for i in range(1, 20)) + "/POS\n/END\n"
-    began = time.process_time()
     with suppress(ProgramError):
         read_program([("a.ls", text.encode())])
-    assert time.process_time() - began < 1.0
 
 
 FRAMES = "$TOOL=TOOL_DATA[1]\n$BASE=BASE_DATA[1]"

@@ -90,22 +90,15 @@ def test_each_motion_word_is_read_or_refused(kind):
     assert read > count // 25  # or the mutations show nothing
 
 
-IN_UR = f"def a():\nset_tcp({P})\nmovel(§)\nend\n"
-IN_KRL = f"DEF a()\n§\n$TOOL=$NULLFRAME\n$BASE=$NULLFRAME\nLIN {POINT}\nEND\n"
-
-
-CERTAIN = {IN_UR: [P, f"pose_trans({P},{P})"], IN_KRL: ["DECL INT n,m[3]"]}
-DOUBTED = {
-    IN_UR: [f"pose_trans({P},pose_trans({P},{P}))", f"pose_trans({P},{P},{P})", f"pose_trans({P})"],
-    IN_KRL: ["DECL INT LIN", "DECL INT n,LIN[3]"],
-}
-
-
-@pytest.mark.parametrize(("name", "program"), [("a.script", IN_UR), ("a.src", IN_KRL)])
-def test_only_what_is_certain_is_corrected(name, program):
-    for text in (*CERTAIN[program], *DOUBTED[program]):
-        try:
-            left = read_program([(name, program.replace("§", text).encode())], leave_others=True).left
-        except ProgramError as refused:
-            left = refused.left
-        assert bool(left) == (text in DOUBTED[program]), text
+@pytest.mark.parametrize(
+    ("target", "certain"),
+    [
+        (f"pose_trans({P},{P})", True),
+        (f"pose_trans({P},pose_trans({P},{P}))", False),
+        (f"pose_trans({P},{P},{P})", False),
+        (f"pose_trans({P})", False),
+    ],
+)
+def test_a_target_in_a_frame_is_certain_where_both_are_numbers(target, certain):
+    program = f"def a():\nset_tcp({P})\nmovel({target})\nend\n"
+    assert motions_found("a.script", program) == ([3], () if certain else None)

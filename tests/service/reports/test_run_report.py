@@ -540,6 +540,7 @@ def joint(name, stiffness, interval):
     ],
 )
 def test_stiffnesses_stand_on_a_logarithmic_axis_that_holds_them_all(joints):
+    assert intervals([joint("a", None, None)], 0.95) is None
     drawing = intervals(joints, 0.95).svg
     decades = {float(text) * 1e6: at for text, at in texts_of(drawing) if re.fullmatch(r"[\d.e+-]+", text)}
     (first, (at_first, _)), (last, (at_last, below)) = min(decades.items()), max(decades.items())
@@ -562,10 +563,6 @@ def test_stiffnesses_stand_on_a_logarithmic_axis_that_holds_them_all(joints):
     rows = [y for text, (x, y) in texts_of(drawing) if text.startswith("no number") and x >= at_first]
     assert sorted([*rows, *dots[:, 1] + 0.35 * 8.0]) == pytest.approx(names, abs=1.0)
     assert (ticks, min(np.diff([*names, below])) >= 10.0) == ([], True)
-
-
-def test_no_number_at_all_is_no_picture():
-    assert intervals([joint("a", None, None)], 0.95) is None
 
 
 def test_places_without_a_number_are_crosses_in_a_map():
@@ -645,6 +642,7 @@ def test_bars_of_a_plot_stand_around_their_place_from_left_to_right():
     mpl.use("Agg")
     series = {"one": [1.0, 2.0], "two": [3.0, 4.0], "three": [5.0, 6.0]}
     axis = figure_of("bars", (Chart("t", ["a", "b"], series, 2.0, "mm"),)).axes[0]
+    assert [each.get_text() for each in axis.get_xticklabels()] == ["a", "b"]
     middles = [[bar.get_x() + bar.get_width() / 2 for bar in group] for group in axis.containers]
     assert [[bar.get_height() for bar in group] for group in axis.containers] == [[2, 4], [6, 8], [10, 12]]
     assert np.mean(middles, axis=0).tolist() == pytest.approx([0.0, 1.0])
