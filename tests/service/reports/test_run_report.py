@@ -536,7 +536,7 @@ def joint(name, stiffness, interval):
     [
         [joint("a", 2e5, (1.5e5, 3e5)), joint("b", 4e6, (3e6, 7e6))],
         [joint("a", 2e5, (1.5e3, None)), joint("b", None, None), joint("c", 4e7, (3e7, 9e8))],
-        [joint("a", 1e6, (1e6, 1e6))],
+        [joint("a", 1e6, (1e6, 1e6)), joint("b", -1e6, None)],
     ],
 )
 def test_stiffnesses_stand_on_a_logarithmic_axis_that_holds_them_all(joints):
@@ -544,11 +544,11 @@ def test_stiffnesses_stand_on_a_logarithmic_axis_that_holds_them_all(joints):
     drawing = intervals(joints, 0.95).svg
     decades = {float(text) * 1e6: at for text, at in texts_of(drawing) if re.fullmatch(r"[\d.e+-]+", text)}
     (first, (at_first, _)), (last, (at_last, below)) = min(decades.items()), max(decades.items())
-    ends = [end for each in joints for end in (each.stiffness, *(each.stiffness_interval or ())) if end]
+    known = [each for each in joints if (each.stiffness or 0.0) > 0.0]
+    ends = [end for each in known for end in (each.stiffness, *each.stiffness_interval) if end]
     assert min(decades) <= min(ends) <= max(ends) <= max(decades)
     lines = numbers_of(drawing, "line", ("x1", "y1", "x2", "y2", "stroke-width"))
     ticks = lines[lines[:, 4] == 0.8].tolist()
-    known = [each for each in joints if each.stiffness]
     dots = numbers_of(drawing, "circle", ("cx", "cy"))
     for each, bar, (dot, row) in zip(known, lines[lines[:, 4] == 2.2], dots, strict=True):
         low, high = each.stiffness_interval  # without a limit to the end of the axis
