@@ -55,12 +55,10 @@ def serve():
 def connect():
     with ExitStack() as stack:
 
-        def to(url: str, window: int | None = None) -> socket.socket:
+        def to(url: str) -> socket.socket:
             address = urlsplit(url)
             connection = stack.enter_context(socket.socket())
             connection.settimeout(60)
-            if window is not None:  # of what is not read, the kernel keeps so much only
-                connection.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, window)
             connection.connect((address.hostname, address.port))
             return connection
 
@@ -78,18 +76,9 @@ def ended(connection: socket.socket) -> bytes:
     return received
 
 
-@pytest.mark.parametrize(
-    ("bound", "sent"),
-    [
-        ("HEADER_SECONDS", b""),
-        ("HEADER_SECONDS", b"GET /heal"),
-        ("HEADER_SECONDS", HEADER),
-        ("BODY_SECONDS", BODY),
-    ],
-    ids=["nothing", "half a line", "half a header", "half a body"],
-)
-def test_each_part_of_a_request_has_its_time(bound, sent, serve, connect):
-    url = serve(**{bound: 0.3})
+@pytest.mark.parametrize("sent", [b"GET /heal", HEADER, BODY])
+def test_each_part_of_a_request_has_its_time(sent, serve, connect):
+    url = serve(HEADER_SECONDS=0.3, BODY_SECONDS=0.3)
     connection = connect(url)
     connection.sendall(sent)
     assert ended(connection) == b""
@@ -113,9 +102,6 @@ def test_a_request_with_two_lengths_is_the_last_of_its_connection(serve, connect
     answers = ended(connection)
     assert answers.count(b"HTTP/1.1 ") == 1
     assert b" 204 " not in answers
-
-
-LARGE = b"GET /openapi.json HTTP/1.1\r\nHost: localhost\r\n\r\n"
 
 
 def test_the_oldest_silent_connection_makes_room(serve, connect):
@@ -324,20 +310,19 @@ class Line:
 
 
 ASKED = b"GET / HTTP/1.1\r\nHost: a\r\n\r\n"
-MEGABYTE = 1_000_000
 
 
 @pytest.mark.parametrize(
     ("handed", "taken", "second"),
     [
         (lambda _: 0, lambda _: 0, None),  # the service computes
-        (lambda _: MEGABYTE, lambda _: 0, 20),
-        (lambda _: MEGABYTE, lambda s: 4_000 * s, 20),
-        (lambda _: MEGABYTE, lambda s: 5_000 * s, None),
-        (lambda _: MEGABYTE, lambda s: 500_000 * (s >= 19), 39),
-        (lambda _: MEGABYTE, lambda s: 500_000 + s, 40),  # the second twenty seconds are too slow
-        (lambda s: MEGABYTE * (s >= 45), lambda s: 5_000 * max(0, s - 45), None),
-        (lambda s: MEGABYTE * (s >= 45), lambda _: 0, 64),  # handed over after the look at 44 s
+        (lambda _: 1_000_000, lambda _: 0, 20),
+        (lambda _: 1_000_000, lambda s: 4_000 * s, 20),
+        (lambda _: 1_000_000, lambda s: 5_000 * s, None),
+        (lambda _: 1_000_000, lambda s: 500_000 * (s >= 19), 39),
+        (lambda _: 1_000_000, lambda s: 500_000 + s, 40),  # the second twenty seconds are too slow
+        (lambda s: 1_000_000 * (s >= 45), lambda s: 5_000 * max(0, s - 45), None),
+        (lambda s: 1_000_000 * (s >= 45), lambda _: 0, 64),  # handed over after the look at 44 s
     ],
 )
 def test_an_answer_is_taken_at_4_kib_a_second_with_no_pause_of_20_s(handed, taken, second):

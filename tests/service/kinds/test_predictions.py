@@ -10,14 +10,16 @@ from support.api import post, posted
 from jointstiff import identify
 from jointstiff.schemas.deflection import DeflectionResult
 from jointstiff.schemas.imports import ImportRequest
-from jointstiff.schemas.plan import Plan, PlanRequest
+from jointstiff.schemas.plan import Plan, PlanRequest, Surroundings
 from jointstiff.schemas.robot import RobotDocument
 from jointstiff.service.importing.reading import SourceFile
 from jointstiff.service.kinds.plan import _readings, readings_sheet
+from jointstiff.service.kinds.planning import _cell
 from jointstiff.service.resources.imports import import_files
 from jointstiff.service.tables.files import csv_text
 from jointstiff.simulator import TARGETS, default_arm, equilibrium, robot_document, simulate_campaign
 from jointstiff.simulator.equilibrium import deflections
+from jointstiff.solver.errors import RequestError
 
 ARM = default_arm()
 JOINTS = [10.0, -20.0, 30.0, 5.0, 45.0, 0.0]
@@ -199,3 +201,10 @@ def test_what_is_known_beforehand_counts(parts, robot):
     assert joint.standard_uncertainty <= known
     assert joint.standard_uncertainty < without.joints[3].standard_uncertainty
     assert joint.relative == pytest.approx(joint.standard_uncertainty * 5e5)
+
+
+@pytest.mark.parametrize("second", [{}, {"P11": (0.0, 0.0, 0.0)}, {"P12": (0.0, 0.0, 1.0)}])
+def test_each_target_faces_somewhere_or_none_does(second):
+    facing = Surroundings.model_construct(facing={"P10": (0.0, 0.0, 1.0)} | second)
+    with pytest.raises(RequestError, match="facing directions"):
+        _cell(facing, ("P10", "P11"))

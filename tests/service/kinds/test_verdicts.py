@@ -12,6 +12,7 @@ from support.kinds import MAP, posted_job
 import jointstiff
 import jointstiff as js
 from jointstiff.service.kinds.registry import KINDS
+from jointstiff.service.kinds.verdicts import of_points
 from jointstiff.service.reports.exports import FORMATS
 from jointstiff.simulator import TARGETS, default_arm, simulate_campaign
 
@@ -380,8 +381,10 @@ def test_a_program_with_a_capped_point_needs_a_confirmation(run):
     assert "limits reduce the corrections" in program.result.assessment.reasons[0].message
 
 
-def test_the_greatest_deflection_of_all_cases_decides(run):
+def test_the_greatest_deflection_and_the_farthest_point_decide(run):
     forces = [(0, 0, -1), KILONEWTONS, (0, 0, -2)]
     said = {each.code: each.message for each in run.predict(3 * POSTURE, forces, at=POINT).assessment.reasons}
     assert said["beyond_campaign"].startswith("1 of 3 cases")
     assert "times the greatest of the campaign" in said["prediction_implausible"]
+    (reason,) = of_points([POINT, (0.9, 1.2, 0.1), None])
+    assert "1.5 m from the flange" in reason.message
