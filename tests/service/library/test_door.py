@@ -434,7 +434,9 @@ def test_each_kind_has_a_plot(results):
         mpl.pyplot.close(figure)
 
 
-def test_only_a_run_has_a_certificate(results, tmp_path):
+def test_only_a_run_has_a_certificate_and_a_single_program_the_name_that_it_is_given(results, tmp_path):
+    results["program"].save(tmp_path / "out.txt")
+    assert "LIN" in (tmp_path / "out.txt").read_text()
     with pytest.raises(js.CampaignError, match="a plan has no certificate") as refused:
         results["plan"].report(tmp_path / "x.xml")
     assert refused.value.problem.remedy
