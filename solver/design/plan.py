@@ -288,8 +288,8 @@ def _validation(pool: Pool, distinct: Distinct, chosen: IndexArray, count: int, 
 def _blocks(information: FloatArray, base: FloatArray, criterion: Criterion) -> IndexArray:
     """Return the block (n,) of each reading: four in each, so that each is a good plan by itself.
 
-    Readings are exchanged between blocks while the sum of the blocks' 1/φ falls, in which the worst counts
-    most. The last block has the rest, and the best one comes first.
+    Readings are exchanged between blocks while the product of the blocks' φ grows. The last block has the
+    rest, and the best one comes first.
 
     Args:
         information: (n, p, p) of the readings.
