@@ -94,8 +94,7 @@ FORMS = {
         "forces": {name: polars.Series(part) for name, part in zip("xyz", column("force").T, strict=True)},
     },
     "by target": {
-        state: {name: positions(state)[:, t] for t, name in enumerate(TARGETS)}
-        for state in ("unloaded", "loaded")
+        state: {TARGETS[t]: positions(state)[:, t] for t in (2, 0, 1)} for state in ("unloaded", "loaded")
     },
 }
 
@@ -146,7 +145,8 @@ def test_deflections_and_lengths_along_directions_are_read_at_their_places():
         ({"unloaded": at("unloaded", -99e3), "loaded": at("loaded", -101e3)}, "loaded[4]"),
         ({"unloaded": at("unloaded", 101e3), "loaded": at("loaded", 101e3)}, "unloaded[4]"),
         ({"unloaded": at("unloaded", 2e3), "loaded": at("loaded", 999.0)}, "loaded[4]"),
-        ({"loaded": at("loaded", np.nan)}, "loaded[4]"),
+        ({"loaded": np.where(at("loaded", 1.0) == 1.0, np.nan, positions("loaded"))}, "loaded[4]"),
+        ({"forces": np.where(np.eye(12, 3), np.nan, column("force"))}, "forces"),
         (FREE | {"deflections": at("loaded", 1.001e3) - at("loaded", 0.0)}, "deflections[4]"),
         (FREE | {"deflections": np.full((12, 3), 0.5), "directions": np.ones((2, 3))}, "directions"),
         ({"loaded": {TARGETS[0]: positions("loaded")[:, 0]}}, "loaded"),
@@ -169,8 +169,8 @@ def test_what_an_arm_may_just_reach_is_taken_and_load_points_of_each_observation
     taken = {"unloaded": at("unloaded", 99e3), "loaded": at("loaded", 98001.0), "load_point": points}
     measured = js.Campaign.from_arrays(**arrays(**taken, labels=None, targets=None)).measurement_set
     reading = measured.observations[4].readings[1]
-    assert (reading.target, reading.unloaded) == ("T2", (0.0, 0.0, 99e3))
-    assert [each.load_point for each in measured.observations] == [tuple(point) for point in points.tolist()]
+    assert (measured.load_point, reading.target, reading.unloaded) == (None, "T2", (0.0, 0.0, 99e3))
+    assert [each.load_point for each in measured.observations] == [*map(tuple, points.tolist())]
     assert [each.label for each in measured.observations] == [f"c{i:02}" for i in range(1, 13)]
 
 
