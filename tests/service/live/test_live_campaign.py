@@ -274,35 +274,25 @@ def test_a_prior_waits_until_the_own_readings_know_as_much(compliance, uncertain
     assert standings(["joint_1"], known, priors) == {"joint_1": standing}
 
 
-def campaign_with(readings, missing=None, **state):
-    """Properties of a campaign that decide whether the next reading is held out."""
-    usual = {"doubtful": [], "met": False, "_is_small": False, "check": None, "mistake": None}
-    ahead = None if missing is None else SimpleNamespace(missing=missing)
-    return SimpleNamespace(**usual | {"fewest": 5, "ahead": ahead, "observations": [None] * readings} | state)
-
-
-MET = {"met": True, "_is_small": True}
-INSIDE, OUTSIDE = ({"check": SimpleNamespace(inside=inside)} for inside in (True, False))
+INSIDE, OUTSIDE = SimpleNamespace(inside=True), SimpleNamespace(inside=False)
 
 
 @pytest.mark.parametrize(
-    ("campaign", "needed", "awaits"),
+    ("awaits", "readings", "missing", "state"),
     [
-        (campaign_with(7, **MET | INSIDE), 0, False),
-        (campaign_with(7, **MET | OUTSIDE), 1, True),
-        (campaign_with(7, **MET), 1, True),
-        (campaign_with(7, 6, mistake="m02", _is_small=True), None, False),
-        (campaign_with(0, 6), None, False),
-        (campaign_with(2, 2), 4, False),  # three to the fifth, and one held out
-        (campaign_with(2, 6), 6, False),
-        (campaign_with(5, 1), 1, True),  # the goal is expected to be met with it
-        (campaign_with(5, 2), 2, False),
-        (campaign_with(5, 1, doubtful=["m02"]), 1, False),
-        (campaign_with(4, 2, fewest=10), 7, False),
-        (campaign_with(4, 9, fewest=10), 10, False),
-        (campaign_with(10, 1, fewest=10), 2, False),
+        (True, 5, 1, {}),  # the goal is expected to be met with it
+        (False, 4, 1, {}),
+        (False, 5, 2, {}),
+        (False, 5, 1, {"doubtful": ["m02"]}),
+        (False, 10, 1, {"fewest": 10}),
+        (True, 5, 2, {"_is_small": True, "met": True}),
+        (True, 5, 1, {"_is_small": True, "met": True, "check": OUTSIDE}),
+        (False, 5, 1, {"_is_small": True, "met": True, "check": INSIDE}),
+        (False, 5, 1, {"_is_small": True}),  # a mistake is kept
     ],
 )
-def test_what_is_missing_counts_the_held_out_reading(campaign, needed, awaits):
-    assert LiveCampaign.still_needed.fget(campaign) == needed
+def test_a_reading_is_held_out_when_the_goal_is_met_or_one_away(awaits, readings, missing, state):
+    usual = {"fewest": 5, "doubtful": [], "_is_small": False, "met": False, "check": None}
+    ahead, observations = SimpleNamespace(missing=missing), [None] * readings
+    campaign = SimpleNamespace(**usual | {"ahead": ahead, "observations": observations} | state)
     assert LiveCampaign.awaits_held_out.fget(campaign) is awaits
