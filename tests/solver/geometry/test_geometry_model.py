@@ -136,7 +136,7 @@ def test_table_numbers_that_run_away_and_links_that_are_vague_are_findings():
     assert len(list(model_findings(nominal().joint_names, table, links[1:2]))) == 1
 
 
-@pytest.mark.parametrize("flange", ["targets", "axes", "nominal"])
+@pytest.mark.parametrize("flange", ["targets", "axes"])
 def test_the_flange_stands_where_its_convention_says_though_there_is_a_nominal_model(flange):
     cell, asked = Cell(imperfect_arm(5)), Conventions("nominal", flange)
     found = identify_from_sweeps(cell.sweeps(count=5), asked, nominal=nominal(), fit="one_by_one")
@@ -144,12 +144,10 @@ def test_the_flange_stands_where_its_convention_says_though_there_is_a_nominal_m
     if flange == "targets":
         assert [*first, *second[1:], third[2]] == pytest.approx(np.zeros(6), abs=1e-8)
         assert second[0] > 0.0 < third[1]
-    elif flange == "axes":  # z along axis 6, from where it meets axis 5
+    else:  # z along axis 6, from where it meets axis 5
         posture = cell.arm.posture(np.zeros(6))
         along = (posture.targets_to_base(TARGETS) - posture.axis_points[4]) @ posture.axis_directions[5]
         assert positions[:, 2] == pytest.approx(along, abs=5e-3)
-    else:
-        assert positions == pytest.approx(TARGETS, abs=0.02)
 
 
 class TestLinkTable:
@@ -430,7 +428,9 @@ def test_a_drift_is_found_with_its_figure_and_can_be_removed():
     assert length_in(finding.message) == pytest.approx(np.linalg.norm(TURN @ AT + SHIFT - AT), abs=60e-6)
 
 
-def test_a_base_that_is_read_twice_alike_did_not_move():
+def test_a_base_that_stands_still_did_not_move():
+    chances = [drift(seed, moved=False)[0].probability for seed in range(40)]
+    assert stats.kstest(chances, "uniform").pvalue > 1e-3
     found = BaseTargets(BASE, BASE.copy(), np.eye(3), tuple("12345")).drift(SIGMA, AT)
     assert (found.probability, found.significant, found.moved_targets) == (pytest.approx(1.0), False, [])
     line = np.array([[1.0, 0.0, 0.0], [1.4, 0.8, 0.2], [2.0, 2.0, 0.5]])

@@ -460,9 +460,9 @@ def test_merged_steps_round_quantiles_up_by_little():
     for confidence in (0.05, 0.5, 0.9, 0.95, 0.98):
         assert exact(confidence) <= error.quantile(confidence) <= exact(confidence + 1.0 / MOST_STEPS)
     assert np.isinf(error.quantile(0.999))
-    load = replace(cases(1), force=np.array([[1.0, 0.0, 0.0]]))
+    load = replace(cases(1), force=np.array([[4.0, 0.0, 0.0]]))
     growing = replace(error, noise=1e-5).bound(load, np.array([3e-5]), 0.5)
-    assert growing.radius == pytest.approx(error.quantile(0.5) * np.hypot(1.0, 3.0))
+    assert growing.radius == pytest.approx(error.quantile(0.5) * np.hypot(4.0, 3.0))
 
 
 def test_held_out_postures_of_a_real_robot():
