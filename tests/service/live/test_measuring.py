@@ -342,6 +342,7 @@ def test_readings_in_another_frame_are_looked_for_there():
     where = replace(setting(sigma=1e-12), frame=(turn, station))
     read = (THERE - station) @ turn  # the inverse of a rotation is its transpose
     assert len(shown(read, where=where)[0]) == len(TARGETS)
+    np.testing.assert_allclose([where.from_base(place) for place in THERE], read, atol=1e-12)
     with pytest.raises(SourceError, match=r"0\.101 m from where"):
         shown(read + 0.101 * UP, where=where)
 

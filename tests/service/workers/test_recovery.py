@@ -403,7 +403,7 @@ def test_pauses_double_up_to_a_minute():
 def test_a_worker_is_started_again_after_pauses_that_double(monkeypatch):
     """Of four lives, in seconds: one of a minute is no short one."""
     lives, pauses, failing = [1.0, 59.0, 60.0, 5.0], [], []
-    now = iter((0.0, 1.0, 0.0, 59.0, 0.0, 60.0, 0.0, 5.0))
+    now = iter((10.0, 11.0, 20.0, 79.0, 100.0, 160.0, 200.0, 205.0))
     supervisor = Supervisor("sqlite://", 0, "test")
     monkeypatch.setattr(supervisor_module, "time", SimpleNamespace(monotonic=lambda: next(now)))
     supervisor._stopping = SimpleNamespace(is_set=lambda: not lives, wait=pauses.append)
