@@ -280,9 +280,8 @@ def test_a_joint_that_never_turned_is_named_and_its_numbers_have_no_uncertainty(
     assert all(any(name.startswith("axis 4") for name in names) for names in found.evidence.only_together)
     named = {name for names in found.evidence.only_together for name in names}
     assert not any(name.startswith(("axis 1", "axis 2", "axis 3")) for name in named), "these are known"
-    for names, finding in zip(found.evidence.only_together, calibration_findings(found), strict=True):
-        said = finding.code, "a combination of" in finding.message
-        assert said == ("parameters_not_identified", len(names) > 1)
+    assert {finding.code for finding in calibration_findings(found)} == {"parameters_not_identified"}
+    assert all("determine a combination of" in finding.message for finding in calibration_findings(found))
     base = find_base_frame(found, nominal())
     rows = link_table(found, base, FlangeConvention.of_chain(nominal()), nominal())
     by_key = {(row.quantity, row.joint): row.standard_uncertainty for row in rows}

@@ -161,8 +161,8 @@ def test_the_best_penalty_is_found_to_a_quarter_of_a_decade_wherever_it_is(monke
 
 def test_models_with_a_base_are_compared_where_its_test_speaks():
     for asked, speaks, links, base, left_out in (
-        (None, False, 1e-9, 1e-9, {"joints_and_base", "links_and_base"}),
-        ("joints_and_links", True, 1e-9, 1e-9, {"joints_and_base", "links_and_base"}),
+        (None, False, 1e-9, 1e-9, {*WITH_BASE}),
+        ("joints_and_links", True, 1e-9, 1e-9, {*WITH_BASE}),
         ("joints_and_base", False, 0.5, 0.5, set()),
         (None, True, 1e-9, 1e-9, set()),
         (None, True, 1e-9, 0.5, {"links_and_base"}),
