@@ -21,7 +21,6 @@ from jointstiff.service.jobs import Parts
 from jointstiff.service.kinds import program_path
 from jointstiff.service.kinds import run as run_module
 from jointstiff.service.kinds.deflection import predict_by_run
-from jointstiff.service.kinds.map_work import MapWork
 from jointstiff.service.kinds.program_work import ProgramWork
 from jointstiff.service.kinds.run import RUN
 from jointstiff.service.kinds.work import carry_out, new_job, pack
@@ -192,11 +191,6 @@ def test_a_program_is_cut_by_its_points_or_by_its_visits(targets, visits):
     program = SimpleNamespace(targets=range(targets), moves=SimpleNamespace(visits=range(visits)))
     work = SimpleNamespace(_program=program, _spans=lambda: SPANS)
     assert ProgramWork.steps(work) == (SPANS if max(targets, visits) > 10_000 else ())
-
-
-@pytest.mark.parametrize(("blocks", "steps"), [(SPANS, SPANS), (SPANS[:1], ()), ((), ())])
-def test_a_map_of_one_block_is_made_at_once(blocks, steps):
-    assert MapWork.steps(SimpleNamespace(_blocks=lambda: blocks)) == steps
 
 
 def test_the_selection_compares_all_models(given):

@@ -14,7 +14,6 @@ from typing import Self
 import numpy as np
 import pytest
 from support.live import positions
-from support.slides import arm_on_rail
 from support.terminal import terminal
 
 import jointstiff
@@ -308,12 +307,11 @@ def shown(*stands, where=None):
     [
         ([THERE + 0.099 * UP], [THERE + 0.101 * UP], "P10 is 0.101 m from where the robot holds it"),
         ([THERE + 0.009 * LONGER], [THERE + 0.011 * LONGER], "P11 is .* mm from P10"),
-        ([THERE - 0.009 * LONGER], [THERE - 0.011 * LONGER], "P11 is .* mm from P10"),
         ([THERE, THERE - 0.049 * UP], [THERE, THERE - 0.051 * UP], "P10 is 51 mm from where it was without"),
         ([THERE, THERE + 1e-9], [THERE, THERE], "P10: the source repeats an earlier reading"),
         ([THERE], [THERE[[0, 0]]], "P11: the source repeats an earlier reading"),
     ],
-    ids=["astray", "longer", "shorter", "deflected", "repeated", "one for another"],
+    ids=["astray", "longer", "deflected", "repeated", "one for another"],
 )
 def test_a_reading_is_refused_beyond_its_bound_and_kept_within(kept, refused, words):
     """Bounds of 100 mm from the robot's place, 10 mm of two targets' distance, and 50 mm under a load."""
@@ -323,17 +321,12 @@ def test_a_reading_is_refused_beyond_its_bound_and_kept_within(kept, refused, wo
         shown(*refused)
 
 
-def test_a_point_is_within_a_hundred_metres_and_its_uncertainty_within_one():
-    for sigma in (None, 1e-9, 0.999):
-        points = shown([(tuple(place), sigma) for place in THERE])[0]
-        assert [each for _, each in points.values()] == [sigma] * 3
+def test_what_is_no_position_is_refused():
     rubbish = [(tuple(THERE[0]), sigma) for sigma in (0.0, -1e-5, 1.0, np.nan)]
     rubbish += [np.roll([part, 1.0, 1.0], k) for part in (-100.1, 100.1, np.inf, np.nan) for k in range(3)]
     for point in rubbish:
         with pytest.raises(SourceError, match="is no position of a target"):
             shown([point])
-    with pytest.raises(SourceError, match="has jumped"):
-        shown([(-99.9, 99.9, 99.9)])
 
 
 def test_readings_in_another_frame_are_looked_for_there():
@@ -345,14 +338,6 @@ def test_readings_in_another_frame_are_looked_for_there():
     np.testing.assert_allclose([where.from_base(place) for place in THERE], read, atol=1e-12)
     with pytest.raises(SourceError, match=r"0\.101 m from where"):
         shown(read + 0.101 * UP, where=where)
-
-
-def test_a_simulated_rail_is_as_stiff_as_its_arm_is_long():
-    robot = prepare_robot(RobotDocument.model_validate(robot_document(arm_on_rail()))).robot
-    rail = sources.plausible_stiffness(robot, np.random.default_rng(7))[0]
-    reach = np.hypot(0.33, 0.78) + 1.12 + 0.06 + 1.31 + 0.24  # of the default arm, along its links [m]
-    drawn = np.random.default_rng(7).standard_normal(robot.n)[0]
-    assert rail == pytest.approx(1e8 * reach / 2.8 * np.exp(0.35 * drawn))
 
 
 def test_robodk_measures_targets_where_the_robot_holds_them(monkeypatch):

@@ -9,7 +9,6 @@ import resource
 import signal
 import subprocess
 import sys
-import threading
 from contextlib import closing
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -427,20 +426,6 @@ def test_a_worker_is_ended_once_two_looks_in_a_row_find_it_silent():
     supervisor = Supervisor("sqlite://", 0, "test", is_silent=lambda _: next(looks))
     assert supervisor._end_of(process, "test-1") == -9
     assert (pauses, ended) == ([60.0, 15.0, 15.0, 15.0, 15.0], [4])
-
-
-def test_all_workers_are_started_and_their_ends_awaited(monkeypatch):
-    names, ended = [], []
-
-    def watch(self, _database, name):
-        names.append(name)
-        self._stopping.wait()
-        ended.append(threading.Event().wait(0.05))
-
-    monkeypatch.setattr(Supervisor, "_watch", watch)
-    with Supervisor("sqlite://", 2, "test"):
-        until(lambda: len(names) == 2)
-    assert (sorted(names), len(ended)) == (["test-1", "test-2"], 2)
 
 
 @pytest.mark.process
