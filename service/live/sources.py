@@ -222,7 +222,7 @@ class Checked:
                 f"{name}: {str(answer)[:80]!r} is not a position and its uncertainty",
                 remedy="let `point` return three numbers in metres, and a number or None",
             ) from None
-        sound = all(math.isfinite(part) and abs(part) <= _FARTHEST for part in (x, y, z))
+        sound = all(abs(part) <= _FARTHEST for part in (x, y, z))  # which NaN is not, either
         if not sound or (sigma is not None and not 0.0 < sigma < 1.0):
             raise SourceError(
                 f"{name}: ({x:g}, {y:g}, {z:g}) m is no position of a target",
@@ -236,8 +236,8 @@ class Checked:
         Raises:
             SourceError: it does.
         """
-        others = {other: np.array(point) for other, (point, _) in points.items() if other != name}
-        if points[name][0] in self._seen or any((place == other).all() for other in others.values()):
+        others = {other: point for other, (point, _) in points.items() if other != name}
+        if points[name][0] in self._seen.union(others.values()):
             raise SourceError(
                 f"{name}: the source repeats an earlier reading, digit by digit",
                 remedy="look whether the instrument still measures, then read again",
