@@ -528,7 +528,6 @@ def test_the_fewer_degrees_of_freedom_count(simulated, freedoms):
         ("load_point", lambda p, x: p - x * np.array([0.6, 0.0, 0.8]), 9e-4, 1.1e-3),  # 1 mm
         ("force", lambda f, x: (1.0 + x) * f, 5.01e-3, 5.1e-3),  # half a percent of the larger one
         ("moment", lambda m, x: m / (1.0 + x), 5.01e-3, 5.1e-3),
-        ("moment", lambda m, x: x * m, 1.0, 0.0),
         (
             "direction",
             lambda d, x: np.sin(x) * np.eye(3)[1] - np.cos(x) * d,
