@@ -178,7 +178,7 @@ class ArrayReadings:
                     **({} if directions is None else {"direction": directions[i, t].tolist()}),
                 }
                 for t, target in enumerate(names)
-                if all(np.isfinite(value[i, t]).all() for value in values.values())
+                if all(np.isfinite(value[i, t, 0]) for value in values.values())
             ]
             for i in range(count)
         ]

@@ -90,14 +90,14 @@ ENCODER = {"joint": "joint_1", "unloaded": 0.1, "loaded": 0.2}
 OTHER, UNKNOWN = ENCODER | {"joint": "joint_2"}, ENCODER | {"joint": "elbow"}
 TIP = {"target": "tip", "deflection": [0.0, 0.0, 1e-4]}
 STATED = {"target": "P10", "deflection": [0.0, 0.0, 1e-4], "sigma": 1e-5}
-ANGLES = {"sigma": 1e-5, "encoder_sigma": 1e-5}
+ANGLES, NOWHERE = {"sigma": 1e-5, "encoder_sigma": 1e-5}, {"load_point": None, "force": [0, 0, -9]}
 ALONG = {"target": "P11", "displacement": 1e-4, "direction": [0.0, 0.0, 1.0]}
 
 
 @pytest.mark.parametrize(
     ("of_set", "each", "faulty", "where"),
     [
-        ({"load_point": None}, {"load_point": [0, 0, 0.1]}, {"load_point": None}, ".load_point"),
+        ({"load_point": None}, {"load_point": [0, 0, 0.1]}, NOWHERE, ".load_point"),
         ({"encoders": "secondary"}, {}, {"encoder_readings": [ENCODER]}, ".encoder_readings"),
         ({"noise": ANGLES}, {}, {"encoder_readings": [UNKNOWN]}, ".encoder_readings"),
         ({}, {}, {"encoder_readings": [OTHER, ENCODER, OTHER]}, ".encoder_readings[2].joint"),
@@ -307,6 +307,7 @@ coordinate = st.floats(-1e12, 1e12, allow_nan=False)
 vector = st.lists(coordinate, min_size=3, max_size=3)
 square = [[4e-10, 1e-10, 0.0], [1e-10, 4e-10, 0.0], [0.0, 0.0, 9e-10]]
 noise = st.sampled_from([{}, {"sigma": 1e-5}, {"unloaded_covariance": square, "loaded_covariance": square}])
+OPTIONAL = {"moment": vector, "load_point": vector, "encoder_readings": st.just([OTHER, ENCODER])}
 text = st.text(st.characters(categories=["L", "N", "P", "S"]), min_size=1, max_size=12)
 reading = st.one_of(
     st.fixed_dictionaries({"unloaded": vector, "loaded": vector}),
@@ -331,7 +332,7 @@ def observations(draw):
             "label": label,
             "joints": draw(st.lists(coordinate, min_size=joints, max_size=joints)),
             "force": draw(vector),
-            **draw(st.fixed_dictionaries({}, optional={"moment": vector, "load_point": vector})),
+            **draw(st.fixed_dictionaries({}, optional=OPTIONAL)),
             "readings": [
                 {"target": target} | with_noise(read, stated)
                 for target, read in draw(st.dictionaries(text, reading, min_size=1, max_size=3)).items()
