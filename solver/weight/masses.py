@@ -56,7 +56,7 @@ def freed_masses(problem: Reduced, burden: Burden, noise: float) -> list[FreedMa
 
     blocks = [(place, len(problem.unit) + np.array(own, dtype=np.intp)) for *_, place, own in problem.blocks]
     n, size = len(blocks), problem.A.shape[1]
-    count = 1 + max((k for own in problem.unknowns for k in own), default=-1)
+    count = max((k + 1 for own in problem.unknowns for k in own), default=0)
     halves = [(k, number, half) for k, (number, (half, *_)) in enumerate(burden.unknown[0]) if half > 0.0]
     means = [0.5 * (body.most + body.least) for body in burden.bodies]
     least = np.full(n + count, -np.inf)
