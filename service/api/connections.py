@@ -194,7 +194,7 @@ class BoundedProtocol(H11Protocol):
                 self._end_turn(cycle)  # the client may take its time to read
                 declared = int(Headers(raw=message["headers"]).get("content-length", "0"))
                 length = declared if declared > self.PIECE_BYTES else 0
-                is_refused = length > 0 and self._answering + length > self.ANSWER_BYTES
+                is_refused = self._answering + length > self.ANSWER_BYTES
                 length *= not is_refused
                 type(self)._answering += length
             if is_refused:
