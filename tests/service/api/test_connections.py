@@ -348,7 +348,7 @@ def test_a_header_has_ten_seconds_and_a_body_thirty_and_one_for_each_64_kib():
 def test_who_lags_for_longest_makes_room(goes_on, order, monkeypatch):
     """A header since 190 s, with a second more; an answer since 193 s; a body, by its rate since 195 s."""
     monkeypatch.setattr(BoundedProtocol, "CONNECTIONS", 4)
-    monkeypatch.setattr(BoundedProtocol, "_slow", [])
+    BoundedProtocol._slow.clear()
     state, closed = ServerState(), []
     began = {"body": (BODY, 180.0), "header": (b"", 190.0), "answer": (ASKED, 193.0), "none": (ASKED, 170.0)}
     lines = {name: Line(*each, state) for name, each in began.items()}

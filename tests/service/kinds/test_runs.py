@@ -162,7 +162,8 @@ def test_a_target_is_visited_again_with_full_turns_between_alone(apart, refused,
     text = f"DEF a()\nDECL E6POS XP1={{{place}}}\n{moves}\nEND"
     work = ProgramWork(robot, "robot", run, request("krl", text))
     again = path(1) + np.eye(6)[5] * (4.0 * np.pi + apart)
-    monkeypatch.setattr(program_path, "_postures", lambda *_: np.concatenate([path(1), again]))
+    both = np.concatenate([path(1), again])
+    monkeypatch.setattr(program_path, "choose_postures", lambda *_: (both, np.zeros(2)))
     with pytest.raises(ProgramError, match="two configurations") if refused else nullcontext():
         np.testing.assert_array_equal(work._path.cases.joints, path(1))
 
