@@ -184,7 +184,7 @@ PATTERNS = {
     "ur": (ur.LANGUAGE.numbers, NUMBER),
     "rapid comments": (
         re.compile(rapid.LANGUAGE.comment),
-        r"(?<![^\r\n])%%%\s*(?:(?:VERSION|LANGUAGE)\s*:\s*\w+\s*)*%%%|![^\r\n]*",
+        r"(?<![^\r\n])%%%\s*(?:(?:VERSION|LANGUAGE)\s*:\s*\w+\b\s*)*%%%|![^\r\n]*",
     ),
     "rapid statements": (rapid._ENDS, r'"[^"\r\n]*"|![^\r\n]*|;'),
     "fanuc positions": (fanuc._POSITION, r"P[\s\S]*?\};|\S[^P]*"),
