@@ -9,6 +9,7 @@ import resource
 import signal
 import subprocess
 import sys
+import threading
 from contextlib import closing
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -438,6 +439,25 @@ def test_a_worker_that_cannot_start_is_said_and_is_not_living(tmp_path, monkeypa
         until(lambda: supervisor.failing == 1)
     assert set(forgotten) == {"test-1"}
     assert len(forgotten) >= 2
+
+
+@pytest.mark.process
+def test_a_worker_that_lives_and_shows_no_sign_of_it_is_replaced(tmp_path, caplog):
+    """Two looks in a row find it silent, the third would find another process of its name."""
+    replaced = threading.Event()
+    looks: list[str] = []
+
+    def is_silent(name: str) -> bool:
+        looks.append(name)
+        return len(looks) != 2  # one look alone is no proof
+
+    with Supervisor(
+        f"sqlite:///{tmp_path / 'x.db'}", 1, "test", lambda _: replaced.set(), is_silent, 0.2, 0.1
+    ):
+        assert replaced.wait(60)
+    assert len(looks) >= 4
+    assert set(looks) == {"test-1"}
+    assert "worker test-1 is silent; ending it" in caplog.text
 
 
 @pytest.mark.process
