@@ -251,8 +251,8 @@ async def _answered(app: FastAPI, forwarded: Forwarded, content: bytes) -> tuple
 
 def _limit_time(seconds: float) -> None:
     """Limit the processor time from now on: a service that is killed leaves no child that goes on."""
-    used = resource.getrusage(resource.RUSAGE_SELF)[:2]  # by the user and by the system
-    most = int(sum(used, seconds)) + 1
+    used = resource.getrusage(resource.RUSAGE_SELF)
+    most = int(used.ru_utime + used.ru_stime + seconds) + 1
     resource.setrlimit(resource.RLIMIT_CPU, (most, resource.getrlimit(resource.RLIMIT_CPU)[1]))
 
 
