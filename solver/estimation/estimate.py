@@ -108,7 +108,7 @@ def interval_ends(
     half = radii[:, None] * np.sqrt(((rows @ likelihood.covariance) * rows).sum(axis=1))
     box = range_on_box(rows, constraints.bounds)
     centre = (rows @ likelihood.centre)[:, None]
-    held = np.clip(centre + half[..., None] * np.array([-1.0, 1.0]), box[:, :1], box[:, 1:])
+    held = np.clip(centre + np.stack([-half, half], axis=-1), box[:, :1], box[:, 1:])
     ends = profile_ends(likelihood, constraints, rows, radii) if by_profile else held
     lower = np.minimum(np.minimum(ends[..., 0], held[..., 0]), value)
     upper = np.maximum(np.maximum(ends[..., 1], held[..., 1]), value)
