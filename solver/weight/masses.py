@@ -31,6 +31,8 @@ _CHECKED: Final = 5.0
 """Standard uncertainties by which a doubled mass is off where nearly every campaign shows it (3 + 2)."""
 _MATTERS: Final = 0.1
 """Relative change of a compliance that is worth a remark."""
+_FREE: Final = 1e-4
+"""Weight of the bounds of a mass left free, which settles one of which no reading tells."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +70,7 @@ def freed_masses(problem: Reduced, burden: Burden, noise: float) -> list[FreedMa
     scale = np.sqrt(noise)
 
     def fitted(start: FloatArray, free: int | None) -> tuple[FloatArray, float, FloatArray]:
-        prior = np.eye(n + count)[n:] * np.where(np.arange(count) == free, 0.0, np.sqrt(3.0))[:, None]
+        prior = np.sqrt(3.0) * np.eye(n + count)[n:] * np.where(np.arange(count) == free, _FREE, 1.0)[:, None]
 
         def residual(y: FloatArray) -> FloatArray:
             x = np.zeros(size)
@@ -93,13 +95,15 @@ def freed_masses(problem: Reduced, burden: Burden, noise: float) -> list[FreedMa
     freed = []
     for k, number, half in seen:
         y, left, jacobian = fitted(common, k)
-        root = np.linalg.pinv(jacobian)
-        # Where no reading tells the mass, the pseudo-inverse has a row of zeros
-        variance = float(root[n + k] @ root[n + k]) or np.inf
-        told = np.maximum(y[:n], np.linalg.norm(root[:n], axis=1))  # of one at zero, beside its uncertainty
-        told[told == 0.0] = np.inf
-        doubled = means[number] / half * (root[:n] @ root[n + k]) / variance / told
-        mass, uncertainty = means[number] + half * float(y[n + k]), half * float(np.sqrt(variance))
+        root = np.linalg.pinv(jacobian, rcond=0.0)
+        variance = float(root[n + k] @ root[n + k])
+        slope = root[:n] @ root[n + k] / variance
+        # Of one at zero beside its uncertainty, that with the mass as stated
+        rest = np.maximum(y[:n], np.linalg.norm(root[:n] - np.outer(slope, root[n + k]), axis=1))
+        doubled = means[number] / half * slope / np.where(rest > 0.0, rest, np.inf)
+        is_told = 3.0 * _FREE**2 * variance < 0.5
+        mass = means[number] + half * float(y[n + k])
+        uncertainty = half * float(np.sqrt(variance)) if is_told else np.inf
         freed.append(FreedMass(number, mass, uncertainty, loss - left, doubled))
     return freed
 

@@ -32,7 +32,7 @@ from jointstiff.solver.mechanics.robot import Body
 from jointstiff.solver.predict.forward import CorrectionLimits, LoadCases, compensate
 from jointstiff.solver.predict.models import JointModel
 from jointstiff.solver.weight.identification import Burden, identify_weight, rows_at
-from jointstiff.solver.weight.masses import FreedMass, contradicted, freed_masses, widened
+from jointstiff.solver.weight.masses import FreedMass, contradicted, freed_masses, unchecked, widened
 
 
 def compliances(estimate):
@@ -123,6 +123,21 @@ def test_a_mass_of_which_no_reading_tells_is_neither_checked_nor_contradicted():
     assert [each.uncertainty for each in freed] == [np.inf] * 5
     assert not any(each.doubled.any() for each in freed)
     assert contradicted(freed) is None
+
+
+@pytest.mark.parametrize("body", [1, 4])
+def test_of_one_body_alone_its_weight_times_compliances_is_told_and_twice_its_mass_halves_them(body):
+    """The sag is c m: no campaign tells c from m, and dc/c = -dm/m."""
+    alone = replace(BODIES, masses=np.where(np.arange(6) == body, BODIES.masses, 0.0))
+    stated = Burden((burden_of(BODIES, 0.1).bodies[body],), ())
+    readings = campaign(bodies=alone, stated=stated)
+    estimate = identify_weight(ROBOT, readings)
+    (freed,) = freed_masses(estimate.fit.reduced, stated, 1.0)
+    assert freed.uncertainty == np.inf
+    np.testing.assert_allclose(freed.doubled, -1.0, rtol=1e-6)
+    remark = unchecked(stated.bodies, [freed])
+    assert f"do not check the mass of {stated.bodies[0].name}: " in remark.message
+    assert "by up to 1e+02 %" in remark.message
 
 
 @pytest.mark.parametrize("seed", [1, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (0, 3))])
