@@ -25,6 +25,7 @@ from jointstiff.simulator.own_weight import unloaded_campaign
 SPACE = b"http://schemas.openxmlformats.org/spreadsheetml/2006/main"
 
 
+@pytest.mark.timeout(30)
 @pytest.mark.parametrize(
     ("cells", "reason"),
     [

@@ -4,6 +4,7 @@ import json
 import subprocess
 import sys
 import threading
+import time
 import uuid
 from contextlib import contextmanager
 from functools import partial
@@ -160,7 +161,7 @@ def test_what_is_no_address_is_refused():
 
 
 def test_nobody_at_the_address_is_told_at_once(monkeypatch):
-    monkeypatch.setattr(module.time, "sleep", pytest.fail)
+    monkeypatch.setattr(module, "time", SimpleNamespace(monotonic=time.monotonic, sleep=pytest.fail))
     with Client("http://127.0.0.1:9") as client, pytest.raises(RefusedError, match="no answer"):
         client.runs.create({})
 

@@ -401,16 +401,29 @@ def test_pauses_double_up_to_a_minute():
 
 
 def test_a_worker_is_started_again_after_pauses_that_double(monkeypatch):
-    """Of four lives, in seconds: one of a minute is no short one."""
-    lives, pauses, failing = [1.0, 59.0, 60.0, 5.0], [], []
-    now = iter((10.0, 11.0, 20.0, 79.0, 100.0, 160.0, 200.0, 205.0))
+    """Of four lives, in seconds: who lives for a minute is not failing at its end, and begins anew."""
+    lives, pauses, failing, now = [1.0, 59.0, 60.0, 5.0], [], [], 0.0
     supervisor = Supervisor("sqlite://", 0, "test")
-    monkeypatch.setattr(supervisor_module, "time", SimpleNamespace(monotonic=lambda: next(now)))
+
+    def timer(seconds, forget, arguments):
+        def start():
+            if lives[0] >= seconds:
+                forget(*arguments)
+
+        return SimpleNamespace(start=start, cancel=lambda: None)
+
+    def watch(*_):
+        nonlocal now
+        failing.append((lives[0], supervisor.failing))
+        now += lives.pop(0)
+
+    monkeypatch.setattr(supervisor_module, "time", SimpleNamespace(monotonic=lambda: now))
+    monkeypatch.setattr(supervisor_module, "threading", SimpleNamespace(Timer=timer))
     supervisor._stopping = SimpleNamespace(is_set=lambda: not lives, wait=pauses.append)
-    supervisor._watch = lambda *_: failing.append((lives.pop(0), supervisor.failing))
+    supervisor._watch = watch
     supervisor._keep("sqlite://", "test-1")
-    assert pauses == [2, 4, 8]
-    assert failing == [(1.0, 0), (59.0, 0), (60.0, 1), (5.0, 1)]
+    assert pauses == [2, 4, 2]
+    assert failing == [(1.0, 0), (59.0, 0), (60.0, 0), (5.0, 0)]
 
 
 def test_a_worker_is_ended_once_two_looks_in_a_row_find_it_silent():
