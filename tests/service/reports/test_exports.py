@@ -66,6 +66,16 @@ def test_the_urdf_has_the_same_kinematics(pulled):
     assert "10⁶ N·m/rad (95 % interval " in text
 
 
+@pytest.mark.parametrize(("joint", "degrees"), [(None, 0.0), (2, 90.0)])
+def test_angles_that_the_controller_shows_otherwise_are_said(document, joint, degrees):
+    offset = [degrees if j == joint else 0.0 for j in range(6)]
+    stated = document["robot"] | {"joint_map": {"matrix": np.eye(6).tolist(), "offset": offset}}
+    robot = prepare_robot(Campaign.model_validate(document | {"robot": stated}).robot).robot
+    run = jointstiff.identify(document)
+    text = export_model(ExportedModel(run, run.result, robot, "arm"), "urdf").decode()
+    assert ("The controller shows other angles" in text) == (joint is not None)
+
+
 def cells_of(name, content):
     if name == "csv":
         return list(csv.reader(io.StringIO(content.decode())))

@@ -171,6 +171,17 @@ def test_one_wrong_reading_is_doubtful_and_no_other(sigma, row):
         assert not judged(good, ARM.compliances, other).doubtful
 
 
+@pytest.mark.parametrize(("stood", "row"), [(2, 11), (7, 4)])
+def test_an_arm_that_was_not_moved_stood_as_for_an_earlier_reading(stood, row):
+    """Joints of one posture beside what was read in another."""
+    wrong = noisy(1, sigma=SIGMA)[np.where(np.arange(12) == row, stood, np.arange(12))]
+    joints, labels = wrong.joints.copy(), list(wrong.labels)
+    joints[row], labels[row] = EXACT.joints[row], "the last one"
+    found = judged(replace(wrong, joints=joints, labels=tuple(labels)), ARM.compliances, row)
+    assert found.doubtful
+    assert f"the arm stood as for '{wrong.labels[stood]}'" in found.causes
+
+
 def test_balls_hold_nine_of_ten():
     inside = [held_out(SPRINGS, noisy(0, sigma=SIGMA), ARM.compliances, row).inside for row in range(12)]
     assert sum(inside) >= stats.binom.ppf(1e-3, 12, 0.9)
