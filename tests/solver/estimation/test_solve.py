@@ -310,13 +310,18 @@ def test_gram_matrices_answer_down_to_the_least_eigenvalue(n):
 
 @pytest.mark.parametrize("finder", ["pivoting", "alone"])
 def test_random_problems_against_exact_arithmetic(monkeypatch, finder):
-    """Columns over twelve decades, condition up to 1e3, any number of zeros: all certified and exact."""
+    """Columns over twelve decades, condition up to 1e3, any number of zeros: all certified and exact.
+
+    Pivoting answers nearly all: 3 of the 500 are left to be solved alone (0 to 11 of 40 other draws of 500),
+    and 33 after three rounds of it, two thirds without it.
+    """
+    count = 500 if finder == "pivoting" else 100
     if finder == "alone":
         monkeypatch.setattr(module, "MOST_PIVOTS", 0)
     alone = list[IdentificationProblem]()
     monkeypatch.setattr(module, "solve_step", lambda one: alone.append(one) or solve_step(one))
     worst, zeros = 0.0, 0
-    for n, problems in batches(random_problem, 500 if finder == "pivoting" else 100).items():
+    for n, problems in batches(random_problem, count).items():
         found = solved(problems, Bounds.positive(n))
         exact = np.array([[float(x) for x in exact_nnls(p.A, p.b)] for p in problems])
         assert found.certified.all()
@@ -325,7 +330,7 @@ def test_random_problems_against_exact_arithmetic(monkeypatch, finder):
         free = exact > 0
         worst = max(worst, np.abs(found.compliance[free] / exact[free] - 1).max(initial=0.0))
         zeros += int((~free).sum())
-    assert (len(alone) < 10) == (finder == "pivoting"), len(alone)
+    assert len(alone) < 0.05 * count if finder == "pivoting" else len(alone) > 0.5 * count, len(alone)
     assert worst <= 1e-8
     assert zeros > 100
 

@@ -136,11 +136,18 @@ def test_table_numbers_that_run_away_and_links_that_are_vague_are_findings():
     assert len(list(model_findings(nominal().joint_names, table, links[1:2]))) == 1
 
 
+@pytest.mark.parametrize("base", ["nominal", "axes"])
 @pytest.mark.parametrize("flange", ["targets", "axes"])
-def test_the_flange_stands_where_its_convention_says_though_there_is_a_nominal_model(flange):
-    cell, asked = Cell(imperfect_arm(5)), Conventions("nominal", flange)
-    found = identify_from_sweeps(cell.sweeps(count=5), asked, nominal=nominal(), fit="one_by_one")
+def test_the_flange_stands_where_its_convention_says_with_a_nominal_model_or_none(flange, base):
+    """And wherever that is, chain and targets give what the tracker reads in any posture."""
+    cell, asked = Cell(imperfect_arm(5)), Conventions(base, flange)
+    known = nominal() if base == "nominal" else None
+    found = identify_from_sweeps(cell.sweeps(count=5), asked, nominal=known, fit="one_by_one")
     first, second, third = positions = np.array([target.position for target in found.targets])
+    model, T = found.robot.model, found.base_frame.transform_tracker_to_base
+    predicted = flange_points(read_urdf(model.urdf, model.base, model.flange), ANGLES, positions)
+    read = cell.readings(ANGLES) @ np.transpose(T.rotation) + T.translation
+    assert np.abs(predicted - read).max() < 1e-7
     if flange == "targets":
         assert [*first, *second[1:], third[2]] == pytest.approx(np.zeros(6), abs=1e-8)
         assert second[0] > 0.0 < third[1]

@@ -24,6 +24,7 @@ from support.geometry_truth import (
     shared_chain,
     shared_sweeps,
     swept,
+    with_sweep,
 )
 
 from jointstiff.simulator.sweeps import SWEEPS, WornArm
@@ -145,15 +146,43 @@ def test_exact_sweeps_of_an_imperfect_arm_give_its_axes(matrix, way):
     cell = Cell(imperfect_arm(3), matrix=matrix)
     found = identified(cell.sweeps(), way)
     assert np.abs(axis_errors(found, cell)).max() < 1e-8
-    for fit in (each for each in found.fits if each.outer is not None):
-        by_readings = np.hstack([fit.influence[:4], fit.dependence @ fit.outer.influence[:4]])
-        np.testing.assert_allclose(fit.axis_covariance, SIGMA**2 * by_readings @ by_readings.T, rtol=1e-6)
     posture = cell.arm.posture(np.zeros(6))
     at_zero = posture.targets_to_base(TARGETS) @ cell.rotation.T + cell.translation
     assert np.abs(found.targets - at_zero).max() < 1e-8
     base = find_base_frame(found, nominal())
     true = perpendicular_truth(cell)
     assert np.abs(pin.log6(base.transform_tracker_to_base.actInv(true)).vector).max() < 1e-8
+
+
+def test_covariances_of_coupled_axes_are_those_of_fits_to_displaced_readings():
+    """Each coordinate is displaced both ways and fitted anew: no derivative of the solver's is in that.
+
+    Of joints 2 and 3 alone: what the sweep of joint 3 leaves open goes on into axis 2.
+    """
+    two = slice(1, 3)
+    whole = Cell(imperfect_arm(3), matrix=FANUC_MAP, targets=TARGETS[:2]).sweeps(count=4)
+    parts = tuple(
+        replace(part, angles=part.angles[:, two], joint=joint) for joint, part in enumerate(whole.sweeps[two])
+    )
+    sweeps = SweepSet(parts, NAMES[:2], JointMap(FANUC_MAP[two, two], np.zeros(2)), SIGMA)
+    found = identify_axes(sweeps)
+
+    def charts(sign, joint, at):
+        points = parts[joint].points.copy()
+        points[at] += sign * 1e-6
+        moved = identify_axes(with_sweep(sweeps, joint, replace(parts[joint], points=points)))
+        as_swept = found.fits[0].axis.chart(moved.fits[0].axis)
+        return np.hstack([as_swept, *(axis.chart(m) for axis, m in zip(found.axes, moved.axes, strict=True))])
+
+    places = [(joint, at) for joint in range(2) for at in np.ndindex(parts[joint].points.shape)]
+    by_readings = np.transpose([charts(1, *place) - charts(-1, *place) for place in places]) / 2e-6
+    for rows, stated in (
+        (by_readings[:4], found.fits[0].axis_covariance),
+        (by_readings[4:], found.covariance[:8, :8]),
+    ):
+        expected = SIGMA**2 * rows @ rows.T
+        u = np.sqrt(np.diag(expected))
+        np.testing.assert_allclose(stated / np.outer(u, u), expected / np.outer(u, u), rtol=0.0, atol=1e-6)
 
 
 def perpendicular_truth(cell):

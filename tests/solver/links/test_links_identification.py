@@ -159,6 +159,31 @@ def test_the_best_penalty_is_found_to_a_quarter_of_a_decade_wherever_it_is(monke
     assert found == pytest.approx(np.clip(best, *np.log10(LIMITS)), abs=0.126)
 
 
+@pytest.mark.parametrize(
+    ("name", "count", "expected", "gain"),
+    [
+        ("joints_and_links", 20, (1e-5, 1e-1), (1.1, 1.5)),
+        ("diagonal_links", 60, (LIMITS[0], 1e-4), (1.0, 1.01)),
+    ],
+)
+def test_few_postures_call_for_some_penalty_on_full_links_and_many_for_hardly_any(
+    name, count, expected, gain
+):
+    """Of beams in exact balance: less penalty than the best is worse with 20 postures, and alike with 60.
+
+    The errors held out at the least weight tried are 1.227 and 1.001 times those at the best.
+    """
+    robot, measurements = pulled(beam_arm(default_arm()), count, seed=1)
+    model = ElasticModel(name, COLUMNS)
+    folds = Folds(robot, measurements, COLUMNS, VISIBLE, CrossValidation(folds=2, draws=1))
+    finer = refined(folds, model, fit_folds(folds, model, WEIGHTS))
+    mean, best = finer.errors.mean(axis=0), chosen_weight(finer.errors, "best")
+    assert expected[0] <= finer.weights[best] <= expected[1]
+    assert mean[best] <= mean[np.isin(finer.weights, WEIGHTS)].min()
+    np.testing.assert_allclose(np.diff(np.log10(finer.weights))[max(0, best - 1) : best + 1], 0.25)
+    assert gain[0] <= mean[0] / mean[best] < gain[1]
+
+
 def test_models_with_a_base_are_compared_where_its_test_speaks():
     for asked, speaks, links, base, left_out in (
         (None, False, 1e-9, 1e-9, {*WITH_BASE}),
