@@ -72,11 +72,12 @@ def test_an_acknowledgement_is_of_one_methods_trend():
         assert acknowledgements_of(notes, SELECTION.model_copy(update=change)) == {}
 
 
-def test_an_assumed_load_point_is_that_of_one_hook():
-    """Nothing was stated, so no campaign says that it is elsewhere than in the others."""
-    assumed = limit_of(["cell 7"] * 4 + ["cell 8"], source="assumed_load_point")
+@pytest.mark.parametrize("source", ["load_point", "force_scale"])
+def test_what_is_assumed_is_that_of_one_hook_and_one_load_cell(source):
+    """Nothing was stated, so no campaign says that it is another than in the others."""
+    assumed = limit_of(["cell 7"] * 4 + ["cell 8"], source=f"assumed_{source}")
     assert assumed == pytest.approx(limit_of(["cell 7"] * 5))
-    *others, last = campaigns(["cell 7"] * 5, source="assumed_load_point")
-    *_, stated = campaigns(["cell 7"] * 5, source="load_point")
+    *others, last = campaigns(["cell 7"] * 5, source=f"assumed_{source}")
+    *_, stated = campaigns(["cell 7"] * 4 + ["cell 8"], source=source)
     assert last.joints["joint_1"].compliance == stated.joints["joint_1"].compliance
-    assert limit_among([*others, stated]) > 2.0 * assumed  # it has a hook of its own
+    assert limit_among([*others, stated]) > 2.0 * assumed  # it has one of its own
