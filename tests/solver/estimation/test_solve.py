@@ -30,10 +30,12 @@ from jointstiff.solver.estimation.estimate import profile_ends
 from jointstiff.solver.estimation.fit import Likelihood, rows_of
 from jointstiff.solver.estimation.solution import (
     Bounds,
+    Certificate,
     Constraints,
     GramProblems,
     IdentificationProblem,
     Inequalities,
+    greatest_violations,
     solve,
     solve_batch,
     solve_step,
@@ -54,6 +56,14 @@ def random_columns(rng):
     if rng.random() < 0.5:
         A = A @ (np.eye(n) + rng.uniform(-0.6, 0.6, (n, n)))
     return A * 10.0 ** rng.uniform(-6, 6, n), rng.standard_normal(n + 1)
+
+
+def test_a_certificate_is_as_good_as_its_worst_violation_in_any_stage():
+    one = Certificate(1e-9, 3e-9, 5e-9, np.zeros(3), "clarabel")
+    two = Certificate(2e-9, 1e-9, 4e-9, np.zeros(3), "pivoting")
+    both = greatest_violations([one, two])
+    assert (both.primal, both.dual, both.complementarity) == (2e-9, 3e-9, 5e-9)
+    assert both.solved_by == ["clarabel", "pivoting"]
 
 
 @pytest.mark.parametrize("count", [300, pytest.param(10_000, marks=pytest.mark.slow)])
