@@ -31,7 +31,7 @@ from benchmarks.studies.forks import CHANGES
 __all__ = ["Judged", "Lane", "Mutant", "drawn", "judged", "measured_lane", "mutants_of", "run"]
 
 MUTANTS = {"solver": 60, "service": 30}
-SEED = 7103
+SEED = 8807
 """Draw anew once tests were written for what this one left: such a share says nothing of the others."""
 LANE = ("-m", "not process and not slow")
 ROOT = Path(__file__).parents[2]
