@@ -2,15 +2,15 @@
 
 import asyncio
 import json
+import logging
 import resource
 import select
 import socket
 import sqlite3
 import threading
 import time
-from contextlib import ExitStack, closing
+from contextlib import ExitStack, closing, suppress
 from datetime import UTC, datetime
-from types import SimpleNamespace
 from urllib.parse import urlsplit
 
 import h11
@@ -18,12 +18,14 @@ import httpx2
 import pytest
 from fastapi import FastAPI
 from support.in_process import served
+from support.processes import until
 from uvicorn import Config
 from uvicorn.server import ServerState
 
 from jointstiff.service.api.answers import ANSWER_HEADERS
 from jointstiff.service.api.bodies import EXAMPLES
 from jointstiff.service.api.connections import BoundedProtocol, connection_limit
+from jointstiff.service.process import ACCESS_LOGGER
 from jointstiff.service.security.admission import MAX_ROBOT_BYTES, Posture
 from jointstiff.service.security.keys import mint
 from jointstiff.service.server import UNREAD_BYTES, UNTAKEN_BYTES, listen
@@ -55,10 +57,12 @@ def serve():
 def connect():
     with ExitStack() as stack:
 
-        def to(url: str) -> socket.socket:
+        def to(url: str, window: int | None = None) -> socket.socket:
             address = urlsplit(url)
             connection = stack.enter_context(socket.socket())
             connection.settimeout(60)
+            if window is not None:  # of what is not read, the kernel keeps so much only
+                connection.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, window)
             connection.connect((address.hostname, address.port))
             return connection
 
@@ -76,9 +80,18 @@ def ended(connection: socket.socket) -> bytes:
     return received
 
 
-@pytest.mark.parametrize("sent", [b"GET /heal", HEADER, BODY])
-def test_each_part_of_a_request_has_its_time(sent, serve, connect):
-    url = serve(HEADER_SECONDS=0.3, BODY_SECONDS=0.3)
+@pytest.mark.parametrize(
+    ("bound", "sent"),
+    [
+        ("HEADER_SECONDS", b""),
+        ("HEADER_SECONDS", b"GET /heal"),
+        ("HEADER_SECONDS", HEADER),
+        ("BODY_SECONDS", BODY),
+    ],
+    ids=["nothing", "half a line", "half a header", "half a body"],
+)
+def test_each_part_of_a_request_has_its_time(bound, sent, serve, connect):
+    url = serve(**{bound: 0.3})
     connection = connect(url)
     connection.sendall(sent)
     assert ended(connection) == b""
@@ -104,6 +117,55 @@ def test_a_request_with_two_lengths_is_the_last_of_its_connection(serve, connect
     assert b" 204 " not in answers
 
 
+LARGE = b"GET /openapi.json HTTP/1.1\r\nHost: localhost\r\n\r\n"
+
+
+def test_an_answer_that_is_not_read_is_given_up(serve, connect):
+    """By the pause alone: no rate is asked for."""
+    url = serve(WRITE_SECONDS=0.3, ANSWER_RATE=0.0)
+    connection = connect(url, window=4096)
+    with pytest.raises(ConnectionError):  # the service stops reading, then ends the connection
+        connection.sendall(LARGE * 200_000)
+    assert httpx2.get(f"{url}/live").status_code == 204
+
+
+def test_an_answer_that_is_read_too_slowly_is_given_up(serve, connect):
+    """By the rate alone: it never pauses."""
+    url = serve(WRITE_SECONDS=1.0, ANSWER_RATE=1e9)
+    size = len(httpx2.get(f"{url}/openapi.json", timeout=60).content)
+    connection, received = connect(url, window=65536), 0
+    connection.sendall(LARGE * 200)
+    with suppress(ConnectionError):
+        while part := connection.recv(65536):
+            received += len(part)
+            time.sleep(0.01)
+    assert 65536 < received < 200 * size
+    assert httpx2.get(f"{url}/live").status_code == 204
+
+
+def test_large_answers_are_bounded_together(serve, connect, caplog):
+    caplog.set_level(logging.INFO, ACCESS_LOGGER)
+    size = len(httpx2.get(f"{serve()}/openapi.json", timeout=60).content)
+    url = serve(ANSWER_BYTES=3 * size, PIECE_BYTES=4096)
+    readers = [connect(url, window=4096) for _ in range(3)]
+    for reader in readers:  # of answers that the kernel cannot take, one after the other
+        reader.sendall(LARGE * 20)
+        assert reader.recv(12) == b"HTTP/1.1 200"
+    deadline = time.monotonic() + 60
+    while (refused := httpx2.get(f"{url}/openapi.json", timeout=60)).status_code == 200:
+        assert time.monotonic() < deadline
+    assert refused.status_code == 503
+    assert refused.json()["remedy"] == "try again later"
+    assert int(refused.headers["Retry-After"]) > 0
+    # the line follows the answer, and the metrics count what it says
+    until(lambda: 503 in [getattr(record, "status", None) for record in caplog.records])
+    assert httpx2.get(f"{url}/live").status_code == 204  # small ones are answered
+    for reader in readers:
+        reader.close()
+    while httpx2.get(f"{url}/openapi.json").status_code == 503:  # until it is seen that they have left
+        assert time.monotonic() < deadline
+
+
 def test_the_oldest_silent_connection_makes_room(serve, connect):
     url = serve(CONNECTIONS=4)
     oldest = connect(url)
@@ -112,6 +174,19 @@ def test_the_oldest_silent_connection_makes_room(serve, connect):
     assert ended(oldest) == b""
     connections[-1].sendall(b"GET /live HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n")
     assert ended(connections[-1]).startswith(b"HTTP/1.1 204")
+
+
+def test_who_goes_on_does_not_make_room_in_its_turn(serve, connect):
+    url = serve(CONNECTIONS=3)
+    first, second, third = (connect(url) for _ in range(3))
+    connect(url)
+    assert ended(first) == b""
+    second.sendall(b"GET /live HTTP/1.1\r\nHost: localhost\r\n\r\n")
+    assert second.recv(65536).startswith(b"HTTP/1.1 204")
+    connect(url)
+    assert ended(third) == b""
+    second.sendall(b"GET /live HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n")
+    assert ended(second).startswith(b"HTTP/1.1 204")
 
 
 def test_unfinished_bodies_are_bounded_together(serve, connect):
@@ -275,14 +350,19 @@ def test_what_the_system_keeps_of_a_connection_is_bounded():
             assert tuple(sizes) == (2 * UNREAD_BYTES, 2 * UNTAKEN_BYTES)
 
 
+def apart(**bounds) -> type[BoundedProtocol]:
+    """Return a protocol that shares neither turns nor the order of who makes room with others."""
+    return type("Apart", (BoundedProtocol,), {"_turns": {}, "_waiting": {}, "_slow": [], **bounds})
+
+
 class Line:
     """A client's end of a connection, and the clock: a test winds it, and says what the client has taken."""
 
-    def __init__(self, received: bytes, now: float = 100.0, state: ServerState | None = None) -> None:
+    def __init__(self, received: bytes, now: float = 100.0, state=None, protocol=BoundedProtocol) -> None:
         self.now, self.unsent, self.delay, self.is_gone = now, 0, 0.0, False
         self.time, self.is_closing = lambda: self.now, lambda: self.is_gone
         self.get_write_buffer_size, self.get_extra_info = lambda: self.unsent, lambda *_: None
-        self.protocol = BoundedProtocol(Config(FastAPI(), log_config=None), state or ServerState(), {}, self)
+        self.protocol = protocol(Config(FastAPI(), log_config=None), state or ServerState(), {}, self)
         self.protocol.connection_made(self)
         if received:
             self.protocol.conn.receive_data(received)
@@ -345,55 +425,48 @@ def test_a_header_has_ten_seconds_and_a_body_thirty_and_one_for_each_64_kib():
 
 
 @pytest.mark.parametrize(("goes_on", "order"), [(False, "header answer body"), (True, "header body answer")])
-def test_who_lags_for_longest_makes_room(goes_on, order, monkeypatch):
+def test_who_lags_for_longest_makes_room(goes_on, order):
     """A header since 190 s, with a second more; an answer since 193 s; a body, by its rate since 195 s."""
-    monkeypatch.setattr(BoundedProtocol, "CONNECTIONS", 4)
-    BoundedProtocol._slow.clear()
-    state, closed = ServerState(), []
+    shared, closed = (ServerState(), apart(CONNECTIONS=4)), []
     began = {"body": (BODY, 180.0), "header": (b"", 190.0), "answer": (ASKED, 193.0), "none": (ASKED, 170.0)}
-    lines = {name: Line(*each, state) for name, each in began.items()}
+    lines = {name: Line(*each, *shared) for name, each in began.items()}
     lines["body"].protocol._received = 15 * 65536
     answer = lines["answer"]
     answer.unsent = answer.protocol._handed = 2
     for _ in range(3):
-        assert not Line(b"", 200.0, state).is_gone
+        assert not Line(b"", 200.0, *shared).is_gone
         closed += [name for name, line in lines.items() if line.is_gone and name not in closed]
         answer.unsent, answer.now = 1 if goes_on else 2, 199.0
     assert closed == order.split()
-    working = ServerState()
-    BoundedProtocol._slow.clear()
-    for line in [Line(ASKED, 200.0, working) for _ in range(4)]:
-        assert Line(b"", 200.0, working).is_gone  # nobody else keeps the service waiting
+    working = ServerState(), apart(CONNECTIONS=4)
+    for line in [Line(ASKED, 200.0, *working) for _ in range(4)]:
+        assert Line(b"", 200.0, *working).is_gone  # nobody else keeps the service waiting
         assert not line.is_gone
 
 
 @pytest.mark.parametrize("size", [0, 1, 65536, 65537, 131072, 131073])
-def test_an_answer_goes_piece_by_piece_and_counts_while_it_is_under_way(size, monkeypatch):
+def test_an_answer_goes_piece_by_piece_and_counts_while_it_is_under_way(size):
     """All large ones together have room for two pieces."""
-    monkeypatch.setattr(BoundedProtocol, "ANSWER_BYTES", 131072)
-    content, start, sent = bytes(range(251)) * 523, {"type": "http.response.start", "status": 200}, []
+    bounded, content, sent = apart(ANSWER_BYTES=131072), bytes(range(251)) * 523, []
 
     async def application(_scope, _receive, send):
-        start["headers"] = [(b"content-length", b"%d" % size)]
-        await send(start)
-        assert BoundedProtocol._answering == (size if 65536 < size <= 131072 else 0)
+        headers = [(b"content-length", b"%d" % size)]
+        await send({"type": "http.response.start", "status": 200, "headers": headers})
+        assert bounded._answering == (size if 65536 < size <= 131072 else 0)
         await send({"type": "http.response.body", "body": content[:size]})
 
     async def send(message):
         sent.append(message)
 
-    protocol = Line(ASKED).protocol
-    protocol._application, protocol.cycle = application, SimpleNamespace(body=bytearray())
+    protocol = Line(ASKED, protocol=bounded).protocol
+    protocol._application, protocol.cycle = application, type("Cycle", (), {"body": bytearray()})()
     asyncio.run(protocol._answer({"type": "http", "headers": []}, None, send))
-    assert (sent[0]["status"], BoundedProtocol._answering) == (503 if size > 131072 else 200, 0)
-    assert start["status"] == sent[0]["status"]  # for who counts the answers
-    pieces = [each["body"] for each in sent[1:]]
+    assert (sent[0]["status"], bounded._answering) == (503 if size > 131072 else 200, 0)
     if size <= 131072:
+        pieces = [each["body"] for each in sent[1:]]
         assert (b"".join(pieces), protocol._handed) == (content[:size], size)
         assert max(map(len, pieces)) <= 65536
         assert [each.get("more_body", False) for each in sent[1:]] == [True] * (len(pieces) - 1) + [False]
-    else:
-        assert json.loads(pieces[0])["remedy"] == "try again later"
 
 
 def test_the_bounds_are_as_documented():
