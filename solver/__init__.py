@@ -18,8 +18,9 @@ if TYPE_CHECKING:
     from jointstiff.solver.estimation.identify import identify
     from jointstiff.solver.estimation.method import Settings
     from jointstiff.solver.geometry.poses import Poses
+    from jointstiff.solver.mechanics.chain import KinematicChain
     from jointstiff.solver.mechanics.measurements import Measurements
-    from jointstiff.solver.mechanics.robot import Body, KinematicChain, Robot
+    from jointstiff.solver.mechanics.robot import Body, Robot
     from jointstiff.solver.weight.identification import (
         Balancer,
         Burden,

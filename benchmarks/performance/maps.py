@@ -18,7 +18,7 @@ from benchmarks.performance.peers import pinocchio_model
 from benchmarks.report import Figure, Section
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.estimation.identify import identify
-from jointstiff.solver.mechanics.configuration import InverseKinematics
+from jointstiff.solver.mechanics.inverse import InverseKinematics
 from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.predict.answers import MapTask, map_places, map_postures, tool_rotations
 from jointstiff.solver.predict.models import JointModel

@@ -18,7 +18,7 @@ from jointstiff.service.programs.formats import read_program
 from jointstiff.service.tables.files import csv_text
 from jointstiff.simulator import equilibrium
 from jointstiff.simulator.programs import PROGRAM_FILES, program_text
-from jointstiff.solver.mechanics.configuration import InverseKinematics, flange_poses
+from jointstiff.solver.mechanics.inverse import InverseKinematics, flange_poses
 from jointstiff.solver.mechanics.robot import Robot
 from tests.support.programs import ARM, TOOL, exact_run, loaded_poses, path, tool_poses, work_of
 

@@ -9,15 +9,13 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
-import pinocchio as pin
 
-from jointstiff.schemas.joints import JointKind
 from jointstiff.schemas.measurement import Units
 from jointstiff.service.conversion.robots import refuse_far_point
 from jointstiff.service.conversion.units import ANGLE, FORCE, LENGTH, MOMENT
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import MeasurementError, RobotError
-from jointstiff.solver.mechanics.robot import UNLIMITED, ChainJoint, KinematicChain
+from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.mechanics.urdf import parse_xml, write_urdf
 
 FAR_POSITION: Final = 100.0
@@ -364,19 +362,7 @@ def pinocchio_model(model: Any, flange: str | None) -> tuple[dict[str, Any], lis
     Raises:
         RobotError: it branches, a joint is of another kind, or the flange is no frame behind the last joint.
     """
-    chain = [_pinocchio_joint(model, i) for i in range(1, model.njoints)]
-    if list(model.parents)[1:] != list(range(model.njoints - 1)):
-        raise RobotError(
-            "the model branches",
-            where="robot",
-            remedy="reduce it to the arm: pinocchio.buildReducedModel",
-        )
-    frame = _flange_frame(model, flange)
-    if frame is not None:
-        place = frame.placement
-        chain.append(ChainJoint("to_flange", "fixed", place.rotation, place.translation, _Z, None, "flange"))
-    end = chain[-1].child
-    urdf = write_urdf(KinematicChain(model.name or "robot", "base", end, tuple(chain)))
+    chain = Robot(model, flange=flange).chain
     bodies = [
         {
             "name": f"body of {model.names[i]}",
@@ -387,59 +373,5 @@ def pinocchio_model(model: Any, flange: str | None) -> tuple[dict[str, Any], lis
         for i in range(1, model.njoints)
         if model.inertias[i].mass > 0.0
     ]
-    return {"format": "urdf", "urdf": urdf, "base": "base", "flange": end}, bodies
-
-
-_Z: Final = np.array([0.0, 0.0, 1.0])
-
-
-def _flange_frame(model: Any, flange: str | None) -> Any:  # noqa: ANN401 - of Pinocchio
-    """Return the frame that is the flange; None if the last joint's own frame is.
-
-    Raises:
-        RobotError: there is no such frame behind the last joint, or several may be it.
-    """
-    behind = [
-        (number, frame)
-        for number, frame in enumerate(model.frames)
-        if frame.parentJoint == model.njoints - 1 and frame.type != pin.FrameType.JOINT
-    ]
-    above = {frame.parentFrame for _, frame in behind}
-    tips = [frame for number, frame in behind if number not in above and flange is None]
-    tips += [frame for _, frame in behind if frame.name == flange]
-    if len(tips) != 1 and (behind or flange is not None):
-        raise RobotError(
-            f"'{flange}' is no frame behind the last joint" if flange else "several frames may be the flange",
-            where="flange",
-            remedy=f"use one of {', '.join(frame.name for _, frame in behind)}",
-        )
-    return tips[0] if tips else None
-
-
-def _pinocchio_joint(model: Any, index: int) -> ChainJoint:  # noqa: ANN401 - a model of Pinocchio
-    """Return a joint of one degree of freedom.
-
-    Raises:
-        RobotError: it has several, or moves otherwise than about or along an axis.
-    """
-    joint, place, name = model.joints[index], model.jointPlacements[index], model.names[index]
-    motion = np.zeros(6)
-    if joint.nv == 1:
-        data = joint.createData()
-        joint.calc(data, pin.neutral(model), np.zeros(model.nv))
-        motion = np.ravel(data.S)
-    kinds: dict[JointKind, FloatArray] = {"prismatic": motion[:3], "revolute": motion[3:]}
-    moved = {kind: axis for kind, axis in kinds.items() if axis.any()}
-    if len(moved) != 1:
-        raise RobotError(
-            f"the joint '{name}' is a {joint.shortname()}",
-            where="robot",
-            remedy="only joints about or along one axis are supported: fix the others",
-        )
-    (kind, axis), limits = next(iter(moved.items())), None
-    if joint.nq == 1:
-        lower, upper = model.lowerPositionLimit[joint.idx_q], model.upperPositionLimit[joint.idx_q]
-        limits = max(float(lower), -UNLIMITED), min(float(upper), UNLIMITED)
-    return ChainJoint(
-        name, kind, place.rotation, place.translation, axis / np.linalg.norm(axis), limits, f"{name}_link"
-    )
+    urdf = write_urdf(chain)
+    return {"format": "urdf", "urdf": urdf, "base": chain.base, "flange": chain.flange}, bodies

@@ -37,8 +37,9 @@ from jointstiff.solver.estimation.assessment import gross_mistake
 from jointstiff.solver.estimation.causes import fit_causes
 from jointstiff.solver.estimation.estimate import Estimate
 from jointstiff.solver.integrity import inspect
+from jointstiff.solver.mechanics.chain import KinematicChain
 from jointstiff.solver.mechanics.measurements import Measurements
-from jointstiff.solver.mechanics.robot import KinematicChain, Robot
+from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.mechanics.urdf import read_inertials, read_urdf, write_urdf
 from jointstiff.solver.messages import message
 

@@ -28,7 +28,6 @@ from jointstiff.service.conversion.robots import joint_factors, named_joints
 from jointstiff.service.conversion.units import ANGLE, FORCE, LENGTH, MOMENT, to_instrument
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import MeasurementError
-from jointstiff.solver.mechanics.configuration import Configurations
 from jointstiff.solver.mechanics.measurements import (
     ASSUMED_FORCE_SCALE,
     ASSUMED_LOAD_POINT,
@@ -40,6 +39,7 @@ from jointstiff.solver.mechanics.measurements import (
     position_covariances,
     refuse_no_covariance,
 )
+from jointstiff.solver.mechanics.postures import Postures
 from jointstiff.solver.mechanics.robot import Robot
 
 
@@ -105,7 +105,7 @@ class Directions(ArrayGroup):
             robot: n joints.
             joints: (N, n) controller angles [rad].
         """
-        rotation = Configurations(robot, robot.joint_map.model_angles(joints)).flange_rotation
+        rotation = Postures(robot, robot.joint_map.model_angles(joints)).flange_rotation
         vector = np.where(self.in_flange[..., None], self.vector @ rotation.transpose(0, 2, 1), self.vector)
         length = np.linalg.norm(vector, axis=-1, keepdims=True)
         return np.asarray(vector / np.where(length > 0.0, length, 1.0))

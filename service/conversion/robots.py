@@ -7,6 +7,7 @@ from math import hypot
 from typing import TYPE_CHECKING
 
 import numpy as np
+import pinocchio as pin
 
 from jointstiff.schemas import robot as robots
 from jointstiff.schemas.fields import FAR_POINT
@@ -16,8 +17,9 @@ from jointstiff.schemas.robot import Kinematics, Posture
 from jointstiff.service.conversion.units import ANGLE, LENGTH
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import RequestError, RobotError
-from jointstiff.solver.mechanics.configuration import Configurations, find_wrist, joint_frames
-from jointstiff.solver.mechanics.robot import Body, JointMap, KinematicChain, Robot, dh_chain
+from jointstiff.solver.mechanics.chain import KinematicChain, dh_chain
+from jointstiff.solver.mechanics.postures import Postures, find_wrist
+from jointstiff.solver.mechanics.robot import Body, JointMap, Robot
 from jointstiff.solver.messages import message, rows, stated_kinds
 
 if TYPE_CHECKING:  # geometry is no part of an identification
@@ -60,7 +62,11 @@ def robot_of_chain(
         )
         for body in bodies
     ]
-    return Robot(chain, known, tuple(stated))
+    model = chain.model()
+    for each in stated:
+        inertia = pin.Inertia(each.mass, np.array(each.centre), np.zeros((3, 3)))
+        model.appendBodyToJoint(each.joint + 1, inertia, pin.SE3.Identity())
+    return Robot(model, known, tuple(stated))
 
 
 def to_bodies(bodies: Sequence[Body], chain: KinematicChain) -> list[robots.Body] | None:
@@ -95,14 +101,15 @@ def to_kinematics(robot: Robot, joints: list[list[float]]) -> Kinematics:
         refuse_other_angles(robot, angles, f"joints[{number}]")
     controller = np.array(joints or [[0.0] * robot.n], dtype=np.float64)
     q = robot.joint_map.model_angles(controller)
-    configurations, (frames, origins) = Configurations(robot, q), joint_frames(robot, q)
+    at = Postures(robot, q)
+    frames, origins = at.joint_frames
     postures = rows(
         Posture,
         joint_origins=origins,
         joint_axes=np.einsum("bjik,jk->bji", frames, robot.axes),
         joint_kinds=[robot.joint_kinds] * len(q),
-        flange_origin=configurations.flange_translation,
-        flange_axes=configurations.flange_rotation.transpose(0, 2, 1),
+        flange_origin=at.flange_translation,
+        flange_axes=at.flange_rotation.transpose(0, 2, 1),
     )
     return Kinematics(joints=list(robot.joint_names), postures=postures)
 

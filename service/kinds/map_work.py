@@ -27,7 +27,7 @@ from jointstiff.service.resources.inputs import Inputs
 from jointstiff.service.tables.table import Sheet
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import RequestError, RobotError
-from jointstiff.solver.mechanics.configuration import InverseKinematics
+from jointstiff.solver.mechanics.inverse import InverseKinematics
 from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.predict.answers import (
     STATUSES,

@@ -24,12 +24,8 @@ from jointstiff.service.programs.program import BLOCK, NUMBERS, FrameName, Progr
 from jointstiff.service.tables.files import rows_of
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import RequestError
-from jointstiff.solver.mechanics.configuration import (
-    Configurations,
-    InverseKinematics,
-    Unreached,
-    choose_postures,
-)
+from jointstiff.solver.mechanics.inverse import InverseKinematics, Unreached, choose_postures
+from jointstiff.solver.mechanics.postures import Postures
 from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.predict.forward import LoadCases
 
@@ -658,7 +654,7 @@ def _cases(
         if options.axes == "base":
             axes = frames.base.of(targets)[:, :3, :3]
         else:
-            flange = Configurations(robot, robot.joint_map.model_angles(joints)).flange_rotation
+            flange = Postures(robot, robot.joint_map.model_angles(joints)).flange_rotation
             axes = flange @ tool[:, :3, :3]
         force, moment = np.einsum("bij,bj->bi", axes, force), np.einsum("bij,bj->bi", axes, moment)
     return LoadCases(joints.copy(), force, moment, point.copy(), place)

@@ -50,7 +50,8 @@ from jointstiff.service.tables.table import Sheet
 from jointstiff.solver import messages
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import RequestError
-from jointstiff.solver.mechanics.configuration import Configurations, InverseKinematics, flange_poses
+from jointstiff.solver.mechanics.inverse import InverseKinematics, flange_poses
+from jointstiff.solver.mechanics.postures import Postures
 from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.predict.forward import (
     Compensation,
@@ -253,7 +254,7 @@ def rewritten(
     for rows in text.blocks(targets):
         own, cases = targets[rows], path.cases[found.points[rows]]
         by_joints, unit = program.targets.by_joints[own], program.targets.angle_unit[own, None]
-        under = Configurations(robot, robot.joint_map.model_angles(found.commanded[rows]))
+        under = Postures(robot, robot.joint_map.model_angles(found.commanded[rows]))
         values = frames.numbers(program, own, under.flange_pose)
         before, after = (inverse.of_arm(each) for each in (cases.joints, found.commanded[rows]))
         values[by_joints, :6] = (after / unit)[by_joints]
@@ -269,7 +270,7 @@ def rewritten(
         poses, goal = (frames.flange_poses(program, own[posed], each[posed]) for each in (numbers, as_read))
         of_arm = inverse.of_arm(under.q)
         known = under if inverse.arm is robot and len(posed) == len(own) else None
-        arm, reached = inverse.polished_from(poses, known or Configurations(inverse.arm, of_arm[posed]))
+        arm, reached = inverse.polished_from(poses, known or Postures(inverse.arm, of_arm[posed]))
         angles[posed] = inverse.whole(arm, of_model=True)
         lost += found.points[rows[posed[~reached]]].tolist()
         wanted = robot.joint_map.model_angles(cases.joints)
@@ -300,7 +301,7 @@ def _places(path: ProgramPath, robot: Robot) -> FloatArray:
     places = path.frames.places(path.program, path.targets)
     by_joints = np.flatnonzero(path.program.targets.by_joints[path.targets])
     if len(by_joints):
-        goal = Configurations(robot, robot.joint_map.model_angles(path.cases.joints[by_joints]))
+        goal = Postures(robot, robot.joint_map.model_angles(path.cases.joints[by_joints]))
         places[by_joints] = goal.to_base(path.cases.place[by_joints, None])[:, 0]
     return places
 

@@ -27,8 +27,8 @@ from jointstiff.service.conversion.units import ANGLE, FORCE, LENGTH
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.mechanics.block import targets_in_flange
-from jointstiff.solver.mechanics.configuration import Configurations
 from jointstiff.solver.mechanics.measurements import Measurements
+from jointstiff.solver.mechanics.postures import Postures
 from jointstiff.solver.mechanics.robot import Robot
 
 _DOWN: Final = -0.999
@@ -159,7 +159,7 @@ def _equipment(robot: Robot, measurements: Measurements, goal: Goal, weight: Wei
     taken |= {"load": load, "load_point": tuple(m.load_point[int(np.argmax(size))].tolist())}
     if not isinstance(goal, JointsGoal):
         loaded = m.load_point[size > 0.0][:, None]
-        now = Configurations(robot, robot.joint_map.model_angles(m.joints[size > 0.0]))
+        now = Postures(robot, robot.joint_map.model_angles(m.joints[size > 0.0]))
         spots: FloatArray = now.to_base(loaded)[:, 0]
         taken["work_area"] = (tuple(spots.min(axis=0).tolist()), tuple(spots.max(axis=0).tolist()))
     return taken

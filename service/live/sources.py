@@ -28,7 +28,7 @@ from jointstiff.service.problems import ServiceError
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import JointstiffError, RequestError
 from jointstiff.solver.estimation.solution import Bounds, Constraints
-from jointstiff.solver.mechanics.configuration import Configurations, joint_frames
+from jointstiff.solver.mechanics.postures import Postures
 from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.predict.forward import LoadCases
 from jointstiff.solver.predict.models import JointModel
@@ -262,7 +262,7 @@ class Checked:
                 )
             return
         angles = setting.robot.joint_map.model_angles(np.array([stand.joints]))
-        expected = Configurations(setting.robot, angles).to_base(flange[name][None, None])[0, 0]
+        expected = Postures(setting.robot, angles).to_base(flange[name][None, None])[0, 0]
         astray = float(np.linalg.norm(setting.to_base(place) - expected))
         if astray > _ASTRAY:
             raise SourceError(
@@ -348,8 +348,8 @@ def plausible_stiffness(robot: Robot, random: np.random.Generator) -> FloatArray
     tool by similar lengths; an arm of twice the size is eight times as stiff.
     """
     zero = np.zeros((1, robot.n))
-    origins = joint_frames(robot, zero)[1][0]
-    flange = Configurations(robot, zero).flange_translation
+    origins = Postures(robot, zero).joint_frames[1][0]
+    flange = Postures(robot, zero).flange_translation
     steps = np.linalg.norm(np.diff(np.concatenate([origins, flange]), axis=0), axis=1)
     levers = np.maximum(np.cumsum(steps[::-1])[::-1], 1e-3)
     reach = float(levers.max())
@@ -733,7 +733,7 @@ class RoboDk(Source):
     async def stand(self, stand: Stand) -> None:
         """Expect the targets where the robot holds them."""
         setting, names = self._setting, list(self._setting.targets)
-        now = Configurations(setting.robot, setting.robot.joint_map.model_angles(np.array([stand.joints])))
+        now = Postures(setting.robot, setting.robot.joint_map.model_angles(np.array([stand.joints])))
         places = now.to_base(np.array([[setting.targets[name] for name in names]], dtype=np.float64))[0]
         self._expected = {
             name: (1e3 * setting.from_base(place)).tolist() for name, place in zip(names, places, strict=True)

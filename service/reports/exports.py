@@ -16,7 +16,8 @@ from jointstiff.service.tables.files import csv_text, xlsx_bytes
 from jointstiff.service.tables.report import METHOD_NAMES, VERDICTS, judged
 from jointstiff.service.tables.stiffness import UNITS
 from jointstiff.service.tables.table import Sheet, Value
-from jointstiff.solver.mechanics.robot import ChainJoint, KinematicChain, Robot
+from jointstiff.solver.mechanics.chain import ChainJoint, KinematicChain
+from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.mechanics.urdf import write_urdf
 from jointstiff.solver.text import rounded_down, stiffness_text
 

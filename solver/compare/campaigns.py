@@ -45,8 +45,8 @@ from jointstiff.solver.estimation.estimate import predict, profile_ends, stiffne
 from jointstiff.solver.estimation.fit import Likelihood, StageFit, rows_of, student_quantile
 from jointstiff.solver.estimation.solution import Bounds, Constraints, Order, greatest_violations
 from jointstiff.solver.mechanics.block import STANDARD_GRAVITY, regressor_blocks
-from jointstiff.solver.mechanics.configuration import Configurations
 from jointstiff.solver.mechanics.measurements import Measurements
+from jointstiff.solver.mechanics.postures import Postures
 from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.messages import rows
 from jointstiff.solver.text import figure
@@ -178,7 +178,7 @@ def models_differ(first: Robot, second: Robot) -> bool:
     postures = np.stack([np.zeros(first.n), np.linspace(0.3, 1.1, first.n)])
     shapes = []
     for robot in (first, second):
-        at = Configurations(robot, robot.joint_map.model_angles(postures))
+        at = Postures(robot, robot.joint_map.model_angles(postures))
         shapes.append((at.q, at.jacobian, at.flange_rotation, at.flange_translation))
     return any(bool((np.abs(a - b) > _MODEL_TOLERANCE).any()) for a, b in zip(*shapes, strict=True))
 

@@ -24,8 +24,8 @@ from jointstiff.solver.errors import RequestError
 from jointstiff.solver.estimation.triangle import basis, unit_columns
 from jointstiff.solver.mechanics.block import regressor_blocks
 from jointstiff.solver.mechanics.block import whitened_rows as term_rows
-from jointstiff.solver.mechanics.configuration import Configurations, joint_frames
 from jointstiff.solver.mechanics.measurements import DifferenceNoise, Instrument, Measurements
+from jointstiff.solver.mechanics.postures import Postures
 from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.mechanics.springs import JOINTS, links_behind
 from jointstiff.solver.mechanics.terms import TERMS
@@ -107,12 +107,12 @@ class Equipment:
 
     def load_place(self, robot: Robot, joints: FloatArray) -> FloatArray:
         """Return where the load acts (N, 3) in R0 [m]."""
-        now = Configurations(robot, robot.joint_map.model_angles(joints))
+        now = Postures(robot, robot.joint_map.model_angles(joints))
         return np.asarray(now.to_base(np.broadcast_to(self.load_point, (len(joints), 1, 3)))[:, 0])
 
     def strength(self, robot: Robot, joints: FloatArray) -> FloatArray:
         """Return the greatest force (N,) [N] whose torques stay within the limits in every direction."""
-        now = Configurations(robot, robot.joint_map.model_angles(joints))
+        now = Postures(robot, robot.joint_map.model_angles(joints))
         jacobian = now.jacobian_at(self.load_place(robot, joints)[:, None])[:, 0]
         lever = np.maximum(np.linalg.norm(jacobian, axis=1), 1e-9)
         return np.asarray(np.minimum(self.loads.force, (self.loads.torque_limit / lever).min(axis=1)))
@@ -134,12 +134,12 @@ def feasible(
         Mask (N,), and how many were struck out for which reason: the first one counts.
     """
     count, model = len(joints), robot.joint_map.model_angles(joints)
-    now = Configurations(robot, model)
+    now = Postures(robot, model)
     targets = now.to_base(np.broadcast_to(equipment.targets, (count, *equipment.targets.shape)))
     load = equipment.load_place(robot, joints)
     # Links run from the base through the origins of the joint frames to the flange and the load point
     base, flange = np.zeros((count, 1, 3)), now.flange_translation[:, None]
-    points = np.concatenate([base, joint_frames(robot, model)[1], flange, load[:, None]], axis=1)
+    points = np.concatenate([base, now.joint_frames[1], flange, load[:, None]], axis=1)
     radius = cell.link_radius
     if radius is None:
         links = np.linalg.norm(np.diff(points[:, :-1], axis=1), axis=2)

@@ -43,8 +43,8 @@ from jointstiff.solver.errors import RequestError
 from jointstiff.solver.estimation.estimate import Estimate
 from jointstiff.solver.estimation.observability import Spectrum
 from jointstiff.solver.mechanics.block import targets_in_flange
-from jointstiff.solver.mechanics.configuration import Configurations
 from jointstiff.solver.mechanics.measurements import Measurements, shown_along, whitened
+from jointstiff.solver.mechanics.postures import Postures
 from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.text import figure, posture_text, stiffness_text
 
@@ -591,7 +591,7 @@ _DIRECTIONS: Final = _CUBE / np.linalg.norm(_CUBE, axis=1, keepdims=True)
 
 
 @dataclass(frozen=True, eq=False)
-class Postures:
+class ReadablePostures:
     """M postures in which all targets could be read, and the Jacobians that turn a load into deflections."""
 
     joints: FloatArray  #: (M, n) angles as the controller shows them [rad]
@@ -602,7 +602,7 @@ class Postures:
     @classmethod
     def of(
         cls, robot: Robot, measurements: Measurements, joints: FloatArray, observation: IndexArray
-    ) -> Postures:
+    ) -> ReadablePostures:
         """Compute the Jacobians for the targets of the observation that read most of them.
 
         A posture of the set has its own load point, a new one that of the strongest force.
@@ -617,7 +617,7 @@ class Postures:
         direction = None
         if measurements.direction is not None:
             direction = np.broadcast_to(measurements.direction[richest, present], targets.shape)
-        now = Configurations(robot, robot.joint_map.model_angles(joints))
+        now = Postures(robot, robot.joint_map.model_angles(joints))
         covariance = covariance if covariance.ndim == 2 else covariance[richest, present]
         jacobian = whitened(covariance, shown_along(direction, now.jacobian_at(now.to_base(targets))))
         return cls(
@@ -630,8 +630,8 @@ class Postures:
     def __len__(self) -> int:
         return len(self.joints)
 
-    def __getitem__(self, rows: slice) -> Postures:
-        return Postures(**{name: array[rows] for name, array in vars(self).items()})
+    def __getitem__(self, rows: slice) -> ReadablePostures:
+        return ReadablePostures(**{name: array[rows] for name, array in vars(self).items()})
 
     def information(self, force: FloatArray) -> FloatArray:
         """Return ``diag(τ) (Σ_t J_tᵀ Σ_t⁻¹ J_t) diag(τ)`` of a reading under each force (M, D, 3) [N].
@@ -676,7 +676,7 @@ def advise(robot: Robot, measurements: Measurements, estimate: Estimate) -> tupl
     search = _NextReading(robot, measurements, estimate, own, one_direction=weights)
     all_joints = np.concatenate([measurements.joints[spread], new])
     observation = np.concatenate([spread, np.full(len(new), -1, dtype=np.intp)])
-    postures = Postures.of(robot, measurements, all_joints, observation)
+    postures = ReadablePostures.of(robot, measurements, all_joints, observation)
     of_set, unseen = postures[: len(spread)], postures[len(spread) :]
     advice: list[dict[str, Any]] = []
     for measured, unmeasured in zip(
@@ -753,7 +753,9 @@ class _NextReading:
             deviation = np.sqrt(np.maximum(by_readings[visible], 0.0))
             self._same_method = np.allclose(deviation, least, rtol=0.01, atol=0.0)
 
-    def best(self, postures: Postures, joints: IndexArray, *, all_directions: bool) -> list[Candidate | None]:
+    def best(
+        self, postures: ReadablePostures, joints: IndexArray, *, all_directions: bool
+    ) -> list[Candidate | None]:
         """Return for each joint the candidate of least uncertainty; None if none determines it."""
         if not len(postures):
             return [None] * len(joints)
@@ -769,7 +771,7 @@ class _NextReading:
             best.append(self._advice(joint, postures, int(m), forces[m, d]))
         return best
 
-    def _forces(self, postures: Postures, across: IndexArray) -> FloatArray:
+    def _forces(self, postures: ReadablePostures, across: IndexArray) -> FloatArray:
         """Return candidate forces (M, D, 3) [N]: the set's own, and for joints others and across each."""
         own = self._own / self._strength
         count = len(postures)
@@ -785,7 +787,7 @@ class _NextReading:
         sign = np.where(directions @ own < -_SHOWS, -1.0, 1.0)
         return np.asarray(self._strength * sign[..., None] * directions)
 
-    def _advice(self, joint: int, postures: Postures, m: int, force: FloatArray) -> Candidate | None:
+    def _advice(self, joint: int, postures: ReadablePostures, m: int, force: FloatArray) -> Candidate | None:
         """Put a candidate into numbers and words, by a decomposition of all readings with it."""
         torque = force @ postures.load_jacobian[m]
         added = postures.target_jacobian[m] * torque

@@ -55,8 +55,8 @@ from jointstiff.solver.mechanics.block import (
     unloaded_block,
     whitened_rows,
 )
-from jointstiff.solver.mechanics.configuration import Configurations
 from jointstiff.solver.mechanics.measurements import FittedErrors, Measurements
+from jointstiff.solver.mechanics.postures import Postures
 from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.mechanics.springs import DIAGONAL_BASE, DIAGONAL_LINKS, FULL_BASE, JOINTS
 from jointstiff.solver.mechanics.terms import FORCE_SCALE, SHIFT, TERMS, load_scale, since, turn_about
@@ -660,7 +660,7 @@ def _rows(robot: Robot, given: Measurements, alternatives: Sequence[Alternative]
     matrices = np.array([np.eye(robot.n), *(each.matrix for each in alternatives)])
     offsets = np.array([np.zeros(robot.n), *(each.offset for each in alternatives)])
     joints = (given.joints @ matrices.transpose(0, 2, 1) + offsets[:, None]).reshape(times * count, -1)
-    at = Configurations(robot, robot.joint_map.model_angles(joints))
+    at = Postures(robot, robot.joint_map.model_angles(joints))
     stacked = given[np.tile(np.arange(count), times)]
     load_point, position = stacked.load_point.copy(), stacked.position.copy()
     places = np.where(given.in_flange[..., None], given.position, targets_in_flange(robot, given))

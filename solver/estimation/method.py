@@ -30,8 +30,8 @@ from jointstiff.solver.estimation.observability import Excitation, Spectrum
 from jointstiff.solver.estimation.solution import Bounds, Constraints
 from jointstiff.solver.estimation.triangle import Triangle
 from jointstiff.solver.mechanics.block import RegressorBlock, Rows, Term, whitened_rows
-from jointstiff.solver.mechanics.configuration import WRIST_JOINTS, Wrist, find_wrist, skew
 from jointstiff.solver.mechanics.measurements import Measurements, whitener
+from jointstiff.solver.mechanics.postures import WRIST_JOINTS, Wrist, find_wrist, skew
 from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.mechanics.springs import JOINTS
 
@@ -212,7 +212,7 @@ class Method:
                 return [(Q.transpose(0, 2, 1), None)]
             unit = np.repeat([1.0 / (self.length or 1.0), 1.0], 3)
             return [(poorest * unit[:, None] * np.linalg.solve(R, Q.transpose(0, 2, 1)), None)]
-        centre = block.configurations.to_base(np.broadcast_to(self.centre, (len(Q), 1, 3)))[:, 0]
+        centre = block.postures.to_base(np.broadcast_to(self.centre, (len(Q), 1, 3)))[:, 0]
         extrapolation = np.concatenate(
             [np.broadcast_to(np.eye(3), (len(Q), 3, 3)), -skew(centre - reference)], axis=2
         )
@@ -263,10 +263,8 @@ class MethodTriangles:
                 self.spreads[s].add(rows.spread)
         if len(spreads) > 1:
             self.cross += spreads[1].T @ spreads[0]
-            points = block.configurations.to_base(
-                np.broadcast_to(self.method.centre, (len(block.torque), 1, 3))
-            )
-            jacobian = block.configurations.jacobian_at(points)
+            points = block.postures.to_base(np.broadcast_to(self.method.centre, (len(block.torque), 1, 3)))
+            jacobian = block.postures.jacobian_at(points)
             self.seen_from_centre.add_seen_from(block, jacobian, np.ones((len(points), 1), dtype=bool))
 
     def responses(

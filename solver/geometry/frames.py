@@ -77,9 +77,9 @@ from jointstiff.solver.geometry.poses import (
     transformed,
 )
 from jointstiff.solver.geometry.sweeps import STILL, SweptAxes
-from jointstiff.solver.mechanics.configuration import WRIST_JOINTS, Wrist
+from jointstiff.solver.mechanics.chain import ChainJoint, Convention, KinematicChain
 from jointstiff.solver.mechanics.measurements import whitener
-from jointstiff.solver.mechanics.robot import ChainJoint, Convention, KinematicChain
+from jointstiff.solver.mechanics.postures import WRIST_JOINTS, Wrist
 from jointstiff.solver.messages import message, point, rows
 
 LEAST_SINE = 0.1
@@ -340,11 +340,9 @@ def _nearest_to_axes(
 
     def wrist(axes: Sequence[Axis]) -> list[Axis]:
         """The last three axes in the posture."""
-        placed = list(axes)
-        for joint in reversed(range(len(axes) - 1)):
-            motion = axes[joint].motion(float(posture[joint]))
-            placed[joint + 1 :] = [axis.moved(motion) for axis in placed[joint + 1 :]]
-        return placed[-WRIST_JOINTS:]
+        frames = Motion(axes, np.zeros((1, 3)), posture[None]).postures.joint_frames
+        places = zip(*(part[0, -WRIST_JOINTS:] for part in frames), strict=True)
+        return [Axis(pin.SE3(rotation, origin)) for rotation, origin in places]
 
     reference = wrist(identified.axes)
     normals = np.stack([axis.frame[:, :2].T for axis in reference])

@@ -54,8 +54,9 @@ from jointstiff.solver.geometry.sweeps import (
     refine_axes,
     resting_angles,
 )
-from jointstiff.solver.mechanics.configuration import WRIST_JOINTS, skew
-from jointstiff.solver.mechanics.robot import JointMap, KinematicChain
+from jointstiff.solver.mechanics.chain import KinematicChain
+from jointstiff.solver.mechanics.postures import WRIST_JOINTS, skew
+from jointstiff.solver.mechanics.robot import JointMap
 from jointstiff.solver.mechanics.urdf import write_urdf
 from jointstiff.solver.messages import message, rows
 from jointstiff.solver.text import length_text

@@ -30,7 +30,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from itertools import pairwise
 from typing import TypeVar
 
 import numpy as np
@@ -38,20 +37,22 @@ import numpy.typing as npt
 import pinocchio as pin
 from scipy import special
 from scipy.linalg import qr
-from scipy.spatial.transform import Rotation
 
 from jointstiff.schemas.geometry import PoseEvidence
 from jointstiff.solver.arrays import BoolArray, FloatArray, cross
 from jointstiff.solver.errors import MeasurementError, NotObservableError, RobotError
 from jointstiff.solver.estimation.triangle import unit_columns
-from jointstiff.solver.mechanics.configuration import skew
+from jointstiff.solver.mechanics.chain import KinematicChain
 from jointstiff.solver.mechanics.measurements import whitener
-from jointstiff.solver.mechanics.robot import JointMap, KinematicChain
+from jointstiff.solver.mechanics.postures import Postures, skew
+from jointstiff.solver.mechanics.robot import JointMap, Robot
 from jointstiff.solver.text import length_text
 
 State = TypeVar("State")
 
-CHART_SIZE = 4
+CHART = [0, 1, 3, 4]
+"""Small motions of a frame along and about x and y: those that displace the axis along its z."""
+CHART_SIZE = len(CHART)
 """Degrees of freedom of a line."""
 
 ROTATION_TOLERANCE = 1e-5
@@ -170,10 +171,6 @@ class Axis:
     def moved(self, motion: pin.SE3) -> Axis:
         """The axis after a rigid motion, or in another frame; charts go with it unchanged."""
         return Axis(motion * self.place)
-
-    def motion(self, angle: float) -> pin.SE3:
-        """Return the rigid motion that turns about the axis by an angle [rad], by the right hand."""
-        return self.place * pin.SE3(pin.utils.rotate("z", angle), np.zeros(3)) * self.place.inverse()
 
 
 @dataclass(frozen=True, eq=False)
@@ -497,54 +494,50 @@ class PoseState:
         return replace(self, axes=axes + self.axes[len(moves) :], targets=targets)
 
 
+def arm_of(axes: Sequence[Axis], places: Sequence[pin.SE3], flange: pin.SE3) -> Robot:
+    """Return the robot whose joints turn about these axes.
+
+    Args:
+        axes: n at model angle zero, base first.
+        places: n frames that move with the joints, at model angle zero, in the frame of the axes.
+        flange: where the flange frame is there.
+    """
+    model, before = pin.Model(), pin.SE3.Identity()
+    for i, (axis, place) in enumerate(zip(axes, places, strict=True)):
+        joint = pin.JointModelRevoluteUnaligned(place.rotation.T @ axis.direction)
+        model.addJoint(i, joint, before.actInv(place), f"joint_{i + 1}")
+        before = place
+    model.addFrame(pin.Frame("flange", len(axes), before.actInv(flange), pin.FrameType.OP_FRAME))
+    return Robot(model)
+
+
 class Motion:
     """Places of axes and targets in N configurations.
 
     Attributes:
         axes: n at angle zero.
-        carried: n + 1 pairs R_i (N, 3, 3) and t_i (N, 3) [m]: the first i joints take x to R_i x + t_i.
+        angles: (N, n) of the joints [rad].
+        postures: of the arm with these axes; all joints carry the frame of the axes, as its flange.
         points: (N, T, 3) the targets, carried by all joints [m].
     """
 
     def __init__(self, axes: Sequence[Axis], targets: FloatArray, angles: FloatArray) -> None:
         """Turn axes and targets (T, 3) [m] from angle zero by angles (N, n) [rad]."""
-        R, t = np.broadcast_to(np.eye(3), (len(angles), 3, 3)), np.zeros((len(angles), 3))
-        self.axes, self.carried = axes, [(R, t)]
-        vectors = angles.T[..., None] * np.array([axis.direction for axis in axes])[:, None]
-        turns = Rotation.from_rotvec(vectors.reshape(-1, 3)).as_matrix()
-        for axis, turn in zip(axes, turns.reshape(*vectors.shape, 3), strict=True):
-            t = t + (R @ (axis.point - turn @ axis.point)[..., None])[..., 0]
-            R = R @ turn
-            self.carried.append((R, t))
-        self.points: FloatArray = targets @ R.transpose(0, 2, 1) + t[:, None]
+        self.axes, self.angles = axes, angles
+        self.postures = Postures(arm_of(axes, [axis.place for axis in axes], pin.SE3.Identity()), angles)
+        self.points = self.postures.to_base(np.broadcast_to(targets, (len(angles), *targets.shape)))
 
     def jacobian(self) -> FloatArray:
-        """Derivative (N, T, 3, 4 n + 3 T) of the points by charts and targets.
-
-        A small motion ξ of axis i changes E_i by what ξ does before it less what it does after.
-        """
-        steps = [first - second for first, second in pairwise(self._adjoints())]
-        twists = [A @ axis.place.action[:, [0, 1, 3, 4]] for A, axis in zip(steps, self.axes, strict=True)]
-        by_charts = by_small_motion(self.points) @ np.concatenate(twists, axis=-1)[:, None]
+        """Derivative (N, T, 3, 4 n + 3 T) of the points by charts and targets."""
         count, targets, _ = self.points.shape
-        by_targets = np.einsum("nij,ts->ntisj", self.carried[-1][0], np.eye(targets))
+        charts = self.postures.axis_motions[..., CHART].transpose(0, 2, 1, 3).reshape(count, 1, 6, -1)
+        by_charts = by_small_motion(self.points) @ charts
+        by_targets = np.einsum("nij,ts->ntisj", self.postures.flange_rotation, np.eye(targets))
         return np.concatenate([by_charts, by_targets.reshape(count, targets, 3, -1)], axis=-1)
 
     def swings(self) -> FloatArray:
         """Derivative (N, T, 3, n) of the points by the joint angles of each configuration [m/rad]."""
-        before = self._adjoints()[:-1]
-        twists = [A @ axis.place.action[:, 5] for A, axis in zip(before, self.axes, strict=True)]
-        return np.asarray(by_small_motion(self.points) @ np.stack(twists, axis=-1)[:, None])
-
-    def _adjoints(self) -> list[FloatArray]:
-        """Return how the first i joints carry small motions, translation first: n + 1 of (N, 6, 6)."""
-        adjoints = []
-        for R, t in self.carried:
-            A = np.zeros((len(R), 6, 6))
-            A[:, :3, :3] = A[:, 3:, 3:] = R
-            A[:, :3, 3:] = skew(t) @ R
-            adjoints.append(A)
-        return adjoints
+        return self.postures.jacobian_at(self.points)
 
 
 def fit_poses(
@@ -695,14 +688,10 @@ def chain_axes(chain: KinematicChain) -> tuple[tuple[Axis, ...], pin.SE3]:
             "from the readings; or use the nominal model",
             where="robot",
         )
-    R, t = np.eye(3), np.zeros(3)
-    axes = []
-    for joint in chain.joints:
-        t = t + R @ joint.translation
-        R = R @ joint.rotation
-        if joint.is_moving:
-            axes.append(Axis.through(t, R @ joint.axis))
-    return tuple(axes), pin.SE3(R, t)
+    at = Postures(Robot(chain.model()), np.zeros((1, len(chain.moving))))
+    directions, origins = at.angular_jacobian[0].T, at.joint_frames[1][0]
+    axes = tuple(Axis.through(origin, axis) for origin, axis in zip(origins, directions, strict=True))
+    return axes, at.flange_placement(0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -827,7 +816,8 @@ def _start(
     rotation, and s and x_t are those with it. Where the transform is known, x_t are those with that.
     """
     k, t = np.nonzero(poses.present)
-    rotation, shift = (part[k] for part in Motion(axes, np.zeros((1, 3)), readings.angles).carried[-1])
+    at = Motion(axes, np.zeros((1, 3)), readings.angles).postures
+    rotation, shift = at.flange_rotation[k], at.flange_translation[k]
     points, size = poses.points[k, t], 3 * len(k)
     by_target = np.einsum("mij,mt->mitj", rotation, np.eye(len(poses.targets))[t]).reshape(size, -1)
     if start is not None:

@@ -36,6 +36,7 @@ from functools import cached_property
 from typing import Literal
 
 import numpy as np
+import pinocchio as pin
 from scipy import special
 from scipy.linalg import helmert
 
@@ -43,6 +44,7 @@ from jointstiff.schemas.geometry import SweptTarget
 from jointstiff.solver.arrays import BoolArray, FloatArray, cross
 from jointstiff.solver.errors import MeasurementError
 from jointstiff.solver.geometry.poses import (
+    CHART,
     CHART_SIZE,
     Axis,
     IdentifiedAxes,
@@ -51,8 +53,7 @@ from jointstiff.solver.geometry.poses import (
     PoseReadings,
     PoseState,
     TrackedReadings,
-    derivative,
-    differences,
+    by_small_motion,
     fit_poses,
     refuse_other_units,
     transformed,
@@ -379,8 +380,7 @@ def _start(sweep: Sweep, readings: PoseReadings, outer: AxisFit | None) -> PoseS
         if abs(slope + back) < 0.5 * abs(slope):
             inner = Axis.through(outer.axis.point - radius, inner.direction)
         axes = (inner, outer.axis)
-    rotation, shift = Motion(axes, np.zeros((1, 3)), readings.angles).carried[-1]
-    local = (readings.points - shift[:, None]) @ rotation
+    local = Motion(axes, np.zeros((1, 3)), readings.angles).postures.to_flange(readings.points)
     present = sweep.present[..., None]
     targets = np.where(present, local, 0.0).sum(axis=0) / np.maximum(present.sum(axis=0), 1)
     return PoseState(axes, targets, np.zeros(len(sweep)))
@@ -440,11 +440,8 @@ def identify_axes(sweeps: SweepSet, *, angles: AngleUse = "free") -> SweptAxes:
     as_swept = np.vstack(
         [*(influences[index][:CHART_SIZE] for index in order), influences[order[-1]][CHART_SIZE:]]
     )
-
-    def charts(moved: Sequence[Axis], at: FloatArray) -> FloatArray:
-        return _charts_at_zero(axes, moved, at, sweeps.postures)
-
-    influence = derivative(at_sweep, points, charts) @ as_swept
+    by_zero, _ = _by_zero(axes, at_sweep, points, sweeps.postures)
+    influence = np.asarray(np.linalg.solve(by_zero, as_swept), dtype=np.float64)
     return SweptAxes(
         axes=axes,
         targets=targets,
@@ -497,24 +494,43 @@ def _to_zero(
     at_sweep: Sequence[Axis], points: FloatArray, postures: FloatArray
 ) -> tuple[tuple[Axis, ...], FloatArray]:
     """Axes at zero from each in its sweep's posture (n, n) [rad], and the targets from the last sweep's."""
-    axes: list[Axis] = []
-    for axis, posture in zip(at_sweep, postures, strict=True):
-        back = [earlier.motion(-float(angle)) for earlier, angle in zip(axes, posture, strict=False)]
-        for motion in back:
-            axis = axis.moved(motion)
-        axes.append(axis)
-    for motion in back:  # of the last sweep
-        points = transformed(motion, points)
-    return tuple(axes), points
+    axes, back = [at_sweep[0]], pin.SE3.Identity()
+    for axis, posture in zip(at_sweep[1:], postures[1:], strict=True):
+        back = Motion(axes, points, posture[None, : len(axes)]).postures.flange_placement(0).inverse()
+        axes.append(axis.moved(back))
+    return tuple(axes), transformed(back, points)
 
 
-def _charts_at_zero(
+def _by_zero(
     axes: Sequence[Axis], at_sweep: Sequence[Axis], points: FloatArray, postures: FloatArray
-) -> FloatArray:
-    """Charts of axes brought to zero about others, then the coordinates of the targets (4 n + 3 T,)."""
-    moved, targets = _to_zero(at_sweep, points, postures)
-    charts = [axis.chart(other) for axis, other in zip(axes, moved, strict=True)]
-    return np.concatenate([*charts, targets.ravel()])
+) -> tuple[FloatArray, FloatArray]:
+    """Differentiate what each sweep shows: the chart of its axis, and the targets of the last one.
+
+    Args:
+        axes: n at zero.
+        at_sweep: the same where the joints before each carry them in its sweep.
+        points: (T, 3) the targets in the last sweep [m].
+        postures: (n, n) angles of the joints in each sweep [rad].
+
+    Returns:
+        (4 n + 3 T, 4 n + 3 T) by the charts of axes, then the targets, both at zero; and (4 n + 3 T, n, n) by
+        the angles.
+    """
+    n, charts = len(axes), CHART_SIZE * len(axes)
+    arm = Motion(axes, points, np.tril(postures, -1)).postures
+    by_zero, by_angle = np.zeros((charts + points.size,) * 2), np.zeros((charts + points.size, n, n))
+    for k, axis in enumerate(at_sweep):
+        own, into = slice(CHART_SIZE * k, CHART_SIZE * (k + 1)), axis.place.inverse().action[CHART]
+        motions = np.concatenate([arm.axis_motions[k, :k], arm.placement_motions[k, k : k + 1]])[..., CHART]
+        by_zero[own, : own.stop] = (into @ motions).transpose(1, 0, 2).reshape(CHART_SIZE, -1)
+        by_angle[own, k, :k] = into @ arm.jacobian[k, :, :k]
+    moves = by_small_motion(points).reshape(-1, 6)
+    by_zero[charts:, :charts] = (
+        (moves @ arm.axis_motions[-1][..., CHART]).transpose(1, 0, 2).reshape(-1, charts)
+    )
+    by_zero[charts:, charts:] = np.kron(np.eye(len(points)), arm.flange_rotation[-1])
+    by_angle[charts:, -1, :-1] = moves @ arm.jacobian[-1, :, :-1]
+    return by_zero, by_angle
 
 
 def refine_axes(identified: SweptAxes, *, angles: AngleUse = "free") -> SweptAxes:
@@ -589,11 +605,11 @@ def resting_angles(swept: SweptAxes) -> tuple[FloatArray, list[int]]:
     sweeps, n = swept.sweeps, swept.n
     in_order = [swept.fits[index] for index in sweeps.order]
     at_sweep, points = [fit.axis for fit in in_order], in_order[-1].target_points
-
-    def moved(step: FloatArray) -> FloatArray:
-        return _charts_at_zero(swept.axes, at_sweep, points, sweeps.postures + step.reshape(n, n))
-
-    by_posture = differences(moved, n * n)  # by joint of the sweep, then by the angle that changes
+    by_zero, by_angle = _by_zero(swept.axes, at_sweep, points, sweeps.postures)
+    # By joint of the sweep, then by the angle that changes
+    by_posture = -np.asarray(
+        np.linalg.solve(by_zero, by_angle.reshape(len(by_angle), n * n)), dtype=np.float64
+    )
     columns, joints = [np.zeros((len(by_posture), 0))], []
     for fit in sorted(swept.fits, key=lambda fit: -fit.sweep.joint):
         joint = fit.sweep.joint

@@ -35,8 +35,8 @@ from jointstiff.solver.integrity.values import (
     vector_scale,
 )
 from jointstiff.solver.mechanics.block import RegressorBlock, regressor_blocks, whole_block
-from jointstiff.solver.mechanics.configuration import Configurations
 from jointstiff.solver.mechanics.measurements import Measurements
+from jointstiff.solver.mechanics.postures import Postures
 from jointstiff.solver.text import figure, length_text
 
 LARGEST_MODEL_ERROR: Final = 0.02
@@ -161,7 +161,7 @@ def inspect_places(view: View) -> tuple[list[Finding], BoolArray]:
     units = unit_hypotheses(joints[sample], view.robot.prismatic)
     for h in (*units, *angle_hypotheses(joints, sample, view.robot.joint_names)):
         asked = sample[h.rows]
-        at = Configurations(view.robot, view.robot.joint_map.model_angles(h.joints))
+        at = Postures(view.robot, view.robot.joint_map.model_angles(h.joints))
         there = seen_from_flange(at, h.length * view.measurements.position[asked], view.measured[asked])
         mended = _consensus(there)
         judged.append((h, mended, _apart(there, mended)))
@@ -236,7 +236,7 @@ def _row_by_row(view: View, rows: IndexArray, seen: FloatArray, place: FloatArra
 
 def _posture_of(view: View, i: int, place: FloatArray) -> int | None:
     """Return the row whose posture these readings were taken in, the nearest of several; None without one."""
-    at = view.configurations
+    at = view.postures
     expected = at.to_base(np.broadcast_to(np.nan_to_num(place), (len(at), *place.shape)))
     known = view.measured[i] & ~np.isnan(place[:, 0])
     if not known.any():
@@ -248,7 +248,7 @@ def _posture_of(view: View, i: int, place: FloatArray) -> int | None:
 
 def _under_load(view: View, i: int) -> FloatArray:
     """(T, 3) loaded targets of a row as the model without load sees them from the flange [m]."""
-    turned = view.measurements.deflection[i] @ view.configurations.flange_rotation[i]
+    turned = view.measurements.deflection[i] @ view.postures.flange_rotation[i]
     return np.asarray(view.places[i] + turned)
 
 
@@ -511,7 +511,7 @@ def inspect_drift(view: View, good: BoolArray) -> Iterator[Finding]:
         return
     # Motion of the barycentre for offsets of the joints, of its place on the flange and of the base, and
     # where it is off its median place on the flange, axes of R0 [m]
-    at, which = view.configurations, measured[rows[0]]
+    at, which = view.postures, measured[rows[0]]
     points = np.zeros((len(at), 1, 3))
     points[rows, 0] = view.measurements.position[rows][:, which].mean(axis=1)
     place = view.places[rows][:, which].mean(axis=1)

@@ -18,9 +18,9 @@ from scipy import special
 from jointstiff.schemas.finding import Action, Finding, FindingCode, Unit, Verdict
 from jointstiff.schemas.joints import JOINT_UNITS
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
-from jointstiff.solver.mechanics.block import unloaded_configurations
-from jointstiff.solver.mechanics.configuration import Configurations
+from jointstiff.solver.mechanics.block import unloaded_postures
 from jointstiff.solver.mechanics.measurements import NOISE_SIGMAS, Measurements, first_equal
+from jointstiff.solver.mechanics.postures import Postures
 from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.text import figure, length_text
 
@@ -106,9 +106,9 @@ class View:
         )
 
     @cached_property
-    def configurations(self) -> Configurations:
-        """Configurations by the model, without load."""
-        return unloaded_configurations(self.robot, self.measurements)
+    def postures(self) -> Postures:
+        """Postures by the model, without load."""
+        return unloaded_postures(self.robot, self.measurements)
 
     @cached_property
     def measured(self) -> BoolArray:
@@ -121,7 +121,7 @@ class View:
 
         A target sits still on the flange, so with a perfect model each stays where it is.
         """
-        return seen_from_flange(self.configurations, self.measurements.position, self.measured)
+        return seen_from_flange(self.postures, self.measurements.position, self.measured)
 
     @cached_property
     def reading_sigma(self) -> FloatArray:
@@ -148,9 +148,9 @@ class View:
         return np.asarray(self.measurements.force.any(axis=1) | self.measurements.moment.any(axis=1))
 
 
-def seen_from_flange(configurations: Configurations, position: FloatArray, measured: BoolArray) -> FloatArray:
+def seen_from_flange(postures: Postures, position: FloatArray, measured: BoolArray) -> FloatArray:
     """(N, T, 3) positions in R0 [m] brought into the flange frame; nan where not measured."""
-    return np.where(measured[..., None], configurations.to_flange(position), np.nan)
+    return np.where(measured[..., None], postures.to_flange(position), np.nan)
 
 
 def vector_quantile(comparisons: int, freedom: float, coordinates: int = 3) -> float:

@@ -48,6 +48,7 @@ from jointstiff.solver.links.model import (
 )
 from jointstiff.solver.mechanics.block import spring_frames
 from jointstiff.solver.mechanics.measurements import Measurements
+from jointstiff.solver.mechanics.postures import Postures
 from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.mechanics.springs import BASE, entries, weights
 from jointstiff.solver.messages import point
@@ -347,7 +348,7 @@ def effective_rows(robot: Robot, columns: ElasticColumns) -> FloatArray:
     rows[np.arange(columns.n), columns.joints] = 1.0
     rows[np.arange(columns.n), columns.coupling[diagonal(columns.n)]] = 1.0
     i, j = entries(6)
-    placed = spring_frames(robot, np.zeros((1, columns.n)))[0][0]
+    placed = spring_frames(Postures(robot, np.zeros((1, columns.n))))[0][0]
     moved = {frame: (frame, robot.axes[frame]) for frame in columns.links}
     for frame, (joint, own) in (moved | {BASE: (0, placed[0] @ robot.axes[0])}).items():
         along_or_about = (own, np.zeros(3))

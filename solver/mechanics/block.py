@@ -15,12 +15,13 @@ from typing import TYPE_CHECKING, Any, ClassVar, Final, NamedTuple
 from weakref import WeakKeyDictionary
 
 import numpy as np
+import pinocchio as pin
 
 from jointstiff.solver.arrays import BoolArray, FloatArray, cross
 from jointstiff.solver.errors import RequestError, SolverError
-from jointstiff.solver.mechanics.configuration import Configurations, joint_frames, skew
 from jointstiff.solver.mechanics.measurements import CommonUncertainty, Measurements, whitened
-from jointstiff.solver.mechanics.robot import Robot
+from jointstiff.solver.mechanics.postures import Postures, skew
+from jointstiff.solver.mechanics.robot import Robot, in_configuration_space, with_weights
 
 if TYPE_CHECKING:
     from jointstiff.solver.predict.forward import LoadCases
@@ -66,43 +67,25 @@ class OwnWeight:
                 remedy="give each link a mass in kg and its centre in m",
             )
 
-    def torque_and_stiffness(
-        self, robot: Robot, configurations: Configurations
-    ) -> tuple[FloatArray, FloatArray]:
-        """Return the torques g(q) and ``∂g/∂q`` of the weights (method.md §9).
+    def torque_and_stiffness(self, robot: Robot, postures: Postures) -> tuple[FloatArray, FloatArray]:
+        """Return the torques g(q) of the weights about the joints and ``∂g/∂q`` (method.md §9).
 
-        Joint j carries the links behind it: ``g_j = a_j · (S_j × γ)``, a its axis, γ gravity, S their first
-        moment about it; a prismatic joint carries the part of their weight along its axis. An angle behind j
-        moves the moment of the links behind that angle, one before it turns all that j carries, which is to
-        turn gravity back.
+        Pinocchio's generalised gravity is what holds the weights, so that its sign is the other one.
 
         Returns:
             (B, n) [N·m] and (B, n, n) [N·m/rad].
         """
-        n = robot.n
-        rotation, origin = joint_frames(robot, configurations.q)
-        axes = configurations.angular_jacobian.transpose(0, 2, 1)  # zero for a prismatic joint
-        mass = np.triu(np.broadcast_to(self.mass, (n, n)))
-        centre = (mass[..., None] * self.centre).transpose(1, 2, 0)  # (l, 3, j)
-        moments = mass[..., None] * origin[:, None] + (rotation @ centre).transpose(0, 3, 1, 2)
-        behind = moments[:, :, ::-1].cumsum(axis=2)[:, :, ::-1]  # (B, j, k, 3), of the links from k on
-        carried = mass[:, ::-1].cumsum(axis=1)[:, ::-1]  # (j, k) [kg]
-        behind = behind - carried[..., None] * origin[:, None]
-        own = np.einsum("bjji->bji", behind)
-        torque = np.einsum("bji,bji->bj", axes, np.cross(own, self.gravity))
-        moves = np.cross(axes[:, None], behind)  # (B, j, k, 3), of that moment by joint k
-        if robot.prismatic.any():
-            slides = np.where(robot.prismatic, configurations.jacobian[:, :3], 0.0).transpose(0, 2, 1)
-            pulled = np.diag(carried)[:, None] * slides
-            torque += pulled @ self.gravity
-            moves += carried[..., None] * slides[:, None]
-        later = np.cross(moves, self.gravity)
-        sooner = -np.cross(own[:, :, None], np.cross(axes, self.gravity)[:, None])
-        before = np.tri(n, k=-1, dtype=np.bool_)
-        moved = np.where(before[..., None], sooner, later)
-        stiffness = np.einsum("bji,bjki->bjk", axes, moved)
-        if robot.prismatic.any():
-            stiffness -= before * (pulled @ np.cross(axes, self.gravity).transpose(0, 2, 1))
+        count, n = postures.q.shape
+        torque, stiffness = np.empty((count, n)), np.empty((count, n, n))
+        models = [(slice(None), self.mass, self.centre)]
+        if self.mass.ndim > 1:
+            models = [(slice(j, j + 1), self.mass[j], self.centre[j]) for j in range(n)]
+        for rows, mass, centre in models:
+            model = with_weights(robot.model, mass, centre, self.gravity)
+            data = model.createData()
+            for i, q in enumerate(in_configuration_space(model, postures.q)):
+                slope = pin.computeGeneralizedGravityDerivatives(model, data, q)
+                torque[i, rows], stiffness[i, rows] = -data.g[rows], -slope[rows]
         return torque, stiffness
 
 
@@ -113,7 +96,7 @@ class Balance:
     Torques and stiffness are of a posture one last step before the balance.
     """
 
-    loaded: Configurations  #: kinematics there
+    loaded: Postures  #: kinematics there
     step: FloatArray  #: (B, n) the last step [rad]
     #: (B, n) torque by which the load, with the change of the own weight's, twists the joints [N·m]
     torque: FloatArray
@@ -127,8 +110,8 @@ def balance(
     compliance: FloatArray,
     cases: Measurements | LoadCases,
     weight: OwnWeight | None,
-    unloaded: Configurations,
-    near: Configurations,
+    unloaded: Postures,
+    near: Postures,
 ) -> Balance:
     """Find the balance by Newton's method.
 
@@ -164,7 +147,7 @@ def balance(
             _refuse(_unstable(softening))
             return Balance(loaded, step, torque, stiffness, softened)
         _refuse(np.asarray(~(np.abs(deflection) <= 2.0 * _LARGEST_DEFLECTION).all(axis=1)))
-        loaded = Configurations(robot, unloaded.q + deflection)
+        loaded = Postures(robot, unloaded.q + deflection)
     raise _no_balance(int(np.argmax(np.abs(step).max(axis=1))))
 
 
@@ -247,7 +230,7 @@ def _no_balance(case: int) -> RequestError:
 
 
 BLOCK_LENGTH = 3072
-"""Configurations per block: its arrays stay in the cache, and numpy's overhead is spread well."""
+"""Observations per block: its arrays stay in the cache, and numpy's overhead is spread well."""
 
 _MOST_KEPT = 256
 """Observations of a set whose regressors are kept as long as the set: they take a MB at most."""
@@ -255,16 +238,11 @@ _KEPT: WeakKeyDictionary[Measurements, dict[bool, dict[str, Any]]] = WeakKeyDict
 """Fields of the last block of a set, without K_c and with it."""
 
 
-def spring_frames(robot: Robot, q: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return rotations (B, n + 1, 3, 3) and origins (B, n + 1, 3) [m] in R0 of all joints, then of R0 itself.
-
-    Args:
-        robot: n joints.
-        q: (B, n) [rad].
-    """
-    axes, origin = joint_frames(robot, q)
-    own = np.broadcast_to(np.eye(3), (len(q), 1, 3, 3))
-    return np.concatenate([axes, own], axis=1), np.concatenate([origin, np.zeros((len(q), 1, 3))], axis=1)
+def spring_frames(postures: Postures) -> tuple[FloatArray, FloatArray]:
+    """Return rotations (B, n + 1, 3, 3) and origins (B, n + 1, 3) [m] of all joints, then of R0, in R0."""
+    axes, origin = postures.joint_frames
+    own, none = np.broadcast_to(np.eye(3), (len(axes), 1, 3, 3)), np.zeros((len(axes), 1, 3))
+    return np.concatenate([axes, own], axis=1), np.concatenate([origin, none], axis=1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -277,7 +255,7 @@ class RegressorBlock:
 
     robot: Robot  #: n joints
     compliance: FloatArray | None  #: (n,) at which it is taken [rad/(N·m)]; None without K_c
-    configurations: Configurations  #: the kinematics
+    postures: Postures  #: the kinematics
     torque: FloatArray  #: (B, n) torque of the load about each joint [N·m]
     load_jacobian: FloatArray  #: (B, 3, n) J_v at the load point [m/rad]
     points: FloatArray  #: (B, T, 3) the targets in R0, in these configurations [m]
@@ -296,8 +274,8 @@ class RegressorBlock:
             [N, N·m]; and (B, n + 1, 3) the load point from the origins, axes of R0 [m].
         """
         part = self.measurements
-        axes, origin = spring_frames(self.robot, self.configurations.q)
-        lever = self.configurations.to_base(part.load_point[:, None]) - origin
+        axes, origin = spring_frames(self.postures)
+        lever = self.postures.to_base(part.load_point[:, None]) - origin
         moment = part.moment[:, None] + np.cross(lever, part.force[:, None])
         R = axes.transpose(1, 0, 2, 3)  # (n + 1, B, 3, 3)
         wrench = np.concatenate([part.force[:, None] @ R, moment.transpose(1, 0, 2)[:, :, None] @ R], axis=-1)
@@ -362,24 +340,24 @@ def whole_block(
     return RegressorBlock(measurements=measurements, **fields)
 
 
-def unloaded_configurations(robot: Robot, measurements: Measurements) -> Configurations:
+def unloaded_postures(robot: Robot, measurements: Measurements) -> Postures:
     """Return the kinematics of a set without load, kept with a small one."""
     if len(measurements.joints) > _MOST_KEPT:
-        return Configurations(robot, robot.joint_map.model_angles(measurements.joints))
-    return whole_block(robot, measurements).configurations
+        return Postures(robot, robot.joint_map.model_angles(measurements.joints))
+    return whole_block(robot, measurements).postures
 
 
 def targets_in_flange(robot: Robot, part: Measurements) -> FloatArray:
     """Return the mean places (T, 3) of the targets in the flange frame [m], as given or read."""
-    read = unloaded_configurations(robot, part).to_flange(part.position)
+    read = unloaded_postures(robot, part).to_flange(part.position)
     places, present = np.where(part.in_flange[..., None], part.position, read), part.present[..., None]
     return np.asarray(np.where(present, places, 0.0).sum(axis=0) / np.maximum(present.sum(axis=0), 1))
 
 
 def _block(robot: Robot, part: Measurements, compliance: FloatArray | None) -> RegressorBlock:
     if compliance is None:
-        return unloaded_block(robot, Configurations(robot, robot.joint_map.model_angles(part.joints)), part)
-    unloaded = unloaded_configurations(robot, part)
+        return unloaded_block(robot, Postures(robot, robot.joint_map.model_angles(part.joints)), part)
+    unloaded = unloaded_postures(robot, part)
     try:
         equilibrium = balance(robot, compliance, part, None, unloaded, unloaded)
     except RequestError:
@@ -389,7 +367,7 @@ def _block(robot: Robot, part: Measurements, compliance: FloatArray | None) -> R
             remedy="neglect the complementary stiffness, or check the units of force and length",
         ) from None
     torque = equilibrium.torque + (equilibrium.stiffness @ equilibrium.step[..., None])[..., 0]
-    halfway = Configurations(robot, unloaded.q + 0.5 * compliance * torque)
+    halfway = Postures(robot, unloaded.q + 0.5 * compliance * torque)
     in_flange = np.where(part.in_flange[..., None], part.position, unloaded.to_flange(part.position))
     load_jacobian, _ = halfway.load(part.load_point, part.force, part.moment)
     return _assembled(
@@ -397,29 +375,29 @@ def _block(robot: Robot, part: Measurements, compliance: FloatArray | None) -> R
     )
 
 
-def unloaded_block(robot: Robot, configurations: Configurations, part: Measurements) -> RegressorBlock:
+def unloaded_block(robot: Robot, postures: Postures, part: Measurements) -> RegressorBlock:
     """Return the regressors of observations whose kinematics are known, without K_c."""
     points = part.position
     if part.in_flange.any():
-        points = np.where(part.in_flange[..., None], configurations.to_base(points), points)
-    load_jacobian, torque = configurations.load(part.load_point, part.force, part.moment)
-    return _assembled(robot, None, configurations, load_jacobian, torque, points, part)
+        points = np.where(part.in_flange[..., None], postures.to_base(points), points)
+    load_jacobian, torque = postures.load(part.load_point, part.force, part.moment)
+    return _assembled(robot, None, postures, load_jacobian, torque, points, part)
 
 
 def _assembled(
     robot: Robot,
     compliance: FloatArray | None,
-    configurations: Configurations,
+    postures: Postures,
     load_jacobian: FloatArray,
     torque: FloatArray,
     points: FloatArray,
     part: Measurements,
 ) -> RegressorBlock:
-    jacobian = part.shown(configurations.jacobian_at(points))
+    jacobian = part.shown(postures.jacobian_at(points))
     A = np.multiply(jacobian, torque[:, None, None], order="C")
     if not part.present.all():
         A[~part.present] = 0.0
-    return RegressorBlock(robot, compliance, configurations, torque, load_jacobian, points, jacobian, A, part)
+    return RegressorBlock(robot, compliance, postures, torque, load_jacobian, points, jacobian, A, part)
 
 
 class Rows(NamedTuple):

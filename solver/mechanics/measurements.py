@@ -17,7 +17,7 @@ import numpy.typing as npt
 
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import MeasurementError
-from jointstiff.solver.mechanics.configuration import Configurations
+from jointstiff.solver.mechanics.postures import Postures
 from jointstiff.solver.mechanics.robot import Robot
 
 if TYPE_CHECKING:
@@ -161,7 +161,7 @@ def position_covariances(
     """
     places = plain.position
     if plain.in_flange.any():
-        configurations = Configurations(robot, robot.joint_map.model_angles(plain.joints))
+        configurations = Postures(robot, robot.joint_map.model_angles(plain.joints))
         places = np.where(plain.in_flange[..., None], configurations.to_base(places), places)
     before = at_read_places(places, plain.present)
     return instrument.covariance(before), instrument.covariance(before + plain.deflection)

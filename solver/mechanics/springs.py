@@ -104,7 +104,7 @@ def complementary_stiffness(block: RegressorBlock) -> FloatArray:
         (B, n, n) [N·m/rad].
     """
     part = block.measurements
-    axes = block.configurations.angular_jacobian
+    axes = block.postures.angular_jacobian
     return wrench_stiffness(axes, block.load_jacobian, part.force, part.moment)
 
 
@@ -118,9 +118,9 @@ def _neglected(block: RegressorBlock, compliance: FloatArray) -> Motion:
     part = block.measurements
     deflection = compliance * block.torque
     added = compliance * np.einsum("bjk,bk->bj", complementary_stiffness(block), deflection)
-    turns = block.configurations.angular_jacobian * deflection[:, None]
+    turns = block.postures.angular_jacobian * deflection[:, None]
     turned = np.cumsum(turns, axis=2) - 0.5 * turns
-    jacobian = block.jacobian if part.direction is None else block.configurations.jacobian_at(block.points)
+    jacobian = block.jacobian if part.direction is None else block.postures.jacobian_at(block.points)
     moves = jacobian * deflection[:, None, None]
     # Σ_k Ω_k × m_k holds the antisymmetric part of Σ_k Ω_k m_kᵀ.
     pairs = moves @ turned.transpose(0, 2, 1)[:, None]

@@ -14,20 +14,18 @@ from typing import Final
 import numpy as np
 
 from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.mechanics.axes import displaced_deflection
 from jointstiff.solver.mechanics.block import (
     Motion,
     RegressorBlock,
     Term,
     by_torque,
-    regressor_blocks,
-    unloaded_configurations,
+    unloaded_postures,
 )
-from jointstiff.solver.mechanics.configuration import skew
 from jointstiff.solver.mechanics.measurements import Measurements
-from jointstiff.solver.mechanics.robot import Robot, displaced_axis
+from jointstiff.solver.mechanics.postures import skew
+from jointstiff.solver.mechanics.robot import Robot
 
-_STEP = 1e-5
-"""Half the step of the difference quotients of an axis [m and rad]."""
 _READ_AGAIN = "read a posture again without the load: if it is elsewhere, tracker or base moved"
 _SETTLED, _WOUND = 50.0, 3e-5
 """Torque [N·m], or winding of its spring [rad] where that is less, at which a gear lies against one side of
@@ -37,8 +35,8 @@ its play; below it, in proportion. Makers state lost motion at 3 % of the rated 
 
 def _load_point(block: RegressorBlock, compliance: FloatArray) -> Motion:
     """Move the load point by e along the flange's axes: it adds the moment e × F."""
-    moment = -skew(block.measurements.force) @ block.configurations.flange_rotation
-    return by_torque(block, compliance, block.configurations.angular_jacobian.transpose(0, 2, 1) @ moment)
+    moment = -skew(block.measurements.force) @ block.postures.flange_rotation
+    return by_torque(block, compliance, block.postures.angular_jacobian.transpose(0, 2, 1) @ moment)
 
 
 def _force_scale(block: RegressorBlock, compliance: FloatArray) -> Motion:
@@ -50,7 +48,7 @@ def _force_direction(block: RegressorBlock, compliance: FloatArray) -> Motion:
     """Turn all forces and moments about the axes of R0: φ × F, φ × M."""
     part = block.measurements
     by_force = block.load_jacobian.transpose(0, 2, 1) @ -skew(part.force)
-    by_moment = block.configurations.angular_jacobian.transpose(0, 2, 1) @ -skew(part.moment)
+    by_moment = block.postures.angular_jacobian.transpose(0, 2, 1) @ -skew(part.moment)
     return by_torque(block, compliance, by_force + by_moment)
 
 
@@ -61,7 +59,7 @@ def _constant_force(block: RegressorBlock, compliance: FloatArray) -> Motion:
 
 def _load_zero(block: RegressorBlock, compliance: FloatArray) -> Motion:
     """Add one force, axes of the flange, to every load: the zero of a load cell that turns with it."""
-    forces = block.load_jacobian.transpose(0, 2, 1) @ block.configurations.flange_rotation
+    forces = block.load_jacobian.transpose(0, 2, 1) @ block.postures.flange_rotation
     return by_torque(block, compliance, forces)
 
 
@@ -92,7 +90,7 @@ LOAD_ZERO = Term(
     _load_zero,
     suspected=True,
     under=lambda robot, part, force: replace(
-        part, force=part.force + unloaded_configurations(robot, part).flange_rotation @ force
+        part, force=part.force + unloaded_postures(robot, part).flange_rotation @ force
     ),
     words="a constant force of {} (axes of the flange) added to every load",
     remedy="read the load cell without load in two postures",
@@ -127,8 +125,8 @@ def load_scale(groups: Collection[Collection[str]]) -> Term:
 
 def _target_places(block: RegressorBlock, compliance: FloatArray) -> Motion:
     """Move each target by e along the flange's axes: with the flange's rotation φ it moves by φ × e."""
-    rotation = np.einsum("bij,bj->bi", block.configurations.angular_jacobian, compliance * block.torque)
-    moved = skew(rotation) @ block.configurations.flange_rotation
+    rotation = np.einsum("bij,bj->bi", block.postures.angular_jacobian, compliance * block.torque)
+    moved = skew(rotation) @ block.postures.flange_rotation
     B, T = block.points.shape[:2]
     columns = np.zeros((B, T, 3, T, 3))
     columns[:, np.arange(T), :, np.arange(T)] = moved
@@ -139,18 +137,14 @@ def _axes(block: RegressorBlock, compliance: FloatArray) -> Motion:
     """Move each axis along both directions across it, and turn it about them: [m, rad, m, rad] a joint."""
     targets, joints = [], []
     for j, axis in enumerate(block.robot.axes):
-        for across in _STEP * np.linalg.svd(axis[None])[2][1:]:
-            for step, turn in ((across, 0.0 * across), (0.0 * across, across)):
-                ahead, behind = (
-                    next(regressor_blocks(robot, block.measurements, block.compliance))
-                    for robot in (
-                        displaced_axis(block.robot, j, step, turn),
-                        displaced_axis(block.robot, j, -step, -turn),
-                    )
-                )
-                targets.append((ahead.A @ compliance - behind.A @ compliance) / (2.0 * _STEP))
-                joints.append((ahead.torque - behind.torque) * compliance / (2.0 * _STEP))
-    return Motion(np.stack(targets, axis=-1), np.stack(joints, axis=-1))
+        first, second = np.linalg.svd(axis[None])[2][1:]
+        across = np.zeros((6, 4))
+        across[:3, 0] = across[3:, 1] = first
+        across[:3, 2] = across[3:, 3] = second
+        change, torque = displaced_deflection(block, compliance, j, across)
+        targets.append(change)
+        joints.append(compliance[:, None] * torque)
+    return Motion(np.concatenate(targets, axis=-1), np.concatenate(joints, axis=-1))
 
 
 def _play(block: RegressorBlock, compliance: FloatArray) -> Motion:

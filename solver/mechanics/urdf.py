@@ -25,7 +25,8 @@ import pinocchio as pin
 
 from jointstiff.schemas.joints import JOINT_UNITS, JointKind
 from jointstiff.solver.errors import RobotError
-from jointstiff.solver.mechanics.robot import UNLIMITED, Body, ChainJoint, KinematicChain, check_name
+from jointstiff.solver.mechanics.chain import UNLIMITED, ChainJoint, KinematicChain, check_name
+from jointstiff.solver.mechanics.robot import Body
 
 MAX_BYTES: Final = 2 * 1024 * 1024
 """Largest document, in bytes of UTF-8; text and comments have no other limit."""
@@ -130,24 +131,23 @@ def read_inertials(text: str, chain: KinematicChain) -> tuple[Body, ...]:
         chain: what it read.
     """
     links = {link.attributes.get("name", ""): link for link in parse_xml(text).named("link")}
-    bodies, placement, moving = [], pin.SE3.Identity(), -1
+    bodies = []
     try:
-        for joint in chain.joints:
-            placement = placement * pin.SE3(joint.rotation, joint.translation)
-            if joint.is_moving:
-                moving, placement = moving + 1, pin.SE3.Identity()
-            inertial = links[joint.child].only("inertial", joint.child)
-            mass = None if inertial is None else inertial.only("mass", joint.child)
-            if inertial is None or mass is None or moving < 0:
+        for frame in chain.model().frames:
+            if frame.type != pin.FrameType.BODY or frame.parentJoint == 0:
                 continue
-            origin = inertial.only("origin", joint.child)
+            inertial = links[frame.name].only("inertial", frame.name)
+            mass = None if inertial is None else inertial.only("mass", frame.name)
+            if inertial is None or mass is None:
+                continue
+            origin = inertial.only("origin", frame.name)
             xyz = "0 0 0" if origin is None else origin.attributes.get("xyz", "0 0 0")
-            (value,) = read_numbers(mass.attributes.get("value", ""), 1, _LARGEST_MASS, joint.child)
-            centre = placement * np.array(read_numbers(xyz, 3, _ORIGIN["xyz"], joint.child))
+            (value,) = read_numbers(mass.attributes.get("value", ""), 1, _LARGEST_MASS, frame.name)
+            centre = frame.placement * np.array(read_numbers(xyz, 3, _ORIGIN["xyz"], frame.name))
             if value < 0.0:
                 return ()
             if value:
-                bodies.append(Body.within(joint.child, moving, value, tuple(centre.tolist())))
+                bodies.append(Body.within(frame.name, frame.parentJoint - 1, value, tuple(centre.tolist())))
     except RobotError:
         return ()
     return tuple(bodies)

@@ -34,7 +34,7 @@ from jointstiff.solver.estimation.fit import Likelihood
 from jointstiff.solver.estimation.solution import Bounds, Constraints
 from jointstiff.solver.links.model import ElasticColumns
 from jointstiff.solver.mechanics.block import OwnWeight
-from jointstiff.solver.mechanics.configuration import InverseKinematics, apart, in_ranges
+from jointstiff.solver.mechanics.inverse import InverseKinematics, apart, in_ranges
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.messages import document, documents, message, rows, stated_kinds, table

@@ -26,7 +26,7 @@ from jointstiff.solver.arrays import (
 )
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.estimation.fit import student_quantile
-from jointstiff.solver.mechanics.configuration import Configurations, rotation_vectors
+from jointstiff.solver.mechanics.postures import Postures, rotation_vectors
 from jointstiff.solver.mechanics.robot import Robot
 
 LARGEST_TURN: Final = 0.25
@@ -188,7 +188,7 @@ class ForwardModel(ABC):
 
     @abstractmethod
     def deflect(
-        self, cases: LoadCases, unloaded: Configurations | None = None, near: Configurations | None = None
+        self, cases: LoadCases, unloaded: Postures | None = None, near: Postures | None = None
     ) -> Deflection:
         """Bend the robot.
 
@@ -202,7 +202,7 @@ class ForwardModel(ABC):
         """
 
     @abstractmethod
-    def command(self, wanted: LoadCases, goal: Configurations, share: FloatArray) -> FloatArray:
+    def command(self, wanted: LoadCases, goal: Postures, share: FloatArray) -> FloatArray:
         """Return angles (B, n) of the model [rad] under which a share of the deflection ends at the goal.
 
         Args:
@@ -215,16 +215,16 @@ class ForwardModel(ABC):
         """
 
     @abstractmethod
-    def linear_displacement(self, cases: LoadCases, unloaded: Configurations) -> FloatArray:
+    def linear_displacement(self, cases: LoadCases, unloaded: Postures) -> FloatArray:
         """Return displacements (B, 3) of the places, to first order in the load [m]."""
 
     @abstractmethod
-    def overloaded(self, cases: LoadCases, unloaded: Configurations) -> BoolArray:
+    def overloaded(self, cases: LoadCases, unloaded: Postures) -> BoolArray:
         """Return whether the loads (B,) are beyond what the model describes."""
 
-    def unloaded(self, cases: LoadCases) -> Configurations:
+    def unloaded(self, cases: LoadCases) -> Postures:
         """Return the kinematics of load cases without their loads."""
-        return Configurations(self.robot, self.robot.joint_map.model_angles(cases.joints))
+        return Postures(self.robot, self.robot.joint_map.model_angles(cases.joints))
 
     def quantile(self, confidence: float) -> float:
         """Return half the width of a two-sided interval in standard uncertainties."""
@@ -405,9 +405,9 @@ def compensate(
     uncertain = uncertainty > np.linalg.norm(bare.displacement, axis=1)
     share = np.where(uncertain, 0.0, ramp)
 
-    def corrected(angles: FloatArray) -> tuple[Configurations, FloatArray]:
+    def corrected(angles: FloatArray) -> tuple[Postures, FloatArray]:
         """Return the kinematics of commands (m, n), and how far they are from the wanted poses."""
-        under = Configurations(robot, angles if hold is None else hold(angles))
+        under = Postures(robot, angles if hold is None else hold(angles))
         place = under.to_base(wanted.place[:, None])[:, 0]
         return under, _offset(*still, place, under.flange_rotation)
 
@@ -453,7 +453,7 @@ def residuals(
     Raises:
         RequestError: a load finds no stable balance.
     """
-    under, expected = (Configurations(model.robot, angles) for angles in (commanded, near))
+    under, expected = (Postures(model.robot, angles) for angles in (commanded, near))
     axes, reached = goal[:, :3, :3], model.deflect(wanted, under, expected)
     place = (axes @ wanted.place[..., None])[..., 0] + goal[:, :3, 3]
     return _offset(place, axes, reached.place, reached.axes)
@@ -463,7 +463,7 @@ def ramp_shares(robot: Robot, wanted: LoadCases, length: float) -> FloatArray:
     """Return the share (m,) by the length of path [m] since the load set in, and until it ends."""
     if length <= 0.0:
         return np.ones(len(wanted))
-    here = Configurations(robot, robot.joint_map.model_angles(wanted.joints))
+    here = Postures(robot, robot.joint_map.model_angles(wanted.joints))
     steps = np.linalg.norm(np.diff(here.to_base(wanted.place[:, None])[:, 0], axis=0), axis=1)
     loaded = (wanted.force != 0.0).any(axis=1) | (wanted.moment != 0.0).any(axis=1)
     since = _since_start(loaded, steps)

@@ -40,8 +40,8 @@ from jointstiff.solver.links.choice import Folds, fit_fold
 from jointstiff.solver.links.fit import ElasticEstimate
 from jointstiff.solver.links.model import ElasticColumns, elastic_blocks
 from jointstiff.solver.mechanics.block import Balance, OwnWeight, balance, spring_frames, wrench_stiffness
-from jointstiff.solver.mechanics.configuration import Configurations, joint_frames, rotation_vectors, skew
 from jointstiff.solver.mechanics.measurements import Measurements, whitened
+from jointstiff.solver.mechanics.postures import Postures, rotation_vectors, skew
 from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.mechanics.springs import products
 from jointstiff.solver.predict.forward import (
@@ -78,31 +78,6 @@ _REACHED: Final = 1e-12
 _DAMPING: Final = 1e-12
 
 
-def unit_levers(
-    prismatic: BoolArray, direction: FloatArray, point: FloatArray, rotation: FloatArray, origin: FloatArray
-) -> FloatArray:
-    """Return the levers by which forces on links twist the joints before them.
-
-    Args:
-        prismatic: (n,) which joints slide: a force pulls them along their axes, wherever it acts.
-        direction: (B, n, 3) of the axes.
-        point: (B, n, 3) on them [m].
-        rotation: (B, n, 3, 3) of the frames that move with the joints.
-        origin: (B, n, 3) of them [m].
-
-    Returns:
-        (B, n, n, 4, 3): of joint j by link l, at the link's origin [m], then for a metre along each of its
-        axes; zero where l < j.
-    """
-    n = point.shape[1]
-    by_force = np.cross(direction[:, :, None], origin[:, None] - point[:, :, None])
-    by_force = np.where(prismatic[:, None, None], direction[:, :, None], by_force)
-    by_metre = np.cross(direction[:, :, None, None], rotation.transpose(0, 1, 3, 2)[:, None])
-    by_metre = np.where(prismatic[:, None, None, None], 0.0, by_metre)
-    levers = np.concatenate([by_force[..., None, :], by_metre], axis=3)
-    return np.asarray(levers * np.triu(np.ones((n, n)))[..., None, None])
-
-
 @dataclass(frozen=True, eq=False)
 class IdentifiedWeight(OwnWeight):
     """Own weight as an identification found it with the compliances: deflections hold the sag."""
@@ -113,12 +88,10 @@ class IdentifiedWeight(OwnWeight):
     #: for these four [rad/(N·m), times kg, kg·m]
     root: FloatArray = field(kw_only=True)
 
-    def turn_root(self, robot: Robot, configurations: Configurations, torque: FloatArray) -> FloatArray:
+    def turn_root(self, postures: Postures, torque: FloatArray) -> FloatArray:
         """Return a root (B, n, r) of the covariance of joints' turns [rad], by loads' torques (B, n)."""
-        n = robot.n
-        rotation, origin = joint_frames(robot, configurations.q)
-        axes = np.einsum("bjik,jk->bji", rotation, robot.axes)
-        units = unit_levers(robot.prismatic, axes, origin, rotation, origin) @ self.gravity
+        n = len(torque.T)
+        units = postures.weight_levers @ self.gravity
         own = np.einsum("bjlp,jlpr->bjr", units, self.root[n:].reshape(n, n, 4, -1))
         return np.asarray(torque[..., None] * self.root[:n] + own)
 
@@ -162,7 +135,7 @@ class JointModel(ForwardModel):
         return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))
 
     def deflect(
-        self, cases: LoadCases, unloaded: Configurations | None = None, near: Configurations | None = None
+        self, cases: LoadCases, unloaded: Postures | None = None, near: Postures | None = None
     ) -> JointDeflection:
         """Balance springs and loads.
 
@@ -187,7 +160,7 @@ class JointModel(ForwardModel):
             jacobian=jacobian,
         )
 
-    def command(self, wanted: LoadCases, goal: Configurations, share: FloatArray) -> FloatArray:
+    def command(self, wanted: LoadCases, goal: Postures, share: FloatArray) -> FloatArray:
         """Return ``θ − s c ∘ (τ(θ) + g(θ) − g(q_cmd))`` (B, n), angles of the model [rad]."""
         step = share[:, None] * self.compliance
         torque = goal.load(wanted.load_point, wanted.force, wanted.moment)[1]
@@ -198,11 +171,11 @@ class JointModel(ForwardModel):
         if self.weight.absolute:
             return goal.q - step * torque
         for _ in range(_WEIGHT_STEPS):
-            rest = self.weight.torque_and_stiffness(self.robot, Configurations(self.robot, commanded))[0]
+            rest = self.weight.torque_and_stiffness(self.robot, Postures(self.robot, commanded))[0]
             commanded = goal.q - step * (torque - rest)
         return commanded
 
-    def linear_displacement(self, cases: LoadCases, unloaded: Configurations) -> FloatArray:
+    def linear_displacement(self, cases: LoadCases, unloaded: Postures) -> FloatArray:
         """Return ``J diag(c) τ`` (B, 3) [m]."""
         torque = unloaded.load(cases.load_point, cases.force, cases.moment)[1]
         if self.weight is not None and self.weight.absolute:
@@ -211,7 +184,7 @@ class JointModel(ForwardModel):
         jacobian = unloaded.jacobian_at(unloaded.to_base(cases.place[:, None]))[:, 0]
         return np.asarray((jacobian @ turned[..., None])[..., 0])
 
-    def overloaded(self, cases: LoadCases, unloaded: Configurations) -> BoolArray:
+    def overloaded(self, cases: LoadCases, unloaded: Postures) -> BoolArray:
         """Return whether the loads (B,) turn a joint, or soften it, beyond what springs describe."""
         jacobian, torque = unloaded.load(cases.load_point, cases.force, cases.moment)
         turned = np.abs(self.compliance * torque) > LARGEST_TURN
@@ -302,7 +275,7 @@ class JointDeflection(Deflection):
     def half(self) -> FloatArray | None:
         """(B, 6, r) by compliances, or by what was identified of the sag: see `Deflection`."""
         if isinstance(self.model.weight, IdentifiedWeight):
-            turn = self.model.weight.turn_root(self.model.robot, self.balance.loaded, self._torque)
+            turn = self.model.weight.turn_root(self.balance.loaded, self._torque)
             return np.asarray(self._answer @ turn)
         return None if self.model.likelihood is None else np.asarray(self.rows @ self.model.root)
 
@@ -415,17 +388,17 @@ class ElasticPredictor(ForwardModel):
     def deflect(
         self,
         cases: LoadCases,
-        unloaded: Configurations | None = None,
-        near: Configurations | None = None,  # noqa: ARG002  # nothing is balanced
+        unloaded: Postures | None = None,
+        near: Postures | None = None,  # noqa: ARG002  # nothing is balanced
     ) -> ElasticDeflection:
         """Bend links and joints at the unloaded posture."""
         return self._deflect(cases, self.unloaded(cases) if unloaded is None else unloaded)
 
     def _deflect(
-        self, cases: LoadCases, unloaded: Configurations, share: FloatArray | None = None
+        self, cases: LoadCases, unloaded: Postures, share: FloatArray | None = None
     ) -> ElasticDeflection:
         """Take a share (B,) of the deflection; all of it if None."""
-        R, origin = (part[:, list(self.columns.frames)] for part in spring_frames(self.robot, unloaded.q))
+        R, origin = (part[:, list(self.columns.frames)] for part in spring_frames(unloaded))
         at, pulled = (unloaded.to_base(point[:, None]) for point in (cases.place, cases.load_point))
         jacobian = unloaded.pose_jacobian_at(at)
         load_jacobian = unloaded.jacobian_at(pulled)[:, 0]
@@ -450,7 +423,7 @@ class ElasticPredictor(ForwardModel):
             wrench=wrench[:, :, 0],
         )
 
-    def command(self, wanted: LoadCases, goal: Configurations, share: FloatArray) -> FloatArray:
+    def command(self, wanted: LoadCases, goal: Postures, share: FloatArray) -> FloatArray:
         """Follow Newton's method to the posture whose bent place is the goal.
 
         The answer of the deflection to the posture is left out of the slope: each step gains three digits.
@@ -460,7 +433,7 @@ class ElasticPredictor(ForwardModel):
         """
         target, q = goal.to_base(wanted.place[:, None])[:, 0], goal.q
         for _ in range(_NEWTON_STEPS):
-            bent = self._deflect(wanted, Configurations(self.robot, q), share)
+            bent = self._deflect(wanted, Postures(self.robot, q), share)
             turned = rotation_vectors(goal.flange_rotation, bent.axes)
             off = np.concatenate([target - bent.place, turned], axis=1)
             if (np.abs(off) <= _REACHED).all():
@@ -474,11 +447,11 @@ class ElasticPredictor(ForwardModel):
             remedy="move the part away from the singularity, or give no load here",
         )
 
-    def linear_displacement(self, cases: LoadCases, unloaded: Configurations) -> FloatArray:
+    def linear_displacement(self, cases: LoadCases, unloaded: Postures) -> FloatArray:
         """Return the displacements (B, 3) of the places [m]."""
         return self._deflect(cases, unloaded).displacement
 
-    def overloaded(self, cases: LoadCases, unloaded: Configurations) -> BoolArray:
+    def overloaded(self, cases: LoadCases, unloaded: Postures) -> BoolArray:
         """Return whether the loads (B,) turn the flange beyond what is linear."""
         turned = np.linalg.norm(self._deflect(cases, unloaded).rotation, axis=1)
         return np.asarray(turned > LARGEST_TURN)

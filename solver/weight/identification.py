@@ -50,17 +50,18 @@ from jointstiff.solver.geometry.poses import (
     PoseReadings,
     Poses,
     PoseState,
+    arm_of,
     calibrate,
     chain_axes,
     differences,
     transformed,
 )
 from jointstiff.solver.mechanics.block import STANDARD_GRAVITY, regressor_blocks, whitened_rows
-from jointstiff.solver.mechanics.configuration import Configurations, joint_frames
 from jointstiff.solver.mechanics.measurements import Measurements, check_array
+from jointstiff.solver.mechanics.postures import Postures
 from jointstiff.solver.mechanics.robot import Body, Robot
 from jointstiff.solver.mechanics.springs import JOINTS
-from jointstiff.solver.predict.models import IdentifiedWeight, unit_levers
+from jointstiff.solver.predict.models import IdentifiedWeight
 from jointstiff.solver.text import figure, length_text
 from jointstiff.solver.weight.masses import contradicted, contradiction, freed_masses, unchecked, widened
 
@@ -250,20 +251,17 @@ def torques_of(robot: Robot, readings: WeightReadings, motion: Motion) -> Torque
     Frames that move with the joints, and the flange's, are the nominal robot's, laid on the fitted axes.
     """
     burden, axes = readings.burden, motion.axes
-    still = Configurations(robot, np.zeros((1, robot.n)))
-    frames, nominal = (part[0] for part in joint_frames(robot, still.q))
-    points, origins, directions = [], [], []
-    for axis, nearby, (before, shift), (after, moved) in zip(
-        axes, nominal, motion.carried[:-1], motion.carried[1:], strict=True
-    ):
-        points.append(before @ axis.point + shift)
-        directions.append(before @ axis.direction)
-        origins.append(after @ axis.nearest(nearby) + moved)
-    point, origin, direction = (np.stack(part, axis=1) for part in (points, origins, directions))
-    rotation = np.stack([R for R, _ in motion.carried[1:]], axis=1) @ frames
-    levers = unit_levers(robot.prismatic, direction, point, rotation, origin)  # (B, n, n, 4, 3)
+    still = Postures(robot, np.zeros((1, robot.n)))
+    frames, nominal = (part[0] for part in still.joint_frames)
+    origins = [axis.nearest(origin) for axis, origin in zip(axes, nominal, strict=True)]
+    places = [pin.SE3(R, origin) for R, origin in zip(frames, origins, strict=True)]
+    to_flange = still.flange_translation[0] - nominal[-1]
+    arm = arm_of(axes, places, pin.SE3(still.flange_rotation[0], origins[-1] + to_flange))
+    at = Postures(arm, motion.angles)
+    rotation, origin = at.joint_frames
+    levers = at.weight_levers  # (B, n, n, 4, 3)
 
-    by_gravity, hangs = np.zeros(point.shape), readings.carried.T[:, :, None, None]
+    by_gravity, hangs = np.zeros(origin.shape), readings.carried.T[:, :, None, None]
     on_base = readings.moment.copy()
     for number, body in enumerate(burden.bodies):
         centre = origin[:, body.joint] + rotation[:, body.joint] @ np.array(body.centre)
@@ -287,10 +285,8 @@ def torques_of(robot: Robot, readings: WeightReadings, motion: Motion) -> Torque
             known += 0.5 * (low + high) * torque
             unit += [0.5 * (high - low) * torque] if high > low else []
 
-    arm = readings.load_point @ still.flange_rotation[0].T + still.flange_translation[0] - nominal[-1]
-    loaded = origin[:, -1] + (motion.carried[-1][0] @ arm[..., None])[..., 0]
-    known += np.einsum("kji,ki->kj", np.cross(direction, loaded[:, None] - point), readings.force)
-    known += np.einsum("kji,ki->kj", direction, readings.moment)
+    known += at.load(readings.load_point, readings.force, readings.moment)[1]
+    loaded = at.to_base(readings.load_point[:, None])[:, 0]
     on_base += np.cross(loaded, readings.force)
     each = np.stack(unit, axis=-1) if unit else np.zeros((*known.shape, 0))
     return Torques(known, each, by_gravity, on_base)
@@ -311,7 +307,7 @@ def planned_rows(
     def rows(joints: FloatArray) -> FloatArray:
         angles = robot.joint_map.model_angles(joints)
         count, shape = len(joints), (len(joints), *targets.shape)
-        places = Configurations(robot, angles).to_base(np.broadcast_to(targets, shape))
+        places = Postures(robot, angles).to_base(np.broadcast_to(targets, shape))
         poses = Poses(joints, places, np.ones(shape[:2], dtype=np.bool_), names, robot.joint_map)
         nothing, carried = np.zeros((count, 3)), np.ones((count, len(burden.bodies)))
         readings = WeightReadings(poses, burden, carried, nothing, nothing, nothing)

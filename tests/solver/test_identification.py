@@ -35,9 +35,10 @@ from jointstiff.solver.estimation.solution import Bounds, Constraints
 from jointstiff.solver.estimation.triangle import Triangle
 from jointstiff.solver.mechanics import block as regressor
 from jointstiff.solver.mechanics.block import OwnWeight, regressor_blocks, whole_block
-from jointstiff.solver.mechanics.configuration import Configurations, find_wrist, joint_frames
+from jointstiff.solver.mechanics.chain import ChainJoint
 from jointstiff.solver.mechanics.measurements import whitener
-from jointstiff.solver.mechanics.robot import ChainJoint, Robot
+from jointstiff.solver.mechanics.postures import Postures, find_wrist
+from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.mechanics.springs import complementary_stiffness
 from jointstiff.solver.predict.models import JointModel
 
@@ -210,7 +211,7 @@ class TestObservability:
         robot, measurements = pulls
         axis = np.array([1.0, 0.0, 0.0])
         before, after = robot.chain.joints[:3], robot.chain.joints[3:]
-        zero = Configurations(robot, np.zeros((1, robot.n)))
+        zero = Postures(robot, np.zeros((1, robot.n)))
         wrist_centre = zero.to_base(np.broadcast_to(find_wrist(robot).centre, (1, 1, 3)))[0, 0]
         to_centre = wrist_centre - sum(joint.translation for joint in before)
         roll = ChainJoint("roll", "revolute", np.eye(3), to_centre, axis, None, "roll_link")
@@ -218,7 +219,7 @@ class TestObservability:
         chain = replace(robot.chain, joints=(*before, roll, back, *after[1:]))
         seven = replace(measurements, joints=np.insert(measurements.joints, 3, 0.0, axis=1))
         with pytest.raises(UnsupportedMethodError, match="wrist centre does not move when roll turns"):
-            estimate(Robot(chain), seven, method="decoupled_partial_pose")
+            estimate(Robot(chain.model()), seven, method="decoupled_partial_pose")
 
 
 def test_noise_makes_negative_stiffness_unconstrained_and_never_constrained(dead_weight):
@@ -259,7 +260,7 @@ def campaign():
 @pytest.mark.parametrize("q", [np.zeros((2, 5)), np.zeros(6), np.full((1, 6), np.nan)])
 def test_angles_of_another_shape_are_refused(campaign, q):
     with pytest.raises(MeasurementError, match="joint angles have shape"):
-        Configurations(campaign[0], q)
+        Postures(campaign[0], q)
 
 
 @examples(50)
@@ -347,7 +348,7 @@ def model_of(arm, weight=None):
 @every_robot
 def test_columns_and_efforts_are_those_of_the_simulator(arm):
     robot, load = robot_of(arm), load_cases(arm)
-    at = Configurations(robot, load.joints)
+    at = Postures(robot, load.joints)
     posture = arm.posture(load.joints)
     point = posture.point_to_base(load.load_point)
     columns, effort = at.load(load.load_point, load.force, load.moment)
@@ -413,17 +414,17 @@ def bodies_of(arm, seed=7):
 @every_robot
 def test_own_weight_of_a_prismatic_joint_is_the_weight_along_its_axis(arm):
     robot, bodies = robot_of(arm), bodies_of(arm)
-    frames, origins = joint_frames(robot, np.zeros((1, robot.n)))
+    frames, origins = Postures(robot, np.zeros((1, robot.n))).joint_frames
     centre = np.einsum("jki,jk->ji", frames[0], arm.axis_points + bodies.centres - origins[0])
     weight = OwnWeight(bodies.masses, centre, bodies.gravity)
     q = load_cases(arm).joints
-    effort, slope = weight.torque_and_stiffness(robot, Configurations(robot, q))
+    effort, slope = weight.torque_and_stiffness(robot, Postures(robot, q))
     (slide,) = arm.prismatic
     along = arm.posture(q).axis_directions[:, slide] @ bodies.gravity
     np.testing.assert_allclose(effort[:, slide], along * bodies.masses[slide:].sum(), rtol=1e-12)
     step = 1e-6
     for k, h in enumerate(step * np.eye(robot.n)):
-        ahead, behind = (weight.torque_and_stiffness(robot, Configurations(robot, q + s))[0] for s in (h, -h))
+        ahead, behind = (weight.torque_and_stiffness(robot, Postures(robot, q + s))[0] for s in (h, -h))
         np.testing.assert_allclose(slope[:, :, k], (ahead - behind) / (2 * step), atol=1e-5)
     # The springs' sag by the energy's minimum: relative to the posture that the weight alone takes.
     load = load_cases(arm, force=300.0, moment=0.0)

@@ -22,8 +22,9 @@ from jointstiff.solver.estimation.identify import identify
 from jointstiff.solver.estimation.method import Settings
 from jointstiff.solver.estimation.resampling import GramBlocks, gram_blocks, refuse_nonlinear
 from jointstiff.solver.estimation.solution import Bounds
+from jointstiff.solver.mechanics.chain import KinematicChain
 from jointstiff.solver.mechanics.measurements import Measurements
-from jointstiff.solver.mechanics.robot import KinematicChain, Robot
+from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.mechanics.urdf import read_urdf
 
 METHODS = ("complete_pose", "partial_pose", "decoupled_partial_pose")
@@ -104,7 +105,7 @@ def twins(robot: Robot, measurements: Measurements, offset: float = 0.0) -> tupl
     aside = np.array([offset, 0.0, 0.0])
     twin = replace(first, name="twin", child="twin_link", rotation=np.eye(3), translation=aside)
     chain = KinematicChain("twins", robot.chain.base, robot.chain.flange, (first, twin, *others))
-    return Robot(chain), replace(measurements, joints=np.insert(measurements.joints, 1, 0.0, axis=1))
+    return Robot(chain.model()), replace(measurements, joints=np.insert(measurements.joints, 1, 0.0, axis=1))
 
 
 def wrench_of(measurements: Measurements) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -17,7 +17,8 @@ from jointstiff.simulator.sweeps import HOME, SWEEP_TARGETS, SWEEPS, TrackedArm,
 from jointstiff.simulator.urdf import urdf_text
 from jointstiff.solver.geometry.poses import Axis, IdentifiedAxes
 from jointstiff.solver.geometry.sweeps import Sweep, SweepSet, SweptAxes, identify_axes
-from jointstiff.solver.mechanics.robot import JointMap, KinematicChain
+from jointstiff.solver.mechanics.chain import KinematicChain
+from jointstiff.solver.mechanics.robot import JointMap
 from jointstiff.solver.mechanics.urdf import read_urdf
 
 __all__ = [

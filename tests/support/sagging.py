@@ -22,7 +22,7 @@ LOAD_POINT = np.array([-0.06, 0.02, 0.18])
 
 def _robot_of(arm: SpringArm) -> Robot:
     model = robot_document(arm)["model"]
-    return Robot(read_urdf(model["urdf"], model["base"], model["flange"]))
+    return Robot(read_urdf(model["urdf"], model["base"], model["flange"]).model())
 
 
 ROBOT = _robot_of(ARM)

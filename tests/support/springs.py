@@ -21,7 +21,7 @@ SIGMA = 2e-5
 
 def robot_of(arm: SpringArm) -> Robot:
     """The arm's kinematics."""
-    return Robot(read_urdf(urdf_text(arm), BASE_LINK, FLANGE_LINK))
+    return Robot(read_urdf(urdf_text(arm), BASE_LINK, FLANGE_LINK).model())
 
 
 def readings_of(

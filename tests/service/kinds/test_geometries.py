@@ -21,7 +21,7 @@ from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.document import robot_document
 from jointstiff.simulator.sweeps import HOME, SWEEPS, TrackedArm, imperfect_arm, rotation_by
 from jointstiff.solver.errors import MeasurementError, RequestError
-from jointstiff.solver.mechanics.configuration import Configurations
+from jointstiff.solver.mechanics.postures import Postures
 
 SIGMA = 15e-6
 FANUC = np.diag([1.0, 1.0, -1.0, -1.0, -1.0, -1.0])
@@ -163,7 +163,7 @@ class TestRobots:
         read = cell.readings(angles)
         T = result.base_frame.transform_tracker_to_base
         flange = np.array([target.position for target in result.targets])
-        configurations = Configurations(robot, robot.joint_map.model_angles(angles))
+        configurations = Postures(robot, robot.joint_map.model_angles(angles))
         turned = np.einsum("nij,tj->nti", configurations.flange_rotation, flange)
         predicted = turned + configurations.flange_translation[:, None]
         gap = predicted - (read @ np.array(T.rotation).T + T.translation)

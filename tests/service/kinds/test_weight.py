@@ -21,7 +21,7 @@ from jointstiff.simulator import TARGETS, default_arm, equilibrium, random_confi
 from jointstiff.simulator.own_weight import default_bodies, sag, unloaded_campaign
 from jointstiff.simulator.programs import program_text
 from jointstiff.solver.errors import RequestError
-from jointstiff.solver.mechanics.configuration import InverseKinematics
+from jointstiff.solver.mechanics.inverse import InverseKinematics
 
 RAIL = 1.25
 """Where the rail stands [m]."""

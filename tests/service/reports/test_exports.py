@@ -15,7 +15,7 @@ from jointstiff.schemas.run import Campaign
 from jointstiff.service.conversion.prepared import prepare_robot
 from jointstiff.service.reports.exports import FORMATS, ExportedModel, export_model
 from jointstiff.simulator import default_arm, simulate_campaign
-from jointstiff.solver.mechanics.configuration import Configurations
+from jointstiff.solver.mechanics.postures import Postures
 from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.mechanics.urdf import read_urdf
 
@@ -58,7 +58,7 @@ def test_the_urdf_has_the_same_kinematics(pulled):
     text = export_model(pulled, "urdf").decode()
     chain = read_urdf(text, pulled.chain.base, pulled.chain.flange)
     q = np.random.default_rng(3).uniform(-3, 3, (50, pulled.robot.n))
-    ours, theirs = (Configurations(robot, q) for robot in (pulled.robot, Robot(chain)))
+    ours, theirs = (Postures(robot, q) for robot in (pulled.robot, Robot(chain.model())))
     assert chain.joint_names == pulled.robot.joint_names
     np.testing.assert_allclose(theirs.flange_translation, ours.flange_translation, atol=1e-12)
     np.testing.assert_allclose(theirs.flange_rotation, ours.flange_rotation, atol=1e-12)
@@ -199,7 +199,7 @@ def test_mujoco_bends_as_the_springs_do(arm, weighed):
     pulled = model_of(simulate_campaign(arm, load="pull", configurations=24, seed=3))
     content = export_model(pulled, "mjcf")
     q = np.r_[[0.4] * len(arm.prismatic), np.radians([10.0, -20.0, 30.0, 5.0, 45.0, 0.0])]
-    posture = Configurations(pulled.robot, q[None])
+    posture = Postures(pulled.robot, q[None])
     J = posture.jacobian_at(posture.flange_translation[:, None])[0, 0]
     C = np.diag([joint.compliance for joint in pulled.result.joints])
     differences = []

@@ -43,8 +43,8 @@ from jointstiff.solver.design.optimum import (
 from jointstiff.solver.design.plan import Distinct, advise, exact_design, plan_campaign
 from jointstiff.solver.errors import SolverError
 from jointstiff.solver.estimation.identify import identify
-from jointstiff.solver.mechanics.configuration import Configurations
 from jointstiff.solver.mechanics.measurements import CommonUncertainty, Instrument
+from jointstiff.solver.mechanics.postures import Postures
 
 N = len(ARM.stiffnesses)
 PLACES = np.array(list(TARGETS.values()))
@@ -228,7 +228,7 @@ class TestAdvice:
 
 def follow(robot, measurements, advice):
     """The set with the advised reading, taken on springs that balance the load exactly."""
-    first = Configurations(robot, measurements.joints[:1])
+    first = Postures(robot, measurements.joints[:1])
     places = (measurements.position[0] - first.flange_translation[0]) @ first.flange_rotation[0]
     index = 0 if advice.observation is None else measurements.labels.index(advice.observation)
     reading = {

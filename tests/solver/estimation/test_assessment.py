@@ -104,14 +104,14 @@ class TestAlternatives:
         assessment, _ = assessed(right, replace(measurements, joints=joints), findings=())
         action = reason_of(assessment, "alternative_explains_better").action
         assert action.kind == "apply_joint_map"
-        mended = Robot(right.chain, JointMap(np.array(action.joint_map), np.array(action.offset)))
+        mended = Robot(right.chain.model(), JointMap(np.array(action.joint_map), np.array(action.offset)))
         assessment, found = assessed(mended, replace(measurements, joints=joints), findings=())
         assert assessment.verdict == "use"
         assert is_true(found)
 
     def test_on_a_real_robot_without_joint_map_the_makers_map_is_found(self, fanuc):
         right, measurements = fanuc
-        assessment, _ = assessed(Robot(right.chain), measurements)
+        assessment, _ = assessed(Robot(right.chain.model()), measurements)
         action = reason_of(assessment, "alternative_explains_better").action
         np.testing.assert_array_equal(action.joint_map, right.joint_map.matrix)
 

@@ -50,8 +50,9 @@ from jointstiff.solver.estimation.conic import (
     to_vector,
     weighed_ends,
 )
+from jointstiff.solver.mechanics.chain import ChainJoint, KinematicChain
 from jointstiff.solver.mechanics.measurements import EncoderReadings
-from jointstiff.solver.mechanics.robot import ChainJoint, JointMap, KinematicChain, Robot
+from jointstiff.solver.mechanics.robot import JointMap, Robot
 
 GAP = 1e-6
 
@@ -446,7 +447,7 @@ def one_joint(deflections, sigma=1e-5):
     """A joint about z that 1000 N·m twist, and a target 1 m away that moves along y [m]."""
     z = np.array([0.0, 0.0, 1.0])
     joint = ChainJoint("joint_1", "revolute", np.eye(3), np.zeros(3), z, None, "flange")
-    robot = Robot(KinematicChain("one", "base", "flange", (joint,)), JointMap.identity(1))
+    robot = Robot(KinematicChain("one", "base", "flange", (joint,)).model(), JointMap.identity(1))
     count = len(deflections)
     moved = np.zeros((count, 1, 3))
     moved[:, 0, 1] = deflections

@@ -53,15 +53,16 @@ from jointstiff.solver.geometry.identification import (
 )
 from jointstiff.solver.geometry.poses import Poses, PoseState, calibrate, transformed
 from jointstiff.solver.geometry.sweeps import identify_axes
-from jointstiff.solver.mechanics.configuration import Configurations
-from jointstiff.solver.mechanics.robot import ChainJoint, JointMap, Robot, dh_chain
+from jointstiff.solver.mechanics.chain import ChainJoint, dh_chain
+from jointstiff.solver.mechanics.postures import Postures
+from jointstiff.solver.mechanics.robot import JointMap, Robot
 from jointstiff.solver.mechanics.urdf import read_urdf
 
 ANGLES = np.random.default_rng(6).uniform(-np.pi, np.pi, (40, 6))
 
 
 def flange_points(chain, angles, points):
-    configurations = Configurations(Robot(chain), angles)
+    configurations = Postures(Robot(chain.model()), angles)
     turned = np.einsum("nij,tj->nti", configurations.flange_rotation, points)
     return turned + configurations.flange_translation[:, None]
 
@@ -79,7 +80,7 @@ def test_the_model_predicts_what_the_tracker_reads_anywhere(matrix):
     found = identify_axes(cell.sweeps())
     base = find_base_frame(found, nominal())
     model = identify_model(found, base, FlangeConvention.of_chain(nominal()), nominal=nominal())
-    robot = Robot(model.chain, JointMap(matrix, np.zeros(6)))
+    robot = Robot(model.chain.model(), JointMap(matrix, np.zeros(6)))
     angles = robot.joint_map.model_angles(ANGLES)
     predicted = flange_points(model.chain, angles, model.targets_in_flange)
     read = transformed(base.transform_tracker_to_base, cell.readings(ANGLES))

@@ -12,7 +12,7 @@ from jointstiff.simulator.campaign import TARGETS, experiment_of, linear_deflect
 from jointstiff.simulator.imperfections import with_link_errors
 from jointstiff.solver.integrity import inspect
 from jointstiff.solver.integrity.values import View, loads
-from jointstiff.solver.mechanics.configuration import Configurations
+from jointstiff.solver.mechanics.postures import Postures
 
 ROBOT, CAMPAIGN = prepare(simulate_campaign(default_arm(), load="pull", configurations=15, seed=5))
 
@@ -46,7 +46,7 @@ def test_a_target_that_sits_elsewhere_from_a_row_on_needs_two_postures_on_each_s
         order = np.r_[0, 0, 2 : len(measurements)]
         shift = 1e-6 * np.arange(len(order))[:, None, None]  # no copies of each other
         measurements = replace(measurements[order], position=measurements.position[order] + shift)
-    at = Configurations(ROBOT, ROBOT.joint_map.model_angles(measurements.joints))
+    at = Postures(ROBOT, ROBOT.joint_map.model_angles(measurements.joints))
     position = measurements.position.copy()
     position[row:, 2] += at.flange_rotation[row:] @ [3e-4, -6e-4, 5e-4]
     findings = [f"{each.code} {each.observation}" for each in look(measurements, position=position)]

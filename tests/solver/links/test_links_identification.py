@@ -50,7 +50,7 @@ from jointstiff.solver.links.model import (
     formulate,
 )
 from jointstiff.solver.mechanics.block import regressor_blocks
-from jointstiff.solver.mechanics.configuration import Configurations
+from jointstiff.solver.mechanics.postures import Postures
 from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.predict.answers import forward_model, stored_model
 from jointstiff.solver.predict.forward import LoadCases
@@ -266,7 +266,7 @@ def test_effective_compliance_is_the_rotation_about_an_axis_of_any_direction(ela
     axis, A = np.array([0.6, 0.0, 0.8]), np.random.default_rng(1).standard_normal((6, 6))
     chain = elastic[0].chain
     joints = tuple(replace(joint, axis=axis) if joint.is_moving else joint for joint in chain.joints)
-    rows = effective_rows(Robot(replace(chain, joints=joints)), COLUMNS)
+    rows = effective_rows(Robot(replace(chain, joints=joints).model()), COLUMNS)
     for joint in range(6):
         found = rows[joint, COLUMNS.link(joint)] @ to_vector(A + A.T)
         assert found == pytest.approx(axis @ (A + A.T)[3:, 3:] @ axis, rel=1e-12)
@@ -434,7 +434,7 @@ def test_predictions_hold_on_beams_at_any_place(elastic):
     predictor = ElasticPredictor.of(robot, found)
     error = leave_folds_out(robot, fitted, found)
     assert error.postures == 25
-    configurations = Configurations(robot, robot.joint_map.model_angles(held_out.joints))
+    configurations = Postures(robot, robot.joint_map.model_angles(held_out.joints))
     origin = configurations.to_base(np.zeros((len(held_out), 1, 3)))[:, 0]
     held, inside = [], []
     for t in range(3):

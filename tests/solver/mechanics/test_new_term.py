@@ -12,8 +12,8 @@ from jointstiff.solver.design.candidates import Equipment, Loads, PlanRequest, w
 from jointstiff.solver.estimation.causes import fit_causes, screen_estimate
 from jointstiff.solver.estimation.estimate import UncertaintyBudget
 from jointstiff.solver.mechanics.block import Term, by_torque
-from jointstiff.solver.mechanics.configuration import Configurations
 from jointstiff.solver.mechanics.measurements import CommonUncertainty
+from jointstiff.solver.mechanics.postures import Postures
 from jointstiff.solver.mechanics.terms import TERMS
 from jointstiff.solver.predict.answers import to_budget
 
@@ -22,7 +22,7 @@ ARM, ZERO, UNCERTAINTY = default_arm(), np.array([150.0, -100.0, 80.0]), 20.0
 
 def cell_zero(block, compliance):
     """Move the targets by a force that is constant in the flange's frame: the zero of a load cell there."""
-    force = block.load_jacobian.transpose(0, 2, 1) @ block.configurations.flange_rotation
+    force = block.load_jacobian.transpose(0, 2, 1) @ block.postures.flange_rotation
     return by_torque(block, compliance, force)
 
 
@@ -46,7 +46,7 @@ def campaign():
 def test_it_is_tested_as_a_cause(campaign, cell_zero_term):
     """A zero of the load cell is seen where springs balance it exactly, and nothing where there is none."""
     robot, measurements = campaign
-    at = Configurations(robot, measurements.joints)
+    at = Postures(robot, measurements.joints)
     places = (measurements.position[0] - at.flange_translation[0]) @ at.flange_rotation[0]
     force = measurements.force + at.flange_rotation @ ZERO
     load = (measurements.joints, force, measurements.moment, measurements.load_point)

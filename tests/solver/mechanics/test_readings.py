@@ -38,8 +38,8 @@ from jointstiff.solver.links.fit import effective_compliances, effective_rows, e
 from jointstiff.solver.links.model import MODELS, WITH_BASE, ElasticColumns, ElasticModel, elastic_blocks
 from jointstiff.solver.mechanics import block as regressor
 from jointstiff.solver.mechanics.block import OwnWeight, regressor_blocks
-from jointstiff.solver.mechanics.configuration import Configurations
 from jointstiff.solver.mechanics.measurements import Instrument
+from jointstiff.solver.mechanics.postures import Postures
 from jointstiff.solver.mechanics.springs import BASE, NEGLECTED_STIFFNESS, complementary_stiffness
 from jointstiff.solver.predict.forward import LoadCases
 from jointstiff.solver.predict.models import ElasticPredictor
@@ -368,7 +368,7 @@ def test_the_model_predicts_other_postures_and_places(pedestal, found):
     robot = pedestal[0]
     document = pedestal_campaign(ARM, STIFFNESS, foot=FOOT, configurations=20, sigma=0.0, seed=9)
     _, other = prepare(document)
-    at = Configurations(robot, other.joints)
+    at = Postures(robot, other.joints)
     place = (other.position[:, 0] - at.flange_translation)[:, None] @ at.flange_rotation
     cases = LoadCases(other.joints, other.force, other.moment, other.load_point, place[:, 0])
     predicted = ElasticPredictor.of(robot, found).deflect(cases)
@@ -409,7 +409,7 @@ def test_own_weight_pulls_as_its_energy_falls(make):
         return np.array([energy(q - h) - energy(q + h) for h in steps]) / 2e-4
 
     stiffness = np.stack([torque(q + h) - torque(q - h) for h in steps], axis=1) / 2e-4
-    weight, at = OwnWeight(mass, centre, gravity), Configurations(robot, q[None])
+    weight, at = OwnWeight(mass, centre, gravity), Postures(robot, q[None])
     pull, change = weight.torque_and_stiffness(robot, at)
     np.testing.assert_allclose(pull[0], torque(q).astype(float), atol=1e-5)
     np.testing.assert_allclose(change[0], stiffness.astype(float), atol=1e-5)

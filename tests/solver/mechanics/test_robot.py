@@ -22,24 +22,16 @@ from support.springs import robot_of
 
 from jointstiff.schemas.robot import DhRow
 from jointstiff.solver.errors import RobotError
-from jointstiff.solver.mechanics.configuration import (
-    Configurations,
+from jointstiff.solver.mechanics.chain import ChainJoint, KinematicChain, dh_chain
+from jointstiff.solver.mechanics.inverse import (
     InverseKinematics,
     Unreached,
     _between,
     choose_postures,
     flange_poses,
-    joint_frames,
-    skew,
 )
-from jointstiff.solver.mechanics.robot import (
-    ChainJoint,
-    JointMap,
-    KinematicChain,
-    Robot,
-    dh_chain,
-    standing_still,
-)
+from jointstiff.solver.mechanics.postures import Postures, skew
+from jointstiff.solver.mechanics.robot import JointMap, Robot, standing_still
 from jointstiff.solver.mechanics.urdf import read_urdf, write_urdf
 
 Z = np.array([0.0, 0.0, 1.0])
@@ -137,9 +129,10 @@ def test_kinematics_are_a_product_of_exponentials(joints, count):
     """1030 postures take more than a block."""
     rng = np.random.default_rng([joints, count])
     chain = random_chain(rng, joints)
-    robot = Robot(chain)
+    robot = Robot(chain.model())
     angles = np.where(robot.prismatic, 0.1, 1.0) * rng.uniform(-7.0, 7.0, (count, robot.n))
-    found, (rotation, origin) = Configurations(robot, angles), joint_frames(robot, angles)
+    found = Postures(robot, angles)
+    rotation, origin = found.joint_frames
     for i, q in [*enumerate(angles)][-20:]:
         pose, frames, jacobian = product_of_exponentials(chain, q)
         for ours, exact in (
@@ -164,7 +157,7 @@ ROWS = st.lists(
 @examples(300)
 @given(rows=ROWS, seed=st.integers(0, 2**32 - 1))
 def test_flange_is_the_last_frame_of_the_table(convention, rows, seed):
-    robot = Robot(dh_chain(rows, convention, "any"))
+    robot = Robot(dh_chain(rows, convention, "any").model())
     q = np.random.default_rng(seed).uniform(-4.0, 4.0, len(rows))
 
     expected = flange_by_textbook(rows, convention, q)
@@ -178,7 +171,7 @@ def test_flange_is_the_last_frame_of_the_table(convention, rows, seed):
 def test_kinematics_are_those_of_the_original_document(base, flange):
     chain = read_urdf(BRANCHED, base, flange)
     q = np.random.default_rng(3).uniform(-3.0, 3.0, (20, len(chain.moving)))
-    for angles, pose in zip(q, flange_poses(Robot(chain), q), strict=True):
+    for angles, pose in zip(q, flange_poses(Robot(chain.model()), q), strict=True):
         named = dict(zip(chain.joint_names, angles, strict=True))
         np.testing.assert_allclose(pose, flange_by_pinocchio(BRANCHED, named, base, flange), atol=1e-14)
 
@@ -186,11 +179,11 @@ def test_kinematics_are_those_of_the_original_document(base, flange):
 def read_or_refuse(text, base="base_link", flange="flange"):
     """Anything but a robot with kinematics or a RobotError fails the test."""
     try:
-        robot = Robot(read_urdf(text, base, flange))
+        robot = Robot(read_urdf(text, base, flange).model())
     except RobotError as error:
         str(error).encode("utf-8")
     else:
-        at = Configurations(robot, np.zeros((1, robot.n)))
+        at = Postures(robot, np.zeros((1, robot.n)))
         assert np.isfinite(at.jacobian).all()
 
 
@@ -351,6 +344,6 @@ def test_a_path_through_a_singularity_is_refused_where_it_is():
 def test_a_rail_that_moves_with_one_rotary_axis_of_the_controller_cannot_stand_still():
     matrix = np.eye(7)
     matrix[0, 4] = 0.3
-    robot = Robot(robot_of(arm_on_rail()).chain, JointMap(matrix, np.zeros(7)))
+    robot = Robot(robot_of(arm_on_rail()).model, JointMap(matrix, np.zeros(7)))
     with pytest.raises(RobotError, match="cannot stand still"):
         standing_still(robot, np.zeros(7))

@@ -21,13 +21,10 @@ from jointstiff.solver.links.choice import Folds
 from jointstiff.solver.links.fit import estimate_elastic
 from jointstiff.solver.links.model import ElasticColumns, ElasticModel
 from jointstiff.solver.mechanics.block import OwnWeight
-from jointstiff.solver.mechanics.configuration import (
-    Configurations,
-    InverseKinematics,
-    flange_poses,
-    joint_frames,
-)
-from jointstiff.solver.mechanics.robot import Robot, dh_chain
+from jointstiff.solver.mechanics.chain import dh_chain
+from jointstiff.solver.mechanics.inverse import InverseKinematics, flange_poses
+from jointstiff.solver.mechanics.postures import Postures
+from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.predict import models
 from jointstiff.solver.predict.answers import STATUSES, MapTask, map_places, tool_rotations
 from jointstiff.solver.predict.forward import CorrectionLimits, LoadCases, compensate, ramp_shares
@@ -148,7 +145,7 @@ def test_own_weight_is_a_load_that_moves_with_the_links():
     load = cases()
     centre = np.zeros((6, 3))
     mass = np.array([0, 0, 0, 0, 0, 40.0])
-    rotation, origin = joint_frames(ROBOT, load.joints)
+    rotation, origin = Postures(ROBOT, load.joints).joint_frames
     posture = ARM.posture(load.joints)
     tool = posture.point_to_base(load.load_point)
     centre[5] = np.swapaxes(rotation[0, 5], 0, 1) @ (tool[0] - origin[0, 5])
@@ -184,7 +181,7 @@ def test_the_length_of_a_displacement_has_an_uncertainty_by_source():
 def test_a_load_that_cancels_the_spring_is_refused_by_its_case(across):
     """A push of k/a along an arm of length a: I − diag(c) K_c is exactly singular, by powers of two."""
     compliance = 2.0**-20
-    robot = Robot(dh_chain([DhRow(a=1.0, alpha=0.0, d=0.0, theta=0.0)], "standard", "arm"))
+    robot = Robot(dh_chain([DhRow(a=1.0, alpha=0.0, d=0.0, theta=0.0)], "standard", "arm").model())
     model = JointModel(robot, np.array([compliance]), None, Constraints(Bounds.positive(1)))
     force = np.array([[0.0, 100.0, 0.0], [-1.0 / compliance, across, 0.0]])
     still = np.zeros((2, 3))
@@ -192,7 +189,7 @@ def test_a_load_that_cancels_the_spring_is_refused_by_its_case(across):
     with pytest.raises(RequestError, match="balance") as caught:
         model.deflect(load)
     assert caught.value.where == "cases[1]"
-    assert model.overloaded(load, Configurations(robot, load.joints)).tolist() == [False, True]
+    assert model.overloaded(load, Postures(robot, load.joints)).tolist() == [False, True]
 
 
 class TestIdentified:
@@ -385,7 +382,7 @@ def test_the_nearest_posture_and_its_full_turns():
     home = map_places(MODEL, None, task(), INVERSE, AREA[:1]).joints[0]
     turned = home + np.array([0.0, 0.0, 0.0, 0.0, 0.0, 2 * np.pi])
     joints = tuple(replace(joint, limits=None) for joint in ROBOT.chain.joints)
-    unlimited = Robot(replace(ROBOT.chain, joints=joints), ROBOT.joint_map)
+    unlimited = Robot(replace(ROBOT.chain, joints=joints).model(), ROBOT.joint_map)
     model = JointModel(unlimited, ARM.compliances, None, POSITIVE)
     found = map_places(model, None, task(near=turned), InverseKinematics(unlimited), AREA[:1])
     np.testing.assert_allclose(found.joints[0], turned, rtol=0, atol=1e-9)

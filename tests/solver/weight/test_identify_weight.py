@@ -27,7 +27,7 @@ from jointstiff.solver.estimation.conic import Block
 from jointstiff.solver.estimation.solution import Bounds, Constraints
 from jointstiff.solver.geometry.poses import PoseState, chain_axes, transformed
 from jointstiff.solver.mechanics.block import OwnWeight
-from jointstiff.solver.mechanics.configuration import Configurations, joint_frames
+from jointstiff.solver.mechanics.postures import Postures
 from jointstiff.solver.mechanics.robot import Body
 from jointstiff.solver.predict.forward import CorrectionLimits, LoadCases, compensate
 from jointstiff.solver.predict.models import JointModel
@@ -217,8 +217,8 @@ def test_bounds_of_a_spring_are_in_order():
 
 def hung(readings, relative):
     """Return the same with a body of 100 kg in place of the force that its weight is."""
-    at = Configurations(ROBOT, np.zeros((1, 6)))
-    rotations, origins = joint_frames(ROBOT, at.q)
+    at = Postures(ROBOT, np.zeros((1, 6)))
+    rotations, origins = at.joint_frames
     arm = at.to_base(LOAD_POINT[None, None])[0, 0] - origins[0, -1]
     body = Body.within("payload", 5, 100.0, tuple(arm @ rotations[0, -1]), relative=relative)
     carried = np.column_stack([readings.carried, readings.force.any(axis=1)])
@@ -277,7 +277,7 @@ def test_the_balance_of_the_solver_holds_where_the_simulator_rests(spring, paylo
     readings = campaign(sigma=0.0, payload=payload, balancer=spring, stated=stated)
     q = readings.poses.angles
     theta = sag(ARM, BODIES, q, force=readings.force, load_point=readings.load_point, balancer=spring)
-    flange_at = Configurations(ROBOT, q + ARM.compliances * rows_of(readings, theta).torques.known)
+    flange_at = Postures(ROBOT, q + ARM.compliances * rows_of(readings, theta).torques.known)
     places = flange_at.to_base(np.broadcast_to(POINTS, (len(q), *POINTS.shape)))
     np.testing.assert_allclose(places, ARM.posture(q + theta).targets_to_base(POINTS), rtol=0, atol=1e-12)
 
@@ -391,8 +391,8 @@ def test_masses_that_joints_feel_differently_have_the_stiffness_of_their_torques
     q, step = cases().joints, 1e-6
 
     def torque(angles):
-        return weight.torque_and_stiffness(ROBOT, Configurations(ROBOT, angles))[0]
+        return weight.torque_and_stiffness(ROBOT, Postures(ROBOT, angles))[0]
 
-    stiffness = weight.torque_and_stiffness(ROBOT, Configurations(ROBOT, q))[1]
+    stiffness = weight.torque_and_stiffness(ROBOT, Postures(ROBOT, q))[1]
     slopes = [(torque(q + step * e) - torque(q - step * e)) / (2.0 * step) for e in np.eye(6)]
     np.testing.assert_allclose(stiffness, np.stack(slopes, axis=-1), atol=1e-5)

@@ -1,0 +1,110 @@
+"""Displaced axes: what a small motion of one joint's axis does to torques and deflections (method.md §8).
+
+An axis that moves by ξ in its own frame moves all behind it by the spatial motion ``ζ = (P − M) ξ``: P is
+Pinocchio's regressor of the joint's placement, M the motion of the frame that turns with the joint, in which
+ξ is undone. Columns ``S_k`` of the spatial Jacobian follow as any motion u of their axis moves them:
+
+    dS_k = u × S_k = (ω_u × v_k + v_u × ω_k, ω_u × ω_k),   u = 0 before the axis, P ξ of itself, ζ behind it
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.mechanics.block import RegressorBlock, unloaded_postures, wrench_stiffness
+from jointstiff.solver.mechanics.postures import Postures
+
+
+@dataclass(frozen=True, eq=False)
+class DisplacedAxis:
+    """Derivatives of B postures by k displacements of one axis."""
+
+    linear: FloatArray  #: (B, 3, n, k) of the first three rows of the spatial Jacobian
+    angular: FloatArray  #: (B, 3, n, k) of its last three rows
+    flange: FloatArray  #: (B, 6, k) spatial motion of the flange
+
+    @classmethod
+    def of(cls, postures: Postures, joint: int, across: FloatArray, turned: FloatArray) -> DisplacedAxis:
+        """Move the axis of a joint, while the joints turn.
+
+        Args:
+            postures: B of n joints.
+            joint: index of the joint.
+            across: (6, k) motions of its axis along, then about the axes of its frame.
+            turned: (B, n, k) motion of the joints with them [rad or m].
+        """
+        S = postures.jacobian
+        by_joints = S[..., None] * turned[:, None]  # (B, 6, n, k)
+        carried = np.cumsum(by_joints, axis=2)
+        moved = carried - by_joints  # of axis k by the joints before it
+        behind = postures.axis_motions[:, joint] @ across
+        moved[:, :, joint] += postures.placement_motions[:, joint] @ across
+        moved[:, :, joint + 1 :] += behind[:, :, None]
+        v, w, by_v, by_w = S[:, :3, :, None], S[:, 3:, :, None], moved[:, :3], moved[:, 3:]
+        return cls(
+            linear=np.cross(by_w, v, axis=1) + np.cross(by_v, w, axis=1),
+            angular=np.cross(by_w, w, axis=1),
+            flange=carried[:, :, -1] + behind,
+        )
+
+    def at(self, points: FloatArray) -> FloatArray:
+        """Return the motion (B, T, 3, k) of points (B, T, 3) of the flange [m]."""
+        v, w = self.flange[:, None, :3], self.flange[:, None, 3:]
+        return np.asarray(v + np.cross(w, points[..., None], axis=2))
+
+
+def displaced_torque(block: RegressorBlock, at: Postures, joint: int, across: FloatArray) -> FloatArray:
+    """Return the derivative (B, n, k) of the torques of the load by motions of an axis; the joints stay."""
+    part, still = block.measurements, np.zeros((*at.q.shape, across.shape[1]))
+    place = at.to_base(part.load_point[:, None])
+    moved = DisplacedAxis.of(at, joint, across, still)
+    force, moment = part.force, part.moment + np.cross(place[:, 0], part.force)
+    by_lever = np.cross(moved.at(place)[:, 0], force[..., None], axis=1)  # (B, 3, k)
+    torque = np.einsum("binm,bi->bnm", moved.linear, force) + np.einsum("binm,bi->bnm", moved.angular, moment)
+    return np.asarray(torque + np.einsum("bin,bim->bnm", at.angular_jacobian, by_lever))
+
+
+def displaced_deflection(
+    block: RegressorBlock, compliance: FloatArray, joint: int, across: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return how small motions of one axis change the deflections by a compliance (n,) of the joints.
+
+    With K_c the balance follows: ``dτ = (I − K_c diag(c))⁻¹ ∂τ`` in the loaded posture, and the half-way
+    posture turns by ``c ∘ dτ / 2``. Targets stay where they were read, or on the flange where their place on
+    the flange is given.
+
+    Args:
+        block: B observations of T targets.
+        compliance: (n,) of the joints [rad/(N·m)].
+        joint: index of the joint.
+        across: (6, k) motions of its axis along, then about the axes of its frame.
+
+    Returns:
+        (B, T, 3, k) of the targets [m per unit], and (B, n, k) of the torques [N·m per unit].
+    """
+    part, postures, own = block.measurements, block.postures, block.compliance
+    on_flange = part.in_flange[..., None, None]
+    if own is None:
+        torque = displaced_torque(block, postures, joint, across)
+        moved = DisplacedAxis.of(postures, joint, across, 0.0 * torque)
+        points = np.where(on_flange, moved.at(block.points), 0.0)
+    else:
+        unloaded = unloaded_postures(block.robot, part)
+        loaded = Postures(block.robot, unloaded.q + own * block.torque)
+        load_jacobian, _ = loaded.load(part.load_point, part.force, part.moment)
+        stiffness = wrench_stiffness(loaded.angular_jacobian, load_jacobian, part.force, part.moment)
+        stays = displaced_torque(block, loaded, joint, across)
+        torque = np.asarray(np.linalg.solve(np.eye(len(own)) - stiffness * own, stays))
+        moved = DisplacedAxis.of(postures, joint, across, 0.5 * own[:, None] * torque)
+        read = DisplacedAxis.of(unloaded, joint, across, 0.0 * torque).at(part.position)
+        turn = postures.flange_rotation @ unloaded.flange_rotation.mT
+        points = moved.at(block.points) - np.where(on_flange, 0.0, turn[:, None] @ read)
+    turns = compliance * block.torque  # (B, n)
+    linear, angular = (np.einsum("binm,bn->bim", each, turns) for each in (moved.linear, moved.angular))
+    rotation = np.einsum("bin,bn->bi", postures.angular_jacobian, turns)
+    change = linear[:, None] + np.cross(angular[:, None], block.points[..., None], axis=2)
+    change += np.cross(rotation[:, None, :, None], points, axis=2)
+    return change + block.jacobian @ (compliance[:, None] * torque)[:, None], torque

@@ -1,0 +1,300 @@
+"""The kinematic chain that a document states, and Pinocchio's model of it.
+
+URDFs, read by `mechanics.urdf`, Denavit-Hartenberg tables and identified axes all become a `KinematicChain`,
+and each chain becomes a `pin.Model`, joint by joint: everything behind this module works with that model. A
+`KinematicChain` that exists is sound: finite numbers, unit axes, unique names, 1 to 32 moving joints. Lengths
+are in m, angles in rad; a joint's position is an angle or a length, by its kind (`schemas.joints`).
+
+Both conventions of tables put one moving joint into each row; the flange frame is the last frame of the
+table. Rx, Rz are rotations about, Tx, Tz translations along the axes of the moved frame.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final, Literal
+
+import numpy as np
+import pinocchio as pin
+
+from jointstiff.schemas.joints import JOINT_UNITS, JointKind
+from jointstiff.schemas.robot import DhRow
+from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.errors import RobotError
+
+MAX_MOVING_JOINTS = 32
+"""Maximum number of moving joints of a chain: work and memory grow with its cube."""
+
+MAX_CHAIN_JOINTS = 64
+"""Maximum number of joints of a chain, fixed ones included."""
+
+MAX_NAME_LENGTH = 200
+"""Maximum length of the name of a robot, a link or a joint."""
+
+UNLIMITED = 1e6
+"""Smallest limit [rad or m] that means no limit, in documents written and read."""
+
+Convention = Literal["standard", "modified"]
+
+LARGEST_LENGTH = 100.0
+"""Largest a or d of a Denavit-Hartenberg table [m]."""
+
+LARGEST_ANGLE = 1e3
+"""Largest limit of a revolute joint of a table [rad]."""
+
+LARGEST_TWIST = 2 * math.pi
+"""Largest alpha or theta of a table [rad]; a larger one is in degrees."""
+
+_UNIT_TOLERANCE = 1e-12  # of an axis or a rotation that a reader has already normalised
+
+
+@dataclass(frozen=True, eq=False)
+class ChainJoint:
+    """A joint and the link behind it. Arrays are copied and read-only.
+
+    The joint's frame is the child link's frame at joint position zero. In the parent link's frame, a point x
+    of the child link lies at `rotation @ exp(q [axis]×) @ x + translation` behind a revolute joint at angle
+    q, and at `rotation @ (x + q axis) + translation` behind a prismatic joint at length q.
+
+    Raises:
+        RobotError: a name, number, axis, rotation or limit that cannot be one.
+    """
+
+    name: str  #: name of the joint
+    kind: JointKind | Literal["fixed"]  #: how it moves; `fixed` does not
+    rotation: FloatArray  #: (3, 3), from the joint's frame to the parent link's frame
+    translation: FloatArray  #: (3,) origin of the joint's frame in the parent link's frame [m]
+    axis: FloatArray  #: (3,) unit vector in the joint's frame; of no meaning for a fixed joint
+    limits: tuple[float, float] | None  #: least and greatest position [rad or m], None without limits
+    child: str  #: name of the link that the joint carries
+
+    def __post_init__(self) -> None:
+        check_name(self.name, "a joint")
+        place = f"joint '{self.name}'"
+        check_name(self.child, f"{place} child")
+        for field in ("rotation", "translation", "axis"):
+            array = np.array(getattr(self, field), dtype=np.float64)
+            array.flags.writeable = False
+            object.__setattr__(self, field, array)
+        skewness = np.abs(self.rotation @ self.rotation.T - np.eye(3)).max()
+        off = max(skewness, abs(np.linalg.norm(self.axis) - 1.0))
+        sound = off <= _UNIT_TOLERANCE and np.linalg.det(self.rotation) > 0.0
+        if not sound or not np.isfinite(self.translation).all():
+            raise RobotError(
+                "the joint's frame is not a rotation, a finite translation and a unit axis",
+                remedy="give an orthonormal matrix with determinant 1, and normalise the axis",
+                where=place,
+            )
+        lower, upper = self.limits or (0.0, 0.0)
+        finite = math.isfinite(lower) and math.isfinite(upper)
+        if not finite or lower > upper or lower >= UNLIMITED or upper <= -UNLIMITED:
+            unit = "" if self.kind == "fixed" else f" {JOINT_UNITS[self.kind].position}"
+            raise RobotError(
+                f"the joint limits {lower:g} and {upper:g}{unit} leave no range",
+                remedy="give a finite lower limit that does not exceed the upper one, or no limits",
+                where=f"{place} limits",
+            )
+
+    @property
+    def is_moving(self) -> bool:
+        """Return whether the joint has a position."""
+        return self.kind != "fixed"
+
+    @property
+    def placement(self) -> pin.SE3:
+        """Return the joint's frame in the parent link's frame [m]."""
+        return pin.SE3(self.rotation, self.translation)
+
+    @property
+    def roll_pitch_yaw(self) -> tuple[float, float, float]:
+        """Return the rotation as angles about the parent link's fixed x, y and z axes [rad]."""
+        roll, pitch, yaw = pin.rpy.matrixToRpy(self.rotation)
+        return float(roll), float(pitch), float(yaw)
+
+
+@dataclass(frozen=True, eq=False)
+class KinematicChain:
+    """The joints from the base link to the flange link, in order, each carrying the next link.
+
+    Raises:
+        RobotError: a chain without moving joints, too many joints, duplicate or empty names.
+    """
+
+    name: str  #: name of the robot
+    base: str  #: name of the base link; its frame is R0
+    flange: str  #: name of the flange link, which the last joint carries
+    joints: tuple[ChainJoint, ...]  #: all joints, fixed ones included
+
+    def __post_init__(self) -> None:
+        check_name(self.name, "the robot")
+        check_name(self.base, "the base link")
+        moving = len(self.moving)
+        if moving == 0:
+            raise RobotError(
+                f"a fixed-only chain: there is no moving joint between '{self.base}' and '{self.flange}'",
+                remedy="choose a base and a flange with moving joints between them",
+                where="chain",
+            )
+        for count, most, what in (
+            (moving, MAX_MOVING_JOINTS, "moving joints"),
+            (len(self.joints), MAX_CHAIN_JOINTS, "joints, fixed ones included"),
+        ):
+            if count > most:
+                raise RobotError(
+                    f"the chain from '{self.base}' to '{self.flange}' has {count} {what}",
+                    remedy=f"use at most {most}: choose a base and a flange closer to each other",
+                    where="chain",
+                )
+        links = (self.base, *(joint.child for joint in self.joints))
+        for what, names in (("joint", tuple(joint.name for joint in self.joints)), ("link", links)):
+            name, count = Counter(names).most_common(1)[0]
+            if count > 1:
+                reason, remedy = f"{count} {what}s are named '{name}'", f"give each {what} a unique name"
+                raise RobotError(reason, remedy=remedy, where=f"{what} '{name}'")
+
+    @property
+    def moving(self) -> tuple[ChainJoint, ...]:
+        """Return the moving joints, from the base on."""
+        return tuple(joint for joint in self.joints if joint.is_moving)
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """Return the names of the moving joints, from the base on."""
+        return tuple(joint.name for joint in self.moving)
+
+    @property
+    def joint_kinds(self) -> tuple[JointKind, ...]:
+        """Return the kinds of the moving joints, from the base on."""
+        return tuple(joint.kind for joint in self.joints if joint.kind != "fixed")
+
+    def model(self) -> pin.Model:
+        """Build Pinocchio's model: a joint for each that moves, and a frame for each link.
+
+        The universe is R0, the frame of the base link. Frames of links behind a fixed joint are placed in the
+        frame of the last moving joint; the frame of the flange is the last one.
+        """
+        model, parent, placement = pin.Model(), 0, pin.SE3.Identity()
+        model.name = self.name
+        link = model.addBodyFrame(self.base, parent, placement, 0)
+        for joint in self.joints:
+            placement = placement * joint.placement
+            if joint.is_moving:
+                parent = model.addJoint(parent, *_pinocchio_joint(joint, placement))
+                link = model.addJointFrame(parent, link)
+                placement = pin.SE3.Identity()
+            else:
+                fixed = pin.Frame(joint.name, parent, link, placement, pin.FrameType.FIXED_JOINT)
+                link = model.addFrame(fixed)
+            link = model.addBodyFrame(joint.child, parent, placement, link)
+        return model
+
+
+_NO_BOUND: Final = np.full(1, np.inf)
+
+
+def _pinocchio_joint(joint: ChainJoint, placement: pin.SE3) -> tuple[object, ...]:
+    """Return the arguments of `pin.Model.addJoint` behind the parent, for a joint that moves."""
+    kind = pin.JointModelPrismaticUnaligned if joint.kind == "prismatic" else pin.JointModelRevoluteUnaligned
+    lower, upper = joint.limits or (-UNLIMITED, UNLIMITED)
+    least = np.full(1, lower if lower > -UNLIMITED else -np.inf)
+    greatest = np.full(1, upper if upper < UNLIMITED else np.inf)
+    return kind(joint.axis), placement, joint.name, _NO_BOUND, _NO_BOUND, least, greatest
+
+
+def check_name(name: str, where: str) -> None:
+    """Refuse a name that people or programs could mistake for another.
+
+    Raises:
+        RobotError: Empty, longer than `MAX_NAME_LENGTH`, with control or other invisible
+            characters, or with spaces at an end.
+    """
+    if not name:
+        raise RobotError("the name is missing or empty", remedy="give it a name", where=where)
+    if len(name) > MAX_NAME_LENGTH:
+        reason = f"the name has {len(name)} characters; it begins {name[:40]!r}"
+        raise RobotError(reason, remedy=f"use at most {MAX_NAME_LENGTH} characters", where=where)
+    if not name.isprintable() or name != name.strip():
+        raise RobotError(
+            f"the name {name[:60]!a} has invisible characters, or spaces at an end",
+            remedy="use printable characters and no space at either end",
+            where=where,
+        )
+
+
+def dh_chain(rows: Sequence[DhRow], convention: Convention, name: str) -> KinematicChain:
+    """Build the chain of a table.
+
+    With joint angle q_i and the constants of row i, frame i stands in frame i-1 at
+
+    * standard: T_i = Rz(q_i + theta_i) Tz(d_i) Tx(a_i) Rx(alpha_i),
+    * modified (Craig): T_i = Rx(alpha_i) Tx(a_i) Rz(q_i + theta_i) Tz(d_i).
+
+    A prismatic joint's length q_i is added to d_i instead, and theta_i stays.
+
+    Joints are named joint_1, joint_2, …; links base (frame 0, R0), link_1, …, flange (frame n). The
+    links between have the origin and z of the joint that carries them: frame i in the modified,
+    frame i-1 in the standard convention, turned or shifted by the joint.
+
+    Args:
+        rows: 1 to `MAX_MOVING_JOINTS` rows, base first, in m and rad.
+        convention: of the table.
+        name: name of the robot.
+
+    Returns:
+        The chain: the rows' joints, and a fixed one to the flange.
+
+    Raises:
+        RobotError: too few or too many rows, or a number that is not finite or absurdly large.
+    """
+    if not 1 <= len(rows) <= MAX_MOVING_JOINTS:
+        remedy = f"give 1 to {MAX_MOVING_JOINTS} rows, one per joint"
+        raise RobotError(f"{len(rows)} rows", remedy=remedy, where="model.rows")
+    joints, z = [], np.array([0.0, 0.0, 1.0])
+    before = pin.SE3.Identity()  # what of the rows so far comes before the next joint
+    for index, row in enumerate(rows):
+        limits = _checked_limits(row, f"model.rows[{index}]")
+        # Rx(alpha) Tx(a), which commute, as the other two do
+        about_x = pin.SE3(pin.utils.rotate("x", row.alpha), np.array([row.a, 0.0, 0.0]))
+        if convention == "modified":
+            place = about_x * _about_z(row.theta, row.d)
+        else:  # the joint moves about or along z of frame i-1: what follows the joint of row i-1 comes before
+            place = before * _about_z(row.theta, 0.0)
+            before = _about_z(0.0, row.d) * about_x
+        own, link = f"joint_{index + 1}", f"link_{index + 1}"
+        joints.append(ChainJoint(own, row.kind, place.rotation, place.translation, z, limits, link))
+    joints.append(ChainJoint("joint_flange", "fixed", before.rotation, before.translation, z, None, "flange"))
+    return KinematicChain(name=name, base="base", flange="flange", joints=tuple(joints))
+
+
+def _about_z(angle: float, length: float) -> pin.SE3:
+    """Return Rz(angle) Tz(length)."""
+    return pin.SE3(pin.utils.rotate("z", angle), np.array([0.0, 0.0, length]))
+
+
+def _checked_limits(row: DhRow, where: str) -> tuple[float, float] | None:
+    """Return the limits of a row's joint [rad or m], unless a number of the row makes no sense."""
+    position = ("m", LARGEST_LENGTH) if row.kind == "prismatic" else ("rad", LARGEST_ANGLE)
+    for field, unit, largest in (
+        ("a", "m", LARGEST_LENGTH),
+        ("alpha", "rad", LARGEST_TWIST),
+        ("d", "m", LARGEST_LENGTH),
+        ("theta", "rad", LARGEST_TWIST),
+        ("lower", *position),
+        ("upper", *position),
+    ):
+        value = getattr(row, field)
+        if value is not None and not (math.isfinite(value) and abs(value) <= largest):
+            raise RobotError(
+                f"{value:g} {unit} is not a finite number within ±{largest:g} {unit}",
+                remedy="check the number; lengths are in m, angles in rad, not in degrees",
+                where=f"{where}.{field}",
+            )
+    if row.lower is None and row.upper is None:
+        return None
+    return (
+        -UNLIMITED if row.lower is None else row.lower,
+        UNLIMITED if row.upper is None else row.upper,
+    )

@@ -1,0 +1,302 @@
+"""Kinematics of many postures of one robot, by Pinocchio, and the wrist (method.md §1, §4)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import ClassVar, Final
+
+import numpy as np
+import pinocchio as pin
+from scipy.spatial.transform import Rotation
+
+from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.errors import MeasurementError
+from jointstiff.solver.mechanics.robot import Robot, in_configuration_space
+
+WRIST_JOINTS: Final = 3
+"""Number of joints of a wrist: the last ones of the robot."""
+_SMALL_SINE: Final = 0.5
+"""Sine of a turn, below which it tells the angle as well as all of the rotation does."""
+# A C library that has freed so much at once reuses what smaller arrays leave. Pages that were returned to the
+# system and asked for again took half of the time.
+np.empty(16 * 1024 * 1024, dtype=np.uint8)
+
+
+class Postures:
+    """Kinematics of N configurations of one robot, computed once, when they are needed first.
+
+    All arrays are read-only.
+    """
+
+    q: FloatArray  #: (N, n) positions of the model's joints [rad or m]
+
+    def __init__(self, robot: Robot, q: FloatArray) -> None:
+        """Check the positions.
+
+        Args:
+            robot: the robot, n joints.
+            q: (N, n) positions of the model's joints [rad or m].
+
+        Raises:
+            MeasurementError: if q has another shape or is not finite.
+        """
+        q = np.ascontiguousarray(q, dtype=np.float64)
+        if q.ndim != 2 or q.shape[1] != robot.n or not np.isfinite(q).all():
+            raise MeasurementError(
+                f"the joint angles have shape {q.shape} instead of (N, {robot.n}), or are not finite",
+                remedy=f"give {robot.n} angles for each configuration",
+            )
+        self._robot, self.q = robot, q.view()
+        self.q.setflags(write=False)
+
+    @cached_property
+    def _kinematics(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Spatial Jacobians (N, 6, n) and the flange's placement (N, 3, 3), (N, 3) in R0."""
+        model, count, last = self._robot.model, len(self.q), self._robot.n
+        jacobian, rotation = np.empty((count, 6, last)), np.empty((count, 3, 3))
+        translation = np.empty((count, 3))
+        data = model.createData()  # of its own, so that threads share no results
+        for i, q in enumerate(in_configuration_space(model, self.q)):
+            J = pin.computeJointJacobians(model, data, q)
+            jacobian[i] = J.reshape(6, last)  # Pinocchio returns (6,) of one joint
+            placement = data.oMi[last]
+            rotation[i], translation[i] = placement.rotation, placement.translation
+        flange = self._robot.flange_placement
+        translation += rotation @ flange.translation
+        kinematics = jacobian, rotation @ flange.rotation, translation
+        for array in kinematics:
+            array.setflags(write=False)
+        return kinematics
+
+    @cached_property
+    def joint_frames(self) -> tuple[FloatArray, FloatArray]:
+        """Axes (N, n, 3, 3) and origins (N, n, 3) [m] in R0 of the frames that move with the joints."""
+        model, shape = self._robot.model, self.q.shape
+        rotation, origin = np.empty((*shape, 3, 3)), np.empty((*shape, 3))
+        data = model.createData()
+        for i, q in enumerate(in_configuration_space(model, self.q)):
+            pin.forwardKinematics(model, data, q)
+            for j, placement in enumerate(data.oMi.tolist()[1:]):
+                rotation[i, j], origin[i, j] = placement.rotation, placement.translation
+        rotation.setflags(write=False)
+        origin.setflags(write=False)
+        return rotation, origin
+
+    @cached_property
+    def placement_motions(self) -> FloatArray:
+        """(N, n, 6, 6) spatial motion of all that a joint carries, by small motions of its placement.
+
+        Columns are translations along, then rotations about the axes of the joint's frame before it moves [m,
+        rad]; rows are as in `jacobian`.
+        """
+        model, (count, n) = self._robot.model, self.q.shape
+        motions = np.empty((count, 6, 6 * n))
+        data = model.createData()
+        for i, q in enumerate(in_configuration_space(model, self.q)):
+            pin.forwardKinematics(model, data, q)
+            motions[i] = pin.computeJointKinematicRegressor(model, data, n, pin.WORLD)
+        return motions.reshape(count, 6, n, 6).transpose(0, 2, 1, 3)
+
+    @property
+    def axis_motions(self) -> FloatArray:
+        """(N, n, 6, 6) the same by small motions of the joint's axis alone.
+
+        At position zero of the joint nothing else moves: what the axis does before the joint's own motion is
+        undone behind it.
+        """
+        return np.asarray(self.placement_motions - frame_motions(*self.joint_frames))
+
+    @cached_property
+    def weight_levers(self) -> FloatArray:
+        """(N, n, n, 4, 3) torque on joint j by link l [m], under a gravity of one along each axis of R0.
+
+        By a kilogram at the origin of the link's frame, then by a kg·m along each of its axes; zero where
+        l < j. For a force at a point of the link they are the Jacobian of the point.
+        """
+        (count, n), joints = self.q.shape, in_configuration_space(self._robot.model, self.q)
+        levers = np.empty((count, n, n, 4, 3))
+        for axis, gravity in enumerate(np.eye(3)):
+            model = self._robot.model.copy()
+            model.gravity.linear = gravity
+            data, still = model.createData(), np.zeros(model.nv)
+            for i, q in enumerate(joints):
+                holding = pin.computeJointTorqueRegressor(model, data, q, still, still)
+                levers[i, ..., axis] = -holding.reshape(n, n, 10)[..., :4]
+        return levers
+
+    @property
+    def jacobian(self) -> FloatArray:
+        """(N, 6, n) spatial Jacobian, axes of R0.
+
+        The first three rows are the velocity of the point of the flange that passes through the origin of R0
+        [m/rad], the last three the flange's angular velocity [rad/rad]. The column of a prismatic joint is
+        its axis above zeros [m/m, rad/m].
+        """
+        return self._kinematics[0]
+
+    @property
+    def angular_jacobian(self) -> FloatArray:
+        """(N, 3, n) J_ω, the last three rows of the spatial Jacobian; zero for a prismatic joint."""
+        return self._kinematics[0][:, 3:]
+
+    @property
+    def flange_rotation(self) -> FloatArray:
+        """(N, 3, 3) axes of the flange in R0."""
+        return self._kinematics[1]
+
+    @property
+    def flange_translation(self) -> FloatArray:
+        """(N, 3) origin of the flange frame in R0 [m]."""
+        return self._kinematics[2]
+
+    def flange_placement(self, posture: int) -> pin.SE3:
+        """Return the flange frame in R0 in one of the postures [m]."""
+        return pin.SE3(self.flange_rotation[posture], self.flange_translation[posture])
+
+    @property
+    def flange_pose(self) -> FloatArray:
+        """(N, 4, 4) of the flange in R0 [m]."""
+        poses = np.tile(np.eye(4), (len(self), 1, 1))
+        poses[:, :3, :3], poses[:, :3, 3] = self.flange_rotation, self.flange_translation
+        return poses
+
+    def __len__(self) -> int:
+        return len(self.q)
+
+    def jacobian_at(self, points: FloatArray) -> FloatArray:
+        """Return J_v of the flange-fixed points now at the given places (method.md §1).
+
+        Column j is ``a_j × (x - o_j)``, or a_j of a prismatic joint; the spatial Jacobian holds
+        ``-a_j × o_j`` already.
+
+        Args:
+            points: (N, T, 3) places in R0 [m].
+
+        Returns:
+            (N, T, 3, n) linear velocities, axes of R0 [m/rad].
+        """
+        x = np.ascontiguousarray(points.transpose(1, 2, 0))[:, :, None]
+        v, w = np.split(self.jacobian.transpose(1, 2, 0), 2)
+        out = np.empty((len(x), 3, *v.shape[1:]))
+        for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+            np.multiply(w[j], x[:, k], out=out[:, i])
+            out[:, i] -= w[k] * x[:, j]
+            out[:, i] += v[i]
+        return out.transpose(3, 0, 1, 2)
+
+    def load(self, point: FloatArray, force: FloatArray, moment: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return what loads do to the joints.
+
+        Args:
+            point: (N, 3) where the forces act, flange frame [m].
+            force: (N, 3) on the robot, axes of R0 [N].
+            moment: (N, 3) on the robot about the load point, axes of R0 [N·m].
+
+        Returns:
+            (N, 3, n) J_v at the load points [m/rad], and (N, n) torques [N·m].
+        """
+        jacobian = self.jacobian_at(self.to_base(point[:, None]))[:, 0]
+        return jacobian, self.joint_torque(jacobian, force, moment)
+
+    def joint_torque(self, load_jacobian: FloatArray, force: FloatArray, moment: FloatArray) -> FloatArray:
+        """``τ = J_v(q, p_W)ᵀ F + J_ω(q)ᵀ M`` (method.md §2; paper, eq. 12), with J_v as `load` returns it."""
+        by_force = np.einsum("nij,ni->nj", load_jacobian, force)
+        return np.asarray(by_force + np.einsum("nij,ni->nj", self.angular_jacobian, moment))
+
+    def to_base(self, points: FloatArray) -> FloatArray:
+        """Transform points (N, T, 3) from the flange frame to R0 [m]."""
+        turned = points @ self.flange_rotation.transpose(0, 2, 1)
+        return np.asarray(turned + self.flange_translation[:, None])
+
+    def to_flange(self, points: FloatArray) -> FloatArray:
+        """Transform points (N, T, 3) from R0 to the flange frame [m]."""
+        return np.asarray((points - self.flange_translation[:, None]) @ self.flange_rotation)
+
+    def pose_jacobian_at(self, points: FloatArray) -> FloatArray:
+        """Return Jacobians (N, 6, n) of one point (N, 1, 3) of the flange and its rotation, axes of R0."""
+        return np.concatenate([self.jacobian_at(points)[:, 0], self.angular_jacobian], axis=1)
+
+
+def frame_motions(rotation: FloatArray, origin: FloatArray) -> FloatArray:
+    """Return the spatial motions (..., 6, 6) of frames by small motions along and about their axes.
+
+    Args:
+        rotation: (..., 3, 3) axes of the frames in R0.
+        origin: (..., 3) their origins [m].
+    """
+    motions = np.zeros((*rotation.shape[:-2], 6, 6))
+    motions[..., :3, :3] = motions[..., 3:, 3:] = rotation
+    motions[..., :3, 3:] = skew(origin) @ rotation
+    return motions
+
+
+@dataclass(frozen=True, eq=False)
+class Wrist:
+    """The point nearest to the last three axes, about which their joints turn."""
+
+    #: greatest miss distance of a spherical wrist [m]; under 10 mrad of deflection it moves the centre by 5
+    #: µm
+    TOLERANCE: ClassVar[float] = 0.5e-3
+
+    centre: FloatArray  #: (3,) wrist centre in the flange frame [m]
+    miss_distance: float  #: greatest distance of one of the axes from it [m]
+
+    @property
+    def spherical(self) -> bool:
+        """Return whether the axes meet within `TOLERANCE`."""
+        return self.miss_distance <= self.TOLERANCE
+
+
+def find_wrist(robot: Robot) -> Wrist | None:
+    """Find the point of least squared distance to the last three axes.
+
+    If they meet in one configuration they meet in all: neighbouring axes keep their distance and the
+    foot of their common perpendicular. One configuration therefore suffices.
+
+    Returns:
+        The wrist, or None if there are fewer than three joints, one of the last three slides, or the point
+        is not unique, as for parallel axes.
+    """
+    if robot.n < WRIST_JOINTS or robot.prismatic[-WRIST_JOINTS:].any():
+        return None
+    configuration = Postures(robot, np.zeros((1, robot.n)))
+    moments, directions = np.split(configuration.jacobian[0, :, -WRIST_JOINTS:].T, 2, axis=1)
+    feet = np.cross(directions, moments)
+    normals = np.eye(3) - directions[:, :, None] * directions[:, None, :]
+    system = normals.sum(axis=0)
+    if np.linalg.svd(system, compute_uv=False)[-1] < 1e-6:
+        return None
+    centre = np.linalg.solve(system, np.einsum("kij,kj->i", normals, feet))
+    misses = np.linalg.norm(np.einsum("kij,kj->ki", normals, centre - feet), axis=1)
+    in_flange = configuration.flange_rotation[0].T @ (centre - configuration.flange_translation[0])
+    return Wrist(in_flange, float(misses.max()))
+
+
+def skew(v: FloatArray) -> FloatArray:
+    """Cross-product matrices (..., 3, 3) of vectors (..., 3)."""
+    out = np.zeros((*v.shape, 3))
+    x, y, z = v[..., 0], v[..., 1], v[..., 2]
+    out[..., 0, 1], out[..., 0, 2], out[..., 1, 2] = -z, y, -x
+    out[..., 1, 0], out[..., 2, 0], out[..., 2, 1] = z, -y, x
+    return out
+
+
+def rotation_vectors(to: FloatArray, from_: FloatArray) -> FloatArray:
+    """Return rotation vectors (N, 3) [rad] that turn axes (N, 3, 3) into others, in the frame of both.
+
+    The antisymmetric part of a rotation is its axis times the sine of its angle, which tells a small angle to
+    all digits.
+    """
+    t, f = to.transpose(1, 2, 0), from_.transpose(1, 2, 0)
+    vectors = np.empty((3, len(to)))
+    for i, (j, k) in enumerate(((1, 2), (2, 0), (0, 1))):
+        vectors[i] = np.einsum("in,in->n", t[k], f[j]) - np.einsum("in,in->n", t[j], f[k])
+    sine = 0.5 * np.sqrt(np.einsum("in,in->n", vectors, vectors))
+    small = (sine < _SMALL_SINE) & (np.einsum("ijn,ijn->n", t, f) > 1.0)
+    angle = np.arcsin(np.where(small, sine, 0.0))
+    vectors *= np.where(sine > 0.0, 0.5 * angle / np.where(sine > 0.0, sine, 1.0), 0.5)
+    wide = np.flatnonzero(~small)
+    if len(wide):
+        vectors[:, wide] = Rotation.from_matrix(to[wide] @ from_[wide].transpose(0, 2, 1)).as_rotvec().T
+    return vectors.T
