@@ -63,23 +63,9 @@ def numpy_qr_nnls(A: FloatArray, d: FloatArray) -> FloatArray:
     return _numbers(nnls(R, Q.T @ d)[0], A)
 
 
-def pinocchio_model(robot: Robot) -> pin.Model:
-    """Pinocchio's model of a robot: joint i of the chain is its joint i + 1, its world is R0."""
-    model, parent, placement = pin.Model(), 0, pin.SE3.Identity()
-    for joint in robot.chain.joints:
-        placement = placement * pin.SE3(joint.rotation, joint.translation)
-        if joint.is_moving:
-            slides = joint.kind == "prismatic"
-            unaligned = pin.JointModelPrismaticUnaligned if slides else pin.JointModelRevoluteUnaligned
-            parent = model.addJoint(parent, unaligned(joint.axis), placement, joint.name)
-            placement = pin.SE3.Identity()
-    model.addBodyFrame(robot.chain.flange, parent, placement, 0)
-    return model
-
-
 def bare_pinocchio_loop(robot: Robot, q: FloatArray) -> None:
     """The Jacobians of all configurations, computed and thrown away: no regressor can do without."""
-    model = pinocchio_model(robot)
+    model = robot.model
     data = model.createData()
     for angles in q:
         pin.computeJointJacobians(model, data, angles)
@@ -97,9 +83,9 @@ def stacked_rows(robot: Robot, measurements: Measurements) -> tuple[FloatArray, 
     Returns:
         A (3 N T, n) and d (3 N T,), in units of the standard uncertainty of a deflection.
     """
-    model = pinocchio_model(robot)
+    model = robot.model
     data = model.createData()
-    frame = model.getFrameId(robot.chain.flange, pin.FrameType.BODY)
+    frame = model.getFrameId(robot.flange, pin.FrameType.BODY)
     jacobian = np.empty((len(measurements), 6, robot.n))
     load_point = np.empty((len(measurements), 3))
     for i, angles in enumerate(measurements.joints):

@@ -36,16 +36,16 @@ _NOTES = (
 
 def run(*, quick: bool) -> list[Section]:
     """Compare identify with its peers where no bound is active, and where one or more are."""
-    cases: tuple[tuple[str, float, Callable[[Campaign], bool]], ...] = (
-        ("no active bound", SIGMA, lambda campaign: not _at_bound(campaign).any()),
-        ("bounds active where least squares violates them", LARGE_NOISE, _projection_suffices),
-        ("bounds active elsewhere, too", LARGE_NOISE, _projection_misleads),
+    cases: tuple[tuple[str, float, float, Callable[[Campaign], bool]], ...] = (
+        ("no active bound", 2.5, SIGMA, lambda campaign: not _at_bound(campaign).any()),
+        ("bounds active where least squares violates them", 1.7, LARGE_NOISE, _projection_suffices),
+        ("bounds active elsewhere, too", 1.6, LARGE_NOISE, _projection_misleads),
     )
     rounds = 3 if quick else 200
-    return [_section(name, _first(sigma, fits), rounds) for name, sigma, fits in cases]
+    return [_section(name, faster, _first(sigma, fits), rounds) for name, faster, sigma, fits in cases]
 
 
-def _section(case: str, campaign: Campaign, rounds: int) -> Section:
+def _section(case: str, faster: float, campaign: Campaign, rounds: int) -> Section:
     A, d = stacked_rows(campaign.robot, campaign.measurements)
     times = _times(campaign, A, d, rounds)
     estimate: Estimate = times.results[OURS]
@@ -59,7 +59,7 @@ def _section(case: str, campaign: Campaign, rounds: int) -> Section:
         title=f"19 configurations × 3 targets, {case}",
         columns=columns,
         rows=rows,
-        figures=(Figure(what, times.ratio(NAIVE, OURS), "at least", 1.0, "×"),),
+        figures=(Figure(what, times.ratio(NAIVE, OURS), "at least", faster, "×"),),
         notes=(f"{at_zero} of 6 compliances at zero; our support by {solved_by}", *_NOTES),
         data={"seconds": times.seconds, "relative_error": errors},
     )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from functools import cache, lru_cache
+from functools import cache
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack, cast
@@ -12,7 +12,7 @@ from jointstiff.schemas import run as messages
 from jointstiff.schemas.job import Job
 from jointstiff.schemas.robot import RobotDocument
 from jointstiff.schemas.run import CampaignRun, Run, RunRequest
-from jointstiff.service.conversion.prepared import PreparedRobot, prepare_robot
+from jointstiff.service.conversion.prepared import prepare_robot
 from jointstiff.service.kinds.kind import AnyJob, AnyKind, File, Kind
 from jointstiff.service.kinds.rooms import ROOMS, kind_of
 from jointstiff.service.kinds.work import QuickWork, carry_out, new_job
@@ -27,6 +27,7 @@ from jointstiff.service.library.files import (
     read_robot,
 )
 from jointstiff.service.library.results import Prediction, TabledRun, shown
+from jointstiff.service.library.robots import prepared_robot
 from jointstiff.service.library.verbs import Follow, Verb, options_of, verb_of
 from jointstiff.service.problems import CampaignError, http_problem, problem_of
 from jointstiff.service.reports.job import job_sheet
@@ -66,7 +67,7 @@ class Here:
             return self.measured(source.campaign)[0], options_of(source)
         self.campaign = campaign = campaign_of(source)
         with as_campaign_error(f"{place}robot"):
-            robot = _prepared(campaign.robot.model_dump_json())
+            robot = prepared_robot(campaign.robot)
         with as_campaign_error(f"{place}measurement_set"):
             return self.inputs.add_set(campaign.measurement_set, robot), campaign.run
 
@@ -113,7 +114,7 @@ class Here:
     def described(self, robot: RobotDocument) -> str:
         """Prepare a robot; return its id."""
         with as_campaign_error("robot"):
-            return self.inputs.add_robot(prepare_robot(robot))
+            return self.inputs.add_robot(prepared_robot(robot))
 
     def done(
         self,
@@ -237,12 +238,6 @@ def _exported(run: Job) -> ExportedModel:
     known = here.inputs.run(here.identified(run), "run_id")
     with as_campaign_error("run"):
         return ExportedModel.of(known.run, known.prepared.robot, cast("TabledRun", run).campaign.robot.name)
-
-
-@lru_cache(maxsize=4)
-def _prepared(robot: str) -> PreparedRobot:
-    """Prepare a robot, once for the campaigns on it."""
-    return prepare_robot(RobotDocument.model_validate_json(robot))
 
 
 def read_job(path: Path) -> Job | None:

@@ -40,6 +40,7 @@ if TYPE_CHECKING:
     from jointstiff.service.library.typed import PredictFields
     from jointstiff.service.library.verbs import Follow
     from jointstiff.solver.arrays import FloatArray
+    from jointstiff.solver.mechanics.robot import Robot
 
 _WIDTH = 100
 _REPORTS = {"pdf", "html"}
@@ -374,6 +375,17 @@ class TabledRun(Shown, Run):
                 remedy="use a run that `jointstiff.identify` returned, or the client of its service",
             )
         return Campaign.of(campaign)
+
+    @property
+    def robot(self) -> Robot:
+        """Robot that was measured; `run.robot.model` is its model of Pinocchio.
+
+        Raises:
+            RequestError: the run comes from elsewhere.
+        """
+        from jointstiff.service.library.robots import prepared_robot
+
+        return prepared_robot(self.campaign.robot).robot
 
     def apply(self, action: str) -> TabledRun:
         """Apply an action that a reason advises, and identify what it changes, here or in the run's service.

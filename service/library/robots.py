@@ -3,16 +3,62 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
+from functools import lru_cache
 from os import PathLike
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+from pydantic import PrivateAttr
 
 from jointstiff.schemas.fields import Message
 from jointstiff.schemas.measurement import Units
 from jointstiff.schemas.robot import JointMap, RobotDocument
 from jointstiff.service.library.files import as_campaign_error, parse_document, read_robot
 
+if TYPE_CHECKING:
+    from jointstiff.service.conversion.prepared import PreparedRobot
+
 AnyUnits = Units | Mapping[str, str] | str
+
+
+class ModelledRobot(RobotDocument):
+    """A robot that was given as a model of Pinocchio: the document is for files, the model computes."""
+
+    _model: Any = PrivateAttr()
+    _flange: str | None = PrivateAttr()
+
+    @classmethod
+    def of(cls, document: RobotDocument, model: Any, flange: str | None) -> ModelledRobot:  # noqa: ANN401
+        """Return the document with the `pin.Model` that it is written from, and the frame of the flange."""
+        robot = cls.model_validate(dict(document))
+        robot._model, robot._flange = model, flange
+        return robot
+
+    def of_model(self, prepared: PreparedRobot) -> PreparedRobot:
+        """Return a prepared robot, with the model that was given in place of one that the document gives."""
+        from jointstiff.solver.mechanics.robot import Robot
+
+        known = prepared.robot
+        kept = Robot(self._model, known.joint_map, known.bodies, flange=self._flange)
+        return replace(prepared, robot=kept)
+
+
+def prepared_robot(document: RobotDocument) -> PreparedRobot:
+    """Prepare a robot, once for the campaigns on it; a model of Pinocchio that was given is kept.
+
+    Raises:
+        RobotError: the description cannot be used.
+    """
+    prepared = _prepared(document.model_dump_json())
+    return document.of_model(prepared) if isinstance(document, ModelledRobot) else prepared
+
+
+@lru_cache(maxsize=4)
+def _prepared(robot: str) -> PreparedRobot:
+    from jointstiff.service.conversion.prepared import prepare_robot
+
+    return prepare_robot(RobotDocument.model_validate_json(robot))
 
 
 def robot(
@@ -51,7 +97,8 @@ def robot(
         document = _of_object(source, flange, convention, units)
     if joint_map is not None:
         document["joint_map"] = plain_fields(joint_map)
-    return parse_document({"name": "robot", **document, **({"name": name} if name else {})}, RobotDocument)
+    parsed = parse_document({"name": "robot", **document, **({"name": name} if name else {})}, RobotDocument)
+    return ModelledRobot.of(parsed, source, flange) if hasattr(source, "jointPlacements") else parsed
 
 
 def _of_text(text: str, base: str | None, flange: str | None) -> dict[str, Any]:

@@ -236,6 +236,21 @@ def test_a_model_of_pinocchio_keeps_limits_of_either_side_and_masses():
     assert (body.joint, body.mass, body.centre) == ("joint_2", 4.0, (0.0, 0.1, 0.2))
 
 
+def test_a_run_gives_back_the_model_of_pinocchio_that_it_was_given():
+    model = pin.buildModelFromXML(default_arm_urdf())
+    campaign = js.Campaign.model_validate(DOCUMENT | {"robot": js.robot(model)})
+    run = js.identify(campaign)
+    assert run.robot.model is model
+    of_urdf = js.identify(DOCUMENT)
+    assert of_urdf.robot.model.nv == 6
+    given, written = (
+        {joint.name: joint.compliance for joint in each.result.joints if joint.compliance is not None}
+        for each in (run, of_urdf)
+    )
+    assert len(given) >= 4
+    assert given == pytest.approx(written, rel=1e-9)
+
+
 def default_arm_urdf():
     return json.loads(json.dumps(DOCUMENT))["robot"]["model"]["urdf"]
 
