@@ -57,11 +57,11 @@ class Postures:
         jacobian, rotation = np.empty((count, 6, last)), np.empty((count, 3, 3))
         translation = np.empty((count, 3))
         data = model.createData()  # of its own, so that threads share no results
+        J, place = data.J.reshape(6, last), data.oMi[last]  # (6,) of one joint
+        R, t = place.rotation, place.translation  # views, as J is, of what each call computes anew
         for i, q in enumerate(in_configuration_space(model, self.q)):
-            J = pin.computeJointJacobians(model, data, q)
-            jacobian[i] = J.reshape(6, last)  # Pinocchio returns (6,) of one joint
-            placement = data.oMi[last]
-            rotation[i], translation[i] = placement.rotation, placement.translation
+            pin.computeJointJacobians(model, data, q)
+            jacobian[i], rotation[i], translation[i] = J, R, t
         flange = self._robot.flange_placement
         translation += rotation @ flange.translation
         kinematics = jacobian, rotation @ flange.rotation, translation
@@ -75,10 +75,13 @@ class Postures:
         model, shape = self._robot.model, self.q.shape
         rotation, origin = np.empty((*shape, 3, 3)), np.empty((*shape, 3))
         data = model.createData()
+        frames = [
+            (place.rotation, place.translation) for place in (data.oMi[j + 1] for j in range(self._robot.n))
+        ]
         for i, q in enumerate(in_configuration_space(model, self.q)):
             pin.forwardKinematics(model, data, q)
-            for j, placement in enumerate(data.oMi.tolist()[1:]):
-                rotation[i, j], origin[i, j] = placement.rotation, placement.translation
+            for j, (R, t) in enumerate(frames):
+                rotation[i, j], origin[i, j] = R, t
         rotation.setflags(write=False)
         origin.setflags(write=False)
         return rotation, origin
