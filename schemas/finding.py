@@ -174,6 +174,7 @@ FindingCode = Literal[
     "complementary_stiffness_matters",
     "links_bend_with_joints",
     "base_bends",
+    "links_or_base",
     "base_unchecked",
     "masses_contradicted",
     "masses_unchecked",

@@ -175,6 +175,11 @@ class ProgramOptions(AcceptingOptions, PredictionOptions):
         description="True to leave the moves whose target, base or tool is not certain, and correct the "
         "others; without it, a program with such moves is refused with their list.",
     )
+    external_axes: Literal["carry_nothing"] | None = Field(
+        default=None,
+        description="`carry_nothing` if external axes and other groups of the program carry neither the arm "
+        "nor the part; without it, moves that have such an axis away from zero are left.",
+    )
     format: ProgramFormat | None = Field(
         default=None, description="Format of the program; default: by the file's name."
     )

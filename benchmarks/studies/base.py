@@ -1,4 +1,4 @@
-"""A base that bends below joint 1, and a mass that is wrong, by loads and by own weight.
+"""A base that bends below joint 1, links that bend like one, and a mass that is wrong.
 
 By name only: a loaded campaign on a pedestal takes some seconds; `--part 1/4` runs a quarter.
 """
@@ -16,6 +16,7 @@ from jointstiff import identify
 from jointstiff.schemas.run import RunResult
 from jointstiff.simulator import default_arm
 from jointstiff.simulator.base import pedestal_campaign
+from jointstiff.simulator.elastic_links import beam_arm, elastic_campaign
 from jointstiff.simulator.own_weight import default_bodies, unloaded_campaign
 
 __all__ = ["run"]
@@ -24,9 +25,18 @@ ARM = default_arm()
 PEDESTALS = (5e7, 2e7, 8e6)
 CAMPAIGNS, CLEAN = 20, 100
 MASSES, LOADED, PAYLOAD = 60, 20, 100.0
+BEAMS, BEAM_STIFFNESS = 20, (1e7, 6e7)
 BODIES, WITHIN = default_bodies(), 0.1
 BEYOND = 3.0
 """Standard uncertainties beyond which the number of joint 2 is wrong."""
+
+
+@dataclass(frozen=True)
+class _Beams:
+    stiffness: float  # E I of all beams [N·m²]
+    model: str
+    codes: list[str]
+    held: list[bool | None]  # whether each joint's interval contains the truth; None without an interval
 
 
 def run(*, quick: bool, part: Part) -> list[Section]:
@@ -43,12 +53,55 @@ def run(*, quick: bool, part: Part) -> list[Section]:
         for stiffness in PEDESTALS
     }
     masses = part.of(max(1, int(share * MASSES)))
+    beams = part.of(max(1, int(share * BEAMS)))
     return [
+        _beams([_bent(seed) for seed in beams]),
         _pedestals("Under loads", found),
         _pedestals("By own weight", by_weight),
         _clean(without),
         *(_masses(masses, loaded) for loaded in (0, LOADED)),
     ]
+
+
+def _bent(seed: int) -> _Beams:
+    """Identify an arm of beams that is read at one target: some beams look like a base."""
+    stiffness = 10.0 ** np.random.default_rng([seed, 77]).uniform(*np.log10(BEAM_STIFFNESS))
+    elastic = beam_arm(ARM, bending=stiffness, torsion=2.0 / 3.0 * stiffness)
+    target = {"P1": (0.05, 0.08, 0.1)}
+    document = elastic_campaign(elastic, configurations=30, seed=seed, targets=target)
+    result = _result(document | {"run": {"method": "partial_pose"}})
+    axes = ARM.axis_directions
+    effective = ARM.compliances + np.einsum("ji,jik,jk->j", axes, elastic.links[:, 3:, 3:], axes)
+    held = [
+        None
+        if joint.compliance_interval is None
+        else joint.compliance_interval[0] <= c <= joint.compliance_interval[1]
+        for c, joint in zip(effective.tolist(), result.joints, strict=True)
+    ]
+    return _Beams(stiffness, _model(result), [reason.code for reason in result.assessment.reasons], held)
+
+
+def _beams(found: list[_Beams]) -> Section:
+    held = [each for campaign in found for each in campaign.held if each is not None]
+    false = sum("base_bends" in campaign.codes for campaign in found)
+    return Section(
+        title=f"{len(found)} campaigns of an arm of beams, one target: effective stiffness about each axis",
+        columns=("EI [N·m²]", "model", "reasons", "inside its interval"),
+        rows=tuple(
+            (f"{each.stiffness:.1e}", each.model, ", ".join(each.codes), f"{sum(map(bool, each.held))} of 6")
+            for each in sorted(found, key=lambda each: each.stiffness)
+        ),
+        figures=(
+            Figure(
+                "beams: intervals with the effective stiffness",
+                100 * sum(held) / len(held),
+                "at least",
+                93.0,
+                " %",
+            ),
+            Figure.none("beams: a base named as the cause", false),
+        ),
+    )
 
 
 def _unloaded(

@@ -358,8 +358,15 @@ def _terminal(stated: FieldInfo, form: Terminal | None = None) -> Terminal:
 
 def _shape(kind: Any, unit: str) -> tuple[Any, dict[str, Any]] | None:  # noqa: ANN401 - a type
     """Return the type of an option and how it is parsed; None for a field that stays in the file."""
-    if kind in {bool, int} or get_origin(kind) is Literal:
+    if kind in {bool, int}:
         return kind, {}
+    if get_origin(kind) is Literal:
+        words = get_args(kind)
+        return Parsed, {
+            "parser": _parser(_one_of(words)),
+            "metavar": f"<{'|'.join(words)}>",
+            "autocompletion": lambda incomplete: [word for word in words if word.startswith(incomplete)],
+        }
     if kind is str:
         return str, {"metavar": "TEXT"}
     if kind is float and unit in _SCALES:
@@ -374,6 +381,18 @@ def _shape(kind: Any, unit: str) -> tuple[Any, dict[str, Any]] | None:  # noqa: 
     if get_origin(kind) is list and (parts[0] is str or get_origin(parts[0]) is Literal):
         return Parsed, {"parser": chain_of, "metavar": "NAME,NAME,..."}
     return None
+
+
+def _one_of(words: Sequence[str]) -> Callable[[str], str]:
+    """Return a parser of words of the API, of which people may write the underlines as hyphens."""
+
+    def parse(text: str) -> str:
+        word = text.replace("-", "_")
+        if word not in words:
+            raise ValueError(f"{text!r} is not one of {', '.join(map(repr, words))}.")
+        return word
+
+    return parse
 
 
 _SCALES: Final[Mapping[str, tuple[str, float]]] = {"m": ("mm", 1e-3), "rad": ("deg", math.pi / 180.0)}
@@ -444,6 +463,7 @@ def _explain(values: _Values, sources: Sequence[Any]) -> bool:
     """Print how the moves of a program are understood, if that is what is wanted."""
     from jointstiff.service.problems import CampaignError, FilesError, problem_of
     from jointstiff.service.programs.formats import explained
+    from jointstiff.service.programs.program import ExternalAxes
 
     if not values["explain"]:
         if values["output"] is None:
@@ -451,7 +471,8 @@ def _explain(values: _Values, sources: Sequence[Any]) -> bool:
         return False
     files = [(path.name, path.read_bytes()) for path in sources[1]]
     try:
-        rows = explained(files, values["format"], values["leave_alone"] or ())
+        external = ExternalAxes(values["external_axes"] or ExternalAxes.MAY_CARRY)
+        rows = explained(files, values["format"], values["leave_alone"] or (), external)
     except FilesError as error:
         raise CampaignError(problem_of(error)) from error
     if values["as_json"]:

@@ -59,6 +59,7 @@ from jointstiff.solver.links.choice import (
     shared_out,
 )
 from jointstiff.solver.links.fit import (
+    EffectiveCompliances,
     ElasticEstimate,
     effective_compliances,
     first_certified,
@@ -66,6 +67,7 @@ from jointstiff.solver.links.fit import (
     with_links,
 )
 from jointstiff.solver.links.model import (
+    LINKS_ALONE,
     LOSSES,
     ElasticColumns,
     ElasticModel,
@@ -495,10 +497,9 @@ class ByLinks(Work):
             result = self._joints_alone(chosen.loss).result(screening, choice=choose())
         else:
             elastic = self._fit(chosen, paths)
-            widest = self._widest(selection, elastic, paths) if elasticity is None else elastic
-            intervals = None if options.link_penalty is not None else widest.model.name
-            choice = choose(intervals=intervals)
-            result = self._result(chosen, elastic, widest, screening, choice)
+            elastic, effective, of_model = self._ranges(elastic, selection, paths)
+            choice = choose(intervals=None if options.link_penalty is not None else of_model)
+            result = self._result(chosen, elastic, effective, screening, choice)
         losses = {scored.model: selection.of(scored.model).loss for scored in selection.models}
         scores = message(
             ModelSelection, selection, chosen=chosen.model, chosen_loss=chosen.loss, losses=losses
@@ -562,19 +563,43 @@ class ByLinks(Work):
         except UnsupportedMethodError:
             return elastic
 
+    def _ranges(
+        self, elastic: ElasticEstimate, selection: Selection, paths: Paths
+    ) -> tuple[ElasticEstimate, EffectiveCompliances, ModelName]:
+        """Return the estimate with its effective compliances, and the model whose intervals they have.
+
+        Where held-out postures do not distinguish links from the base, intervals contain those of both.
+        """
+        if self._options.elasticity != "automatic":
+            return elastic, self._effective(elastic, elastic), elastic.model.name
+        widest = self._widest(selection, elastic, paths)
+        effective = self._effective(elastic, widest)
+        if selection.tied is not None:
+            richest = next(each.model for each in reversed(selection.models) if each.model in LINKS_ALONE)
+            tied, links = (self._fit(selection.of(name), paths) for name in (selection.tied, richest))
+            effective = effective.joined(self._effective(tied, links))
+            elastic = replace(elastic, prediction=replace(elastic.prediction, bending="links_or_base"))
+        return elastic, effective, widest.model.name
+
+    def _effective(self, elastic: ElasticEstimate, widest: ElasticEstimate) -> EffectiveCompliances:
+        return effective_compliances(
+            self._prepared.robot,
+            elastic,
+            self._settings.confidence,
+            widest,
+            with_ends=self._options.link_penalty is None,
+        )
+
     def _result(
         self,
         chosen: HeldOut,
         elastic: ElasticEstimate,
-        widest: ElasticEstimate,
+        effective: EffectiveCompliances,
         screening: Screening,
         choice: ModelChoice,
     ) -> RunResult:
         prepared, options, settings = self._prepared, self._options, self._settings
         robot, measurements = prepared.robot, prepared.measurements
-        effective = effective_compliances(
-            robot, elastic, settings.confidence, widest, with_ends=options.link_penalty is None
-        )
         estimate = with_links(self._joints, elastic, effective)
         # No advice: what a further reading would bring is known for a model of joints alone.
         assessment = assess(
@@ -677,8 +702,13 @@ def to_choice_by_comparison(
             f"alone to {length_text(gain.error_of_joints)}"
         )
     remarks = "" if chosen.model == "joints" else " K_c is neglected."
-    if intervals == chosen.model:
+    tied = selection.tied is not None and not given
+    if intervals == chosen.model and not tied:
         remarks += " Intervals of stiffness are of this model."
+    elif tied:
+        remarks += (
+            " Held-out postures do not distinguish links from base: intervals contain both models' values."
+        )
     elif intervals is not None:
         richer = intervals.replace("_", " ")
         remarks += f" Intervals of stiffness are of {richer}, the richest model compared."

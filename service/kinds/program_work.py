@@ -44,7 +44,7 @@ from jointstiff.service.kinds.work import Arrays, Span, Work, as_request_errors,
 from jointstiff.service.problems import VerdictError
 from jointstiff.service.programs.errors import ProgramError
 from jointstiff.service.programs.formats import marked, read_program
-from jointstiff.service.programs.program import BLOCK, NUMBERS, Rewriting
+from jointstiff.service.programs.program import BLOCK, NUMBERS, ExternalAxes, Rewriting
 from jointstiff.service.resources.inputs import Inputs
 from jointstiff.service.tables.table import Sheet
 from jointstiff.solver import messages
@@ -317,6 +317,13 @@ def _refuse_out_of_limits(path: ProgramPath, robot: Robot, found: Corrections) -
         raise ProgramError(faults)
 
 
+def _external_axes(request: ProgramRequest, robot: Robot) -> ExternalAxes:
+    """Return what is known of external axes: those of a robot with linear axes are joints of its model."""
+    if request.external_axes is not None:
+        return ExternalAxes(request.external_axes)
+    return ExternalAxes.OF_ROBOT if robot.prismatic.any() else ExternalAxes.MAY_CARRY
+
+
 class ProgramWork(Work):
     """The work of a compensated program; the postures of its path are found when they are needed first."""
 
@@ -348,7 +355,11 @@ class ProgramWork(Work):
                 "this file was not sent", where="loads", remedy="send the table of loads with the files"
             )
         self._program = read_program(
-            files, request.format, request.leave_alone, leave_others=request.leave_others
+            files,
+            request.format,
+            request.leave_alone,
+            leave_others=request.leave_others,
+            external_axes=_external_axes(request, robot),
         )
         table = next((unpacked(each) for each in request.files if each.name == request.loads), None)
         self._visits = Visits.of(self._program, request, table)

@@ -16,6 +16,7 @@ from jointstiff.service.programs.program import (
     BLOCK,
     NUMBERS,
     WORDS,
+    ExternalAxes,
     FrameName,
     Literal,
     Motion,
@@ -47,10 +48,17 @@ _NO_AXIS: Final = 8e9
 """Value of an external axis that is none, and more."""
 _MAX_AXES: Final = 24
 """Most external axes that are looked at; a target with more is left."""
+_AWAY: Final = "an external axis or another group is away from zero, and may carry the arm or the part"
+_CARRY_NOTHING: Final = (
+    "state `external_axes: carry_nothing` if it carries neither the arm nor the part; else keep it at zero"
+)
 _MOTIONS: Final = {motion: i for i, motion in enumerate(Motion)}
 _WIDTH: Final = 7
 """Columns of a target."""
 _STATED: Final = NUMBERS + WORDS
+_AXES: Final = _STATED + _MAX_AXES
+_MAX_STEADY: Final = 8
+"""Most numbers looked at that all targets have to share."""
 
 
 class Cause(NamedTuple):
@@ -203,12 +211,15 @@ class Columns:
         key = role, frame.name if frame.pose is None else frame.pose.tobytes()
         return self._frames.setdefault(key, (len(self._frames), frame))[0]
 
-    def program(self, used: Mapping[str, int], causes: Sequence[Cause]) -> Program:
+    def program(
+        self, used: Mapping[str, int], causes: Sequence[Cause], external_axes: ExternalAxes
+    ) -> Program:
         """Return the program.
 
         Args:
             used: names whose numbers are used otherwise than as targets, and a line.
             causes: whatever is not understood.
+            external_axes: what is known of external axes and other groups.
 
         Raises:
             ProgramError: no move of it is certain.
@@ -220,7 +231,7 @@ class Columns:
                 self._doubts.setdefault(index, Cause(0, reason, "use a separate target for it"))
         self._names = [name.partition(OF)[0] if name else name for name in self._names]
         rows = _columns(self._targets, _WIDTH)
-        targets = self._filled(rows)
+        targets = self._filled(rows, external_axes)
         moves = _in_order(Moves(*_columns(self._moves, 3), *_columns(self._visits, 1)))
         kept = self._certain(targets, moves)
         left = sorted(self._left, key=lambda each: each[0].line)
@@ -267,23 +278,24 @@ class Columns:
             self._left.append((ReadMove(line, targets.names[own[-1]], base, tool, reason, remedy), cause))
         return ~left
 
-    def _filled(self, rows: IndexArray) -> Targets:
-        """Return the targets; those whose numbers are none, or that move external axes, are in doubt."""
+    def _filled(self, rows: IndexArray, external_axes: ExternalAxes) -> Targets:
+        """Return the targets; those whose numbers are none, or whose external axes matter, are in doubt."""
         source, line, first, _, known, base, tool = rows
         literals, count = list(self._literals), len(line)
-        ordinals = np.full((len(literals), _STATED + _MAX_AXES), -1)
+        ordinals = np.full((len(literals), _AXES + _MAX_STEADY), -1)
         for row, each in zip(ordinals, literals, strict=True):
             row[: len(each.numbers)] = each.numbers
             row[NUMBERS : NUMBERS + len(each.words)] = [ordinal for _, ordinal in each.words]
             row[_STATED : _STATED + len(each.external)] = each.external[:_MAX_AXES]
+            row[_AXES : _AXES + len(each.steady)] = each.steady[:_MAX_STEADY]
         targets = Targets(
             self._names, source, line, known, literals, base, tool,
             [frame for _, frame in self._frames.values()],
             np.full((count, _STATED), np.nan), np.full((count, _STATED, 2), -1, dtype=np.int32),
         )  # fmt: skip
-        out, unlike, moved = np.zeros((3, count), dtype=np.bool_)
+        out, unlike = np.zeros((2, count), dtype=np.bool_)
+        axes, steady = np.full((count, _MAX_AXES), np.nan), np.full((count, _MAX_STEADY), np.nan)
         crowded = np.array([len(each.external) > _MAX_AXES for each in literals], dtype=np.bool_)
-        still: FloatArray | None = None
         for start in range(0, count, BLOCK):
             for file in np.unique(source[start : start + BLOCK]).tolist():
                 block = start + np.flatnonzero(source[start : start + BLOCK] == file)
@@ -297,22 +309,39 @@ class Columns:
                 out[block] = (stands & ~(np.abs(read) <= MAX_VALUE))[:, :NUMBERS].any(axis=1)
                 for notation, own in targets.by_notation(block):
                     unlike[block[own]] = ~notation.states(read[own])
-                axes = read[:, _STATED:]
-                axes = np.where(np.isnan(axes) | (axes > _NO_AXIS), 0.0, axes)
-                still = axes[0] if still is None else still
-                moved[block] = (~(np.abs(axes - still) <= _STANDS)).any(axis=1) | crowded[known[block]]
+                others = read[:, _STATED:_AXES]
+                axes[block], steady[block] = np.where(others > _NO_AXIS, np.nan, others), read[:, _AXES:]
+        away, moved = _external(axes, external_axes)
         for faults, reason, remedy in (
             (out, f"a number of a target is out of range, beyond {MAX_VALUE:g}", _WRITE_ANEW),
             (unlike, "a quaternion or an axis is not of unit length", _WRITE_ANEW),
-            (
-                moved,
-                "an external axis or another group moves",
-                "external axes have to stand still while a program is corrected",
-            ),
+            (_changes(steady), "tool or base changes", "send a table for each of them"),
+            (away, _AWAY, _CARRY_NOTHING),
+            (moved | crowded[known], "an external axis or another group moves", _CARRY_NOTHING),
         ):
             for i in np.flatnonzero(faults).tolist():
                 self._doubts.setdefault(i, Cause(int(line[i]), reason, remedy))
         return targets
+
+
+def _external(axes: FloatArray, known: ExternalAxes) -> tuple[BoolArray, BoolArray]:
+    """Return which targets have external axes (t, k) away from zero, and which move them from the first ones.
+
+    An axis that a target does not state (NaN) stays where it was: it is away if any target has it away.
+    """
+    stated, none = np.nan_to_num(axes), np.zeros(len(axes), dtype=np.bool_)
+    is_away: BoolArray = np.abs(stated) > _STANDS
+    away: BoolArray = np.asarray((is_away | (np.isnan(axes) & is_away.any(axis=0))).any(axis=1))
+    moved = _changes(stated)
+    if known is ExternalAxes.CARRY_NOTHING:
+        return none, none
+    return (none if known is ExternalAxes.OF_ROBOT else away), moved
+
+
+def _changes(numbers: FloatArray) -> BoolArray:
+    """Return which targets have other numbers (t, k) than the first."""
+    known = np.nan_to_num(numbers)
+    return np.asarray((~(np.abs(known - known[:1]) <= _STANDS)).any(axis=1), dtype=np.bool_)
 
 
 def _in_order(moves: Moves) -> Moves:

@@ -16,7 +16,7 @@ from jointstiff.service.programs.errors import Fault, ProgramError, ReadMove, sh
 from jointstiff.service.programs.interpreter import Machine
 from jointstiff.service.programs.language import Language
 from jointstiff.service.programs.notation import Notation, has_decimal_commas
-from jointstiff.service.programs.program import NUMBERS, Program, Source
+from jointstiff.service.programs.program import NUMBERS, ExternalAxes, Program, Source
 
 MAX_PROGRAM_BYTES: Final = 32 * 1024 * 1024
 """All files of a program together."""
@@ -40,6 +40,7 @@ def read_program(
     leave_alone: Collection[str] = (),
     *,
     leave_others: bool = False,
+    external_axes: ExternalAxes = ExternalAxes.MAY_CARRY,
 ) -> Program:
     """Read a program.
 
@@ -48,6 +49,8 @@ def read_program(
         name: name of the format, one of FORMATS; by the first file's name if None.
         leave_alone: names of routines that neither move the robot nor change its frames.
         leave_others: whether moves that are not certain are left; else the program is refused for them.
+        external_axes: what is known of external axes; moves that have them away from zero are left, unless
+            they are joints of the robot or carry nothing.
 
     Raises:
         ProgramError: the text was not understood, or a move is not certain.
@@ -72,14 +75,17 @@ def read_program(
     commas = chosen == "csv" and has_decimal_commas(sources[0].text)
     language = table.DECIMAL_COMMAS if commas else FORMATS[chosen]
     columns, used, causes = Machine(chosen, sources, language, leave_alone).interpreted()
-    program = columns.program(used, causes)
+    program = columns.program(used, causes, external_axes)
     if program.faults and not leave_others:
         raise ProgramError(program.faults, left=program.left)
     return program
 
 
 def explained(
-    files: Sequence[tuple[str, bytes]], name: str | None = None, leave_alone: Collection[str] = ()
+    files: Sequence[tuple[str, bytes]],
+    name: str | None = None,
+    leave_alone: Collection[str] = (),
+    external_axes: ExternalAxes = ExternalAxes.MAY_CARRY,
 ) -> list[ReadMove]:
     """Return each move of a program by line: target, base and tool, and whether it can be corrected.
 
@@ -87,7 +93,7 @@ def explained(
         ProgramError: the text of the program is not understood.
     """
     try:
-        program = read_program(files, name, leave_alone, leave_others=True)
+        program = read_program(files, name, leave_alone, leave_others=True, external_axes=external_axes)
     except ProgramError as error:
         if not error.left:
             raise

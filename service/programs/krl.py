@@ -9,7 +9,7 @@ import numpy as np
 
 from jointstiff.service.programs import language as ir
 from jointstiff.service.programs.interpreter import Machine
-from jointstiff.service.programs.language import Line, Misread, Op, parts
+from jointstiff.service.programs.language import UNKNOWN_STATEMENT, Line, Misread, Op, parts
 from jointstiff.service.programs.notation import Notation, Orientation
 from jointstiff.service.programs.program import Literal, Motion, Source
 
@@ -48,7 +48,8 @@ _REMEDY: Final = "write X, Y, Z, A, B, C (or A1 ... A6) in numbers, and send the
 _FRAME_REMEDY: Final = "give the whole frame in numbers, or as BASE_DATA[i] or TOOL_DATA[i]"
 _NAME: Final = r"\$?[^\W\d]\w*+"
 _NOT_WHOLE: Final = "the target is no whole pose or angles in numbers, or the text after it is unknown"
-_BLEND: Final = r"(?: ?C_(?:PTP|DIS|VEL|ORI|SPL))*"
+_BLEND: Final = re.compile(r" ?C_(?:PTP|DIS|VEL|ORI|SPL)")
+_LONGEST_BLEND: Final = len(" C_PTP")
 _FIELD: Final = re.compile(r"(\w+)(?:\[\])? ?(\0|TRUE|FALSE|\"[^\"]*\"|#\w+|'\w+')")
 _SEPARATED: Final = re.compile(r" (?=[\0\w\"#'$])|(?<=\w):|(?<=\])(?=[\0\w\"#'$ ])|(?<=\[)(?=\])")
 _OWN_FRAME: Final = re.compile(rf"\$(BASE|TOOL|IPO_MODE)=(?:STOOL2?|SBASE|SIPO_MODE)\(({_NAME})(?:\.\w+)?\)")
@@ -153,14 +154,16 @@ def _assigned(line: Line) -> list[Op]:
 
 
 def _move(line: Line) -> list[Op]:
-    motion = _MOTIONS[line["motion"]]
-    found, own = _settings(line)
-    begin, end = line.span("targets")
+    motion, begin = _MOTIONS[line["motion"]], line.span("rest")[0]
+    end, settings = _behind(line.text, begin)
+    if end == begin:
+        raise Misread(_NOT_WHOLE)
+    found, own = _settings(line, settings)
     targets: list[Literal | ir.Name | None] = []
     for start, stop in parts(line.text[:end], begin):
         name = line.text[start:stop]
         if _KEPT.fullmatch(name):
-            if name != line["targets"]:
+            if name != line.text[begin:end]:
                 raise Misread("an arc through a position stored in the controller")
             return [*found, ir.Keep(name)]
         named = re.fullmatch(_NAME, name) and not re.fullmatch(_RESERVED, name)
@@ -168,16 +171,35 @@ def _move(line: Line) -> list[Op]:
     known = tuple(each for each in targets if each is not None)
     if line["relative"] or len(known) < len(targets) or len(known) != 1 + (motion is Motion.CIRCULAR):
         reason = "a relative move" if line["relative"] else _NOT_WHOLE
-        return ir.left([*found, *line.expression(_SEPARATED.sub(",", line["targets"]))], reason, _REMEDY)
+        return ir.left([*found, *line.expression(_SEPARATED.sub(",", line.text[begin:end]))], reason, _REMEDY)
     base, tool = ir.Copy("$BASE"), ir.Copy("$TOOL")
     if own:
         base, tool = (ir.Copy(f"{own}.{which}", through=True) for which in ("BASE", "TOOL"))
     return [*found, ir.Move(motion, known, (base,) * len(known), (tool,) * len(known))]
 
 
-def _settings(line: Line) -> tuple[list[Op], str]:
-    """Return what settings behind WITH use, and the name of the data of the move's own frames."""
-    text, own, found = line["settings"], dict[str, str](), list[Op]()
+def _behind(text: str, begin: int) -> tuple[int, str]:
+    """Return where the targets end that begin at a place, and the settings after WITH."""
+    behind = text.find("WITH ", begin)
+    if behind < 0:
+        return _without_blends(text, begin, len(text)), ""
+    settings = text[behind + len("WITH ") : _without_blends(text, behind + len("WITH "), len(text))]
+    end = behind - 1 if behind > begin and text[behind - 1] == " " else behind
+    return _without_blends(text, begin, end), settings
+
+
+def _without_blends(text: str, begin: int, end: int) -> int:
+    """Return the end of a text without the words of approximate positioning that it ends with."""
+    while match := _BLEND.search(text, max(begin, end - _LONGEST_BLEND), end):
+        if match.end() < end:
+            break
+        end = match.start()
+    return end
+
+
+def _settings(line: Line, text: str) -> tuple[list[Op], str]:
+    """Return the names used by the settings after WITH, and the name of the frame data."""
+    own, found = dict[str, str](), list[Op]()
     for start, end in parts(text) if text else ():
         setting = text[start:end]
         if match := _OWN_FRAME.fullmatch(setting):
@@ -193,7 +215,11 @@ def _settings(line: Line) -> tuple[list[Op], str]:
 
 def _spline(line: Line) -> list[Op]:
     """Take the beginning of a block of splines; the frames of a block are not known in it."""
-    found, own = _settings(line)
+    begin = line.span("rest")[0]
+    end, settings = _behind(line.text, begin)
+    if end > begin:
+        raise Misread(UNKNOWN_STATEMENT)
+    found, own = _settings(line, settings)
     reason, remedy = "the block of splines has frames of its own", "set $BASE and $TOOL before the block"
     return [*found, *([ir.Havoc(frozenset({"$BASE", "$TOOL"}), reason, remedy)] if own else [])]
 
@@ -299,7 +325,7 @@ LANGUAGE: Final = ir.Language(
             lambda line: [ir.Call(line.text.replace("\0", "n"), attached=True)],
         ),
         (r"BAS\(#(?P<which>\w+)(?:,(?P<argument>.+))?\)", _bas),
-        (rf"(?:PTP_)?SPLINE{_BLEND}(?: ?WITH (?P<settings>.*?))?{_BLEND}", _spline),
+        (r"(?:PTP_)?SPLINE(?P<rest>(?: .*)?)", _spline),
         (
             rf"(?:(?:DECL |GLOBAL |CONST )+{_NAME}|(?:GLOBAL )?(?:INT|REAL|BOOL|CHAR|FRAME"
             rf"|(?:E6)?(?:POS|AXIS)|[FPL]DAT|LOAD)) (?P<names>{_NAME}.*)",
@@ -308,8 +334,7 @@ LANGUAGE: Final = ir.Language(
         (r"@{name}\(.*\)", lambda line: line.expression(line.text)),
         (rf"(?P<name>{_NAME})(?P<index>(?:\[[^\]=]*+\]|\.\w++)*)=(?!=)(?P<value>.+)", _assigned),
         (
-            rf"S?(?P<motion>PTP|LIN|CIRC|SPL)(?P<relative>_REL)?(?: |(?=\{{))(?P<targets>.+?){_BLEND}"
-            rf"(?: ?WITH (?P<settings>.*?))?{_BLEND}",
+            r"S?(?P<motion>PTP|LIN|CIRC|SPL)(?P<relative>_REL)?(?: |(?=\{))(?P<rest>.+)",
             _move,
         ),
     ),

@@ -134,6 +134,9 @@ class Flow(NamedTuple):
 Op: TypeAlias = Assign | Local | Havoc | Call | Use | Move | Keep | Flow
 
 
+UNKNOWN_STATEMENT: Final = "the statement is unknown: it may move the robot, targets or frames"
+
+
 class Misread(Exception):  # noqa: N818  # it is no failure of ours
     """Raise where a statement is not understood."""
 
@@ -303,7 +306,7 @@ class Language:
                 name = ("%s", line.number("name")) if line["name"] == "\0" else line["name"]
                 found = attached(found) if rule in {"turn", "loop"} else found
                 return [*found, *([Flow(rule, name)] if rule else [])]
-        raise Misread("the statement is unknown: it may move the robot, targets or frames")
+        raise Misread(UNKNOWN_STATEMENT)
 
     def _unknown(self, shape: str, line: Line, fault: Misread) -> list[tuple[int, Op]]:
         """Return what a statement may do that is not understood: all, and each word of a motion is a move."""

@@ -43,6 +43,14 @@ class Motion(Enum):
 _MOTIONS: Final = tuple(Motion)
 
 
+class ExternalAxes(Enum):
+    """What is known of the external axes and other groups of a program."""
+
+    MAY_CARRY = "may_carry"  # the arm or the part, so that an axis away from zero moves the target
+    OF_ROBOT = "of_robot"  # they are joints of the robot's model, which stand still
+    CARRY_NOTHING = "carry_nothing"  # neither the arm nor the part
+
+
 @dataclass(frozen=True, slots=True)
 class Source:
     """A file of a program."""
@@ -85,9 +93,10 @@ class Literal:
 
     notation: Notation  # what they mean
     numbers: tuple[int, ...]  # those of the target
-    external: tuple[int, ...] = ()  # external axes; -1 for one that is at zero
+    external: tuple[int, ...] = ()  # external axes, and other groups; -1 for one that is not stated
     words: tuple[tuple[str, int], ...] = ()  # what is said of the arm's configuration
     letters: str = ""  # the part of it that is said in letters
+    steady: tuple[int, ...] = ()  # numbers that all targets have to share, such as that of the tool
 
 
 @dataclass(frozen=True, eq=False)

@@ -34,8 +34,10 @@ _HEADER: Final = re.compile(
 )
 _LENGTHS: Final = {"mm": MM, "m": 1.0}
 _ANGLES: Final = {"deg": DEGREE, "degree": DEGREE, "\xb0": DEGREE, "rad": 1.0}
-_HELD: Final = re.compile(r"\W*+(?:u?tool|tcp|u?frame|base|wobj|uf|ut|(?:e|ext)_?\d)\b", re.IGNORECASE)
-"""Names of columns that say which frames a target is in, or where external axes stand."""
+_HELD: Final = re.compile(r"\W*+(?:u?tool|tcp|u?frame|base|wobj|uf|ut)\b", re.IGNORECASE)
+"""Names of columns that say which frames a target is in."""
+_EXTERNAL: Final = re.compile(r"\W*+(?:e|ext)_?\d\b", re.IGNORECASE)
+"""Names of columns of external axes."""
 _NUMBER: Final = re.compile(r"\s*+\"?\s*+\0\s*+\"?\s*+")
 """A cell with a number."""
 _REMEDY: Final = (
@@ -66,7 +68,8 @@ class _Columns(NamedTuple):
     width: int  # how many there are
     notation: Notation  # meaning of the targets
     places: list[int]  # indices of the columns of their numbers, in order
-    held: dict[int, str]  # what other columns say of tool, base and external axes, by their indices
+    held: dict[int, str]  # what other columns say of tool and base, by their indices
+    external: list[int]  # indices of the columns of external axes
 
 
 def _move(columns: _Columns, shape: str) -> list[tuple[int, Op]]:
@@ -84,10 +87,13 @@ def _move(columns: _Columns, shape: str) -> list[tuple[int, Op]]:
         reason = f"{cell} in column {wrong + 1} is no number"
         remedy = "write numbers with decimal points" if "," in cell else "write a number"
     elif any(cells[k].strip() != text for k, text in columns.held.items()):
-        reason, remedy = "tool, base or an external axis changes", "send a table for each of them"
+        reason, remedy = "tool or base changes", "send a table for each of them"
     numbers = () if reason else tuple(ends[k] for k in columns.places)
-    stated = () if reason else tuple(i for k in columns.held for i in range(ends[k], ends[k + 1]))
-    target = Literal(columns.notation, numbers, stated)
+    external, steady = (
+        () if reason else tuple(i for k in given for i in range(ends[k], ends[k + 1]))
+        for given in (columns.external, columns.held)
+    )
+    target = Literal(columns.notation, numbers, external, steady=steady)
     motion, base = (Motion.JOINT, "base") if columns.notation.is_joints else (Motion.LINEAR, "part")
     frames = (ir.Named(base),), (ir.Named("tool"),), ()
     return [(0, ir.Move(motion, (target,), *frames, reason, remedy))]
@@ -115,7 +121,9 @@ def _columns(machine: Machine, line: int, header: str, first: str) -> _Columns:
         machine.refuse(line, reason, _REMEDY)
     stated = dict(enumerate(cell.strip() for cell in first.split(delimiter)))
     held = {k: stated.get(k, "") for k, text in enumerate(texts) if _HELD.match(text)}
-    return _Columns(delimiter, len(cells), notation, [names[name] for name in kinds[0].split()], held)
+    external = [k for k, text in enumerate(texts) if _EXTERNAL.match(text)]
+    places = [names[name] for name in kinds[0].split()]
+    return _Columns(delimiter, len(cells), notation, places, held, external)
 
 
 def _notation(orientation: Orientation, quantities: str, units: list[str]) -> Notation | None:

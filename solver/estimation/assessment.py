@@ -710,7 +710,15 @@ def _links(prediction: Prediction, screening: Screening | None) -> Iterator[Find
             f"{length_text(gain.error)}, by joints alone to {length_text(gain.error_of_joints)}"
         )
     evidence = "" if gain is None else f"{bends}. "
-    if prediction.base_bends:
+    if prediction.bending == "links_or_base":
+        yield Finding(
+            code="links_or_base",
+            weight="use_with_care",
+            message=f"{evidence}Links or the base bend: either predicts the held-out postures equally well. "
+            "Predictions are by the base; the intervals of the stiffnesses contain the values of both",
+            remedy="turn joint 1 between the readings, or put a target on the base plate",
+        )
+    elif prediction.bending == "base":
         yield Finding(
             code="base_bends",
             weight="use_with_care",
@@ -719,7 +727,7 @@ def _links(prediction: Prediction, screening: Screening | None) -> Iterator[Find
             remedy="tighten and stiffen the base, or use joints and base together: a target on the base "
             "plate shows directly how it moves",
         )
-    elif prediction.contributions is None:
+    elif prediction.bending == "links":
         yield Finding(
             code="links_bend_with_joints",
             weight="use_with_care",

@@ -775,7 +775,8 @@ class Prediction:
     compensation: float | None  #: ``1 − mean‖residual‖ / mean‖δp‖``; None where nothing moved
     rms_residual: float  #: root mean square of ‖residual‖ [m]
     contributions: Contributions | None = None  #: of the joints; None where more than joints bends
-    base_bends: bool = False  #: whether the base bends beside the joints, and no link
+    #: what bends besides the joints: links may mean a base, too; None for nothing
+    bending: Literal["links", "base", "links_or_base"] | None = None
     #: (N, n) deflections ``δθ = diag(τ) c`` of the joints behind their gearboxes [rad]; None where more bends
     encoders: FloatArray | None = None
 

@@ -21,6 +21,7 @@ from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import SolverError, UnsupportedMethodError
 from jointstiff.solver.estimation.causes import CLEAR_GAIN, LINKS_LEVEL, Screening
 from jointstiff.solver.links.model import (
+    LINKS_ALONE,
     LOSSES,
     MODELS,
     MOST_TARGETS,
@@ -40,8 +41,9 @@ from jointstiff.solver.mechanics.robot import Robot
 def compared_models(screening: Screening, asked: ModelName | None) -> tuple[ModelName, ...]:
     """Return the models to compare, from simple to rich.
 
-    A base is compared only where its test speaks for it: alone where links have nothing to say beside it, and
-    with links where it still speaks beside them.
+    A base is compared only where its test speaks for it. Where links have nothing to explain once the base
+    bends, the base is compared alone; where the base has nothing to explain once links bend either, links and
+    base compete; where each explains something that the other leaves, both together are compared, too.
 
     Args:
         screening: of what joints alone leave unexplained.
@@ -51,10 +53,10 @@ def compared_models(screening: Screening, asked: ModelName | None) -> tuple[Mode
         return MODELS
     if asked is not None or not screening.base_speaks:
         return tuple(name for name in MODELS if name not in WITH_BASE)
-    if screening.links_beside_base >= LINKS_LEVEL:
+    base_is_needed = screening.base_beside_links < LINKS_LEVEL
+    if screening.links_beside_base >= LINKS_LEVEL and base_is_needed:
         return ("joints", "joints_and_base")
-    both = screening.base_beside_links < LINKS_LEVEL
-    return tuple(name for name in MODELS if both or name != "links_and_base")
+    return tuple(name for name in MODELS if base_is_needed or name != "links_and_base")
 
 
 WEIGHTS: Final = tuple(10.0 ** (quarter / 4.0) for quarter in range(-12, 1, 2))
@@ -309,6 +311,8 @@ class Selection:
     largest: ModelName  #: richest of the models that bend as the simplest does: intervals are of it
     #: gain of the best model but joints over joints alone; None where either has no answer
     gain: HeldOutGain | None
+    #: best model with links alone, where the base is chosen and held-out postures do not distinguish the two
+    tied: ModelName | None = None
 
     def of(self, model: ModelName, losses: Sequence[Loss] = LOSSES) -> HeldOut:
         """Return a model with the loss of least held-out error."""
@@ -327,7 +331,8 @@ class Selection:
         by_name = [_best_loss(models, name, LOSSES) for name in names]
         best = min(by_name, key=lambda each: float(each.by_posture.mean()))
         simplest = simplest_of(by_name, best, screened=screened)
-        return cls(tuple(models), best.model, simplest, largest_of(list(names), simplest), _gain(by_name))
+        largest = largest_of(list(names), simplest)
+        return cls(tuple(models), best.model, simplest, largest, _gain(by_name), _tied(by_name, simplest))
 
 
 def _best_loss(models: Sequence[HeldOut], name: ModelName, losses: Sequence[Loss]) -> HeldOut:
@@ -405,6 +410,17 @@ def largest_of(names: Sequence[ModelName], chosen: ModelName) -> ModelName:
     says nothing against its intervals: they are as wide as what the readings leave open.
     """
     return [name for name in names if name in WITH_BASE or chosen not in WITH_BASE][-1]
+
+
+def _tied(by_name: Sequence[HeldOut], chosen: ModelName) -> ModelName | None:
+    """Return the best model with links alone, if it predicts within one paired standard error of the base."""
+    base = next((each for each in by_name if each.model == chosen == "joints_and_base"), None)
+    links = [each for each in by_name if each.model in LINKS_ALONE]
+    if base is None or not links:
+        return None
+    best = min(links, key=lambda each: float(each.by_posture.mean()))
+    worse, error = best.behind(base)
+    return best.model if worse <= error else None
 
 
 def _gain(by_name: Sequence[HeldOut]) -> HeldOutGain | None:

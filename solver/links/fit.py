@@ -327,7 +327,8 @@ def _explained(
         for number, (kind, joint, _) in enumerate(places)
     )
     prediction = Prediction.of(measurements, np.concatenate(predicted))
-    return elements, replace(prediction, base_bends=model.name == "joints_and_base")
+    bending: Literal["links", "base"] = "base" if model.name == "joints_and_base" else "links"
+    return elements, replace(prediction, bending=bending)
 
 
 _LIGHTER: Final = 0.3
@@ -365,6 +366,14 @@ class EffectiveCompliances:
     compliance: FloatArray
     ends: FloatArray  #: (n, 2) ends of the intervals [rad/(N·m)]
     uncertainty: FloatArray  #: (n,) half of an interval over the quantile [rad/(N·m)]
+
+    def joined(self, other: EffectiveCompliances) -> EffectiveCompliances:
+        """Return these compliances with intervals that contain those of another model, too."""
+        ends = np.column_stack(
+            [np.fmin(self.ends[:, 0], other.ends[:, 0]), np.fmax(self.ends[:, 1], other.ends[:, 1])]
+        )
+        wider = (ends[:, 1] - ends[:, 0]) / (self.ends[:, 1] - self.ends[:, 0])
+        return EffectiveCompliances(self.compliance, ends, self.uncertainty * wider)
 
 
 def effective_compliances(

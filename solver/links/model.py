@@ -196,6 +196,8 @@ MODELS: Final[tuple[ModelName, ...]] = (
 """The models, from simple to rich."""
 WITH_BASE: Final[frozenset[ModelName]] = frozenset({"joints_and_base", "links_and_base"})
 """Models whose base bends: compared with the others only where a test speaks for a base."""
+LINKS_ALONE: Final[frozenset[ModelName]] = frozenset({"diagonal_links", "joints_and_links"})
+"""Models whose links bend and whose base does not."""
 
 
 LOSSES: Final[tuple[Loss, ...]] = ("squared", "huber", "absolute")

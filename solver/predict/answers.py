@@ -712,6 +712,7 @@ _LACK_OF_FIT: Final = {
     "lack_of_fit",
     "links_bend_with_joints",
     "base_bends",
+    "links_or_base",
     "residuals_exceed_sigma",
     "deflection_unexplained",
     "alternative_explains_better",

@@ -410,6 +410,7 @@ export const later = {
     axesOf: { robot: "Robot's base", tool: "Tool", base: "Program's base" },
     tools: "Tool, if the program only names it, in its notation",
     bases: "Base, if the program only names it, in its notation",
+    carryNothing: "External axes and other groups carry neither the arm nor the part",
     leave: "Leave the moves that are not certain as they are, and correct the others",
     make: "Compensate",
     download: (name: string) => `Download ${name}`,

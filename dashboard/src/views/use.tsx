@@ -1,7 +1,7 @@
 /** What a result is used for: deflections that are predicted, maps of a work area, programs that are corrected, files; each asked for in a tab of its run. */
 import { useMemo, useState } from "preact/hooks";
 import { api } from "../api/client";
-import type { DeflectionResult, Posture, RunResult } from "../api/types";
+import type { DeflectionResult, Posture, Problem, RunResult } from "../api/types";
 import {
   ActionButton,
   Busy,
@@ -266,6 +266,10 @@ const OF_PROGRAM: Terms = {
 };
 const OF_LOAD: Terms = { labels: programWords.labels, within: "load.", units: { force: [newton, 1] } };
 
+/** Whether moves were left because of what external axes may carry. */
+const asksForAxes = (problem: Problem | null): boolean =>
+  (problem?.errors ?? []).some(({ remedy }) => remedy?.includes("external_axes"));
+
 /** What a program is corrected for: its files, tool, base, process force, and the controller's accuracy option. */
 export function ProgramForm({ context: { run } }: { context: RunContext }) {
   const [files, setFiles] = useState<File[]>([]);
@@ -331,6 +335,13 @@ export function ProgramForm({ context: { run } }: { context: RunContext }) {
         {frame("tools")}
         {frame("bases")}
       </div>
+      {(asked["external_axes"] || asksForAxes(make.problem)) && (
+        <Toggle
+          label={programWords.carryNothing}
+          checked={asked["external_axes"] === "carry_nothing"}
+          change={(on) => change({ external_axes: on ? "carry_nothing" : null })}
+        />
+      )}
       {(leave || make.problem?.type === NOT_UNDERSTOOD) && (
         <Toggle label={programWords.leave} checked={leave} change={setLeave} />
       )}

@@ -33,6 +33,7 @@ from jointstiff.solver.links.choice import (
     shared_out,
 )
 from jointstiff.solver.links.fit import (
+    EffectiveCompliances,
     effective_compliances,
     effective_rows,
     estimate_elastic,
@@ -192,6 +193,7 @@ def test_models_with_a_base_are_compared_where_its_test_speaks():
         (None, True, 1e-9, 1e-9, set()),
         (None, True, 1e-9, 0.5, {"links_and_base"}),
         (None, True, 0.5, 1e-9, {*MODELS} - {"joints", "joints_and_base"}),
+        (None, True, 0.5, 0.5, {"links_and_base"}),  # each explains what the other does: both compete
     ):
         tests = SimpleNamespace(base_speaks=speaks, links_beside_base=links, base_beside_links=base)
         assert {*MODELS} - {*compared_models(tests, asked)} == left_out
@@ -493,6 +495,30 @@ def held_out(behind):
         )
         for name, size in behind.items()
     ]
+
+
+@pytest.mark.parametrize(("behind", "tied"), [(0.5, "diagonal_links"), (1.5, None)])
+def test_links_within_a_standard_error_of_the_base_are_a_tie(behind, tied):
+    models = {"joints": 9.0, "joints_and_base": None, "diagonal_links": behind, "joints_and_links": 3.0}
+    chosen = Selection.among(held_out(models), screened=True)
+    assert (chosen.simplest, chosen.tied) == ("joints_and_base", tied)
+
+
+def test_a_base_that_links_beat_is_neither_chosen_nor_tied():
+    models = {"joints": 9.0, "joints_and_base": 2.0, "diagonal_links": None, "joints_and_links": 0.5}
+    chosen = Selection.among(held_out(models), screened=True)
+    assert (chosen.simplest, chosen.tied) == ("diagonal_links", None)
+
+
+def test_joined_intervals_contain_those_of_both_models():
+    one = EffectiveCompliances(np.array([2.0, 5.0]), np.array([[1.0, 3.0], [4.0, 6.0]]), np.array([0.5, 0.5]))
+    other = EffectiveCompliances(
+        np.array([4.0, 5.5]), np.array([[2.0, 5.0], [5.0, 5.8]]), np.array([0.7, 0.2])
+    )
+    joined = one.joined(other)
+    np.testing.assert_array_equal(joined.compliance, one.compliance)
+    np.testing.assert_array_equal(joined.ends, [[1.0, 5.0], [4.0, 6.0]])
+    np.testing.assert_allclose(joined.uncertainty, [1.0, 0.5])
 
 
 def test_a_model_at_another_penalty_is_compared_anew():
