@@ -119,9 +119,12 @@ def test_who_asks_is_found_out_before(store, child):
 
 
 def test_one_that_ended_is_started_again(client, child):
-    child._process.kill()
-    child._process.wait()
     assert client.request("POST", "/v1/robots", content=LARGE, headers=JSON).status_code == 201
+    ended = child._process
+    ended.kill()
+    ended.wait()
+    assert client.request("POST", "/v1/robots", content=LARGE, headers=JSON).status_code == 201
+    assert child._process.pid != ended.pid
 
 
 @pytest.mark.process

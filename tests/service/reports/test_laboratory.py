@@ -133,17 +133,23 @@ def runs(ask):
     return first["request"]["measurement_set_id"], [first["id"], second["id"]]
 
 
+@pytest.fixture
+def run(ask, runs):
+    """A run of the test's own, which nobody has authorised."""
+    return ask("POST", "/v1/runs", json={"measurement_set_id": runs[0]}).json()["id"]
+
+
 def page(ask, run, **options):
     return ask("GET", file_at(run, "report.html"), **options).text
 
 
-def test_only_admins_authorise_and_only_for_a_laboratory(ask, runs):
-    path = f"/v1/runs/{runs[1][0]}/authorisations"
+def test_only_admins_authorise_and_only_for_a_laboratory(ask, run):
+    path = f"/v1/runs/{run}/authorisations"
     assert ask("POST", path, json={}).status_code == 403
     refused = ask("POST", path, "admin", LaboratorySettings(), json={})
     assert refused.status_code == 409
     assert "--laboratory" in refused.json()["detail"]
-    assert ask("GET", file_at(runs[1][0], "authorisations.json")).json() == {"items": []}
+    assert ask("GET", file_at(run, "authorisations.json")).json() == {"items": []}
 
 
 def test_from_draft_to_superseded(ask, runs):
@@ -184,10 +190,9 @@ def test_from_draft_to_superseded(ask, runs):
     assert len(ask("GET", file_at(first, "authorisations.json")).json()["items"]) == 1
 
 
-def test_an_issued_report_stays_byte_for_byte(ask, runs, store, monkeypatch, tmp_path):
+def test_an_issued_report_stays_byte_for_byte(ask, runs, run, store, monkeypatch, tmp_path):
     """Settings, metadata, the software's version, backup and restore: the same PDF, whose hash is kept."""
     measured, _ = runs
-    run = ask("POST", "/v1/runs", json={"measurement_set_id": measured}).json()["id"]
     path = f"/v1/runs/{run}"
     body = {"customer": {"name": "Arms Inc.", "address": ["2 Side Street"]}, "received_on": "2026-11-20"}
     answer = ask("POST", f"{path}/authorisations", "admin", json=body)
@@ -226,12 +231,12 @@ def test_an_issued_report_stays_byte_for_byte(ask, runs, store, monkeypatch, tmp
 @pytest.mark.parametrize(
     "body", [{"received_on": "yesterday"}, {"customer": {}}, {"customer": {"name": "\u0000"}}, {"number": 7}]
 )
-def test_what_cannot_be_stated_is_refused(ask, runs, body):
-    assert ask("POST", f"/v1/runs/{runs[1][0]}/authorisations", "admin", json=body).status_code == 422
+def test_what_cannot_be_stated_is_refused(ask, run, body):
+    assert ask("POST", f"/v1/runs/{run}/authorisations", "admin", json=body).status_code == 422
 
 
-def test_there_is_no_way_to_change_one(store, ask, runs):
-    path = f"/v1/runs/{runs[1][0]}/authorisations"
+def test_there_is_no_way_to_change_one(store, ask, run):
+    path = f"/v1/runs/{run}/authorisations"
     assert {ask(method, path, "admin").status_code for method in ("DELETE", "PUT", "PATCH")} == {405}
     assert {n for n in dir(store.authorisations) if not n.startswith("_")} == {"add", "of", "page"}
 
@@ -252,9 +257,8 @@ def test_the_same_at_the_same_time_is_one(database_url):
             store.authorisations.add(replace(same, key_id="9876543210", number=2))
 
 
-def test_two_admins_at_the_same_instant_get_two_numbers(ask, runs, monkeypatch):
+def test_two_admins_at_the_same_instant_get_two_numbers(ask, run, monkeypatch):
     """Both have stated number 1 when the first of them is stored: the other states number 2."""
-    run = ask("POST", "/v1/runs", json={"measurement_set_id": runs[0]}).json()["id"]
     both, made = threading.Barrier(2), []
 
     def meet(document):
@@ -280,9 +284,7 @@ def test_two_admins_at_the_same_instant_get_two_numbers(ask, runs, monkeypatch):
         assert f"Authorised by {answer.json()['key_name']}" in " ".join(text.split())
 
 
-def test_an_authorised_run_is_not_deleted(ask, runs):
-    measured, _ = runs
-    run = ask("POST", "/v1/runs", json={"measurement_set_id": measured}).json()["id"]
+def test_an_authorised_run_is_not_deleted(ask, run):
     assert ask("POST", f"/v1/runs/{run}/authorisations", "admin", json={}).status_code == 201
     refused = ask("DELETE", job_at(run))
     assert refused.status_code == 409
