@@ -79,6 +79,12 @@ def pytest_runtest_call(item: pytest.Item) -> Iterator[None]:
     return (yield from guard.watch(item))
 
 
+def pytest_configure(config: pytest.Config) -> None:
+    """Let the seed of a random order (`-p randomly`) draw the order alone; tests draw what they always do."""
+    if config.pluginmanager.hasplugin("randomly"):
+        config.option.randomly_reset_seed = False
+
+
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
     """Pass over whole folders that `-m` leaves out."""
     is_left_out = collection_path.name in OF_PROCESSES and "not process" in config.option.markexpr
