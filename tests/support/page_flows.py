@@ -165,7 +165,7 @@ class Flow:
         """Press a key that changes a picture."""
         before = self.first(selector).screenshot()
         self.page.keyboard.press(key)
-        until(lambda: self.first(selector).screenshot() != before, 5.0)
+        until(lambda: self.first(selector).screenshot() != before)
 
     def one_restored(self, collection: str) -> None:
         """Press the first of the buttons *Restore*, one for each that the service has deleted; it goes."""
