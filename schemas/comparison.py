@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, ClassVar, Literal
 
-from pydantic import Field, field_validator
+from pydantic import Field, StrictBool, field_validator
 
 from jointstiff.schemas.fields import (
     Compliance,
@@ -125,7 +125,9 @@ class ComparedRun(Message):
     characteristic_length: Metres[float | None] = Field(
         description="Length that was used, if the weighting needs one."
     )
-    positive: bool = Field(description="True if every compliance was constrained to be zero or positive.")
+    positive: StrictBool = Field(
+        description="True if every compliance was constrained to be zero or positive."
+    )
     error: Problem | None = Field(description="Reason why there are no numbers.")
     joints: list[JointResult] = Field(
         description="Joints, fitted to all configurations; empty if there is an error."
@@ -245,7 +247,9 @@ class OrderedJoint(Message):
         description="Profile-likelihood interval under all constraints."
     )
     compliance_interval_second: Compliance[tuple[float, float] | None]
-    equal: bool = Field(description="True if the order makes both equal: separate fits would violate it.")
+    equal: StrictBool = Field(
+        description="True if the order makes both equal: separate fits would violate it."
+    )
 
 
 class OrderedResult(Message):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, ClassVar, Literal
 
-from pydantic import FailFast, Field
+from pydantic import FailFast, Field, StrictBool
 
 from jointstiff.schemas.fields import (
     Confidence,
@@ -81,7 +81,7 @@ class LinkMass(Message):
 class SagOptions(Message):
     """Reference of a deflection."""
 
-    absolute: bool = Field(
+    absolute: StrictBool = Field(
         default=False,
         strict=True,
         description="True for deflections relative to an arm that does not bend: they include the sag under "
@@ -186,7 +186,7 @@ class CartesianCompliance(Message):
     translation_by_moment: TranslationPerMoment[Square3]
     rotation_by_force: RotationPerForce[Square3]
     rotation_by_moment: RotationalCompliance[Square3]
-    symmetric: bool = Field(description="True if the load has a potential: a dead moment has none.")
+    symmetric: StrictBool = Field(description="True if the load has a potential: a dead moment has none.")
     along: DirectionalStiffness | None = Field(description="Null without a force and a direction.")
     worst: WorstDirection
 
@@ -196,7 +196,7 @@ class DeflectionComponent(Message):
 
     source: BudgetSource
     evaluation: Evaluation
-    included: bool = Field(description="True if the component is part of `readings_only`.")
+    included: StrictBool = Field(description="True if the component is part of `readings_only`.")
     contribution: Metres[float] = Field(description="Contribution to the standard uncertainty.")
 
 

@@ -9,7 +9,7 @@ from functools import lru_cache
 from hashlib import sha256
 from typing import Annotated, Any, Generic, Literal, TypeVar
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, TypeAdapter, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, StrictBool, TypeAdapter, model_validator
 
 from jointstiff.schemas.joints import JOINT_UNITS
 
@@ -115,10 +115,10 @@ class ResourceChange(Message):
     """Changes of a resource that is no job. Omitted fields remain unchanged."""
 
     name: Name | None = Field(default=None, description="New name; null or absent: unchanged.")
-    archived: bool | None = Field(
+    archived: StrictBool | None = Field(
         default=None, description="True to archive it: listings omit it; null or absent: unchanged."
     )
-    deleted: bool | None = Field(
+    deleted: StrictBool | None = Field(
         default=None,
         description="True to delete it, false to restore it within 30 days; null or absent: unchanged.",
     )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, ClassVar, Literal
 
-from pydantic import FailFast, Field, model_validator
+from pydantic import FailFast, Field, StrictBool, model_validator
 
 from jointstiff.schemas.fields import (
     Dimensionless,
@@ -194,7 +194,7 @@ class WristResult(Message):
     )
     miss_uncertainty: Metres[float]
     miss_probability: float = Field(description="p-value of the hypothesis that the axes intersect.")
-    decoupled_method: bool = Field(
+    decoupled_method: StrictBool = Field(
         description="True if the decoupled method applies: the axes miss each other by no more than 0.5 mm."
     )
 
@@ -230,7 +230,7 @@ class NearlyParallel(Message):
 
     joint: Name = Field(description="Joint of the first axis.")
     angle: Radians[float]
-    made_parallel: bool = Field(description="True if the table treats the axes as parallel.")
+    made_parallel: StrictBool = Field(description="True if the table treats the axes as parallel.")
 
 
 class IdentifiedDh(Message):
@@ -260,7 +260,7 @@ class Drift(Message):
     rotation: Radians[Point] = Field(description="Rotation vector, tracker's frame.")
     probability: float = Field(description="p-value of the drift.")
     deformation_probability: float = Field(description="p-value of the residuals.")
-    significant: bool
+    significant: StrictBool
     moved_targets: list[Name] = Field(description="Base targets that moved relative to the others.")
 
 

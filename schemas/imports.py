@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import Field
+from pydantic import Field, StrictBool
 
 from jointstiff.schemas.fields import Identifier, Message, Name, Vector3
 from jointstiff.schemas.finding import Finding
@@ -96,11 +96,11 @@ class ImportOptions(Message):
     state_words: Annotated[dict[Name, State], Field(max_length=MAX_TARGETS)] = Field(
         default_factory=dict, description="Additional words for the states, in names, headers and columns."
     )
-    by_order: bool = Field(
+    by_order: StrictBool = Field(
         default=False,
         description="Number the rows of files without names: the first row of each is observation 1.",
     )
-    allow_missing: bool = Field(
+    allow_missing: StrictBool = Field(
         default=False,
         description="Skip incomplete readings, and list them, instead of refusing the file.",
     )
@@ -116,7 +116,7 @@ class ColumnMeaning(Message):
         examples=["P10 unloaded x", "joint 1", "ignored"],
     )
     unit: str | None = Field(description="Unit of the numbers; null if there are none.")
-    guessed: bool = Field(
+    guessed: StrictBool = Field(
         default=False,
         description="True if the meaning was assumed (from two rows, a comment, a unit without brackets, or "
         "without a header): check it.",
@@ -225,7 +225,7 @@ class ImportRequest(ImportOptions):
         description="Unit of `load_point`, `flange_targets` and the lengths in `noise`; the files' unit of "
         "length if absent.",
     )
-    accept_unusual: bool = Field(
+    accept_unusual: StrictBool = Field(
         default=False,
         description="True accepts values that look wrong: more than 100 standard deviations from their "
         "column's median, or a load point more than 5 m from the flange. Without it they are refused.",
@@ -238,7 +238,7 @@ class ImportRequest(ImportOptions):
     robot_id: Identifier | None = Field(
         default=None, description="Id of the measured robot; with it the answer has the integrity findings."
     )
-    show_faults: bool = Field(
+    show_faults: StrictBool = Field(
         default=False,
         description="True to answer 200 with `faults` and the preview, instead of 422, if a file is not "
         "understood.",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import ClassVar, Literal
 
-from pydantic import Field
+from pydantic import Field, StrictBool
 
 from jointstiff.schemas.fields import Identifier, Message, Name, Timestamp
 from jointstiff.schemas.finding import Assessment, Problem, ResultSummary, VerdictSummary
@@ -98,7 +98,7 @@ class JobChange(Message):
     cancelled: Literal[True] | None = Field(
         default=None, description="True to cancel the job; one that has ended stays as it is."
     )
-    deleted: bool | None = Field(
+    deleted: StrictBool | None = Field(
         default=None,
         description="True to delete the job, false to restore it within 30 days; null or absent: unchanged.",
     )

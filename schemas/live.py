@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import FailFast, Field
+from pydantic import FailFast, Field, StrictBool
 
 from jointstiff.schemas.fields import (
     Dimensionless,
@@ -87,7 +87,9 @@ class Innovation(Message):
     distance: Metres[float | None] = Field(
         description="Greatest distance of a target from where it was expected."
     )
-    doubtful: bool = Field(description="True if it ought to be read again before the load is taken off.")
+    doubtful: StrictBool = Field(
+        description="True if it ought to be read again before the load is taken off."
+    )
     causes: list[str] = Field(description="Causes in words, the likeliest first.")
     message: str
 
@@ -96,7 +98,7 @@ class HeldOut(Message):
     """A reading that was compared with its prediction before it counted."""
 
     label: Name
-    inside: bool = Field(description="True if it lies in the 90 % ball of its prediction.")
+    inside: StrictBool = Field(description="True if it lies in the 90 % ball of its prediction.")
     share: Dimensionless[float] = Field(description="Distance over the radius of the ball.")
     distance: Metres[float] = Field(description="Greatest distance of a target from its prediction.")
 
@@ -118,7 +120,7 @@ class NextReading(Message):
     joints: Positions[list[Quantity]] = Field(description="Joints as displayed by the controller.")
     force: Newtons[Vector3] = Field(description="Force on the robot, axes of R0.")
     anchor: int | None = Field(default=None, description="Index of the cable's anchor.")
-    held_out: bool = Field(
+    held_out: StrictBool = Field(
         description="True for one that may be the last: it is compared with its prediction before it counts."
     )
     reason: str = Field(description="Reason for this one.")

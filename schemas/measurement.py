@@ -6,7 +6,15 @@ from datetime import UTC, datetime
 from math import hypot
 from typing import Annotated, Literal, Self
 
-from pydantic import AfterValidator, AwareDatetime, BeforeValidator, FailFast, Field, model_validator
+from pydantic import (
+    AfterValidator,
+    AwareDatetime,
+    BeforeValidator,
+    FailFast,
+    Field,
+    StrictBool,
+    model_validator,
+)
 
 from jointstiff.schemas.fields import (
     Dimensionless,
@@ -166,7 +174,7 @@ class Noise(Message):
         default=None,
         description="Uncertainty of the robot's geometry; if absent, its model counts as exact.",
     )
-    refuted: bool = Field(
+    refuted: StrictBool = Field(
         default=False,
         strict=True,
         description="True if the residuals refuted the tracker's noise as `noise` or the readings state it. "
@@ -514,7 +522,7 @@ class StoredSet(SetMetadata):
 
     id: Identifier
     robot_id: Identifier = Field(description="Id of the robot that was measured.")
-    archived: bool = Field(default=False, description="True if archived: listings omit the set.")
+    archived: StrictBool = Field(default=False, description="True if archived: listings omit the set.")
     content_hash: str = Field(
         description="SHA-256 of the readings with their units, noise and frame; not of name and metadata."
     )
@@ -528,7 +536,7 @@ class MeasurementSetSummary(StoredSet):
     encoders: Literal["motor", "secondary"]
     observation_count: int
     warning_count: int
-    open: bool = Field(default=False, description="True while it is measured live.")
+    open: StrictBool = Field(default=False, description="True while it is measured live.")
 
 
 class StoredMeasurementSet(MeasurementSetHeader, StoredSet):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from typing import Annotated, Any, ClassVar, Final, Literal
 
-from pydantic import Field
+from pydantic import Field, StrictBool
 
 from jointstiff.schemas.fields import (
     Compliance,
@@ -310,7 +310,7 @@ class PlanOptions(AcceptingOptions):
     validation: Dimensionless[Annotated[float, Field(strict=True, ge=0.0, le=0.5)]] = Field(
         default=0.2, description="Share of the readings that are held out from the fit."
     )
-    elastic_links: bool | None = Field(
+    elastic_links: StrictBool | None = Field(
         default=None,
         description="True to allow for elastic links as nuisance parameters; default: true if the campaign "
         "shows lack of fit.",
@@ -339,7 +339,9 @@ class PlannedReading(Message):
     direction: Dimensionless[Point | None] = Field(
         default=None, description="Direction in R0 along which to read; null if all coordinates are read."
     )
-    validation: bool = Field(description="True if the reading is held out from the fit, to judge the model.")
+    validation: StrictBool = Field(
+        description="True if the reading is held out from the fit, to judge the model."
+    )
     block: int = Field(
         default=1,
         description="Block, counted from 1: four readings and some of those held out. Each is a good plan by "
@@ -387,7 +389,7 @@ class PlanResult(Result):
         description="Joints that the plan does not determine: no load twists them, and none were named."
     )
     criterion: PlanCriterion
-    elastic_links: bool = Field(description="True if elastic links were a nuisance.")
+    elastic_links: StrictBool = Field(description="True if elastic links were a nuisance.")
     efficiency: Dimensionless[float] = Field(
         description="Certified: the list has at least this share of the information of the best list of the "
         "same length from these candidates, over all directions of force if these are free."

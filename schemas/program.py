@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, ClassVar, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field, StrictBool, model_validator
 
 from jointstiff.schemas.deflection import PredictionOptions
 from jointstiff.schemas.fields import (
@@ -169,9 +169,8 @@ class ProgramOptions(AcceptingOptions, PredictionOptions):
         default_factory=list,
         description="Routines of the program that neither move the robot nor change its frames.",
     )
-    leave_others: bool = Field(
+    leave_others: StrictBool = Field(
         default=False,
-        strict=True,
         description="True to leave the moves whose target, base or tool is not certain, and correct the "
         "others; without it, a program with such moves is refused with their list.",
     )
@@ -183,9 +182,8 @@ class ProgramOptions(AcceptingOptions, PredictionOptions):
     format: ProgramFormat | None = Field(
         default=None, description="Format of the program; default: by the file's name."
     )
-    mark: bool = Field(
+    mark: StrictBool = Field(
         default=True,
-        strict=True,
         description="True to write a comment into the compensated program with the run, its verdict and the "
         "date. A marked program is not corrected again. The mark is always written for a run with the "
         "verdict do_not_use.",
@@ -271,7 +269,7 @@ class ProgramPoint(Message):
     residual_rotation: Radians[float]
     rounding: Metres[float] = Field(description="Part of it due to the rounding of numbers in the program.")
     share: Dimensionless[float] = Field(description="Share of the full correction that is applied.")
-    capped: bool = Field(description="True if the limits reduce the correction.")
+    capped: StrictBool = Field(description="True if the limits reduce the correction.")
 
 
 class ProgramResult(FromRun):

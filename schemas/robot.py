@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field, StrictBool, model_validator
 
 from jointstiff.schemas.fields import (
     Dimensionless,
@@ -167,7 +167,7 @@ class Joint(Message):
 class Wrist(Message):
     """Wrist of the robot; the decoupled method needs the last three axes to meet in one point."""
 
-    spherical: bool
+    spherical: StrictBool
     miss_distance: Metres[float | None] = Field(
         description="Distance of the last three axes from their nearest common point; null if there is no "
         "such point."
@@ -215,7 +215,7 @@ class RobotSummary(Message):
         default=None,
         description="Arm of the catalogue whose nominal values the model has, if it was posted as one.",
     )
-    archived: bool = Field(default=False, description="True if archived: listings omit the robot.")
+    archived: StrictBool = Field(default=False, description="True if archived: listings omit the robot.")
     content_hash: str = Field(description="SHA-256 of kinematics, limits and joint map; not of the name.")
     created_at: Timestamp
     alarms: list[OpenAlarm] = Field(

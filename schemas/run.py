@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from math import hypot
 from typing import Annotated, ClassVar, Literal
 
-from pydantic import Field
+from pydantic import Field, StrictBool
 
 from jointstiff.schemas.fields import (
     Compliance,
@@ -149,7 +149,7 @@ class BudgetComponent(Message):
 
     source: BudgetSource
     evaluation: Evaluation
-    included: bool = Field(
+    included: StrictBool = Field(
         description="True if the component is part of the joints' standard uncertainty. Model error is "
         "included only if joints alone do not fit; a neglected complementary stiffness never is."
     )
@@ -422,7 +422,7 @@ class SigmaTest(Message):
 class ComplementaryStiffness(Message):
     """Effect of the change of the load's joint torques with the deflection."""
 
-    included: bool
+    included: StrictBool
     iterations: int = Field(description="Number of fits until the iteration converged; 0 if neglected.")
     largest_ratio: float = Field(description="Largest |K_c,ij| / k_i over the set. Dimensionless.")
     largest_shift: float | None = Field(
@@ -623,7 +623,7 @@ class RunSummary(JobSummary, ResultSummary):
     robot_id: Identifier
     method: Method
     weighting: Weighting
-    positive: bool
+    positive: StrictBool
     elasticity: Elasticity = Field(description="Parts that bend.")
     leave_out: list[Name] = Field(default_factory=list, description="Omitted observations.")
     variant_of: Identifier | None = Field(default=None, description="Run that this one tries to improve.")

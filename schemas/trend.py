@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import Discriminator, Field, RootModel, Tag
+from pydantic import Discriminator, Field, RootModel, StrictBool, Tag
 
 from jointstiff.schemas.fields import Dimensionless, Identifier, Message, Name, Stiffness, Timestamp
 from jointstiff.schemas.finding import Assessment, Verdict
@@ -27,7 +27,7 @@ class TrendQuery(Message):
     serial_number: Name | None = Field(default=None, description="Serial number of the robot.")
     method: Method | None = Field(default=None, description="Method of the runs.")
     weighting: Weighting | None = Field(default=None, description="Weighting of the runs.")
-    positive: bool | None = Field(
+    positive: StrictBool | None = Field(
         default=None, description="True if compliances are constrained to be zero or more."
     )
     encoders: Encoders | None = Field(default=None, description="Encoders that closed the position loop.")
@@ -39,7 +39,7 @@ class TrendSelection(Message):
     serial_number: str | None = Field(description="Serial number of the robot; null if the sets state none.")
     method: Method
     weighting: Weighting
-    positive: bool = Field(description="True if compliances are constrained to be zero or more.")
+    positive: StrictBool = Field(description="True if compliances are constrained to be zero or more.")
     encoders: Encoders
     complementary_stiffness: Literal["neglected", "included"]
 
@@ -92,7 +92,7 @@ class TrendPoint(Message):
     smoothed: Stiffness[float | None] = Field(default=None, description="EWMA after this campaign.")
     lower_limit: Stiffness[float | None] = Field(default=None, description="Lower limit of the EWMA.")
     upper_limit: Stiffness[float | None] = Field(default=None, description="Upper limit of the EWMA.")
-    exceeded: bool = Field(default=False, description="True if the EWMA is beyond a limit.")
+    exceeded: StrictBool = Field(default=False, description="True if the EWMA is beyond a limit.")
     change: TrendChange | None = Field(
         default=None, description="Change of this campaign against the reference campaigns."
     )
@@ -262,4 +262,4 @@ class Fleet(Message):
     """All robots, those in alarm first."""
 
     items: list[FleetRow]
-    is_whole: bool = Field(description="True if these are all robots: no more than 200 are shown.")
+    is_whole: StrictBool = Field(description="True if these are all robots: no more than 200 are shown.")

@@ -398,12 +398,19 @@ def http_problem(status: int, detail: str, remedy: str | None = None) -> Problem
     )
 
 
-def invalid_request(errors: Sequence[Mapping[str, Any]]) -> Problem:
-    """Problem details of pydantic's errors: the first faults, short, without what was sent."""
+def invalid_request(errors: Sequence[Mapping[str, Any]], parameters: Sequence[str] = ()) -> Problem:
+    """Problem details of pydantic's errors: the first faults, short, without what was sent.
+
+    Args:
+        errors: as pydantic lists them.
+        parameters: names of the query parameters of the route.
+    """
     items = [
         ProblemItem(
             where=_short(_path(error["loc"])) or "body",
-            reason="must be an object" if error["type"] in _NO_OBJECT else _short(reworded(error)),
+            reason="must be an object"
+            if error["type"] in _NO_OBJECT
+            else _short(reworded(error, parameters)),
             remedy=_remedy(error),
         )
         for error in errors[:MAX_ITEMS]
@@ -470,11 +477,12 @@ def _path(location: Sequence[int | str]) -> str:
     return path
 
 
-def reworded(error: Mapping[str, Any]) -> str:
+def reworded(error: Mapping[str, Any], parameters: Sequence[str] = ()) -> str:
     """Return one of pydantic's errors in the project's words.
 
     Args:
         error: its `type`, `loc` and `msg`.
+        parameters: names of the query parameters of the route, of which an unknown one may be meant.
     """
     message = str(error["msg"])
     for pattern, wording in _WORDING:
@@ -482,9 +490,10 @@ def reworded(error: Mapping[str, Any]) -> str:
             message = match.expand(wording)
             break
     name = str(error["loc"][-1]) if error["type"] == "extra_forbidden" and error["loc"] else ""
-    if not name or len(name) > _LONGEST_NAME or name in _fields():
+    known = parameters if error["loc"][:1] == ("query",) else _fields()  # of all messages
+    if not name or len(name) > _LONGEST_NAME or name in known:
         return message
-    nearest = get_close_matches(name, _fields(), n=1, cutoff=0.75)  # of the fields of all messages
+    nearest = get_close_matches(name, known, n=1, cutoff=0.75)
     return f"{message}; did you mean `{nearest[0]}`?" if nearest else message
 
 

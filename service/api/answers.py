@@ -126,7 +126,7 @@ def describe_problems(path: str, method: str, operation: dict[str, Any]) -> None
     """Describe in OpenAPI the errors that an operation may answer with, as its address and its body tell."""
     statuses = {401, 403, 422, 429, 503}
     if "requestBody" in operation:
-        statuses |= {400, 413, 415}
+        statuses |= {400, 404, 413, 415}  # a body may name what is not there
     if "{" in path:
         statuses |= {404} if method == "get" else {404, 409}
     if "201" in operation["responses"] and "security" in operation:
@@ -189,12 +189,20 @@ def answer_error(error: JointstiffError | StoreError) -> Response:
     return answer_problem(problem)
 
 
-async def _answer_failure(_: Request, error: Exception) -> Response:
+def _parameters(request: Request) -> list[str]:
+    """Return the names of the query parameters of the route of a request."""
+    route = request.scope.get("route")
+    path = request.app.openapi()["paths"].get(getattr(route, "path_format", ""), {})
+    described = path.get(request.method.lower(), {}).get("parameters", [])
+    return [each["name"] for each in described if each["in"] == "query"]
+
+
+async def _answer_failure(request: Request, error: Exception) -> Response:
     match error:
         case JointstiffError() | StoreError():
             return answer_error(error)
         case RequestValidationError():
-            return answer_problem(invalid_request(error.errors()))
+            return answer_problem(invalid_request(error.errors(), _parameters(request)))
         case HTTPException():
             reason, *remedy = str(error.detail).split("; ", 1)
             todo = remedy[0] if remedy else _REMEDIES.get(error.status_code)

@@ -141,6 +141,9 @@ Key = Annotated[IdempotencyKey | None, Depends(_key)]
 
 
 def _require(request: Request, media_type: str, what: str) -> None:
+    coding = request.headers.get("content-encoding", "identity").strip().lower()
+    if coding != "identity":
+        raise HTTPException(415, f"the body has the Content-Encoding {coding[:40]!r}; send it without one")
     if request.headers.get("content-type", "").partition(";")[0].strip().lower() != media_type:
         raise HTTPException(415, f"send {what}, with the header Content-Type: {media_type}")
 

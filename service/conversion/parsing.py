@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 from collections.abc import Mapping, Sequence, Set
 from typing import Any, Final, TypeVar
 
@@ -34,14 +35,14 @@ def parse(message: type[Parsed], content: bytes, section: str | None = None) -> 
 
     Args:
         message: what it should be.
-        content: the text; its depth is limited to 200.
+        content: the text, with a byte order mark or without; its depth is limited to 200.
         section: key of an object under which the message may stand, in place of at the top.
 
     Raises:
         MalformedError: it is not JSON, or not such a message.
     """
     try:
-        document = from_json(content)
+        document = from_json(content.removeprefix(codecs.BOM_UTF8))
     except ValueError as error:
         raise MalformedError([{"type": "json_invalid", "loc": (), "msg": f"Invalid JSON: {error}"}]) from None
     if section is not None and isinstance(document, dict) and section in document:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import json
+import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from math import isfinite, nan
 from types import MappingProxyType
@@ -24,9 +25,16 @@ _SINGLE: Final = 7
 """Digits of a number in single precision."""
 
 
+_FORMULA_BEHIND: Final = re.compile(rf"(?<=[;\t])(?=\s*[{re.escape(''.join(_FORMULA))}])")
+"""Where a formula begins behind a sign at which a spreadsheet of another language parts cells."""
+
+
 def guarded(value: Value) -> Value:
     """Return a cell; a text that a spreadsheet would carry out is led by an apostrophe, which it hides."""
-    return f"'{value}" if isinstance(value, str) and value.startswith(_FORMULA) else value
+    if not isinstance(value, str):
+        return value
+    text = _FORMULA_BEHIND.sub("'", value)
+    return f"'{text}" if text.startswith(_FORMULA) else text
 
 
 def csv_text(sheet: Sheet) -> str:

@@ -1,0 +1,119 @@
+"""What the API takes as it is written, and what it refuses with a reason."""
+
+import codecs
+import gzip
+import json
+import re
+
+import pytest
+from pydantic import ValidationError
+from support.in_process import Client
+
+from jointstiff.schemas import query
+from jointstiff.schemas.fields import Message
+from jointstiff.service.api.bodies import EXAMPLES
+from jointstiff.service.kinds.registry import KINDS
+from jointstiff.service.store.store import Store
+from jointstiff.service.tables.files import csv_text
+from jointstiff.service.tables.table import Sheet
+
+JSON = {"Content-Type": "application/json"}
+ROBOT = json.dumps(EXAMPLES["robots"]["modified DH"]).encode()
+TRUE_TO_OTHERS = (1, 0, 1.0, 0.0, "true", "false", "yes", "1")
+
+
+@pytest.fixture(scope="module")
+def client(tmp_path_factory):
+    with Store.open(f"sqlite:///{tmp_path_factory.mktemp('strict') / 'jointstiff.db'}") as store:
+        yield Client(store)
+
+
+def messages():
+    assert KINDS  # their messages are imported
+    found, waiting = [], [Message]
+    while waiting:
+        waiting += (message := waiting.pop()).__subclasses__()
+        found.append(message)
+    ours = [each for each in found if each.__module__.startswith("jointstiff.")]
+    return [each for each in ours if each.__module__ != query.__name__]
+
+
+def test_no_field_of_a_message_takes_a_number_or_a_word_for_a_boolean():
+    fields = [
+        (message, name)
+        for message in messages()
+        for name, field in message.model_fields.items()
+        if "bool" in re.findall(r"\w+", str(field.annotation))
+    ]
+    assert len(fields) > 30
+    for message, name in fields:
+        for value in TRUE_TO_OTHERS:
+            with pytest.raises(ValidationError, match="bool"):
+                message.__pydantic_validator__.validate_assignment(message.model_construct(), name, value)
+
+
+@pytest.mark.parametrize("value", TRUE_TO_OTHERS)
+def test_what_is_no_boolean_deletes_nothing(client, value):
+    created = client.request("POST", "/v1/robots", content=ROBOT, headers=JSON)
+    address = created.headers["Location"]
+    body = json.dumps({"deleted": value}).encode()
+    assert client.request("PATCH", address, content=body, headers=JSON).status_code == 422
+    assert client.get(address).status_code == 200
+
+
+def test_json_with_a_byte_order_mark_is_taken(client):
+    content = codecs.BOM_UTF8 + ROBOT
+    assert client.request("POST", "/v1/robots", content=content, headers=JSON).status_code == 201
+
+
+@pytest.mark.parametrize("coding", ["gzip", "br", "x"])
+def test_a_coded_body_is_refused_with_what_to_do(client, coding):
+    headers = JSON | {"Content-Encoding": coding}
+    answer = client.request("POST", "/v1/robots", content=gzip.compress(ROBOT), headers=headers)
+    assert answer.status_code == 415
+    assert "without" in answer.json()["remedy"]
+
+
+def test_a_body_that_is_cut_says_line_and_column_wherever_it_is_cut(client):
+    for end in range(1, len(ROBOT.rstrip()) - 1, 7):
+        answer = client.request("POST", "/v1/robots", content=ROBOT[:end], headers=JSON)
+        assert answer.status_code == 422
+        assert re.search(r"line \d+ column \d+", answer.json()["detail"]), (ROBOT[:end], answer.text)
+
+
+@pytest.mark.parametrize(
+    ("address", "meant"),
+    [
+        ("/v1/runs?metod=complete_pose", "method"),
+        ("/v1/robots?metod=x", None),
+        ("/v1/robots?limt=3", "limit"),
+    ],
+)
+def test_an_unknown_parameter_is_compared_with_those_of_its_route_only(client, address, meant):
+    reason = client.get(address).json()["errors"][0]["reason"]
+    assert (f"did you mean `{meant}`" in reason) if meant else ("did you mean" not in reason)
+
+
+def test_every_post_that_names_what_is_not_there_answers_a_status_that_it_declares(client):
+    described = client.get("/openapi.json").json()["paths"]
+    for path, operations in described.items():
+        if "post" not in operations or "application/json" not in operations["post"].get(
+            "requestBody", {}
+        ).get("content", {}):
+            continue
+        examples = operations["post"]["requestBody"]["content"]["application/json"].get("examples", {})
+        for example in examples.values():
+            unknown = re.sub(r"\{\w+\}", "nothing", path)
+            answer = client.request(
+                "POST", unknown, content=json.dumps(example["value"]).encode(), headers=JSON
+            )
+            assert str(answer.status_code) in operations["post"]["responses"], (path, answer.text)
+        assert "404" in operations["post"]["responses"], path
+
+
+@pytest.mark.parametrize("sign", ";\t")
+def test_a_formula_behind_a_sign_that_parts_cells_elsewhere_is_guarded(sign):
+    text = csv_text(Sheet({"name": [f"arm{sign}=HYPERLINK(1)", f"arm{sign} @x", f"a{sign}b"]}))
+    cells = [cell.strip().strip('"') for line in text.splitlines()[1:] for cell in line.split(sign)]
+    assert not any(cell.startswith(("=", "+", "-", "@")) for cell in cells), text
+    assert f"a{sign}b" in text
