@@ -128,7 +128,17 @@ class Weight(Message):
         return self
 
 
-Method = Literal["complete_pose", "partial_pose", "decoupled_partial_pose"]
+METHODS_IN_SHORT = {"CP": "complete_pose", "PP": "partial_pose", "DPP": "decoupled_partial_pose"}
+"""The paper's abbreviations, which are taken for the names of the methods."""
+
+
+def _in_full(name: object) -> object:
+    return METHODS_IN_SHORT.get(name.upper(), name) if isinstance(name, str) else name
+
+
+Method = Annotated[
+    Literal["complete_pose", "partial_pose", "decoupled_partial_pose"], BeforeValidator(_in_full)
+]
 Weighting = Literal["covariance", "characteristic_length", "uniform"]
 PositiveStiffness = Annotated[float, Field(strict=True, ge=1.0, le=1e15)]
 StiffnessBound = tuple[PositiveStiffness | None, PositiveStiffness | None]

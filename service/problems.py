@@ -326,6 +326,7 @@ _REMEDIES: Final[Mapping[str, str]] = MappingProxyType(
         "json_invalid": "send valid JSON with finite numbers and at most 200 levels",
         "union_tag_invalid": "use one of the formats named",
         "too_long": "send fewer, or split them into several resources",
+        "literal_error": "use one of the words named, as they are written",
         "bool_type": "give true or false, without quotes",
         "float_type": "give a number, without quotes",
         "timezone_aware": "add the time zone, such as 2026-11-20T14:30:00+01:00",

@@ -83,6 +83,7 @@ def simulate_campaign(
     encoders: Encoders = "motor",
     method: str = "partial_pose",
     seed: int = 0,
+    noise_seed: int | None = None,
 ) -> Document:
     """Simulate a campaign and write it down as the service takes it.
 
@@ -110,6 +111,7 @@ def simulate_campaign(
             stiffnesses do.
         method: Method the run asks for.
         seed: Seed of all random numbers.
+        noise_seed: Seed of the noise alone, for another campaign in the same configurations; None for `seed`.
 
     Returns:
         The document, {"robot", "measurement_set", "run"}.
@@ -130,7 +132,9 @@ def simulate_campaign(
         load_point=load_point,
         seed=seed,
     )
-    unloaded, loaded = simulate_positions(arm, experiment, targets, sigma=sigma, seed=seed)
+    unloaded, loaded = simulate_positions(
+        arm, experiment, targets, sigma=sigma, seed=seed if noise_seed is None else noise_seed
+    )
     document = measurement_set(
         experiment,
         targets,

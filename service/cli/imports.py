@@ -60,6 +60,12 @@ def _target(text: str) -> tuple[str, tuple[float, ...]]:
     return target, cli.vector_of(place)
 
 
+def _cells(text: str) -> list[str]:
+    """Split a header as its file would be split: by semicolons, tabs or commas, else by blanks."""
+    delimiter = next((sign for sign in ";\t," if sign in text), None)
+    return [cell.strip() for cell in text.split(delimiter)]
+
+
 _FORMS: Final = {
     "units": Terminal(
         "",
@@ -72,7 +78,7 @@ _FORMS: Final = {
     "point_name": Terminal("", "TEMPLATE", str),
     "file_name": Terminal("", "TEMPLATE", str),
     "state_words": Terminal("--state-word", "WORD=STATE", _pair, "dict"),
-    "header": Terminal("", "'A;B;C'", lambda text: [cell.strip() for cell in text.split(";")]),
+    "header": Terminal("", "'A;B;C'", _cells),
     "noise": Terminal(
         "--sigma",
         "MM",
@@ -537,7 +543,8 @@ def _findings(answer: ImportAnswer) -> Iterator[Line]:
         place = f"{finding.observation}: " if finding.observation else ""
         remedy = f"; {finding.remedy}" if finding.remedy else ""
         style: Any = "bad" if finding.weight == "do_not_use" else "care"
-        yield Line(f"  {VERDICTS[finding.weight]}: {place}{finding.message}{remedy}", style)
+        weight = "for information" if finding.weight == "use" else VERDICTS[finding.weight]
+        yield Line(f"  {weight}: {place}{finding.message}{remedy}", style)
 
 
 def _dialect(file: FilePreview) -> str:

@@ -15,6 +15,7 @@ import typer
 
 from jointstiff.schemas.deflection import DeflectionOptions
 from jointstiff.schemas.fields import Message, Terminal, chain_of
+from jointstiff.schemas.options import METHODS_IN_SHORT
 from jointstiff.service.cli import options as cli
 from jointstiff.service.kinds.kind import AnyKind
 from jointstiff.service.kinds.rooms import ROOMS, kind_of
@@ -387,7 +388,7 @@ def _one_of(words: Sequence[str]) -> Callable[[str], str]:
     """Return a parser of words of the API, of which people may write the underlines as hyphens."""
 
     def parse(text: str) -> str:
-        word = text.replace("-", "_")
+        word = METHODS_IN_SHORT.get(text.upper(), text.replace("-", "_"))
         if word not in words:
             raise ValueError(f"{text!r} is not one of {', '.join(map(repr, words))}.")
         return word

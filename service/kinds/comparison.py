@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Final
 from jointstiff.schemas.comparison import (
     CampaignComparison,
     ComparedRun,
+    ComparedSide,
     Comparison,
     ComparisonRequest,
     ComparisonResult,
@@ -346,24 +347,23 @@ def charts(result: ComparisonResult) -> list[Chart]:
                 "mm",
             )
         )
-    if len(result.sides) > 1:
-        one, two = result.sides
-        of_second = dict(zip(two.configurations, two.deflection, strict=True))
+    if paired := _paired(result):
         series = {
-            "first side": one.deflection,
-            "second side": [of_second.get(label) for label in one.configurations],
+            f"{side.side} side": [_deflections(side)[label] for label in paired] for side in result.sides
         }
-        charts.insert(
-            0,
-            Chart(
-                "Deflection of each configuration, mean over the targets",
-                one.configurations,
-                series,
-                1e3,
-                "mm",
-            ),
-        )
+        title = "Deflection of each configuration that both sides have, mean over the targets"
+        charts.insert(0, Chart(title, paired, series, 1e3, "mm"))
     return charts
+
+
+def _deflections(side: ComparedSide) -> dict[str, float | None]:
+    return dict(zip(side.configurations, side.deflection, strict=True))
+
+
+def _paired(result: ComparisonResult) -> list[str]:
+    """Return the observations that both sides have, in the same posture under the same load."""
+    shares = [] if result.avoided is None else result.avoided.configurations
+    return [share.observation for share in shares if share.side == "both"]
 
 
 # The files

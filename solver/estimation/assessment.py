@@ -600,7 +600,7 @@ def _residuals(measurements: Measurements, estimate: Estimate, *, joints_alone: 
             code="residuals_exceed_sigma",
             weight=weight,
             message=f"the residuals are {figure(ratio, '.3g')} times as large as the stated noise allows, so "
-            "the uncertainties are too small by the same factor",
+            "the uncertainties are too small; how much depends on what the model leaves unexplained",
             remedy=_CHECK_NOISE,
             action=Action.of("omit_noise"),
         )

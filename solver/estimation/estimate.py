@@ -317,6 +317,7 @@ class JointCompliance:
     #: joints, None without a prior
     prior_to_data: float | None = None
     reason: str | None = None  #: why there is no number, or what holds it
+    limit: str = ""  #: lower limit of the stiffness with which the reason begins
 
     @property
     def stiffness(self) -> float | None:
@@ -526,6 +527,7 @@ class Evidence:
             None if one_sided is None else one_sided_bounds(*one_sided),
             None if np.isnan(ratio) else ratio,
             "; ".join(filter(None, [reason, alone.format(name) if np.isinf(ratio) else None])) or None,
+            self.stiffer_than(j, ends),
         )
 
     def uncertainty(self, j: int) -> float | None:

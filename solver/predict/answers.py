@@ -619,6 +619,13 @@ MAX_SUSPICIOUS: Final = 100
 """Readings that are listed; all are counted."""
 
 
+def _reason_of(joint: JointCompliance, assessment: Assessment) -> str | None:
+    """Return the reason of a joint; without its lower limit, which a model that is refuted does not give."""
+    if joint.reason is None or assessment.verdict != "do_not_use":
+        return joint.reason
+    return joint.reason.removeprefix(joint.limit)
+
+
 def run_result(
     estimate: Estimate,
     prediction: Prediction,
@@ -664,6 +671,7 @@ def run_result(
             run.JointResult,
             estimate.joints,
             verdict=assessment.joints,
+            reason=[_reason_of(joint, assessment) for joint in estimate.joints],
             budget=joint_budgets,
         ),
         compensation=prediction.compensation,
