@@ -1,5 +1,5 @@
 import { describe, expect, it } from "vitest";
-import { codecOf, plain, type Schema } from "../src/lib/schema";
+import { codecOf, isAmbiguous, plain, type Schema } from "../src/lib/schema";
 import { jsonOf, unreadIn } from "../src/lib/json";
 import { noiseOf } from "../src/lib/campaign";
 import { requestOf } from "../src/views/flow";
@@ -20,6 +20,12 @@ describe("what is typed for a value of the API", () => {
     expect(codec(NUMBER, 1e6).read("0.86")).toBe(860000);
     expect(codec(NUMBER).read(" ")).toBeNull();
     expect(codec(NUMBER, 1e-6).show(2e-5)).toBe("20");
+  });
+  it("is ambiguous where a mark may part thousands or a fraction, and only there", () => {
+    for (const typed of ["1,500", "1.500", "-1,500", "0 0 -1.500", "12.345; 3", "123,456"])
+      expect(isAmbiguous(typed), typed).toBe(true);
+    for (const typed of ["1.5", "0.500", "1500", "1,5", "1234.567", "1.5000", "12", "", "0 0 -500"])
+      expect(isAmbiguous(typed), typed).toBe(false);
   });
   it("is three numbers of a vector, in any of the usual ways", () => {
     for (const typed of ["100, -20, 5", "100 -20 5", "100; -20; 5", "100,-20,5", "[100, -20, 5]"])

@@ -5,7 +5,7 @@ import type { Typed } from "../lib/campaign";
 import { later } from "../i18n/later";
 import { TextField, Faults, FaultsAt, FormProblem, Select } from "./fields";
 import { createContext } from "preact";
-import { type Codec, codecOf, OF_TEXT, plain, type Schema, type Schemas } from "../lib/schema";
+import { type Codec, codecOf, isAmbiguous, OF_TEXT, plain, type Schema, type Schemas } from "../lib/schema";
 import { isUnread, type Fields, faultsAt } from "../lib/json";
 import { sentence } from "../lib/said";
 import { api } from "../api/client";
@@ -322,6 +322,12 @@ function useTyped(codec: Codec, value: unknown, change: (value: unknown) => void
   };
 }
 
+/** What a number is understood as that may be read in two ways, with its unit; undefined of any other text. */
+export function understood(codec: Codec, typed: string, unit: string | undefined): string | undefined {
+  const value = codec === OF_TEXT || !isAmbiguous(typed) ? null : codec.read(typed);
+  return value === null || value === undefined ? undefined : formWords.understood(codec.show(value), unit ?? "");
+}
+
 interface TypedFieldProps {
   codec: Codec;
   value: unknown;
@@ -340,7 +346,7 @@ function TypedField({ codec, value, change, empty, long, help, ...field }: Typed
   return (
     <TextField
       {...field}
-      help={unread ? formWords.unread(typed) : help}
+      help={unread ? formWords.unread(typed) : (understood(codec, typed, field.unit) ?? help)}
       value={typed}
       change={type}
       placeholder={empty}
@@ -452,19 +458,24 @@ interface CellProps {
 }
 
 function Cell({ schema, factor, label, value, change }: CellProps) {
-  const { typed, unread, type } = useTyped(codecOf(schema, {}, factor) ?? OF_TEXT, value, change);
+  const codec = codecOf(schema, {}, factor) ?? OF_TEXT;
+  const { typed, unread, type } = useTyped(codec, value, change);
+  const meant = understood(codec, typed, undefined);
   const set = (event: { currentTarget: { value: string } }) => type(event.currentTarget.value);
   if (!schema.enum)
     return (
-      <input
-        type="text"
-        inputMode="decimal"
-        autocomplete="off"
-        aria-label={label}
-        aria-invalid={unread}
-        value={typed}
-        onInput={set}
-      />
+      <>
+        <input
+          type="text"
+          inputMode="decimal"
+          autocomplete="off"
+          aria-label={label}
+          aria-invalid={unread}
+          value={typed}
+          onInput={set}
+        />
+        {meant && <small class="soft">{meant}</small>}
+      </>
     );
   return (
     <select aria-label={label} value={typed} onChange={set}>

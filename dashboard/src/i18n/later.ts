@@ -255,6 +255,8 @@ export const later = {
   /** Forms that are made from the service's description of its requests. */
   form: {
     unread: (typed: string) => `“${typed.trim()}” is not understood: write numbers separated by blanks.`,
+    understood: (value: string, unit: string) => `Understood as ${value} ${unit}`.trim(),
+    lastForce: (force: string) => `Use ${force} N, the force of last time`,
     ends: ["Minimum", "Maximum"],
     add: "Add a row",
     removeLast: "Remove last",

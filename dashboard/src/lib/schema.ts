@@ -8,6 +8,9 @@ export function numberIn(text: string): number | null {
   return /^[-+]?(\d+([.,]\d*)?|[.,]\d+)(e[-+]?\d+)?$/i.test(trimmed) && Number.isFinite(value) ? value : Number.NaN;
 }
 
+/** Whether a text has a number that some read as thousands and others as a fraction: 1,500 or 1.500. */
+export const isAmbiguous = (text: string): boolean => /(?<![\d.,])[1-9]\d{0,2}[.,]\d{3}(?![\d.,])/.test(text);
+
 /**
  * A field as it is posted: the number times `factor`, or null. What is no number is posted as it was typed, so that the
  * service names its field.

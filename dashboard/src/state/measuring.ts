@@ -3,10 +3,11 @@ import { useEffect, useRef, useState } from "preact/hooks";
 import { api, problemOf } from "../api/client";
 import type { LiveState, Observation, Problem } from "../api/types";
 import { listen } from "../lib/events";
-import { recalled, remember } from "./session";
+import { recalled, remember, remembered } from "./session";
 
-/** A reading on its way; with what the service has against it. */
+/** A reading on its way, kept under a key of its own, so that no tab overwrites another's; with what the service has against it. */
 export interface Waiting {
+  key: string;
   observation: Observation;
   problem: Problem | null;
 }
@@ -27,43 +28,44 @@ const AGAIN_MS = 3_000;
 export function useMeasuring(id: string, first: LiveState): Measuring {
   const [state, setState] = useState(first);
   const [away, setAway] = useState(false);
-  const [waiting, setWaiting] = useState(() => (recalled(keyOf(id)) ?? []) as Waiting[]);
-  const queue = useRef(waiting);
+  const [waiting, setWaiting] = useState(() => waitingOf(id));
   const going = useRef(false);
-  const change = (next: Waiting[]) => {
-    queue.current = next;
-    remember(keyOf(id), next.length > 0 ? next : null);
-    setWaiting(next);
+  const keep = (...changed: (Waiting | string)[]) => {
+    for (const one of changed) typeof one === "string" ? remember(one, null) : remember(one.key, one);
+    setWaiting(waitingOf(id));
   };
   const put = (next: LiveState) => setState((before) => (next.revision >= before.revision ? next : before));
   const flush = async () => {
     if (going.current) return;
     going.current = true;
-    for (let next = unsent(queue.current); next; next = unsent(queue.current)) {
-      const sent = next;
+    for (let next = unsent(id); next; next = unsent(id)) {
       try {
-        put(await api.openSets.observe(id, sent.observation));
+        put(await api.openSets.observe(id, next.observation));
         setAway(false);
-        change(queue.current.filter((each) => each !== sent));
+        keep(next.key);
       } catch (error) {
         const problem = problemOf(error);
         if (problem.status === 0 || problem.status >= 500 || problem.status === 429) {
           setAway(true);
           break;
         }
-        change(queue.current.map((each) => (each === sent ? { ...sent, problem } : each)));
+        if (recalled(next.key) === null) continue; // another tab has sent it
+        keep({ ...next, problem });
       }
     }
     going.current = false;
   };
   const send = (...observations: Observation[]) => {
-    change([...queue.current, ...observations.map((observation) => ({ observation, problem: null }))]);
+    keep(...observations.map((observation) => ({ key: freshKeyOf(id), observation, problem: null })));
     void flush();
   };
   const resend = (label: string, as: string | null) => {
-    const anew = ({ observation }: Waiting): Waiting[] =>
-      as === null ? [] : [{ observation: { ...observation, label: as }, problem: null }];
-    change(queue.current.flatMap((each) => (each.observation.label === label ? anew(each) : [each])));
+    const changed = waitingOf(id).filter(({ observation }) => observation.label === label);
+    keep(
+      ...changed.map((one) =>
+        as === null ? one.key : { ...one, observation: { ...one.observation, label: as }, problem: null },
+      ),
+    );
     void flush();
   };
   useEffect(() => {
@@ -77,7 +79,7 @@ export function useMeasuring(id: string, first: LiveState): Measuring {
       if (source.readyState === EventSource.CLOSED) source = followed(id, put, back, () => setAway(true));
       void flush();
     }, AGAIN_MS);
-    const stop = listen(window, { online: back });
+    const stop = listen(window, { online: back, storage: () => setWaiting(waitingOf(id)) });
     return () => {
       source.close();
       clearInterval(timer);
@@ -87,7 +89,19 @@ export function useMeasuring(id: string, first: LiveState): Measuring {
   return { state, away, waiting, put, send, resend };
 }
 
-const unsent = (queue: Waiting[]): Waiting | undefined => queue.find(({ problem }) => problem === null);
+const unsent = (id: string): Waiting | undefined => waitingOf(id).find(({ problem }) => problem === null);
+
+/** The readings of an open set that wait in this browser, of all its tabs, in the order in which they came. */
+export const waitingOf = (id: string): Waiting[] =>
+  remembered(`${keyOf(id)}.`).flatMap((key) => {
+    const one = recalled(key) as Waiting | null;
+    return one ? [one] : [];
+  });
+
+let sent = 0;
+/** A key that no other reading has, in no tab; keys of one tab are in order. */
+const freshKeyOf = (id: string): string =>
+  `${keyOf(id)}.${String(Date.now()).padStart(15, "0")}.${String(sent++).padStart(6, "0")}.${crypto.randomUUID()}`;
 
 function followed(id: string, put: (state: LiveState) => void, back: () => void, gone: () => void): EventSource {
   const source = new EventSource(api.openSets.followed(id));
@@ -100,7 +114,7 @@ function followed(id: string, put: (state: LiveState) => void, back: () => void,
   return source;
 }
 
-const keyOf = (id: string): string => `measure.${id}`;
+const keyOf = (id: string): string => `measure.${id}.waiting`;
 export const draftKey = (id: string): string => `measure.${id}.draft`;
 
 /** Labels that count although a mistake shows in them, or showed when they came; `named`: those in which it shows now. */

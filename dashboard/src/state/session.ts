@@ -34,6 +34,16 @@ export function recalled(name: string, place: Place = "localStorage"): unknown {
   }
 }
 
+/** The names that begin so and hold something, in order. */
+export function remembered(begin: string, place: Place = "localStorage"): string[] {
+  try {
+    const names = Object.keys(window[place]).filter((name) => name.startsWith(`jointstiff.${begin}`));
+    return names.map((name) => name.slice("jointstiff.".length)).sort();
+  } catch {
+    return [];
+  }
+}
+
 /** Keep it, or forget null; where storage is switched off it holds for this visit. */
 export function remember(name: string, value: unknown, place: Place = "localStorage"): void {
   try {

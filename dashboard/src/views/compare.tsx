@@ -183,7 +183,9 @@ function ComparisonPage({ id, result, sides }: { id: string; result: Result; sid
         const own = entries.filter((fit) => fit.side === (i ? "second" : "first") && !fit.error);
         return own.length > 2 || !paired ? <Methods entries={own} level={level} side={paired ? side : null} /> : null;
       })}
-      {paired && result.avoided?.configurations.some(({ side }) => side === "both") && <BarFigure unit={mm} {...ofDeflections(result, sides)} />}
+      {paired && result.avoided?.configurations.some(({ side }) => side === "both") && (
+        <BarFigure unit={mm} {...ofDeflections(result, sides)} />
+      )}
       {result.sides.map((own, i) => (
         <BarFigure unit={mm} {...ofWhatIsLeft(own, entries, paired ? words.leftOf(sides[i] ?? "") : words.left)} />
       ))}
@@ -269,7 +271,9 @@ type Bars = Omit<ComponentProps<typeof BarFigure>, "unit">;
 
 /** The paper's figure 7: the deflection of each configuration that both sides have, in the same posture under the same load. */
 function ofDeflections({ sides: compared, avoided }: Result, sides: string[]): Bars {
-  const names = (avoided?.configurations ?? []).flatMap(({ observation, side }) => (side === "both" ? [observation] : []));
+  const names = (avoided?.configurations ?? []).flatMap(({ observation, side }) =>
+    side === "both" ? [observation] : [],
+  );
   const series = compared.map(({ configurations, deflection }, i) => {
     const lengths = new Map(configurations.map((name, c) => [name, deflection[c] ?? null]));
     const values = inMillimetres(names.map((name) => lengths.get(name) ?? null));

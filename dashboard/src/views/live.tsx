@@ -24,6 +24,7 @@ import { understand } from "../lib/campaign";
 import { fixed, percent, significant } from "../lib/format";
 import * as live from "../lib/live";
 import { sentence } from "../lib/said";
+import { isAmbiguous, vectorIn } from "../lib/schema";
 import { position, labelOf, inUnit } from "../lib/stiffness";
 import { type Vector, norm, times } from "../lib/vector";
 import { ArmView, roomOf } from "../scene/view";
@@ -383,6 +384,14 @@ function ReadingsTable({ rows, change, unloadedOnly }: RowsProps) {
                 onInput={(event) => change({ ...rows, [target]: { ...typed, [column]: event.currentTarget.value } })}
               />
             ))}
+            {columns.some((column) => isAmbiguous(typed[column])) && (
+              <small class="soft understood">
+                {later.form.understood(
+                  columns.map((column) => (vectorIn(typed[column]) ?? []).join(" ")).join(" | "),
+                  text.units.mm,
+                )}
+              </small>
+            )}
           </>
         ))}
       </div>
@@ -462,7 +471,15 @@ function Others({ set, robot, stand, use, send, taken }: OthersProps) {
           value={joints}
           change={setJoints}
         />
-        <TextField label={words.forceOf} unit={text.units.newton} value={force} change={setForce} />
+        <TextField
+          label={words.forceOf}
+          unit={text.units.newton}
+          value={force}
+          change={setForce}
+          help={
+            isAmbiguous(force) ? later.form.understood((vectorIn(force) ?? []).join(" "), text.units.newton) : undefined
+          }
+        />
         <Button disabled={!typed} onClick={() => typed && use(typed)}>
           {words.use}
         </Button>

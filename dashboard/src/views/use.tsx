@@ -29,7 +29,7 @@ import { later } from "../i18n/later";
 import { type PartProps, type RunContext, usePostures } from "./run_context";
 import { VerdictCard } from "../components/job_page";
 import { boxAround } from "../lib/map";
-import { useDraft } from "../state/session";
+import { recalled, remember, useDraft } from "../state/session";
 import { useLoad, valueOf } from "../state/load";
 
 const words = later.predict;
@@ -45,6 +45,8 @@ interface Predicted {
   point: Vector;
   force: Vector;
   answer: DeflectionResult;
+  /** What was asked, as text: an answer is shown only with its own question. */
+  question: string;
 }
 
 const rounded = (values: readonly number[], digits: number): number[] =>
@@ -83,7 +85,7 @@ function Form({ context: { run, set, robot }, result, postures }: PartProps & { 
     const [posture] = (await api.kinematics({ robot_id: robot.id }, [angles])).postures;
     if (!posture) return;
     const inBase = fromFlange(posture.flange_origin, posture.flange_axes, times(place, 1e-3));
-    setFound({ posture, point: inBase, force, answer });
+    setFound({ posture, point: inBase, force, answer, question: JSON.stringify(asked) });
   });
   const ofJoints = kinds.includes("prismatic") ? kinds.map((kind) => positionUnit(kind).trim()).join(", ") : deg;
   return (
@@ -114,7 +116,7 @@ function Form({ context: { run, set, robot }, result, postures }: PartProps & { 
           {text.run.views.predict}
         </ActionButton>
       </section>
-      {found && (
+      {found?.question === JSON.stringify(asked) && (
         <section class="card" aria-live="polite">
           <Bent found={found} result={result} />
           <Answer answer={found.answer} />
@@ -206,6 +208,7 @@ function AskMap({ context: { run, set }, postures }: { context: RunContext; post
     const joints = near && set.observations[Number(near)]?.joints.map((value) => value * angle);
     const map = { run_id: run.id, ...asked, ...(joints ? { near: joints } : {}) };
     const made = await asking((accepted) => api.maps.add({ ...map, ...accepted }, freshKey("map")));
+    remember(LAST_FORCE, asked["force"]);
     return link(["maps", made.id]);
   });
   return (
@@ -219,6 +222,7 @@ function AskMap({ context: { run, set }, postures }: { context: RunContext; post
         change={change}
         terms={{ labels: mapWords.labels }}
       />
+      <LastForce force={asked["force"]} use={(force) => change({ force })} />
       <Select
         label={mapWords.posture}
         value={near}
@@ -228,32 +232,43 @@ function AskMap({ context: { run, set }, postures }: { context: RunContext; post
           ...set.observations.map(({ label }, i) => ({ value: String(i), label: mapWords.nearestTo(label) })),
         ]}
       />
-      <ActionButton look="primary" action={make} disabled={unreadIn(asked) !== null}>
+      <ActionButton look="primary" action={make} disabled={unreadIn(asked) !== null || !asked["force"]}>
         {mapWords.make}
       </ActionButton>
     </RequestFields>
   );
 }
 
-/** The box of the load points, the strongest force, and the mean way the flange looked. */
+/** The box of the load points, and the mean way the flange looked. */
 function proposal(set: RunContext["set"], postures: Posture[]): Fields {
   const loads = postures.flatMap((posture, i) => {
     const observation = set.observations[i];
     return observation ? [loadOf(set, observation, posture)] : [];
   });
-  const strongest = loads.reduce<Vector>((best, { force }) => (norm(force) > norm(best) ? force : best), [0, 0, 0]);
   const sum = postures.reduce<Vector>((all, { flange_axes: axes }) => add(all, axes[2] ?? [0, 0, 0]), [0, 0, 0]);
   const mean: Vector = norm(sum) > 0.2 * postures.length ? times(sum, 1 / norm(sum)) : [0, 0, -1];
   const point = times(set.load_point ?? set.observations[0]?.load_point ?? [0, 0, 0], factors(set.units).length);
   return {
     area: boxAround(loads.map((load) => load.point)),
     grid: [15, 15, 5],
-    force: rounded(norm(strongest) > 0 ? strongest : [0, 0, -500], 0),
     place: rounded(point, 4),
     tool_axis: [0, 0, 1],
     directions: [rounded(mean, 2)],
     turns: 8,
   };
+}
+
+const LAST_FORCE = "force.last";
+
+/** The process force that was used last on this device, for an empty field: nobody typed it here. */
+function LastForce({ force, use }: { force: unknown; use: (force: number[]) => void }) {
+  const last = recalled(LAST_FORCE) as number[] | null;
+  if (force || !last) return null;
+  return (
+    <Button look="quiet" onClick={() => use(last)}>
+      {later.form.lastForce(last.join(", "))}
+    </Button>
+  );
 }
 
 const programWords = later.program;
@@ -273,12 +288,14 @@ const asksForAxes = (problem: Problem | null): boolean =>
 /** What a program is corrected for: its files, tool, base, process force, and the controller's accuracy option. */
 export function ProgramForm({ context: { run } }: { context: RunContext }) {
   const [files, setFiles] = useState<File[]>([]);
-  const [asked, change] = useDraft<Fields>(`programs/${run.id}`, { load: { force: [0, 0, -500] } });
+  const [asked, change] = useDraft<Fields>(`programs/${run.id}`, {});
   const [leave, setLeave] = useState(false);
+  const force = (asked["load"] as Fields | undefined)?.["force"];
   const make = useAction(async () => {
     const units = { length: "mm", angle: "deg", force: "N" };
     const program = { run_id: run.id, units, ...(stated(asked) as Fields), ...(leave ? { leave_others: true } : {}) };
     const made = await asking((accepted) => api.addProgram(files, { ...program, ...accepted }, freshKey("program")));
+    remember(LAST_FORCE, force);
     return link(["programs", made.id]);
   });
   const frame = (name: "tools" | "bases") => (
@@ -328,13 +345,14 @@ export function ProgramForm({ context: { run } }: { context: RunContext }) {
         <SchemaFields
           of="ProcessLoad-Input"
           show={["force"]}
-          value={asked["load"] as Fields}
+          value={(asked["load"] as Fields | undefined) ?? {}}
           change={(load) => change({ load })}
           terms={OF_LOAD}
         />
         {frame("tools")}
         {frame("bases")}
       </div>
+      <LastForce force={force} use={(last) => change({ load: { force: last } })} />
       {(asked["external_axes"] || asksForAxes(make.problem)) && (
         <Toggle
           label={programWords.carryNothing}
@@ -348,7 +366,7 @@ export function ProgramForm({ context: { run } }: { context: RunContext }) {
       <ActionButton
         look="primary"
         action={make}
-        disabled={files.length === 0 || !asked["accuracy_option"] || unreadIn(asked) !== null}
+        disabled={files.length === 0 || !asked["accuracy_option"] || !force || unreadIn(asked) !== null}
       >
         {programWords.make}
       </ActionButton>
