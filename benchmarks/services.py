@@ -14,7 +14,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import closing, contextmanager
+from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Final
@@ -33,8 +33,10 @@ __all__ = [
     "Service",
     "ServiceError",
     "begin_run",
+    "caddy",
     "cpu",
     "databases",
+    "descriptors",
     "ended",
     "followed",
     "locked",
@@ -48,6 +50,7 @@ __all__ = [
 ]
 
 _START_SECONDS: Final = 60.0
+_CADDYFILE: Final = Path(__file__).parents[1] / "docker" / "Caddyfile"
 
 
 class ServiceError(Exception):
@@ -96,10 +99,6 @@ class Service:
     ) -> None:
         self.process.terminate()
         self.process.wait(30)
-
-    def descriptors(self) -> int:
-        """Return the number of files and connections that it has open."""
-        return len(list(Path(f"/proc/{self.process.pid}/fd").iterdir()))
 
     def workers(self) -> list[int]:
         """Process ids of its workers."""
@@ -206,6 +205,48 @@ def running(pid: int) -> bool:
         return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
     except (FileNotFoundError, ProcessLookupError):
         return False
+
+
+def descriptors(pid: int) -> int:
+    """Return the number of files and connections that a process has open."""
+    return len(list(Path(f"/proc/{pid}/fd").iterdir()))
+
+
+@contextmanager
+def caddy(service: Service) -> Iterator[tuple[int, int]]:
+    """Start Caddy on the loopback address in front of a service, with the file of docker/.
+
+    Yields:
+        Its port and its process id.
+
+    Raises:
+        ServiceError: Caddy is not there, or does not start.
+    """
+    program, port = shutil.which("caddy"), _free_port()
+    if program is None:
+        raise ServiceError("no Caddy here: scripts/caddy installs it")
+    with tempfile.TemporaryDirectory(prefix="jointstiff-caddy-") as folder:
+        stated = {
+            "JOINTSTIFF_SITE": f"http://localhost:{port}",
+            "JOINTSTIFF_SERVICES": f"127.0.0.1:{service.port}",
+            "JOINTSTIFF_TLS": "bind 127.0.0.1",  # a line of the site, as `tls internal` is
+            "HOME": folder,
+        }
+        command = [program, "run", "--config", str(_CADDYFILE), "--adapter", "caddyfile"]
+        process = subprocess.Popen(command, env=os.environ | stated, stderr=subprocess.DEVNULL)
+        try:
+            deadline = time.monotonic() + _START_SECONDS
+            while process.poll() is None:
+                with suppress(httpx2.TransportError):
+                    if httpx2.get(f"http://localhost:{port}/live").is_success:
+                        break
+                if time.monotonic() > deadline:
+                    raise ServiceError("Caddy does not answer")
+                time.sleep(0.02)
+            yield port, process.pid
+        finally:
+            process.terminate()
+            process.wait(20)
 
 
 def cpu(pid: int) -> float:

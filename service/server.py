@@ -5,6 +5,7 @@ from __future__ import annotations
 import gc
 import hashlib
 import os
+import resource
 import signal
 import socket
 import sys
@@ -21,7 +22,6 @@ from sqlalchemy import make_url
 from starlette.types import ASGIApp
 from uvicorn.config import LOGGING_CONFIG
 
-from jointstiff.service.api.connections import ACCEPTED_AT_ONCE, QUEUED_CONNECTIONS, BoundedProtocol
 from jointstiff.service.app import create_app
 from jointstiff.service.limited import LimitedChild
 from jointstiff.service.problems import ServiceError, StoreError
@@ -43,10 +43,17 @@ through, and what is in a cycle dies young."""
 _TURN_SECONDS: Final = 0.0005
 """Time that a thread computes before another one that waits gets its turn: the one that answers waits for
 each of those that work, several times a request."""
-UNREAD_BYTES: Final = 256 * 1024
-"""Bytes that the system keeps of a connection until we read them (Linux takes twice as many)."""
-UNTAKEN_BYTES: Final = 64 * 1024
-"""Bytes of an answer that the system keeps until the client takes them (Linux takes twice as many)."""
+_KEEP_ALIVE_SECONDS: Final = 75
+"""Time that a connection stays open between two requests. A proxy's own time must be shorter, such as the
+30 s in docker/Caddyfile; else the proxy sends a request on a connection that we close at that moment, and the
+request is lost."""
+_HEADER_BYTES: Final = 32 * 1024
+"""Header of a request that is kept until its end comes; a proxy adds lines to the 16 kB that it accepts."""
+_MOST_DESCRIPTORS: Final = 65_536
+"""Open files and connections of the process, as far as the system allows; shells begin with 1,024."""
+_BACKLOG: Final = 128
+"""Connections that the kernel keeps until they are accepted. When no descriptor is free, asyncio tries to
+accept one so many times a second, and writes each failure to the log."""
 _UNCONTROLLED: Final = (
     "warning: no access control: everyone who reaches this address can read, post and delete, unless a "
     "proxy prevents it"
@@ -61,16 +68,6 @@ class ServerError(ServiceError):
     """The service cannot start."""
 
 
-class _Server(uvicorn.Server):
-    """A server that accepts few connections at a time, of the many that the kernel keeps meanwhile."""
-
-    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
-        """Listen; asyncio takes one number for both."""
-        await super().startup(sockets)
-        for listener in sockets or ():
-            listener.listen(QUEUED_CONNECTIONS)
-
-
 def run_server(settings: Settings, then: Callable[[str], object] | None = None) -> None:
     """Serve until interrupted; `then` is called in a thread with the address once requests are taken.
 
@@ -83,6 +80,7 @@ def run_server(settings: Settings, then: Callable[[str], object] | None = None) 
     quota = settings.quota and settings.quota * 1_000_000
     set_log_format(settings.log_format)
     give_memory_back()
+    _raise_descriptors()
     posture = _posture(settings)
     laboratory = LaboratorySettings() if settings.laboratory is None else read_laboratory(settings.laboratory)
     # Until uvicorn handles it; as the first process of a container we would not hear it otherwise.
@@ -121,12 +119,19 @@ def run_server(settings: Settings, then: Callable[[str], object] | None = None) 
         sys.setswitchinterval(_TURN_SECONDS)
         gc.set_threshold(*_COLLECT_AFTER)
         gc.freeze()  # libraries stay to the end; no collection need look through them
-        server = _Server(config)
+        server = uvicorn.Server(config)
         app.state.is_closing = lambda: server.should_exit
         app.state.metrics.gauges = lambda: _state(app, server)
         if then is not None:  # the socket listens already; requests wait for the server
             threading.Thread(target=then, args=(address,), daemon=True).start()
         server.run(sockets=listeners)
+
+
+def _raise_descriptors() -> None:
+    """Allow this process as many open files and connections as the system does."""
+    _, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    most = _MOST_DESCRIPTORS if hard == resource.RLIM_INFINITY else min(hard, _MOST_DESCRIPTORS)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (most, hard))
 
 
 def _configuration(app: ASGIApp, log_format: LogFormat) -> uvicorn.Config:
@@ -136,10 +141,12 @@ def _configuration(app: ASGIApp, log_format: LogFormat) -> uvicorn.Config:
         log_config=None if log_format is LogFormat.JSON else LOGGING_CONFIG,
         access_log=False,
         server_header=False,
-        http=BoundedProtocol,
+        http="h11",
+        h11_max_incomplete_event_size=_HEADER_BYTES,
         ws="none",
+        backlog=_BACKLOG,
         proxy_headers=bool(os.environ.get(PROXIES_VARIABLE)),  # uvicorn would believe this whole machine
-        backlog=ACCEPTED_AT_ONCE,
+        timeout_keep_alive=_KEEP_ALIVE_SECONDS,
         timeout_graceful_shutdown=_GOODBYE_SECONDS,
     )
 
@@ -151,7 +158,6 @@ def _state(app: FastAPI, server: uvicorn.Server) -> dict[str, float]:
         "database_up": seen is not None and seen.error is None,
         "failing_workers": app.state.failing_workers(),
         "connections": len(server.server_state.connections),
-        "held_body_bytes": BoundedProtocol.held_bytes(),
     }
     if state["database_up"]:
         state |= {"workers": seen.workers, "stored_bytes": seen.stored_bytes}
@@ -239,7 +245,7 @@ def listen(host: str, port: int, options: str) -> socket.socket:
     """
     try:
         family = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0][0]
-        listener = socket.create_server((host, port), family=family, backlog=128)
+        listener = socket.create_server((host, port), family=family, backlog=_BACKLOG)
     except OSError as error:
         raise ServerError(
             f"cannot listen on {host}:{port}: {os.strerror(error.errno) if error.errno else error}",
@@ -247,9 +253,4 @@ def listen(host: str, port: int, options: str) -> socket.socket:
         ) from error
     # asyncio sets it only on sockets of explicit protocol; without it answers wait 40 ms for an ACK.
     listener.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-    # Connections inherit it. Else the system keeps tens of megabytes of each body that waits for its turn,
-    # and under that pressure drops what others send: they stall for a minute. It would also take megabytes
-    # of the answers of clients that read nothing, and the time to copy them.
-    listener.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, UNREAD_BYTES)
-    listener.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, UNTAKEN_BYTES)
     return listener

@@ -47,7 +47,6 @@ _HELP: Final = {
     "stored_bytes": "Size of the database.",
     "quota_bytes": "Size that the database may have.",
     "connections": "Open connections.",
-    "held_body_bytes": "Bytes of bodies that are received or worked on.",
     "unfinished_jobs": "Jobs that are queued or running.",
 }
 

@@ -13,7 +13,6 @@ import httpx2
 import uvicorn
 from fastapi import FastAPI
 
-from jointstiff.service.api.connections import BoundedProtocol
 from jointstiff.service.app import create_app
 from jointstiff.service.security.admission import Posture
 from jointstiff.service.store.store import Store
@@ -63,15 +62,12 @@ class Client:
 
 
 @contextmanager
-def served(
-    store: Store, protocol: type[BoundedProtocol] = BoundedProtocol, posture: Posture | None = None
-) -> Iterator[str]:
+def served(store: Store, posture: Posture | None = None) -> Iterator[str]:
     """Serve a store from a thread of this process; yield the address."""
     with socket.create_server(("127.0.0.1", 0)) as listener:
         listener.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)  # as `serve` does
-        server = uvicorn.Server(
-            uvicorn.Config(composed(store, posture), log_level="critical", http=protocol, ws="none")
-        )
+        config = uvicorn.Config(composed(store, posture), log_level="critical", http="h11", ws="none")
+        server = uvicorn.Server(config)
         thread = threading.Thread(target=server.run, kwargs={"sockets": [listener]})
         thread.start()
         try:

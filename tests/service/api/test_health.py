@@ -23,7 +23,6 @@ from support.jobs import run_request, runs_of, stored_set
 from support.processes import Service, until
 
 from jointstiff.schemas.access import Health
-from jointstiff.service.api.answers import ANSWER_HEADERS
 from jointstiff.service.api.bodies import EXAMPLES
 from jointstiff.service.api.health import Watch
 from jointstiff.service.app import CONCURRENT_REQUESTS, create_app
@@ -191,7 +190,6 @@ def test_the_gauges_are_of_the_last_look_and_of_what_waits():
             "database_up": False,
             "failing_workers": 0,
             "connections": 2,
-            "held_body_bytes": 0,
             "quota_bytes": 10_000_000,
         }
         runs_of(store, lambda *_: None).create(run_request(stored_set(store)), None)
@@ -233,16 +231,6 @@ def test_logs_as_json_show_characters_that_steer_terminals_and_texts():
     assert json.loads(line)["message"] == f"Müller {steering}"
     assert "Müller" in line
     assert line.isprintable()
-
-
-def test_what_is_no_request_gets_a_problem_document_with_all_headers(store):
-    with served(store) as url, socket.create_connection(("127.0.0.1", httpx2.URL(url).port)) as connection:
-        connection.sendall(b"nonsense\r\n\r\n")
-        answer = b"".join(iter(lambda: connection.recv(4096), b"")).decode()
-    head, _, body = answer.partition("\r\n\r\n")
-    assert head.startswith("HTTP/1.1 400 Bad Request\r\n")
-    assert {f"{name}: {value}" for name, value in ANSWER_HEADERS.items()} <= set(head.split("\r\n"))
-    assert json.loads(body)["status"] == 400
 
 
 @contextmanager
