@@ -6,6 +6,7 @@ ServiceError                   something outside of a request is in the way: see
 ├── ServerError                the service cannot start (service/server.py)
 ├── KeysFileError              a file of keys cannot be read or written (security/keys.py)
 ├── SettingsError              a laboratory's settings cannot be used (reports/laboratory.py)
+├── MissingExtraError          a library of an extra is not installed: install the extra
 └── StoreError                 a database that this software cannot work with
     ├── StoreUnavailableError  the database does not answer: try again, or look at the server
     ├── NotFoundError          no such record: check the id
@@ -115,6 +116,37 @@ class ServiceError(Exception):
         super().__init__(f"{reason}: {remedy}")
         self.reason = reason  # what is wrong, in a sentence
         self.remedy = remedy  # how to mend it
+
+
+EXTRAS: Final[Mapping[str, str]] = MappingProxyType(
+    dict.fromkeys(
+        ("anyio", "fastapi", "prometheus_client", "psycopg", "segno", "sqlalchemy", "starlette", "uvicorn"),
+        "service",
+    )
+    | {"httpx2": "client", "matplotlib": "plot", "openpyxl": "excel", "pandas": "frames", "polars": "frames"}
+)
+"""Libraries that come with an extra of this package, and the extra."""
+
+
+class MissingExtraError(ServiceError, ImportError):
+    """A library is not installed that an extra of this package installs."""
+
+    def __init__(self, what: str, extra: str) -> None:
+        super().__init__(
+            f"{what} needs the extra `{extra}`, which is not installed",
+            f'pip install "jointstiff[{extra}]"',
+        )
+
+
+def missing_extra(what: str, error: ImportError) -> ImportError:
+    """Return the error that names the extra of a missing library; the same error for another library.
+
+    Args:
+        what: needs the library; the subject of the message.
+        error: of the import.
+    """
+    extra = EXTRAS.get((error.name or "").partition(".")[0])
+    return error if extra is None else MissingExtraError(what, extra)
 
 
 class StoreError(ServiceError):

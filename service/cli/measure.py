@@ -168,7 +168,6 @@ def measure_command() -> Callable[..., None]:
 
 
 def _measure(source: str, stated: dict[str, Any], values: dict[str, Any]) -> None:
-    from jointstiff.service.library.client import Client
     from jointstiff.service.library.files import read_object
     from jointstiff.service.library.measure import measure
 
@@ -190,6 +189,8 @@ def _measure(source: str, stated: dict[str, Any], values: dict[str, Any]) -> Non
         with measure(source, **given) as campaign:
             _carry_out(campaign, values, asks=asks)
         return
+    from jointstiff.service.library.client import Client  # needs an extra, which a measurement here does not
+
     with Client(values["server"].rstrip("/"), warn=cli.warn) as client:
         client.ping()
         with measure(source, client=client, **given) as campaign:

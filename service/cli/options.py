@@ -124,6 +124,10 @@ def refusal_of(error: Exception) -> typer.Exit | None:
     """Show an error that says how to mend it; to be raised. None for another error."""
     if isinstance(error, OSError) and error.filename is not None:
         return failed(f"cannot write {error.filename}: {error.strerror}", "choose another path")
+    if isinstance(error, ImportError):
+        from jointstiff.service.problems import missing_extra
+
+        error = missing_extra("this command", error)
     if not type(error).__module__.startswith("jointstiff."):
         return None
     from jointstiff.service.problems import ProblemError, ServiceError

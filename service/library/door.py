@@ -10,6 +10,7 @@
         run = client.identify("campaign.json")
 
 `help(jointstiff.identify)` lists the options of a verb. What is heavy is imported when it is used.
+`Client` needs `pip install "jointstiff[client]"`.
 """
 
 from __future__ import annotations
@@ -107,7 +108,10 @@ def __getattr__(name: str) -> object:
     if name == "__version__":
         return import_module("jointstiff.service.process").jointstiff_version()
     if name in _HOMES:
-        return getattr(import_module(f"jointstiff.{_HOMES[name]}"), name)
+        try:
+            return getattr(import_module(f"jointstiff.{_HOMES[name]}"), name)
+        except ImportError as error:
+            raise import_module("jointstiff.service.problems").missing_extra(name, error) from None
     from jointstiff.service.kinds.rooms import ROOMS
 
     if any(room.command == name for room in ROOMS.values()):

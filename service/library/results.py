@@ -148,7 +148,7 @@ class Presented(ABC):
             name: name of the table, such as `residuals` of a run; default: the first one.
 
         Raises:
-            ImportError: neither is installed.
+            MissingExtraError: neither is installed.
             ValueError: there is no such table.
         """
         return frame_of(self._sheet(name))
@@ -157,7 +157,7 @@ class Presented(ABC):
         """Draw the result by matplotlib, which notebooks display; `.savefig(path)` writes it.
 
         Raises:
-            ImportError: matplotlib is not installed.
+            MissingExtraError: matplotlib is not installed.
             ValueError: there is nothing to draw.
         """
         return self._figure()

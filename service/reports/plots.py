@@ -7,6 +7,7 @@ from math import nan
 from textwrap import fill
 from typing import TYPE_CHECKING, Any
 
+from jointstiff.service.problems import missing_extra
 from jointstiff.service.tables.table import Area, Chart
 
 if TYPE_CHECKING:
@@ -23,13 +24,13 @@ def figure_of(title: str, charts: Sequence[Chart], areas: Sequence[Area] = ()) -
     """Draw charts and areas, one below the other.
 
     Raises:
-        ImportError: matplotlib is not installed.
+        MissingExtraError: matplotlib is not installed.
         ValueError: there is nothing to draw.
     """
     try:
         import matplotlib.pyplot as plt
-    except ImportError:
-        raise ImportError('plot needs matplotlib: pip install "jointstiff[plot]"') from None
+    except ImportError as error:
+        raise missing_extra("plot", error) from None
 
     count = len(charts) + len(areas)
     if not count:

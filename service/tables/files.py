@@ -11,6 +11,7 @@ from math import isfinite, nan
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Final
 
+from jointstiff.service.problems import missing_extra
 from jointstiff.service.tables.table import Sheet, Value
 
 if TYPE_CHECKING:
@@ -88,10 +89,17 @@ def npz_bytes(sheet: Sheet) -> bytes:
 
 
 def xlsx_bytes(sheets: Mapping[str, Sheet]) -> bytes:
-    """Return a workbook of named sheets; numbers have 16 digits."""
-    from openpyxl import Workbook
-    from openpyxl.styles import Font
-    from openpyxl.utils import get_column_letter
+    """Return a workbook of named sheets; numbers have 16 digits.
+
+    Raises:
+        MissingExtraError: openpyxl is not installed.
+    """
+    try:
+        from openpyxl import Workbook
+        from openpyxl.styles import Font
+        from openpyxl.utils import get_column_letter
+    except ImportError as error:
+        raise missing_extra("an Excel workbook", error) from None
 
     book = Workbook(write_only=False)
     book.remove(book.worksheets[0])
@@ -165,7 +173,7 @@ def frame_of(sheet: Sheet) -> Any:  # noqa: ANN401 - of pandas or polars, whiche
     """Return a table as a data frame; the first column is the index of pandas if it names the rows.
 
     Raises:
-        ImportError: neither is installed.
+        MissingExtraError: neither is installed.
     """
     columns = {header: list(values) for header, values in sheet.columns.items()}
     try:
@@ -173,8 +181,8 @@ def frame_of(sheet: Sheet) -> Any:  # noqa: ANN401 - of pandas or polars, whiche
     except ImportError:
         try:
             import polars
-        except ImportError:
-            raise ImportError('to_frame needs pandas or polars: pip install "jointstiff[frames]"') from None
+        except ImportError as error:
+            raise missing_extra("to_frame", error) from None
         return polars.DataFrame(columns, strict=False)
     first = next(iter(columns), None)
     names = columns[first] if first is not None else []

@@ -39,3 +39,35 @@ def install(wheel: Path, environment: Path) -> None:
     (own / "dependencies.pth").write_text("".join(f"{path}\n" for path in inside))
     place = run(str(python), "-P", "-c", "import jointstiff; print(jointstiff.__file__)").stdout
     assert Path(place).is_relative_to(own), f"not the wheel's package: {place}"
+
+
+def install_bare(wheel: Path, environment: Path, python: str) -> None:
+    """Make an environment with the wheel and its own dependencies, in the versions of the lock file."""
+    run(uv(), "venv", "--quiet", "--clear", "--python", python, str(environment))
+    locked = environment / "constraints.txt"
+    lines = (ROOT / "requirements.lock").read_text(encoding="utf-8").splitlines()
+    locked.write_text("\n".join(line.rstrip(" \\") for line in lines if "==" in line and line[0] != " "))
+    # EAIK names it for what we do not use; see [tool.uv] in pyproject.toml.
+    override = environment / "overrides.txt"
+    override.write_text("urchin; python_version < '3'")
+    install = (
+        uv(),
+        "pip",
+        "install",
+        "--quiet",
+        "--no-config",
+        "--python",
+        str(environment / "bin" / "python"),
+    )
+    run(*install, "--constraint", str(locked), "--override", str(override), str(wheel))
+
+
+def newest_python() -> str:
+    """Return the newest Python of this system that the package supports, or skip the test."""
+    folders = [Path("/usr/bin"), Path("/usr/local/bin")]
+    folders += (Path.home() / ".pyenv" / "versions").glob("3.*/bin")
+    for minor in (14, 13, 12):
+        for folder in folders:
+            if (python := folder / f"python3.{minor}").exists():
+                return str(python)
+    return pytest.skip("there is no Python newer than 3.11 here")
