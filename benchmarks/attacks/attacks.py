@@ -243,8 +243,10 @@ def _at_once(database: str, fewer: int) -> Section:
                 3.0,
                 "×",
             ),
-            Figure.none(f"at once, {what}: failures of the service", posted[500] + posted[502]),
+            Figure(f"at once, {what}: /health p95", p95, "at most", 0.05, " s"),
         ]
+    others = posted.total() - posted[413]
+    figures.append(Figure.none(f"at once, {_REFUSED}: answers that are not 413", others))
     clients = f"{counts['slow reader']} slow readers, {counts['silent']:,} silent"
     return Section(
         title=f"At once: {clients}, {64 // fewer} clients that post large bodies",
@@ -255,7 +257,7 @@ def _at_once(database: str, fewer: int) -> Section:
 
 
 class _Held(NamedTuple):
-    """What became of connections that were held."""
+    """Outcome of connections that were held."""
 
     closed: float | None  # time until all were closed [s]; None if they were not
     at_service: int  # connections of the service while they were held
