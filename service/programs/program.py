@@ -44,7 +44,7 @@ _MOTIONS: Final = tuple(Motion)
 
 
 class ExternalAxes(Enum):
-    """What is known of the external axes and other groups of a program."""
+    """Knowledge of the external axes and other groups of a program."""
 
     MAY_CARRY = "may_carry"  # the arm or the part, so that an axis away from zero moves the target
     OF_ROBOT = "of_robot"  # they are joints of the robot's model, which stand still
