@@ -15,6 +15,7 @@ from support.api import post
 from support.browsing import (
     ARGUMENTS,
     DASHBOARD,
+    LONGEST_MS,
     REQUIRE_CHROMIUM,
     ROOT,
     SIZES,
@@ -106,7 +107,7 @@ def visit(site: Any, browser: Browser) -> Iterator[Callable[..., Visit]]:
             has_touch=size != "desktop",
             base_url=site.url,
         )
-        context.set_default_timeout(30_000)
+        context.set_default_timeout(LONGEST_MS)
         contexts.append(context)
         visited = Visit(context.new_page(), site.url)
         visits.append(visited)

@@ -18,7 +18,7 @@ from support import guide_runner
 from support.api import post
 from support.campaigns import prepare
 from support.guide_files import ROOT, blocks_of, guides
-from support.processes import Service
+from support.processes import LONGEST_SECONDS, Service
 
 from jointstiff.schemas.finding import Finding, FindingCode
 from jointstiff.schemas.imports import FilePreview, ImportOptions
@@ -82,7 +82,7 @@ class Reader:
     def close(self) -> None:
         """End runner and service."""
         self._runner.stdin.close()
-        self._runner.wait(20)
+        self._runner.wait(LONGEST_SECONDS)
         self._runner.stdout.close()
         self._service.stop()
 

@@ -18,7 +18,7 @@ import psycopg
 import pytest
 from sqlalchemy import func, select
 from support.api import CANCEL, job_at, stored_set
-from support.processes import free_port, ready, serving, until, workers_of, working
+from support.processes import LONGEST_SECONDS, free_port, ready, serving, until, workers_of, working
 
 import jointstiff
 from jointstiff.schemas.run import Campaign
@@ -149,7 +149,7 @@ def test_a_run_survives_the_death_of_worker_and_service(
         assert client.get(address).json()["progress"]["done"] == 40_000
         assert steps_of(database, address.rpartition("/")[2]) == (1, 0)
         service.terminate()
-        assert service.wait(20) == 0
+        assert service.wait(LONGEST_SECONDS) == 0
         assert not workers_of(database)
 
 

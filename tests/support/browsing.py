@@ -9,13 +9,15 @@ from pathlib import Path
 from typing import Any
 
 from playwright.sync_api import ConsoleMessage, Page, expect
+from support.processes import LONGEST_SECONDS
 
 from jointstiff.simulator import default_arm, simulate_campaign
 
 ROOT = Path(__file__).parents[2]
 DASHBOARD = ROOT / "dashboard"
 REQUIRE_CHROMIUM = "JOINTSTIFF_REQUIRE_CHROMIUM"
-expect.set_options(timeout=20_000)  # a busy machine is no fault of the page
+LONGEST_MS = 1e3 * LONGEST_SECONDS
+expect.set_options(timeout=LONGEST_MS)  # a busy machine is no fault of the page
 SIZES = {
     "phone": (390, 844),
     "tablet upright": (820, 1180),

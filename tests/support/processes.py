@@ -12,6 +12,9 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
+LONGEST_SECONDS = 90.0
+"""Time that whatever is waited for may take: on a busy machine a second becomes twenty."""
+
 
 class Service:
     """A service process of our own, on a real socket and a real database."""
@@ -43,7 +46,7 @@ class Service:
         """End it as a service manager would."""
         self.process.terminate()
         try:
-            self.process.wait(timeout=20)
+            self.process.wait(timeout=LONGEST_SECONDS)
         finally:
             self.process.kill()
             self.process.stdout.close()
@@ -79,7 +82,7 @@ def started(*arguments: str) -> Iterator[subprocess.Popen[str]]:
     finally:
         process.terminate()
         try:
-            process.wait(20)
+            process.wait(LONGEST_SECONDS)
         finally:
             process.kill()
             process.stdout.close()
@@ -121,7 +124,7 @@ def free_port() -> int:
         return listener.getsockname()[1]
 
 
-def until(met: Callable[[], bool], seconds: float = 90.0) -> None:
+def until(met: Callable[[], bool], seconds: float = LONGEST_SECONDS) -> None:
     deadline = time.monotonic() + seconds
     while not met():
         assert time.monotonic() < deadline, f"not within {seconds:.0f} s"

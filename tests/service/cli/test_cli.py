@@ -9,6 +9,7 @@ import sys
 from functools import partial
 
 import pytest
+from support.processes import LONGEST_SECONDS
 from support.shared_data import shared
 from support.terminal import terminal
 
@@ -69,6 +70,6 @@ def test_the_database_is_one_file_after_the_service_ends(tmp_path):
     )
     assert str(path) in process.stdout.readline() + process.stdout.readline()
     process.terminate()
-    assert process.wait(timeout=20) in {0, -signal.SIGTERM}
+    assert process.wait(timeout=LONGEST_SECONDS) in {0, -signal.SIGTERM}
     process.stdout.close()
     assert [found.name for found in tmp_path.iterdir()] == ["x.db"]
