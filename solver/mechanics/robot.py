@@ -340,4 +340,15 @@ def standing_still(robot: Robot, held: FloatArray) -> Robot:
     at = in_configuration_space(robot.model, np.where(slides, by_held, 0.0)[None])[0]
     fixed = (np.flatnonzero(slides) + 1).tolist()
     joint_map = JointMap(matrix[np.ix_(~slides, ~slides)], by_held[~slides])
-    return Robot(pin.buildReducedModel(robot.model, fixed, at), joint_map, flange=robot.flange)
+    return Robot(pin.buildReducedModel(_with_frames(robot), fixed, at), joint_map, flange=robot.flange)
+
+
+def _with_frames(robot: Robot) -> pin.Model:
+    """Return a copy of the model with frames of all joints and of the flange: reducing it needs them."""
+    model = robot.model.copy()
+    for i, name in enumerate(robot.joint_names, 1):
+        if not model.existFrame(name, pin.FrameType.JOINT):
+            model.addJointFrame(i)
+    if not model.existFrame(robot.flange):
+        model.addFrame(pin.Frame(robot.flange, robot.n, robot.flange_placement, pin.FrameType.OP_FRAME))
+    return model

@@ -18,7 +18,7 @@ from jointstiff.solver.errors import RobotError
 from jointstiff.solver.mechanics.block import regressor_blocks, wrench_stiffness
 from jointstiff.solver.mechanics.chain import ChainJoint, KinematicChain
 from jointstiff.solver.mechanics.postures import Postures
-from jointstiff.solver.mechanics.robot import Robot
+from jointstiff.solver.mechanics.robot import Robot, standing_still
 from jointstiff.solver.mechanics.terms import AXES
 
 Z = np.array([0.0, 0.0, 1.0])
@@ -191,6 +191,17 @@ def test_an_unbounded_joint_of_pinocchio_turns_by_its_angle():
         Postures(robot, q).flange_pose, Postures(bounded, q).flange_pose, rtol=0, atol=1e-15
     )
     assert robot.limits.tolist()[0] == [-np.inf, np.inf]
+
+
+@pytest.mark.parametrize("order", [("prismatic", "revolute"), ("revolute", "prismatic")])
+def test_a_model_without_frames_keeps_its_flange_while_its_linear_axis_stands_still(order):
+    kinds, model = {"prismatic": pin.JointModelPX, "revolute": pin.JointModelRZ}, pin.Model()
+    for i, kind in enumerate(order):
+        model.addJoint(i, kinds[kind](), pin.SE3.Random(), kind)
+    robot, q = Robot(model), np.array([0.3, 0.7])
+    still = standing_still(robot, q)
+    turned = Postures(still, q[[order.index("revolute")]][None]).flange_pose
+    np.testing.assert_allclose(turned, Postures(robot, q[None]).flange_pose, rtol=0, atol=1e-15)
 
 
 @pytest.mark.parametrize(
