@@ -5,7 +5,6 @@ import {
   freeLabel,
   inUnits,
   observationOf,
-  pasted,
   standTyped,
   unread,
   exchanged,
@@ -21,16 +20,6 @@ const SI = { length: "m", angle: "rad", force: "N" } as Units;
 const BLANK = { P1: { unloaded: "", loaded: "" }, P2: { unloaded: "", loaded: "" } };
 
 describe("a reading as it is typed", () => {
-  it("fills one box, a column or both columns from what is pasted", () => {
-    expect(pasted(BLANK, "P1", "loaded", "1 2 3")).toBeNull();
-    expect(pasted(BLANK, "P1", "loaded", "1 2 3\n4 5 6")).toEqual({
-      P1: { unloaded: "", loaded: "1 2 3" },
-      P2: { unloaded: "", loaded: "4 5 6" },
-    });
-    expect(pasted(BLANK, "P1", "loaded", "P2;1;2;3;4;5;6")?.["P2"]).toEqual({ unloaded: "1 2 3", loaded: "4 5 6" });
-    expect(pasted(BLANK, "P2", "unloaded", "1\t2\t3\n4\t5\t6")?.["P2"]?.unloaded).toBe("1 2 3");
-  });
-
   it("says which target lacks numbers, and leaves out those that are blank", () => {
     expect(unread(BLANK, false)).toBe("P1");
     const half = { ...BLANK, P2: { unloaded: "1 2 3", loaded: "" } };

@@ -176,6 +176,7 @@ class CompensateFields(TypedDict, total=False):
     limits: ProgramLimits | Mapping[str, Any]
     leave_alone: Sequence[str]
     leave_others: bool
+    external_axes: Literal["carry_nothing"] | None
     format: Literal["csv", "krl", "fanuc", "rapid", "ur"] | None
     mark: bool
     force: Vector

@@ -147,7 +147,7 @@ def test_a_plan_is_measured_live_and_its_file_joins(visit, api, stored):
         }""",
         block,
     )
-    assert page.locator(".live-readings input").nth(1).input_value() == "1000 0 -1"
+    expect(page.locator(".live-readings input").nth(1)).to_have_value("1000 0 -1")
     expect(page.get_by_role("button", name="Send reading")).to_be_enabled()
     page.get_by_text("On a tablet").click()
     expect(page.get_by_role("img", name=re.compile("QR code"))).to_be_visible()

@@ -19,6 +19,8 @@ def test_from_a_run_to_the_corrected_file(visit, stored, api):
     page.locator("input[type=file]").set_input_files(file_of("pocket.src", content))
     page.get_by_label("Accuracy option of the controller").select_option("off")
     make = page.get_by_role("button", name="Compensate")
+    expect(make).to_be_disabled()  # nobody has said which force acts
+    page.get_by_label("Process force on the tool").fill("0, 0, -500")
     make.click()
     expect(page.get_by_role("alert")).to_contain_text("TOOL_DATA[1]")
     page.get_by_label("Tool, if the program only names it").fill("10, -20, 215.5, 0, 0, 0")

@@ -186,6 +186,16 @@ def pattern(text: str) -> str | re.Pattern[str]:
     return re.compile(text[1:-1]) if len(text) > 2 and text[0] == text[-1] == "/" else text
 
 
+# What the page keeps on this device for a reload, as JSON: drafts of forms, files with what was said of them.
+KEPT = """async () => {
+    const opened = indexedDB.open("jointstiff");
+    const database = await new Promise((done) => { opened.onsuccess = () => done(opened.result); });
+    const all = database.transaction("kept").objectStore("kept").getAll();
+    const files = await new Promise((done) => { all.onsuccess = () => done(all.result); });
+    database.close();
+    return JSON.stringify([{...sessionStorage}, files]);
+}"""
+
 VERBS: dict[str, Callable[..., object]] = {
     "given": lambda *_: None,  # what a placeholder stands for, made here
     "on": Flow.opened,
@@ -232,7 +242,7 @@ VERBS: dict[str, Callable[..., object]] = {
     "shows": lambda flow, label, value: expect(flow.labelled(label)).to_have_value(pattern(value)),
     "lacks": lambda flow, label: expect(flow.labelled(label)).to_have_count(0),
     "picked": lambda flow, name: expect(flow.named("radio", name)).to_be_checked(),
-    "kept": lambda flow, text: until(lambda: text in flow.page.evaluate("JSON.stringify(sessionStorage)")),
+    "kept": lambda flow, text: until(lambda: text in flow.page.evaluate(KEPT)),
     "disabled": lambda flow, name: expect(flow.named("button", name)).to_be_disabled(),
     "at": lambda flow, address: expect(flow.page).to_have_url(re.compile(address)),
     "drawn": lambda flow, _: flow.first("canvas[data-ready=true]").wait_for(),

@@ -1,6 +1,6 @@
 /** One reading of a live campaign: from what is typed (lengths in mm), planned or simulated to what is posted. */
 import type { JointKind, Observation, Units, MeasurementSet, Plan, PlanResult, Posture, Robot } from "../api/types";
-import { listIn, numberIn, scaled, sized, vectorIn } from "./schema";
+import { listIn, scaled, sized, vectorIn } from "./schema";
 import { factors, positionIn } from "./stiffness";
 import { type Vector, bendOf, bent, dot, norm, placesOf, subtract, times, carried, fromFlange } from "./vector";
 import { type Fields, isFields, listOf } from "./json";
@@ -88,33 +88,6 @@ export function standTyped(joints: string, force: string, kinds: readonly JointK
   const [angles, along] = [listIn(joints), vectorIn(force)];
   if (!along || angles?.length !== kinds.length) return null;
   return { joints: angles.map((value, i) => positionIn(value, kinds[i])), force: along, anchor: null };
-}
-
-/**
- * The rows with a pasted text in them: one line fills the box at `target`, a block the targets from there on, or those
- * that its lines begin with. Six numbers of a line fill both columns. Null where it is one box's text.
- */
-export function pasted(rows: Rows, target: string, column: keyof Typed, clipboard: string): Rows | null {
-  const names = Object.keys(rows);
-  const lines = clipboard.split(/\r?\n/).filter((line) => line.trim());
-  let at = names.indexOf(target);
-  const filled: Rows = { ...rows };
-  let several = lines.length > 1;
-  for (const line of lines) {
-    const words = line.trim().split(/[\s;]+|,\s+/);
-    const named = names.includes(words[0] ?? "") && words.length > 3;
-    const numbers = words.slice(named ? 1 : 0).filter((word) => Number.isFinite(numberIn(word) ?? Number.NaN));
-    const name = named ? (words[0] as string) : names[at];
-    if (name === undefined || numbers.length < 3) continue;
-    at = names.indexOf(name) + 1;
-    several ||= named || numbers.length >= 6;
-    const before = filled[name] as Typed;
-    filled[name] =
-      numbers.length >= 6
-        ? { unloaded: numbers.slice(0, 3).join(" "), loaded: numbers.slice(3, 6).join(" ") }
-        : { ...before, [column]: numbers.slice(0, 3).join(" ") };
-  }
-  return several ? filled : null;
 }
 
 /** A label that nobody has taken: `wanted`, or the next number of its kind. */

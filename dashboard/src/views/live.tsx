@@ -23,6 +23,7 @@ import { Select, TextField } from "../components/fields";
 import { understand } from "../lib/campaign";
 import { fixed, percent, significant } from "../lib/format";
 import * as live from "../lib/live";
+import { filesOf, isBlock, type Placed, placed, type Unmatched } from "../lib/paste";
 import { sentence } from "../lib/said";
 import { isAmbiguous, vectorIn } from "../lib/schema";
 import { position, labelOf, inUnit } from "../lib/stiffness";
@@ -349,11 +350,24 @@ interface RowsProps {
 
 function ReadingsTable({ rows, change, unloadedOnly }: RowsProps) {
   const columns = (unloadedOnly ? ["unloaded"] : ["unloaded", "loaded"]) as (keyof live.Typed)[];
-  const paste = (target: string, column: keyof live.Typed) => (event: ClipboardEvent) => {
-    const filled = live.pasted(rows, target, column, event.clipboardData?.getData("text") ?? "");
-    if (!filled) return;
-    event.preventDefault();
+  const [left, setLeft] = useState<Omit<Placed, "rows">>(NOTHING_LEFT);
+  const read = useAction(async (target: string, column: keyof live.Typed, block: string) => {
+    setLeft(NOTHING_LEFT);
+    const answer = await api.importFiles(...filesOf(block, Object.keys(rows), target));
+    const { rows: filled, ...others } = placed(answer, rows, column, block);
+    setLeft(others);
     change(filled);
+  });
+  const paste = (target: string, column: keyof live.Typed) => (event: ClipboardEvent) => {
+    const block = event.clipboardData?.getData("text") ?? "";
+    if (!isBlock(block)) return;
+    event.preventDefault();
+    read.run(target, column, block);
+  };
+  const settle = ({ name, typed }: Unmatched, target: string) => {
+    setLeft({ ...left, unmatched: left.unmatched.filter((each) => each.name !== name) });
+    const before = rows[target];
+    if (before) change({ ...rows, [target]: { ...before, ...typed } });
   };
   return (
     <fieldset class="live-readings">
@@ -395,9 +409,36 @@ function ReadingsTable({ rows, change, unloadedOnly }: RowsProps) {
           </>
         ))}
       </div>
+      {read.problem && <p class="note warn">{words.pasteFailed(read.problem.detail)}</p>}
+      {left.faults.length > 0 && (
+        <div class="note warn" role="alert">
+          <p>{words.notPlaced}</p>
+          <ul>
+            {left.faults.map((fault) => (
+              <li>{fault}</li>
+            ))}
+          </ul>
+        </div>
+      )}
+      {left.unmatched.map((one) => (
+        <Select
+          label={words.whichTarget(one.name, one.typed.unloaded ?? one.typed.loaded ?? "")}
+          value=""
+          change={(target) => settle(one, target)}
+          options={[
+            { value: "", label: later.plan.pick },
+            ...Object.keys(rows).map((target) => ({ value: target, label: target })),
+            { value: NO_TARGET, label: words.noTarget },
+          ]}
+        />
+      ))}
     </fieldset>
   );
 }
+
+const NOTHING_LEFT: Omit<Placed, "rows"> = { unmatched: [], faults: [] };
+/** No name of a target: names are printable. */
+const NO_TARGET = "\u0000";
 
 /** The measurement set in a file, with what is stated of a table; text that says what is wrong with it otherwise. */
 async function readingsOf(file: File, stated: ImportOptions = {}): Promise<Record<string, unknown> | string> {
