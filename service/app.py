@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import AsyncIterator, Sequence
 from contextlib import asynccontextmanager
 from functools import cache
-from typing import Any, Final
+from typing import Final
 
 from anyio import CapacityLimiter
 from anyio.to_thread import current_default_thread_limiter
@@ -14,7 +14,8 @@ from starlette.middleware.gzip import GZipMiddleware
 from starlette.routing import BaseRoute
 
 from jointstiff.service.api import admin, health, jobs, live, resources, runs
-from jointstiff.service.api.answers import describe_problems, install_error_handlers, problems
+from jointstiff.service.api.answers import install_error_handlers
+from jointstiff.service.api.description import DescribedApplication, problems
 from jointstiff.service.api.health import Metrics, Watch
 from jointstiff.service.api.jobs import Followers
 from jointstiff.service.api.middleware import COMPRESSED_BYTES, PACKED, Guard, Methods, Observed
@@ -45,28 +46,6 @@ the correction. Posting with an `Idempotency-Key` is safe to repeat.
 """
 
 
-class _Application(FastAPI):
-    """FastAPI with a description that generators of clients understand.
-
-    Each schema has a title of its own, from which they name classes. A key is optional where a service may
-    demand none: everywhere but in what only admins do.
-    """
-
-    def openapi(self) -> dict[str, Any]:
-        """Return the OpenAPI description."""
-        document = super().openapi()
-        for name, schema in document["components"]["schemas"].items():
-            if name.endswith("-Output"):
-                schema["title"] = name.replace("-", "")
-        for path, operations in document["paths"].items():
-            for method, operation in operations.items():
-                describe_problems(path, method, operation)
-                needed = operation.get("security", [])
-                if needed and {} not in needed and needed[0]["key"] != ["admin"]:
-                    operation["security"] = [{}, *needed]
-        return document
-
-
 def create_app(
     store: Store,
     enqueue: Enqueue | None = None,
@@ -86,13 +65,14 @@ def create_app(
     Raises:
         UndeclaredRoleError: a route does not say which role it needs.
     """
-    app = _Application(
+    app = DescribedApplication(
         title="Jointstiff",
         version=jointstiff_version(),
         description=_DESCRIPTION,
         license_info={"name": "Apache-2.0", "identifier": "Apache-2.0"},
         servers=[{"url": "/", "description": "This service"}],
         openapi_url=None,  # ours is written once; FastAPI's pages load scripts from other hosts
+        separate_input_output_schemas=False,
         redirect_slashes=False,  # a redirect would repeat the Host header, whoever wrote it
         lifespan=_lifespan,
     )

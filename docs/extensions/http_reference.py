@@ -31,10 +31,24 @@ def operations_page(document: Node) -> str:
     by_tag: defaultdict[str, list[str]] = defaultdict(list)
     for path, operations in document["paths"].items():
         for verb, operation in operations.items():
-            by_tag[operation["tags"][0]].append(_operation(verb, path, operation))
+            answers = operation["responses"].items()
+            stated = operation | {
+                "parameters": [_resolved(one, document) for one in operation.get("parameters", ())],
+                "responses": {status: _resolved(one, document) for status, one in answers},
+            }
+            by_tag[operation["tags"][0]].append(_operation(verb, path, stated))
     intro = _OPERATIONS.format(version=document["info"]["version"], problem=_link("Problem"))
     sections = (f"## {tag.capitalize()}\n\n" + "\n".join(parts) for tag, parts in by_tag.items())
     return "\n".join((intro, *sections))
+
+
+def _resolved(node: Node, document: Node) -> Node:
+    """Return a parameter or an answer, or the one among the components that it refers to."""
+    if "$ref" not in node:
+        return node
+    _, _, kind, name = node["$ref"].split("/")
+    shared: Node = document["components"][kind][name]
+    return shared
 
 
 def messages_page(document: Node) -> str:
@@ -53,12 +67,12 @@ def _operation(verb: str, path: str, operation: Node) -> str:
             _default(one, one["schema"]),
             one.get("description", ""),
         )
-        for one in operation.get("parameters", ())
+        for one in operation["parameters"]
     ]
     answers = [(status, _kinds(one), one["description"]) for status, one in operation["responses"].items()]
     parts = [
         f"### {verb.upper()} {path}\n",
-        operation.get("description", operation["summary"]) + "\n",
+        "\n\n".join(filter(None, [operation["summary"], operation.get("description")])) + "\n",
         _table(("parameter", "in", "type", "default", "meaning"), parameters),
         "".join(
             f"Body: {_type(content.get('schema', {}))} (`{kind}`).\n\n" for kind, content in body.items()

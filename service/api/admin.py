@@ -16,8 +16,9 @@ from fastapi.responses import StreamingResponse
 
 from jointstiff.schemas import access
 from jointstiff.schemas.fields import Page
-from jointstiff.service.api.answers import PartsOf, problems
+from jointstiff.service.api.answers import PartsOf
 from jointstiff.service.api.bodies import BodyRoute
+from jointstiff.service.api.description import problems
 from jointstiff.service.security.access import ADMIN, PUBLIC, Gate, asked_of, cookie_name
 from jointstiff.service.security.keys import described, mint
 from jointstiff.service.security.receivers import new_secret, receiver_addresses

@@ -17,6 +17,7 @@ from starlette.exceptions import HTTPException
 from starlette.requests import ClientDisconnect
 
 from jointstiff.schemas.finding import Problem
+from jointstiff.service.api.description import DescribedApplication
 from jointstiff.service.jobs import Parts
 from jointstiff.service.problems import StoreError, http_problem, invalid_request, problem_of
 from jointstiff.service.process import REQUEST_ID
@@ -60,20 +61,6 @@ NOT_MODIFIED: Final[dict[int | str, dict[str, Any]]] = {
 _ADDRESS: Final = {"Location": {"description": "Address of the resource.", "schema": {"type": "string"}}}
 LOCATION: Final[dict[int | str, dict[str, Any]]] = {201: {"description": "Stored.", "headers": _ADDRESS}}
 
-_DESCRIPTIONS: Final = {
-    400: "The client disconnected before its body was complete.",
-    401: "A key is needed, and the request has no valid one.",
-    403: "The key's role does not allow this, or a page of another site requested a change.",
-    404: "The resource does not exist.",
-    409: "The resource's state does not allow this; see `remedy`.",
-    413: "The body is too large.",
-    415: "The body has the wrong Content-Type.",
-    422: "The request is invalid: `where` names the field, `remedy` says what to do.",
-    507: "The database has reached its quota.",
-    429: "The queue is full, or too many wrong keys were sent; try again later.",
-    503: "The database is not available; try again later.",
-}
-
 _logger = logging.getLogger(__name__)
 
 
@@ -115,30 +102,6 @@ def created(collection: str, identifier: str, text: str, status: int = 201) -> R
     response = json_response(text, status)
     response.headers["Location"] = f"/v1/{collection}/{identifier}"
     return response
-
-
-def problems(*statuses: int) -> dict[int | str, dict[str, Any]]:
-    """Describe errors that a route may answer with beside those of its kind, for OpenAPI."""
-    return {status: _problem(status) for status in statuses}
-
-
-def describe_problems(path: str, method: str, operation: dict[str, Any]) -> None:
-    """Describe in OpenAPI the errors that an operation may answer with, as its address and its body tell."""
-    statuses = {401, 403, 422, 429, 503}
-    if "requestBody" in operation:
-        statuses |= {400, 404, 413, 415}  # a body may name what is not there
-    if "{" in path:
-        statuses |= {404} if method == "get" else {404, 409}
-    if "201" in operation["responses"] and "security" in operation:
-        statuses.add(507)
-    answers = operation["responses"] | {str(status): _problem(status) for status in statuses}
-    operation["responses"] = dict(sorted(answers.items()))
-
-
-def _problem(status: int) -> dict[str, Any]:
-    schema = {"$ref": f"#/components/schemas/{Problem.__name__}"}
-    content = {"application/problem+json": {"schema": schema}}
-    return {"description": _DESCRIPTIONS[status], "content": content}
 
 
 def accepted(message: type[BaseModel]) -> dict[int | str, dict[str, Any]]:
@@ -191,10 +154,8 @@ def answer_error(error: JointstiffError | StoreError) -> Response:
 
 def _parameters(request: Request) -> list[str]:
     """Return the names of the query parameters of the route of a request."""
-    route = request.scope.get("route")
-    path = request.app.openapi()["paths"].get(getattr(route, "path_format", ""), {})
-    described = path.get(request.method.lower(), {}).get("parameters", [])
-    return [each["name"] for each in described if each["in"] == "query"]
+    path = getattr(request.scope.get("route"), "path_format", "")
+    return cast("DescribedApplication", request.app).query_parameters(path, request.method)
 
 
 async def _answer_failure(request: Request, error: Exception) -> Response:

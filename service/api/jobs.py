@@ -22,6 +22,7 @@ from jointstiff.schemas.job import Job, JobChange, Requester
 from jointstiff.schemas.query import FileQuery, WaitQuery
 from jointstiff.service.api import answers
 from jointstiff.service.api.bodies import EXAMPLES, BodyRoute, Key, large_bodies, shown
+from jointstiff.service.api.description import problems
 from jointstiff.service.api.files import FILES, FILES_DESCRIPTION, content_of, is_stored
 from jointstiff.service.jobs import Jobs
 from jointstiff.service.kinds.kind import AnyKind
@@ -268,7 +269,7 @@ def kind_routes(kind: AnyKind) -> APIRouter:
         dependencies=[VIEWER],
         description=f"List {kind.collection} without their results, newest first.",
         response_model=Page[kind.summary],  # type: ignore[name-defined]
-        responses=answers.problems(422),
+        responses=problems(422),
     )
     def page(parts: answers.PartsOf, query: Annotated[kind.query, Query()]) -> Page[Any]:  # type: ignore[name-defined]
         return parts.jobs[kind.name].page(query)
@@ -345,7 +346,7 @@ async def follow_job(
     name="get_job_file",
     description=FILES_DESCRIPTION,
     response_class=Response,
-    responses=FILES | answers.NOT_MODIFIED | answers.problems(409),
+    responses=FILES | answers.NOT_MODIFIED | problems(409),
 )
 async def get_job_file(
     request: Request,

@@ -22,6 +22,7 @@ from jointstiff.schemas.robot import (
 )
 from jointstiff.service.api import answers
 from jointstiff.service.api.bodies import EXAMPLES, BodyRoute, Key, shown
+from jointstiff.service.api.description import problems
 from jointstiff.service.api.jobs import AskedBy
 from jointstiff.service.conversion.robots import to_kinematics
 from jointstiff.service.problems import ClosedError
@@ -113,7 +114,7 @@ def get_catalogue() -> Catalogue:
     "/v1/kinematics",
     dependencies=[VIEWER],  # a drawing of what is stored, or might be
     response_model=Kinematics,
-    responses=answers.problems(404),
+    responses=problems(404),
 )
 def compute_kinematics(
     parts: answers.PartsOf,

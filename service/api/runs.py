@@ -27,7 +27,7 @@ from jointstiff.schemas.program import Program, ProgramForm, ProgramRequest
 from jointstiff.schemas.report import Authorisation, AuthorisationRequest
 from jointstiff.schemas.robot import RobotDocument
 from jointstiff.schemas.run import Campaign, CampaignRun, Run, RunRequest
-from jointstiff.service.api.answers import PartsOf, accepted, json_response, problems
+from jointstiff.service.api.answers import PartsOf, accepted, json_response
 from jointstiff.service.api.bodies import (
     EXAMPLES,
     MAX_FILES,
@@ -39,6 +39,7 @@ from jointstiff.service.api.bodies import (
     shown,
     without_collections,
 )
+from jointstiff.service.api.description import problems
 from jointstiff.service.api.files import authorisations_of, run_subject
 from jointstiff.service.api.jobs import JobId, JobRoute, PostOf
 from jointstiff.service.importing.reading import SourceFile

@@ -45,10 +45,10 @@ def test_docstrings_begin_with_a_verb_or_a_noun(folder):
 
 
 def descriptions(node: object, place: str = "") -> Iterator[tuple[str, str]]:
-    """Every description in a document, with its place."""
+    """Every description in a document, with its place; of operations the sentence that begins it."""
     if isinstance(node, dict):
-        if isinstance(node.get("description"), str):
-            yield place, node["description"]
+        if isinstance(text := node.get("summary", node.get("description")), str):
+            yield place, text
         for key, value in node.items():
             yield from descriptions(value, f"{place}/{key}")
     elif isinstance(node, list):

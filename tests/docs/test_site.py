@@ -25,7 +25,7 @@ def test_the_reference_has_every_operation_and_message(openapi):
 
 
 def test_the_reference_gives_units_defaults_and_bounds(openapi):
-    run = messages_page(openapi).split("## RunRequest-Input\n")[-1].split("\n## ")[0]
+    run = messages_page(openapi).split("## RunRequest\n")[-1].split("\n## ")[0]
     fields = {line.split("`")[1]: line for line in run.splitlines() if line.startswith("| `")}
     assert "| number (0.001 – 1000) or null | m |" in fields["characteristic_length"]
     assert '| `"partial_pose"` |' in fields["method"]

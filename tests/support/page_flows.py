@@ -82,6 +82,7 @@ class Flow:
     def tap(self, selector: str) -> None:
         """Tap on the first of what a selector finds."""
         self.taps += 1
+        self.page.wait_for_load_state("networkidle")  # what still comes would move the page under the finger
         self.first(selector).tap()
 
     def picked_up(self, name: str, content: str) -> None:

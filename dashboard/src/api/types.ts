@@ -3,27 +3,19 @@ import type * as messages from "./schema";
 
 export type * from "./schema";
 export type {
-  ActionOutput as Action,
   Arm as NominalArm,
-  DhModelOutput as DhModel,
   LiveSetChange as SetChange,
-  MapRequestOutput as MapRequest,
-  ObservationOutput as Observation,
-  PlanRequestOutput as PlanRequest,
-  RobotDocumentInput as RobotDocument,
-  RunRequestOutput as RunRequest,
-  UnitsOutput as Units,
 } from "./schema";
 
 export type ImportOptions = Partial<messages.ImportRequest>;
 export type JointKind = messages.Joint["kind"];
 /** What people note about a measurement set. */
 export type Metadata = Required<Pick<messages.MeasurementSet, (typeof METADATA)[number]>>;
-export type RunOptions = Omit<messages.RunRequestOutput, "measurement_set_id" | "variant_of" | "leave_out">;
+export type RunOptions = Omit<messages.RunRequest, "measurement_set_id" | "variant_of" | "leave_out">;
 export type TrendState = messages.TrendJoint["state"];
-export type Elasticity = messages.RunRequestOutput["elasticity"];
-export type Loss = Exclude<messages.RunRequestOutput["loss"], "automatic">;
-export type Method = messages.RunRequestOutput["method"];
+export type Elasticity = messages.RunRequest["elasticity"];
+export type Loss = Exclude<messages.RunRequest["loss"], "automatic">;
+export type Method = messages.RunRequest["method"];
 export type RunState = messages.Run["state"];
 export type Usability = messages.Assessment["verdict"];
 
@@ -44,7 +36,7 @@ export interface Page<Item> {
 }
 
 /** A robot that is stored, or one that is not yet. */
-export type RobotSource = { robot_id: string } | { robot: messages.RobotDocumentInput };
+export type RobotSource = { robot_id: string } | { robot: messages.RobotDocument };
 
 /** Fields of a measurement set that may change after its readings. */
 export const METADATA = [

@@ -80,7 +80,7 @@ export function inUnits(observation: Observation, from: Units, to: Units, kinds:
       unloaded_covariance: sized(reading.unloaded_covariance, length ** 2),
       loaded_covariance: sized(reading.loaded_covariance, length ** 2),
     })),
-  };
+  } as Observation;
 }
 
 /** Joints as typed, in degrees and mm, and a force in N; null if a number is missing. */

@@ -93,7 +93,7 @@ export function Advanced({ form: { run, setRun, noise, setNoise, request }, join
           {Object.values(GROUPS).map((names) => (
             <fieldset>
               <SchemaFields
-                of="RunRequest-Input"
+                of="RunRequest"
                 show={names.filter(isUsed(run))}
                 value={run}
                 change={setRun}
@@ -110,7 +110,7 @@ export function Advanced({ form: { run, setRun, noise, setNoise, request }, join
               change={(residuals) => setNoise({ ...noise, residuals })}
             />
             <SchemaFields
-              of="Noise-Input"
+              of="Noise"
               show={["sigma", "instrument", "force", "load_point", "target_places", "encoder_sigma"]}
               value={noise}
               change={setNoise}

@@ -133,13 +133,7 @@ function FrameForm({ frame, change, robot, length }: FrameProps) {
   const by = frame["geometry_id"] ? [] : ["translation", "rotation"];
   return (
     <>
-      <SchemaFields
-        of="Frame-Input"
-        show={["geometry_id", ...by, "forces"]}
-        value={frame}
-        change={change}
-        terms={terms}
-      />
+      <SchemaFields of="Frame" show={["geometry_id", ...by, "forces"]} value={frame} change={change} terms={terms} />
       <p class="soft">{words.later}</p>
     </>
   );

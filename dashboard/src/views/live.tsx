@@ -252,7 +252,7 @@ const kindsOf = (robot: Robot): JointKind[] => robot.joints.map(({ kind }) => ki
 function Posture({ set, robot, label, stand, state, isOwn, back, send, skip }: PostureProps) {
   const kinds = kindsOf(robot);
   const unloadedOnly = set.open.load?.kind === "own_weight";
-  const targets = (Object.keys(set.open.targets).length > 0 ? set.open.targets : set.flange_targets) as Record<
+  const targets = (Object.keys(set.open.targets ?? {}).length > 0 ? set.open.targets : set.flange_targets) as Record<
     string,
     Vector
   >;

@@ -92,7 +92,7 @@ export function TrySimulated() {
 }
 
 type Kind = keyof typeof GOALS;
-const GOALS = { deflection: "DeflectionGoal-Input", joints: "JointsGoal", decision: "DecisionGoal-Input" } as const;
+const GOALS = { deflection: "DeflectionGoal", joints: "JointsGoal", decision: "DecisionGoal" } as const;
 
 const GOAL: Terms = { labels: words.labels, within: "open.goal." };
 
@@ -153,7 +153,7 @@ function Declaration({ names, robot: given, plan }: { names: Names; robot: strin
     go(link(["measure", set.id]));
   }, "live");
   const equipment = {
-    of: "LiveOptions-Input",
+    of: "LiveOptions",
     value: asked,
     change: setAsked,
     terms: { ...EQUIPMENT, within: "open." },
@@ -181,7 +181,7 @@ function Declaration({ names, robot: given, plan }: { names: Names; robot: strin
       {planned ? <SchemaFields {...equipment} show={["sigma"]} /> : <Equipment {...equipment} />}
       <fieldset>
         <legend class="soft">{words.noise}</legend>
-        <SchemaFields of="Noise-Input" show={["force", "load_point"]} value={noise} change={setNoise} terms={NOISE} />
+        <SchemaFields of="Noise" show={["force", "load_point"]} value={noise} change={setNoise} terms={NOISE} />
       </fieldset>
       {!ready && <p class="soft">{words.notReady}</p>}
       <ActionButton

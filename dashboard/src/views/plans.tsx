@@ -138,9 +138,10 @@ function Begin({ names, given, after }: { names: Names; given: string; after: st
   const ready = kind === "set" || Boolean(asked["load"] && asked["targets"]);
   const run = valueOf(useLoad(async (signal) => (after ? api.runs.one(after, signal) : null), [after]));
   const so = run?.request.measurement_set_id === id ? run?.request : null;
+  const { causes = [], leave_out: left = [] } = so ?? {};
   const start = useAction(async () => {
     const whose = kind === "set" ? { measurement_set_id: id } : { robot_id: id };
-    const held = so ? { causes: so.causes, leave_out: so.leave_out } : {};
+    const held = so ? { causes, leave_out: left } : {};
     const stated = Object.fromEntries(Object.entries(asked).filter(([, value]) => value !== null));
     const plan = await asking((accepted) =>
       api.plans.add({ ...whose, ...held, ...stated, ...accepted }, freshKey("plan")),
@@ -158,7 +159,7 @@ function Begin({ names, given, after }: { names: Names; given: string; after: st
   }, [campaign]);
   const robot = kind === "set" ? names.sets.find((set) => set.id === id)?.robot_id : id;
   const joints = names.robots.find((one) => one.id === robot)?.joints.map(({ name }) => name) ?? [];
-  const form = { of: "PlanRequest-Input", value: asked, change, terms: { ...EQUIPMENT, joints } };
+  const form = { of: "PlanRequest", value: asked, change, terms: { ...EQUIPMENT, joints } };
   const equipment = <Equipment {...form} />;
   return (
     <Form action={start} look="card form">
@@ -180,9 +181,7 @@ function Begin({ names, given, after }: { names: Names; given: string; after: st
       {kind === "set" ? (
         <>
           <p class="soft">{words.fromCampaign}</p>
-          {so && so.leave_out.length + so.causes.length > 0 && (
-            <p class="note">{words.asInRun(so.leave_out, so.causes)}</p>
-          )}
+          {left.length + causes.length > 0 && <p class="note">{words.asInRun(left, causes)}</p>}
           <details>
             <summary>{words.more}</summary>
             <div class="card form">{equipment}</div>

@@ -73,7 +73,10 @@ export function ArmFacts({ arm }: { arm: NominalArm }) {
   return (
     <>
       <p class="note warn">{words.nominalNote}</p>
-      <JointsTable joints={arm.model.rows.map((row) => ({ name: "", ...row }))} rows={arm.model.rows} />
+      <JointsTable
+        joints={arm.model.rows.map((row) => ({ name: "", lower: null, upper: null, ...row }))}
+        rows={arm.model.rows}
+      />
       <Facts
         facts={[
           { label: words.reach, value: reachOf(arm) },
@@ -140,7 +143,7 @@ export function DhEditor({ table, change }: { table: DhTable; change: (table: Dh
   return (
     <>
       <SchemaFields
-        of="DhModel-Input"
+        of="DhModel"
         show={["convention", "rows"]}
         value={table.model}
         change={(model) => change({ ...table, model })}

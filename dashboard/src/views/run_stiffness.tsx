@@ -124,7 +124,7 @@ export function StiffnessPart({ context, result }: PartProps) {
   return (
     <>
       <VerdictCard assessment={result.assessment} context={context} />
-      {run.request.variant_of !== null && <BeforeAfter run={run} origin={run.request.variant_of} />}
+      {run.request.variant_of && <BeforeAfter run={run} origin={run.request.variant_of} />}
       {!nothing && <Summary result={result} />}
       <JointTable
         context={context}

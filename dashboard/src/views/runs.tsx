@@ -282,18 +282,25 @@ function usePages<Of extends Collection>(collection: Of, filters: Record<string,
 /** As many are compared as there are marks. */
 export const MOST_RUNS = 4;
 
-type Asked = Pick<RunSummary, "method" | "positive" | "weighting" | "elasticity" | "leave_out" | "variant_of"> &
-  Partial<Pick<RunRequest, "loss" | "complementary_stiffness">>;
+type Asked = Pick<RunSummary, "method" | "positive" | "weighting" | "elasticity"> &
+  Partial<Pick<RunRequest, "loss" | "complementary_stiffness" | "leave_out" | "variant_of">>;
 
 /** How a run was made: its method, then what is not usual. */
-const waysOf = ({ positive, weighting, elasticity, variant_of: origin, ...asked }: Asked): string[] => [
+const waysOf = ({
+  positive,
+  weighting,
+  elasticity,
+  leave_out: left = [],
+  variant_of: origin,
+  ...asked
+}: Asked): string[] => [
   positive ? text.options.constrained : text.options.unconstrained,
   ...(weighting === "covariance" ? [] : [text.weightings[weighting]]),
   ...(elasticity === "joints" || elasticity === "automatic" ? [] : [text.elasticities[elasticity]]),
   ...(asked.loss && asked.loss !== "automatic" ? [text.assessment.loss[asked.loss]] : []),
   ...(asked.complementary_stiffness === "neglected" ? [text.assessment.neglected] : []),
-  ...(asked.leave_out.length > 0 ? [text.lists.without(asked.leave_out)] : []),
-  ...(origin === null ? [] : [text.assessment.variant]),
+  ...(left.length > 0 ? [text.lists.without(left)] : []),
+  ...(origin ? [text.assessment.variant] : []),
 ];
 
 export const howOf = (run: Asked): string => [text.methods[run.method], ...waysOf(run)].join(", ");

@@ -216,7 +216,7 @@ function AskMap({ context: { run, set }, postures }: { context: RunContext; post
       <h2>{mapWords.form}</h2>
       <p>{mapWords.formNote}</p>
       <SchemaFields
-        of="MapRequest-Input"
+        of="MapRequest"
         show={["area", "grid", "force", "place", "tool_axis", "directions", "turns"]}
         value={asked}
         change={change}
@@ -300,7 +300,7 @@ export function ProgramForm({ context: { run } }: { context: RunContext }) {
   });
   const frame = (name: "tools" | "bases") => (
     <SchemaFields
-      of="ProgramFrame-Input"
+      of="ProgramFrame"
       show={["values"]}
       value={(asked[name] as Fields[] | undefined)?.[0] ?? {}}
       change={({ values }) => change({ [name]: values ? [{ values }] : [] })}
@@ -343,7 +343,7 @@ export function ProgramForm({ context: { run } }: { context: RunContext }) {
       />
       <div class="fields">
         <SchemaFields
-          of="ProcessLoad-Input"
+          of="ProcessLoad"
           show={["force"]}
           value={(asked["load"] as Fields | undefined) ?? {}}
           change={(load) => change({ load })}

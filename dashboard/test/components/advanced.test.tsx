@@ -12,7 +12,7 @@ const LENGTH = { type: "number", unit: "m" };
 const LIMIT = { type: "number", unit: "rad", unit_of_prismatic: "m" };
 const MAYBE = { anyOf: [NUMBER, { type: "null" }] };
 const SCHEMAS = {
-  "RunRequest-Input": {
+  RunRequest: {
     properties: {
       confidence: {
         type: "number",
@@ -28,8 +28,8 @@ const SCHEMAS = {
       resampling: { anyOf: [{ properties: { size: { type: "integer" } } }, { type: "null" }] },
     },
   },
-  "Noise-Input": { properties: { sigma: { type: "number" } } },
-  "DhModel-Input": { properties: { rows: { type: "array", items: { $ref: "#/DhRow" } } } },
+  Noise: { properties: { sigma: { type: "number" } } },
+  DhModel: { properties: { rows: { type: "array", items: { $ref: "#/DhRow" } } } },
   DhRow: { properties: { a: LENGTH, upper: LIMIT, kind: { type: "string", enum: ["revolute", "prismatic"] } } },
 };
 vi.stubGlobal("fetch", async () => new Response(JSON.stringify({ components: { schemas: SCHEMAS } })));

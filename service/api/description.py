@@ -1,0 +1,155 @@
+"""The OpenAPI 3.1 description of the service: each message has one shape, and what repeats is stated once."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections import Counter
+from collections.abc import Iterator
+from typing import Any, Final
+
+from fastapi import FastAPI
+
+from jointstiff.schemas.finding import Problem
+
+Node = dict[str, Any]
+
+_PROBLEMS: Final = {
+    400: "The client disconnected before its body was complete.",
+    401: "A key is needed, and the request has no valid one.",
+    403: "The key's role does not allow this, or a page of another site requested a change.",
+    404: "The resource does not exist.",
+    409: "The resource's state does not allow this; see `remedy`.",
+    413: "The body is too large.",
+    415: "The body has the wrong Content-Type.",
+    422: "The request is invalid: `where` names the field, `remedy` says what to do.",
+    429: "The queue is full, or too many wrong keys were sent; try again later.",
+    503: "The database is not available; try again later.",
+    507: "The database has reached its quota.",
+}
+_OF_ALL: Final = frozenset({401, 403, 422, 429, 503})
+_OF_BODIES: Final = frozenset({400, 404, 413, 415})  # a body may name what is not there
+_FULL: Final = 507
+_EVENTS: Final = "text/event-stream"
+
+
+class DescribedApplication(FastAPI):
+    """FastAPI with a description that validators accept and generators of clients understand.
+
+    A key is optional where a service may demand none: everywhere but in what only admins do.
+    """
+
+    def openapi(self) -> Node:
+        """Return the OpenAPI description."""
+        if self.openapi_schema is None:
+            document = _untitled(super().openapi())
+            for path, method, operation in _operations(document):
+                _summarise(operation)
+                _add_problems(path, method, operation)
+                _state_events(operation)
+                needed = operation.get("security", [])
+                if needed and {} not in needed and needed[0]["key"] != ["admin"]:
+                    operation["security"] = [{}, *needed]
+            _require_all_of_answers(document)
+            _share(document)
+            self.openapi_schema = document
+        return self.openapi_schema
+
+    def query_parameters(self, path: str, method: str) -> list[str]:
+        """Return the names of the query parameters of an operation."""
+        document = self.openapi()
+        shared = document["components"]["parameters"]
+        described = document["paths"].get(path, {}).get(method.lower(), {}).get("parameters", [])
+        stated = [shared[each["$ref"].rpartition("/")[2]] if "$ref" in each else each for each in described]
+        return [each["name"] for each in stated if each["in"] == "query"]
+
+
+def problems(*statuses: int) -> dict[int | str, Node]:
+    """Describe errors that a route may answer with beside those of all routes."""
+    return {status: _problem(status) for status in statuses}
+
+
+def _problem(status: int) -> Node:
+    schema = {"$ref": f"#/components/schemas/{Problem.__name__}"}
+    return {"description": _PROBLEMS[status], "content": {"application/problem+json": {"schema": schema}}}
+
+
+def _operations(document: Node) -> Iterator[tuple[str, str, Node]]:
+    for path, operations in document["paths"].items():
+        for method, operation in operations.items():
+            yield path, method, operation
+
+
+def _untitled(node: Any, *, names: bool = False) -> Any:  # noqa: ANN401 - any part of a JSON document
+    """Return a part of a description without the titles that Pydantic makes of the names of fields."""
+    if isinstance(node, dict):
+        return {
+            key: _untitled(value, names=key == "properties")
+            for key, value in node.items()
+            if names or key != "title" or not isinstance(value, str) or "version" in node
+        }
+    return [_untitled(each) for each in node] if isinstance(node, list) else node
+
+
+def _summarise(operation: Node) -> None:
+    """Take the first sentence of an operation's description for its summary."""
+    first, _, rest = operation["description"].partition("\n\n")
+    sentence, stop, more = " ".join(first.split()).partition(". ")
+    operation["summary"] = sentence.removesuffix(".") + "."
+    if text := "\n\n".join(filter(None, [more if stop else "", rest])):
+        operation["description"] = text
+    else:
+        del operation["description"]
+
+
+def _add_problems(path: str, method: str, operation: Node) -> None:
+    """Describe the errors that an operation may answer with, as its address and its body tell."""
+    statuses = set(_OF_ALL)
+    if "requestBody" in operation:
+        statuses |= _OF_BODIES
+    if "{" in path:
+        statuses |= {404} if method == "get" else {404, 409}
+    if "201" in operation["responses"] and "security" in operation:
+        statuses.add(_FULL)
+    answers = operation["responses"] | {str(status): _problem(status) for status in statuses}
+    operation["responses"] = dict(sorted(answers.items()))
+
+
+def _state_events(operation: Node) -> None:
+    """State events as text: FastAPI writes `itemSchema`, which is of OpenAPI 3.2."""
+    for answer in operation["responses"].values():
+        if _EVENTS in answer.get("content", {}):
+            answer["content"][_EVENTS] = {"schema": {"type": "string"}}
+
+
+def _require_all_of_answers(document: Node) -> None:
+    """Require every field of what only answers have: the service leaves none out."""
+    schemas = document["components"]["schemas"]
+    waiting = [operation.get("requestBody", {}) for *_, operation in _operations(document)]
+    posted: set[str] = set()
+    while waiting:
+        names = set(re.findall(r'"#/components/schemas/(\w+)"', json.dumps(waiting.pop()))) - posted
+        posted |= names
+        waiting += [schemas[name] for name in names]
+    for name in schemas.keys() - posted:
+        if "properties" in schemas[name]:
+            schemas[name]["required"] = list(schemas[name]["properties"])
+
+
+def _share(document: Node) -> None:
+    """State once, among the components, each problem, and each parameter that two operations have."""
+    shared: dict[str, Node] = {"parameters": {}, "responses": {}}
+    every = list(_operations(document))
+    used = Counter(
+        json.dumps(one, sort_keys=True) for *_, each in every for one in each.get("parameters", ())
+    )
+    for *_, operation in every:
+        for i, stated in enumerate(operation.get("parameters", ())):
+            if used[json.dumps(stated, sort_keys=True)] > 1:
+                name = "".join(word.title() for word in re.findall(r"[a-z]+", stated["name"]))
+                if shared["parameters"].setdefault(name, stated) == stated:
+                    operation["parameters"][i] = {"$ref": f"#/components/parameters/{name}"}
+        for status in operation["responses"].keys() & set(map(str, _PROBLEMS)):
+            shared["responses"][f"Problem{status}"] = operation["responses"][status]
+            operation["responses"][status] = {"$ref": f"#/components/responses/Problem{status}"}
+    document["components"] |= {kind: dict(sorted(stated.items())) for kind, stated in shared.items()}
