@@ -124,7 +124,6 @@ def all_routes() -> Sequence[BaseRoute]:
         health.router,
         admin.sessions,
         admin.router,
-        admin.webhooks,
         jobs.router,
         *map(jobs.kind_routes, KINDS),
     ):

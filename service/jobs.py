@@ -78,7 +78,6 @@ class Jobs:
         self.records = resources.store.jobs(kind.resource)  # as they are stored
         # return the work of a stored job, for those who carry it out
         self.work: Callable[[str], Any] = lru_cache(maxsize=4)(self._work)
-        self._webhooks = resources.store.webhooks
         self._inputs = resources
         self._enqueue = enqueue
 
@@ -100,7 +99,7 @@ class Jobs:
         enqueue = self._enqueue
         if job.progress is None or enqueue is None:
             done = record_of(self.kind, carry_out(job, work), work.robot_id)
-            return self.records.add(done, key, lambda connection: self._tell(connection, job.id))
+            return self.records.add(done, key)
         if len(self.records.open_jobs()) >= MAX_OPEN:
             raise TooManyJobsError(self.kind.resource, MAX_OPEN)
         return self.records.add(
@@ -247,12 +246,7 @@ class Jobs:
             }
             return self._changes(job.model_copy(update={**changes, **always}), before.robot_id)
 
-        self.records.end(job_id, state, final, lambda connection: self._tell(connection, job_id))
-
-    def _tell(self, connection: Connection, job_id: str) -> None:
-        """Leave the end of a run to those who tell webhooks of it, in the transaction that writes it."""
-        if self.kind.name == "run":
-            self._webhooks.run_ended(connection, job_id, datetime.now(UTC))
+        self.records.end(job_id, state, final)
 
 
 def record_of(kind: AnyKind, job: Job, robot_id: str | None) -> JobRecord:

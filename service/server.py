@@ -175,9 +175,7 @@ def forgetting(store: Store) -> Callable[[str], None]:
 
     def forget(worker: str) -> None:
         with suppress(StoreError):
-            last_beat = store.heartbeats.forget(worker)
-            if last_beat is not None:  # one that left by itself is not lost
-                store.webhooks.worker_lost(worker, last_beat)
+            store.heartbeats.forget(worker)
 
     return forget
 

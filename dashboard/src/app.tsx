@@ -88,7 +88,6 @@ const PlansView = lazy(async () => (await import("./views/plans")).PlansView);
 const PlanView = lazy(async () => (await import("./views/plans")).PlanView);
 const MeasureView = lazy(async () => (await import("./views/measure")).MeasureView);
 const LiveView = lazy(async () => (await import("./views/live")).LiveView);
-const WebhooksView = lazy(async () => (await import("./views/webhooks")).WebhooksView);
 
 const SECTIONS = [
   { id: "", label: text.app.measure, icon: "M12 4v16M4 12h16" },
@@ -163,7 +162,6 @@ const VIEWS = new Map<string, [FunctionComponent<Place>, FunctionComponent<Place
   ["plans", [PlansView, PlanView, "robots"]],
   ["measure", [MeasureView, LiveView, ""]],
   ["robots", [() => <RobotsView list="robots" />, OneRobot]],
-  ["webhooks", [WebhooksView, WebhooksView]],
   ["fleet", [FleetView, FleetView, "robots"]],
   ["compare", [Compared, Compared]],
 ]);
@@ -259,7 +257,6 @@ function Display({ settings, session }: { settings: Settings; session: Standing 
         />
         {typeof session === "object" && session.key_name !== null && (
           <>
-            {session.role === "admin" && <LinkButton href="#/webhooks">{text.app.webhooks}</LinkButton>}
             <p>{text.signIn.as(session.key_name, session.role ?? "")}</p>
             <Button onClick={() => void signOut().catch(() => toast(text.signIn.stuck))}>{text.signIn.out}</Button>
           </>

@@ -1,14 +1,11 @@
-"""Signing in; and for admins: keys and webhooks, whose secrets are shown once, and the audit."""
+"""Signing in; and for admins: keys, whose secrets are shown once, and the audit."""
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator
 from dataclasses import asdict
 from datetime import UTC, datetime
 from typing import Annotated, Any, Final, cast
-from urllib.parse import urlsplit
-from uuid import uuid4
 
 from anyio.to_thread import run_sync
 from fastapi import APIRouter, Depends, HTTPException, Path, Query, Request, Response
@@ -18,13 +15,10 @@ from jointstiff.schemas import access
 from jointstiff.schemas.fields import Page
 from jointstiff.service.api.answers import PartsOf
 from jointstiff.service.api.bodies import BodyRoute
-from jointstiff.service.api.description import problems
 from jointstiff.service.security.access import ADMIN, PUBLIC, Gate, asked_of, cookie_name
 from jointstiff.service.security.keys import described, mint
-from jointstiff.service.security.receivers import new_secret, receiver_addresses
 from jointstiff.service.store.store import SESSION_LONGEST, Store
-from jointstiff.service.store.tables import AccessKey, WebhookRecord
-from jointstiff.service.store.webhooks import MOST
+from jointstiff.service.store.tables import AccessKey
 from jointstiff.service.tables.files import csv_rows, guarded
 from jointstiff.solver.errors import RequestError
 
@@ -43,7 +37,6 @@ _TABLE: Final[dict[int | str, dict[str, Any]]] = {
 
 sessions = APIRouter(prefix="/v1/session", tags=["access"], route_class=BodyRoute, dependencies=[PUBLIC])
 router = APIRouter(prefix="/v1", tags=["access"], route_class=BodyRoute, dependencies=[ADMIN])
-webhooks = APIRouter(prefix="/v1", tags=["webhooks"], route_class=BodyRoute, dependencies=[ADMIN])
 
 
 @sessions.get("", response_model=access.Session)
@@ -153,75 +146,3 @@ def _table(store: Store, key_id: str | None) -> Iterator[str]:
         page = store.audit.page(_PAGE, page.next, key_id=key_id)
 
 
-@webhooks.post("/webhooks", status_code=201, response_model=access.NewWebhook, responses=problems(409))
-def create_webhook(request: Request, parts: PartsOf, body: access.WebhookRequest) -> access.NewWebhook:
-    """Make a webhook: workers post to its address what happens, signed by Standard Webhooks.
-
-    Its secret is in this answer and nowhere else. An address of this machine, or one that is not public, is
-    refused unless the settings allow it.
-    """
-    if len(parts.store.webhooks.all()) >= MOST:
-        raise HTTPException(409, f"there are {MOST} webhooks; delete one first")
-    try:
-        url = urlsplit(body.url)
-        if "@" in url.netloc:
-            raise RequestError(
-                "the address has a user or a password, which lists would show",
-                where="url",
-                remedy="omit them: the receiver checks a message by its signature",
-            )
-        receiver_addresses(url.hostname or "", url.port)
-    except ValueError as error:
-        raise RequestError("this is not an address", where="url", remedy="give https://HOST/PATH") from error
-    secret = new_secret()
-    record = WebhookRecord(
-        id=uuid4().hex,
-        url=body.url,
-        events=json.dumps(sorted(set(body.events))),
-        secret=secret,
-        address=str(request.base_url).rstrip("/"),
-        created_at=datetime.now(UTC),
-    )
-    parts.store.webhooks.add(record)
-    return access.NewWebhook(**_described(parts, record), secret=secret)
-
-
-@webhooks.get("/webhooks", response_model=access.WebhookList)
-def list_webhooks(parts: PartsOf) -> access.WebhookList:
-    """List the webhooks, each with the messages that did not arrive."""
-    return access.WebhookList(
-        items=[access.Webhook(**_described(parts, one)) for one in parts.store.webhooks.all()]
-    )
-
-
-@webhooks.delete("/webhooks/{webhook_id}", status_code=204, response_class=Response)
-def delete_webhook(parts: PartsOf, webhook_id: Annotated[str, Path(max_length=64)]) -> Response:
-    """Delete a webhook with its messages, those that did not arrive, too."""
-    parts.store.webhooks.delete(webhook_id)
-    return Response(status_code=204)
-
-
-def _described(parts: PartsOf, record: WebhookRecord) -> dict[str, Any]:
-    delivered, rest = parts.store.webhooks.outcome(record.id)
-    undelivered = [
-        access.Delivery.model_validate(
-            {
-                "id": one.message_id,
-                "type": one.type,
-                "state": one.state,
-                "created_at": one.created_at,
-                "attempts": one.attempts,
-                "next_at": one.due_at,
-                "error": one.error,
-            }
-        )
-        for one in rest
-    ]
-    return {
-        "id": record.id,
-        "url": record.url,
-        "events": json.loads(record.events),
-        "created_at": record.created_at,
-        "delivered": delivered,
-        "undelivered": undelivered,
-    }

@@ -13,7 +13,7 @@ from jointstiff.service.cli.demo import demo, examples, simulate
 from jointstiff.service.cli.keys import keys
 from jointstiff.service.cli.models import export, report, robots
 from jointstiff.service.cli.options import refusal_of
-from jointstiff.service.cli.services import backup, doctor, post, restore, serve, webhooks, worker
+from jointstiff.service.cli.services import backup, doctor, post, restore, serve, worker
 from jointstiff.service.kinds.rooms import ROOMS
 
 _MADE = {room.command: room.summary for room in ROOMS.values()} | {
@@ -79,7 +79,6 @@ for _command, _summary in _MADE.items():
 for _written in (robots, export, report, serve, worker, post, demo, backup, restore, doctor):
     app.command()(_written)
 app.add_typer(keys, name="keys")
-app.add_typer(webhooks, name="webhooks")
 
 
 def _version(value: bool) -> None:

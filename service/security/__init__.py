@@ -1,1 +1,1 @@
-"""Admission: size, host and origin, keys and roles; and the receivers of webhooks."""
+"""Admission: size, host and origin, keys and roles."""

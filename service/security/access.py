@@ -112,7 +112,7 @@ class Asked:
             return
         if self.is_open:
             raise RoleError(
-                "keys, webhooks and the audit need an admin key, but this service requires no keys",
+                "keys and the audit need an admin key, but this service requires no keys",
                 "use `jointstiff keys` at the terminal, or start the service with --require-key",
             )
         if self.key is None:

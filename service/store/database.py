@@ -235,7 +235,7 @@ def _sqlite_engines(url: sa.URL) -> tuple[sa.Engine, sa.Engine]:
     in_memory = _is_in_memory(url)
     reader = sa.create_engine(
         url,
-        hide_parameters=True,  # an error in the log shows no secret of a webhook
+        hide_parameters=True,  # an error in the log shows no content of a database
         isolation_level="AUTOCOMMIT",  # of the driver: `_begin_immediate` begins
         connect_args={"timeout": BUSY_SECONDS, "check_same_thread": False},
         poolclass=sa.QueuePool,

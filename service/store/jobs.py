@@ -88,7 +88,6 @@ class JobRecords(Collection[JobRecord, JobEntry]):
         job_id: str,
         state: str,
         changes: Callable[[JobRecord, int], JobChanges],
-        also: Callable[[sa.Connection], object] = lambda _: None,
     ) -> bool:
         """End a job, unless it has ended: a job never changes once ended.
 
@@ -96,7 +95,6 @@ class JobRecords(Collection[JobRecord, JobEntry]):
             job_id: its id.
             state: its final state.
             changes: return its last form, given the record before and the number of units done.
-            also: what else belongs into the transaction that ends it.
 
         Returns:
             Whether it was this call that ended it.
@@ -110,7 +108,6 @@ class JobRecords(Collection[JobRecord, JobEntry]):
                 final = changes(JobRecord(*before), int(done))
                 connection.execute(sa.update(jobs).where(*mine).values(**final))
                 connection.execute(sa.delete(job_steps).where(job_steps.c.job_id == job_id))
-                also(connection)
         return ended
 
     def _refuse_referenced(self, connection: sa.Connection, identifier: str) -> None:
@@ -308,11 +305,9 @@ class Heartbeats:
             rows = connection.execute(sa.select(heartbeats.c.executor, heartbeats.c.beat_at).where(old)).all()
         return {str(row.executor): row.beat_at for row in rows}
 
-    def forget(self, executor: str) -> datetime | None:
-        """Remove an executor that ends or has ended; return its last beat, None if there is none."""
-        mine = sa.delete(heartbeats).where(heartbeats.c.executor == executor)
-        with self._database.writing() as connection:
-            return connection.execute(mine.returning(heartbeats.c.beat_at)).scalar()
+    def forget(self, executor: str) -> None:
+        """Remove an executor that ends or has ended."""
+        self._database.change(sa.delete(heartbeats).where(heartbeats.c.executor == executor))
 
     def prove(self) -> None:
         """Write a row that is no worker's.

@@ -45,7 +45,6 @@ from jointstiff.service.store.tables import (
     robots,
     trend_notes,
 )
-from jointstiff.service.store.webhooks import Webhooks
 
 SESSION_IDLE: Final = timedelta(hours=8)
 """A session that is not used for so long has ended."""
@@ -87,7 +86,6 @@ class Store:
         self.authorisations = Authorisations(database, authorisations, AuthorisationRecord, self.quota)
         # new baselines and acknowledged alarms
         self.trend_notes = Journal(database, trend_notes, TrendNote, self.quota)
-        self.webhooks = Webhooks(database)  # with the messages to them
 
     @classmethod
     def open(cls, url: str, most_bytes: int | None = None) -> Store:

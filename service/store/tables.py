@@ -197,34 +197,6 @@ class AuthorisationRecord:
     page: bytes
 
 
-@dataclass(frozen=True, slots=True)
-class WebhookRecord:
-    """An address that is told of events."""
-
-    id: str
-    url: str
-    events: str  # JSON list of the types of events
-    secret: str  # signs the messages, so that it is kept as it is
-    address: str  # address of the service, as the admin reached it: links begin with it
-    created_at: datetime
-
-
-@dataclass(frozen=True, slots=True)
-class DeliveryRecord:
-    """A message to a webhook."""
-
-    webhook_id: str
-    message_id: str  # the same at each attempt, and for the same event
-    type: str
-    subject: str  # job or worker that it is about; messages about one go in order
-    document: str  # JSON that is sent; empty for alarms that are yet to be derived from the trends
-    created_at: datetime
-    state: str  # `pending`, `delivered` or `dead`
-    attempts: int
-    due_at: datetime  # time of the next attempt, or while one is under way, when it is taken for lost
-    error: str | None
-
-
 OPEN_STATES: Final = ("queued", "running")
 """States of a job that has not ended; all others are final."""
 
@@ -245,7 +217,7 @@ class RecordPage(Generic[Row]):
     next: str | None  # cursor of the following page; none on the last one
 
 
-LAYOUT: Final = "0010_causes"
+LAYOUT: Final = "0011_smaller"
 """Name of the tables as they are here, and of what the documents in them hold; another one with each change.
 
 Nothing was released: one layout is made and read, and all others are refused.
@@ -480,10 +452,6 @@ trend_notes = _numbered("trend_notes", TrendNote, filters=["robot_id"])
 live_entries = _numbered("live_entries", LiveEntry, filters=["set_id"])
 sa.Index(None, live_entries.c.set_id, live_entries.c.change, live_entries.c.label, unique=True)
 authorisations = _numbered("authorisations", AuthorisationRecord, filters=["run_id", "supersedes"])
-
-webhooks = sa.Table("webhooks", metadata, *_columns(WebhookRecord, {}, key="id"))
-deliveries = _numbered("deliveries", DeliveryRecord, filters=[("webhook_id", "state"), "subject"])
-sa.Index(None, deliveries.c.webhook_id, deliveries.c.message_id, unique=True)
 
 
 def of_records(table: sa.Table, record: type) -> sa.Select[Any]:

@@ -14,7 +14,6 @@ import threading
 import time
 from collections.abc import Callable, Mapping
 from datetime import UTC, datetime
-from functools import partial
 from typing import Final
 
 from jointstiff.service.jobs import Jobs, Parts
@@ -25,7 +24,6 @@ from jointstiff.service.store.database import refuse_in_memory
 from jointstiff.service.store.jobs import SILENT, Heartbeats
 from jointstiff.service.store.store import Store
 from jointstiff.service.tables.terminal import console
-from jointstiff.service.workers.webhooks import Sender
 
 ATTEMPTS: Final = 5
 """Deaths of workers over one step of a job, after which it is given up."""
@@ -51,7 +49,7 @@ class Recovery:
         """Look after the jobs of a store.
 
         Args:
-            store: with their inputs, and webhooks to tell.
+            store: with their inputs.
             jobs: those of the kind of a job, by its id.
             executor: name of this worker.
             heartbeats: of the workers; those of the store unless others are given.
@@ -79,7 +77,6 @@ class Recovery:
         duties: list[Callable[[], object]] = [
             lambda: self._give_up(self._store.steps.count_deaths(alive)),
             self._fail_forgotten,
-            *(partial(self._store.webhooks.worker_lost, *each) for each in lost.items()),
             self._purge,
         ]
         for duty in duties:
@@ -172,7 +169,6 @@ def _patiently(act: Callable[[], bool]) -> bool:
 
 
 _BEAT_SECONDS: Final = 5.0  # between two signs of life of a worker
-_SEND_SECONDS: Final = 1.0  # between two looks for messages to webhooks
 _GOODBYE_SECONDS: Final = 8.0  # for handing over; after 30 s of silence others take over by themselves
 
 _FAULT: Final = 70  # exit status of a worker that cannot go on
@@ -207,12 +203,11 @@ def run_worker(database: str, executor: str, parent: int | None = None) -> None:
     store.heartbeats.beat(executor)  # before it takes any work
     keeper = threading.Thread(target=_look_after, args=(recovery, stop), daemon=True)
     work = threading.Thread(target=carry_out_steps, args=(store, parts.jobs_of, executor, stop), daemon=True)
-    sender = threading.Thread(target=_send, args=(Sender(store, parts.trends), stop), daemon=True)
     gc.freeze()  # libraries stay to the end; looking through them took a third of a large job's end
     try:
         # A thread that ends for want of memory before it has begun leaves who starts it waiting for ever.
         faulthandler.dump_traceback_later(_BEGIN_SECONDS, exit=True)
-        for thread in (keeper, work, sender):
+        for thread in (keeper, work):
             thread.start()
         faulthandler.cancel_dump_traceback_later()
         console().print(f"worker {executor} ready", markup=False)
@@ -235,12 +230,6 @@ def _look_after(recovery: Recovery, stop: threading.Event) -> None:
     _trying(recovery.hand_over)
 
 
-def _send(sender: Sender, stop: threading.Event) -> None:
-    """Tell webhooks what happened, beside the work."""
-    while not stop.wait(_SEND_SECONDS):
-        _trying(sender.look)
-
-
 def _trying(act: Callable[[], None]) -> None:
     """A database that is away now will be back at the next beat."""
     try:
@@ -248,7 +237,7 @@ def _trying(act: Callable[[], None]) -> None:
     except MemoryError:
         _end()
     except Exception:
-        _logger.warning("could not look after jobs and webhooks; trying again", exc_info=True)
+        _logger.warning("could not look after jobs; trying again", exc_info=True)
 
 
 def _end(*_: object) -> None:

@@ -2,7 +2,6 @@
 
 import json
 import threading
-from dataclasses import asdict
 from datetime import UTC, datetime, timedelta
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
@@ -11,14 +10,12 @@ from urllib.parse import urlsplit
 import httpx2
 import pytest
 from playwright.sync_api import expect
-from sqlalchemy import insert
 from support.api import posted
 from support.processes import Service
 
 from jointstiff.service.api.bodies import EXAMPLES
 from jointstiff.service.security.keys import digest, mint, mint_token
 from jointstiff.service.store.store import Store
-from jointstiff.service.store.tables import DeliveryRecord, deliveries
 from jointstiff.simulator import default_arm, simulate_campaign
 
 NOW = datetime.now(UTC)
@@ -119,41 +116,6 @@ def test_a_link_signs_in_once_and_leaves_the_address(visit, run, database):
     assert all(
         token not in address for one in (first, second) for address in one.requests if "#" not in address
     )
-
-
-def test_an_admin_adds_a_webhook_sees_what_did_not_arrive_and_deletes_it(visit, database):
-    page = visit("phone", view="#/runs").page
-    sign_in(page, ADMIN)
-    page.get_by_label("Display").click()
-    page.get_by_role("link", name="Webhooks").click()
-    expect(page.get_by_text("No webhooks yet")).to_be_visible()
-
-    address = page.get_by_label("Address to post to")
-    address.fill("https://anna:secret@1.1.1.1/hooks")
-    page.get_by_role("button", name="Add a webhook").click()
-    expect(page.get_by_role("alert")).to_contain_text("a user or a password")
-    address.fill("https://1.1.1.1/hooks")
-    page.get_by_label("worker lost").uncheck()
-    page.get_by_role("button", name="Add a webhook").click()
-    expect(page.get_by_text("whsec_")).to_be_visible()
-    row = page.locator(".rows .item")
-    expect(row).to_contain_text("alarm raised, run failed, run succeeded")
-    expect(row).to_contain_text("all delivered")
-
-    with Store.open(database) as store:
-        (hook,) = store.webhooks.all()
-        dead = DeliveryRecord(
-            hook.id, "msg_1", "run.failed", "run", "{}", NOW, "dead", 30, NOW, "answered 500"
-        )
-        with store._database.writing() as connection:
-            connection.execute(insert(deliveries).values(asdict(dead)))
-    page.reload()
-    expect(row).to_contain_text("given up")
-    expect(page.get_by_role("region", name="Messages not delivered")).to_contain_text("answered 500")
-    assert page.evaluate("document.documentElement.scrollWidth - innerWidth") <= 0
-    page.once("dialog", lambda dialog: dialog.accept())
-    row.get_by_role("button", name="Delete").click()
-    expect(page.get_by_text("No webhooks yet")).to_be_visible()
 
 
 TRY = Path(__file__).with_name("another_site.js").read_text(encoding="utf-8")

@@ -294,7 +294,6 @@ const WORDS: Record<string, string> = {
   ...text.losses,
   ...later.robots.kinds,
   ...later.robots.conventions,
-  ...later.webhooks.events,
   ...formWords.values,
 };
 

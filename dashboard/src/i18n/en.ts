@@ -35,7 +35,6 @@ export const en = {
     robots: "Robots",
     settings: "Display",
     docs: "Documentation",
-    webhooks: "Webhooks",
     noAccessControl:
       "No access control: everyone who reaches this address can read, post and delete, unless a proxy prevents it.",
     theme: "Theme",

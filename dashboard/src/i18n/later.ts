@@ -137,27 +137,6 @@ export const later = {
     simulatedNotes: (stiffnesses: string) =>
       `Simulated by the page: no arm was measured. True stiffnesses, joint 1 to 6: ${stiffnesses} × 10⁶ N·m/rad; noise 20 µm.`,
   },
-  webhooks: {
-    intro:
-      "The service posts events to these addresses, signed by Standard Webhooks. It repeats a message for one day if there is no answer.",
-    labels: { url: "Address to post to, without user and password", events: "Events" },
-    events: {
-      "run.succeeded": "run succeeded",
-      "run.failed": "run failed",
-      "alarm.raised": "alarm raised",
-      "worker.lost": "worker lost",
-    },
-    add: "Add a webhook",
-    secret: "Added. This secret signs its messages; it is not shown again:",
-    none: "No webhooks yet",
-    noneHint: "Add an address to receive events about runs, alarms and workers.",
-    delivered: (count: number) => `${count} delivered in 30 days`,
-    states: { delivered: "all delivered", pending: "trying again", dead: "given up" },
-    undelivered: "Messages not delivered",
-    columns: ["Address", "Event", "State", "Since", "Attempts", "Last attempt"],
-    notYet: "not sent yet",
-    sure: (url: string) => `Delete the webhook ${url} with its messages?`,
-  },
   imports: {
     readingFiles: "Reading the files…",
     rest: "Missing information",

@@ -43,11 +43,7 @@ KEYS = {role: mint(f"{role}'s key", role, NOW, None) for role in ROLES}
 
 PUBLIC = {"getLive", "getSession", "createSession", "deleteSession"}
 READS_BY_POST = {"computeKinematics"}
-ADMINS = {"createKey", "listKeys", "revokeKey", "listAudit", "authoriseRun"} | {
-    "createWebhook",
-    "listWebhooks",
-    "deleteWebhook",
-}
+ADMINS = {"createKey", "listKeys", "revokeKey", "listAudit"}
 
 
 def bearer(role):
