@@ -67,10 +67,6 @@ class FileQuery(AcceptingOptions):
         default="MNm/rad", description="Unit of stiffness in `tables.json`."
     )
     details: bool = Field(default=True, description="False: only the main tables in `tables.json`.")
-    draft: bool = Field(
-        default=False,
-        description="True: the report of a run as it would be authorised now, even if one was issued.",
-    )
     file: Annotated[str, Field(max_length=MAX_NAME_LENGTH)] | None = Field(
         default=None, description="Name of the file of a corrected `program`; default: the first one."
     )

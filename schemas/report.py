@@ -1,4 +1,4 @@
-"""Reports: the laboratory that issues them, and who authorised them."""
+"""Reports: the laboratory that issues them."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from jointstiff.schemas.fields import Identifier, Message, Name, Timestamp
+from jointstiff.schemas.fields import Message, Name
 from jointstiff.schemas.measurement import Notes
 
 Lines = Annotated[list[Name], Field(max_length=8)]
@@ -65,38 +65,3 @@ class Laboratory(Party):
     logo: Name | None = Field(
         default=None, description="File beside this one, PNG or JPEG: a name without a folder."
     )
-
-
-class AuthorisationRequest(Message):
-    """Authorisation of a report as it is posted."""
-
-    note: Name | None = Field(default=None, description="Remark in the report.")
-    customer: Party | None = Field(
-        default=None, description="Customer of this report; default: that of the laboratory's settings."
-    )
-    received_on: date | None = Field(default=None, description="Date of receipt of the item.")
-    supersedes: Identifier | None = Field(
-        default=None,
-        description="Run whose report this one supersedes; that report is then marked as superseded.",
-    )
-
-
-class Authorisation(AuthorisationRequest):
-    """Authorisation of a report. It is never changed or deleted."""
-
-    run_id: Identifier
-    key_id: str = Field(description="Id of the key that authorised it.")
-    key_name: str = Field(description="Name of that key.")
-    authorised_at: Timestamp
-    number: int = Field(description="Number of the report among those of its run, from 1.")
-    content_hash: str = Field(
-        description="SHA-256 of the authorised content: the run, the set's metadata, the robot's name, the "
-        "laboratory and the customer."
-    )
-    pdf_sha256: str = Field(description="SHA-256 of the issued PDF.")
-
-
-class AuthorisationList(Message):
-    """Authorisations of a run's report."""
-
-    items: list[Authorisation] = Field(description="Authorisations in order of time.")

@@ -118,7 +118,7 @@ def all_routes() -> Sequence[BaseRoute]:
         resources.sets,
         live.router,
         runs.router,
-        runs.authorisations,
+        runs.deflections,
         runs.imports,
         runs.programs,
         health.router,

@@ -235,7 +235,7 @@ class Jobs:
             try:
                 job = self._read(before)
             except ValidationError:
-                # Its document is damaged, as `doctor` tells: it must not keep workers busy
+                # Its document is damaged: it must not keep workers busy
                 return {"state": state, "summary": {**before.summary, "state": state}}
             began = job.provenance.started_at or job.provenance.created_at
             last = {"ended_at": max(datetime.now(UTC), began), **provenance}  # clocks may be set back

@@ -14,7 +14,6 @@ ServiceError                   something outside of a request is in the way: see
     ├── NotEndedError          a job that goes on cannot be deleted: cancel it first
     ├── ClosedError            a set that was closed takes no more readings: open another one
     ├── ReferencedError        others refer to what is to be deleted: delete those first
-    ├── AuthorisedError        the report of a run that is to be deleted was authorised: keep it
     ├── WorkerLostError        the workers of a job died: send it again
     ├── QuotaError             the database has its full size: delete something, or raise --quota
     ├── TooManyJobsError       as many jobs wait as may: post again later
@@ -225,16 +224,6 @@ class ReferencedError(StoreError):
         )
 
 
-class AuthorisedError(StoreError):
-    """A run whose report was authorised cannot be deleted."""
-
-    def __init__(self, identifier: str) -> None:
-        super().__init__(
-            f"a report on the run {_shown(identifier)} was authorised",
-            "keep the run: the report refers to it",
-        )
-
-
 class WorkerLostError(StoreError):
     """The workers of a job died, or their engine gave it up."""
 
@@ -336,7 +325,6 @@ _KINDS: Final[Mapping[type[Exception], tuple[int, str, str]]] = MappingProxyType
         TooManyJobsError: (429, "too-many-jobs", "The queue is full"),
         ReferencedError: (409, "referenced", "Other resources refer to it"),
         QuotaError: (507, "quota", "The database is full"),
-        AuthorisedError: (409, "authorised", "The run has an authorised report"),
         ClosedError: (409, "closed", "The measurement set is closed"),
         TakenError: (409, "label-taken", "Another reading has this label"),
         NotEndedError: (409, "not-ended", "The job has not finished"),

@@ -438,7 +438,7 @@ def _elsewhere() -> Section:
             ("role × operation; an operation without a role", "tests/service/api/test_access.py"),
             ("clients that pause; times of Caddy", "tests/e2e/test_connections.py"),
             ("kill -9 of services and workers", "python -m benchmarks durability"),
-            ("disks, locks, clocks, servers, workers, backups", "python -m benchmarks faults"),
+            ("disks, locks, clocks, servers, workers", "python -m benchmarks faults"),
         ),
     )
 

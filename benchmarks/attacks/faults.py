@@ -33,12 +33,9 @@ from benchmarks.services import (
     ended,
     locked,
     numbers,
-    post_campaign,
     postgresql,
     undisturbed,
 )
-from jointstiff.service.store.backups import back_up, restore
-from jointstiff.service.workers.doctor import examine
 
 __all__ = ["run"]
 
@@ -62,7 +59,6 @@ class Outcome:
     recovered: float = float("inf")  # time until a post was taken again [s]
     state: str = ""  # of the long run at its end
     same: bool = False  # whether its numbers are those of the undisturbed run
-    found: list[str] = field(default_factory=list)  # faults that the doctor sees
 
 
 def run(*, quick: bool, part: Part) -> list[Section]:
@@ -86,23 +82,15 @@ def run(*, quick: bool, part: Part) -> list[Section]:
             cases[f"PostgreSQL: {name}"] = partial(_meet, server(), partial(hurt, server), seconds, expected)
         outcomes: dict[str, Outcome] = {}
         sections: list[Section] = []
-        for number in part.of(len(cases) + (1 if quick else 2)):
+        for number in part.of(len(cases) + (0 if quick else 1)):
             if number < len(cases):
                 name = list(cases)[number]
                 outcomes[name] = cases[name]()
                 for path in folder.glob("*.db*"):  # the disk is small
                     path.unlink()
-            elif number == len(cases):
-                sections.append(copies(1.0 if quick else 5.0))
             else:
                 sections.append(hurt_workers(expected))
     return [_section(outcomes), *sections] if outcomes else sections
-
-
-def copies(seconds: float) -> Section:
-    """Restore backups that were made while clients posted for some seconds."""
-    with databases() as new:
-        return _backups(new, seconds)
 
 
 def hurt_workers(expected: dict[str, Any]) -> Section:
@@ -139,7 +127,6 @@ def _meet(
         outcome.lost = sum(client.get(f"/v1/robots/{robot}").status_code != 200 for robot in created)
     outcome.state = run["state"]
     outcome.same = numbers(run) == expected
-    outcome.found = [f"{each.code}: {each.where}" for each in examine(database).faults]
     return outcome
 
 
@@ -288,7 +275,7 @@ def _section(outcomes: dict[str, Outcome]) -> Section:
     again = "until posts are taken again"
     return Section(
         title="Faults during posts and a long run",
-        columns=("fault", "answers meanwhile", "uncoded", "lost", "recovered", "long run", "doctor"),
+        columns=("fault", "answers meanwhile", "uncoded", "lost", "recovered", "long run"),
         rows=tuple(
             (
                 name,
@@ -297,7 +284,6 @@ def _section(outcomes: dict[str, Outcome]) -> Section:
                 str(found.lost),
                 f"{found.recovered:.1f} s",
                 found.state if found.same else f"{found.state}, DIFFERENT",
-                "; ".join(found.found[:2]) or "ok",
             )
             for name, found in outcomes.items()
         ),
@@ -309,58 +295,7 @@ def _section(outcomes: dict[str, Outcome]) -> Section:
                 Figure.none(f"{name}: acknowledged and lost", found.lost),
                 Figure(f"{name}: {again}", found.recovered, "at most", _RECOVERED_SECONDS, " s"),
                 Figure.none(f"{name}: long run not the same", int(not found.same)),
-                Figure.none(f"{name}: faults that the doctor finds", len(found.found)),
             )
         ),
         notes=("kill -9 of service and worker: the benchmark `durability`",),
     )
-
-
-def _backups(kinds: dict[str, Callable[[], str]], seconds: float) -> Section:
-    """Back databases up after some seconds of posts that go on, and restore each to a new one."""
-    found = {kind: _restored(new, seconds) for kind, new in kinds.items()}
-    return Section(
-        title="Backup while a client posts robots and runs, restored to another database",
-        columns=("database", "acknowledged before", "not there or not the same", "doctor"),
-        rows=tuple(
-            (kind, str(count), str(odd), faults or "ok") for kind, (count, odd, faults) in found.items()
-        ),
-        figures=tuple(
-            figure
-            for kind, (_, odd, faults) in found.items()
-            for figure in (
-                Figure.none(f"{kind}, restored: acknowledged before and not there, or not the same", odd),
-                Figure.none(f"{kind}, restored: the doctor finds something", int(bool(faults))),
-            )
-        ),
-        notes=("that `doctor` finds planted faults: tests/service/workers/test_recovery.py",),
-    )
-
-
-def _restored(new: Callable[[], str], seconds: float) -> tuple[int, int, str]:
-    """Return how many were acknowledged before, how many of them are odd, and what the doctor finds."""
-    database, other = new(), new()
-    stop, told = threading.Event(), dict[str, dict[str, Any]]()
-    with tempfile.TemporaryDirectory(prefix="jointstiff-backup-") as folder:
-        with Service(database, 0) as service, httpx2.Client(base_url=service.url, timeout=90) as client:
-            set_id = post_campaign(client, 19)
-            poster = threading.Thread(target=_post_until, args=(service.url, set_id, stop, told))
-            poster.start()
-            time.sleep(seconds)
-            before = dict(told)
-            back_up(database, Path(folder) / "backup")
-            stop.set()
-            poster.join()
-        restore(other, Path(folder) / "backup")
-    with Service(other, 0) as service, httpx2.Client(base_url=service.url, timeout=90) as client:
-        odd = sum(client.get(address).json() != answer for address, answer in before.items())
-    return len(before), odd, "; ".join(f"{each.code}: {each.where}" for each in examine(other).faults)
-
-
-def _post_until(url: str, set_id: str, stop: threading.Event, told: dict[str, dict[str, Any]]) -> None:
-    robot = small_campaign().document["robot"]
-    with httpx2.Client(base_url=url, timeout=90) as client:
-        while not stop.is_set():
-            for path, body in (("/v1/robots", robot), ("/v1/runs", {"measurement_set_id": set_id})):
-                answer = client.post(path, json=body).raise_for_status()
-                told[answer.headers["location"]] = answer.json()

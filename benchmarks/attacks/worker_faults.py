@@ -1,4 +1,4 @@
-"""Workers that die at each step or run out of memory; and pickles in a backup."""
+"""Workers that die at each step or run out of memory; and pickles in a database."""
 
 from __future__ import annotations
 
@@ -17,7 +17,6 @@ import httpx2
 
 from benchmarks.report import Figure, Section
 from benchmarks.services import Service, begin_run, ended, numbers
-from jointstiff.service.store.backups import back_up, restore
 
 __all__ = ["worker_faults"]
 
@@ -104,7 +103,7 @@ def worker_faults(
     rows += [
         ("out of memory", starving["state"], ""),
         ("cannot start", f"{starts} starts in {_UNABLE_SECONDS:g} s", f"said after {told:.0f} s"),
-        ("a pickle planted in a backup", pickled, ""),
+        ("a pickle planted in the database", pickled, ""),
     ]
     died = "worker dies at the step {}: until a clear state"
     return Section(
@@ -116,7 +115,7 @@ def worker_faults(
             Figure.none("worker out of memory: run not the same", int(numbers(starving) != expected)),
             Figure("worker cannot start: until /health says so", told, "at most", _UNABLE_SECONDS, " s"),
             Figure(f"worker cannot start: starts in {_UNABLE_SECONDS:g} s", starts, "at most", 6),
-            Figure.none("pickle in a backup: run, or its job does not end", int(pickled != "failed")),
+            Figure.none("pickle in the database: run, or its job does not end", int(pickled != "failed")),
         ),
     )
 
@@ -171,7 +170,7 @@ class _Planted:
 
 
 def _planted(database: str, folder: Path, configurations: int, resampling: dict[str, int]) -> str:
-    """Return what becomes of a job of which a step in a backup holds a pickle."""
+    """Return what becomes of a job of which a step in the database holds a pickle."""
     ran = folder / "ran"
     with Service(database, 0) as service, httpx2.Client(base_url=service.url, timeout=90) as client:
         address = begin_run(client, configurations, resampling)
@@ -183,9 +182,6 @@ def _planted(database: str, folder: Path, configurations: int, resampling: dict[
             "INSERT INTO job_steps (job_id, start, units, turn, sequence, result) VALUES (?, ?, ?, ?, ?, ?)",
             steps,
         )
-    back_up(database, folder / "backup")
-    restored = f"sqlite:///{folder / 'restored.db'}"
-    restore(restored, folder / "backup", overwrite=False)
-    with Service(restored, 1) as service, httpx2.Client(base_url=service.url, timeout=90) as client:
+    with Service(database, 1) as service, httpx2.Client(base_url=service.url, timeout=90) as client:
         state = str(ended(client, address, _CLEAR_SECONDS)["state"])
     return "RUN" if ran.exists() else state

@@ -144,5 +144,3 @@ def _table(store: Store, key_id: str | None) -> Iterator[str]:
         if page.next is None:
             return
         page = store.audit.page(_PAGE, page.next, key_id=key_id)
-
-

@@ -1,9 +1,8 @@
-"""Files of jobs: tables, reports, what a kind declares, and the models and issued reports of runs."""
+"""Files of jobs: tables, reports, what a kind declares, and the models of runs."""
 
 from __future__ import annotations
 
 import json
-import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property, partial
@@ -18,7 +17,6 @@ from pydantic import BaseModel
 from jointstiff.schemas.job import Job
 from jointstiff.schemas.program import Program
 from jointstiff.schemas.query import FileQuery
-from jointstiff.schemas.report import Authorisation, AuthorisationList
 from jointstiff.schemas.robot import Robot
 from jointstiff.schemas.run import Run
 from jointstiff.service.jobs import Jobs, Parts
@@ -26,21 +24,18 @@ from jointstiff.service.kinds.kind import AnyKind, File
 from jointstiff.service.kinds.program_work import unpacked
 from jointstiff.service.kinds.registry import KINDS
 from jointstiff.service.reports.certificate import certificate
-from jointstiff.service.reports.document import Document, draft, state_of
+from jointstiff.service.reports.document import Document
 from jointstiff.service.reports.exports import FORMATS, ExportedModel, ModelFormat, export_model
 from jointstiff.service.reports.job import job_document, job_parts, job_sheet
 from jointstiff.service.reports.laboratory import LaboratorySettings
 from jointstiff.service.reports.rendering import POLICY, report_page, report_pdf
 from jointstiff.service.reports.run import RunSubject, run_document
-from jointstiff.service.store.tables import AuthorisationRecord
 from jointstiff.service.tables.files import csv_parts, written
 from jointstiff.service.tables.report import View
 from jointstiff.service.tables.stiffness import UNITS
 from jointstiff.service.tables.table import Line, Part, Table
 from jointstiff.solver.errors import RequestError
 
-_ISSUE: Final = "issued-{number}.pdf"
-_ISSUED: Final = re.compile(r"issued-([1-9][0-9]{0,8})\.pdf", re.ASCII)
 _NO_HEADERS: Final[Mapping[str, str]] = MappingProxyType({})
 
 
@@ -78,7 +73,7 @@ _Make = Callable[[_Wanted], Content]
 
 def is_stored(kind: AnyKind, name: str) -> bool:
     """Return whether a file of a kind's jobs needs no work."""
-    return _make(kind, name) in _STORED
+    return _files(kind).get(name) is _corrected
 
 
 def content_of(
@@ -91,17 +86,13 @@ def content_of(
         HTTPException: there is no such file (404), or no result (409).
         RequestError: the program has no file of that name.
     """
-    make = _make(jobs.kind, name)
+    make = _files(jobs.kind).get(name)
     if make is None:
         jobs.records.get(job_id)
         raise HTTPException(
             404, f"a {jobs.kind.name} has no such file; use one of {', '.join(names(jobs.kind))}"
         )
     return make(_Wanted(request.app.state.laboratory, parts, jobs, job_id, name, query))
-
-
-def _make(kind: AnyKind, name: str) -> _Make | None:
-    return _files(kind).get(_ISSUE if _ISSUED.fullmatch(name) else name)
 
 
 def names(kind: AnyKind) -> list[str]:
@@ -116,7 +107,6 @@ def _files(kind: AnyKind) -> Mapping[str, _Make]:
     if kind.name == Run.kind:
         made |= {"report.pdf": _run_report, "report.html": _run_report, "report.xml": _certificate}
         made |= {f"model.{suffix}": _model for suffix in FORMATS}
-        made |= {"authorisations.json": _authorisations, _ISSUE: _issued}
     elif kind.reported:
         made |= {"report.pdf": _job_report, "report.html": _job_report}
     if kind.name == Program.kind:
@@ -163,54 +153,19 @@ def _job_report(wanted: _Wanted) -> Content:
 
 
 def _run_report(wanted: _Wanted) -> Content:
-    """Return the report of a run: a draft until it is authorised; then as it was issued, or superseded."""
-    run_id, store = wanted.job_id, wanted.parts.store
-    own = store.authorisations.of(run_id=run_id)
-    if wanted.query.draft or not own:
-        return _written(
-            run_document(run_subject(wanted.parts, run_id, wanted.laboratory), draft()), wanted.name
-        )
-    newer = store.authorisations.of(supersedes=run_id)
-    if newer:
-        subject = run_subject(wanted.parts, run_id, wanted.laboratory).as_stated(json.loads(own[-1].stated))
-        state = state_of(authorisations_of(own), authorisations_of(newer)[-1])
-        return _written(run_document(subject, state), wanted.name)
-    as_pdf = wanted.name == "report.pdf"
-    content = own[-1].pdf if as_pdf else own[-1].page
-    return _report(content, f"{run_id}-{own[-1].number}", "pdf" if as_pdf else "html")
+    subject = run_subject(wanted.parts, wanted.job_id, wanted.laboratory)
+    return _written(run_document(subject), wanted.name)
 
 
 def _certificate(wanted: _Wanted) -> Content:
-    """Return the certificate of a run, of what its authorised report states if there is one."""
-    run_id, store = wanted.job_id, wanted.parts.store
-    own = [] if wanted.query.draft else store.authorisations.of(run_id=run_id)
-    newer = store.authorisations.of(supersedes=run_id)
-    subject, state = run_subject(wanted.parts, run_id, wanted.laboratory), draft()
-    if own:
-        subject = subject.as_stated(json.loads(own[-1].stated))
-        state = state_of(authorisations_of(own), authorisations_of(newer)[-1] if newer else None)
-    name = f"certificate-{run_id}-{state.number}.xml"
-    return Content(certificate(subject, state), "application/xml", _saved(name))
+    subject = run_subject(wanted.parts, wanted.job_id, wanted.laboratory)
+    return Content(certificate(subject), "application/xml", _saved(f"certificate-{wanted.job_id}.xml"))
 
 
 def _model(wanted: _Wanted) -> Content:
     suffix = cast("ModelFormat", wanted.name.partition(".")[2])
     model = export_model(exported_model(wanted.parts, wanted.job_id), suffix, wanted.query.accept_verdict)
     return Content(model, FORMATS[suffix].media_type, _saved(f"model-{wanted.job_id}.{suffix}"))
-
-
-def _authorisations(wanted: _Wanted) -> Content:
-    wanted.jobs.records.get(wanted.job_id)
-    issued = authorisations_of(wanted.parts.store.authorisations.of(run_id=wanted.job_id))
-    return Content(AuthorisationList(items=issued).model_dump_json().encode(), "application/json")
-
-
-def _issued(wanted: _Wanted) -> Content:
-    number = wanted.name.removeprefix("issued-").removesuffix(".pdf")
-    for record in wanted.parts.store.authorisations.of(run_id=wanted.job_id):
-        if str(record.number) == number:
-            return _report(record.pdf, f"{wanted.job_id}-{record.number}", "pdf")
-    raise HTTPException(404, f"run '{wanted.job_id}' has no authorised report {number}")
 
 
 def _corrected(wanted: _Wanted) -> Content:
@@ -231,10 +186,6 @@ def _succeeded(jobs: Jobs, job_id: str) -> Job:
     if job.result is None:
         raise HTTPException(409, f"there is no result: the {job.kind}'s state is {job.state}")
     return job
-
-
-_STORED: Final = (_authorisations, _issued, _corrected)
-"""What makes files that need no work."""
 
 
 def _written(document: Document, name: str) -> Content:
@@ -278,17 +229,6 @@ def run_subject(parts: Parts, run_id: str, settings: LaboratorySettings) -> RunS
     return RunSubject(model, readings, settings, alarms=[alarm.message for alarm in alarms])
 
 
-def authorisations_of(records: list[AuthorisationRecord]) -> list[Authorisation]:
-    """Return authorisations without the files that were issued."""
-    found = []
-    for record in records:
-        document = json.loads(record.stated)
-        fields = {name: getattr(record, name) for name in Authorisation.model_fields if hasattr(record, name)}
-        fields |= {"customer": document["laboratory"].get("customer"), "received_on": document["received_on"]}
-        found.append(Authorisation.model_validate(fields))
-    return found
-
-
 def _media_types() -> dict[str, Any]:
     """Return the media types of all files, for OpenAPI."""
     own = {file.media_type for kind in KINDS for file in kind.files}
@@ -310,17 +250,13 @@ _FILES_TEXT: Final = """Get a file of a job that has succeeded. Its names are:
 * `tables.json`: the tables as in the terminal, with the `assessment` (null if there is none): title, caption,
   head, rows of text, and the indices of text columns; beside them what is said of the result in `lines` of
   text, and the `evidence`
-* `report.pdf` and `report.html`: request, tables of the result, versions and hash of the input; for
-  information, not signed. The report of a run follows ISO/IEC 17025: PDF/A-3b with the run and a table
-  attached, a draft until it is authorised, then unchangeable; each page of a superseded one states that
+* `report.pdf` and `report.html`: request, tables of the result, versions and hash of the input. The report
+  of a run follows ISO/IEC 17025, with lines to sign: PDF/A-3b with the run and a table attached
 * `report.xml` of a run: the report as a digital calibration certificate, DCC 3.3.0; refused (422) unless the
   set states `measured_at`, and the laboratory's settings `country` and `responsible`
-* `model.…` of a run: tables with intervals (csv, xlsx), URDF, SDFormat, or MJCF of MuJoCo. MJCF and SDFormat
-  have a spring for each joint with a stiffness; URDF has none and gives the numbers in comments. A joint that
-  is rigid, not observable or not identified has no spring; the file states the reason. A run with the verdict
-  `do_not_use` is refused without `accept_verdict`
-* `authorisations.json` of a run: its authorisations, in the order in which they came; `issued-{number}.pdf`:
-  an authorised report as it was issued, also one that was superseded
+* `model.…` of a run: tables with intervals (csv, xlsx), or MJCF of MuJoCo with a spring for each joint with a
+  stiffness. A joint that is rigid, not observable or not identified has no spring; the file states the
+  reason. A run with the verdict `do_not_use` is refused without `accept_verdict`
 * `program` of a program: a compensated file (`file`), of which only numbers of its targets differ from what
   was sent"""
 

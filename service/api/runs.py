@@ -9,8 +9,6 @@ import hashlib
 import json
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import replace
-from datetime import UTC, datetime
 from typing import Annotated, Any, Final, TypeVar, cast
 
 from anyio.to_thread import run_sync
@@ -24,7 +22,6 @@ from jointstiff.schemas.imports import ImportAnswer, ImportRequest
 from jointstiff.schemas.measurement import MeasurementSetDocument, MeasurementSetRequest
 from jointstiff.schemas.program import MAX_FILES as MAX_PROGRAM_FILES
 from jointstiff.schemas.program import Program, ProgramForm, ProgramRequest
-from jointstiff.schemas.report import Authorisation, AuthorisationRequest
 from jointstiff.schemas.robot import RobotDocument
 from jointstiff.schemas.run import Campaign, CampaignRun, Run, RunRequest
 from jointstiff.service.api.answers import PartsOf, accepted, json_response
@@ -40,7 +37,6 @@ from jointstiff.service.api.bodies import (
     without_collections,
 )
 from jointstiff.service.api.description import problems
-from jointstiff.service.api.files import authorisations_of, run_subject
 from jointstiff.service.api.jobs import JobId, JobRoute, PostOf
 from jointstiff.service.importing.reading import SourceFile
 from jointstiff.service.jobs import Jobs, Parts
@@ -49,21 +45,17 @@ from jointstiff.service.kinds.mending import mended
 from jointstiff.service.kinds.program import PROGRAM
 from jointstiff.service.kinds.program_work import packed
 from jointstiff.service.problems import NotFoundError
-from jointstiff.service.reports.document import state_of
-from jointstiff.service.reports.laboratory import LaboratorySettings
-from jointstiff.service.reports.rendering import report_page, report_pdf
-from jointstiff.service.reports.run import run_document
 from jointstiff.service.resources.imports import import_files
 from jointstiff.service.resources.stored import described, stored_job
-from jointstiff.service.security.access import ADMIN, OPERATOR, asked_of
-from jointstiff.service.store.collection import Collection, NumberTakenError
-from jointstiff.service.store.tables import AuthorisationRecord, IdempotencyKey, JobRecord
+from jointstiff.service.security.access import OPERATOR
+from jointstiff.service.store.collection import Collection
+from jointstiff.service.store.tables import IdempotencyKey, JobRecord
 from jointstiff.solver.errors import JointstiffError, RequestError
 
 Part = TypeVar("Part", bound=Message)
 
 router = APIRouter(tags=["runs"], route_class=JobRoute)
-authorisations = APIRouter(tags=["runs"], route_class=BodyRoute)
+deflections = APIRouter(tags=["runs"], route_class=BodyRoute)
 imports = APIRouter(tags=["measurement sets"], route_class=BodyRoute)
 programs = APIRouter(tags=["programs"], route_class=JobRoute)
 
@@ -238,80 +230,7 @@ def _in_section(section: str) -> Iterator[None]:
         raise
 
 
-@authorisations.post(
-    "/v1/runs/{run_id}/authorisations", dependencies=[ADMIN], status_code=201, response_model=Authorisation
-)
-def authorise_run(
-    request: Request, parts: PartsOf, run_id: JobId, body: AuthorisationRequest
-) -> Authorisation:
-    """Authorise the report of a run, under the name of the key. It is never changed or deleted.
-
-    Its content is stored with the PDF and its SHA-256: later changes of metadata, settings or software do
-    not affect it. Another authorisation of the same run issues a report with the next number, which
-    supersedes this one. Repeating an authorisation with the same key changes nothing.
-    """
-    settings: LaboratorySettings = request.app.state.laboratory
-    subject = run_subject(parts, run_id, settings)
-    if settings.laboratory is None:
-        raise HTTPException(
-            409, "the service has no laboratory to issue reports: start it with --laboratory lab.toml"
-        )
-    _refuse_unknown(parts, run_id, body.supersedes)
-    key = asked_of(request).key
-    if key is None:
-        raise HTTPException(403, "only a named key can authorise a report, and the request has no key")
-    if body.customer is not None:
-        changed = settings.laboratory.model_copy(update={"customer": body.customer})
-        subject = replace(subject, settings=replace(settings, laboratory=changed))
-    subject = replace(subject, received_on=body.received_on)
-    while True:
-        own = parts.store.authorisations.of(run_id=run_id)
-        issued = Authorisation(
-            run_id=run_id,
-            supersedes=body.supersedes,
-            authorised_at=datetime.now(UTC),
-            key_id=key.id,
-            key_name=key.name,
-            content_hash=subject.content_hash(),
-            note=body.note,
-            number=len(own) + 1,
-            pdf_sha256="",
-        )
-        document = run_document(subject, state_of([*authorisations_of(own), issued], None))
-        pdf = report_pdf(document)
-        record = AuthorisationRecord(
-            **issued.model_dump(exclude={"customer", "received_on", "pdf_sha256"}),
-            stated=json.dumps(subject.stated()),
-            pdf_sha256=hashlib.sha256(pdf).hexdigest(),
-            pdf=pdf,
-            page=report_page(document),
-        )
-        with suppress(NumberTakenError):  # by another admin, meanwhile: the next one is stated then
-            return authorisations_of([parts.store.authorisations.add(record)])[0]
-
-
-def _refuse_unknown(parts: Parts, run_id: str, superseded: str | None) -> None:
-    if superseded is None:
-        return
-    if superseded == run_id:
-        raise RequestError(
-            "a report cannot supersede itself",
-            where="supersedes",
-            remedy="omit it: the latest report of a run is valid",
-        )
-    try:
-        stored_job(parts.store, Run, superseded)
-    except NotFoundError as error:
-        raise RequestError(error.reason, where="supersedes", remedy=error.remedy) from error
-    if any(record.supersedes == run_id for record in parts.store.authorisations.of(run_id=superseded)):
-        raise RequestError(
-            f"the report of run '{superseded}' supersedes this one",
-            where="supersedes",
-            remedy="omit it: if two reports supersede each other, none is valid",
-        )
-
-
-@authorisations.post("/v1/deflections", dependencies=[OPERATOR], response_model=DeflectionResult)
+@deflections.post("/v1/deflections", dependencies=[OPERATOR], response_model=DeflectionResult)
 async def compute_deflections(
     request: Request, parts: PartsOf, body: Annotated[DeflectionRequest, shown(EXAMPLES["deflections"])]
 ) -> Response:

@@ -13,7 +13,7 @@ from jointstiff.service.cli.demo import demo, examples, simulate
 from jointstiff.service.cli.keys import keys
 from jointstiff.service.cli.models import export, report, robots
 from jointstiff.service.cli.options import refusal_of
-from jointstiff.service.cli.services import backup, doctor, post, restore, serve, worker
+from jointstiff.service.cli.services import post, serve, worker
 from jointstiff.service.kinds.rooms import ROOMS
 
 _MADE = {room.command: room.summary for room in ROOMS.values()} | {
@@ -76,7 +76,7 @@ app.command()(simulate)
 app.command()(examples)
 for _command, _summary in _MADE.items():
     app.command(_command, help=_summary)(lambda: None)  # shown in the list in place of what is made later
-for _written in (robots, export, report, serve, worker, post, demo, backup, restore, doctor):
+for _written in (robots, export, report, serve, worker, post, demo):
     app.command()(_written)
 app.add_typer(keys, name="keys")
 

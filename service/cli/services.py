@@ -1,4 +1,4 @@
-"""Commands that run a service, talk to one, or look after its database."""
+"""Commands that run a service or talk to one."""
 
 from __future__ import annotations
 
@@ -13,7 +13,6 @@ from jointstiff.service.settings import DatabaseUrl, LogLines, Settings
 
 if TYPE_CHECKING:
     from jointstiff.service.library.client import Client
-    from jointstiff.service.store.backups import Manifest
 
 
 def serve(**values: Any) -> None:  # noqa: ANN401 - by the signature below
@@ -107,54 +106,3 @@ def _post_all(client: Client, folder: Path) -> int:
         else:
             typer.echo(path.name)
     return 1 if refused else 0
-
-
-Folder = Annotated[Path, typer.Argument(metavar="FOLDER", help="Folder of the backup.")]
-
-
-def backup(folder: Folder, *, database: DatabaseUrl) -> None:
-    """Copy a database to a new folder; the service may run."""
-    from jointstiff.service.store.backups import back_up
-
-    manifest = back_up(database, folder)
-    typer.echo(f"{folder}: {_counts(manifest)}")
-
-
-def restore(
-    folder: Folder,
-    *,
-    database: DatabaseUrl,
-    overwrite: Annotated[
-        bool,
-        typer.Option(
-            "--overwrite",
-            help="Replace a database that is not empty; an SQLite file is renamed.",
-        ),
-    ] = False,
-) -> None:
-    """Restore a backup to a database that no service uses."""
-    from jointstiff.service.store.backups import restore as put_back
-
-    manifest = put_back(database, folder, overwrite=overwrite)
-    origin = f"made {manifest.made_at:%Y-%m-%d %H:%M} UTC by Jointstiff {manifest.jointstiff}"
-    typer.echo(f"{_counts(manifest)}; {origin}")
-
-
-def doctor(*, database: DatabaseUrl) -> None:
-    """Check a database for faults; exit status 1 if it has any."""
-    from jointstiff.service.workers.doctor import examine
-
-    examination = examine(database)
-    for fault in examination.faults:
-        line = f"{fault.code}: {fault.where}: {fault.reason}\n  remedy: {fault.remedy}"
-        typer.echo(line)
-    counted = ", ".join(f"{count:,} × {name}" for name, count in examination.counted.items()) or "nothing"
-    typer.echo(f"read {counted}; faults: {len(examination.faults)}")
-    raise typer.Exit(1 if examination.faults else 0)
-
-
-def _counts(manifest: Manifest) -> str:
-    shown = ("robots", "measurement_sets", "jobs")
-    return ", ".join(f"{manifest.tables[name].rows:,} × {name.replace('_', ' ')}" for name in shown)
-
-

@@ -326,7 +326,7 @@ class Client(Verbs):
     def file(
         self, job: Job, name: str, query: Mapping[str, str] | None = None, laboratory: Path | None = None
     ) -> bytes:
-        """Return a file of a job, such as `model.urdf`, `report.pdf` or `map.npz`, by the query of the API.
+        """Return a file of a job, such as `model.mjcf`, `report.pdf` or `map.npz`, by the query of the API.
 
         Raises:
             RequestError: a laboratory is given: the service has its own.

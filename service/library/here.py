@@ -195,7 +195,6 @@ class Here:
 
     def _report(self, kind: AnyKind, job: Job, suffix: str, laboratory: Path | None) -> bytes:
         from jointstiff.service.reports.certificate import certificate
-        from jointstiff.service.reports.document import draft
         from jointstiff.service.reports.job import job_document
         from jointstiff.service.reports.laboratory import LaboratorySettings, read_laboratory
         from jointstiff.service.reports.rendering import report_page, report_pdf
@@ -206,8 +205,8 @@ class Here:
             subject = RunSubject(_exported(job), job.campaign.measurement_set, settings)
             if suffix == "xml":
                 with as_campaign_error("report"):
-                    return certificate(subject, draft())
-            document = run_document(subject, draft())
+                    return certificate(subject)
+            document = run_document(subject)
         elif suffix == "xml":
             with as_campaign_error(""):
                 reason = f"a {kind.name} has no certificate: runs have"

@@ -44,7 +44,7 @@ if TYPE_CHECKING:
 
 _WIDTH = 100
 _REPORTS = {"pdf", "html"}
-_MODELS = {"csv", "xlsx", "urdf", "sdf", "mjcf", "xml"}
+_MODELS = {"csv", "xlsx", "mjcf", "xml"}
 
 
 class Door(Protocol):
@@ -168,7 +168,7 @@ class Presented(ABC):
         Args:
             path: ends in `.json` (all numbers), `.csv` (the first table), `.xlsx` (all tables), `.svg` or
                 `.png` (the plot); of jobs `.pdf` or `.html` (the report, a draft); of a map `.npz`; of a run
-                `.urdf`, `.sdf`, `.mjcf` or `.xml` (the model); of a program as the program itself (the
+                `.mjcf` or `.xml` (the model); of a program as the program itself (the
                 corrected file, with its .dat beside it).
 
         Raises:
@@ -408,7 +408,7 @@ class TabledRun(Shown, Run):
         """Write the identified model.
 
         Args:
-            path: file to write, ending in `.csv`, `.xlsx`, `.urdf`, `.sdf`, `.mjcf`, or `.xml` (MJCF).
+            path: file to write, ending in `.csv`, `.xlsx`, `.mjcf`, or `.xml` (MJCF).
             accept_verdict: `do_not_use` to export a run with that verdict.
 
         Raises:

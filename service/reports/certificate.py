@@ -14,7 +14,7 @@ from xml.etree import ElementTree
 from jointstiff.schemas.report import Laboratory, Party
 from jointstiff.schemas.run import JointResult
 from jointstiff.service.reports import run as report
-from jointstiff.service.reports.document import NOT_STATED, State, versions_of
+from jointstiff.service.reports.document import NOT_STATED, versions_of
 from jointstiff.service.reports.exports import why_no_stiffness
 from jointstiff.service.tables.report import VERDICTS
 from jointstiff.solver.errors import RequestError
@@ -35,7 +35,7 @@ _UNITS: Final = {
 }
 
 
-def certificate(subject: report.RunSubject, state: State) -> bytes:
+def certificate(subject: report.RunSubject) -> bytes:
     """Return the certificate of a run.
 
     Raises:
@@ -51,7 +51,7 @@ def certificate(subject: report.RunSubject, state: State) -> bytes:
     _text(software, "dcc:name", "Jointstiff")
     _add(software, "dcc:release").text = subject.model.run.provenance.versions.get("jointstiff", NOT_STATED)
     core = _add(administrative, "dcc:coreData")
-    _core_data(core, subject, state, laboratory, (begin, end))
+    _core_data(core, subject, laboratory, (begin, end))
     _item(_add(administrative, "dcc:items", "dcc:item"), subject)
     _contact(_add(administrative, "dcc:calibrationLaboratory", "dcc:contact"), laboratory)
     person = _add(administrative, "dcc:respPersons", "dcc:respPerson")
@@ -66,7 +66,7 @@ def certificate(subject: report.RunSubject, state: State) -> bytes:
     statements = _add(administrative, "dcc:statements")
     verdict = f"Verdict on the result: {VERDICTS[subject.model.result.assessment.verdict]}."
     traceability = f"Metrological traceability: {laboratory.traceability or NOT_STATED}"
-    for line in (f"{state.kind.capitalize()}: {state.line}", verdict, traceability, *report.STATEMENTS):
+    for line in (verdict, traceability, *report.STATEMENTS):
         of_laboratory = line == traceability and laboratory.traceability
         language = None if of_laboratory else _LANGUAGE
         _text(_add(statements, "dcc:statement"), "dcc:declaration", line, language)
@@ -99,21 +99,17 @@ def _stated(subject: report.RunSubject) -> tuple[Laboratory, date, date]:
 
 
 def _core_data(
-    core: Element, subject: report.RunSubject, state: State, laboratory: Laboratory, days: tuple[date, date]
+    core: Element, subject: report.RunSubject, laboratory: Laboratory, days: tuple[date, date]
 ) -> None:
     languages = [*dict.fromkeys([_LANGUAGE, *laboratory.languages])]
     _add(core, "dcc:countryCodeISO3166_1").text = laboratory.country
     for name, codes in (("used", languages), ("mandatory", [_LANGUAGE])):
         for code in codes:
             _add(core, f"dcc:{name}LangCodeISO639_1").text = code
-    _add(core, "dcc:uniqueIdentifier").text = f"{subject.model.run.id}-{state.number}"
-    if subject.received_on is not None:
-        _add(core, "dcc:receiptDate").text = subject.received_on.isoformat()
+    _add(core, "dcc:uniqueIdentifier").text = subject.model.run.id
     for name, day in zip(("begin", "end"), days, strict=True):
         _add(core, f"dcc:{name}PerformanceDate").text = day.isoformat()
     _add(core, "dcc:performanceLocation").text = laboratory.kind_of_place
-    if state.issued_at is not None:
-        _add(core, "dcc:issueDate").text = state.issued_at.date().isoformat()
 
 
 def _item(item: Element, subject: report.RunSubject) -> None:

@@ -1,14 +1,12 @@
-"""A report as data: its sections and its state. It knows no typesetting."""
+"""A report as data: its sections and its attachments. It knows no typesetting."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from typing import Final, Literal
 
 from jointstiff.schemas.job import Job
-from jointstiff.schemas.report import Authorisation
 from jointstiff.service.tables.table import NO_NUMBER, Table
 from jointstiff.solver.text import figure
 
@@ -18,6 +16,8 @@ NOT_STATED: Final = "not stated"
 IDENTIFICATION: Final = "Identification"
 REQUESTED: Final = "What was asked for"
 RESULTS: Final = "Results"
+TO_SIGN: Final = ("Date of receipt of the item", "Date of issue", "Place and date", "Name and signature")
+"""Lines at the end of a report that a laboratory signs, to be filled in by hand."""
 STATED: Final = "Statements"
 ORIGIN: Final = "Origin of the numbers"
 NOT_ISO_9283: Final = (
@@ -84,22 +84,6 @@ class Letterhead:
 
 
 @dataclass(frozen=True)
-class State:
-    """State of a report: draft, authorised or superseded."""
-
-    kind: Literal["draft", "authorised", "superseded", "unsigned"]  # kind of the state
-    line: str  # who authorised it and when, or what is missing
-    number: int = 0  # counts the authorisations; zero for none
-    issued_at: datetime | None = None  # when it was authorised; None for a draft
-    by: str | None = None  # name of the key that authorised it
-
-    @property
-    def watermark(self) -> str:
-        """Return what stands across each page; nothing if it is authorised, or nobody signs it."""
-        return self.kind.upper() if self.kind in {"draft", "superseded"} else ""
-
-
-@dataclass(frozen=True)
 class Attachment:
     """A file within the report."""
 
@@ -115,36 +99,8 @@ class Document:
 
     title: str  # title of the report
     number: str  # number that identifies it, on each page
-    state: State  # whether it is authorised
     letterhead: Letterhead  # letterhead of the laboratory
     dated: datetime  # date of the document's file
     sections: list[Section]  # in order; signature and end mark follow them
     attachments: list[Attachment] = field(default_factory=list)  # files within it
     signs: bool = True  # whether it has a line to sign
-
-
-def draft() -> State:
-    """Return the state of a report that nobody has authorised."""
-    return State("draft", "Nobody has authorised it.")
-
-
-def state_of(own: Sequence[Authorisation], successor: Authorisation | None) -> State:
-    """Return the state of a run's report.
-
-    Args:
-        own: authorisations of this report, oldest first.
-        successor: authorisation of the report that replaces this one.
-    """
-    if not own:
-        return draft()
-    last = own[-1]
-    by = f"Authorised by {last.key_name} (key {last.key_id}) on {moment(last.authorised_at)}."
-    line = f"{by} Note: {last.note}" if last.note else by
-    if last.number > 1:
-        line = f"{line} It supersedes report {last.run_id}-{last.number - 1}."
-    if successor is not None:
-        line = (
-            f"Superseded by the report of run {successor.run_id} on {moment(successor.authorised_at)}. {line}"
-        )
-        return State("superseded", line, last.number, last.authorised_at, last.key_name)
-    return State("authorised", line, last.number, last.authorised_at, last.key_name)

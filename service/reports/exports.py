@@ -1,4 +1,4 @@
-"""Identified models as files that other programs load: tables, workbooks, URDF, SDF and MJCF."""
+"""Identified models as files that other programs load: tables, workbooks and MJCF."""
 
 from __future__ import annotations
 
@@ -18,7 +18,6 @@ from jointstiff.service.tables.stiffness import UNITS
 from jointstiff.service.tables.table import Sheet, Value
 from jointstiff.solver.mechanics.chain import ChainJoint, KinematicChain
 from jointstiff.solver.mechanics.robot import Robot
-from jointstiff.solver.mechanics.urdf import write_urdf
 from jointstiff.solver.text import rounded_down, stiffness_text
 
 _UNIT = UNITS["MNm/rad"]
@@ -249,78 +248,6 @@ def written(root: Element) -> bytes:
     return content + b"\n"
 
 
-_VERSION: Final = "1.9"
-_NO_LIMIT: Final = 1e16  # of the format
-_SPRINGS: Final = (
-    "Each spring pulls its joint to spring_reference: the position that the controller commands, which is "
-    "zero here. For another posture write its model angles and lengths there."
-)
-_FREE: Final = "A joint without a stiffness has no spring here and moves freely: hold it by a controller."
-
-
-def sdf(model: ExportedModel) -> bytes:
-    """Return a model whose joints have `spring_stiffness` and `spring_reference`.
-
-    Links are placed relative to the link that carries them; each joint has its child's frame. SDFormat wants
-    names unlike each other over links and joints: a link that is named as a joint is named `…_link`.
-    """
-    chain = model.chain
-    root = ElementTree.Element("sdf", version=_VERSION)
-    arm = add(root, "model", name=model.name)
-    add_remarks(arm, model, _SPRINGS, _FREE, PLACEHOLDERS)
-    taken = {joint.name for joint in chain.joints} | {"world"}
-    springs = {joint.name: stiffness for joint, _, stiffness in model.springs()}
-    parent = _link(arm, chain.base, taken)
-    add_joint(arm, _unlike("base_to_world", taken), "fixed", "world", parent)
-    for joint in chain.joints:
-        child = _link(arm, joint.child, taken, joint, parent)
-        element = add_joint(arm, joint.name, joint.kind, parent, child)
-        if joint.is_moving:
-            _axis(element, joint, springs[joint.name])
-        parent = child
-    for joint, result, _ in model.springs():
-        element = next(each for each in arm.iter("joint") if each.get("name") == joint.name)
-        comment(element, model.remark_on(result))
-    return written(root)
-
-
-def add_joint(arm: Element, name: str, kind: str, parent: str, child: str) -> Element:
-    """Add a joint between two links."""
-    element = add(arm, "joint", name=name, type=kind)
-    add(element, "parent", parent)
-    add(element, "child", child)
-    return element
-
-
-def _link(arm: Element, name: str, taken: set[str], joint: ChainJoint | None = None, parent: str = "") -> str:
-    name = _unlike(name, taken)
-    link = add(arm, "link", name=name)
-    if joint is not None:
-        add(link, "pose", numbers([*joint.translation, *joint.roll_pitch_yaw]), relative_to=parent)
-    add(link, "gravity", "false")
-    return name
-
-
-def _unlike(name: str, taken: set[str]) -> str:
-    while name in taken:
-        name = f"{name}_link"
-    taken.add(name)
-    return name
-
-
-def _axis(element: Element, joint: ChainJoint, stiffness: float | None) -> None:
-    axis = add(element, "axis")
-    add(axis, "xyz", numbers(joint.axis))
-    limit = add(axis, "limit")
-    lower, upper = joint.limits or (-_NO_LIMIT, _NO_LIMIT)
-    add(limit, "lower", numbers([lower]))
-    add(limit, "upper", numbers([upper]))
-    if stiffness is not None:
-        dynamics = add(axis, "dynamics")
-        add(dynamics, "spring_reference", "0.0")
-        add(dynamics, "spring_stiffness", numbers([stiffness]))
-
-
 _ACTUATORS: Final = (
     "Each position actuator is the spring in series with a drive that holds its joint: kp is the stiffness, "
     "ctrl the commanded position, and the joint's position differs from it by the torque or force over kp."
@@ -362,27 +289,7 @@ def _body(parent: Element, joint: ChainJoint) -> Element:
     return body
 
 
-_MISSING: Final = (
-    "URDF describes kinematics, limits, damping and friction. It has no springs: each stiffness stands in a "
-    "comment, and programs that read this file see rigid joints. The exports to SDF and MJCF have springs."
-)
-
-
-def urdf(model: ExportedModel) -> bytes:
-    """Return the chain as `mechanics.urdf.write_urdf` does, with the stiffness of each joint beside it."""
-    robot = ElementTree.fromstring(write_urdf(model.chain))  # noqa: S314 - it was written here
-    robot.set("name", model.name)
-    remarks = ElementTree.Element("remarks")
-    add_remarks(remarks, model, _MISSING)
-    for place, remark in enumerate(remarks):
-        robot.insert(place, remark)
-    by_name = {joint.get("name"): joint for joint in robot.iter("joint")}
-    for joint, result, _ in model.springs():
-        comment(by_name[joint.name], model.remark_on(result))
-    return written(robot)
-
-
-ModelFormat = Literal["csv", "xlsx", "urdf", "sdf", "mjcf"]
+ModelFormat = Literal["csv", "xlsx", "mjcf"]
 
 
 @dataclass(frozen=True)
@@ -393,14 +300,11 @@ class Format:
     media_type: str  # for HTTP
 
 
-_XML: Final = "application/xml"
 FORMATS: Final[Mapping[ModelFormat, Format]] = MappingProxyType(
     {
         "csv": Format(joints_csv, "text/csv"),
         "xlsx": Format(workbook, "application/vnd.openxmlformats-officedocument.spreadsheetml.sheet"),
-        "urdf": Format(urdf, _XML),
-        "sdf": Format(sdf, _XML),
-        "mjcf": Format(mjcf, _XML),
+        "mjcf": Format(mjcf, "application/xml"),
     }
 )
 

@@ -21,7 +21,6 @@ from jointstiff.service.reports.document import (
     Document,
     Fact,
     Section,
-    State,
     moment,
     versions_of,
 )
@@ -105,9 +104,6 @@ def job_sheet(file: File, job: Job, work: Callable[[], Work]) -> Sheet:
     return judged(sheet, getattr(job.result, "assessment", None))
 
 
-_UNSIGNED: Final = State("unsigned", "For information: reports of this kind are not authorised.")
-
-
 def job_document(
     kind: AnyKind, job: Job, document: str, settings: LaboratorySettings, about: Sequence[Fact] = ()
 ) -> Document:
@@ -120,7 +116,6 @@ def job_document(
     return Document(
         title=title,
         number=job.id,
-        state=_UNSIGNED,
         letterhead=settings.letterhead(),
         dated=provenance.ended_at or provenance.created_at,
         sections=[

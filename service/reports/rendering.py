@@ -16,7 +16,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, Final
 
-from jointstiff.service.reports.document import Document, Letterhead, Section
+from jointstiff.service.reports.document import TO_SIGN, Document, Letterhead, Section
 from jointstiff.service.tables.table import Table
 from jointstiff.solver.errors import RequestError
 
@@ -35,10 +35,7 @@ caption, figcaption, dt, .end { color: #5a5a5a; }
 dl { display: grid; grid-template-columns: minmax(0, 16rem) minmax(50%, 1fr); gap: 2px 1rem; }
 dd { margin: 0; white-space: pre-line; overflow-wrap: anywhere; }
 figure { margin: 1rem 0; } figure svg { width: 100%; }
-.state { font-weight: bold; text-transform: uppercase; }
 .sign { display: grid; grid-template-columns: 1fr 1fr; gap: 3rem; margin-top: 4rem; }
-body[data-mark]::before { content: attr(data-mark); position: fixed; top: 40%; left: 12%; z-index: -1;
-  font-size: min(9rem, 18vw); font-weight: bold; color: #e8e8e8; transform: rotate(-35deg); }
 .sign p { border-top: 1px solid #222; } .end { text-align: center; }
 """
 POLICY: Final = (
@@ -51,20 +48,19 @@ POLICY: Final = (
 def report_page(document: Document) -> bytes:
     """Return a report as HTML."""
     title, number = escape(document.title), escape(document.number)
-    mark = f' data-mark="{document.state.watermark}"' if document.state.watermark else ""
     parts = [
         f'<!doctype html>\n<html lang="en"><head><meta charset="utf-8"><title>{title} {number}</title>',
         '<meta name="viewport" content="width=device-width, initial-scale=1">',
-        f"<style>{_STYLE}</style></head><body{mark}><header>",
+        f"<style>{_STYLE}</style></head><body><header>",
         _letterhead(document.letterhead),
         f"<h1>{title}</h1><p>{number}</p>",
-        f'<p><span class="state">{escape(document.state.kind)}</span>: {escape(document.state.line)}</p>',
         "</header>",
         *(_section(place, section) for place, section in enumerate(document.sections, 1)),
     ]
     if document.signs:
-        by = escape(document.state.by or "")
-        parts.append(f'<div class="sign"><p>Place and date</p><p>Signature: authorised by {by}</p></div>')
+        parts.append('<div class="sign">')
+        parts += [f"<p>{line}</p>" for line in TO_SIGN]
+        parts.append("</div>")
     parts.append(f'<p class="end">— End of report {number} —</p></body></html>\n')
     return "\n".join(parts).encode()
 
@@ -182,9 +178,6 @@ def _data(document: Document) -> dict[str, Any]:
     return {
         "title": document.title,
         "number": document.number,
-        "state": {"kind": document.state.kind, "line": document.state.line},
-        "by": document.state.by or "",
-        "watermark": document.state.watermark,
         "letterhead": {"name": head.name, "lines": head.lines},
         "logo": head.logo and {"content": list(head.logo.content), "kind": head.logo.kind},
         "dated": {part: getattr(dated, part) for part in parts},
@@ -192,7 +185,7 @@ def _data(document: Document) -> dict[str, Any]:
             asdict(replace(section, tables=[])) | {"tables": [table.shown() for table in section.tables]}
             for section in document.sections
         ],
-        "signs": document.signs,
+        "to_sign": TO_SIGN if document.signs else [],
         "attachments": [asdict(each) | {"content": each.content.decode()} for each in document.attachments],
     }
 

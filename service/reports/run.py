@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
-from base64 import b64decode, b64encode
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
-from datetime import date
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from itertools import combinations
 from statistics import fmean
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
 from jointstiff.schemas.deflection import CaseResult, DeflectionOptions, LoadCase
-from jointstiff.schemas.measurement import MeasurementSetDocument, Noise, SetMetadata
+from jointstiff.schemas.measurement import MeasurementSetDocument, Noise
 from jointstiff.schemas.report import Laboratory
 from jointstiff.schemas.run import Budget, RunResult
 from jointstiff.service.conversion.robots import joint_factors
@@ -33,9 +29,7 @@ from jointstiff.service.reports.document import (
     STATED,
     Attachment,
     Document,
-    Logo,
     Section,
-    State,
     moment,
     percent,
     versions_of,
@@ -70,6 +64,8 @@ ADJUSTMENT: Final = "Before and after adjustment"
 TRACEABILITY: Final = "Conditions and traceability"
 ASSESSMENT: Final = "Assessment and warnings"
 
+AT_THE_END: Final = "lines at the end, to fill in and to sign"
+
 ITEMS: Final = (
     ("7.8.2.1 a", "title", "above"),
     ("7.8.2.1 b", "name and address of the laboratory", "letterhead"),
@@ -78,14 +74,14 @@ ITEMS: Final = (
     ("7.8.2.1 e", "customer", IDENTIFICATION),
     ("7.8.2.1 f", "method", METHOD),
     ("7.8.2.1 g", "item: description, identification, condition", IDENTIFICATION),
-    ("7.8.2.1 h", "date of receipt", IDENTIFICATION),
+    ("7.8.2.1 h", "date of receipt", AT_THE_END),
     ("7.8.2.1 i", "dates of the activities", IDENTIFICATION),
-    ("7.8.2.1 j", "date of issue", IDENTIFICATION),
+    ("7.8.2.1 j", "date of issue", AT_THE_END),
     ("7.8.2.1 k", "sampling", STATED),
     ("7.8.2.1 l", "results relate only to the item", STATED),
     ("7.8.2.1 m", "results with units", RESULTS),
     ("7.8.2.1 n", "additions to, deviations and exclusions from the method", METHOD),
-    ("7.8.2.1 o", "who authorised the report", IDENTIFICATION),
+    ("7.8.2.1 o", "who authorised the report", AT_THE_END),
     ("7.8.2.1 p", "results from external providers", STATED),
     ("7.8.4.1 a", "measurement uncertainty", f"{RESULTS}, {UNCERTAINTY}"),
     ("7.8.4.1 b", "conditions that influence the results", TRACEABILITY),
@@ -122,7 +118,6 @@ class RunSubject:
     model: ExportedModel  # the run with its robot
     readings: MeasurementSetDocument  # the measurement set; of its observations only the postures are drawn
     settings: LaboratorySettings  # settings of the laboratory
-    received_on: date | None = None  # when the item was received
     alarms: Sequence[str] = ()  # alarms of the robot, that nobody has acknowledged
 
     def run_json(self) -> bytes:
@@ -134,53 +129,18 @@ class RunSubject:
         less = run.result.model_copy(update={name: [] for name in _BY_OBSERVATION})
         return run.model_copy(update={"result": less}).model_dump_json().encode()
 
-    def stated(self) -> dict[str, Any]:
-        """Return what a report states beside the run, which never changes."""
-        laboratory, logo = self.settings.laboratory, self.settings.logo
-        fields = set(SetMetadata.model_fields)
-        return {
-            "run": [self.model.run.id, self.model.run.provenance.input_hash],
-            "robot": self.model.name,
-            "set": self.readings.name,
-            "metadata": self.readings.model_dump(mode="json", include=fields, exclude_none=True),
-            "laboratory": laboratory and laboratory.model_dump(mode="json", exclude_defaults=True),
-            "logo": logo and [logo.kind, b64encode(logo.content).decode()],
-            "received_on": self.received_on and self.received_on.isoformat(),
-            "alarms": list(self.alarms),
-        }
 
-    def content_hash(self) -> str:
-        """Return the SHA-256 of what a report states."""
-        return hashlib.sha256(json.dumps(self.stated(), sort_keys=True).encode()).hexdigest()
-
-    def as_stated(self, stated: Mapping[str, Any]) -> RunSubject:
-        """Return the run as an authorised report stated it, whatever was changed since."""
-        noted = dict(SetMetadata.model_validate(stated["metadata"]))
-        laboratory, logo, received_on = (stated[name] for name in ("laboratory", "logo", "received_on"))
-        return RunSubject(
-            replace(self.model, name=stated["robot"]),
-            self.readings.model_copy(update={**noted, "name": stated["set"]}),
-            LaboratorySettings(
-                laboratory and Laboratory.model_validate(laboratory),
-                logo and Logo(b64decode(logo[1]), logo[0]),
-            ),
-            received_on and date.fromisoformat(received_on),
-            stated["alarms"],
-        )
-
-
-def run_document(subject: RunSubject, state: State) -> Document:
-    """Return the report of a run. The same run, metadata, settings and state give the same document."""
+def run_document(subject: RunSubject) -> Document:
+    """Return the report of a run. The same run, metadata and settings give the same document."""
     run, settings = subject.model.run, subject.settings
     items = text_table(["item", "asks for", "stands in"], ITEMS, texts=[0, 1, 2])
     return Document(
         title=TITLE,
-        number=f"{run.id}-{state.number}",
-        state=state,
+        number=run.id,
         letterhead=settings.letterhead(),
-        dated=state.issued_at or run.provenance.ended_at or run.provenance.created_at,
+        dated=run.provenance.ended_at or run.provenance.created_at,
         sections=[
-            _identification(subject, state),
+            _identification(subject),
             results(subject.model, subject.readings),
             *_predicted(subject),
             uncertainty(subject.model),
@@ -205,26 +165,22 @@ def run_document(subject: RunSubject, state: State) -> Document:
     )
 
 
-def _identification(subject: RunSubject, state: State) -> Section:
+def _identification(subject: RunSubject) -> Section:
     readings, run, robot = subject.readings, subject.model.run, subject.model.robot
     laboratory = subject.settings.laboratory or Laboratory(name=NOT_STATED)
-    received, party = subject.received_on, laboratory.customer
+    party = laboratory.customer
     customer = [party.name, *party.address, party.contact or ""] if party else [NOT_STATED]
     facts = [
-        ("Report", f"{run.id}-{state.number}"),
-        ("State", f"{state.kind}: {state.line}"),
+        ("Report", run.id),
         ("Customer", ", ".join(filter(None, customer))),
         ("Location of the measurement", laboratory.place or ", ".join(laboratory.address) or NOT_STATED),
         ("Item", f"Industrial robot {subject.model.name}, {robot.n} joints: {', '.join(robot.joint_names)}"),
         ("Serial number", readings.serial_number or NOT_STATED),
         ("Condition of the item", readings.item_condition or NOT_STATED),
-        ("Date of receipt", NOT_STATED if received is None else received.isoformat()),
         ("Measured", moment(readings.measured_at)),
         ("Computed", moment(run.provenance.ended_at)),
-        ("Date of issue", moment(state.issued_at) if state.issued_at else "not issued: draft"),
         ("Measurement set", readings.name),
         ("Operator", readings.operator or NOT_STATED),
-        ("Authorised by", state.by or "nobody"),
         ("Notes on the measurement", readings.notes or ""),
     ]
     return Section(IDENTIFICATION, facts=[fact for fact in facts if fact[1]])
@@ -596,7 +552,6 @@ def _origin(subject: RunSubject) -> Section:
         facts=[
             ("Run", run.id),
             ("SHA-256 of the input", run.provenance.input_hash),
-            ("SHA-256 of what is stated", subject.content_hash()),
             ("Versions", versions_of(run)),
             ("Geometry", "as described" if geometry is None else f"as identified, geometry {geometry}"),
             (

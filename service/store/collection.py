@@ -17,7 +17,6 @@ from jointstiff.service import problems
 from jointstiff.service.store.database import Database, Quota
 from jointstiff.service.store.tables import (
     AuditEntry,
-    AuthorisationRecord,
     Entry,
     IdempotencyKey,
     LiveEntry,
@@ -28,7 +27,6 @@ from jointstiff.service.store.tables import (
     RecordPage,
     Row,
     TrendNote,
-    authorisations,
     idempotency_keys,
     jobs,
     live_entries,
@@ -448,7 +446,7 @@ def is_indexable(text: str) -> bool:
     return True
 
 
-Noted = TypeVar("Noted", AuditEntry, TrendNote, AuthorisationRecord, LiveEntry)
+Noted = TypeVar("Noted", AuditEntry, TrendNote, LiveEntry)
 
 
 class Journal(Generic[Noted]):
@@ -488,24 +486,6 @@ class Journal(Generic[Noted]):
         return record
 
 
-_SAME: Final = ("content_hash", "key_id", "key_name", "note", "supersedes")
-
-
-class Authorisations(Journal[AuthorisationRecord]):
-    """The authorisations of all reports. One that repeats the latest of its run is not added again."""
-
-    def _insert(self, connection: sa.Connection, record: AuthorisationRecord) -> AuthorisationRecord:
-        # Of two at the same time, one waits here; on SQLite it waited for the transaction to begin.
-        connection.execute(sa.select(jobs.c.id).where(jobs.c.id == record.run_id).with_for_update())
-        mine = self._all.filter_by(run_id=record.run_id).order_by(authorisations.c.sequence.desc()).limit(1)
-        latest = [self._record(*row) for row in connection.execute(mine)]
-        if latest and all(getattr(latest[0], name) == getattr(record, name) for name in _SAME):
-            return latest[0]
-        if record.number != (latest[0].number if latest else 0) + 1:
-            raise NumberTakenError
-        return super()._insert(connection, record)
-
-
 class LiveEntries(Journal[LiveEntry]):
     """The records of open sets. An entry of the same kind and label is not added again."""
 
@@ -523,7 +503,3 @@ class LiveEntries(Journal[LiveEntry]):
         for _ in connection.execute(mine.where(columns.change == "closed")):
             raise problems.ClosedError(record.set_id)
         return super()._insert(connection, record)
-
-
-class NumberTakenError(Exception):
-    """Another report of the run was authorised meanwhile, and has the number."""

@@ -9,14 +9,13 @@ from typing import Any, Final
 
 import sqlalchemy as sa
 
-from jointstiff.service.problems import AuthorisedError, Resource
+from jointstiff.service.problems import Resource
 from jointstiff.service.store.collection import Collection
 from jointstiff.service.store.database import Database, Quota
 from jointstiff.service.store.tables import (
     OPEN_STATES,
     JobEntry,
     JobRecord,
-    authorisations,
     heartbeats,
     job_steps,
     jobs,
@@ -109,12 +108,6 @@ class JobRecords(Collection[JobRecord, JobEntry]):
                 connection.execute(sa.update(jobs).where(*mine).values(**final))
                 connection.execute(sa.delete(job_steps).where(job_steps.c.job_id == job_id))
         return ended
-
-    def _refuse_referenced(self, connection: sa.Connection, identifier: str) -> None:
-        """Refuse to delete a run whose report was authorised."""
-        own = sa.select(authorisations.c.run_id).where(authorisations.c.run_id == identifier).limit(1)
-        if connection.execute(own).one_or_none() is not None:
-            raise AuthorisedError(identifier)
 
 
 PLAN: Final = -1

@@ -16,7 +16,6 @@ from jointstiff.service.store.access import AccessKeys, Sessions, WrongKeys
 from jointstiff.service.store.collection import (
     MEASUREMENT_SET,
     ROBOT,
-    Authorisations,
     Collection,
     Journal,
     LiveEntries,
@@ -28,7 +27,6 @@ from jointstiff.service.store.database import Database, Dialect, Quota
 from jointstiff.service.store.jobs import Heartbeats, JobRecords, Steps
 from jointstiff.service.store.tables import (
     AuditEntry,
-    AuthorisationRecord,
     LiveEntry,
     MeasurementSetEntry,
     MeasurementSetRecord,
@@ -36,7 +34,6 @@ from jointstiff.service.store.tables import (
     RobotRecord,
     TrendNote,
     audit,
-    authorisations,
     jobs,
     live_entries,
     make_tables,
@@ -82,8 +79,6 @@ class Store:
         self.sessions = Sessions(database, SESSION_IDLE, SESSION_LONGEST)
         self.wrong_keys = WrongKeys(database)  # by the networks that sent them
         self.audit = Journal(database, audit, AuditEntry, None)  # who tried to change what
-        # of reports
-        self.authorisations = Authorisations(database, authorisations, AuthorisationRecord, self.quota)
         # new baselines and acknowledged alarms
         self.trend_notes = Journal(database, trend_notes, TrendNote, self.quota)
 

@@ -179,24 +179,6 @@ class TrendNote:
     document: str  # JSON text of the request, with what identifies the campaign
 
 
-@dataclass(frozen=True, slots=True)
-class AuthorisationRecord:
-    """Authorisation of the report of a run."""
-
-    run_id: str
-    supersedes: str | None  # run whose report this one replaces
-    authorised_at: datetime
-    key_id: str
-    key_name: str
-    content_hash: str  # SHA-256 of what was authorised
-    note: str | None
-    number: int  # number of the report among those of its run, from 1
-    stated: str  # JSON of what it states beside the run: names, metadata of the set, laboratory, logo
-    pdf_sha256: str
-    pdf: bytes  # the report as it was issued; so is the page
-    page: bytes
-
-
 OPEN_STATES: Final = ("queued", "running")
 """States of a job that has not ended; all others are final."""
 
@@ -451,7 +433,6 @@ audit = _numbered("audit", AuditEntry, filters=["key_id"])
 trend_notes = _numbered("trend_notes", TrendNote, filters=["robot_id"])
 live_entries = _numbered("live_entries", LiveEntry, filters=["set_id"])
 sa.Index(None, live_entries.c.set_id, live_entries.c.change, live_entries.c.label, unique=True)
-authorisations = _numbered("authorisations", AuthorisationRecord, filters=["run_id", "supersedes"])
 
 
 def of_records(table: sa.Table, record: type) -> sa.Select[Any]:
@@ -487,27 +468,21 @@ def has_tables(connection: sa.Connection) -> bool:
     Raises:
         StoreError: it has those of another version.
     """
-    found = layout_of(connection)
-    if found is not None:
-        refuse_other_layout(found)
+    if layouts.name not in sa.inspect(connection).get_table_names():
+        return False
+    found = connection.execute(sa.select(layouts.c.version_num)).scalar()
+    if found not in {LAYOUT, None}:
+        save = _SAVE[connection.dialect.name]
+        raise StoreError(
+            f"the database has tables of another version of Jointstiff: layout {found}, not {LAYOUT}",
+            f"save it with `{save}` and open it with the version that wrote it, or give a new database and "
+            "post the campaigns again",
+        )
     return found is not None
 
 
-def layout_of(connection: sa.Connection) -> str | None:
-    """Return the layout of a database; None if it has no tables of ours."""
-    if layouts.name not in sa.inspect(connection).get_table_names():
-        return None
-    return connection.execute(sa.select(layouts.c.version_num)).scalar()
-
-
-def refuse_other_layout(found: str) -> None:
-    """Refuse tables of another version, by the name of their layout.
-
-    Raises:
-        StoreError: this version does not know it.
-    """
-    if found != LAYOUT:
-        raise StoreError(
-            f"the database has tables of another version of Jointstiff: layout {found}, not {LAYOUT}",
-            "open it with the version that wrote it, or give a new database and post the campaigns again",
-        )
+_SAVE: Final = {
+    "sqlite": "sqlite3 FILE '.backup SAVED'",
+    "postgresql": "pg_dump --format=custom --file=SAVED DATABASE",
+}
+"""Commands that save a database, by its dialect."""

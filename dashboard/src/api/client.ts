@@ -158,10 +158,6 @@ export const api = {
 
   jobs,
   runs,
-  authorisations: (run: string, signal?: AbortSignal) =>
-    call<{ items: of.Authorisation[] }>("GET", jobs.file(run, "authorisations.json"), { signal }),
-  authorise: (run: string, body: Partial<of.AuthorisationRequest>) =>
-    call<of.Authorisation>("POST", runs.below(run, "authorisations"), { body }),
   predict: (body: unknown) => call<of.DeflectionResult>("POST", "/v1/deflections", { body }),
   comparisons: collection<of.Comparison, of.ComparisonSummary>("comparisons", WAIT),
   geometries: collection<of.Geometry, of.GeometrySummary>("geometries", WAIT),

@@ -298,29 +298,11 @@ export const later = {
     title: "Files",
     pdf: "Report as PDF",
     html: "Report as HTML",
-    draft: "The report is not authorised: each page is marked as a draft.",
-    authorisedBy: "Report authorised by",
-    authorise: "Authorise the report",
-    supersede: "Supersede this report",
-    issued: (number: number) => `as issued, report ${number}`,
-    customer: "Customer, if not the laboratory's usual one",
-    received: "Date of receipt of the item",
-    states: (name: string) =>
-      `The report is issued under the name of your key${name && `, ${name}`}, with the current settings of the laboratory, notes and numbers. It can be superseded, but never changed or deleted.`,
-    draftNow: "Check it again",
-    sure: "Issue the report",
-    howToAuthorise: (keys: boolean) =>
-      keys
-        ? "To authorise it, sign in with an admin key (jointstiff keys create NAME --role admin)."
-        : "To authorise it, create an admin key (jointstiff keys create NAME --role admin), start the service with --require-key beside --laboratory lab.toml, and sign in with that key.",
-    note: "Remark in the report",
     intro: "A report to sign, and the model for other programs. A joint without a stiffness has no spring.",
     models: {
       csv: ["CSV", "Joints with their intervals"],
       xlsx: ["Excel", "One sheet each for joints, kinematics and provenance"],
       mjcf: ["MJCF", "MuJoCo: position actuators whose kp is the stiffness"],
-      sdf: ["SDF", "Gazebo: springs in the joints"],
-      urdf: ["URDF", "Kinematics; the stiffnesses as comments"],
     },
   },
   plan: {

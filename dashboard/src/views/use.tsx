@@ -2,20 +2,8 @@
 import { useMemo, useState } from "preact/hooks";
 import { api } from "../api/client";
 import type { DeflectionResult, Posture, Problem, RunResult } from "../api/types";
-import {
-  ActionButton,
-  Busy,
-  Button,
-  Download,
-  Facts,
-  LinkButton,
-  Name,
-  ProblemNote,
-  Prose,
-  Toggle,
-  When,
-} from "../components/basics";
-import { Select, RequestFields, TextField } from "../components/fields";
+import { ActionButton, Busy, Button, Download, Facts, LinkButton, Prose, Toggle } from "../components/basics";
+import { Select, RequestFields } from "../components/fields";
 import { SchemaFields, DropZone, type Terms } from "../components/schema_form";
 import { bendOf, loadOf, type Vector, add, fromFlange, norm, times } from "../lib/vector";
 import { decimalsFor, fixed, percent, significant, roundStep } from "../lib/format";
@@ -30,7 +18,6 @@ import { type PartProps, type RunContext, usePostures } from "./run_context";
 import { VerdictCard } from "../components/job_page";
 import { boxAround } from "../lib/map";
 import { recalled, remember, useDraft } from "../state/session";
-import { useLoad, valueOf } from "../state/load";
 
 const words = later.predict;
 
@@ -404,87 +391,6 @@ export function RunFiles({ context, result: { assessment } }: PartProps) {
           </LinkButton>
         ))}
       </div>
-      <Authorisations run={run} />
     </section>
-  );
-}
-
-const BLANK = { note: "", customer: "", received: "" };
-
-/** Who authorised the report; admins may. */
-function Authorisations({ run }: { run: string }) {
-  const loaded = useLoad(
-    async (signal) => {
-      const [found, session] = await Promise.all([api.authorisations(run, signal), api.session()]);
-      return { items: found.items, may: session.role === "admin", name: session.key_name, access: session.access };
-    },
-    [run],
-  );
-  /** What is stated in the report; null while nobody authorises. */
-  const [asked, setAsked] = useState<typeof BLANK | null>(null);
-  const authorise = useAction(async () => {
-    const { note = "", customer = "", received = "" } = asked ?? {};
-    await api.authorise(run, {
-      note: note.trim() || null,
-      customer: customer.trim() ? { name: customer.trim() } : null,
-      received_on: received || null,
-    });
-    setAsked(null);
-    loaded.reload();
-  });
-  const found = valueOf(loaded);
-  if (!found) return loaded.state === "failed" ? <ProblemNote problem={loaded.problem} /> : null;
-  return (
-    <>
-      {found.items.map((each) => (
-        <p key={each.authorised_at}>
-          {fileWords.authorisedBy} <Name>{each.key_name}</Name>, <When time={each.authorised_at} />
-          {each.note && (
-            <>
-              : <Name>{each.note}</Name>
-            </>
-          )}
-          {" · "}
-          <a href={api.jobs.file(run, `issued-${each.number}.pdf`)} title={`SHA-256 ${each.pdf_sha256}`} download>
-            {fileWords.issued(each.number)}
-          </a>
-        </p>
-      ))}
-      {found.items.length === 0 && <p class="soft">{fileWords.draft}</p>}
-      {!found.may && <p class="soft">{fileWords.howToAuthorise(found.access === "keys")}</p>}
-      {found.may && !asked && (
-        <Button onClick={() => setAsked(BLANK)}>
-          {found.items.length > 0 ? fileWords.supersede : fileWords.authorise}
-        </Button>
-      )}
-      {asked && (
-        <div class="note warn" role="group" aria-label={fileWords.sure}>
-          <div class="row">
-            {(["note", "customer", "received"] as const).map((name) => (
-              <TextField
-                key={name}
-                label={fileWords[name]}
-                type={name === "received" ? "date" : "text"}
-                value={asked[name]}
-                maxLength={200}
-                change={(typed) => setAsked({ ...asked, [name]: typed })}
-              />
-            ))}
-          </div>
-          <p>{fileWords.states(found.name ?? "")}</p>
-          <div class="actions">
-            <LinkButton href={`${api.jobs.file(run, "report.html")}?draft=true`} target="_blank" rel="noreferrer">
-              {fileWords.draftNow}
-            </LinkButton>
-            <ActionButton look="primary" action={authorise}>
-              {fileWords.sure}
-            </ActionButton>
-            <Button look="quiet" onClick={() => setAsked(null)}>
-              {later.metadata.cancel}
-            </Button>
-          </div>
-        </div>
-      )}
-    </>
   );
 }

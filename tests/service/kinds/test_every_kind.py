@@ -148,7 +148,6 @@ def test_it_has_a_report_and_its_tables(client, job, kind):
     assert job["provenance"]["input_hash"] in text
     assert f"End of report {job['id']}" in text
     assert "not a test of static compliance after ISO 9283" in text
-    assert "DRAFT" not in text
     assert json.loads(reader.attachments[f"{kind.name}.json"][0]) == job
     assert report.content == client.get(file_at(job, "report.pdf")).content
     page = client.get(file_at(job, "report.html")).text

@@ -291,13 +291,13 @@ def test_a_run_of_a_service_applies_and_exports_as_one_in_process(service, campa
             run.export(tmp_path / "model.csv")
             contents.append((tmp_path / "model.csv").read_text().replace(run.id, "run"))
         with pytest.raises(RefusedError, match="do not use"):
-            runs[0].export(tmp_path / "model.urdf")
-        runs[0].export(tmp_path / "model.urdf", accept_verdict="do_not_use")
+            runs[0].export(tmp_path / "model.mjcf")
+        runs[0].export(tmp_path / "model.mjcf", accept_verdict="do_not_use")
         mended[0].report(tmp_path / "report.html")
         with pytest.raises(jointstiff.CampaignError, match="does not advise"):
             mended[0].apply("exchange_columns")
     assert contents[0] == contents[1]
-    assert "<robot" in (tmp_path / "model.urdf").read_text()
+    assert "<mujoco" in (tmp_path / "model.mjcf").read_text()
     assert "Report on joint stiffness" in (tmp_path / "report.html").read_text()
     assert mended[0].request.variant_of == runs[0].id
     for one, other in zip(mended[0].joints.values(), mended[1].joints.values(), strict=True):

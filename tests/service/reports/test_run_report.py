@@ -25,13 +25,12 @@ from support.terminal import terminal
 import jointstiff
 import jointstiff as js
 from jointstiff.schemas.finding import Finding
-from jointstiff.schemas.report import Authorisation, Laboratory, Party
+from jointstiff.schemas.report import Laboratory, Party
 from jointstiff.schemas.run import Campaign, JointResult, Run
 from jointstiff.service import reports as service_reports
 from jointstiff.service.conversion.prepared import prepare_robot
 from jointstiff.service.kinds.map import area
 from jointstiff.service.reports.certificate import NAMESPACES, certificate
-from jointstiff.service.reports.document import State, draft, state_of
 from jointstiff.service.reports.exports import ExportedModel, joints_csv
 from jointstiff.service.reports.laboratory import LaboratorySettings
 from jointstiff.service.reports.pictures import arm, bars, intervals
@@ -101,20 +100,6 @@ def subject(campaign, run):
     return subject_of(campaign, run)
 
 
-def authorised(subject, **changes):
-    stated = {"note": "checked", "supersedes": None} | changes
-    return Authorisation(
-        run_id=subject.model.run.id,
-        key_id="0123456789",
-        key_name="Dr. Key",
-        authorised_at=datetime(2026, 11, 21, 9, 5, tzinfo=UTC),
-        content_hash=subject.content_hash(),
-        number=1,
-        pdf_sha256="",
-        **stated,
-    )
-
-
 @lru_cache
 def pages_of(content):
     return [" ".join(page.extract_text().split()) for page in pypdf.PdfReader(io.BytesIO(content)).pages]
@@ -122,8 +107,7 @@ def pages_of(content):
 
 @pytest.fixture(scope="module")
 def signed(subject):
-    state = state_of([authorised(subject)], None)
-    return report_pdf(run_document(subject, state))
+    return report_pdf(run_document(subject))
 
 
 STATED = {
@@ -134,14 +118,14 @@ STATED = {
     "7.8.2.1 e": "Arms Inc., 2 Side Street, Ms Smith",
     "7.8.2.1 f": "partial pose, covariance weights",
     "7.8.2.1 g": "Serial number SN-4711",
-    "7.8.2.1 h": "Date of receipt not stated",
+    "7.8.2.1 h": "Date of receipt of the item",
     "7.8.2.1 i": "Measured 2026-11-20 13:30 UTC",
-    "7.8.2.1 j": "Date of issue 2026-11-21 09:05 UTC",
+    "7.8.2.1 j": "Date of issue",
     "7.8.2.1 k": "Sampling: none.",
     "7.8.2.1 l": "The results relate only to the item",
     "7.8.2.1 m": "10⁶ N·m/rad",
     "7.8.2.1 n": "Deviation: the complementary stiffness is neglected.",
-    "7.8.2.1 o": "Authorised by Dr. Key",
+    "7.8.2.1 o": "Name and signature",
     "7.8.2.1 p": "Results from external providers: none",
     "7.8.4.1 a": "k = 2, which corresponds to a coverage probability of approximately 95 %",
     "7.8.4.1 b": "Conditions 21 °C, warmed up for 30 min",
@@ -209,26 +193,13 @@ def test_a_large_run_is_attached_without_its_residuals(subject, run, monkeypatch
     assert attached.result.joints == run.result.joints
 
 
-def test_states(subject, campaign, run):
-    own = [authorised(subject)]
-    successor = authorised(subject, supersedes=run.id).model_copy(update={"run_id": "next"})
-    again = authorised(subject).model_copy(update={"number": 2})
-    found = {
-        "draft": draft(),
-        "authorised": state_of(own, None),
-        "superseded": state_of(own, successor),
-        "again": state_of([*own, again], None),
-    }
-    texts = {
-        name: " ".join(pages_of(report_pdf(run_document(subject, state)))) for name, state in found.items()
-    }
-    assert "DRAFT" in texts["draft"]
-    assert f"It supersedes report {run.id}-1." in texts["again"]
-    assert "DRAFT" not in texts["again"]
-    assert "SUPERSEDED" in texts["superseded"]
-    assert "Superseded by the report of run next" in texts["superseded"]
-    assert "DRAFT" not in texts["authorised"]
-    assert "checked" in texts["authorised"]
+def test_a_report_has_lines_to_sign_and_no_state(subject, signed):
+    page = report_page(run_document(subject)).decode()
+    last = pages_of(signed)[-1]
+    for line in ("Date of receipt of the item", "Date of issue", "Place and date", "Name and signature"):
+        assert f"<p>{line}</p>" in page
+        assert line in last
+    assert "draft" not in " ".join(pages_of(signed)).lower()
 
 
 @pytest.mark.process
@@ -246,7 +217,7 @@ def test_two_processes_give_the_same_bytes(document, run, tmp_path):
 def test_hostile_text_is_shown_as_text(campaign, run):
     names = {"operator": HOSTILE, "instrument": HOSTILE, "notes": f"{HOSTILE}\n{HOSTILE}"}
     laboratory = LABORATORY.model_copy(update={"name": HOSTILE, "traceability": HOSTILE})
-    report = run_document(subject_of(campaign, run, laboratory, **names), draft())
+    report = run_document(subject_of(campaign, run, laboratory, **names))
     text = " ".join(pages_of(report_pdf(report)))
     assert '#read("/etc/passwd") =1+1 </script><img src=x onerror=alert(1)> $x$ *b* @preview/cetz' in text
     assert "‹‹U+4E2D›‹U+6587››" in text  # the fonts of Typst lack these
@@ -264,7 +235,7 @@ def test_the_template_reads_no_file_and_no_package():
 
 
 def test_the_page_loads_nothing_and_has_no_scripts(subject, run):
-    page = report_page(run_document(subject, draft())).decode()
+    page = report_page(run_document(subject)).decode()
     assert "<script" not in page
     assert "href" not in page
     assert "src=" not in page
@@ -283,7 +254,7 @@ def test_noise_is_stated_with_each_reading_or_estimated(campaign, run, by_readin
         for each in campaign.measurement_set.observations
     ]
     subject = subject_of(campaign, run, noise=None, observations=observations)
-    assert said in repr(run_document(subject, draft()))
+    assert said in repr(run_document(subject))
 
 
 ABROAD = Laboratory(
@@ -321,7 +292,7 @@ def texts(element, path):
 
 @pytest.fixture(scope="module")
 def root(certified):
-    return read(certificate(certified, draft()))
+    return read(certificate(certified))
 
 
 def test_customer_and_serial_number_are_optional(root, certified):
@@ -331,11 +302,10 @@ def test_customer_and_serial_number_are_optional(root, certified):
     laboratory = ABROAD.model_copy(update={"customer": Party(name="Arms Inc.", address=["2 Side Street"])})
     readings = certified.readings.model_copy(update={"serial_number": "SN-4711"})
     stated = replace(certified, readings=readings, settings=LaboratorySettings(laboratory))
-    full = read(certificate(stated, State("authorised", "By A", 2, datetime(2026, 11, 25, tzinfo=UTC))))
+    full = read(certificate(stated))
     assert texts(full, ".//dcc:customer/dcc:name/dcc:content") == ["Arms Inc."]
     assert texts(full, ".//dcc:item//dcc:identification/dcc:value") == ["SN-4711"]
-    assert texts(full, ".//dcc:coreData/dcc:issueDate") == ["2026-11-25"]
-    assert texts(full, ".//dcc:uniqueIdentifier")[0].endswith("-2")
+    assert texts(full, ".//dcc:uniqueIdentifier") == [certified.model.run.id]
 
 
 def test_the_results_are_those_of_the_run(root, certified):
@@ -394,7 +364,7 @@ def test_a_run_by_own_weight_states_its_uncertainty_by_the_interval():
     run = js.identify(document)
     model = ExportedModel.of(run, prepare_robot(run.campaign.robot).robot, "cell")
     certified = RunSubject(model, run.campaign.measurement_set, LaboratorySettings(ABROAD))
-    results = read(certificate(certified, draft())).findall(".//dcc:result", NAMESPACES)
+    results = read(certificate(certified)).findall(".//dcc:result", NAMESPACES)
     assert run.result.budget is None
     known = [
         (result, joint)
@@ -430,7 +400,7 @@ def test_what_every_certificate_states_is_not_guessed(certified, laboratory, mea
     if not measured_at:
         readings = readings.model_copy(update={"measured_at": None})
     with pytest.raises(RequestError) as refused:
-        certificate(replace(certified, readings=readings, settings=LaboratorySettings(laboratory)), draft())
+        certificate(replace(certified, readings=readings, settings=LaboratorySettings(laboratory)))
     assert refused.value.where == where
     assert refused.value.remedy
 
@@ -448,7 +418,7 @@ def test_days_are_those_of_utc_or_of_the_laboratory(certified, measured_at, ende
     at = datetime.fromisoformat(measured_at).astimezone(UTC)
     readings = certified.readings.model_copy(update={"measured_at": at})
     settings = LaboratorySettings(ABROAD.model_copy(update={"ended_on": ended_on}))
-    core = read(certificate(replace(certified, readings=readings, settings=settings), draft()))
+    core = read(certificate(replace(certified, readings=readings, settings=settings)))
     assert [*texts(core, ".//dcc:beginPerformanceDate"), *texts(core, ".//dcc:endPerformanceDate")] == days
 
 
@@ -465,7 +435,7 @@ def test_only_texts_of_this_program_have_its_language(certified):
     laboratory = ABROAD.model_copy(update=own)
     readings = certified.readings.model_copy(update={"conditions": None})
     settings = LaboratorySettings(laboratory)
-    root = read(certificate(replace(certified, readings=readings, settings=settings), draft()))
+    root = read(certificate(replace(certified, readings=readings, settings=settings)))
     assert texts(root, ".//dcc:usedLangCodeISO639_1") == ["en", "de"]
     contents = [(each.text, each.get("lang")) for each in root.iter(f"{{{NAMESPACES['dcc']}}}content")]
     foreign = (
@@ -488,7 +458,7 @@ def test_only_texts_of_this_program_have_its_language(certified):
 def test_hostile_names_are_text(certified):
     hostile = "]]><a>\x00\x1b[31m\ud800 &amp;"
     readings = certified.readings.model_copy(update={"instrument": hostile})
-    root = read(certificate(replace(certified, readings=readings), draft()))
+    root = read(certificate(replace(certified, readings=readings)))
     assert texts(root, ".//dcc:measuringEquipment/dcc:name/dcc:content") == ["]]><a>  [31m  &amp;"]
 
 
@@ -496,7 +466,7 @@ def test_hostile_names_are_text(certified):
 def test_the_schema_accepts_it(certified):
     xmlschema = pytest.importorskip("xmlschema")
     schema = xmlschema.XMLSchema(os.environ["DCC_XSD"])
-    assert [str(error) for error in schema.iter_errors(certificate(certified, draft()).decode())] == []
+    assert [str(error) for error in schema.iter_errors(certificate(certified).decode())] == []
 
 
 def test_a_service_and_this_process_answer_with_a_certificate(local, certified, tmp_path):

@@ -1,4 +1,4 @@
-"""Workers that die, are started again or hang; what a doctor finds in their database."""
+"""Workers that die, are started again or hang."""
 
 import functools
 import io
@@ -30,7 +30,6 @@ from jointstiff.service.store.jobs import Heartbeats
 from jointstiff.service.store.store import Store
 from jointstiff.service.store.tables import job_steps, jobs
 from jointstiff.service.workers import supervisor as supervisor_module
-from jointstiff.service.workers.doctor import examine
 from jointstiff.service.workers.supervisor import Supervisor, pause_after
 from jointstiff.service.workers.worker import Recovery, _patiently, carry_out_next
 from jointstiff.simulator import default_arm, simulate_campaign
@@ -377,23 +376,6 @@ def test_a_process_without_memory_ends_and_its_step_has_no_result(store, runs, m
         _patiently(lambda: all_done(store, runs, "worker"))
     assert runs.current(run.id).state == "running"
     assert runs.records.status(run.id).done == (300 if step == "conclude" else 0)
-
-
-def test_planted_faults_are_found(either_database_url):
-    """As of software, a disk or a stranger; each kind of fault stands in the transcript of backups."""
-    with Store.open(either_database_url) as store:
-        runs_of(store).create(run_request(stored_set(store), resampling=None), None)
-    statements = [
-        "UPDATE robots SET content_hash = 'another'",
-        "UPDATE jobs SET state = 'running'",
-        "INSERT INTO job_steps VALUES ('gone', 0, 5, 1, 1, NULL, 0, NULL)",
-        "INSERT INTO idempotency_keys VALUES ('robots', 'k', 'b', 'gone', '2026-11-20 00:00:00')",
-    ]
-    with closing(Database.open(either_database_url)) as database, database.reading() as connection:
-        for statement in statements:
-            connection.execute(sa.text(statement))
-    found = examine(either_database_url).faults
-    assert [fault.code for fault in found] == ["orphan", "orphan", "endless", "hash"]
 
 
 def test_pauses_double_up_to_a_minute():

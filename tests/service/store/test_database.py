@@ -1,8 +1,6 @@
-"""Databases that are opened, migrated, backed up and restored."""
+"""Databases that are opened, refused, and saved by their own tools."""
 
-import dataclasses
 import hashlib
-import itertools
 import json
 import sqlite3
 import subprocess
@@ -11,6 +9,7 @@ import threading
 import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -21,21 +20,16 @@ from sqlalchemy import text
 from sqlalchemy.dialects import sqlite as sqlite_dialect
 from sqlalchemy.schema import CreateTable
 from support.jobs import run_request, runs_of, stored_set
-from support.processes import until
 
 from jointstiff.schemas.measurement import StoredMeasurementSet
 from jointstiff.schemas.robot import Robot
 from jointstiff.service.kinds.registry import KINDS
 from jointstiff.service.kinds.work import pack
 from jointstiff.service.problems import StoreError, StoreUnavailableError
-from jointstiff.service.server import _shown
-from jointstiff.service.store import backups
 from jointstiff.service.store import database as database_module
-from jointstiff.service.store.backups import back_up, restore
 from jointstiff.service.store.database import Database
 from jointstiff.service.store.store import Store
 from jointstiff.service.store.tables import LAYOUT, RobotRecord, metadata
-from jointstiff.service.workers.doctor import examine
 from jointstiff.service.workers.worker import Recovery, carry_out_next
 
 TIME = datetime(2026, 11, 20, tzinfo=UTC)
@@ -57,6 +51,8 @@ def test_a_database_of_another_layout_is_refused_and_left_alone(database_url: st
         connection.execute(text("UPDATE alembic_version SET version_num = :v"), {"v": version})
     with pytest.raises(StoreError, match=version) as caught:
         Store.open(database_url)
+    saves = "sqlite3 FILE '.backup SAVED'" if database.dialect == "sqlite" else "pg_dump --format=custom"
+    assert saves in caught.value.remedy
     assert "the version that wrote it" in caught.value.remedy
     with database.reading() as connection:
         assert connection.execute(text("SELECT version_num FROM alembic_version")).scalar() == version
@@ -269,65 +265,10 @@ class TestPostgresql:
             assert store.robots.get("r1").created_at.isoformat().endswith("+00:00")
 
 
-ROBOT = RobotRecord("r", "robot", datetime(2026, 11, 20, tzinfo=UTC), "hash", '{"a": "µ"}')
-
-
-@pytest.fixture(params=["sqlite", "postgresql"])
-def new_database(request, tmp_path):
-    """Makes a fresh database and returns its URL."""
-    if request.param == "postgresql":
-        return request.getfixturevalue("new_postgresql_database")
-    numbers = itertools.count(1)
-    return lambda: f"sqlite:///{tmp_path / f'{next(numbers)}.db'}"
-
-
-def robots_of(url):
-    with Store.open(url) as store:
-        return {record.id for record in store.robots.page(limit=100_000).records}
-
-
-@pytest.mark.process
-def test_a_backup_under_write_load_comes_back_with_every_hash_and_result(new_database, tmp_path):
-    source, target = new_database(), new_database()
-    stop, stored = threading.Event(), []
-
-    def write(store):
-        for number in itertools.count():
-            if stop.is_set():
-                return
-            stored.append(store.robots.add(dataclasses.replace(ROBOT, id=f"r{number}")).id)
-
-    with Store.open(source) as store:
-        runs = runs_of(store)
-        runs.create(run_request(stored_set(store)), None)
-        robots_of_runs = robots_of(source)
-        writer = threading.Thread(target=write, args=(store,))
-        writer.start()
-        try:
-            until(lambda: len(stored) > 20)
-            before = set(stored)
-            manifest = back_up(source, tmp_path / "backup")
-        finally:
-            stop.set()
-            writer.join()
-        run = next(iter(runs.records.page(limit=1).records))
-        document = runs.document(run.id)
-    assert manifest.tables["jobs"].rows == 1
-    assert sorted(path.name for path in (tmp_path / "backup").iterdir())[-1] == "manifest.json"
-
-    assert restore(target, tmp_path / "backup") == manifest
-    found = robots_of(target)
-    assert before <= found <= {*stored, *robots_of_runs}
-    assert len(found) == manifest.tables["robots"].rows
-    with Store.open(target) as store:
-        assert runs_of(store).document(run.id) == document
-
-
-@pytest.mark.process
-def test_an_unfinished_run_of_a_backup_goes_on_where_it_stood(new_database, tmp_path):
+def test_an_unfinished_run_of_a_saved_file_goes_on_where_it_stood(tmp_path):
     """With what a worker had begun, which is not there any more: its numbers are those of one go."""
-    source, target = new_database(), new_database()
-    with Store.open(source) as store:
+    source, saved = tmp_path / "source.db", tmp_path / "saved.db"
+    with Store.open(f"sqlite:///{source}") as store:
         runs = runs_of(store, store.steps.announce)
         run = runs.create(run_request(stored_set(store)), None)
         spans, work = [(0, 100), (100, 200), (200, 300)], runs.work(run.id)
@@ -336,12 +277,11 @@ def test_an_unfinished_run_of_a_backup_goes_on_where_it_stood(new_database, tmp_
         store.heartbeats.beat("gone")
         store.steps.keep(run.id, 0, pack(work.compute(spans[0])))
         assert store.steps.take("gone").start == 100
-        back_up(source, tmp_path / "backup")
+        with closing(sqlite3.connect(source)) as own, closing(sqlite3.connect(saved)) as other:
+            own.backup(other)  # as `sqlite3 FILE '.backup SAVED'` does
         expected = runs_of(store).create(run_request(run.measurement_set_id), None)
         expected = runs_of(store).current(expected.id).result
-    restore(target, tmp_path / "backup")
-    assert examine(target).faults == []
-    with Store.open(target) as store:
+    with Store.open(f"sqlite:///{saved}") as store:
         store.heartbeats.forget("gone")  # as after half a minute
         runs = runs_of(store, store.steps.announce)
         assert (runs.current(run.id).state, runs.current(run.id).progress.done) == ("running", 100)
@@ -351,44 +291,21 @@ def test_an_unfinished_run_of_a_backup_goes_on_where_it_stood(new_database, tmp_
         assert (runs.current(run.id).state, runs.current(run.id).result) == ("succeeded", expected)
 
 
-@pytest.mark.process
-def test_what_holds_something_is_replaced_only_when_asked(new_database, tmp_path):
-    url = new_database()
-    with Store.open(url) as store:
-        store.robots.add(ROBOT)
-    back_up(url, tmp_path / "backup")
-    with Store.open(url) as store:
-        store.robots.add(dataclasses.replace(ROBOT, id="later"))
-    with pytest.raises(StoreError, match=r"exists|is not empty"):
-        restore(url, tmp_path / "backup")
-    assert robots_of(url) == {"r", "later"}
-    restore(url, tmp_path / "backup", overwrite=True)
-    assert robots_of(url) == {"r"}
+REFUSED = {
+    "": "is invalid",
+    "jointstiff.db": "is invalid",
+    "mysql://user:secret@host/database": "mysql is not a supported database",
+    "postgresql+asyncpg://user@host/database": "not a supported database",
+    "postgresql://user:secret@host:port/database": "is invalid",
+    "sqlite://host/path": "must have only a path",
+    "sqlite://user:secret@host/path": "must have only a path",
+    "sqlite:///path?mode=ro": "must have only a path",
+}
 
 
-@pytest.mark.process
-def test_what_is_in_use_is_not_replaced(new_database, tmp_path):
-    url = new_database()
-    with Store.open(url) as store:
-        store.robots.add(ROBOT)
-        back_up(url, tmp_path / "backup")
-        with pytest.raises(StoreError, match="in use") as caught:
-            restore(url, tmp_path / "backup", overwrite=True)
-        assert caught.value.remedy == "stop the service and its workers first"
-        assert store.robots.get("r") == ROBOT
-
-
-@pytest.mark.parametrize("url", ["postgresql://me:geheim@host/db", "postgresql://me@host/db?password=geheim"])
-def test_a_password_stands_on_no_command_line_and_is_not_shown(url, monkeypatch):
-    ran = {}
-
-    def run(command, *, env, **_options):
-        ran.update(command=command, env=env)
-        return subprocess.CompletedProcess(command, 0)
-
-    monkeypatch.setattr(backups.subprocess, "run", run)
-    monkeypatch.setattr(backups.shutil, "which", lambda program: program)
-    backups._run(url, "pg_dump")
-    assert "geheim" not in " ".join(ran["command"])
-    assert ran["env"]["PGPASSWORD"] == "geheim"
-    assert "geheim" not in _shown(url)
+@pytest.mark.parametrize("url", REFUSED)
+def test_an_address_that_is_no_database_is_refused_without_its_password(url):
+    with pytest.raises(StoreError, match=REFUSED[url]) as caught:
+        Store.open(url)
+    assert "secret" not in str(caught.value)
+    assert "sqlite:///path/to/file.db" in caught.value.remedy
