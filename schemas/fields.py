@@ -115,9 +115,6 @@ class ResourceChange(Message):
     """Changes of a resource that is no job. Omitted fields remain unchanged."""
 
     name: Name | None = Field(default=None, description="New name; null or absent: unchanged.")
-    archived: StrictBool | None = Field(
-        default=None, description="True to archive it: listings omit it; null or absent: unchanged."
-    )
     deleted: StrictBool | None = Field(
         default=None,
         description="True to delete it, false to restore it within 30 days; null or absent: unchanged.",

@@ -45,12 +45,6 @@ class LiveOptions(PlanOptions):
     plan_id: Identifier | None = Field(
         default=None, description="Plan whose robot, loads, targets and surroundings are taken."
     )
-    prior: Literal["fleet"] | None = Field(
-        default=None,
-        description="`fleet`: the newest runs of at least three other arms of the same kinematics make "
-        "`priors`, where none is stated. A prior of a joint counts once the own readings know it as well and "
-        "agree with it.",
-    )
 
 
 class LiveSetChange(SetChange):

@@ -522,7 +522,6 @@ class StoredSet(SetMetadata):
 
     id: Identifier
     robot_id: Identifier = Field(description="Id of the robot that was measured.")
-    archived: StrictBool = Field(default=False, description="True if archived: listings omit the set.")
     content_hash: str = Field(
         description="SHA-256 of the readings with their units, noise and frame; not of name and metadata."
     )

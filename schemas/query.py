@@ -29,11 +29,9 @@ class PageQuery(Message):
     )
 
     def listing(self) -> dict[str, Any]:
-        """Return the page, whether it is of deleted or archived ones, and `filters` by exact values."""
+        """Return the page, whether it is of deleted ones, and `filters` by exact values."""
         chosen = self.model_dump(exclude_none=True)
-        whole = {
-            name: chosen.pop(name) for name in ("limit", "cursor", "deleted", "archived") if name in chosen
-        }
+        whole = {name: chosen.pop(name) for name in ("limit", "cursor", "deleted") if name in chosen}
         return whole | {"filters": {name: str(value) for name, value in chosen.items()}}
 
 
@@ -72,15 +70,7 @@ class FileQuery(AcceptingOptions):
     )
 
 
-class ArchivableQuery(DeletableQuery):
-    """Filters of resources that can be archived."""
-
-    archived: bool = Field(
-        default=False, description="True: only archived resources; false: only the others."
-    )
-
-
-class RobotQuery(ArchivableQuery):
+class RobotQuery(DeletableQuery):
     """Filters of robots."""
 
     name: ExactName | None = Field(default=None, description="Filter by name (exact).")
@@ -89,7 +79,7 @@ class RobotQuery(ArchivableQuery):
     )
 
 
-class SetQuery(ArchivableQuery):
+class SetQuery(DeletableQuery):
     """Filters of measurement sets."""
 
     open: bool = Field(

@@ -23,6 +23,7 @@ from jointstiff.schemas.fields import (
     Vector3,
     either,
 )
+from jointstiff.schemas.finding import Verdict
 from jointstiff.schemas.joints import JointKind, StatedKind
 
 MAX_JOINTS = 32
@@ -174,35 +175,32 @@ class Wrist(Message):
     )
 
 
-class TrendChange(Message):
+class StiffnessChange(Message):
     """A change of stiffness with its standard uncertainty."""
 
     relative: Dimensionless[float] = Field(
         description="Relative change: -0.1 for a joint that is 10 % softer."
     )
     standard_uncertainty: Dimensionless[float] = Field(
-        description="Standard uncertainty of the change: readings, reference campaigns, and scatter between "
-        "campaigns."
+        description="Standard uncertainty of the change, by the errors that the two campaigns do not share."
     )
 
 
-class OpenAlarm(Message):
-    """An alarm that has not ended and is not acknowledged."""
+class ChangedJoint(Message):
+    """A joint whose stiffness is another than in the first campaign."""
 
-    serial_number: str | None = Field(description="Serial number of the robot; null if the sets state none.")
     joint: Name
-    change: TrendChange = Field(description="Change of the latest campaign against the reference campaigns.")
-    since: Timestamp = Field(description="Time of the first campaign of the alarm.")
-    run_id: Identifier = Field(
-        description="Id to send when you acknowledge the alarm: the run of its first campaign."
-    )
-    measurement_set_id: Identifier = Field(description="Measurement set of that campaign.")
-    message: str = Field(description="Alarm in words: joint, direction, size, limit and first campaign.")
+    change: StiffnessChange
 
-    @property
-    def line(self) -> str:
-        """Joint, change and day in a few words."""
-        return f"{self.joint} {100.0 * self.change.relative:+.0f} % since {self.since:%Y-%m-%d}"
+
+class LastCampaign(Message):
+    """The latest campaign of a robot, against the first one that is comparable."""
+
+    run_id: Identifier
+    at: Timestamp = Field(description="Time of the measurement, or of storing if the set does not state it.")
+    serial_number: str | None = Field(description="Serial number that its set states.")
+    verdict: Verdict = Field(description="Verdict on its run.")
+    changed: list[ChangedJoint] = Field(description="Joints that changed; empty if none did.")
 
 
 class RobotSummary(Message):
@@ -215,11 +213,11 @@ class RobotSummary(Message):
         default=None,
         description="Arm of the catalogue whose nominal values the model has, if it was posted as one.",
     )
-    archived: StrictBool = Field(default=False, description="True if archived: listings omit the robot.")
     content_hash: str = Field(description="SHA-256 of kinematics, limits and joint map; not of the name.")
     created_at: Timestamp
-    alarms: list[OpenAlarm] = Field(
-        default_factory=list, description="Alarms of its trend that have not ended and are not acknowledged."
+    last_campaign: LastCampaign | None = Field(
+        default=None,
+        description="Latest campaign of the robot, and which joints changed; null before the first run.",
     )
 
 

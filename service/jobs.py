@@ -287,7 +287,7 @@ class Parts(Resources):
         self.jobs = {kind.name: Jobs(kind, self, enqueue) for kind in KINDS}  # by the name of their kind
         self.trends = Trends(store)  # of its robots
         # sets that are measured
-        self.live = OpenSets(self, self.trends, lambda *run: self.jobs["run"].create(*run).id)
+        self.live = OpenSets(self, lambda *run: self.jobs["run"].create(*run).id)
 
     def jobs_of(self, job_id: str) -> Jobs:
         """Return the jobs of the kind that a job is of; it may be deleted.

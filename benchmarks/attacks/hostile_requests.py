@@ -53,7 +53,7 @@ _UPLOADED: Final = (
     ("a.src", "DEF a()\nPTP {A1 1,A2 2,A3 3,A4 4,A5 5,A6 6}\nLIN {X 1,Y 2,Z 3,A 0,B 0,C 0}\nEND\n"),
 )
 """Sound uploads: a table, a list of points, a program."""
-_WORDS: Final = ("limit", "cursor", "wait", "name", "deleted", "archived", "state", "x")
+_WORDS: Final = ("limit", "cursor", "wait", "name", "deleted", "state", "x")
 _METHODS: Final = ("GET", "GET", "GET", "DELETE", "PATCH", "PUT", "POST", "HEAD", "OPTIONS", "TRACE", "X")
 _SENT_AS_THEY_ARE: Final = frozenset({"events"})  # streams, which end with their client
 Random = random.Random

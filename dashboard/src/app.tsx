@@ -75,7 +75,6 @@ const CompareView = lazy(async () => (await import("./views/compare")).CompareVi
 const SideBySideView = lazy(async () => (await import("./views/compare")).SideBySideView);
 const ComparisonView = lazy(async () => (await import("./views/compare")).ComparisonView);
 const TrendView = lazy(async () => (await import("./views/trend")).TrendView);
-const FleetView = lazy(async () => (await import("./views/robots")).FleetView);
 const MapView = lazy(async () => (await import("./views/map")).MapView);
 const ProgramView = lazy(async () => (await import("./views/map")).ProgramView);
 const RobotsView = lazy(async () => (await import("./views/robots")).RobotsView);
@@ -162,7 +161,6 @@ const VIEWS = new Map<string, [FunctionComponent<Place>, FunctionComponent<Place
   ["plans", [PlansView, PlanView, "robots"]],
   ["measure", [MeasureView, LiveView, ""]],
   ["robots", [() => <RobotsView list="robots" />, OneRobot]],
-  ["fleet", [FleetView, FleetView, "robots"]],
   ["compare", [Compared, Compared]],
 ]);
 
@@ -181,7 +179,11 @@ function Compared({ id: kind, part: id, query }: Place) {
   if (kind === "runs") return <SideBySideView ids={(query.get("ids") ?? "").split(",").filter(Boolean)} />;
   if ((kind === "methods" || kind === "pairs") && id) return <ComparisonView id={id} />;
   if (kind === "trend")
-    return id ? <TrendView key={query.get("serial")} robot={id} serial={query.get("serial")} /> : <FleetView />;
+    return id ? (
+      <TrendView key={query.get("serial")} robot={id} serial={query.get("serial")} />
+    ) : (
+      <RobotsView list="robots" />
+    );
   return <CompareView kind={kind || "methods"} />;
 }
 

@@ -225,8 +225,7 @@ def run_subject(parts: Parts, run_id: str, settings: LaboratorySettings) -> RunS
     """
     model = exported_model(parts, run_id)
     readings = parts.sets.document(model.run.request.measurement_set_id)
-    alarms = parts.trends.alarms_of(readings.robot_id, readings.serial_number)
-    return RunSubject(model, readings, settings, alarms=[alarm.message for alarm in alarms])
+    return RunSubject(model, readings, settings)
 
 
 def _media_types() -> dict[str, Any]:

@@ -63,10 +63,11 @@ def create_robot(
 def list_robots(parts: answers.PartsOf, query: Annotated[RobotQuery, Query()]) -> Page[RobotSummary]:
     """List robots, newest first."""
     page = parts.store.robots.page(**query.listing())
-    alarms = parts.trends.alarms([record.id for record in page.records])
+    latest = parts.trends.last_campaigns([record.id for record in page.records])
     items = [
         RobotSummary.model_validate(
-            described(record).model_copy(update={"alarms": alarms.get(record.id, [])}), from_attributes=True
+            described(record).model_copy(update={"last_campaign": latest.get(record.id)}),
+            from_attributes=True,
         )
         for record in page.records
     ]
@@ -80,10 +81,10 @@ def list_robots(parts: answers.PartsOf, query: Annotated[RobotQuery, Query()]) -
     responses=answers.NOT_MODIFIED,
 )
 def get_robot(request: Request, parts: answers.PartsOf, robot_id: Id) -> Response:
-    """Get a robot, with its kinematics as they were understood, and the alarms of its trend."""
+    """Get a robot, with its kinematics as they were understood, and its last campaign."""
     robot = described(parts.store.robots.get(robot_id))
-    alarms = parts.trends.alarms([robot_id]).get(robot_id, [])
-    return answers.unchanging(request, robot.model_copy(update={"alarms": alarms}).model_dump_json())
+    latest = parts.trends.last_campaigns([robot_id]).get(robot_id)
+    return answers.unchanging(request, robot.model_copy(update={"last_campaign": latest}).model_dump_json())
 
 
 @robots.patch("/v1/robots/{robot_id}", dependencies=[OPERATOR], response_model=Robot)
@@ -92,9 +93,9 @@ def change_robot(
     robot_id: Id,
     body: Annotated[RobotChange, shown(EXAMPLES["robot_changes"])],
 ) -> Response:
-    """Change a robot's name, archive it, delete it, or restore it.
+    """Change a robot's name, delete it, or restore it.
 
-    Listings leave an archived robot out, and everything else stays. A robot that a measurement set or a job
+    A robot that a measurement set or a job
     refers to cannot be deleted; a deleted one can be restored for 30 days.
     """
     return answers.json_response(described(parts.robots.change(robot_id, body)).model_dump_json())
@@ -191,10 +192,10 @@ def change_measurement_set(
     body: Annotated[LiveSetChange, shown(EXAMPLES["set_changes"])],
     by: AskedBy,
 ) -> MeasurementSetSummary:
-    """Change name and metadata of a measurement set, archive it, delete it, or restore it.
+    """Change name and metadata of a measurement set, delete it, or restore it.
 
     Fields that are left out stay; null removes one. Readings, hash and runs stay as they are, whatever
-    changes. Listings leave an archived set out. A set that a job refers to cannot be deleted; a deleted one
+    changes. A set that a job refers to cannot be deleted; a deleted one
     can be restored for 30 days. Of an open set, readings are withdrawn or kept, and postures skipped.
     """
     if parts.live.is_open(set_id):
@@ -210,35 +211,9 @@ def change_measurement_set(
 def get_trend(
     parts: answers.PartsOf, robot_id: Id, query: Annotated[trend.TrendQuery, Query()]
 ) -> trend.Trend:
-    """Get the trend of a robot: each joint against its reference campaigns, with alarms and their reasons.
+    """Get the trend of a robot: each joint over its campaigns, and whether the latest differs from the first.
 
     A campaign is a measurement set with its newest run of the same method, weighting, constraint, encoders
-    and serial number; `left_out` names campaigns without such a run. The limits include the noise of the
-    readings, the scatter between campaigns and the uncertainty of the reference campaigns, of which a joint
-    needs three; with fewer there is only a test of two.
+    and serial number; `left_out` names campaigns without such a run.
     """
     return parts.trends.trend(robot_id, query)
-
-
-@trends.post(
-    "/v1/robots/{robot_id}/trend",
-    dependencies=[OPERATOR],
-    status_code=201,
-    response_model=trend.TrendBaseline | trend.Acknowledgement,
-)
-def note_in_trend(
-    parts: answers.PartsOf, robot_id: Id, body: trend.TrendNoteRequest, by: AskedBy
-) -> trend.TrendBaseline | trend.Acknowledgement:
-    """Begin new reference campaigns, as after a repair; or acknowledge an alarm of a joint with a note.
-
-    They count for all trends of the same serial number; campaigns before them keep their charts. Of two
-    requests from the same campaign on, the later one counts. An acknowledged alarm stays in the trend; its
-    joint counts as seen.
-    """
-    return parts.trends.note(robot_id, body, by)
-
-
-@trends.get("/v1/fleet", dependencies=[VIEWER], response_model=trend.Fleet)
-def get_fleet(parts: answers.PartsOf) -> trend.Fleet:
-    """Get one row for each robot and serial number, with its worst joint; those in alarm first."""
-    return parts.trends.fleet()

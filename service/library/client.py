@@ -433,7 +433,7 @@ class Collection(Generic[Resource, Summary]):
             query = None if page.next is None else filters | {"cursor": page.next}
 
     def change(self, identifier: str, changes: Document) -> None:
-        """Change what may change of a robot or a measurement set: its name, metadata, archive."""
+        """Change what may change of a robot or a measurement set: its name and metadata."""
         self._client.send("PATCH", self._address(identifier), None, changes)
 
     def delete(self, identifier: str) -> None:

@@ -102,12 +102,6 @@ class _Here:
         with as_campaign_error("measurement_set"):
             resolved = own_frame(post)
         with as_campaign_error(""):
-            if post.open is not None and post.open.prior is not None:
-                raise RequestError(
-                    "a file knows no fleet",
-                    where="open.prior",
-                    remedy="measure over a service, or give `priors`",
-                )
             self._campaign = LiveCampaign(Declared(robot.robot, post, resolved))
             _ = self._campaign.declared.ahead  # refuses what cannot be measured
 

@@ -477,24 +477,25 @@ class Prediction(Presented, DeflectionResult):  # type: ignore[misc]  # `summary
 
 
 class RobotTrend(Presented, Trend):
-    """Stiffness of a robot's joints over its campaigns, with alarms; it shows itself."""
+    """Stiffness of a robot's joints over its campaigns, and what changed since the first; it shows itself."""
 
     def _parts(self) -> Sequence[Part]:
-        states = [joint.state for joint in self.joints]
-        alarms = [alarm.message for joint in self.joints for alarm in joint.alarms if alarm.until is None]
-        head = f"{len(self.campaigns)} campaigns: {states.count('alarm')} of {len(states)} joints in alarm"
+        changed = sum(joint.changed for joint in self.joints)
+        head = (
+            f"{len(self.campaigns)} campaigns: {changed} of {len(self.joints)} joints changed since the first"
+        )
         rows = []
         for joint in self.joints:
-            change = joint.latest if joint.pair is None else joint.pair.change
             shown = NO_NUMBER
-            if change is not None:
+            if (change := joint.change) is not None:
                 size, u = (
                     figure(100 * each, ".2g") for each in (change.relative, change.standard_uncertainty)
                 )
                 shown = f"{size} ± {u} %"
-            rows.append([joint.name, joint.state.replace("_", " "), shown])
-        lines = [Line(head), *map(Line, alarms), *([Line(self.note)] if self.note else [])]
-        return [*lines, text_table(["joint", "state", "latest change, ± u"], rows, texts=[0, 1])]
+            p_value = NO_NUMBER if joint.p_value is None else figure(joint.p_value, ".2g")
+            rows.append([joint.name, "changed" if joint.changed else "", shown, p_value])
+        lines = [Line(head), *([Line(self.note)] if self.note else [])]
+        return [*lines, text_table(["joint", "", "change, ± u", "p-value"], rows, texts=[0, 1])]
 
     def _sheets(self) -> Mapping[str, Callable[[], Sheet]]:
         return {"points": self._points}
@@ -514,9 +515,6 @@ class RobotTrend(Presented, Trend):
             "stiffness [N.m/rad]": [point.stiffness for _, _, point in pairs],
             "lower [N.m/rad]": [low for low, _ in limits],
             "upper [N.m/rad]": [high for _, high in limits],
-            "EWMA [N.m/rad]": [point.smoothed for _, _, point in pairs],
-            "lower limit [N.m/rad]": [point.lower_limit for _, _, point in pairs],
-            "upper limit [N.m/rad]": [point.upper_limit for _, _, point in pairs],
         }
         sheet = Sheet(columns, frozenset(["joint", "campaign", "at"]))
         return Sheet.of_joints(sheet, [joint.kind for joint, _, _ in pairs])
@@ -528,16 +526,10 @@ class RobotTrend(Presented, Trend):
         charts = []
         for joint in self.joints:
             unit = UNITS[DEFAULT_UNIT].of(joint.kind)
-            series = {
-                "stiffness": [point.stiffness for point in joint.points],
-                "EWMA": [point.smoothed for point in joint.points],
-                "lower limit": [point.lower_limit for point in joint.points],
-                "upper limit": [point.upper_limit for point in joint.points],
-            }
+            series = {"stiffness": [point.stiffness for point in joint.points]}
             ends = {"stiffness": [point.interval for point in joint.points]}
-            known = {name: values for name, values in series.items() if any(v is not None for v in values)}
-            title = f"{joint.name}: {joint.state.replace('_', ' ')}"
-            charts.append(Chart(title, names, known, unit.factor, unit.label, "campaigns", ends, True))
+            title = f"{joint.name}: changed" if joint.changed else joint.name
+            charts.append(Chart(title, names, series, unit.factor, unit.label, "campaigns", ends, True))
         return figure_of(f"Trend: {self._headline()}", charts)
 
 

@@ -39,7 +39,7 @@ from jointstiff.service.conversion.units import LENGTH
 from jointstiff.service.kinds.identification import ByJoints, identified, to_settings
 from jointstiff.service.kinds.own_weight import identified_by_weight
 from jointstiff.service.kinds.planning import to_design_request
-from jointstiff.service.live.fleet import Standing, standings
+from jointstiff.service.live.priors import Standing, standings
 from jointstiff.service.problems import TakenError
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import JointstiffError, RequestError
@@ -114,11 +114,11 @@ class Declared:
         stated = options.model_dump(include=set(PlanOptions.model_fields) - {"priors"})
         for name in options.priors:
             joint_index(self.robot, name, f"open.priors.{name}")
-        if isinstance(options.load, OwnWeight) and (options.priors or options.prior is not None):
+        if isinstance(options.load, OwnWeight) and options.priors:
             raise RequestError(
                 "readings by own weight take no priors",
-                where="open.prior" if options.prior is not None else "open.priors",
-                remedy="omit `prior` and `priors`, or measure with a load",
+                where="open.priors",
+                remedy="omit `priors`, or measure with a load",
             )
         expected = {name: prior.stiffness for name, prior in options.priors.items()}
         stated["stiffness"] = expected | options.stiffness  # a prior has to be tested before it counts

@@ -25,10 +25,8 @@ from jointstiff.schemas.measurement import (
 )
 from jointstiff.schemas.plan import AnyDirection, DeadWeight, Plan, PlanOptions, PlanResult
 from jointstiff.schemas.run import RunRequest
-from jointstiff.service.kinds.trend import Trends
 from jointstiff.service.live.campaign import Declared, Entry, LiveCampaign
 from jointstiff.service.live.declaration import completed
-from jointstiff.service.live.fleet import priors_of
 from jointstiff.service.problems import NotFoundError, TakenError
 from jointstiff.service.resources.stored import Resources, resolve_frame, stored_job
 from jointstiff.service.store.tables import IdempotencyKey, LiveEntry, OpenSetRecord
@@ -46,10 +44,9 @@ CreateRun = Callable[[RunRequest, IdempotencyKey, Requester | None], str]
 class OpenSets:
     """The open sets of a store."""
 
-    def __init__(self, resources: Resources, trends: Trends, create_run: CreateRun) -> None:
+    def __init__(self, resources: Resources, create_run: CreateRun) -> None:
         """Serve the open sets of a store; a closed one is identified by `create_run`."""
         self._resources, self._store, self._create_run = resources, resources.store, create_run
-        self._trends = trends
         self._declared = lru_cache(_CAMPAIGNS)(self._load)
         self._ready: dict[str, LiveCampaign] = {}
 
@@ -65,10 +62,6 @@ class OpenSets:
         if key is not None and (before := self._store.open_sets.find(key)) is not None:
             return before.id
         options, robot_id = self._of_plan(options, request.robot_id)
-        if options.prior == "fleet":
-            sisters = self._trends.sisters(robot_id, request.serial_number, request.encoders)
-            priors = priors_of(sisters) | options.priors
-            options = options.model_copy(update={"priors": priors})
         header = completed(request.model_copy(update={"observations": [], "robot_id": robot_id}), options)
         resolved, noticed = resolve_frame(self._store, header)
         robot, _ = self._resources.robot(robot_id, "robot_id")

@@ -118,7 +118,6 @@ class RunSubject:
     model: ExportedModel  # the run with its robot
     readings: MeasurementSetDocument  # the measurement set; of its observations only the postures are drawn
     settings: LaboratorySettings  # settings of the laboratory
-    alarms: Sequence[str] = ()  # alarms of the robot, that nobody has acknowledged
 
     def run_json(self) -> bytes:
         """Return the run as it is attached: a large one without what it says of each observation."""
@@ -148,7 +147,7 @@ def run_document(subject: RunSubject) -> Document:
             Section(REQUESTED, facts=requested(run.request)),
             _adjustment(subject.model),
             _traceability(subject.readings, settings.laboratory),
-            assessment(subject.model.result, subject.alarms),
+            assessment(subject.model.result),
             Section(STATED, paragraphs=list(STATEMENTS)),
             _origin(subject),
             Section("Items of ISO/IEC 17025:2017 and their places in this report", tables=[items]),
@@ -526,8 +525,8 @@ def _common(noise: Noise, millimetres: float) -> Iterator[str]:
         )
 
 
-def assessment(result: RunResult, alarms: Sequence[str]) -> Section:
-    """Return the verdict with its reasons, the alarms of the robot, and the warnings."""
+def assessment(result: RunResult) -> Section:
+    """Return the verdict with its reasons and the warnings."""
     reasons = result.assessment.reasons
     known = {each.message for each in reasons}
     further = [each for each in result.warnings if each.message not in known]
@@ -536,7 +535,7 @@ def assessment(result: RunResult, alarms: Sequence[str]) -> Section:
     facts = [("Verdict on the result", VERDICTS[result.assessment.verdict])]
     return Section(
         ASSESSMENT,
-        facts=[*facts, ("The robot is in alarm", "\n".join(alarms))] if alarms else facts,
+        facts=facts,
         notes=[
             *(lines[:_MOST_WARNINGS] or [f"{support(result.assessment).capitalize()}."]),
             *([f"And {more} more, in run.json."] if more > 0 else []),

@@ -60,7 +60,7 @@ _ROBOTS: Final = 64
 _SETS: Final = 16
 """Robots and sets that are kept ready for computation."""
 _METADATA: Final = tuple(SetMetadata.model_fields)
-_COLUMNS: Final = ("name", "archived", *_METADATA)
+_COLUMNS: Final = ("name", *_METADATA)
 """Fields of a set that may change: they stand in columns, and not in the document."""
 
 
@@ -75,7 +75,7 @@ class Kept(Generic[Record, Entry, Prepared]):
         self.ready = lru_cache(most)(prepare)  # by id
 
     def change(self, identifier: str, change: ResourceChange) -> Record:
-        """Change what was given of a resource, archive it, or delete or restore it.
+        """Change what was given of a resource, or delete or restore it.
 
         Raises:
             NotFoundError: there is no such resource, or it has been removed for good.
@@ -85,8 +85,7 @@ class Kept(Generic[Record, Entry, Prepared]):
         if change.deleted is False:
             self.records.restore(identifier)
         stated = {name: getattr(change, name) for name in change.model_fields_set - {"deleted"}}
-        lasting = {name for name in ("name", "archived") if stated.get(name) is None}
-        changes = {name: value for name, value in stated.items() if name not in lasting}
+        changes = {name: value for name, value in stated.items() if name != "name" or value is not None}
         record = self.records.change(identifier, changes, hidden=change.deleted is True)
         self.ready.cache_clear()
         if change.deleted:
@@ -142,7 +141,7 @@ class Robots(Kept[RobotRecord, RobotRecord, tuple[Robot, str]]):
             name=stored.name,
             created_at=created_at,
             content_hash=stored.content_hash,
-            document=stored.model_dump_json(exclude={"alarms"}),
+            document=stored.model_dump_json(exclude={"last_campaign"}),
         )
         return self._store.robots.add(record, key)
 
@@ -192,7 +191,7 @@ class Robots(Kept[RobotRecord, RobotRecord, tuple[Robot, str]]):
 def described(record: RobotRecord) -> robots.Robot:
     """Return the message of a stored robot."""
     stored = robots.Robot.model_validate_json(record.document)
-    return stored.model_copy(update={"name": record.name, "archived": record.archived})
+    return stored.model_copy(update={"name": record.name})
 
 
 def stored_job(store: Store, message: type[AnyJob], job_id: str) -> AnyJob:
@@ -276,7 +275,7 @@ class MeasurementSets(Kept[MeasurementSetRecord, MeasurementSetEntry, PreparedSe
                 warning_count=len(stored.warnings),
                 created_at=stored.created_at,
                 content_hash=stored.content_hash,
-                document=stored.model_dump_json(exclude={*_METADATA, "archived"}),
+                document=stored.model_dump_json(exclude=set(_METADATA)),
                 arrays=checked.readings.pack(),
                 **{name: getattr(stored, name) for name in _METADATA},
             ),

@@ -26,7 +26,6 @@ from jointstiff.service.store.tables import (
     Record,
     RecordPage,
     Row,
-    TrendNote,
     idempotency_keys,
     jobs,
     live_entries,
@@ -230,7 +229,6 @@ class Collection(Generic[Record, Entry]):
         filters: Mapping[str, str] = _NO_FILTERS,
         spans: Mapping[str, tuple[datetime | None, datetime | None]] = _NO_SPANS,
         deleted: bool = False,
-        archived: bool = False,
     ) -> RecordPage[Entry]:
         """Return one page, newest first, as `page_of` does.
 
@@ -240,7 +238,6 @@ class Collection(Generic[Record, Entry]):
             filters: column, or field of the summary of a job → value that it must have.
             spans: column → first time that it may have, and the first that it may not have again.
             deleted: only deleted ones instead of the others.
-            archived: only archived ones instead of the others; of deleted ones all are shown.
 
         Raises:
             CursorError: no page gave this cursor.
@@ -251,8 +248,6 @@ class Collection(Generic[Record, Entry]):
             return RecordPage((), None)
         columns = self._table.c
         where = [*self._mine, self._hidden if deleted else self._visible]
-        if "archived" in columns and not deleted:
-            where.append(columns.archived.is_(archived))
         where += [columns[name] == value for name, value in sorted(filters.items())]
         where += [columns[name] >= first for name, (first, _) in spans.items() if first is not None]
         where += [columns[name] < end for name, (_, end) in spans.items() if end is not None]
@@ -446,7 +441,7 @@ def is_indexable(text: str) -> bool:
     return True
 
 
-Noted = TypeVar("Noted", AuditEntry, TrendNote, LiveEntry)
+Noted = TypeVar("Noted", AuditEntry, LiveEntry)
 
 
 class Journal(Generic[Noted]):

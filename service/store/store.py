@@ -32,7 +32,6 @@ from jointstiff.service.store.tables import (
     MeasurementSetRecord,
     OpenSetRecord,
     RobotRecord,
-    TrendNote,
     audit,
     jobs,
     live_entries,
@@ -40,7 +39,6 @@ from jointstiff.service.store.tables import (
     measurement_sets,
     open_sets,
     robots,
-    trend_notes,
 )
 
 SESSION_IDLE: Final = timedelta(hours=8)
@@ -79,8 +77,6 @@ class Store:
         self.sessions = Sessions(database, SESSION_IDLE, SESSION_LONGEST)
         self.wrong_keys = WrongKeys(database)  # by the networks that sent them
         self.audit = Journal(database, audit, AuditEntry, None)  # who tried to change what
-        # new baselines and acknowledged alarms
-        self.trend_notes = Journal(database, trend_notes, TrendNote, self.quota)
 
     @classmethod
     def open(cls, url: str, most_bytes: int | None = None) -> Store:
@@ -121,30 +117,23 @@ class Store:
             found = connection.execute(sa.select(jobs.c.kind).where(jobs.c.id == job_id)).scalar_one_or_none()
         return None if found is None else str(found)
 
-    def trend_marks(self, robot_ids: Ids[str], least: int) -> dict[str, str]:
-        """Return a hash of what the trends of some robots are made of, in three queries for all of them.
-
-        Args:
-            robot_ids: ids of the robots; those with fewer runs are left out.
-            least: number of succeeded runs.
-        """
-        runs, sets, notes = jobs.c, measurement_sets.c, trend_notes.c
+    def trend_marks(self, robot_ids: Ids[str]) -> dict[str, str]:
+        """Return a hash of what the trends of robots with runs are made of, by two queries for all."""
+        runs, sets = jobs.c, measurement_sets.c
         shown = sa.case((runs.deleted_at.is_(None), runs.sequence))
         counted = (
             sa.select(runs.robot_id, sa.func.count(shown), sa.func.sum(shown), sa.func.max(runs.deleted_at))
             .where(runs.kind == "run", runs.state == "succeeded", runs.robot_id.in_(robot_ids))
             .group_by(runs.robot_id)
-            .having(sa.func.count(shown) >= least)
+            .having(sa.func.count(shown) > 0)
         )
         with self._database.reading() as connection:
             marks = {str(row[0]): [str(row)] for row in connection.execute(counted)}
             measured = sa.select(
-                sets.robot_id, sets.id, sets.measured_at, sets.serial_number, sets.instrument, sets.archived
+                sets.robot_id, sets.id, sets.measured_at, sets.serial_number, sets.instrument
             ).where(sets.robot_id.in_(marks), sets.deleted_at.is_(None))
-            noted = sa.select(notes.robot_id, sa.func.max(notes.sequence)).where(notes.robot_id.in_(marks))
-            for query in (measured.order_by(sets.sequence), noted.group_by(notes.robot_id)):
-                for row in connection.execute(query):
-                    marks[str(row[0])].append(str(row))
+            for row in connection.execute(measured.order_by(sets.sequence)):
+                marks[str(row[0])].append(str(row))
         return {robot: hashlib.sha256("".join(rows).encode()).hexdigest() for robot, rows in marks.items()}
 
     def ping(self) -> Dialect:

@@ -28,8 +28,7 @@ class RobotRecord:
     created_at: datetime  # aware, UTC, to the microsecond; so are all times of this module
     content_hash: str
     document: str
-    """JSON text of `jointstiff.schemas.robot.Robot`; `name` and `archived` are those of the columns."""
-    archived: bool = field(default=False, kw_only=True)  # whether listings leave it out; nothing else changes
+    """JSON text of `jointstiff.schemas.robot.Robot`; `name` is that of the column."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,7 +43,6 @@ class MeasurementSetEntry:
     warning_count: int
     created_at: datetime
     content_hash: str
-    archived: bool = field(default=False, kw_only=True)  # whether listings leave it out; nothing else changes
     measured_at: datetime | None = field(default=None, kw_only=True)
     operator: str | None = field(default=None, kw_only=True)
     instrument: str | None = field(default=None, kw_only=True)
@@ -165,18 +163,6 @@ class AuditEntry:
     operation: str | None  # name of the operation; none if the address has none of that method
     path: str
     status: int
-
-
-@dataclass(frozen=True, slots=True)
-class TrendNote:
-    """Note in a trend: a new baseline, or that an alarm was seen."""
-
-    robot_id: str
-    kind: str  # `baseline` or `acknowledgement`
-    noted_at: datetime
-    key_id: str | None
-    key_name: str | None
-    document: str  # JSON text of the request, with what identifies the campaign
 
 
 OPEN_STATES: Final = ("queued", "running")
@@ -430,7 +416,6 @@ access_links = sa.Table(
 
 # Journals refer to nothing: they outlive the robots and the runs that they name.
 audit = _numbered("audit", AuditEntry, filters=["key_id"])
-trend_notes = _numbered("trend_notes", TrendNote, filters=["robot_id"])
 live_entries = _numbered("live_entries", LiveEntry, filters=["set_id"])
 sa.Index(None, live_entries.c.set_id, live_entries.c.change, live_entries.c.label, unique=True)
 

@@ -38,6 +38,8 @@ PLACEHOLDERS = {"set": '"measurement_set_id": "…"', "run": '"run_ids": ["…",
 NOT_RUN = {
     "scripts/run ": "sets an environment up; test_start.py runs its program, jointstiff demo",
     "scripts/test ": "would run this test again",
+    "sqlite3 ": "is of another package; test_database.py copies a file as it does",
+    "pg_dump ": "needs a server of databases",
     "jointstiff serve": "does not end; the service of this test is one",
     "jointstiff worker": "does not end, and needs a server of databases; test_long_runs.py runs it",
     "jointstiff keys revoke": "needs the id of a key; transcripts/keys.txt runs it",

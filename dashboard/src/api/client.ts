@@ -131,7 +131,6 @@ export const api = {
   schemas: () =>
     call<{ components: { schemas: Schemas } }>("GET", "/openapi.json").then(({ components }) => components.schemas),
   catalogue: () => call<of.Catalogue>("GET", "/v1/catalogue"),
-  fleet: (signal?: AbortSignal) => call<of.Fleet>("GET", "/v1/fleet", { signal }),
   kinematics: (source: of.RobotSource, joints: number[][], signal?: AbortSignal) =>
     call<of.Kinematics>("POST", "/v1/kinematics", { body: { ...source, joints }, signal }),
   /** What files of readings were understood as; nothing is stored. */
@@ -141,9 +140,6 @@ export const api = {
   robots,
   trend: (robot: string, filters: Filters, signal?: AbortSignal) =>
     call<of.Trend>("GET", `${robots.below(robot, "trend")}${query(filters)}`, { signal }),
-  addBaseline: (robot: string, body: unknown) => call<unknown>("POST", robots.below(robot, "trend"), { body }),
-  acknowledge: (robot: string, body: { run_id: string; joint: string; note: string }) =>
-    call<unknown>("POST", robots.below(robot, "trend"), { body }),
   sets: collection<of.MeasurementSet, of.MeasurementSetSummary, of.SetChange>("measurement-sets"),
   openSets: {
     ...openSets,

@@ -12,7 +12,6 @@ export type JointKind = messages.Joint["kind"];
 /** What people note about a measurement set. */
 export type Metadata = Required<Pick<messages.MeasurementSet, (typeof METADATA)[number]>>;
 export type RunOptions = Omit<messages.RunRequest, "measurement_set_id" | "variant_of" | "leave_out">;
-export type TrendState = messages.TrendJoint["state"];
 export type Elasticity = messages.RunRequest["elasticity"];
 export type Loss = Exclude<messages.RunRequest["loss"], "automatic">;
 export type Method = messages.RunRequest["method"];

@@ -1,51 +1,32 @@
-/** Lists of whatever is stored: filtered by words, robot and verdict, sorted; alarms in them, and what can be done with a row. */
-import type { OpenAlarm, Usability } from "../api/types";
+/** Lists of whatever is stored: filtered by words, robot and verdict, sorted; and what can be done with a row. */
+import type { LastCampaign, Usability } from "../api/types";
 import { changeText } from "../lib/trend";
-import { link, useAction, useDeletion, toast } from "../state/action";
+import { useAction, useDeletion } from "../state/action";
 import { text } from "../i18n";
-import { dayText, Name, Button, ProblemNote, Folded, When } from "./basics";
+import { later } from "../i18n/later";
+import { Name, Button, ProblemNote, Folded, When } from "./basics";
 import { namesChanged, type Names, robotOptions } from "../state/load";
 import type { ComponentChildren } from "preact";
 import { useState } from "preact/hooks";
 import { Select, TextField } from "./fields";
 
-/** Joint and change, for lists. */
-export function AlarmState({ alarms }: { alarms: OpenAlarm[] }) {
-  const [first] = alarms;
+/** Which joints of a robot changed since its first campaign. */
+export function ChangedJoints({ of }: { of: LastCampaign | null }) {
+  const [first, ...others] = of?.changed ?? [];
   if (!first) return null;
   return (
     <>
-      <span class="state alarm">{text.fleet.states.alarm}</span>
+      <span class="state changed">{later.trend.changed}</span>
       <small>
         <Name>{first.joint}</Name> {changeText(first.change)}
-        {alarms.length > 1 && ` ${text.alarms.more(alarms.length - 1)}`}
+        {others.length > 0 && ` ${text.more(others.length)}`}
       </small>
     </>
   );
 }
 
-/** All of a robot with the way to its trend, where they are acknowledged. */
-export function AlarmNote({ robot, name, alarms }: { robot: string; name?: string; alarms: OpenAlarm[] }) {
-  if (alarms.length === 0) return null;
-  return (
-    <p class="note bad alarms">
-      <b class="state alarm">{name === undefined ? text.alarms.this : text.alarms.of(name)}</b>{" "}
-      {alarms.map(({ serial_number: serial, joint, change, since }, index) => (
-        <>
-          {index > 0 && "; "}
-          <a href={link(["compare", "trend", robot], serial === null ? {} : { serial })}>
-            <Name>{serial === null ? joint : `${serial}, ${joint}`}</Name> {changeText(change)}{" "}
-            {text.alarms.since(dayText(since))}
-          </a>
-        </>
-      ))}
-    </p>
-  );
-}
-
 interface Change {
-  name?: string;
-  archived?: boolean;
+  name: string;
 }
 
 interface Stored {
@@ -55,7 +36,7 @@ interface Stored {
 }
 
 interface StoredProps {
-  of: { id: string; name: string; archived: boolean };
+  of: { id: string; name: string };
   api: Stored;
   /** Address of the list that it stands in. */
   list: string;
@@ -63,12 +44,11 @@ interface StoredProps {
 }
 
 /** What can be done with any robot and any set. Deletion is asked first; while others refer to it the service refuses. */
-export function StoredActions({ of: { id, name, archived }, api, list, changed }: StoredProps) {
+export function StoredActions({ of: { id, name }, api, list, changed }: StoredProps) {
   const words = text.changes;
   const action = useAction(async (asked: Change) => {
     await api.change(id, asked);
     namesChanged();
-    if (asked.archived !== undefined) toast(asked.archived ? words.archivedNow(name) : words.back(name));
     changed();
   });
   const deletion = useDeletion({
@@ -87,9 +67,6 @@ export function StoredActions({ of: { id, name, archived }, api, list, changed }
     <>
       <Button acts look="quiet" disabled={action.busy} onClick={rename}>
         {words.rename}
-      </Button>
-      <Button acts look="quiet" disabled={action.busy} onClick={() => action.run({ archived: !archived })}>
-        {archived ? words.unarchive : words.archive}
       </Button>
       <Button acts look="quiet" disabled={deletion.busy} onClick={remove}>
         {text.run.delete}
@@ -267,7 +244,7 @@ function Item({ row }: { row: Row }) {
       {row.figures}
       {row.at !== undefined && (
         <span class="when">
-          {row.at === null ? text.fleet.never : <When time={row.at} />}
+          {row.at === null ? text.never : <When time={row.at} />}
           {row.since && <small>{row.since}</small>}
         </span>
       )}

@@ -442,14 +442,6 @@ export const en = {
   changes: {
     rename: "Rename",
     newName: "New name",
-    archive: "Archive",
-    unarchive: "Restore from the archive",
-    archived: "archived",
-    archivedNow: (name: string) => `${name} archived`,
-    back: (name: string) => `${name} restored`,
-    showArchived: "Archived",
-    noneArchived: "Nothing archived",
-    archiveHint: "Archived robots and measurement sets are hidden in the lists. Their runs remain.",
   },
   deletion: {
     sure: (name: string) => `Delete ${name}? It can be restored for 30 days.`,
@@ -487,21 +479,8 @@ export const en = {
     delete: (name: string) => `Delete ${name}`,
     restored: "Restored",
   },
-  alarms: {
-    this: "This robot is in alarm:",
-    of: (robot: string) => `${robot} is in alarm:`,
-    since: (day: string) => `since ${day}`,
-    more: (count: number) => `and ${count} more`,
-  },
-  fleet: {
-    title: "Fleet",
-    latest: (joint: string, change: string) => `${joint}, latest campaign: ${change}`,
-    some: "Only the newest 200 robots are shown.",
-    noSerial: "no serial number",
-    never: "not measured",
-    campaigns: (count: number) => (count === 1 ? "1 campaign" : `${count} campaigns`),
-    states: { alarm: "Alarm", acknowledged: "Acknowledged", in_control: "In control", unjudged: "Not judged yet" },
-  },
+  more: (count: number) => `and ${count} more`,
+  never: "not measured",
 };
 
 export type Text = typeof en;

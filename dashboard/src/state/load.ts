@@ -5,7 +5,6 @@ import type {
   Problem,
   MeasurementSet,
   MeasurementSetSummary,
-  OpenAlarm,
   Robot,
   RobotSummary,
   Kinematics,
@@ -118,13 +117,9 @@ export function useCached<Value>(key: string, load: () => Promise<Value>, age = 
 export interface Names {
   robots: RobotSummary[];
   sets: MeasurementSetSummary[];
-  /** What lists leave out; its names still stand on runs. */
-  archived: { robots: RobotSummary[]; sets: MeasurementSetSummary[] };
   /** Of robots of one name with serial number, number of joints and last campaign. */
   robot: (id: string) => string;
   set: (id: string) => string;
-  /** Alarms of the arm that a set is of, that nobody has acknowledged. */
-  alarms: (robot: string, set: string) => OpenAlarm[];
 }
 
 const KEY = "names";
@@ -137,33 +132,19 @@ export function useNames(): Loading<Names> {
 /** A robot or a set was added, deleted, restored, or changed. */
 export const namesChanged = (): void => [KEY, "robot/", "set/"].forEach(forget);
 
-/** Robots and measurement sets. Sets never change but by what is noted of them; alarms of robots come and go. */
+/** Robots and measurement sets. Sets never change but by what is noted of them; of robots the last campaign does. */
 export const storedSet = (id: string): Promise<MeasurementSet> => cached(`set/${id}`, () => api.sets.one(id));
 export const storedRobot = (id: string): Promise<Robot> => cached(`robot/${id}`, () => api.robots.one(id), 2_000);
 
-/** Those of a robot's alarms that are of one arm. */
-export const ofArm = (alarms: OpenAlarm[], serial: string | null | undefined): OpenAlarm[] =>
-  alarms.filter((alarm) => alarm.serial_number === (serial ?? null));
-
 async function loadNames(): Promise<Names> {
-  const away = { archived: "true" };
-  const [robots, sets, oldRobots, oldSets] = await Promise.all([
-    every(api.robots.list, {}, 1000),
-    every(api.sets.list, {}, 1000),
-    every(api.robots.list, away, 1000),
-    every(api.sets.list, away, 1000),
-  ]);
-  const robotNames = robotsToldApart([...robots, ...oldRobots], [...sets, ...oldSets]);
-  const setNames = setsToldApart([...sets, ...oldSets]);
-  const alarms = new Map([...robots, ...oldRobots].map((robot) => [robot.id, robot.alarms]));
-  const serials = new Map([...sets, ...oldSets].map((set) => [set.id, set.serial_number]));
+  const [robots, sets] = await Promise.all([every(api.robots.list, {}, 1000), every(api.sets.list, {}, 1000)]);
+  const robotNames = robotsToldApart(robots, sets);
+  const setNames = setsToldApart(sets);
   return {
     robots,
     sets,
-    archived: { robots: oldRobots, sets: oldSets },
     robot: (id) => robotNames.get(id) ?? id.slice(0, 8),
     set: (id) => setNames.get(id) ?? id.slice(0, 8),
-    alarms: (robot, set) => ofArm(alarms.get(robot) ?? [], serials.get(set)),
   };
 }
 

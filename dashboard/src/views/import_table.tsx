@@ -122,7 +122,7 @@ function ToLookAt({ preview, options, change, places, table }: LookProps) {
           <bdi>{imports.writtenHeader(options, column) || words.columnNumber(column.column)}</bdi>
         </button>
       ))}
-      {columns.length > IN_VIEW && <span class="soft">{text.alarms.more(columns.length - IN_VIEW)}</span>}
+      {columns.length > IN_VIEW && <span class="soft">{text.more(columns.length - IN_VIEW)}</span>}
       {unknown.length > 1 && (
         <Button onClick={() => change(imports.withoutColumns(options, preview, unknown))}>
           {words.leaveUnknown(unknown.length)}

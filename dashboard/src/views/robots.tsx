@@ -1,4 +1,4 @@
-/** Robots and measurement sets: in lists, the fleet at a glance, and each by itself, as it was understood. */
+/** Robots and measurement sets: in lists, and each by itself, as it was understood. */
 import { METADATA } from "../api/types";
 import type {
   DhModel,
@@ -8,7 +8,6 @@ import type {
   MeasurementSetSummary,
   Robot,
   RunSummary,
-  FleetRow,
 } from "../api/types";
 import { alike, DataTable } from "../components/table";
 import { fixed } from "../lib/format";
@@ -28,10 +27,8 @@ import {
   NameLink,
   Show,
   Tabs,
-  Toggle,
   Facts,
   Badge,
-  Title,
   Warnings,
   When,
 } from "../components/basics";
@@ -40,13 +37,12 @@ import { link, useAction } from "../state/action";
 import { MOST_RUNS, runRows } from "./runs";
 import { type RunColumn, RunsTable } from "./run_stiffness";
 import { useState } from "preact/hooks";
-import { AlarmState, FilterBar, type Row, Rows, chosen, useFilter, AlarmNote, StoredActions } from "../components/list";
+import { ChangedJoints, FilterBar, type Row, Rows, chosen, useFilter, StoredActions } from "../components/list";
 import { TextField } from "../components/fields";
 import { factsOf, notedIn, type Typed, typedOf, wasMeasured } from "../lib/campaign";
 import { MetadataForm } from "../components/schema_form";
 import { Preview } from "../components/findings";
 import { Arm } from "../scene/view";
-import { changeText } from "../lib/trend";
 
 const words = later.robots;
 
@@ -126,7 +122,7 @@ export function newestOf(runs: RunSummary[], sets: ReadonlyMap<string, Measured>
 
 async function twinsOf(robot: Robot, names: Names, signal: AbortSignal): Promise<RunColumn[]> {
   const alike = names.robots.filter(({ content_hash: hash }) => hash === robot.content_hash).slice(0, MOST);
-  const sets = new Map([...names.sets, ...names.archived.sets].map((set) => [set.id, set]));
+  const sets = new Map(names.sets.map((set) => [set.id, set]));
   const runs = alike.map(({ id }) => every(api.runs.list, { robot_id: id, state: "succeeded" }, 100, signal));
   const newest = newestOf((await Promise.all(runs)).flat(), sets).slice(0, MOST);
   return Promise.all(
@@ -172,17 +168,15 @@ export function RobotsView({ list }: { list: "robots" | "sets" }) {
   );
 }
 
-/** All robots or all sets; what lists leave out, on demand. */
+/** All robots or all sets. */
 function Stored({ list, names }: { list: "robots" | "sets"; names: Names }) {
   const [filter, change] = useFilter();
-  const [archived, setArchived] = useState(false);
   const [days, setDays] = useState({ from: "", to: "" });
-  const from = archived ? names.archived : names;
   const rows =
     list === "robots"
-      ? from.robots.map((robot) => robotRow(robot, names))
-      : from.sets.filter((set) => wasMeasured(set, days)).map((set) => setRow(set, names));
-  if (names[list].length + names.archived[list].length === 0) return list === "robots" ? <NoRobots /> : <NoSets />;
+      ? names.robots.map((robot) => robotRow(robot, names))
+      : names.sets.filter((set) => wasMeasured(set, days)).map((set) => setRow(set, names));
+  if (names[list].length === 0) return list === "robots" ? <NoRobots /> : <NoSets />;
   const found = chosen(rows, filter);
   const day = (end: "from" | "to") => (
     <TextField
@@ -197,26 +191,17 @@ function Stored({ list, names }: { list: "robots" | "sets"; names: Names }) {
       <FilterBar filter={filter} change={change} names={list === "sets" ? names : null}>
         {list === "sets" && day("from")}
         {list === "sets" && day("to")}
-        {(names.archived[list].length > 0 || archived) && (
-          <Toggle label={text.changes.showArchived} checked={archived} change={setArchived} />
-        )}
       </FilterBar>
       <p class="soft" role="status">
         {text.list.count(found.length, rows.length)}
       </p>
-      {found.length > 0 ? (
-        <Rows rows={found} />
-      ) : archived && from[list].length === 0 ? (
-        <Empty title={text.changes.noneArchived} hint={text.changes.archiveHint} />
-      ) : (
-        <Empty title={text.list.noMatch} hint={text.list.noMatchHint} />
-      )}
+      {found.length > 0 ? <Rows rows={found} /> : <Empty title={text.list.noMatch} hint={text.list.noMatchHint} />}
     </section>
   );
 }
 
 function robotRow(robot: Names["robots"][number], names: Names): Row {
-  const sets = [...names.sets, ...names.archived.sets].filter((set) => set.robot_id === robot.id);
+  const sets = names.sets.filter((set) => set.robot_id === robot.id);
   const toldApart = names.robot(robot.id).slice(robot.name.length + " · ".length); // where another has its name
   const joints = toldApart || text.lists.jointCount(robot.joints.length);
   return {
@@ -225,8 +210,13 @@ function robotRow(robot: Names["robots"][number], names: Names): Row {
     name: robot.name,
     note: <Name>{joints + (robot.nominal_arm ? `, ${words.nominal}` : "")}</Name>,
     how: `${words.sets}: ${sets.length}`,
-    at: robot.created_at,
-    standing: robot.alarms.length > 0 && <AlarmState alarms={robot.alarms} />,
+    at: robot.last_campaign?.at ?? null,
+    standing: (
+      <>
+        {robot.last_campaign && <Badge verdict={robot.last_campaign.verdict} />}
+        <ChangedJoints of={robot.last_campaign} />
+      </>
+    ),
     words: sets.map(({ serial_number: serial }) => serial),
   };
 }
@@ -271,7 +261,7 @@ function useRunsOf(filter: { robot_id?: string; measurement_set_id?: string }) {
 }
 
 /** Robots, their sets and their geometries: three lists of one section. */
-export function RobotTabs({ current }: { current: "robots" | "sets" | "geometries" | "fleet" }) {
+export function RobotTabs({ current }: { current: "robots" | "sets" | "geometries" }) {
   return (
     <Tabs
       label={words.tabs}
@@ -280,7 +270,6 @@ export function RobotTabs({ current }: { current: "robots" | "sets" | "geometrie
         { id: "robots", label: text.app.robots, href: "#/robots" },
         { id: "sets", label: words.sets, href: "#/sets" },
         { id: "geometries", label: later.geometry.title, href: "#/geometries" },
-        { id: "fleet", label: text.fleet.title, href: "#/fleet" },
       ]}
     />
   );
@@ -311,7 +300,6 @@ function RobotPage({ robot, changed }: { robot: Robot; changed: () => void }) {
           <>
             <span>{text.lists.jointCount(robot.joints.length)}</span>
             {names && <span>{words.setCount(sets.length)}</span>}
-            {robot.archived && <span>{text.changes.archived}</span>}
           </>
         }
         first={
@@ -325,7 +313,11 @@ function RobotPage({ robot, changed }: { robot: Robot; changed: () => void }) {
         <LinkButton href={link(["compare", "trend", robot.id])}>{words.trend}</LinkButton>
         <StoredActions of={robot} api={api.robots} list="#/robots" changed={changed} />
       </Head>
-      <AlarmNote robot={robot.id} alarms={names?.robots.find(({ id }) => id === robot.id)?.alarms ?? robot.alarms} />
+      {robot.last_campaign && robot.last_campaign.changed.length > 0 && (
+        <p class="note bad">
+          <ChangedJoints of={robot.last_campaign} /> <a href={link(["compare", "trend", robot.id])}>{words.trend}</a>
+        </p>
+      )}
       <div class="flow">
         <section class="card">
           <Arm source={{ robot_id: robot.id }} start={null} />
@@ -387,53 +379,6 @@ function Kinematics({ robot }: { robot: Robot }) {
   );
 }
 
-const fleetWords = text.fleet;
-
-export function FleetView() {
-  const fleet = useLoad((signal) => api.fleet(signal), []);
-  return (
-    <>
-      <Title plain={fleetWords.title}>{fleetWords.title}</Title>
-      <RobotTabs current="fleet" />
-      <Show of={fleet} instead={({ items }) => items.length === 0 && <NoRobots />}>
-        {({ items, is_whole: whole }) => (
-          <>
-            {!whole && <p class="note">{fleetWords.some}</p>}
-            <div class="fleet">
-              <Rows rows={items.map(rowOf)} />
-            </div>
-          </>
-        )}
-      </Show>
-    </>
-  );
-}
-
-export function rowOf(row: FleetRow): Row {
-  const query = row.serial_number === null ? {} : { serial: row.serial_number };
-  const note = row.alarm ?? (row.change && row.missing);
-  return {
-    id: `${row.robot_id}/${row.serial_number}`,
-    href: link(["compare", "trend", row.robot_id], query),
-    name: row.name,
-    note: row.serial_number === null ? fleetWords.noSerial : <Name>{row.serial_number}</Name>,
-    how: (
-      <>
-        {row.joint && row.change ? fleetWords.latest(row.joint, changeText(row.change)) : row.missing?.split(/[:;]/, 1)}
-        {note && <small>{note}</small>}
-      </>
-    ),
-    at: row.measured_at,
-    since: fleetWords.campaigns(row.campaigns),
-    standing: (
-      <>
-        <span class={`state ${row.state}`}>{fleetWords.states[row.state]}</span>
-        {row.verdict && <Badge verdict={row.verdict} />}
-      </>
-    ),
-  };
-}
-
 export function SetView({ id }: { id: string }) {
   const loaded = useLoad(() => storedSet(id), [id]);
   return (
@@ -457,7 +402,6 @@ function SetPage({ set, changed }: { set: MeasurementSet; changed: () => void })
             <NameLink to={["robots", set.robot_id]}>{names?.robot(set.robot_id) ?? "…"}</NameLink>
             <span>{text.sets.observations(set.observations.length)}</span>
             <When time={set.measured_at ?? set.created_at} />
-            {set.archived && <span>{text.changes.archived}</span>}
           </>
         }
         first={

@@ -2,12 +2,10 @@
 import type { ComponentType, VNode } from "preact";
 import { api } from "../api/client";
 import type { Run } from "../api/types";
-import { AlarmNote } from "../components/list";
 import { NameLink, ActionButton, LinkButton, Tabs, lazy } from "../components/basics";
 import { JobPage, variantBy } from "../components/job_page";
 import { freshKey } from "../lib/json";
 import { useAction, link } from "../state/action";
-import { ofArm } from "../state/load";
 import { text } from "../i18n";
 import { howOf, JobList } from "./runs";
 import { type PartProps, type RunContext, contextOf, elasticityOf } from "./run_context";
@@ -83,7 +81,7 @@ function Repeat({ run }: { run: Run }) {
 }
 
 function Parts({ context, part, query }: { context: RunContext; part: string; query: URLSearchParams }) {
-  const { run, robot, set } = context;
+  const { run } = context;
   const { result } = run;
   if (!result) return null;
   const tabs = (Object.keys(VIEWS) as (keyof typeof VIEWS)[]).map((id) => ({
@@ -94,7 +92,6 @@ function Parts({ context, part, query }: { context: RunContext; part: string; qu
   const View = VIEWS[tabs.find(({ id }) => id === part)?.id ?? "result"];
   return (
     <>
-      <AlarmNote robot={robot.id} alarms={ofArm(robot.alarms, set.serial_number)} />
       <Tabs label={text.run.tabs} tabs={tabs} current={part} />
       <View context={context} result={result} query={query} />
     </>

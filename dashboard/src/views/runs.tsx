@@ -3,7 +3,7 @@ import type { ComponentChildren } from "preact";
 import { useEffect, useRef, useState, useCallback } from "preact/hooks";
 import { api, problemOf, type Collection, follow, goesOn, type Standing } from "../api/client";
 import type { Page, Problem, RunRequest, RunState, RunSummary, Usability } from "../api/types";
-import { AlarmState, chosen, type Filter, FilterBar, type Row, Rows, unusual, useFilter } from "../components/list";
+import { chosen, type Filter, FilterBar, type Row, Rows, unusual, useFilter } from "../components/list";
 import {
   Badge,
   Busy,
@@ -61,7 +61,6 @@ interface Listed {
 /** A job as a row. */
 function rowOf<Of extends Collection>(collection: Of, item: Summary<Of>, names: Names | null, live = true): Row {
   const job = item as Listed;
-  const set = (item as Partial<RunSummary>).measurement_set_id;
   const robot = job.robot_id === null ? "" : (names?.robot(job.robot_id) ?? "…");
   const about: About = ABOUT[collection](item, names);
   return {
@@ -73,7 +72,6 @@ function rowOf<Of extends Collection>(collection: Of, item: Summary<Of>, names: 
     standing: (
       <>
         <JobStanding job={job} live={live} />
-        {job.robot_id && set && <AlarmState alarms={names?.alarms(job.robot_id, set) ?? []} />}
       </>
     ),
     robot: job.robot_id,

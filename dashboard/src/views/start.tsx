@@ -24,7 +24,7 @@ import { type Opened, handed, keepFiles, keptBefore, keptFiles, open } from "../
 import { text } from "../i18n";
 import { later } from "../i18n/later";
 import { FileDrop, GoBar, Refused, Step, Advanced, useRunForm } from "./flow";
-import { AlarmNote, Rows } from "../components/list";
+import { Rows } from "../components/list";
 import { ImportFlow } from "./import_flow";
 import { OpenCampaigns, TrySimulated } from "./measure";
 import { latestRows } from "./runs";
@@ -143,7 +143,7 @@ async function store(campaign: Campaign, robot: string): Promise<MeasurementSet>
 /** The set with another noise, stored as a set of its own. */
 async function withNoise(set: MeasurementSet, noise: StatedNoise): Promise<MeasurementSet> {
   const name = `${set.name} (${text.assessment.noiseStated})`;
-  const { id, warnings, archived, content_hash, created_at, resolved_frame, ...posted } = set;
+  const { id, warnings, content_hash, created_at, resolved_frame, ...posted } = set;
   const document = { ...posted, name, noise: noiseOf(noise, set.noise, set.units) };
   const added = await api.sets.add(document, contentKey("set", document));
   namesChanged();
@@ -168,7 +168,6 @@ export function StartView({ query }: { query: URLSearchParams }) {
     setCount((before) => before + 1);
   };
   const robot = query.get("robot") ?? "";
-  const names = valueOf(useNames());
   return (
     <>
       <Head
@@ -182,9 +181,6 @@ export function StartView({ query }: { query: URLSearchParams }) {
         }
       />
       <OpenCampaigns />
-      {names?.robots.map(({ id, alarms }) => (
-        <AlarmNote key={id} robot={id} name={names.robot(id)} alarms={alarms} />
-      ))}
       {opened?.kind === "tables" ? (
         <ImportFlow key={count} opened={opened} robot={robot} take={(...files) => void take(...files)} />
       ) : (
@@ -205,8 +201,8 @@ async function example(): Promise<File> {
 }
 
 function Recent({ example }: { example: () => Promise<void> }) {
-  const recent = useLoad((signal) => api.runs.list({ limit: 50 }, signal), []);
   const names = valueOf(useNames());
+  const recent = useLoad((signal) => api.runs.list({ limit: 50 }, signal), []);
   return (
     <Show
       of={recent}

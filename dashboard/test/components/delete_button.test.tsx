@@ -19,7 +19,7 @@ describe("deletion of a robot or a set", () => {
   const asked = (remove: () => Promise<unknown>) =>
     drawn(
       <StoredActions
-        of={{ id: "r", name: "KR 240", archived: false }}
+        of={{ id: "r", name: "KR 240" }}
         api={{ change: remove, delete: remove, restore: async () => {} }}
         list="#/robots"
         changed={() => {}}

@@ -1,36 +1,30 @@
-"""Trends: what campaigns share, and whose alarm is acknowledged."""
+"""Trends: what campaigns share, and which joint changed."""
 
-import json
+from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 
 import numpy as np
 import pytest
+from support.in_process import Client
 
 from jointstiff.schemas.run import JointResult
-from jointstiff.schemas.trend import TrendSelection
-from jointstiff.service.kinds.trend import Campaign, ReadRun, acknowledgements_of, note_of
-from jointstiff.service.kinds.trend import trend_of as charts_of
+from jointstiff.service.kinds.trend import Campaign, ReadRun, trend_of
+from jointstiff.service.store.store import Store
 from jointstiff.service.store.tables import MeasurementSetEntry
+from jointstiff.simulator import default_arm, simulate_campaign
+from jointstiff.simulator.document import robot_document
 
 
-def limit_among(measured):
-    (joint,) = charts_of(["joint_1"], measured)["joints"]
-    return np.log(joint.points[-1].upper_limit / joint.charts[0].stiffness)
+def uncertainty_among(measured):
+    (joint,) = trend_of(["joint_1"], measured)["joints"]
+    return joint.change.standard_uncertainty
 
 
-def limit_of(instruments, **source):
-    return limit_among(list(campaigns(instruments, **source)))
+def uncertainty_of(instruments, **source):
+    return uncertainty_among(list(campaigns(instruments, **source)))
 
 
 START = datetime(2026, 1, 1, tzinfo=UTC)
-SELECTION = TrendSelection(
-    serial_number="A",
-    method="partial_pose",
-    weighting="covariance",
-    positive=True,
-    encoders="motor",
-    complementary_stiffness="neglected",
-)
 
 
 def campaigns(instruments, source="force_scale"):
@@ -58,26 +52,46 @@ def campaigns(instruments, source="force_scale"):
         yield Campaign(str(number), at, run, entry)
 
 
-def test_an_acknowledgement_is_of_one_methods_trend():
-    document = {
-        "measurement_set_id": "s",
-        "joint": "joint_1",
-        "note": "seen",
-        "selection": SELECTION.model_dump(),
-    }
-    notes = [note_of("r", "acknowledgement", document, None, START)]
-    assert json.loads(notes[0].document) == document
-    assert acknowledgements_of(notes, SELECTION)["s", "joint_1"].note == "seen"
-    for change in ({"method": "complete_pose"}, {"positive": False}, {"encoders": "secondary"}):
-        assert acknowledgements_of(notes, SELECTION.model_copy(update=change)) == {}
+def test_a_joint_that_softens_is_said_to_have_changed_and_the_others_are_not():
+    """By 15 %, of readings that know each joint to 1 %: in the trend, and in the robot's row."""
+    arm = default_arm()
+    with Store.open("sqlite://") as store:
+        client = Client(store)
+        robot = client.request("POST", "/v1/robots", json=robot_document(arm)).json()["id"]
+        assert client.get(f"/v1/robots/{robot}").json()["last_campaign"] is None
+        for month, softness in enumerate([1.0, 1.0, 0.85], start=1):
+            worn = replace(arm, stiffnesses=arm.stiffnesses * np.array([1.0, 1.0, softness, 1.0, 1.0, 1.0]))
+            readings = simulate_campaign(worn, load="pull", configurations=16, seed=month)["measurement_set"]
+            stated = {
+                "robot_id": robot,
+                "measured_at": f"2026-{month:02d}-10T08:00:00Z",
+                "serial_number": "W-1",
+            }
+            made = client.request("POST", "/v1/measurement-sets", json=readings | stated).json()["id"]
+            run = client.request("POST", "/v1/runs", json={"measurement_set_id": made}).json()["id"]
+        trend = client.get(f"/v1/robots/{robot}/trend").json()
+        listed = client.get("/v1/robots").json()["items"][0]["last_campaign"]
+    assert [joint["name"] for joint in trend["joints"] if joint["changed"]] == ["joint_3"]
+    change = trend["joints"][2]["change"]
+    assert abs(change["relative"] + 0.15) < 3.0 * change["standard_uncertainty"] < 0.12
+    assert [len(joint["points"]) for joint in trend["joints"]] == [3] * 6
+    assert (listed["run_id"], listed["serial_number"], listed["verdict"]) == (run, "W-1", "use")
+    assert listed["changed"] == [{"joint": "joint_3", "change": change}]
+
+
+def test_one_campaign_is_compared_with_nothing():
+    trend = trend_of(["joint_1"], list(campaigns(["cell 7"])))
+    assert trend["joints"][0].change is None
+    assert not trend["joints"][0].changed
+    assert "nothing to compare" in trend["note"]
 
 
 @pytest.mark.parametrize("source", ["load_point", "force_scale"])
 def test_what_is_assumed_is_that_of_one_hook_and_one_load_cell(source):
     """Nothing was stated, so no campaign says that it is another than in the others."""
-    assumed = limit_of(["cell 7"] * 4 + ["cell 8"], source=f"assumed_{source}")
-    assert assumed == pytest.approx(limit_of(["cell 7"] * 5))
+    assumed = uncertainty_of(["cell 7"] * 4 + ["cell 8"], source=f"assumed_{source}")
+    assert assumed == pytest.approx(uncertainty_of(["cell 7"] * 5))
     *others, last = campaigns(["cell 7"] * 5, source=f"assumed_{source}")
     *_, stated = campaigns(["cell 7"] * 4 + ["cell 8"], source=source)
     assert last.joints["joint_1"].compliance == stated.joints["joint_1"].compliance
-    assert limit_among([*others, stated]) > 2.0 * assumed  # it has one of its own
+    assert uncertainty_among([*others, stated]) > 2.0 * assumed  # it has one of its own

@@ -528,7 +528,7 @@ def test_a_result_of_any_door_writes_the_same_files(door, sources, tmp_path):
     for each in (run, js.identify(DOCUMENT)):
         area = door.map(each, area=AREA, grid=(2, 2, 1), place=(0, 0, 0.25), force=FORCE)
         milled = door.compensate(each, EXAMPLES / "pocket.src", accuracy_option="off", force=FORCE)
-        each.save(tmp_path / "arm.urdf")
+        each.save(tmp_path / "arm.mjcf")
         area.save(tmp_path / "map.csv")
         milled.save(tmp_path / "out.src")
         points = milled.to_frame()

@@ -1,6 +1,5 @@
-"""Live campaigns: exact springs read posture by posture, mistakes named at the reading, priors of a fleet."""
+"""Live campaigns: exact springs read posture by posture, mistakes named at the reading, priors."""
 
-import copy
 from collections.abc import Iterator
 from dataclasses import replace
 from types import SimpleNamespace
@@ -12,14 +11,12 @@ from fastapi.testclient import TestClient
 from support.api import post
 from support.live import observation
 
-from jointstiff.schemas.run import JointResult
+from jointstiff.schemas.options import StiffnessPrior
 from jointstiff.service.app import create_app
-from jointstiff.service.kinds.trend import Trends
 from jointstiff.service.live.campaign import LiveCampaign
-from jointstiff.service.live.fleet import priors_of, standings
+from jointstiff.service.live.priors import standings
 from jointstiff.service.store.store import Store
-from jointstiff.simulator import LOAD_POINT, TARGETS, default_arm, robot_document, simulate_campaign
-from jointstiff.solver.errors import RequestError
+from jointstiff.simulator import LOAD_POINT, TARGETS, default_arm, robot_document
 from jointstiff.solver.live.ahead import Known
 
 ARM, SIGMA = default_arm(), 2e-5
@@ -142,20 +139,19 @@ def arm(*factors):
     return replace(ARM, stiffnesses=ARM.stiffnesses * np.array(factors))
 
 
+PRIORS = {
+    f"joint_{j}": {"stiffness": k, "standard_uncertainty": 0.06 * k}
+    for j, k in enumerate(ARM.stiffnesses, start=1)
+}
+"""What is known of arms of this kind: their stiffnesses, which differ by some percent."""
+
+
 @pytest.fixture(scope="module")
-def fleet():
-    """A service with four sisters, each measured and identified, whose joints differ by some percent."""
-    random = np.random.default_rng(4)
+def client():
     with (
         Store.open("sqlite://") as store,
         TestClient(create_app(store), base_url="http://127.0.0.1") as client,
     ):
-        for number in range(4):
-            sister = arm(*np.exp(0.05 * random.standard_normal(6)))
-            campaign = simulate_campaign(sister, configurations=20, load="pull", sigma=5e-6, seed=number)
-            robot = posted(client, "robots", campaign["robot"] | {"name": f"sister {number}"})
-            body = campaign["measurement_set"] | {"robot_id": robot, "noise": EXACT | {"sigma": 5e-6}}
-            posted(client, "runs", {"measurement_set_id": posted(client, "measurement-sets", body)})
         yield client
 
 
@@ -163,10 +159,12 @@ def posted(client, collection, body):
     return post(client, f"/v1/{collection}", body)["id"]
 
 
-def measured_to_goal(client, own, prior):
+def measured_to_goal(client, own, priors):
     """The last state of an arm that is measured live, and its run."""
-    robot = posted(client, "robots", robot_document(own) | {"name": f"own {prior} {own.stiffnesses[2]:.0f}"})
-    options = OPEN | {"load": {"kind": "any_direction", "force": 600.0}, "prior": prior}
+    robot = posted(
+        client, "robots", robot_document(own) | {"name": f"own {len(priors)} {own.stiffnesses[2]:.0f}"}
+    )
+    options = OPEN | {"load": {"kind": "any_direction", "force": 600.0}, "priors": priors}
     body = described(robot, options, noise=EXACT, load_point=list(LOAD_POINT))
     address = f"/v1/measurement-sets/{posted(client, 'measurement-sets', body)}"
     state = client.get(f"{address}/next").json()
@@ -179,10 +177,10 @@ def measured_to_goal(client, own, prior):
 
 
 @pytest.mark.slow
-def test_an_arm_like_its_sisters_is_measured_sooner(fleet):
+def test_an_arm_like_its_priors_is_measured_sooner(client):
     own = arm(1.02, 0.97, 1.03, 0.96, 1.01, 0.98)
-    alone, plain, _ = measured_to_goal(fleet, own, None)
-    state, run, notes = measured_to_goal(fleet, own, "fleet")
+    alone, plain, _ = measured_to_goal(client, own, {})
+    state, run, notes = measured_to_goal(client, own, PRIORS)
     assert alone["state"] == state["state"] == "reached"
     assert len(state["readings"]) < len(alone["readings"])
     counting = [joint["name"] for joint in state["joints"] if joint["prior"] == "counts"]
@@ -194,9 +192,9 @@ def test_an_arm_like_its_sisters_is_measured_sooner(fleet):
         assert 0.98 * low <= stiffness <= 1.02 * high
 
 
-def test_a_joint_that_deviates_is_found_and_not_pulled_to_the_mean(fleet):
+def test_a_joint_that_deviates_is_found_and_not_pulled_to_its_prior(client):
     own = arm(1.0, 1.0, 0.6, 1.0, 1.0, 1.0)
-    state, run, notes = measured_to_goal(fleet, own, "fleet")
+    state, run, notes = measured_to_goal(client, own, PRIORS)
     joint = state["joints"][2]
     assert (joint["name"], joint["prior"]) == ("joint_3", "deviates")
     assert abs(joint["stiffness"] / own.stiffnesses[2] - 1.0) < 0.08
@@ -204,72 +202,13 @@ def test_a_joint_that_deviates_is_found_and_not_pulled_to_the_mean(fleet):
     assert "disagree with it: joint_3" in notes
 
 
-def test_only_independent_runs_of_other_arms_are_sisters():
-    """No run with priors, none that is not to be used, and none that may be of the arm itself."""
-    campaign = simulate_campaign(ARM, configurations=12, load="pull", sigma=5e-6, seed=1)
-    random = np.random.default_rng(3)
-    with (
-        Store.open("sqlite://") as store,
-        TestClient(create_app(store), base_url="http://127.0.0.1") as client,
-    ):
-
-        def run(robot, *, spoilt=False, number=None, **options):
-            body = campaign["measurement_set"] | {"robot_id": robot, "noise": EXACT | {"sigma": 5e-6}}
-            observations = copy.deepcopy(body["observations"])
-            for reading in (each for one in observations for each in one["readings"]):
-                error = 2e-3 * random.standard_normal(3) if spoilt else np.zeros(3)
-                reading["loaded"] = (np.array(reading["loaded"]) + error).tolist()
-            body |= {"observations": observations, "serial_number": number}
-            made = posted(
-                client, "runs", {"measurement_set_id": posted(client, "measurement-sets", body)} | options
-            )
-            return client.get(f"/v1/runs/{made}").json()["result"]
-
-        own, second, third, fourth = (
-            posted(client, "robots", campaign["robot"] | {"name": name})
-            for name in ("own", "second", "third", "fourth")
-        )
-        stiffness = run(own)["joints"][1]["stiffness"]
-        run(own, number="SN-1")
-        prior = {"stiffness": 2 * stiffness, "standard_uncertainty": 1e-3 * stiffness}
-        run(second, priors={"joint_2": prior})
-        assert run(third, spoilt=True)["assessment"]["verdict"] == "do_not_use"
-        run(fourth, number="SN-1")
-        trends = Trends(store)
-        assert trends.sisters(own, "SN-1", "motor") == []
-        assert len(trends.sisters(own, "SN-2", "motor")) == 2
-        (sister,) = trends.sisters(own, None, "motor")
-        assert sister["joint_2"].stiffness == pytest.approx(stiffness)
-
-
-def results(*compliances):
-    return [
-        {
-            "joint_1": JointResult.model_construct(name="joint_1", compliance=compliance),
-            "joint_2": JointResult.model_construct(name="joint_2", compliance=None),
-        }
-        for compliance in compliances
-    ]
-
-
-def test_a_prior_is_one_more_of_the_population():
-    """By arithmetic: mean 1e-6, scatter 1e-7, times √(4/3) and Student's 4.303 over 1.96."""
-    priors = priors_of(results(0.9e-6, 1.0e-6, 1.1e-6))
-    assert list(priors) == ["joint_1"]
-    assert priors["joint_1"].stiffness == pytest.approx(1e6)
-    assert priors["joint_1"].standard_uncertainty == pytest.approx(
-        1e5 * np.sqrt(4 / 3) * 4.3027 / 1.96, rel=1e-3
-    )
-    with pytest.raises(RequestError, match="fewer than 3"):
-        priors_of(results(0.9e-6, 1.0e-6))
-
-
 @pytest.mark.parametrize(
     ("compliance", "uncertainty", "standing"),
     [(1.0, 0.3, "waits"), (1.1, 0.1, "counts"), (1.6, 0.1, "deviates"), (np.nan, 0.0, "waits")],
 )
 def test_a_prior_waits_until_the_own_readings_know_as_much(compliance, uncertainty, standing):
-    priors = priors_of(results(0.9e-6, 1.0e-6, 1.1e-6))
+    u = 1e-7 * np.sqrt(4.0 / 3.0) * 4.303 / 1.96  # of the compliance 1e-6, as three other arms tell
+    priors = {"joint_1": StiffnessPrior(stiffness=1e6, standard_uncertainty=1e12 * u)}
     known = Known(np.array([1e-6 * compliance]), np.array([[(1e-6 * uncertainty) ** 2]]), 2.0)
     assert standings(["joint_1"], known, priors) == {"joint_1": standing}
 

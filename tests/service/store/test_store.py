@@ -18,7 +18,6 @@ from jointstiff.service.problems import (
     CursorError,
     IdempotencyConflictError,
     NotFoundError,
-    QuotaError,
     StoreError,
 )
 from jointstiff.service.store import access as access_module
@@ -30,7 +29,6 @@ from jointstiff.service.store.tables import (
     MeasurementSetRecord,
     RobotRecord,
     SessionRecord,
-    TrendNote,
     job_steps,
 )
 from jointstiff.service.workers.worker import Recovery, carry_out_next
@@ -274,30 +272,13 @@ def test_no_method_changes_or_removes_an_entry(store):
     assert {name for name in dir(store.audit) if not name.startswith("_")} == {"add", "of", "page"}
 
 
-NOTE = TrendNote("robot", "baseline", NOW, "0123456789", "tablet", "{}")
-
-
-def test_notes_come_back_oldest_first_and_by_robot(store):
-    unsigned = replace(NOTE, kind="acknowledgement", key_id=None, key_name=None, document='{"note": "µ"}')
-    for note in (NOTE, replace(NOTE, robot_id="other"), unsigned):
-        store.trend_notes.add(note)
-    assert store.trend_notes.of(robot_id="robot") == [NOTE, unsigned]
-    assert store.trend_notes.of(robot_id="nobody") == []
-    assert store.trend_notes.of(robot_id="a\x00b") == []
-
-
-def test_a_full_database_takes_no_note():
-    with Store.open("sqlite://", most_bytes=1) as store, pytest.raises(QuotaError):
-        store.trend_notes.add(NOTE)
-
-
 def test_a_size_is_asked_again_after_a_second(monkeypatch):
     """Also where the clock begins."""
     now = [0.0]
     monkeypatch.setattr(database, "time", SimpleNamespace(monotonic=lambda: now[0]))
     with Store.open("sqlite://") as store:
         empty = store.quota.used()
-        store.trend_notes.add(replace(NOTE, document="x" * 100_000))
+        store.robots.add(robot(document="x" * 100_000))
         now[0] = 0.99
         assert store.quota.used() == empty > 0
         now[0] = 1.0

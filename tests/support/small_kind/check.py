@@ -36,9 +36,7 @@ with Store.open("sqlite://") as store:
         found["csv"] = http.get(f"{files}/counts.csv").text
         found["report"] = "Count of readings" in http.get(f"{files}/report.html").text
         found["index"] = "/v1/smalls" in http.get("/v1").text
-        found["filters"] = [
-            each["name"] for each in service.openapi()["paths"]["/v1/smalls"]["get"]["parameters"]
-        ]
+        found["filters"] = service.query_parameters("/v1/smalls", "get")
         found["deleted"] = http.delete(f"/v1/jobs/{posted.id}").status_code
 
 help_text = CliRunner().invoke(app, ["count", "--help"], env={"COLUMNS": "100"}).output
