@@ -247,7 +247,6 @@ class DeflectionResult(FromRun):
     model_error_postures: int = Field(
         description="Number of postures that the bound of the model error is based on."
     )
-    postures_needed: int = Field(description="Number of postures that this confidence level needs.")
     remarks: list[str] = Field(description="Remarks that apply to all cases: own weight, K_c in the fit.")
     cases: list[CaseResult]
 

@@ -297,7 +297,10 @@ class ResultSummary(VerdictSummary):
 
 
 def combined(assessments: Sequence[Assessment]) -> Assessment:
-    """Return the worst verdict with all reasons, most severe first; of the same kind and place, the first."""
+    """Return the worst verdict with all reasons, most severe first; of the same kind and place, the first.
+
+    Notes stay with the run that they are of, and are not repeated on what is made of it.
+    """
     reasons: dict[tuple[str, str | None], Finding] = {}
     for reason in (reason for assessment in assessments for reason in assessment.reasons):
         reasons.setdefault((reason.code, reason.where), reason)
@@ -312,7 +315,6 @@ def combined(assessments: Sequence[Assessment]) -> Assessment:
         joint_count=count,
         verdict=max((each.verdict for each in assessments), key=_ORDER.index, default="use"),
         reasons=sorted(reasons.values(), key=lambda reason: -_ORDER.index(reason.weight)),
-        notes=list(dict.fromkeys(note for assessment in assessments for note in assessment.notes)),
     )
 
 

@@ -191,16 +191,8 @@ def _two_sides(
             )
         )
     verdicts = {name: found.assessment for name, _, found in by if found is not None}
-    common = set.intersection(*(set(each.notes) for each in verdicts.values()))
     assessments = [
-        each.model_copy(
-            update={
-                "reasons": [_placed(reason, name) for reason in each.reasons],
-                "notes": [
-                    note if note in common else f"{name.capitalize()} side: {note}" for note in each.notes
-                ],
-            }
-        )
+        each.model_copy(update={"reasons": [_placed(reason, name) for reason in each.reasons]})
         for name, each in verdicts.items()
     ]
     own = [pair.unit_mistake] if pair.unit_mistake else [] if pair.avoided.matching else [_NOTHING_COMMON]

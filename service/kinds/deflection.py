@@ -41,7 +41,7 @@ from jointstiff.solver.errors import RequestError
 from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.predict.answers import case_results
 from jointstiff.solver.predict.forward import LoadCases
-from jointstiff.solver.predict.models import EXTRAPOLATED, ModelError
+from jointstiff.solver.predict.models import EXTRAPOLATED
 
 MAX_CASE_WORK: Final = 150_000
 """Load cases times joints squared in a request. Each end of an interval takes a matrix of the joints."""
@@ -101,7 +101,6 @@ def predict_by_run(robot: Robot, run: Run, request: DeflectionOptions) -> Deflec
         assessment=judged("prediction", _reasons(answers, cases, used.result), used.result.assessment),
         confidence=confidence,
         model_error_postures=used.postures,
-        postures_needed=ModelError.needed(confidence),
         remarks=used.remarks(confidence),
         cases=answers,
     )

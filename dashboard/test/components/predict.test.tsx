@@ -36,7 +36,6 @@ const facts = async (changes: Partial<typeof predicted>) => {
     confidence: 0.95,
     joint_kinds: {},
     model_error_postures: 19,
-    postures_needed: 19,
     remarks: [],
     cases: [{ ...predicted, ...changes }],
   };
