@@ -98,7 +98,10 @@ def read_workbook(file: str, content: bytes, sheet: str | None) -> Grid:
     sheets = {name: _Sheet(archive, part, texts, kinds) for name, part in parts.items()}
     name = _only_filled(file, sheets) if sheet is None else sheet
     if name not in sheets:
-        reason, remedy = f"there is no sheet {shown(name)}", f"use one of {shown(', '.join(sheets))}"
+        reason, remedy = (
+            f"there is no sheet {shown(name)}",
+            f"give one of {shown(', '.join(sheets))} as `sheet`",
+        )
         raise ImportFileError(Place(file), reason, remedy, "sheet", tuple(sheets))
     rows: list[Row] = []
     comments: list[Remark] = []

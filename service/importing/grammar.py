@@ -434,5 +434,7 @@ def _in_unit_of(header: str, stated: str, meaning: Meaning) -> Meaning:
         checked_unit(header, tail, meaning.kind)  # which refuses it
     elif ours[0] != dimension or meaning.unit not in (None, ours[1]):
         reason = f"{shown(header)} is in {spoken(ours[1])}, but {shown(stated)} by `columns`"
-        raise ImportFileError(NOWHERE, reason, "correct one of them; a unit is never converted silently")
+        raise ImportFileError(
+            NOWHERE, reason, "correct the header or `columns`; a unit is never converted silently"
+        )
     return replace(meaning, unit=ours and ours[1], guessed=bracketed is None)

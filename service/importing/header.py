@@ -374,9 +374,8 @@ class ColumnReader:
                 parts = [(other.quantity, other.axis) for other in meanings]
                 if meaning.kind not in _MAY_REPEAT and (meaning.quantity, meaning.axis) in parts:
                     reason = f"{shown(header)} is a second column for {meaning}"
-                    raise ImportFileError(
-                        self._heading.place(column), reason, "correct or ignore one of them"
-                    )
+                    remedy = "correct one of them, or skip it with `ignore`"
+                    raise ImportFileError(self._heading.place(column), reason, remedy)
             meanings.append(meaning)
         self._report(unclear.found)
         return meanings
@@ -440,7 +439,8 @@ class ColumnReader:
                 quantity.kind, 3
             )
             absent = [axis for axis in range(count) if axis not in axes]
-            texts = [self._headers[column] for column in axes.values()]
+            headers = [self._headers[column] for column in axes.values()]
+            texts = [text for text in headers if grammar.collapsed(text) not in self._words.stated]
             letters = {axis[0].isupper() for text in texts if (axis := _AXIS.search(text))}
             if quantity.kind in POINTS and len(letters) > 1:  # one of them may be of another quantity
                 reason = f"{' and '.join(map(shown, texts))} are not spelt alike"
@@ -470,7 +470,7 @@ class ColumnReader:
             self._notes.append("the weight of a mass, 9.80665 N a kilogram, pulls along −z of R0")
             if force:
                 reason = f"{shown(self._headers[hung[0]])} states the load, and forces state it, too"
-                report(self._heading.place(hung[0]), reason, "ignore one of them")
+                report(self._heading.place(hung[0]), reason, "skip one of them with `ignore`")
 
     def _check_points(
         self, texts: Mapping[Kind, int], quantities: Mapping[Quantity, tuple[int, ...]]
@@ -534,7 +534,7 @@ class ColumnReader:
         for where, other in others:
             if unit is not None and other != unit:
                 reason = f"{meaning} is in {spoken(unit)} by {first}, but in {spoken(other or '')} by {where}"
-                raise ImportFileError(NOWHERE, reason, "correct one of them")
+                raise ImportFileError(NOWHERE, reason, "correct the file or `units`")
         return unit
 
     def _report_bare(self, dimension: Dimension, meaning: Meaning, columns: Sequence[int]) -> None:

@@ -108,7 +108,7 @@ def _check_template(options: ImportOptions, headers: Sequence[str], place: Place
     }
     named = [f"{what}: {shown(', '.join(found))}" for what, found in differences.items() if found]
     reason = "; ".join(named) or "the same columns in another order or number"
-    remedy = "import it without the template, or correct it"
+    remedy = "import it without the template (`layouts`), or correct it"
     faults.report(place, f"the file does not fit the template; {reason}", remedy)
 
 

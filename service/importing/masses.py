@@ -60,10 +60,17 @@ def read_masses(grid: Grid, options: ImportOptions, faults: Faults) -> tuple[lis
     if absent or not rows:
         reason = f"the table of masses has no {'row' if not absent else 'column ' + ', '.join(absent)}"
         raise ImportFileError(Place(grid.file, header.line), reason, "add it")
-    numbers = [columns[kind] for kind in columns if kind in _UNITS]
-    mark, assumed = decide_mark(grid, rows, numbers, options.decimal_mark)
-    bodies = []
+    whole = []
     for row in rows:
+        if len(row.cells) == len(columns):
+            whole.append(row)
+        else:
+            reason = f"the row has {len(row.cells)} cells, but the header {len(columns)}"
+            faults.report(grid.place(row), reason, "give every row the same number of cells")
+    numbers = [columns[kind] for kind in columns if kind in _UNITS]
+    mark, assumed = decide_mark(grid, whole, numbers, options.decimal_mark)
+    bodies = []
+    for row in whole:
         with faults.collected(grid.place(row)):
             bodies.append(_body(grid, row, columns, units, mark))
     meanings = [
@@ -88,11 +95,8 @@ def _body(
     """Return the body of a row; its bounds are relative to its mass.
 
     Raises:
-        ImportFileError: a cell is missing or no number, or the numbers make no body.
+        ImportFileError: a cell is no number, or the numbers make no body.
     """
-    if len(row.cells) != len(columns):
-        reason = f"the row has {len(row.cells)} cells, but the header {len(columns)}"
-        raise ImportFileError(grid.place(row), reason, "give every row the same number of cells")
     value: dict[str, float] = {}
     for kind in [kind for kind in columns if kind in _UNITS]:
         try:

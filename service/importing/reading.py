@@ -245,7 +245,7 @@ class _Reader:
             for header in getattr(self._options, option):
                 if collapsed(header) not in known:
                     reason = f"no file has the header {shown(header)}, which `{option}` names"
-                    self._faults.report(NOWHERE, reason, "write it as the file does", option)
+                    self._faults.report(NOWHERE, reason, f"write it in `{option}` as the file does", option)
 
     def _compare(self, layout: Layout) -> None:
         """Refuse a file in other units or in another frame than those before it."""

@@ -60,7 +60,7 @@ class Naming(NamedTuple):
         for kind, one, two in zip(self._fields, self, other, strict=True):
             if one is not None and two is not None and one != two:
                 reason = f"the {kind} is {shown(one)} in one name and {shown(two)} in another"
-                remedy = "correct the name of the point or of the file, or the templates"
+                remedy = "correct the name of the point or of the file, or `point_name` or `file_name`"
                 raise ImportFileError(NOWHERE, reason, remedy)
         return Naming(self.label or other.label, self.target or other.target, self.state or other.state)
 
@@ -68,16 +68,17 @@ class Naming(NamedTuple):
 class Template:
     """A template that was checked."""
 
-    def __init__(self, text: str) -> None:
-        """Check a template."""
-        self.text = text
+    def __init__(self, option: str, text: str) -> None:
+        """Check the template that an option gives."""
+        self.option, self.text = option, text
         literals, self._fields = _FIELD.split(text)[::2], _FIELD.findall(text)
         named = [field for field in self._fields if field != "any"]
         faulty = not set(self._fields) <= set(_FIELDS) or not named or len(set(named)) != len(named)
         if faulty or any(not literal for literal in literals[1:-1]) or "{" in "".join(literals):
-            remedy = "use each of {label}, {target}, {state} at most once, {any} for the rest, "
+            parts = "{label}, {target}, {state} at most once, {any} for the rest"
             reason = f"the template {shown(text)} is invalid"
-            raise ImportFileError(NOWHERE, reason, f"{remedy}with a text such as _ between them")
+            remedy = f"in `{option}` use each of {parts}, with a text such as _ between them"
+            raise ImportFileError(NOWHERE, reason, remedy, option)
         excluded = "".join({literal[0] for literal in literals if literal})
         part = f"([^{re.escape(excluded)}]+)" if excluded else "(.+)"
         self._pattern = re.compile(part.join(re.escape(literal) for literal in literals), re.DOTALL)
@@ -89,10 +90,10 @@ class Template:
         state = state_named(parts["state"], {**DIGITS, **state_words}) if "state" in parts else None
         if match is None or (state is None and "state" in parts):
             reason = f"the name {shown(name)} does not fit the template {shown(self.text)}"
-            remedy = (
-                "change the template or rename the point; states are `unloaded`, `loaded`, `deflection`, "
-            )
-            raise ImportFileError(NOWHERE, reason, f"{remedy}and the words in `state_words`")
+            what = "point" if self.option == "point_name" else "file"
+            words = "states are `unloaded`, `loaded`, `deflection`, and the words in `state_words`"
+            remedy = f"change `{self.option}` or rename the {what}; {words}"
+            raise ImportFileError(NOWHERE, reason, remedy, self.option)
         return Naming(parts.get("label"), parts.get("target"), state)
 
 
@@ -116,9 +117,9 @@ class Names:
         self._file = Naming()
         try:
             if self._needed and options.point_name:
-                self._point = Template(options.point_name)
+                self._point = Template("point_name", options.point_name)
             if self._needed and options.file_name:
-                self._file = Template(options.file_name).parse(self._grid.stem, self._words)
+                self._file = Template("file_name", options.file_name).parse(self._grid.stem, self._words)
         except ImportFileError as fault:
             raise fault.at(Place(self._grid.file)) from None
         if layout.columns.probe and "target" in self._texts and layout.rows:

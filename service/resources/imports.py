@@ -68,7 +68,11 @@ def import_files(
     """
     understood = understand_files(files, request)
     faults, first = list(understood.faults), files[0].name if files else ""
-    bodies = _of_robot(understood.bodies, robot)
+    bodies: list[Body] = []
+    try:
+        bodies = _of_robot(understood.bodies, robot)
+    except ImportFileError as fault:
+        faults.append(fault)
     unloaded = bool(bodies or (robot and robot.bodies)) and _is_unloaded(understood, request)
     missing = {} if faults else _missing(understood, request, own_weight=unloaded)
     document, findings, template, poses = None, None, None, None
@@ -118,7 +122,7 @@ def _of_robot(bodies: Sequence[Body], robot: Robot | None) -> list[Body]:
     """Return bodies with the robot's names of their joints, where a table numbers them: `2`, `J2`, `axis 2`.
 
     Raises:
-        ImportRefusedError: the robot has no such joint.
+        ImportFileError: the robot has no such joint.
     """
     named = []
     for body in bodies:
@@ -130,7 +134,7 @@ def _of_robot(bodies: Sequence[Body], robot: Robot | None) -> list[Body]:
             if number is None or number > len(robot.joint_names):
                 names = ", ".join(robot.joint_names)
                 reason = f"the robot has no joint '{joint}', which carries '{body.name}'"
-                raise ImportRefusedError([ImportFileError(NOWHERE, reason, f"use one of {names}")])
+                raise ImportFileError(NOWHERE, reason, f"use one of {names}")
             joint = robot.joint_names[number - 1]
         named.append(body.model_copy(update={"joint": joint}))
     return named

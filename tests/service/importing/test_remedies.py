@@ -1,0 +1,681 @@
+"""Each remedy of an import, carried out on the file that caused it: the fault is gone.
+
+A case that edits the file does what the sentence says. A case that states an option states one that the
+sentence names. Together the cases pass every place of the importer that reports a fault.
+"""
+
+import ast
+import re
+import sys
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from importlib import import_module
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+import pytest
+from support.importing_samples import CAMPAIGN, JOINTS, MM, POINTS, sources_of
+from support.workbooks import SHEET, repacked, workbook
+
+from jointstiff.schemas.imports import ImportAnswer, ImportFault, ImportRequest
+from jointstiff.schemas.robot import RobotDocument
+from jointstiff.service import importing
+from jointstiff.service.conversion.prepared import build_robot
+from jointstiff.service.importing.errors import ImportFileError
+from jointstiff.service.resources.imports import import_files
+
+ROOM = Path(importing.__file__).parent
+SITES = (*sorted(ROOM.glob("*.py")), ROOM.parent / "resources" / "imports.py")
+"""Modules that report faults of files."""
+EXCLUDED = "the position has no target or no state"
+"""Reason that `Names` excludes before: no file causes it."""
+
+Content = str | bytes
+Files = Mapping[str, Content] | tuple[tuple[str, Content], ...]
+
+
+@dataclass(frozen=True)
+class Case:
+    """A fault, and its remedy carried out."""
+
+    fault: str  # pattern of the reason
+    files: Files
+    mended: Files | None = None  # files after the remedy; None: as before
+    options: Mapping[str, Any] = field(default_factory=dict)
+    stated: Mapping[str, Any] | None = None  # options after the remedy; None: as before
+    robot: RobotDocument | None = None
+    limits: Mapping[str, int] = field(
+        default_factory=dict
+    )  # by module and name, so that small files reach them
+
+    def answer(self, *, mended: bool) -> ImportAnswer:
+        """Return the answer before or after the remedy."""
+        files = self.files if not mended or self.mended is None else self.mended
+        options = self.options if not mended or self.stated is None else self.stated
+        request = ImportRequest.model_validate({"units": MM, **options, "show_faults": True})
+        pairs = files.items() if isinstance(files, Mapping) else files
+        robot = None if self.robot is None else build_robot(self.robot)
+        return import_files(sources_of(*pairs), request, robot)
+
+
+def table(fault: str, wrong: Content, right: Content, **options: Any) -> Case:
+    """Return a table with a mistake, and the same table as the remedy asks for it."""
+    assert wrong != right
+    return Case(fault, {"a.csv": wrong}, {"a.csv": right}, options)
+
+
+def mistake(fault: str, right: str, wrong: str, text: str = "", **options: Any) -> Case:
+    """Return a table in which something stands wrong, and the table with it corrected."""
+    text = text or CAMPAIGN
+    assert right in text
+    return table(fault, text.replace(right, wrong, 1), text, **options)
+
+
+def option(fault: str, content: Content, /, **stated: Any) -> Case:
+    """Return a table with a question, and the option that answers it."""
+    return Case(fault, {"a.csv": content}, stated=stated)
+
+
+def omitted(fault: str, content: Content, /, **stated: Any) -> Case:
+    """Return a table with an option that contradicts it, and the import without the option."""
+    return Case(fault, {"a.csv": content}, options=stated, stated={})
+
+
+def limited(fault: str, wrong: Files, right: Files, **limits: int) -> Case:
+    """Return files beyond a limit, here a low one, and files within it."""
+    return Case(fault, wrong, right, limits=limits)
+
+
+def with_column(header: str, *cells: str, text: str = CAMPAIGN) -> str:
+    """Return a table with one more column behind its others."""
+    lines = [line for line in text.splitlines() if not line.startswith("#")]
+    return "".join(f"{line};{cell}\n" for line, cell in zip(lines, (header, *cells), strict=True))
+
+
+TWO_AXES = RobotDocument.model_validate(
+    {"name": "two axes", "model": {"format": "dh", "convention": "standard", "rows": 2 * [
+        {"a": 0.5, "alpha": 0.0, "d": 0.0, "theta": 0.0}
+    ]}}
+)  # fmt: skip
+SET: Mapping[str, Any] = {"encoders": "motor", "load_point": (0.0, 0.0, 1.0)}
+"""What a measurement set needs beside tables."""
+MASSES = "body;joint;mass [kg];centre x [mm];y [mm];z [mm]\narm;2;120;0;0;350\n"
+STATES = (
+    "label;target;state;x [mm];y [mm];z [mm]\n"
+    "c01;P10;unloaded;1245.7134;-310.1127;239.2014\n"
+    "c01;P10;loaded;1245.6021;-310.1098;237.9853\n"
+)
+UNSURE = "name;x [mm];y [mm];z [mm];U95 x [mm];U95 y [mm];U95 z [mm]\n" + "".join(
+    f"{line};0.02;0.02;0.03\n" for line in POINTS.splitlines()
+)
+OTHERS = "name;x [mm];y [mm];z [mm]\n" + POINTS.replace("P10", "P11")
+PLUS = (
+    "label;P10 unloaded x [mm];P10 unloaded y [mm];P10 unloaded z [mm];"
+    "P10 unloaded plus x [mm];P10 unloaded plus y [mm];P10 unloaded plus z [mm]\n"
+    "c01;1;2;3.5;0.1;0.2;0.3\nc02;1;2.5;3.5;0.1;0.2;0.4\n"
+)
+HUNG = "label;J1 [deg];mass [kg]\nc01;10;150\nc02;20.5;150\n"
+WORDS = "label;P10 pre x [mm];P10 pre y [mm];P10 pre z [mm];P10 post x [mm];P10 post y [mm];P10 post z [mm]\n"
+WORDS += "c01;1;2;3.5;1.1;2.1;3.4\nc02;1;2;4.5;1.1;2.1;4.4\n"
+MANY = "label;J1 [deg];Fx [N];Fy [N];Fz [N];" + ";".join(f"q {letter}" for letter in "abcdef") + "\n"
+MANY += "c01;1.5;0;0;-5;1;2;3;4;5;6\n"
+BOOK = workbook()
+
+
+def sheets(book: Any, sheet: Any) -> None:
+    """Add a second sheet with the rows of the first."""
+    more = book.create_sheet("again")
+    for row in sheet.iter_rows(values_only=True):
+        more.append(row)
+
+
+def damaged(_data: bytes) -> bytes:
+    return b"<worksheet><row></worksheet>"
+
+
+COLUMNS = {
+    "unknown header corrected": mistake("unknown column header 'labl'", "label;", "labl;"),
+    "unknown header with a meaning": option(
+        "unknown column header 'elbow'", CAMPAIGN.replace("J1 [deg]", "elbow"), columns={"elbow": "J1 [deg]"}
+    ),
+    "unknown header ignored": option(
+        "unknown column header 'shift'", with_column("shift", "1", "1", "2"), ignore=["shift"]
+    ),
+    "many unknown headers": option("unknown column headers", MANY, ignore=[f"q {one}" for one in "abcdef"]),
+    "many unknown headers with meanings": option(
+        "unknown column headers", MANY, columns={f"q {one}": "ignore" for one in "abcdef"}
+    ),
+    "unit of another dimension": mistake("'kg' is not a known unit of force", "Fx [N]", "Fx [kg]"),
+    "hung mass in place of a force": table(
+        "'kg' is not a known unit of force", HUNG.replace("mass [kg]", "Fz [kg]"), HUNG
+    ),
+    "gauge without a target": mistake(
+        "a reading along an axis has a target",
+        "tip along z [mm]",
+        "along z [mm]",
+        "label;tip along z [mm]\nc01;0.1\nc02;0.25\n",
+    ),
+    "unit of a text": mistake("has a unit, but is a column of texts", "label;", "label [mm];"),
+    "hung mass in newton": mistake("a hung mass is in kg", "mass [kg]", "mass [N]", HUNG),
+    "joint zero": mistake("joints are numbered from 1", "J2 [deg]", "J0 [deg]"),
+    "two units by header and option": Case(
+        "is in deg, but",
+        {"a.csv": CAMPAIGN.replace("J1 [deg]", "A1 [deg]")},
+        options={"columns": {"A1 [deg]": "J1 [rad]"}},
+        stated={"columns": {"A1 [deg]": "J1 [deg]"}},
+    ),
+    "second column": mistake("is a second column for joint 1", "J2 [deg]", "J1 [deg]"),
+    "second column ignored": option(
+        "is a second column for joint 1", with_column("axis 1 [deg]", "1", "1", "2"), ignore=["axis 1 [deg]"]
+    ),
+    "missing column": mistake("column joint 2 is missing", "J2 [deg]", "J4 [deg]"),
+    "axes spelt in two ways": mistake("are not spelt alike", "P10 loaded z", "P10 loaded Z"),
+    "axes spelt in two ways, with meanings": option(
+        "are not spelt alike",
+        CAMPAIGN.replace("P10 loaded z", "P10 loaded Z"),
+        columns={"P10 loaded Z [mm]": "P10 loaded z"},
+    ),
+    "states that may be": option("may be states", WORDS, state_words={"pre": "unloaded", "post": "loaded"}),
+    "no column of names": mistake("no column names the observations", "label;", "remark;"),
+    "no column of names, by order": option(
+        "no column names the observations", CAMPAIGN.replace("label;", "remark;"), by_order=True
+    ),
+    "no column of numbers": table(
+        "no column with numbers is recognised", "label;remark\nc01;warm\nc02;cold\n", CAMPAIGN
+    ),
+    "mass beside forces": option(
+        "states the load, and forces state it, too",
+        with_column("mass [kg]", "150", "150", "150"),
+        ignore=["mass [kg]"],
+    ),
+    "uncertainty of no position": table("belongs to no position", UNSURE.replace("U95 ", "P11 U95 "), UNSURE),
+    "uncertainty of no position, ignored": option(
+        "belongs to no position",
+        with_column("P11 loaded U95 [mm]", "0.02", "0.02", "0.03"),
+        ignore=["P11 loaded U95 [mm]"],
+    ),
+    "state in some headers": table(
+        "some columns of positions name their state",
+        CAMPAIGN.replace("P10 loaded ", "P10 "),
+        CAMPAIGN,
+    ),
+    "state in headers and in a column": table(
+        "there is a column `state`", with_column("state", "loaded", "loaded", "loaded"), CAMPAIGN
+    ),
+    "two units of angles": mistake(
+        "is in rad, but other columns are in deg", "J2 [deg]", "J2 [rad]", units=None
+    ),
+    "unit of header and option": Case(
+        "by its header, but in", {"a.csv": CAMPAIGN}, options={"units": {"length": "m"}}, stated={}
+    ),
+    "no unit in the header": mistake("has no unit", "J1 [deg];J2 [deg];J3 [deg]", "J1;J2;J3", units=None),
+    "no unit, stated": Case(
+        "has no unit",
+        {"a.csv": CAMPAIGN.replace(" [deg]", "")},
+        options={"units": None},
+        stated={"units": {"angle": "deg"}},
+    ),
+    "no unit, another meaning": Case(
+        "read as .* has no unit",
+        {
+            "a.csv": STATES.replace("target;", "")
+            .replace("P10;", "")
+            .replace("x [mm];y [mm];z [mm]", "tip x;tip y;tip z")
+        },
+        options={"units": None},
+        stated={"units": {"length": "mm"}, "columns": {f"tip {one}": f"P10 {one}" for one in "xyz"}},
+    ),
+}
+ROWS = {
+    "no header": table("there is no header", "c01;1;2;3;4;5;6;7\n", CAMPAIGN),
+    "no header, stated": option(
+        "there is no header",
+        "c01;1;2;3;0;0;-5\n",
+        header=["label", "J1 [deg]", "J2 [deg]", "J3 [deg]", "Fx [N]", "Fy [N]", "Fz [N]"],
+    ),
+    "number for a name": table("where a point's name must be", "1.5;1;2;3.5\n", POINTS),
+    "number for a name, header stated": option(
+        "where a point's name must be",
+        "1;1.5;2.5;3.5\n1.5;2;3;4.5\n",
+        header=["J1 [deg]", "Fx [N]", "Fy [N]", "Fz [N]"],
+        by_order=True,
+    ),
+    "comment like a header": table(
+        "looks like a header, but is not understood", "# y x z\n" + POINTS, POINTS
+    ),
+    "comment like a header, corrected": table(
+        "looks like a header, but is not understood", "# y x z\n" + POINTS, "# name;y;x;z\n" + POINTS
+    ),
+    "comment like a header, stated": option(
+        "looks like a header, but is not understood", "# y x z\n" + POINTS, header=["name", "y", "x", "z"]
+    ),
+    "header without rows": table("a header but no row of data", CAMPAIGN.splitlines()[1] + "\n", CAMPAIGN),
+    "row above the header": table(
+        "is above the header in line 3, but looks like data",
+        "cell 3;dead weight;of;150;kg;hung;below;the flange;;;;;\n" + CAMPAIGN,
+        CAMPAIGN,
+    ),
+    "rows of other lengths": mistake("the row has 12 cells", "c02;-15;", "c02;"),
+    "cut off": table("the file is cut off", CAMPAIGN[:-4], CAMPAIGN),
+    "cut off, complete": table("the file is cut off", CAMPAIGN[:-4], CAMPAIGN[:-4] + "\n"),
+    "deleted or not": mistake(
+        "does not show whether the row is deleted",
+        ";0\n",
+        ";perhaps\n",
+        with_column("deleted", "0", "1", "0"),
+    ),
+    "deleted or not, ignored": option(
+        "does not show whether the row is deleted",
+        with_column("deleted", "perhaps", "1", "0"),
+        ignore=["deleted"],
+    ),
+    "all deleted": table(
+        "all rows are marked as deleted", with_column("deleted", *"111"), with_column("deleted", *"100")
+    ),
+    "deleted rows without names": Case(
+        "the numbers of the others are not sure",
+        {"a.csv": with_column("deleted", *"010").replace("label;", "remark;")},
+        {"a.csv": with_column("deleted", *"010")},
+        {"by_order": True},
+    ),
+    "polar coordinates": table(
+        "'spherical' coordinates",
+        "# AXES = SPHERICAL\n" + POINTS,
+        "# AXES = CARTESIAN: X, Y, Z (mm)\n" + POINTS,
+    ),
+    "unknown unit in a remark": table(
+        "of x, y, z is not known",
+        "# AXES = CARTESIAN: X, Y, Z (furlong)\n" + POINTS,
+        "# AXES = CARTESIAN: X, Y, Z (mm)\n" + POINTS,
+    ),
+    "two frames in a file": table(
+        "the frame of the positions is", "# Frame: A\n# Frame: B\n" + POINTS, "# Frame: A\n" + POINTS
+    ),
+    "remark of an unknown unit": table(
+        "is not known", "# Units: furlong\n" + POINTS, "# Units: mm\n" + POINTS
+    ),
+    "remark of another unit": table(
+        "is given here, but", "# Units: m\n" + CAMPAIGN, "# Units: mm\n" + CAMPAIGN
+    ),
+    "file of another template": Case(
+        "does not fit the template",
+        {"a.csv": CAMPAIGN},
+        options={"layouts": [["label", "J1 [deg]"]]},
+        stated={},
+    ),
+    "no rows": table("the file has no row of data", "# only a comment\n", CAMPAIGN),
+    "empty": table("the file is empty", " \n", CAMPAIGN),
+    "too many columns": table("more than 256 columns", ";" * 300 + "\n1;2\n", CAMPAIGN),
+    "too many rows": limited(
+        "more than 3 rows",
+        {"a.csv": CAMPAIGN},
+        {"a.csv": CAMPAIGN.rpartition("c03")[0]},
+        **{"grid.MAX_ROWS": 3},
+    ),
+    "control character": mistake("control character", "c02", "c\x002"),
+    "damaged text": table("the text is damaged", "posé;1;2;3\n".encode() + b"b\xff;1;2;3", CAMPAIGN),
+    "comma of two kinds": table(
+        "the comma may be the delimiter or",
+        "1,5 c01\n2,5 c02\n",
+        "1,5;c01\n2,5;c02\n",
+        header=["J1 [deg]", "label"],
+    ),
+    "comma as decimal mark": Case(
+        "the comma may be the delimiter or",
+        {"a.csv": "1,5 c01\n2,5 c02\n"},
+        options={"header": ["J1 [deg]", "label"]},
+        stated={"header": ["J1 [deg]", "label"], "delimiter": "whitespace"},
+    ),
+    "long line": table("a line has more than", "a" * 70_000, CAMPAIGN),
+    "open quotation": mistake("do not enclose a whole cell", "label;", '"label;'),
+    "long cell": table("a cell has more than", "label;J1 [deg]\n" + "c" * 5_000 + ";1\n", CAMPAIGN),
+    "quotation mark in a cell": mistake("a quotation mark occurs within a cell", "label;", 'la"bel;'),
+    "points and commas": mistake("has decimal points and decimal commas", "-20.25", "-20,25"),
+    "comma of thousands": table(
+        "may have a decimal comma or a thousands separator",
+        "label;J1 [deg]\nc01;1,234\nc02;2,345\n",
+        "label;J1 [deg]\nc01;1.234\nc02;2.345\n",
+    ),
+    "comma of thousands, stated": option(
+        "may have a decimal comma or a thousands separator",
+        "label;J1 [deg]\nc01;1,234\nc02;2,345\n",
+        decimal_mark="comma",
+    ),
+    "empty number": mistake("the cell is empty, but needs a number", "42.75", ""),
+    "no number": mistake("is not a number with a decimal point", "42.75", "1.2.3"),
+    "huge number": mistake("is outside", "42.75", "4e275"),
+}
+NAMES = {
+    "name twice": mistake("occurs twice", "c02;", "c01;"),
+    "point twice": mistake("occurs twice", "c02_P10_loaded", "c01_P10_loaded", POINTS),
+    "name that is none": mistake("is not a valid name", "c02;", "c\u20282;"),
+    "unclear name": mistake("does not show which observation", "c02_P10_loaded", "c02_P10_1_loaded", POINTS),
+    "unclear name, template": option(
+        "does not show which observation",
+        "".join(f"cell_{line}\n" for line in POINTS.splitlines()),
+        point_name="{any}_{label}_{target}_{state}",
+    ),
+    "template in error": Case(
+        "the template .* is invalid",
+        {"a.txt": POINTS},
+        options={"point_name": "{label}{target}_{state}"},
+        stated={"point_name": "{label}_{target}_{state}"},
+    ),
+    "name that does not fit": Case(
+        "does not fit the template",
+        {"a.txt": POINTS},
+        options={"point_name": "{label}::{target}::{state}"},
+        stated={"point_name": "{label}_{target}_{state}"},
+    ),
+    "name with another word": Case(
+        "does not fit the template",
+        {"a.txt": POINTS.replace("_loaded", "_hung")},
+        options={"point_name": "{label}_{target}_{state}"},
+        stated={"point_name": "{label}_{target}_{state}", "state_words": {"hung": "loaded"}},
+    ),
+    "two names that contradict": Case(
+        "in one name and 'P10' in another|in one name and 'P11' in another",
+        {"P11_loaded.txt": POINTS},
+        {"P10.txt": POINTS},
+        {"point_name": "{label}_{target}_{state}", "file_name": "{target}_{state}"},
+        {"point_name": "{label}_{target}_{state}"},
+    ),
+    "name with two colons": table(
+        "contains ::",
+        "group;name;x [mm];y [mm];z [mm]\nc01 unloaded;P10::a;1;2;3.5\nc01 loaded;P10::a;1;2;3.4\n",
+        "group;name;x [mm];y [mm];z [mm]\nc01 unloaded;P10 a;1;2;3.5\nc01 loaded;P10 a;1;2;3.4\n",
+    ),
+    "state by no word": mistake("is not a known state", ";loaded;", ";hung;", STATES),
+    "state by another word": option(
+        "is not a known state", STATES.replace(";loaded;", ";hung;"), state_words={"hung": "loaded"}
+    ),
+    "date for a name": Case(
+        "as name",
+        {"a.xlsx": workbook(change=lambda _book, sheet: setattr(sheet["A2"], "value", True))},
+        {"a.xlsx": BOOK},
+    ),
+    "empty name": mistake("the name is empty", "c02;", ";"),
+    "nothing says the state": Case(
+        "is given neither by the table",
+        {"a.txt": POINTS.replace("_unloaded", "").replace("_loaded", "")},
+        {"a.txt": POINTS},
+    ),
+    "nothing says the state: the file": Case(
+        "is given neither by the table",
+        {"a.txt": "c01_P10;1;2;3.5\nc02_P10;1;2;4.5\n"},
+        {"unloaded.txt": "c01_P10;1;2;3.5\nc02_P10;1;2;4.5\n"},
+    ),
+    "nothing says the state: template": Case(
+        "is given neither by the table",
+        {"P10-loaded.txt": "c01;1;2;3.5\nc02;1;2;4.5\n"},
+        stated={"file_name": "{target}-{state}"},
+    ),
+    "nothing says the state: names": Case(
+        "is given neither by the table",
+        {"a.txt": "c01-P10-loaded;1;2;3.5\nc02-P10-loaded;1;2;4.5\n"},
+        stated={"point_name": "{label}-{target}-{state}"},
+    ),
+    "template without a need": omitted("is not needed", CAMPAIGN, point_name="{label}_{state}"),
+    "file name without a need": omitted("is not needed", CAMPAIGN, file_name="{target}"),
+    "header that no file has": Case(
+        "no file has the header 'shift'",
+        {"a.csv": with_column("Shift", *"112")},
+        options={"ignore": ["shift"], "columns": {"Shift": "ignore"}},
+        stated={"ignore": ["Shift"]},
+    ),
+}
+VALUES = {
+    "held out or not": mistake("is neither 0 nor 1", ";1\n", ";yes\n", with_column("validation", *"001")),
+    "no deviation": table("the deviation to be added is empty", PLUS.replace("0.1;0.2;0.4", ";;"), PLUS),
+    "uncertainty below zero": mistake("an uncertainty must be positive", "0.02;", "-0.02;", UNSURE),
+    "uncertainty below zero, ignored": option(
+        "an uncertainty must be positive",
+        UNSURE.replace("0.02;", "-0.02;", 1),
+        ignore=["U95 x [mm]", "U95 y [mm]", "U95 z [mm]"],
+    ),
+    "text for a number": Case(
+        "a number is needed, but the cell has type",
+        {"a.xlsx": workbook(change=lambda _book, sheet: setattr(sheet["C3"], "value", "n/a"))},
+        {"a.xlsx": BOOK},
+    ),
+    "row without a force": mistake(
+        "this row has no force", "c02;-15;-35.125;42.75;0;0;-1471.5", "c02;-15;-35.125;42.75;;;"
+    ),
+    "mass below zero": mistake("a hung mass is negative", "20.5;150", "20.5;-150", HUNG),
+    "other force for one label": Case(
+        "the force of 'c01' differs",
+        {"j.csv": JOINTS, "k.csv": JOINTS.replace("-1471.5", "-1500.5")},
+        {"j.csv": JOINTS, "k.csv": JOINTS},
+    ),
+    "too many targets": Case(
+        "there are more than 16 targets",
+        {"a.txt": "".join(f"P10_c{row:02}_{state} 1 2 3.5\n" for row in range(17) for state in "ul")},
+        stated={"point_name": "{target}_{label}_{state}", "state_words": {"u": "unloaded", "l": "loaded"}},
+    ),
+    "label without a force": Case(
+        "has no joint, but other labels have",
+        {"j.csv": JOINTS.replace("c02", "c2"), "p.txt": POINTS},
+        {"j.csv": JOINTS, "p.txt": POINTS},
+    ),
+    "reading that is missing": table("was read only", POINTS.rpartition("c02_P10_loaded")[0], POINTS),
+    "reading that is missing, allowed": option(
+        "was read only", POINTS.rpartition("c02_P10_loaded")[0], allow_missing=True
+    ),
+    "no reading": Case(
+        "no observation has a reading",
+        {"a.txt": POINTS.replace("c02_P10_l", "c03_P10_l").replace("c01_P10_u", "c04_P10_u")},
+        {"a.txt": POINTS},
+        {"allow_missing": True},
+    ),
+    "positions and a deflection": option(
+        "has both positions and a deflection",
+        CAMPAIGN.replace("P10 loaded z [mm]", "P10 loaded z [mm];P10 dx [mm];P10 dy [mm];P10 dz [mm]")
+        .replace("\nc0", ";0.1;0.1;0.1\nc0")
+        .replace("[mm];0.1;0.1;0.1", "[mm]")
+        .rstrip()
+        + ";0.1;0.1;0.1\n",
+        ignore=["P10 dx [mm]", "P10 dy [mm]", "P10 dz [mm]"],
+    ),
+    "uncertainty of some points": Case(
+        "the point has no uncertainty, but others have",
+        {"a.csv": UNSURE, "b.csv": OTHERS},
+        {"a.csv": UNSURE, "b.csv": UNSURE.replace("P10", "P11")},
+    ),
+    "uncertainty of some points, ignored": Case(
+        "the point has no uncertainty, but others have",
+        {"a.csv": UNSURE, "b.csv": OTHERS},
+        stated={"ignore": ["U95 x [mm]", "U95 y [mm]", "U95 z [mm]"]},
+    ),
+    "joints of other numbers": Case(
+        "joint angles here, but",
+        {"j.csv": JOINTS, "k.csv": "label,J1 [deg],Fx [N],Fy [N],Fz [N]\nc03,10.5,0,0,-1471.5\n"},
+        {"j.csv": JOINTS},
+    ),
+}
+FILES = {
+    "two sheets": Case(
+        "several sheets have data", {"a.xlsx": workbook(change=sheets)}, stated={"sheet": "again"}
+    ),
+    "no such sheet": Case(
+        "there is no sheet 'Data'", {"a.xlsx": BOOK}, options={"sheet": "Data"}, stated={"sheet": "Sheet"}
+    ),
+    "damaged workbook": Case(
+        "is not well-formed", {"a.xlsx": repacked(BOOK, SHEET, damaged)}, {"a.xlsx": BOOK}
+    ),
+    "no table": Case("a PDF document, not a table", {"a.csv": b"%PDF-1.7"}, {"a.csv": CAMPAIGN}),
+    "damaged campaign": Case("Invalid JSON", {"a.json": "{,}"}, {"a.csv": CAMPAIGN}),
+    "one file twice": Case(
+        "two files have this name", (("a.csv", CAMPAIGN), ("a.csv", CAMPAIGN)), {"a.csv": CAMPAIGN}
+    ),
+    "no files": Case("0 files", {}, {"a.csv": CAMPAIGN}),
+    "too large": limited(
+        "exceed 0 MiB together",
+        {"a.csv": CAMPAIGN, "b.csv": CAMPAIGN},
+        {"a.csv": CAMPAIGN},
+        **{"grid.MAX_FILE_BYTES": len(CAMPAIGN) + 1},
+    ),
+    "too many lines": limited(
+        "more than 7 lines", {"a.csv": CAMPAIGN + "\n\n\n"}, {"a.csv": CAMPAIGN}, **{"grid.MAX_LINES": 7}
+    ),
+    "too many observations": limited(
+        "more than 2 observations",
+        {"a.csv": CAMPAIGN},
+        {"a.csv": CAMPAIGN.rpartition("c03")[0]},
+        **{"reading.MAX_OBSERVATIONS": 2},
+    ),
+    "too many joints": limited(
+        "there are more than 3 joints",
+        {"a.csv": with_column("J4 [deg]", *"112")},
+        {"a.csv": CAMPAIGN},
+        **{"header.MAX_JOINTS": 3},
+    ),
+    "masses alone": Case("masses and no readings", {"m.csv": MASSES}, {"m.csv": MASSES, "a.csv": CAMPAIGN}),
+    "masses with an unknown header": Case(
+        "of a table of masses is not known",
+        {"m.csv": MASSES.replace("body", "thing"), "a.csv": CAMPAIGN},
+        {"m.csv": MASSES, "a.csv": CAMPAIGN},
+    ),
+    "masses without a unit": Case(
+        "the unit of 'mass' is not one of",
+        {"m.csv": MASSES.replace("mass [kg]", "mass"), "a.csv": CAMPAIGN},
+        {"m.csv": MASSES, "a.csv": CAMPAIGN},
+    ),
+    "masses without a column": Case(
+        "the table of masses has no column z",
+        {"m.csv": MASSES.replace(";z [mm]", "").replace(";350", ""), "a.csv": CAMPAIGN},
+        {"m.csv": MASSES, "a.csv": CAMPAIGN},
+    ),
+    "masses of other lengths": Case(
+        "but the header 6",
+        {"m.csv": MASSES.replace(";350", ""), "a.csv": CAMPAIGN},
+        {"m.csv": MASSES, "a.csv": CAMPAIGN},
+    ),
+    "mass that is none": Case(
+        "the row is no body",
+        {"m.csv": MASSES.replace("120", "-120"), "a.csv": CAMPAIGN},
+        {"m.csv": MASSES, "a.csv": CAMPAIGN},
+    ),
+    "two units of lengths": Case(
+        "the unit of length is",
+        {"j.csv": JOINTS, "a.csv": STATES, "b.csv": STATES.replace("[mm]", "[m]").replace("P10", "P11")},
+        {"a.csv": STATES, "b.csv": STATES.replace("P10", "P11")},
+    ),
+    "two frames": Case(
+        "the frame is",
+        {"a.csv": "# Frame: A\n" + STATES, "b.csv": STATES.replace("P10", "P11")},
+        {"a.csv": "# Frame: A\n" + STATES, "b.csv": "# Frame: A\n" + STATES.replace("P10", "P11")},
+    ),
+    "noise of file and request": Case(
+        "`noise` gives another",
+        {"j.csv": JOINTS, "a.csv": UNSURE},
+        options={**SET, "noise": {"sigma": 0.02}},
+        stated=SET,
+    ),
+    "noise of file and request, ignored": Case(
+        "`noise` gives another",
+        {"j.csv": JOINTS, "a.csv": UNSURE},
+        options={**SET, "noise": {"sigma": 0.02}},
+        stated={**SET, "noise": {"sigma": 0.02}, "ignore": ["U95 x [mm]", "U95 y [mm]", "U95 z [mm]"]},
+    ),
+    "force of file and request": Case(
+        "`force` gives another",
+        {"a.csv": CAMPAIGN},
+        options={**SET, "force": (0.0, 0.0, -5.0)},
+        stated=SET,
+    ),
+    "masses of another robot": Case(
+        "the robot has no joint 'J7'",
+        {"m.csv": MASSES.replace(";2;", ";J7;"), "j.csv": JOINTS},
+        {"m.csv": MASSES, "j.csv": JOINTS},
+        robot=TWO_AXES,
+    ),
+    "readings of another robot": Case(
+        "the readings do not fit the robot",
+        {"a.csv": CAMPAIGN},
+        {"j.csv": JOINTS, "p.txt": POINTS},
+        SET,
+        robot=TWO_AXES,
+    ),
+    "set beyond its limits": Case(
+        "do not make a valid measurement set",
+        {"j.csv": JOINTS, "a.csv": UNSURE.replace("0.02;", "2e11;")},
+        {"j.csv": JOINTS, "a.csv": UNSURE},
+        SET,
+    ),
+}
+CASES: Mapping[str, Case] = {**COLUMNS, **ROWS, **NAMES, **VALUES, **FILES}
+
+
+def matching(answer: ImportAnswer, case: Case) -> list[ImportFault]:
+    return [fault for fault in answer.faults if re.search(case.fault, fault.reason)]
+
+
+def lowered(case: Case, monkeypatch: pytest.MonkeyPatch) -> None:
+    for place, value in case.limits.items():
+        module, name = place.split(".")
+        monkeypatch.setattr(import_module(f"jointstiff.service.importing.{module}"), name, value)
+
+
+def named_options(remedy: str) -> set[str]:
+    """Return the options that a sentence names."""
+    return set(re.findall(r"`(\w+)`", remedy)) & ImportRequest.model_fields.keys()
+
+
+def changed(case: Case) -> set[str]:
+    """Return the options that the remedy states or takes away."""
+    after = case.options if case.stated is None else case.stated
+    return {name for name in {*case.options, *after} if case.options.get(name) != after.get(name)}
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_the_remedy_takes_the_fault_away(name, monkeypatch):
+    case = CASES[name]
+    lowered(case, monkeypatch)
+    found = matching(case.answer(mended=False), case)
+    assert len(found) >= 1, case.answer(mended=False).faults
+    assert case.answer(mended=True).faults == []
+    if case.stated is not None:
+        named = {one for fault in found for one in named_options(fault.remedy)}
+        assert changed(case) & named
+
+
+def test_the_cases_pass_every_place_that_reports_a_fault(monkeypatch):
+    passed: dict[tuple[str, int], set[str]] = {}
+    begun = ImportFileError.__init__
+
+    def noted(self, place, reason, remedy, *others):
+        frame: FrameType | None = sys._getframe(1)
+        while frame is not None and frame.f_code.co_filename.endswith("importing/errors.py"):
+            frame = frame.f_back
+        if frame is not None:
+            at = Path(frame.f_code.co_filename).name, frame.f_lineno
+            passed.setdefault(at, set()).update(named_options(remedy))
+        begun(self, place, reason, remedy, *others)
+
+    monkeypatch.setattr(ImportFileError, "__init__", noted)
+    tried = set[str]()
+    for case in CASES.values():
+        with monkeypatch.context() as patch:
+            lowered(case, patch)
+            case.answer(mended=False)
+        tried |= changed(case)
+    missing = [
+        f"{path.name}:{call.lineno}"
+        for path in SITES
+        for call in reports(path)
+        if not any(at[0] == path.name and call.lineno <= at[1] <= (call.end_lineno or 0) for at in passed)
+    ]
+    assert missing == [], missing
+    assert {one for names in passed.values() for one in names} - tried == set()
+
+
+def reports(path: Path) -> Iterable[ast.Call]:
+    """Yield the calls of a module that make or report a fault."""
+    if path.name == "errors.py":
+        return
+    for call in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(call, ast.Call):
+            name = call.func.attr if isinstance(call.func, ast.Attribute) else getattr(call.func, "id", "")
+            if name in ("ImportFileError", "report") and EXCLUDED not in ast.unparse(call):
+                yield call
