@@ -22,7 +22,7 @@ from jointstiff.schemas.finding import Assessment, Finding, Problem, ResultSumma
 from jointstiff.schemas.job import Job, JobSummary, Result
 from jointstiff.schemas.joints import StatedKind
 from jointstiff.schemas.options import Method, MethodOptions, Resampling, RunOptions, Weighting
-from jointstiff.schemas.run import Certificate, JointResult, ResamplingResult, identified_in
+from jointstiff.schemas.run import Certificate, JointResult, ResamplingResult, found_in
 
 MAX_METHODS = 8
 MAX_COMPARED = 48
@@ -289,7 +289,7 @@ class ComparisonResult(Result):
         by = {side.run_id for side in self.sides}
         fits = [each for each in self.entries if each.joints and (not self.joints or each.run_id in by)]
         shares = [fit.compensation for fit in fits if fit.compensation is not None]
-        counts = [identified_in(fit.joints) for fit in fits]
+        counts = [found_in(fit.joints) for fit in fits]
         of_all = min if self.joints else max
         return ResultSummary(
             verdict=self.assessment.verdict,

@@ -242,8 +242,8 @@ class Assessment(Message):
     )
     joints_identified: int | None = Field(
         default=None,
-        description="Number of joints of status `identified`; the least of several fits; null for "
-        "geometries.",
+        description="Number of joints that have a stiffness with an upper end; the least of several fits; "
+        "null for geometries.",
     )
     joint_count: int | None = Field(default=None, description="Number of joints; null for geometries.")
     headline: str | None = Field(
@@ -287,8 +287,8 @@ class ResultSummary(VerdictSummary):
     )
     joints_identified: int | None = Field(
         default=None,
-        description="Number of joints of status `identified`; the largest of a comparison's runs, the "
-        "smaller of its two sides; null for geometries.",
+        description="Number of joints that have a stiffness with an upper end; the largest of a comparison's "
+        "runs, the smaller of its two sides; null for geometries.",
     )
     joint_count: int | None = Field(default=None, description="Number of joints; null for geometries.")
     warning_count: int | None = Field(

@@ -96,6 +96,11 @@ class ImportOptions(Message):
     state_words: Annotated[dict[Name, State], Field(max_length=MAX_TARGETS)] = Field(
         default_factory=dict, description="Additional words for the states, in names, headers and columns."
     )
+    state: State | None = Field(
+        default=None,
+        description="State of the positions of which neither headers, columns nor names of points and files "
+        "say whether they are unloaded or loaded.",
+    )
     by_order: StrictBool = Field(
         default=False,
         description="Number the rows of files without names: the first row of each is observation 1.",

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable
 from math import hypot
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, ClassVar, Literal, Protocol
 
 from pydantic import Field, StrictBool
 
@@ -123,9 +123,25 @@ class JointResult(Message):
     reason: str | None = Field(description="Reason why there is no number, or why the joint is at a bound.")
 
 
-def identified_in(joints: Sequence[JointResult]) -> int:
-    """Count the joints that are identified."""
-    return sum(joint.status == "identified" for joint in joints)
+class _Joint(Protocol):
+    """A joint of a run, of the solver's estimate or of a message."""
+
+    @property
+    def status(self) -> str: ...
+    @property
+    def stiffness(self) -> float | None: ...
+    @property
+    def stiffness_interval(self) -> tuple[float, float | None] | None: ...
+
+
+def found_in(joints: Iterable[_Joint]) -> int:
+    """Count the joints that have a stiffness with an upper end; of those without interval, the identified."""
+    found = 0
+    for joint in joints:
+        ends = joint.stiffness_interval
+        bounded = joint.status == "identified" if ends is None else ends[1] is not None
+        found += joint.stiffness is not None and bounded
+    return found
 
 
 BudgetSource = Annotated[
@@ -603,7 +619,7 @@ class RunResult(Result):
         return ResultSummary(
             verdict=self.assessment.verdict,
             compensation=self.compensation,
-            joints_identified=identified_in(self.joints),
+            joints_identified=found_in(self.joints),
             joint_count=len(self.joints),
             warning_count=len(self.warnings),
         )

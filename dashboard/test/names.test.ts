@@ -26,8 +26,8 @@ describe("robots of one name", () => {
       [set("a", "F-211034"), set("a", "F-211034")],
     );
     expect([...names.values()]).toEqual([
-      "KR 210 · F-211034 · 6 joints · measured 2026-11-22",
-      "KR 210 · 6 joints · added 2026-11-21",
+      "KR 210 · F-211034 · 6 joints · measured 22 Nov 2026",
+      "KR 210 · 6 joints · added 21 Nov 2026",
       "other",
     ]);
   });

@@ -42,6 +42,7 @@ _CHOICES: Final[Mapping[str, tuple[str, tuple[str, ...], str | None]]] = {
     "units.moment": ("Unit of moments", ("N.m", "N.mm", "kN.m", "kgf.m"), "N.m"),
     "delimiter": ("Delimiter between cells", ("comma", "semicolon", "tab", "whitespace"), None),
     "decimal_mark": ("Decimal mark", ("point", "comma"), None),
+    "state": ("State of the positions", _STATES, None),
     "encoders": ("Encoders that close the position loop", ("motor", "secondary"), "motor"),
 }
 """Text, answers and default; without a default where a wrong one would read other numbers."""
@@ -162,6 +163,8 @@ def import_command() -> Callable[..., None]:
         it asks for what is missing. If the inspection of the readings finds errors, they are written only
         with --despite-errors, and the exit status is 1 without it.
         """
+        if values["output"] is not None:
+            cli.check_ending(values["output"], [".json"])
         _import(files, gathered(ImportRequest, values, _FORMS), values)
 
     fields = {name: (one, None) for name, one in field_options(ImportRequest, _FORMS)}

@@ -74,6 +74,7 @@ class _Extra:
     """Options of a command beside those of its kind's messages: files of the result."""
 
     options: Mapping[str, tuple[Any, Any]] = field(default_factory=dict)  # annotation and default by name
+    endings: tuple[str, ...] = ()  # of the file that `output` names, if it is no table
     passed: tuple[str, ...] = ()  # names of those that the function of the work takes
     # writes files of a job that has a result; returns the job to show
     finish: Callable[[Any, _Values, Sequence[Any]], Any] = lambda job, _values, _sources: job
@@ -100,8 +101,8 @@ def command_of(name: str) -> Callable[..., None]:
         if extra.instead(values, given):
             return
         output = values.get("output")
-        if tabled and output is not None and output.suffix not in endings:
-            raise typer.BadParameter(f"ends in one of {', '.join(endings)}", param_hint="--output")
+        if output is not None and (tabled or extra.endings):
+            cli.check_ending(output, endings if tabled else extra.endings, reported=True)
         written = list(filter(None, [output if tabled else None, *extra.written(values, given)]))
         for path in written:
             cli.refuse_existing(path, overwrite=values.get("overwrite", False))
@@ -158,6 +159,7 @@ def predict_command() -> Callable[..., None]:
         from jointstiff.service.tables.terminal import console, printed
 
         if values["output"] is not None:
+            cli.check_ending(values["output"], [".csv"])
             cli.refuse_existing(values["output"], overwrite=values["overwrite"])
         stated = gathered(DeflectionOptions, values, _POINTS)
         result = here.predict(identified(file, values["run"]), postures, **stated)
@@ -412,11 +414,21 @@ def _bare(annotation: Any) -> Any:  # noqa: ANN401 - a type
 
 
 def _mended_file(values: _Values) -> Path | None:
-    """Return where the mended campaign goes: beside the old one, unless the command says."""
-    if values["apply"] is None:
-        return None
-    file, name = values["file"], values["apply"].replace("_", "-")
+    """Return where the mended campaign goes: beside the old one, unless the command says.
+
+    Raises:
+        typer.BadParameter: there is a file to write, and nothing to write to it.
+    """
     output: Path | None = values["output"]
+    if values["apply"] is None:
+        if output is not None:
+            others = "`jointstiff export` writes tables, `jointstiff report` reports"
+            message = f"is the file of a campaign that --apply corrects; {others}"
+            raise typer.BadParameter(message, param_hint="--output")
+        return None
+    if output is not None:
+        cli.check_ending(output, [".json"])
+    file, name = values["file"], values["apply"].replace("_", "-")
     return output or file.with_name(f"{file.stem}-{name}{file.suffix}")
 
 
@@ -527,6 +539,7 @@ _EXTRAS: Final[Mapping[str, _Extra]] = {
             "robot": (cli.NamedRobot, None),
             "output": _may(cli.output_option("File to write the identified robot to.", "ROBOT.json")),
         },
+        endings=(".json",),
         passed=("robot",),
         finish=_write_robot,
         written=lambda values, _: [values["output"]],

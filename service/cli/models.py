@@ -35,8 +35,7 @@ def export(
     overwrite: cli.Overwrite = False,
 ) -> None:
     """Export a model as a table or for a simulator."""
-    if output.suffix.lower() not in _FORMATS:
-        raise typer.BadParameter(f"ends in one of {', '.join(_FORMATS)}", param_hint="--output")
+    cli.check_ending(output, _FORMATS, reported=True)
     cli.refuse_existing(output, overwrite=overwrite)
     identified(file, run).export(output, "do_not_use" if despite_verdict else None)
     typer.echo(f"{output}: {output.stat().st_size:,} bytes")
@@ -59,12 +58,11 @@ def report(
     laboratory: LaboratoryFile = None,
     overwrite: cli.Overwrite = False,
 ) -> None:
-    """Write a draft report on a campaign or a result."""
+    """Write a report to sign on a campaign or a result."""
     from jointstiff.service.library.here import read_job
     from jointstiff.service.problems import CampaignError
 
-    if output.suffix.lower() not in _REPORTS:
-        raise typer.BadParameter(f"ends in one of {', '.join(_REPORTS)}", param_hint="--output")
+    cli.check_ending(output, _REPORTS)
     cli.refuse_existing(output, overwrite=overwrite)
     try:
         job: Any = identified(file, run)

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, get_type_hints
 
 import typer
 
@@ -45,6 +45,24 @@ def file_option(text: str) -> Any:  # noqa: ANN401 - Typer's
 def output_option(text: str, metavar: str = "FILE") -> Any:  # noqa: ANN401 - Typer's
     """Return the option that names a file to write."""
     return typer.Option("--output", "-o", metavar=metavar, help=text)
+
+
+REPORTS: Final = (".pdf", ".html")
+"""Endings of reports."""
+
+
+def check_ending(path: Path, endings: Iterable[str], *, reported: bool = False) -> None:
+    """Refuse a file to write whose ending is none of these; `reported`: `jointstiff report` takes the source.
+
+    Raises:
+        typer.BadParameter: saying which endings work.
+    """
+    known = list(dict.fromkeys(endings))
+    if path.suffix.lower() in known:
+        return
+    ends = f"must end in {' or '.join(filter(None, [', '.join(known[:-1]), known[-1]]))}"
+    elsewhere = "; `jointstiff report` writes reports" if reported and path.suffix.lower() in REPORTS else ""
+    raise typer.BadParameter(f"'{path.name}' {ends}{elsewhere}", param_hint="--output")
 
 
 def path_option(text: str, metavar: str = "FILE") -> Any:  # noqa: ANN401 - Typer's

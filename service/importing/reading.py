@@ -238,6 +238,9 @@ class _Reader:
                 what = " and ".join(twice or ["target", "state"])
                 reason = f"the template {shown(text)} is not needed: headers or columns give the {what}"
                 self._faults.report(NOWHERE, reason, f"correct it, or omit `{option}`", option)
+        if self._options.state and not any("state" in one.needed for one in naming):
+            reason = "the state of all positions is given by headers or columns"
+            self._faults.report(NOWHERE, reason, "omit `state`", "state")
         known = {collapsed(column.header) for layout in self._layouts for column in layout.preview.columns}
         if self._options.layouts or "" in known:
             return

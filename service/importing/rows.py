@@ -110,6 +110,7 @@ class Names:
     def __init__(self, layout: Layout, options: ImportOptions, notes: list[str]) -> None:
         """Prepare to name rows; what is assumed is added to the notes."""
         self._grid, self._notes, self._words = layout.grid, notes, options.state_words
+        self._stated = options.state
         self._texts, self._needed = dict(layout.columns.texts), set(layout.columns.needed)
         self._by_file: dict[frozenset[str], Naming] = {}  # what rows have from the name of the file
         self._file_says_state = names_a_state(self._grid.stem, self._words)
@@ -184,21 +185,31 @@ class Names:
         raise ImportFileError(NOWHERE, reason, remedy, "point_name")
 
     def _of_file(self, lacking: frozenset[str]) -> Naming:
-        """Return what points of a file have in common, from its name: `P10_loaded`, `loaded` or `P10`."""
+        """Return what points of a file have in common, from its name: `P10_loaded`, `loaded` or `P10`.
+
+        The state that the caller gives is that of a file whose name has none.
+        """
         if lacking not in self._by_file:
             parts, state = _parts(self._grid.stem, self._words)
+            by = "by the name of the file"
+            if state is None and "state" in lacking and self._stated is not None:
+                parts = [self._grid.stem] if "target" in lacking else []
+                state, by = self._stated, "by `state`" + " and the name of the file" * bool(parts)
             naming = Naming(None, parts[0] if len(parts) == 1 else None, state)
             if len(parts) > 1 or any(getattr(naming, kind) is None for kind in lacking):
                 listed = " and the ".join(sorted(lacking, reverse=True))
+                option, state_it = (
+                    ("state", "state it by `state`, ") if "state" in lacking else ("point_name", "")
+                )
                 raise ImportFileError(
                     Place(self._grid.file),
                     f"the {listed} is given neither by the table nor by the names of points or the file",
-                    "name points as in `c01_P10_loaded`, or the file as in `P10_loaded.txt`, or give "
-                    "templates `point_name` or `file_name`",
-                    "point_name",
+                    f"{state_it}name points as in `c01_P10_loaded`, or the file as in `P10_loaded.txt`, or "
+                    "give templates `point_name` or `file_name`",
+                    option,
                 )
             said = " and ".join(f"{kind} {getattr(naming, kind)}" for kind in sorted(lacking))
-            self._note(f"{self._grid.file}: {said} by the name of the file")
+            self._note(f"{self._grid.file}: {said} {by}")
             self._by_file[lacking] = naming
         return self._by_file[lacking]
 

@@ -779,11 +779,10 @@ def to_joint_budgets(budget: UncertaintyBudget | None, count: int) -> list[run.U
 
 def to_assessment(judgement: Assessment, joints: Sequence[JointCompliance]) -> finding.Assessment:
     """Return verdict and reasons of an identification, and how many of its joints have a number."""
-    identified = sum(joint.status == "identified" for joint in joints)
     return message(
         finding.Assessment,
         judgement,
-        joints_identified=identified,
+        joints_identified=run.found_in(joints),
         joint_count=len(joints),
         headline=None,
     )

@@ -7,7 +7,7 @@ import type { Problem, Finding, RunState, Usability } from "../api/types";
 import type { Loading } from "../state/load";
 import { Viewer } from "../state/session";
 import { listen } from "../lib/events";
-import { roughTime } from "../lib/format";
+import { dayText, roughTime, timeText, zonedText } from "../lib/format";
 import { groupedBy } from "../lib/json";
 import { placeName, sentence } from "../lib/said";
 import { problemOf } from "../api/client";
@@ -296,8 +296,15 @@ export function Busy({ label = text.app.loading }: { label?: string }) {
 /** What of a problem is said. */
 type Said = Pick<Problem, "title" | "detail"> & Partial<Problem>;
 
+interface NoteProps {
+  problem: Said;
+  retry?: () => void;
+  /** Brings back what was deleted, in place of the remedy that says how. */
+  restore?: (() => Promise<unknown>) | undefined;
+}
+
 /** A refusal: what, where, what to do; faults that are listed are said there alone. */
-export function ProblemNote({ problem, retry }: { problem: Said; retry?: () => void }) {
+export function ProblemNote({ problem, retry, restore }: NoteProps) {
   const listed = problem.errors?.some(({ reason }) => problem.detail.endsWith(reason));
   return (
     <div class="note bad" role="alert">
@@ -312,7 +319,7 @@ export function ProblemNote({ problem, retry }: { problem: Said; retry?: () => v
           <b>{text.errors.where}:</b> <code>{problem.where}</code>
         </p>
       )}
-      {problem.remedy && (
+      {problem.remedy && !restore && (
         <p>
           <b>{text.errors.remedy}:</b> <Prose text={problem.remedy} />
         </p>
@@ -327,10 +334,21 @@ export function ProblemNote({ problem, retry }: { problem: Said; retry?: () => v
           ))}
         </ul>
       )}
-      {retry && <Button onClick={retry}>{text.app.retry}</Button>}
+      {restore ? (
+        <Button look="primary" onClick={() => void restore().then(retry, failed)} acts>
+          {text.lists.restore}
+        </Button>
+      ) : (
+        retry && <Button onClick={retry}>{text.app.retry}</Button>
+      )}
     </div>
   );
 }
+
+const failed = (error: unknown) => toast(problemOf(error).detail);
+
+/** Whether a problem is that of something deleted, which can be restored. */
+const isDeleted = ({ type }: Problem): boolean => type.endsWith(":deleted");
 
 /** Findings of one kind stand together. */
 export const alikeOf = (findings: Finding[]): Finding[][] => [
@@ -398,18 +416,24 @@ export const MeasureLink = ({ robot }: { robot?: string }) => (
 interface ShowProps<Value> {
   of: Loading<Value>;
   title?: string;
+  /** Brings back what was deleted. */
+  restore?: () => Promise<unknown>;
   /** Shown in its place, where there is nothing in it. */
   instead?: (value: Value) => ComponentChildren;
   children: (value: Value) => ComponentChildren;
 }
 
 /** What was loaded, or why not; `title` heads the view until what was loaded brings its own. */
-export function Show<Value>({ of, title, instead, children }: ShowProps<Value>) {
+export function Show<Value>({ of, title, restore, instead, children }: ShowProps<Value>) {
   if (of.state === "ready") return <>{instead?.(of.value) || children(of.value)}</>;
   return (
     <>
       {title !== undefined && <Title plain={title}>{title}</Title>}
-      {of.state === "loading" ? <Busy /> : <ProblemNote problem={of.problem} retry={of.reload} />}
+      {of.state === "loading" ? (
+        <Busy />
+      ) : (
+        <ProblemNote problem={of.problem} retry={of.reload} restore={isDeleted(of.problem) ? restore : undefined} />
+      )}
     </>
   );
 }
@@ -530,16 +554,10 @@ export function Tabs({ label, tabs, current }: TabsProps) {
   );
 }
 
-/** A day, or a time, in the language of the page. */
-export const dayText = (time: string | number): string =>
-  new Date(time).toLocaleDateString(text.dates, { dateStyle: "medium" });
-export const timeText = (time: string): string =>
-  new Date(time).toLocaleString(text.dates, { dateStyle: "medium", timeStyle: "short" });
-
 export function When({ time }: { time: string }) {
   const day = dayText(time);
   return (
-    <time dateTime={time} title={time}>
+    <time dateTime={time} title={zonedText(time)}>
       {day}
       <span class="hour">{timeText(time).slice(day.length)}</span>
     </time>

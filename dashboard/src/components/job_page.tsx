@@ -285,7 +285,7 @@ export function JobPage<Of extends PageJob, Context>({
 }) {
   const loaded = useLoad(load, [id]);
   return (
-    <Show of={loaded} title={kind}>
+    <Show of={loaded} title={kind} restore={() => api.jobs.restore(id)}>
       {(found) => {
         const { job } = found;
         const { name, title, about, list, first, actions } = head(found);

@@ -225,6 +225,8 @@ export const later = {
     reading: {
       nameColumns: "Name the columns by hand",
       unloadedWord: "Word for columns without load",
+      state: "These positions are",
+      states: { unloaded: "without load", loaded: "under load", deflection: "deflections" },
       texts: {
         delimiter: "Between cells",
         allow_missing: "Omit incomplete readings",

@@ -1,5 +1,7 @@
 /** Numbers and times as people read them: the uncertainty decides the digits (GUM 7.2.6), thousands in groups; axes with round numbers. */
 
+import { text } from "../i18n";
+
 const GROUP = "\u202f"; // narrow no-break space, as ISO 80000 wants it
 const MINUS = "\u2212";
 
@@ -143,3 +145,12 @@ export function extent(values: Iterable<number>): [number, number] | null {
   }
   return low <= high ? [low, high] : null;
 }
+
+/** A day, or a time, in the language of the page and in the zone of its reader. */
+export const dayText = (time: string | number): string =>
+  new Date(time).toLocaleDateString(text.dates, { dateStyle: "medium" });
+export const timeText = (time: string): string =>
+  new Date(time).toLocaleString(text.dates, { dateStyle: "medium", timeStyle: "short" });
+/** A time to the second, with its zone. */
+export const zonedText = (time: string): string =>
+  new Date(time).toLocaleString(text.dates, { dateStyle: "medium", timeStyle: "long" });

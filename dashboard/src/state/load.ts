@@ -12,6 +12,7 @@ import type {
   RobotSource,
 } from "../api/types";
 import { listen, news, tell } from "../lib/events";
+import { dayText, timeText } from "../lib/format";
 import { text } from "../i18n";
 
 type Loaded<Value> = { state: "loading" } | { state: "ready"; value: Value } | { state: "failed"; problem: Problem };
@@ -166,7 +167,7 @@ export const setsToldApart = (
 ): Map<string, string> =>
   toldApart(sets, ({ serial_number: serial, measured_at: at, created_at: stored }) => [
     ...(serial ? [serial] : []),
-    (at ?? stored).slice(0, 16).replace("T", " "),
+    timeText(at ?? stored),
   ]);
 
 /** Robots with the serial numbers that their sets state, number of joints and last campaign. */
@@ -176,12 +177,11 @@ export const robotsToldApart = (
 ): Map<string, string> =>
   toldApart(robots, ({ id, created_at, joints }) => {
     const own = sets.filter((set) => set.robot_id === id);
-    const last = own.map((set) => set.measured_at ?? set.created_at).sort();
-    const when = last.at(-1)?.slice(0, 10);
+    const last = Math.max(...own.map((set) => Date.parse(set.measured_at ?? set.created_at)));
     return [
       ...new Set(own.flatMap(({ serial_number }) => serial_number ?? [])),
       text.lists.jointCount(joints.length),
-      when ? text.lists.measuredOn(when) : text.lists.addedOn(created_at.slice(0, 10)),
+      own.length > 0 ? text.lists.measuredOn(dayText(last)) : text.lists.addedOn(dayText(created_at)),
     ];
   });
 

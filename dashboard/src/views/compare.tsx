@@ -17,19 +17,19 @@ import {
   Head,
   Show,
   Tabs,
-  timeText,
   Title,
   Toggle,
 } from "../components/basics";
 import { Further } from "../components/findings";
 import { JobLines, JobPage, JobTables, VerdictCard } from "../components/job_page";
-import { percent, significant } from "../lib/format";
+import { percent, significant, timeText } from "../lib/format";
 import { unsaid } from "../lib/said";
 import { link, useAction, parse } from "../state/action";
 import { storedSet, useLoad, valueOf, type Names, setOptions, useNames } from "../state/load";
 import { text } from "../i18n";
 import { later } from "../i18n/later";
-import { howOf, MOST_RUNS, JobList } from "./runs";
+import { howOf } from "./run_context";
+import { MOST_RUNS, JobList } from "./runs";
 import { type RunColumn, RunsTable } from "./run_stiffness";
 import { Select } from "../components/fields";
 import { NoSets } from "./robots";

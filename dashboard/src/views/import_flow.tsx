@@ -193,6 +193,7 @@ function ImportReading({ answer: { faults }, files, options, change }: ImportPro
   const known = useRef<string[]>([]); // once one is chosen, no fault names them
   if (offered && offered.length > 0) known.current = offered;
   const sheets = known.current.length > 0 ? known.current : options.sheet ? [options.sheet] : [];
+  const stateless = shown("state");
   const pair = asked ?? (stated.length === 2 ? stated : null);
   const terms: Terms = {
     labels: readingWords.texts,
@@ -206,6 +207,14 @@ function ImportReading({ answer: { faults }, files, options, change }: ImportPro
         <Button onClick={() => void headless.text().then((content) => put({ header: unnamed(content) }))}>
           {readingWords.nameColumns}
         </Button>
+      )}
+      {stateless && (
+        <Choice
+          label={readingWords.state}
+          value={options.state ?? ""}
+          change={(state) => put({ state: state as NonNullable<ImportOptions["state"]> })}
+          options={Object.entries(readingWords.states).map(([value, label]) => ({ value, label }))}
+        />
       )}
       {pair && (
         <Choice

@@ -320,6 +320,19 @@ interface TableProps {
   bare: boolean;
 }
 
+/** The stiffness of a joint with its uncertainty, or what it exceeds where only that can be said. */
+export function Stiffness({ joint }: { joint: JointResult }) {
+  const { unit } = useSettings();
+  const [shown, verdict] = [shownStiffness(joint, unit), verdictOf(joint)];
+  const limited = verdict === "lower_limit" && shown.limit !== null;
+  return (
+    <>
+      <b>{verdict === "unobservable" ? "–" : limited ? shown.limit : (shown.value ?? "∞")}</b>
+      {!limited && shown.uncertainty !== null && <span class="soft"> ±&nbsp;{shown.uncertainty}</span>}
+    </>
+  );
+}
+
 export function JointTable({ tools, ...shown }: TableProps & { tools: preact.ComponentChildren }) {
   const { unit } = useSettings();
   const { result, bare, context } = shown;
@@ -408,8 +421,7 @@ function Rows({ context, result: { joints, contributions, identifiability }, bar
                 )}
               </div>
               <span role="cell" class="number value">
-                <b>{verdict === "unobservable" ? "–" : limited ? shown.limit : (shown.value ?? "∞")}</b>
-                {!limited && shown.uncertainty !== null && <span class="soft"> ±&nbsp;{shown.uncertainty}</span>}
+                <Stiffness joint={joint} />
                 {verdict !== "unobservable" && joint.kind !== "prismatic" && (
                   <small class="unit soft">{withUnit("", unitOf(unit).label)}</small>
                 )}

@@ -1,11 +1,11 @@
 /** What lies in space by its deflection: a map, slice by slice, with the same by another run; and the path of a program that was compensated. */
 import { useMemo, useRef, useState } from "preact/hooks";
 import * as maps from "../lib/map";
-import { fixed, decimalsFor, percent, significant, extent } from "../lib/format";
+import { fixed, decimalsFor, percent, significant, extent, timeText } from "../lib/format";
 import { text } from "../i18n";
 import { api, goesOn } from "../api/client";
 import type { Map as WorkMap } from "../api/types";
-import { Busy, Download, NameLink, Choice, Facts, ProblemNote, timeText, useWidth } from "../components/basics";
+import { Busy, Download, NameLink, Choice, Facts, ProblemNote, useWidth } from "../components/basics";
 import { Handle, Select } from "../components/fields";
 import { Going, JobPage, JobLines, JobTables } from "../components/job_page";
 import { freshKey } from "../lib/json";
@@ -15,8 +15,7 @@ import { ArmView, roomOf } from "../scene/view";
 import { asking, useAction, link } from "../state/action";
 import { cached, useCached, useNames, valueOf, useKinematics } from "../state/load";
 import { later } from "../i18n/later";
-import { contextOfEnded } from "./run_context";
-import { howOf } from "./runs";
+import { contextOfEnded, howOf } from "./run_context";
 
 const AXES = ["x", "y", "z"] as const;
 const MARGIN = { left: 60, bottom: 40, top: 8, right: 8 };

@@ -10,13 +10,12 @@ import type {
   RunSummary,
 } from "../api/types";
 import { alike, DataTable } from "../components/table";
-import { fixed } from "../lib/format";
+import { dayText, fixed } from "../lib/format";
 import { degrees, position, positionUnit } from "../lib/stiffness";
 import { text } from "../i18n";
 import { later } from "../i18n/later";
 import { api, every } from "../api/client";
 import {
-  dayText,
   Button,
   LinkButton,
   MeasureLink,
@@ -278,7 +277,7 @@ export function RobotTabs({ current }: { current: "robots" | "sets" | "geometrie
 export function RobotView({ id }: { id: string }) {
   const loaded = useLoad(() => storedRobot(id), [id]);
   return (
-    <Show of={loaded} title={text.start.robot}>
+    <Show of={loaded} title={text.start.robot} restore={() => api.robots.restore(id)}>
       {(robot) => <RobotPage robot={robot} changed={loaded.reload} />}
     </Show>
   );
@@ -300,6 +299,7 @@ function RobotPage({ robot, changed }: { robot: Robot; changed: () => void }) {
           <>
             <span>{text.lists.jointCount(robot.joints.length)}</span>
             {names && <span>{words.setCount(sets.length)}</span>}
+            <a href={link(["compare", "trend", robot.id])}>{words.trend}</a>
           </>
         }
         first={
@@ -310,12 +310,11 @@ function RobotPage({ robot, changed }: { robot: Robot; changed: () => void }) {
       >
         <LinkButton href={link(["measure"], { robot: robot.id })}>{later.measure.title}</LinkButton>
         <LinkButton href={link(["plans"], { robot: robot.id })}>{later.plan.begin}</LinkButton>
-        <LinkButton href={link(["compare", "trend", robot.id])}>{words.trend}</LinkButton>
         <StoredActions of={robot} api={api.robots} list="#/robots" changed={changed} />
       </Head>
       {robot.last_campaign && robot.last_campaign.changed.length > 0 && (
         <p class="note bad">
-          <ChangedJoints of={robot.last_campaign} /> <a href={link(["compare", "trend", robot.id])}>{words.trend}</a>
+          <ChangedJoints of={robot.last_campaign} />
         </p>
       )}
       <div class="flow">
@@ -382,7 +381,7 @@ function Kinematics({ robot }: { robot: Robot }) {
 export function SetView({ id }: { id: string }) {
   const loaded = useLoad(() => storedSet(id), [id]);
   return (
-    <Show of={loaded} title={text.sets.kind}>
+    <Show of={loaded} title={text.sets.kind} restore={() => api.sets.restore(id)}>
       {(set) => <SetPage set={set} changed={loaded.reload} />}
     </Show>
   );

@@ -7,8 +7,7 @@ import { JobPage, variantBy } from "../components/job_page";
 import { freshKey } from "../lib/json";
 import { useAction, link } from "../state/action";
 import { text } from "../i18n";
-import { howOf, JobList } from "./runs";
-import { type PartProps, type RunContext, contextOf, elasticityOf } from "./run_context";
+import { type PartProps, type RunContext, contextOf, elasticityOf, howOf } from "./run_context";
 import { StiffnessPart } from "./run_stiffness";
 
 const DeflectionPart = lazy(async () => (await import("./run_deflection")).DeflectionPart);
@@ -16,6 +15,7 @@ const RobotPart = lazy(async () => (await import("./run_deflection")).RobotPart)
 const PredictPart = lazy(async () => (await import("./use")).PredictPart);
 const MapForm = lazy(async () => (await import("./use")).MapForm);
 const ProgramForm = lazy(async () => (await import("./use")).ProgramForm);
+const JobList = lazy(async () => (await import("./runs")).JobList);
 const RunFiles = lazy(async () => (await import("./use")).RunFiles);
 
 export function RunView({ id, part, query }: { id: string; part: string; query: URLSearchParams }) {

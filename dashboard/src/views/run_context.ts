@@ -2,7 +2,8 @@ import { storedRobot, storedSet, cached, useCached, valueOf } from "../state/loa
 /** What the parts of a run's page share, and what the pages of maps and programs need of their run. */
 import { useMemo } from "preact/hooks";
 import { api } from "../api/client";
-import type { Elasticity, MeasurementSet, Posture, Robot, Run, RunResult } from "../api/types";
+import type { Elasticity, MeasurementSet, Posture, Robot, Run, RunRequest, RunResult, RunSummary } from "../api/types";
+import { text } from "../i18n";
 import { standOf } from "../lib/live";
 
 /** A run with what it is about. */
@@ -51,3 +52,26 @@ export async function posturesOf(set: MeasurementSet, robot: Pick<Robot, "joints
   }
   return postures;
 }
+
+type Asked = Pick<RunSummary, "method" | "positive" | "weighting" | "elasticity"> &
+  Partial<Pick<RunRequest, "loss" | "complementary_stiffness" | "leave_out" | "variant_of">>;
+
+/** How a run was made: its method, then what is not usual. */
+export const waysOf = ({
+  positive,
+  weighting,
+  elasticity,
+  leave_out: left = [],
+  variant_of: origin,
+  ...asked
+}: Asked): string[] => [
+  positive ? text.options.constrained : text.options.unconstrained,
+  ...(weighting === "covariance" ? [] : [text.weightings[weighting]]),
+  ...(elasticity === "joints" || elasticity === "automatic" ? [] : [text.elasticities[elasticity]]),
+  ...(asked.loss && asked.loss !== "automatic" ? [text.assessment.loss[asked.loss]] : []),
+  ...(asked.complementary_stiffness === "neglected" ? [text.assessment.neglected] : []),
+  ...(left.length > 0 ? [text.lists.without(left)] : []),
+  ...(origin ? [text.assessment.variant] : []),
+];
+
+export const howOf = (run: Asked): string => [text.methods[run.method], ...waysOf(run)].join(", ");

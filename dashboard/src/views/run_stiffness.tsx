@@ -3,19 +3,18 @@ import type { Run, RunResult } from "../api/types";
 import { Badge, NameLink, Name, Facts, When, Term, ActionButton } from "../components/basics";
 import { type Cell, DataTable, type Table } from "../components/table";
 import { percent, significant } from "../lib/format";
-import { shownStiffness, STIFFNESS_UNITS } from "../lib/stiffness";
+import { STIFFNESS_UNITS } from "../lib/stiffness";
 import { useSettings } from "../state/session";
 import { text } from "../i18n";
 import { JobLines, JobTables, VerdictCard } from "../components/job_page";
 import { useState } from "preact/hooks";
-import { type PartProps, type RunContext, isElastic } from "./run_context";
+import { type PartProps, type RunContext, howOf, isElastic } from "./run_context";
 import { useCached, valueOf } from "../state/load";
 import { api } from "../api/client";
 import { unsaid } from "../lib/said";
 import { link, useAction } from "../state/action";
-import { JointTable } from "./joint_table";
+import { JointTable, Stiffness } from "./joint_table";
 import { Further } from "../components/findings";
-import { howOf } from "./runs";
 
 export interface RunColumn {
   run: Run;
@@ -34,13 +33,7 @@ export function RunsTable({ columns, label }: { columns: RunColumn[]; label: str
   ];
   const stiffness = (name: string) => (result: RunResult) => {
     const joint = result.joints.find((one) => one.name === name);
-    const shown = joint && shownStiffness(joint, unit);
-    return (
-      <>
-        <b>{shown?.value ?? shown?.limit ?? "–"}</b>
-        {shown?.uncertainty && <span class="soft"> ±&nbsp;{shown.uncertainty}</span>}
-      </>
-    );
+    return joint ? <Stiffness joint={joint} /> : "–";
   };
   const names = new Set(results.flatMap((result) => result?.joints.map(({ name }) => name) ?? []));
   const table: Table = {
@@ -147,8 +140,7 @@ export function StiffnessPart({ context, result }: PartProps) {
 
 function Summary({ result }: { result: RunResult }) {
   const words = text.run.summary;
-  const found = result.joints.filter((joint) => joint.stiffness !== null).length;
-  const { goodness } = result;
+  const { assessment, goodness } = result;
   const verdict = goodness.sigma_source === "residuals" ? undefined : goodness.test?.verdict;
   const figure = (value: string | number, unit: string, said: string) => (
     <li>
@@ -161,7 +153,7 @@ function Summary({ result }: { result: RunResult }) {
   );
   return (
     <ul class="summary">
-      {figure(found, words.of(result.joints.length), words.numbered)}
+      {figure(assessment.joints_identified ?? 0, words.of(result.joints.length), words.numbered)}
       {result.compensation !== null && figure(percent(result.compensation), "", words.compensation)}
       {figure(significant(result.rms_residual * 1e6, 2), text.units.micrometre, words.rms)}
       {figure(

@@ -2,7 +2,7 @@
 import type { ComponentChildren } from "preact";
 import { useEffect, useRef, useState, useCallback } from "preact/hooks";
 import { api, problemOf, type Collection, follow, goesOn, type Standing } from "../api/client";
-import type { Page, Problem, RunRequest, RunState, RunSummary, Usability } from "../api/types";
+import type { Page, Problem, RunState, RunSummary, Usability } from "../api/types";
 import { chosen, type Filter, FilterBar, type Row, Rows, unusual, useFilter } from "../components/list";
 import {
   Badge,
@@ -25,6 +25,7 @@ import { groupedBy } from "../lib/json";
 import { whenSeen, type Names, useNames, valueOf } from "../state/load";
 import { link, toast, go } from "../state/action";
 import { text } from "../i18n";
+import { waysOf } from "./run_context";
 
 const words = text.list;
 /** A browser keeps six connections to a host; those that are followed must leave some for the rest of the page. */
@@ -279,29 +280,6 @@ function usePages<Of extends Collection>(collection: Of, filters: Record<string,
 
 /** As many are compared as there are marks. */
 export const MOST_RUNS = 4;
-
-type Asked = Pick<RunSummary, "method" | "positive" | "weighting" | "elasticity"> &
-  Partial<Pick<RunRequest, "loss" | "complementary_stiffness" | "leave_out" | "variant_of">>;
-
-/** How a run was made: its method, then what is not usual. */
-const waysOf = ({
-  positive,
-  weighting,
-  elasticity,
-  leave_out: left = [],
-  variant_of: origin,
-  ...asked
-}: Asked): string[] => [
-  positive ? text.options.constrained : text.options.unconstrained,
-  ...(weighting === "covariance" ? [] : [text.weightings[weighting]]),
-  ...(elasticity === "joints" || elasticity === "automatic" ? [] : [text.elasticities[elasticity]]),
-  ...(asked.loss && asked.loss !== "automatic" ? [text.assessment.loss[asked.loss]] : []),
-  ...(asked.complementary_stiffness === "neglected" ? [text.assessment.neglected] : []),
-  ...(left.length > 0 ? [text.lists.without(left)] : []),
-  ...(origin ? [text.assessment.variant] : []),
-];
-
-export const howOf = (run: Asked): string => [text.methods[run.method], ...waysOf(run)].join(", ");
 
 function aboutRun(run: RunSummary, names: Names | null): About {
   const method = text.methods[run.method];

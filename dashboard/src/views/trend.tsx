@@ -1,6 +1,6 @@
 /** Each joint of one robot over its campaigns: charts with intervals, and whether the latest differs from the first. */
-import { significant, pValue, extent, logarithmic } from "../lib/format";
-import { dayText, Name, Badge, Empty, Head, MeasureLink, Show } from "../components/basics";
+import { dayText, significant, pValue, extent, logarithmic, timeText } from "../lib/format";
+import { Name, Badge, Empty, Head, MeasureLink, Show } from "../components/basics";
 import { go, link } from "../state/action";
 import { LeftAxis, Chart, Figure } from "../charts/figure";
 import { useState } from "preact/hooks";
@@ -187,15 +187,15 @@ function Charts({ trend }: { trend: Found }) {
         </p>
       ))}
       {trend.note !== null && <p class="note warn">{words.said(trend.note)}</p>}
-      <p class="hint">
-        {trend.campaigns.length > 1 && words.test(trend.level)}
-        {words.axes}
-      </p>
       <div class="multiples">
         {worstFirst(trend.joints).map((joint) => (
           <JointTrend key={joint.name} joint={joint} trend={trend} />
         ))}
       </div>
+      <p class="hint">
+        {trend.campaigns.length > 1 && words.test(trend.level)}
+        {words.axes}
+      </p>
       <details open={trend.campaigns.some(({ assessment }) => assessment.verdict !== "use")}>
         <summary>{words.campaigns(trend.campaigns.length)}</summary>
         <Rows
@@ -232,7 +232,7 @@ function JointTrend({ joint, trend }: { joint: TrendJoint; trend: Found }) {
           const [drawn, point] = [points[i], joint.points[i]];
           return [
             name,
-            at.slice(0, 16).replace("T", " "),
+            timeText(at),
             ...[drawn?.value, drawn?.low, point?.interval ? drawn?.high : null],
             point?.reason ?? "",
             text.usability[assessment.verdict],

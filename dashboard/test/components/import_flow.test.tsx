@@ -48,6 +48,9 @@ function answerTo(options: Record<string, unknown>) {
         ? []
         : [{ file: "day.csv", line: 3, column: 2, reason: "unknown", remedy: "say it", option: "columns" }]),
       { file: "day.csv", line: 6, column: 3, reason: "'1.2.3' is no number", remedy: "correct it", option: null },
+      ...(stateless
+        ? [{ file: "day.csv", line: null, column: null, reason: "no state", remedy: "say it", option: "state" }]
+        : []),
       { file: "plan.pdf", line: null, column: null, reason: "a PDF document", remedy: "export it", option: null },
     ],
     bodies: [],
@@ -59,10 +62,12 @@ function answerTo(options: Record<string, unknown>) {
   };
 }
 
+let stateless = false;
 const asked: { method: string; path: string; options: Record<string, unknown> }[] = [];
 
 beforeEach(() => {
   asked.length = 0;
+  stateless = false;
   forget("names");
   vi.stubGlobal("fetch", async (path: string, { method = "GET", body }: { method?: string; body?: FormData } = {}) => {
     const options = body instanceof FormData ? JSON.parse(String(body.get("options"))) : {};
@@ -113,6 +118,15 @@ describe("tables of readings", () => {
     expect(root.querySelectorAll("th.faulty")).toHaveLength(0);
     const posted = asked.filter(({ method }) => method !== "GET").map(({ path }) => path);
     expect(new Set(posted)).toEqual(new Set(["/v1/imports"]));
+  });
+
+  it("without the word unloaded are unloaded by one tap", async () => {
+    stateless = true;
+    const root = await flow();
+    await wait();
+    await settled(() => root.querySelector<HTMLInputElement>("input[value=unloaded]")?.click());
+    await wait();
+    expect(last()).toMatchObject({ state: "unloaded" });
   });
 
   it("ask for what no file says", async () => {

@@ -401,6 +401,12 @@ NAMES = {
         {"a.txt": POINTS.replace("_unloaded", "").replace("_loaded", "")},
         {"a.txt": POINTS},
     ),
+    "nothing says the state: stated": option(
+        "is given neither by the table",
+        "c01_P10;1;2;3.5\nc02_P10;1;2;4.5\n",
+        state="unloaded",
+    ),
+    "state without a need": omitted("the state of all positions is given", CAMPAIGN, state="loaded"),
     "nothing says the state: the file": Case(
         "is given neither by the table",
         {"a.txt": "c01_P10;1;2;3.5\nc02_P10;1;2;4.5\n"},
@@ -642,23 +648,27 @@ def test_the_remedy_takes_the_fault_away(name, monkeypatch):
 
 def test_the_cases_pass_every_place_that_reports_a_fault(monkeypatch):
     passed: dict[tuple[str, int], set[str]] = {}
-    begun = ImportFileError.__init__
 
-    def noted(self, place, reason, remedy, *others):
-        frame: FrameType | None = sys._getframe(1)
-        while frame is not None and frame.f_code.co_filename.endswith("importing/errors.py"):
-            frame = frame.f_back
-        if frame is not None:
-            at = Path(frame.f_code.co_filename).name, frame.f_lineno
-            passed.setdefault(at, set()).update(named_options(remedy))
-        begun(self, place, reason, remedy, *others)
+    def noted(frame: FrameType, event: str, _: object) -> None:
+        """Note where a fault is made, and the options that its remedy names."""
+        if event != "call" or frame.f_code is not ImportFileError.__init__.__code__:
+            return
+        maker = frame.f_back
+        while maker is not None and maker.f_code.co_filename.endswith("importing/errors.py"):
+            maker = maker.f_back
+        if maker is not None:
+            at = Path(maker.f_code.co_filename).name, maker.f_lineno
+            passed.setdefault(at, set()).update(named_options(frame.f_locals["remedy"]))
 
-    monkeypatch.setattr(ImportFileError, "__init__", noted)
     tried = set[str]()
     for case in CASES.values():
         with monkeypatch.context() as patch:
             lowered(case, patch)
-            case.answer(mended=False)
+            sys.setprofile(noted)
+            try:
+                case.answer(mended=False)
+            finally:
+                sys.setprofile(None)
         tried |= changed(case)
     missing = [
         f"{path.name}:{call.lineno}"
