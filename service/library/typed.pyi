@@ -203,6 +203,7 @@ class ImportFields(TypedDict, total=False):
     point_name: str | None
     file_name: str | None
     state_words: Mapping[str, Literal["unloaded", "loaded", "deflection"]]
+    state: Literal["unloaded", "loaded", "deflection"] | None
     by_order: bool
     allow_missing: bool
     name: str | None
