@@ -95,7 +95,7 @@ def test_no_library_of_an_extra_is_there(bare):
         "import examples/readings.csv --encoders motor --load-point 0,0,120",
         "geometry examples/sweeps.json --robot examples/nominal.json",
         "measure campaign.json --goal 15% --source simulated:1 --yes",
-        "export campaign.json -o model.mjcf",
+        "export campaign.json -o exported.mjcf",
         "report campaign.json -o sheet.html",
         "robots",
     ],
