@@ -168,7 +168,6 @@ class AuditEntry:
 OPEN_STATES: Final = ("queued", "running")
 """States of a job that has not ended; all others are final."""
 
-AnyRecord = RobotRecord | MeasurementSetRecord | JobRecord
 
 Record = TypeVar("Record", RobotRecord, MeasurementSetRecord, OpenSetRecord, JobRecord)
 Entry = TypeVar("Entry", RobotRecord, MeasurementSetEntry, OpenSetRecord, JobEntry)

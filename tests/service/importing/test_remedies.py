@@ -82,6 +82,11 @@ def omitted(fault: str, content: Content, /, **stated: Any) -> Case:
     return Case(fault, {"a.csv": content}, options=stated, stated={})
 
 
+def masses(fault: str, wrong: str) -> Case:
+    """Return a table of masses with a mistake beside readings, and the same table without it."""
+    return Case(fault, {"m.csv": wrong, "a.csv": CAMPAIGN}, {"m.csv": MASSES, "a.csv": CAMPAIGN})
+
+
 def limited(fault: str, wrong: Files, right: Files, **limits: int) -> Case:
     """Return files beyond a limit, here a low one, and files within it."""
     return Case(fault, wrong, right, limits=limits)
@@ -537,31 +542,15 @@ FILES = {
         **{"header.MAX_JOINTS": 3},
     ),
     "masses alone": Case("masses and no readings", {"m.csv": MASSES}, {"m.csv": MASSES, "a.csv": CAMPAIGN}),
-    "masses with an unknown header": Case(
-        "of a table of masses is not known",
-        {"m.csv": MASSES.replace("body", "thing"), "a.csv": CAMPAIGN},
-        {"m.csv": MASSES, "a.csv": CAMPAIGN},
+    "masses with an unknown header": masses(
+        "of a table of masses is not known", MASSES.replace("body", "thing")
     ),
-    "masses without a unit": Case(
-        "the unit of 'mass' is not one of",
-        {"m.csv": MASSES.replace("mass [kg]", "mass"), "a.csv": CAMPAIGN},
-        {"m.csv": MASSES, "a.csv": CAMPAIGN},
+    "masses without a unit": masses("the unit of 'mass' is not one of", MASSES.replace("mass [kg]", "mass")),
+    "masses without a column": masses(
+        "the table of masses has no column z", MASSES.replace(";z [mm]", "").replace(";350", "")
     ),
-    "masses without a column": Case(
-        "the table of masses has no column z",
-        {"m.csv": MASSES.replace(";z [mm]", "").replace(";350", ""), "a.csv": CAMPAIGN},
-        {"m.csv": MASSES, "a.csv": CAMPAIGN},
-    ),
-    "masses of other lengths": Case(
-        "but the header 6",
-        {"m.csv": MASSES.replace(";350", ""), "a.csv": CAMPAIGN},
-        {"m.csv": MASSES, "a.csv": CAMPAIGN},
-    ),
-    "mass that is none": Case(
-        "the row is no body",
-        {"m.csv": MASSES.replace("120", "-120"), "a.csv": CAMPAIGN},
-        {"m.csv": MASSES, "a.csv": CAMPAIGN},
-    ),
+    "masses of other lengths": masses("but the header 6", MASSES.replace(";350", "")),
+    "mass that is none": masses("the row is no body", MASSES.replace("120", "-120")),
     "two units of lengths": Case(
         "the unit of length is",
         {"j.csv": JOINTS, "a.csv": STATES, "b.csv": STATES.replace("[mm]", "[m]").replace("P10", "P11")},
