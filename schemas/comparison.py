@@ -19,7 +19,7 @@ from jointstiff.schemas.fields import (
     draws_of,
 )
 from jointstiff.schemas.finding import Assessment, Finding, Problem, ResultSummary
-from jointstiff.schemas.job import Job, JobSummary, Result
+from jointstiff.schemas.job import Job, Result
 from jointstiff.schemas.joints import StatedKind
 from jointstiff.schemas.options import Method, MethodOptions, Resampling, RunOptions, Weighting
 from jointstiff.schemas.run import Certificate, JointResult, ResamplingResult, found_in
@@ -300,21 +300,13 @@ class ComparisonResult(Result):
         )
 
 
-class ComparisonSummary(JobSummary, ResultSummary):
-    """A comparison in a listing."""
-
-    first_set_id: Identifier
-    second_set_id: Identifier | None = Field(description="Second measurement set; null for one alone.")
-    robot_id: Identifier = Field(description="Robot of the first side.")
-
-
 class Comparison(Job):
     """A stored comparison. It never changes."""
 
-    kind: ClassVar[str] = "comparison"
     collection: ClassVar[str] = "comparisons"
 
-    first_set_id: Identifier = Field(description="Measurement set of the first side.")
+    kind: Literal["comparison"] = "comparison"
+    measurement_set_id: Identifier = Field(description="Measurement set of the first side.")
     second_set_id: Identifier | None = Field(description="Measurement set of the second side; null for none.")
     request: ComparisonRequest
     result: ComparisonResult | None = Field(description="Result; present if the comparison has succeeded.")

@@ -29,7 +29,7 @@ from jointstiff.schemas.fields import (
     Vector3,
 )
 from jointstiff.schemas.finding import AcceptingOptions
-from jointstiff.schemas.job import FromRun, Job, JobSummary
+from jointstiff.schemas.job import FromRun, Job
 from jointstiff.schemas.measurement import Units
 from jointstiff.schemas.plan import Box
 from jointstiff.schemas.robot import MAX_JOINTS
@@ -392,19 +392,11 @@ class MapResult(FromRun):
     remarks: list[str] = Field(description="Remarks that apply to all places.")
 
 
-class MapSummary(JobSummary):
-    """A map in a listing."""
-
-    robot_id: Identifier
-    run_id: Identifier
-    name: Name | None
-
-
 class Map(Job):
     """A stored map. Once finished, it never changes."""
 
-    kind: ClassVar[str] = "map"
     collection: ClassVar[str] = "maps"
 
+    kind: Literal["map"] = "map"
     request: MapRequest
     result: MapResult | None = Field(description="Result; present if the job has succeeded.")

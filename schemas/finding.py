@@ -268,18 +268,13 @@ class AcceptingOptions(Message):
     )
 
 
-class VerdictSummary(Message):
-    """Verdict of a result for listings; null while there is none."""
+class ResultSummary(Message):
+    """Summary of a result for listings; all null while there is none."""
 
     verdict: Verdict | None = Field(
         default=None,
         description="Verdict of the result; the worst one of several fits.",
     )
-
-
-class ResultSummary(VerdictSummary):
-    """Summary of a result for listings; all null while there is none."""
-
     compensation: Dimensionless[float | None] = Field(
         default=None,
         description="Share of the mean deflection that the model predicts; the greatest of a comparison, "

@@ -25,7 +25,7 @@ from jointstiff.schemas.fields import (
     either,
 )
 from jointstiff.schemas.finding import Assessment, Finding, ResultSummary
-from jointstiff.schemas.job import Job, JobSummary, Result
+from jointstiff.schemas.job import Job, Result
 from jointstiff.schemas.measurement import AngleUnit, Instrument, LengthUnit, Sigma
 from jointstiff.schemas.robot import MAX_JOINTS, DhRow, JointMap, RobotDocument
 
@@ -499,19 +499,12 @@ class GeometryRequest(Message):
         return self.robot_id is not None or self.robot is not None
 
 
-class GeometrySummary(JobSummary, ResultSummary):
-    """A geometry in a listing."""
-
-    name: Name
-    robot_id: Identifier | None = Field(description="Robot of the nominal model, if it is stored.")
-
-
 class Geometry(Job):
     """A stored geometry. It never changes."""
 
-    kind: ClassVar[str] = "geometry"
     collection: ClassVar[str] = "geometries"
 
+    kind: Literal["geometry"] = "geometry"
     name: Name
     request: GeometryRequest
     result: GeometryResult | None = Field(description="Result; present if the job has succeeded.")

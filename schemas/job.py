@@ -7,8 +7,9 @@ from typing import ClassVar, Literal
 from pydantic import Field, StrictBool
 
 from jointstiff.schemas.fields import Identifier, Message, Name, Timestamp
-from jointstiff.schemas.finding import Assessment, Problem, ResultSummary, VerdictSummary
+from jointstiff.schemas.finding import Assessment, Problem, ResultSummary
 from jointstiff.schemas.joints import JointKind
+from jointstiff.schemas.options import Elasticity, Method, Weighting
 
 JobState = Literal["queued", "running", "succeeded", "failed", "cancelled"]
 
@@ -65,10 +66,10 @@ class FromRun(Result):
 class Job(Message):
     """A request with its state, result and provenance. It never changes after its end."""
 
-    kind: ClassVar[str]  # name of this kind of job
-    collection: ClassVar[str]  # name of all jobs of this kind in addresses
+    collection: ClassVar[str]  # name of all jobs of this kind, where they are posted
 
     id: Identifier
+    kind: str
     state: JobState = Field(
         description="State of the job. While `queued` or `running`, poll its address or follow its events."
     )
@@ -83,13 +84,42 @@ class Job(Message):
         default=None, description="Key of the request; null if the service required none."
     )
 
+    @classmethod
+    def kind_name(cls) -> str:
+        """Return the kind of all jobs of this class."""
+        return str(cls.model_fields["kind"].default)
 
-class JobSummary(VerdictSummary):
-    """A job in a listing."""
+
+class JobSummary(ResultSummary):
+    """A job in a listing. What its kind does not have is null or empty."""
 
     id: Identifier
+    kind: str = Field(description="Kind of the job, such as `run`.", examples=["run"])
     state: JobState
     created_at: Timestamp
+    name: Name | None = Field(default=None, description="Name; of a program that of its first file.")
+    robot_id: Identifier | None = Field(
+        default=None,
+        description="Robot; of a comparison that of the first side, of a geometry the nominal one.",
+    )
+    measurement_set_id: Identifier | None = Field(
+        default=None,
+        description="Measurement set of a run or a plan; of a comparison that of the first side.",
+    )
+    second_set_id: Identifier | None = Field(
+        default=None, description="Measurement set of the second side of a comparison."
+    )
+    run_id: Identifier | None = Field(default=None, description="Run of a map or a program.")
+    method: Method | None = None
+    weighting: Weighting | None = None
+    positive: StrictBool | None = Field(default=None, description="Whether every compliance was constrained.")
+    elasticity: Elasticity | None = Field(default=None, description="Parts that bend.")
+    leave_out: list[Name] = Field(default_factory=list, description="Omitted observations.")
+    variant_of: Identifier | None = Field(default=None, description="Run that a run tries to improve.")
+    outputs: list[str] = Field(
+        default_factory=list,
+        description="SHA-256 of each corrected file of a program; these files are refused as input.",
+    )
 
 
 class JobChange(Message):

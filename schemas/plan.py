@@ -31,7 +31,7 @@ from jointstiff.schemas.fields import (
     target_of,
 )
 from jointstiff.schemas.finding import AcceptingOptions, Assessment
-from jointstiff.schemas.job import Job, JobSummary, Result
+from jointstiff.schemas.job import Job, Result
 from jointstiff.schemas.joints import StatedKind
 from jointstiff.schemas.measurement import MAX_TARGETS, Uncertainty
 from jointstiff.schemas.options import MAX_LEFT_OUT, Causes, StiffnessPrior, Weight
@@ -417,18 +417,11 @@ class PlanResult(Result):
     struck_out: dict[str, int] = Field(description="Number of infeasible readings, by reason.")
 
 
-class PlanSummary(JobSummary):
-    """A plan in a listing."""
-
-    robot_id: Identifier
-    measurement_set_id: Identifier | None
-
-
 class Plan(Job):
     """A stored plan. It never changes."""
 
-    kind: ClassVar[str] = "plan"
     collection: ClassVar[str] = "plans"
 
+    kind: Literal["plan"] = "plan"
     request: PlanRequest
     result: PlanResult | None = Field(description="Result; present if the job has succeeded.")

@@ -23,7 +23,7 @@ from jointstiff.schemas.fields import (
     numbers_of,
 )
 from jointstiff.schemas.finding import AcceptingOptions
-from jointstiff.schemas.job import FromRun, Job, JobSummary
+from jointstiff.schemas.job import FromRun, Job
 from jointstiff.schemas.measurement import Units
 from jointstiff.schemas.robot import MAX_JOINTS
 
@@ -225,7 +225,7 @@ class ProgramRequest(ProgramForm):
     )
 
     @property
-    def file_name(self) -> str:
+    def name(self) -> str:
         """Name of the first file, for listings."""
         return self.files[0].name
 
@@ -302,24 +302,12 @@ class ProgramResult(FromRun):
     table: ProgramFile = Field(description="All points; null in answers: its file `points.csv`.")
 
 
-class ProgramSummary(JobSummary):
-    """A compensated program in a listing."""
-
-    robot_id: Identifier
-    run_id: Identifier
-    file_name: Name | None = Field(default=None, description="Name of its first file.")
-    outputs: list[str] = Field(
-        default_factory=list,
-        description="SHA-256 of each corrected file; these files are refused as input.",
-    )
-
-
 class Program(Job):
     """A stored compensated program. It never changes."""
 
-    kind: ClassVar[str] = "program"
     collection: ClassVar[str] = "programs"
 
+    kind: Literal["program"] = "program"
     request: ProgramRequest
     result: ProgramResult | None = Field(description="Result; present if the job has succeeded.")
 

@@ -7,9 +7,10 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, model_validator
 
 from jointstiff.schemas.fields import MAX_NAME_LENGTH, Message
-from jointstiff.schemas.finding import AcceptingOptions
+from jointstiff.schemas.finding import AcceptingOptions, Verdict
 from jointstiff.schemas.job import JobState
 from jointstiff.schemas.measurement import Moment
+from jointstiff.schemas.options import Elasticity, Method, Weighting
 
 MAX_PAGE = 100
 MAX_WAIT_SECONDS = 60
@@ -47,7 +48,20 @@ class DeletableQuery(PageQuery):
 class JobQuery(DeletableQuery):
     """Filters of jobs."""
 
+    kind: Reference | None = Field(default=None, description="Filter by kind.")
     state: JobState | None = Field(default=None, description="Filter by state.")
+    verdict: Verdict | None = Field(default=None, description="Filter by verdict.")
+    robot_id: Reference | None = Field(default=None, description="Filter by robot.")
+    measurement_set_id: Reference | None = Field(
+        default=None, description="Filter by measurement set; of comparisons that of the first side."
+    )
+    second_set_id: Reference | None = Field(
+        default=None, description="Filter comparisons by the measurement set of the second side."
+    )
+    name: ExactName | None = Field(default=None, description="Filter by name (exact).")
+    method: Method | None = Field(default=None, description="Filter runs by method.")
+    weighting: Weighting | None = Field(default=None, description="Filter runs by weighting.")
+    elasticity: Elasticity | None = Field(default=None, description="Filter runs by the parts that bend.")
 
 
 class WaitQuery(Message):

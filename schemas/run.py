@@ -23,7 +23,7 @@ from jointstiff.schemas.fields import (
     Torque,
 )
 from jointstiff.schemas.finding import Assessment, Finding, ResultSummary, Verdict
-from jointstiff.schemas.job import Job, JobSummary, Result
+from jointstiff.schemas.job import Job, Result
 from jointstiff.schemas.joints import StatedKind
 from jointstiff.schemas.measurement import MeasurementSetDocument
 from jointstiff.schemas.model import IdentifiedModel, LinksResult, ModelSelection
@@ -32,9 +32,7 @@ from jointstiff.schemas.options import (
     Elasticity,
     ElasticModel,
     Loss,
-    Method,
     RunOptions,
-    Weighting,
 )
 from jointstiff.schemas.robot import RobotDocument
 
@@ -632,25 +630,12 @@ class RunResult(Result):
         return {label: sum(values) / len(values) for label, values in lengths.items()}
 
 
-class RunSummary(JobSummary, ResultSummary):
-    """A run in a listing."""
-
-    measurement_set_id: Identifier
-    robot_id: Identifier
-    method: Method
-    weighting: Weighting
-    positive: StrictBool
-    elasticity: Elasticity = Field(description="Parts that bend.")
-    leave_out: list[Name] = Field(default_factory=list, description="Omitted observations.")
-    variant_of: Identifier | None = Field(default=None, description="Run that this one tries to improve.")
-
-
 class Run(Job):
     """A stored run. It never changes once ended."""
 
-    kind: ClassVar[str] = "run"
     collection: ClassVar[str] = "runs"
 
+    kind: Literal["run"] = "run"
     request: RunRequest
     result: RunResult | None = Field(description="Result; present if the run has succeeded.")
 

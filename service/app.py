@@ -125,7 +125,7 @@ def all_routes() -> Sequence[BaseRoute]:
         admin.sessions,
         admin.router,
         jobs.router,
-        *map(jobs.kind_routes, KINDS),
+        *(jobs.post_of(kind) for kind in KINDS if not kind.is_form),
     ):
         whole.include_router(router)
     return whole.routes

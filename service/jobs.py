@@ -14,7 +14,7 @@ from sqlalchemy import Connection
 
 from jointstiff.schemas.fields import Message, Page
 from jointstiff.schemas.finding import ResultSummary
-from jointstiff.schemas.job import Job, JobState, Requester, Result
+from jointstiff.schemas.job import Job, JobState, JobSummary, Requester, Result
 from jointstiff.schemas.query import JobQuery
 from jointstiff.service.kinds.kind import AnyKind
 from jointstiff.service.kinds.registry import KINDS
@@ -30,10 +30,10 @@ from jointstiff.service.kinds.work import (
     unpack,
 )
 from jointstiff.service.live.stored import OpenSets
-from jointstiff.service.problems import NotFoundError, Resource, TooManyJobsError, WorkerLostError, problem_of
+from jointstiff.service.problems import NotFoundError, TooManyJobsError, WorkerLostError, problem_of
 from jointstiff.service.process import versions
 from jointstiff.service.resources.stored import Resources
-from jointstiff.service.store.jobs import PLAN, Step
+from jointstiff.service.store.jobs import JOB, PLAN, Step
 from jointstiff.service.store.store import Store
 from jointstiff.service.store.tables import OPEN_STATES, IdempotencyKey, JobRecord
 from jointstiff.solver.errors import JointstiffError, RequestError
@@ -42,7 +42,6 @@ MAX_OPEN: Final = 1_000
 """Maximum number of unfinished jobs of a kind; concurrent posts may exceed it by a few."""
 _COLUMNS: Final = (
     "measurement_set_id",
-    "first_set_id",
     "second_set_id",
     "name",
     "method",
@@ -53,8 +52,6 @@ _COLUMNS: Final = (
 """Columns of the store that have the values of the summary's fields."""
 _CHANGING: Final = ("state", "summary", "document", "elasticity", "verdict")
 """Columns that change until a job ends."""
-JOB: Final = Resource("job", "runs, of other kinds see GET /v1")
-"""A job of any kind; its listing is that of its kind."""
 _NONE: Final[Mapping[str, object]] = MappingProxyType({})
 
 _logger = logging.getLogger(__name__)
@@ -116,26 +113,10 @@ class Jobs:
         """
         return self._as_now(self.records.get(job_id))
 
-    def document(self, job_id: str, *, hidden: bool = False) -> str:
-        """Return the same as JSON: that of a job that has ended, as it was stored; a deleted one if asked to.
-
-        Raises:
-            NotFoundError: there is no such job.
-        """
-        record = self.records.get(job_id, hidden=hidden)
-        if record.state in OPEN_STATES:
-            return self._as_now(record).model_dump_json()
-        return record.document
-
-    def page(self, query: JobQuery) -> Page[Any]:
-        """Return one page of the listing, newest first.
-
-        Raises:
-            CursorError: no page gave this cursor.
-        """
-        page = self.records.page(**query.listing())
-        items = [self.kind.summary.model_validate(entry.summary) for entry in page.records]
-        return Page(items=items, next=page.next)
+    def answered(self, record: JobRecord) -> str:
+        """Return a job as it is answered, as JSON: one that has ended as it was stored."""
+        goes_on = record.state in OPEN_STATES
+        return self.kind.answered(self._as_now(record).model_dump_json() if goes_on else record.document)
 
     def cancel(self, job_id: str) -> Job:
         """End a job where it stands; a job that has ended stays as it is.
@@ -251,7 +232,7 @@ class Jobs:
 
 def record_of(kind: AnyKind, job: Job, robot_id: str | None) -> JobRecord:
     """Return a job as the store keeps it."""
-    summary = summary_of(kind, job, robot_id)
+    summary = summary_of(job, robot_id)
     return JobRecord(
         id=job.id,
         kind=kind.name,
@@ -264,16 +245,16 @@ def record_of(kind: AnyKind, job: Job, robot_id: str | None) -> JobRecord:
     )
 
 
-def summary_of(kind: AnyKind, job: Job, robot_id: str | None) -> dict[str, Any]:
+def summary_of(job: Job, robot_id: str | None) -> dict[str, Any]:
     """Return a job as it is listed, as JSON."""
     result = job.result.summary if isinstance(job.result, Result) else ResultSummary()
     sources = (job, job.request, job.provenance, result)
     fields = {
         name: next(getattr(source, name) for source in sources if hasattr(source, name))
-        for name in kind.summary.model_fields
-        if name != "robot_id"
+        for name in JobSummary.model_fields
+        if any(hasattr(source, name) for source in sources)
     }
-    listed = kind.summary.model_validate({"robot_id": robot_id, **fields})
+    listed = JobSummary.model_validate(fields | {"robot_id": robot_id})
     summary: dict[str, Any] = listed.model_dump(mode="json")
     return summary
 
@@ -285,6 +266,7 @@ class Parts(Resources):
         """Compose the parts on a store; without `enqueue` every job is carried out at once."""
         super().__init__(store)
         self.jobs = {kind.name: Jobs(kind, self, enqueue) for kind in KINDS}  # by the name of their kind
+        self._records = store.jobs(JOB)
         self.trends = Trends(store)  # of its robots
         # sets that are measured
         self.live = OpenSets(self, lambda *run: self.jobs["run"].create(*run).id)
@@ -299,3 +281,22 @@ class Parts(Resources):
         if kind is None:
             raise NotFoundError(JOB, job_id)
         return self.jobs[kind]
+
+    def job(self, job_id: str, *, hidden: bool = False) -> str:
+        """Return a job of any kind as it is answered, as JSON; a deleted one if asked to.
+
+        Raises:
+            NotFoundError: there is no such job.
+        """
+        record = self._records.get(job_id, hidden=hidden)
+        return self.jobs[record.kind].answered(record)
+
+    def page(self, query: JobQuery) -> Page[JobSummary]:
+        """Return one page of the jobs of all kinds, newest first.
+
+        Raises:
+            CursorError: no page gave this cursor.
+        """
+        page = self._records.page(**query.listing())
+        items = [JobSummary.model_validate(entry.summary) for entry in page.records]
+        return Page(items=items, next=page.next)

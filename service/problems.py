@@ -67,6 +67,13 @@ class Resource(NamedTuple):
     name: str  # in messages
     collection: str  # name of all resources of this kind in addresses
 
+    @property
+    def listing(self) -> str:
+        """Address of the listing."""
+        if self.collection in (*_CHANGED, "jobs"):
+            return f"/v1/{self.collection}"
+        return f"/v1/jobs?kind={self.name}"
+
     def change(self, identifier: str, change: str) -> str:
         """Return the request that changes one, for remedies; jobs of all kinds have one address."""
         collection = self.collection if self.collection in _CHANGED else "jobs"
@@ -167,7 +174,7 @@ class NotFoundError(StoreError):
     def __init__(self, kind: Resource, identifier: str) -> None:
         super().__init__(
             f"there is no {kind.name} {_shown(identifier)}",
-            f"check the id; list them with GET /v1/{kind.collection}",
+            f"check the id; list them with GET {kind.listing}",
         )
         self.kind = kind  # The kind of resource that was looked for
         self.id = identifier  # The id that nothing has; text from outside, of any length

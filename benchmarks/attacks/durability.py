@@ -218,7 +218,7 @@ def _acknowledged(client: httpx2.Client, path: str, body: dict[str, Any], posted
             response = client.post(path, json=body, headers=key)
             if response.is_success:
                 answer: dict[str, Any] = response.json()
-                posted.answers[path.partition("?")[0], answer["id"]] = answer
+                posted.answers[response.headers["location"].rpartition("/")[0], answer["id"]] = answer
                 return answer
             posted.odd.append(f"{response.status_code} {response.text[:300]}")
         time.sleep(0.02)
@@ -245,7 +245,7 @@ def _lost(service: Service, posted: Posted) -> list[str]:
 def _unreadable(client: httpx2.Client) -> list[str]:
     """Sets and runs that are listed, but cannot be read or do not end, acknowledged or not."""
     faults = []
-    for path in ("/v1/measurement-sets", "/v1/runs"):
+    for path in ("/v1/measurement-sets", "/v1/jobs"):
         cursor: dict[str, str] = {}
         while True:
             page = client.get(path, params={"limit": "100"} | cursor).raise_for_status().json()
@@ -267,7 +267,7 @@ def _half_stored(database: str, posted: Posted) -> list[str]:
             keyed = select(idempotency_keys.c.resource_id).where(idempotency_keys.c.resource == collection)
             keys = {str(row.resource_id) for row in connection.execute(keyed)}
             rows = {str(row.id) for row in connection.execute(select(table.c.id))}
-            told = {i for path, i in posted.answers if path.endswith(collection)}
+            told = {i for path, i in posted.answers if path.endswith(table.name.replace("_", "-"))}
             if not keys == rows == told:
                 counts = f"{len(keys)} keys, {len(rows)} rows, {len(told)} acknowledged"
                 faults.append(f"{table.name}: {counts}")

@@ -89,7 +89,7 @@ def _posted(port: int, body: bytes, keys: Sequence[str]) -> tuple[list[tuple[int
 def _listed(client: httpx2.Client) -> set[str]:
     found, cursor = set(), None
     while True:
-        page = client.get("/v1/runs", params={"limit": 100} | ({"cursor": cursor} if cursor else {})).json()
+        page = client.get("/v1/jobs", params={"limit": 100} | ({"cursor": cursor} if cursor else {})).json()
         found |= {item["id"] for item in page["items"]}
         cursor = page["next"]
         if cursor is None:

@@ -97,7 +97,7 @@ def _idle(database: str) -> Section:
         client.post("/v1/runs", json=request).raise_for_status()
         request["resampling"] = {"size": 10, "repetitions": 2000}
         run_id = client.post("/v1/runs", json=request, params={"wait": 0}).raise_for_status().json()["id"]
-        while client.get(f"/v1/runs/{run_id}").json()["state"] in {"queued", "running"}:
+        while client.get(f"/v1/jobs/{run_id}").json()["state"] in {"queued", "running"}:
             time.sleep(0.2)
         time.sleep(_SETTLE_SECONDS)
         processes = {"service": service.process.pid}

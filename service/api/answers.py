@@ -47,13 +47,6 @@ _REMEDIES: Final = {
 RETRY_SECONDS: Final = {429: 10, 503: 5}
 """When a refused request may be sent again, by status."""
 _UNAUTHORISED: Final = 401
-DELETES: Final[dict[str, Any]] = {
-    "status_code": 204,
-    "response_class": Response,
-    "responses": {204: {"description": "Deleted. A PATCH with `deleted`: false undoes this for 30 days."}},
-}
-"""Declaration of a route that hides a resource."""
-
 NOT_MODIFIED: Final[dict[int | str, dict[str, Any]]] = {
     304: {"description": "The document is that of the `ETag` in `If-None-Match`."}
 }

@@ -31,6 +31,7 @@ _OF_ALL: Final = frozenset({401, 403, 422, 429, 503})
 _OF_BODIES: Final = frozenset({400, 404, 413, 415})  # a body may name what is not there
 _FULL: Final = 507
 _EVENTS: Final = "text/event-stream"
+_FORM: Final = "multipart/form-data"
 
 
 class DescribedApplication(FastAPI):
@@ -50,6 +51,7 @@ class DescribedApplication(FastAPI):
                 needed = operation.get("security", [])
                 if needed and {} not in needed and needed[0]["key"] != ["admin"]:
                     operation["security"] = [{}, *needed]
+            _place_forms(document)
             _require_all_of_answers(document)
             _share(document)
             self.openapi_schema = document
@@ -120,6 +122,15 @@ def _state_events(operation: Node) -> None:
     for answer in operation["responses"].values():
         if _EVENTS in answer.get("content", {}):
             answer["content"][_EVENTS] = {"schema": {"type": "string"}}
+
+
+def _place_forms(document: Node) -> None:
+    """State a form where it is posted: its parts are no message."""
+    schemas = document["components"]["schemas"]
+    for *_, operation in _operations(document):
+        content = operation.get("requestBody", {}).get("content", {})
+        if _FORM in content:
+            content[_FORM]["schema"] = schemas.pop(content[_FORM]["schema"]["$ref"].rpartition("/")[2])
 
 
 def _require_all_of_answers(document: Node) -> None:

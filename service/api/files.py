@@ -104,12 +104,12 @@ def names(kind: AnyKind) -> list[str]:
 def _files(kind: AnyKind) -> Mapping[str, _Make]:
     """Return what makes each file of a kind's jobs, by name."""
     made: dict[str, _Make] = {"tables.json": _tables}
-    if kind.name == Run.kind:
+    if kind.name == Run.kind_name():
         made |= {"report.pdf": _run_report, "report.html": _run_report, "report.xml": _certificate}
         made |= {f"model.{suffix}": _model for suffix in FORMATS}
     elif kind.reported:
         made |= {"report.pdf": _job_report, "report.html": _job_report}
-    if kind.name == Program.kind:
+    if kind.name == Program.kind_name():
         made["program"] = _corrected
     return made | {file.name: partial(_sheet, file) for file in kind.files}
 
@@ -211,7 +211,7 @@ def exported_model(parts: Parts, run_id: str) -> ExportedModel:
     Raises:
         HTTPException: the run has no result.
     """
-    run = cast("Run", _succeeded(parts.jobs[Run.kind], run_id))
+    run = cast("Run", _succeeded(parts.jobs[Run.kind_name()], run_id))
     prepared = parts.sets.prepared(run.request.measurement_set_id)
     stored = Robot.model_validate_json(parts.store.robots.get(prepared.robot_id).document)
     return ExportedModel(run, cast("Any", run.result), prepared.robot, stored.name, stored.geometry_id)

@@ -17,7 +17,6 @@ from prometheus_client.registry import Collector
 from starlette.types import ASGIApp, Receive, Scope, Send
 
 from jointstiff.schemas.access import Health
-from jointstiff.service.kinds.registry import KINDS
 from jointstiff.service.problems import StoreError, StoreUnavailableError
 from jointstiff.service.process import jointstiff_version
 from jointstiff.service.security.access import PUBLIC, VIEWER, AccessRoute
@@ -82,13 +81,13 @@ async def get_live() -> Response:
 
 @router.get("/v1", dependencies=[VIEWER], include_in_schema=False)
 def get_index() -> dict[str, str]:
-    """Return where the API is described, and the kinds of jobs; the page for people is at /."""
+    """Return where the API is described, and the jobs are listed; the page for people is at /."""
     return {
         "name": "Jointstiff",
         "version": jointstiff_version(),
         "description": "/openapi.json",
         "health": "/health",
-        **{kind.collection: f"/v1/{kind.collection}" for kind in KINDS},
+        "jobs": "/v1/jobs",
     }
 
 

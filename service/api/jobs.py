@@ -1,4 +1,4 @@
-"""Jobs over HTTP: post, list and get of each kind, made of its declaration; and what all share.
+"""Jobs over HTTP: the post of each kind, made of its declaration; and what jobs of all kinds share.
 
 Their progress is sent as events: one task looks at all jobs that are followed.
 
@@ -9,17 +9,18 @@ import asyncio
 from collections.abc import AsyncGenerator, AsyncIterator, Awaitable, Callable, Mapping
 from contextlib import aclosing, suppress
 from dataclasses import dataclass, field
-from typing import Annotated, Any, ClassVar, Final, Union
+from typing import Annotated, Any, ClassVar, Final, Literal, Union
 
 from anyio import CapacityLimiter
 from anyio.to_thread import run_sync
 from fastapi import APIRouter, Depends, Path, Query, Request, Response
 from fastapi.concurrency import run_in_threadpool
 from fastapi.sse import EventSourceResponse, ServerSentEvent
+from pydantic import Discriminator, Field
 
 from jointstiff.schemas.fields import Page
-from jointstiff.schemas.job import Job, JobChange, Requester
-from jointstiff.schemas.query import FileQuery, WaitQuery
+from jointstiff.schemas.job import Job, JobChange, JobSummary, Requester
+from jointstiff.schemas.query import FileQuery, JobQuery, WaitQuery
 from jointstiff.service.api import answers
 from jointstiff.service.api.bodies import EXAMPLES, BodyRoute, Key, large_bodies, shown
 from jointstiff.service.api.description import problems
@@ -29,7 +30,7 @@ from jointstiff.service.kinds.kind import AnyKind
 from jointstiff.service.kinds.registry import KINDS
 from jointstiff.service.problems import NotFoundError, StoreUnavailableError
 from jointstiff.service.security.access import OPERATOR, VIEWER, Gate, RequesterOf, asked_of
-from jointstiff.service.store.jobs import JobStatus
+from jointstiff.service.store.jobs import JOB, JobStatus
 from jointstiff.service.store.tables import OPEN_STATES, JobRecord
 
 TURN_SECONDS: Final = 0.1
@@ -190,7 +191,10 @@ def _event(name: str, job: Job) -> ServerSentEvent:
 JobId = Annotated[str, Path(max_length=64)]
 AskedBy = Annotated[Requester | None, RequesterOf]
 Wait = Annotated[WaitQuery, Query()]
-ANY_JOB: Final[Any] = Union[tuple(kind.message for kind in KINDS)]  # noqa: UP007 - of types known at run time
+ANY_JOB: Final[Any] = Annotated[
+    Union[tuple(kind.message for kind in KINDS)],  # noqa: UP007 - of types known at run time
+    Discriminator("kind"),
+]
 """A job of any kind."""
 
 
@@ -210,17 +214,17 @@ class JobRoute(BodyRoute):
 
 async def answer(jobs: Jobs, record: JobRecord, wait: float, followers: Followers) -> Response:
     """Answer with a new job: 201 if it ends within `wait` seconds, else 202 with the job as it is."""
-    collection, answered = jobs.kind.collection, jobs.kind.answered
+    answered = jobs.kind.answered
     if record.state not in OPEN_STATES:
-        return answers.created(collection, record.id, answered(record.document))
+        return answers.created(JOB.collection, record.id, answered(record.document))
     try:
         if wait:
             await followers.wait(jobs, record.id, wait)
         job = await run_in_threadpool(jobs.current, record.id)
     except (StoreUnavailableError, NotFoundError):  # away, or deleted meanwhile; but it was stored
-        return answers.created(collection, record.id, answered(record.document), 202)
+        return answers.created(JOB.collection, record.id, answered(record.document), 202)
     text = answered(job.model_dump_json())
-    return answers.created(collection, job.id, text, 202 if job.state in OPEN_STATES else 201)
+    return answers.created(JOB.collection, job.id, text, 202 if job.state in OPEN_STATES else 201)
 
 
 class Posted:
@@ -241,62 +245,51 @@ class Posted:
 PostOf = Annotated[Posted, Depends()]
 
 
-def kind_routes(kind: AnyKind) -> APIRouter:
-    """Return the routes of a kind: post, list and get. What is posted as a form has a post of its own."""
-    router = APIRouter(prefix=f"/v1/{kind.collection}", tags=[kind.collection], route_class=JobRoute)
+def post_of(kind: AnyKind) -> APIRouter:
+    """Return the route by which jobs of a kind are posted; not for one that is posted as a form."""
+    router = APIRouter(tags=[kind.collection], route_class=JobRoute)
 
-    if not kind.is_form:
-
-        @router.post(
-            "",
-            name=f"create_{kind.name}",
-            dependencies=[OPERATOR],
-            description=kind.description,
-            status_code=201,
-            response_model=kind.message,
-            responses=answers.accepted(kind.message),
-        )
-        async def create(
-            posted: PostOf,
-            body: Annotated[kind.request, shown(kind.examples)],  # type: ignore[name-defined]
-            key: Key,
-        ) -> Response:
-            return await posted.answer(kind.name, lambda jobs: jobs.create(body, key, posted.by))
-
-    @router.get(
-        "",
-        name=f"list_{kind.collection}",
-        dependencies=[VIEWER],
-        description=f"List {kind.collection} without their results, newest first.",
-        response_model=Page[kind.summary],  # type: ignore[name-defined]
-        responses=problems(422),
-    )
-    def page(parts: answers.PartsOf, query: Annotated[kind.query, Query()]) -> Page[Any]:  # type: ignore[name-defined]
-        return parts.jobs[kind.name].page(query)
-
-    @router.get(
-        f"/{{{kind.name}_id}}",
-        name=f"get_{kind.name}",
-        dependencies=[VIEWER],
-        description=f"Get a {kind.name}: request, state, result and provenance. Once finished, it never "
-        "changes.",
+    @router.post(
+        f"/v1/{kind.collection}",
+        name=f"create_{kind.name}",
+        dependencies=[OPERATOR],
+        description=kind.description,
+        status_code=201,
         response_model=kind.message,
-        responses=answers.NOT_MODIFIED,
+        responses=answers.accepted(kind.message),
     )
-    def get(
-        request: Request,
-        parts: answers.PartsOf,
-        job_id: Annotated[str, Path(alias=f"{kind.name}_id", max_length=64)],
+    async def create(
+        posted: PostOf,
+        body: Annotated[kind.request, shown(kind.examples)],  # type: ignore[name-defined]
+        key: Key,
     ) -> Response:
-        return answers.unchanging(request, kind.answered(parts.jobs[kind.name].document(job_id)))
+        return await posted.answer(kind.name, lambda jobs: jobs.create(body, key, posted.by))
 
     return router
 
 
-router = APIRouter(prefix="/v1/jobs/{job_id}", tags=["jobs"], route_class=BodyRoute)
+router = APIRouter(prefix="/v1/jobs", tags=["jobs"], route_class=BodyRoute)
 
 
-@router.patch("", dependencies=[OPERATOR], response_model=ANY_JOB)
+class _Listing(JobQuery):
+    kind: Literal[tuple(kind.name for kind in KINDS)] | None = Field(  # type: ignore[valid-type]
+        default=None, description="Filter by kind."
+    )
+
+
+@router.get("", dependencies=[VIEWER], response_model=Page[JobSummary])
+def list_jobs(parts: answers.PartsOf, query: Annotated[_Listing, Query()]) -> Page[JobSummary]:
+    """List jobs of all kinds, or of one, without their results, newest first."""
+    return parts.page(query)
+
+
+@router.get("/{job_id}", dependencies=[VIEWER], response_model=ANY_JOB, responses=answers.NOT_MODIFIED)
+def get_job(request: Request, parts: answers.PartsOf, job_id: JobId) -> Response:
+    """Get a job: request, state, result and provenance. Once it has ended, it never changes."""
+    return answers.unchanging(request, parts.job(job_id))
+
+
+@router.patch("/{job_id}", dependencies=[OPERATOR], response_model=ANY_JOB)
 def change_job(
     parts: answers.PartsOf, job_id: JobId, body: Annotated[JobChange, shown(EXAMPLES["job_changes"])]
 ) -> Response:
@@ -312,14 +305,7 @@ def change_job(
         jobs.cancel(job_id)
     if body.deleted:
         jobs.records.delete(job_id)
-    return answers.json_response(jobs.kind.answered(jobs.document(job_id, hidden=body.deleted is True)))
-
-
-@router.delete("", dependencies=[OPERATOR], **answers.DELETES)
-def delete_job(parts: answers.PartsOf, job_id: JobId) -> Response:
-    """Delete a job of any kind. It can be restored for 30 days. Cancel an unfinished one first."""
-    parts.jobs_of(job_id).records.delete(job_id)
-    return Response(status_code=204)
+    return answers.json_response(parts.job(job_id, hidden=body.deleted is True))
 
 
 async def _events(request: Request, parts: answers.PartsOf, job_id: JobId) -> AsyncIterator[ServerSentEvent]:
@@ -331,7 +317,7 @@ async def _events(request: Request, parts: answers.PartsOf, job_id: JobId) -> As
     return followers.events(jobs, job_id, lambda: gate.still_opens(request, asked_of(request).key))
 
 
-@router.get("/events", dependencies=[VIEWER], response_class=EventSourceResponse)
+@router.get("/{job_id}/events", dependencies=[VIEWER], response_class=EventSourceResponse)
 async def follow_job(
     events: Annotated[AsyncIterator[ServerSentEvent], Depends(_events)],
 ) -> AsyncIterator[ServerSentEvent]:
@@ -341,7 +327,7 @@ async def follow_job(
 
 
 @router.get(
-    "/files/{name}",
+    "/{job_id}/files/{name}",
     dependencies=[VIEWER],
     name="get_job_file",
     description=FILES_DESCRIPTION,

@@ -119,7 +119,7 @@ async def apply_action(
         variant = _variant(posted.parts, cast("Run", jobs.current(run_id)), body)
         return jobs.create(variant, _key(variant.model_dump_json()), posted.by)
 
-    return await posted.answer(Run.kind, create)
+    return await posted.answer(Run.kind_name(), create)
 
 
 def _variant(parts: Parts, run: Run, action: Action) -> RunRequest:
@@ -217,7 +217,7 @@ async def create_campaign(
         with _in_section("run"):
             return jobs.create(RunRequest(**dict(body.run), measurement_set_id=set_id), key, posted.by)
 
-    return await posted.answer(Run.kind, create)
+    return await posted.answer(Run.kind_name(), create)
 
 
 @contextmanager
@@ -316,4 +316,4 @@ async def create_program(
         return jobs.create(body, key, posted.by)
 
     # A program may take seconds to pack and to read: they wait for their turn, and leave others theirs.
-    return await posted.answer(Program.kind, create, large_bodies(posted.request))
+    return await posted.answer(Program.kind_name(), create, large_bodies(posted.request))

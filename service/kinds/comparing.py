@@ -81,7 +81,7 @@ def work(inputs: Inputs, request: ComparisonRequest) -> QuickWork:
         result=partial(compute, inputs, request, runs),
         input_hash=hash_of(*(each.run.provenance.input_hash for each in runs), asked),
         robot_id=runs[0].prepared.robot_id,
-        details={"first_set_id": sets[0], "second_set_id": (*sets, None)[1]},
+        details={"measurement_set_id": sets[0], "second_set_id": (*sets, None)[1]},
     )
 
 

@@ -13,7 +13,6 @@ from jointstiff.schemas.comparison import (
     Comparison,
     ComparisonRequest,
     ComparisonResult,
-    ComparisonSummary,
     Constraint,
     DeflectionShare,
     JointRatio,
@@ -467,21 +466,15 @@ def _compute(inputs: Inputs, request: ComparisonRequest) -> Work:
     return work(inputs, request)
 
 
-COMPARISON: Final = Kind[Comparison, ComparisonRequest, ComparisonSummary](
+COMPARISON: Final = Kind[Comparison, ComparisonRequest](
     message=Comparison,
     request=ComparisonRequest,
     options=CampaignComparison,
     compute=_compute,
     report=report,
     sources=("campaigns",),
-    summary=ComparisonSummary,
     charts=charts,
     title="Comparison",
-    filters={
-        "first_set_id": "the first measurement set",
-        "second_set_id": "the second measurement set",
-        "robot_id": "robot",
-    },
     examples={"two sets": {"run_ids": ["ID_OF_A_RUN", "ID_OF_ANOTHER"], "ordered": True}},
     files=tuple(
         File(

@@ -12,7 +12,6 @@ from jointstiff.schemas.geometry import (
     Geometry,
     GeometryRequest,
     GeometryResult,
-    GeometrySummary,
     LinkComparison,
     SweepEvidence,
     WristResult,
@@ -376,14 +375,13 @@ _EXAMPLES: Final[dict[str, Any]] = {
 }
 
 
-GEOMETRY: Final = Kind[Geometry, GeometryRequest, GeometrySummary](
+GEOMETRY: Final = Kind[Geometry, GeometryRequest](
     message=Geometry,
     request=GeometryRequest,
     options=GeometryRequest,
     compute=compute,
     report=report,
     sources=("readings",),
-    summary=GeometrySummary,
     charts=charts,
     files=(
         File(
@@ -396,7 +394,6 @@ GEOMETRY: Final = Kind[Geometry, GeometryRequest, GeometrySummary](
     title="Geometry of a robot",
     max_bytes=READINGS_BYTES,
     reported=False,
-    filters={"name": "name (exact)", "robot_id": "the robot of the nominal model"},
     examples=_EXAMPLES,
     description="""Identify a robot's geometry from sweeps of single joints, or from unloaded poses.
 

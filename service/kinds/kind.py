@@ -5,13 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Final, Generic, Literal, Optional, TypeVar, get_args, get_origin
-
-from pydantic import Field, create_model
+from typing import TYPE_CHECKING, Any, Final, Generic, Literal, TypeVar
 
 from jointstiff.schemas.fields import Message
 from jointstiff.schemas.job import Job
-from jointstiff.schemas.query import ExactName, JobQuery, Reference
 from jointstiff.service.problems import Resource
 
 if TYPE_CHECKING:
@@ -32,7 +29,6 @@ Source = Literal["measurement_set", "run", "campaigns", "robot_or_set", "reading
 
 AnyJob = TypeVar("AnyJob", bound=Job)
 AnyRequest = TypeVar("AnyRequest", bound=Message)
-AnySummary = TypeVar("AnySummary", bound=Message)
 
 
 @dataclass(frozen=True)
@@ -56,14 +52,11 @@ class File:
 
 
 @dataclass(frozen=True, eq=False)
-class Kind(Generic[AnyJob, AnyRequest, AnySummary]):
+class Kind(Generic[AnyJob, AnyRequest]):
     """A kind of work: its messages, its computation, and what people read of it."""
 
     message: type[AnyJob]  # a stored job, which has the names of the kind
     request: type[AnyRequest]  # a job as it is posted
-    # a job in a listing: each field is one of the job, of its request, of its provenance, or of its
-    # result's summary
-    summary: type[AnySummary]
     options: type[Message]  # part of the request that people state
     # return the work of a request; raises a RequestError for one that names what does not exist, or cannot
     # be done
@@ -74,8 +67,6 @@ class Kind(Generic[AnyJob, AnyRequest, AnySummary]):
     description: str  # description of the post, for the API's users
     stepped: bool = False  # whether its jobs may take steps, which are left to workers
     max_bytes: int = OPTIONS_BYTES  # size of a request
-    # of its listing: fields of the summary, each in words
-    filters: Mapping[str, str] = field(default_factory=dict)
     examples: Mapping[str, Any] = field(default_factory=dict)  # examples of requests, by what they are for
     files: tuple[File, ...] = ()  # files that can be downloaded
     reported: bool = True  # whether any such job has a report made of its tables
@@ -89,11 +80,11 @@ class Kind(Generic[AnyJob, AnyRequest, AnySummary]):
     @cached_property
     def name(self) -> str:
         """Name of one, by which the store knows it; never changes."""
-        return self.message.kind
+        return self.message.kind_name()
 
     @cached_property
     def collection(self) -> str:
-        """Name of all, in addresses."""
+        """Name of all, where they are posted."""
         return self.message.collection
 
     @cached_property
@@ -101,30 +92,5 @@ class Kind(Generic[AnyJob, AnyRequest, AnySummary]):
         """Both names, for the store."""
         return Resource(self.name, self.collection)
 
-    @property
-    def listed_by(self) -> Mapping[str, str]:
-        """Filters of its listing: its own, and the verdict where its summary has one."""
-        verdict = {"verdict": "verdict"} if "verdict" in self.summary.model_fields else {}
-        return {**self.filters, **verdict}
 
-    @cached_property
-    def query(self) -> type[JobQuery]:
-        """Page and filters of a listing."""
-        fields: dict[str, Any] = {
-            name: (_filter_type(name, self.summary), Field(default=None, description=f"Filter by {words}."))
-            for name, words in self.listed_by.items()
-        }
-        query: type[JobQuery] = create_model(f"{self.message.__name__}Query", __base__=JobQuery, **fields)
-        return query
-
-
-AnyKind = Kind[Any, Any, Any]
-
-
-def _filter_type(name: str, summary: type[Message]) -> Any:  # noqa: ANN401 - a type
-    """Return the type of a filter by a field of a summary: any text may be looked for."""
-    if name.endswith("_id"):
-        return Reference | None
-    annotation = summary.model_fields[name].annotation
-    one = next((each for each in get_args(annotation) if get_origin(each) is Literal), annotation)
-    return Optional[one] if get_origin(one) is Literal else ExactName | None  # noqa: UP045
+AnyKind = Kind[Any, Any]

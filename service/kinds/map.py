@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from math import degrees, isfinite
 from typing import TYPE_CHECKING, Any, Final
 
-from jointstiff.schemas.deflection import Map, MapOptions, MapPlace, MapRequest, MapResult, MapSummary
+from jointstiff.schemas.deflection import Map, MapOptions, MapPlace, MapRequest, MapResult
 from jointstiff.schemas.joints import JointKind
 from jointstiff.service.kinds.kind import File, Kind
 from jointstiff.service.tables.report import Report, View
@@ -139,19 +139,17 @@ def area(sheet: Sheet) -> Area:
     )
 
 
-MAP: Final = Kind[Map, MapRequest, MapSummary](
+MAP: Final = Kind[Map, MapRequest](
     message=Map,
     request=MapRequest,
     options=MapOptions,
     compute=_compute,
     report=_report,
     sources=("run",),
-    summary=MapSummary,
     charts=charts,
     area=area,
     title="Map of a work area",
     stepped=True,
-    filters={"robot_id": "robot", "name": "name (exact)"},
     examples=_EXAMPLES,
     files=(
         File(

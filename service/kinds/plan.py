@@ -14,7 +14,6 @@ from jointstiff.schemas.plan import (
     PlanOptions,
     PlanRequest,
     PlanResult,
-    PlanSummary,
 )
 from jointstiff.schemas.robot import RobotDocument
 from jointstiff.schemas.run import Campaign
@@ -288,18 +287,16 @@ def compute(inputs: Inputs, request: PlanRequest) -> Work:
     return planning(inputs, request)
 
 
-PLAN: Final = Kind[Plan, PlanRequest, PlanSummary](
+PLAN: Final = Kind[Plan, PlanRequest](
     message=Plan,
     request=PlanRequest,
     options=PlanOptions,
     compute=compute,
     report=report,
     sources=("robot_or_set",),
-    summary=PlanSummary,
     charts=charts,
     title="Plan of a campaign",
     max_bytes=READINGS_BYTES,
-    filters={"robot_id": "robot", "measurement_set_id": "measurement set"},
     examples=_EXAMPLES,
     files=(
         File(

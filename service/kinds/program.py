@@ -10,7 +10,6 @@ from jointstiff.schemas.program import (
     ProgramOptions,
     ProgramRequest,
     ProgramResult,
-    ProgramSummary,
 )
 from jointstiff.service.kinds.kind import File, Kind
 from jointstiff.service.tables.report import Report, View
@@ -131,14 +130,13 @@ def charts(result: ProgramResult) -> list[Chart]:
     return [Chart(title, names, series, 1e3, "mm", "points", intervals)] if points else []
 
 
-PROGRAM: Final = Kind[Program, ProgramRequest, ProgramSummary](
+PROGRAM: Final = Kind[Program, ProgramRequest](
     message=Program,
     request=ProgramRequest,
     options=ProgramOptions,
     compute=_compute,
     report=_report,
     sources=("run", "files"),
-    summary=ProgramSummary,
     charts=charts,
     title="Compensated program",
     stepped=True,
@@ -160,7 +158,6 @@ PROGRAM: Final = Kind[Program, ProgramRequest, ProgramSummary](
             made_of="result",
         ),
     ),
-    filters={"robot_id": "robot"},
     examples=_EXAMPLES,
     description="""Compensate a program: the loaded tool then reaches the programmed points.
 

@@ -19,7 +19,6 @@ from jointstiff.schemas.run import (
     Run,
     RunRequest,
     RunResult,
-    RunSummary,
     WeightResult,
 )
 from jointstiff.service.kinds.kind import File, Kind
@@ -580,24 +579,16 @@ def compute(inputs: Inputs, request: RunRequest) -> Work:
     return identification(inputs, request)
 
 
-RUN: Final = Kind[Run, RunRequest, RunSummary](
+RUN: Final = Kind[Run, RunRequest](
     message=Run,
     request=RunRequest,
     options=RunOptions,
     compute=compute,
     report=report,
     sources=("measurement_set",),
-    summary=RunSummary,
     title="Joint stiffness",
     stepped=True,
     reported=False,
-    filters={
-        "measurement_set_id": "measurement set",
-        "robot_id": "robot",
-        "method": "method",
-        "weighting": "weighting",
-        "elasticity": "elasticity",
-    },
     examples=_EXAMPLES,
     charts=charts,
     files=(

@@ -21,7 +21,7 @@ from jointstiff.service.store.store import Store
 from jointstiff.service.store.tables import JobEntry, MeasurementSetEntry
 from jointstiff.solver.compare.campaigns import CHANGED_LEVEL, Change, log_stiffness
 
-_RUNS: Final = Resource(Run.kind, Run.collection)
+_RUNS: Final = Resource(Run.kind_name(), Run.collection)
 _AT_ONCE: Final = 200
 _MOST_RUNS: Final = 2_000
 _REMEMBERED: Final = 2_000

@@ -20,11 +20,11 @@ from pydantic import ValidationError
 
 from jointstiff.schemas.fields import Message, Page, content_key
 from jointstiff.schemas.finding import Problem
-from jointstiff.schemas.job import Job
+from jointstiff.schemas.job import Job, JobSummary
 from jointstiff.schemas.measurement import MeasurementSet, MeasurementSetDocument, MeasurementSetSummary
 from jointstiff.schemas.robot import Robot, RobotDocument, RobotRequest, RobotSummary
-from jointstiff.schemas.run import CampaignRun, Run, RunRequest, RunSummary
-from jointstiff.service.kinds.kind import AnyJob, AnySummary, File, Kind
+from jointstiff.schemas.run import CampaignRun, Run, RunRequest
+from jointstiff.service.kinds.kind import AnyJob, File, Kind
 from jointstiff.service.kinds.registry import KINDS
 from jointstiff.service.kinds.rooms import ROOMS, kind_of
 from jointstiff.service.library import results
@@ -44,13 +44,13 @@ from jointstiff.service.tables.table import Sheet
 from jointstiff.solver.errors import RequestError
 
 if TYPE_CHECKING:
-    from jointstiff.schemas.comparison import Comparison, ComparisonSummary
-    from jointstiff.schemas.deflection import Map, MapSummary
-    from jointstiff.schemas.geometry import Geometry, GeometrySummary
+    from jointstiff.schemas.comparison import Comparison
+    from jointstiff.schemas.deflection import Map
+    from jointstiff.schemas.geometry import Geometry
     from jointstiff.schemas.imports import ImportAnswer
     from jointstiff.schemas.options import RunOptions
-    from jointstiff.schemas.plan import Plan, PlanSummary
-    from jointstiff.schemas.program import Program, ProgramSummary
+    from jointstiff.schemas.plan import Plan
+    from jointstiff.schemas.program import Program
     from jointstiff.service.library.campaigns import Numbers
     from jointstiff.service.library.measure import LiveMeasurement
 
@@ -98,12 +98,12 @@ class Client(Verbs):
     """
 
     # a kind of work has its collection without a line here, which is for editors and mypy
-    runs: Jobs[TabledRun, RunSummary]
-    comparisons: Jobs[Comparison, ComparisonSummary]
-    geometries: Jobs[Geometry, GeometrySummary]
-    plans: Jobs[Plan, PlanSummary]
-    maps: Jobs[Map, MapSummary]
-    programs: Jobs[Program, ProgramSummary]
+    runs: Jobs[TabledRun]
+    comparisons: Jobs[Comparison]
+    geometries: Jobs[Geometry]
+    plans: Jobs[Plan]
+    maps: Jobs[Map]
+    programs: Jobs[Program]
 
     def __init__(
         self,
@@ -300,13 +300,13 @@ class Client(Verbs):
 
     def done(
         self,
-        kind: Kind[AnyJob, Any, Any],
+        kind: Kind[AnyJob, Any],
         request: dict[str, Any],
         files: Mapping[str, bytes],
         follow: Follow,
     ) -> AnyJob:
         """Post a request; return the job once it has ended."""
-        jobs: Jobs[AnyJob, Any] = getattr(self, kind.collection)
+        jobs: Jobs[AnyJob] = getattr(self, kind.collection)
         return jobs.wait(jobs.create(request, files=files), follow)
 
     def sheet(self, job: Job, file: File) -> Sheet:
@@ -407,6 +407,7 @@ class Collection(Generic[Resource, Summary]):
     def __init__(self, client: Client, name: str, kind: type[Resource], summary: type[Summary]) -> None:
         """Reach the resources of this name over a client."""
         self._client, self._path, self._kind, self._summary = client, f"/v1/{name}", kind, summary
+        self._listed = self._path
 
     def create(
         self, document: Document | str, *, key: str | None = None, files: Mapping[str, bytes] | None = None
@@ -428,7 +429,8 @@ class Collection(Generic[Resource, Summary]):
         """Yield summaries of the resources, newest first; filters are those of the API."""
         query: dict[str, str] | None = filters
         while query is not None:
-            page = resource_in(self._client.send("GET", self._path, query), Page[self._summary])  # type: ignore[name-defined]
+            answer = self._client.send("GET", self._listed, query)
+            page = resource_in(answer, Page[self._summary])  # type: ignore[name-defined]
             yield from page.items
             query = None if page.next is None else filters | {"cursor": page.next}
 
@@ -438,29 +440,28 @@ class Collection(Generic[Resource, Summary]):
 
     def delete(self, identifier: str) -> None:
         """Delete a resource, which can be restored for 30 days."""
-        self._client.send("PATCH", self._changed_at(identifier), None, {"deleted": True})
+        self._client.send("PATCH", self._address(identifier), None, {"deleted": True})
 
     def restore(self, identifier: str) -> None:
         """Restore a deleted resource."""
-        self._client.send("PATCH", self._changed_at(identifier), None, {"deleted": False})
+        self._client.send("PATCH", self._address(identifier), None, {"deleted": False})
 
     def _address(self, identifier: str) -> str:
-        return f"{self._path}/{quote(identifier, safe='')}"
-
-    def _changed_at(self, identifier: str) -> str:
-        return self._address(identifier)
+        return f"{self._listed}/{quote(identifier, safe='')}"
 
     def found_in(self, answer: httpx2.Response) -> Resource:
         """Return the resource that an answer holds."""
         return resource_in(answer, self._kind)
 
 
-class Jobs(Collection[AnyJob, AnySummary]):
+class Jobs(Collection[AnyJob, JobSummary]):
     """Jobs of one kind, which may take long; what they apply, export and report goes over the service."""
 
-    def __init__(self, client: Client, kind: Kind[AnyJob, Any, AnySummary]) -> None:
+    def __init__(self, client: Client, kind: Kind[AnyJob, Any]) -> None:
         """Reach the jobs of a kind over a client."""
-        super().__init__(client, kind.collection, shown(kind), kind.summary)
+        super().__init__(client, kind.collection, shown(kind), JobSummary)
+        self._listed = "/v1/jobs"  # with those of all kinds
+        self._name = kind.name
 
     def create(
         self, document: Document | str, *, key: str | None = None, files: Mapping[str, bytes] | None = None
@@ -497,16 +498,16 @@ class Jobs(Collection[AnyJob, AnySummary]):
 
     def cancel(self, identifier: str) -> None:
         """Cancel a job; one that has ended stays as it is."""
-        self._client.send("PATCH", self._changed_at(identifier), None, {"cancelled": True})
+        self._client.send("PATCH", self._address(identifier), None, {"cancelled": True})
 
     def files(self, program: Program) -> dict[str, bytes]:
         """Return the corrected files of a program by name."""
         names = [] if program.result is None else [file.name for file in program.result.files]
         return {name: self._client.file(program, "program", {"file": name}) for name in names}
 
-    def _changed_at(self, identifier: str) -> str:
-        """Return the address that jobs of all kinds share."""
-        return f"/v1/jobs/{quote(identifier, safe='')}"
+    def list(self, **filters: str) -> Iterator[JobSummary]:
+        """Yield summaries of the jobs of the kind, newest first; filters are those of the API."""
+        return super().list(**filters, kind=self._name)
 
     def found_in(self, answer: httpx2.Response) -> AnyJob:
         """Return the job that an answer holds, which goes on over the client."""

@@ -118,7 +118,7 @@ class Here:
 
     def done(
         self,
-        kind: Kind[AnyJob, Any, Any],
+        kind: Kind[AnyJob, Any],
         request: dict[str, Any],
         files: Mapping[str, bytes],
         follow: Follow,

@@ -67,7 +67,7 @@ class Door(Protocol):
 
     def done(
         self,
-        kind: Kind[AnyJob, Any, Any],
+        kind: Kind[AnyJob, Any],
         request: dict[str, Any],
         files: Mapping[str, bytes],
         follow: Follow,
@@ -534,7 +534,7 @@ class RobotTrend(Presented, Trend):
 
 
 @cache
-def shown(kind: Kind[AnyJob, Any, Any]) -> type[AnyJob]:
+def shown(kind: Kind[AnyJob, Any]) -> type[AnyJob]:
     """Return the message of a kind that shows itself as tables."""
     if kind.message is Run:
         return cast("type[AnyJob]", TabledRun)

@@ -200,7 +200,7 @@ def stored_job(store: Store, message: type[AnyJob], job_id: str) -> AnyJob:
     Raises:
         NotFoundError: there is none, or it was deleted.
     """
-    record = store.jobs(Resource(message.kind, message.collection)).get(job_id)
+    record = store.jobs(Resource(message.kind_name(), message.collection)).get(job_id)
     return message.model_validate_json(record.document)
 
 
@@ -347,7 +347,7 @@ class Resources:
 
     def listed(self, message: type[Job], robot_id: str) -> Iterator[Mapping[str, Any]]:
         """Yield the summaries of the newest jobs of a kind and a robot, 1,000 at most."""
-        jobs, cursor = self.store.jobs(Resource(message.kind, message.collection)), None
+        jobs, cursor = self.store.jobs(Resource(message.kind_name(), message.collection)), None
         for _ in range(10):
             page = jobs.page(limit=100, cursor=cursor, filters={"robot_id": robot_id})
             yield from (record.summary for record in page.records)

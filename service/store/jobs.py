@@ -22,6 +22,9 @@ from jointstiff.service.store.tables import (
     of_records,
 )
 
+JOB: Final = Resource("job", "jobs")
+"""A job of any kind."""
+
 JobChanges = Mapping[str, Any]
 """Columns of a job that change until it ends: `state`, `summary` and `document`."""
 
@@ -48,12 +51,12 @@ class JobStatus:
 
 
 class JobRecords(Collection[JobRecord, JobEntry]):
-    """The jobs of one kind. Every change of one until it ends is safe to repeat."""
+    """The jobs of one kind, or of all. Every change of one until it ends is safe to repeat."""
 
     _ended = (~_open,)
 
     def __init__(self, database: Database, resource: Resource, quota: Quota) -> None:
-        self._kind = jobs.c.kind == resource.name
+        self._kind = sa.true() if resource == JOB else jobs.c.kind == resource.name
         super().__init__(database, resource, jobs, JobRecord, JobEntry, quota, self._kind)
         self._standings = sa.select(jobs.c.id, jobs.c.state, _done).where(
             self._kind, jobs.c.id.in_(sa.bindparam("ids", expanding=True))

@@ -104,7 +104,6 @@ class JobRecord(JobEntry):
 
     robot_id: str | None
     measurement_set_id: str | None
-    first_set_id: str | None
     second_set_id: str | None
     name: str | None
     method: str | None
@@ -184,7 +183,7 @@ class RecordPage(Generic[Row]):
     next: str | None  # cursor of the following page; none on the last one
 
 
-LAYOUT: Final = "0011_smaller"
+LAYOUT: Final = "0012_one_list"
 """Name of the tables as they are here, and of what the documents in them hold; another one with each change.
 
 Nothing was released: one layout is made and read, and all others are refused.
@@ -327,7 +326,6 @@ jobs = _numbered(
     _deleted_at(),
     references={
         "measurement_set_id": "measurement_sets.id",
-        "first_set_id": "measurement_sets.id",
         "second_set_id": "measurement_sets.id",
         "robot_id": "robots.id",
     },
@@ -337,7 +335,6 @@ jobs = _numbered(
         ("kind", "robot_id"),
         ("kind", "name"),
         "measurement_set_id",
-        "first_set_id",
         "second_set_id",
         "method",
         "weighting",

@@ -9,8 +9,8 @@ async ([service, run, robot]) => {
   await sent("/v1/robots", {});
   await sent("/v1/robots", { method: "POST", mode: "no-cors", body: robot });
   await sent("/v1/robots", { method: "POST", body: robot, headers: { "Content-Type": "application/json" } });
-  await sent("/v1/jobs/" + run, { method: "DELETE" });
+  await sent("/v1/jobs/" + run, { method: "PATCH" });
   await sent("/v1/jobs/" + run, { method: "PATCH", mode: "no-cors" });
-  await sent("/v1/runs/" + run, {});
+  await sent("/v1/jobs/" + run, {});
   return seen.join("");
 }

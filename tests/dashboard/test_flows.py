@@ -18,7 +18,7 @@ def test_contributions_add_up_to_what_the_service_predicts(visit, api, stored):
     cells = page.locator(".joint .part .soft", has_text="mm")
     cells.first.wait_for()
     mean = sum(float(cell.split()[0].replace("\u2212", "-")) for cell in cells.all_inner_texts())
-    residuals = api.get(f"/v1/runs/{stored.run}").json()["result"]["residuals"]
+    residuals = api.get(f"/v1/jobs/{stored.run}").json()["result"]["residuals"]
     lengths = [sum(v * v for v in residual["predicted"]) ** 0.5 * 1e3 for residual in residuals]
     assert mean == pytest.approx(sum(lengths) / len(lengths), rel=2e-3)
 
@@ -49,7 +49,7 @@ def test_a_run_is_repeated_with_the_same_numbers(visit, api, stored):
     page.get_by_role("button", name="Repeat").click()
     page.wait_for_url(lambda url: "#/runs/" in url and stored.run not in url)
     again = page.url.rsplit("/", 1)[1]
-    first, second = (api.get(f"/v1/runs/{run}").json() for run in (stored.run, again))
+    first, second = (api.get(f"/v1/jobs/{run}").json() for run in (stored.run, again))
     assert first["result"] == second["result"]
     assert first["provenance"]["input_hash"] == second["provenance"]["input_hash"]
 
@@ -57,7 +57,7 @@ def test_a_run_is_repeated_with_the_same_numbers(visit, api, stored):
 def test_an_example_is_tried_where_there_is_nothing_yet(visit):
     visited = visit("phone")
     page = visited.page
-    page.route("**/v1/runs?limit=50", lambda route: route.fulfill(json={"items": [], "next": None}))
+    page.route("**/v1/jobs?kind=run&limit=50", lambda route: route.fulfill(json={"items": [], "next": None}))
     visited.go("#/")
     page.get_by_role("button", name="Try an example").tap()
     page.get_by_role("button", name="Identify").tap()
@@ -125,7 +125,7 @@ def test_a_button_does_what_the_reason_advises(visit, api, runs, button):
     beside = page.get_by_role("region", name="Before and after")
     expect(beside).to_be_visible()
     expect(beside.get_by_role("row").filter(has_text="Verdict")).to_contain_text(re.compile("Use"))
-    after = api.get(f"/v1/runs/{page.url.rsplit('/', 1)[1]}").json()
+    after = api.get(f"/v1/jobs/{page.url.rsplit('/', 1)[1]}").json()
     request = after["request"]
     assert request["variant_of"] == before["id"]
     assert request | {"variant_of": None, "measurement_set_id": ""} == before["request"] | options | {

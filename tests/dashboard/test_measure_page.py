@@ -59,7 +59,7 @@ def test_a_newcomer_measures_a_simulated_arm_to_its_goal(visit, api):
     expect(page.get_by_text("Reached after").first).to_be_visible()
     page.get_by_role("button", name="Close and identify").click()
     page.get_by_role("table", name="Joint stiffness").wait_for()
-    run = api.get(f"/v1/runs/{page.url.rsplit('/', 1)[1]}").json()
+    run = api.get(f"/v1/jobs/{page.url.rsplit('/', 1)[1]}").json()
     assert run["request"]["measurement_set_id"] == campaign
     stored = api.get(f"/v1/measurement-sets/{campaign}").json()
     assert stored["instrument"] == "simulated by the page"
@@ -119,7 +119,7 @@ def test_two_tablets_do_not_collide(visit, api):
 
 def test_a_plan_is_measured_live_and_its_file_joins(visit, api, stored):
     """The plan's equipment is taken, a block of numbers is pasted, and a posture is skipped."""
-    plan = api.get(f"/v1/plans/{stored.plan}").json()
+    plan = api.get(f"/v1/jobs/{stored.plan}").json()
     page = (visited := visit("tablet")).page
     visited.go(f"#/plans/{stored.plan}")
     page.get_by_role("link", name="Measure live").click()

@@ -75,18 +75,18 @@ def twice(api, name):
 def deleted(api, collection, body):
     """Return what was made and deleted."""
     made = post(api, f"/v1/{collection}", body)["id"]
-    api.delete(f"/v1/jobs/{made}")
+    api.patch(f"/v1/jobs/{made}", json={"deleted": True})
     return made
 
 
 def compared(api, stored):
     """Return the runs of the pair that is stored."""
-    return api.get(f"/v1/comparisons/{stored.pair}").json()["request"]["run_ids"]
+    return api.get(f"/v1/jobs/{stored.pair}").json()["request"]["run_ids"]
 
 
 def worst(api, stored):
     """Return the greatest deflection of the map that is stored [m]."""
-    return api.get(f"/v1/maps/{stored.map}").json()["result"]["worst"]["deflection"]
+    return api.get(f"/v1/jobs/{stored.map}").json()["result"]["worst"]["deflection"]
 
 
 def unusable(api):
@@ -133,7 +133,7 @@ def test_flow(visit, api, stored, flow):
         "deleted comparison": lambda: deleted(api, "comparisons", {"run_ids": compared(api, stored)}),
         "arm of the five taps": partial(twice, api, "arm of the five taps"),
         **{name: partial(robot, api, name) for name in ARMS},
-        "newest run": lambda: api.get("/v1/runs").json()["items"][0]["id"],
+        "newest run": lambda: api.get("/v1/jobs?kind=run").json()["items"][0]["id"],
         **{each.__name__: partial(each, api) for each in (unusable, noted, worn)},
     }
     Flow(visit, api, contents(), {**vars(stored), "start": start, **made}).carry_out(FLOWS[flow])

@@ -154,7 +154,7 @@ def api(services):
 def test_nothing_is_read_posted_or_deleted(origin, browser, api, other_site):
     run, page = posted(api, simulate_campaign(default_arm(), configurations=6))["id"], browser.new_page()
     service = str(api.base_url).rstrip("/")
-    before = [api.get(f"/v1/runs/{run}").json(), api.get("/v1/robots").json()]
+    before = [api.get(f"/v1/jobs/{run}").json(), api.get("/v1/robots").json()]
     if origin == "rebound name":  # a name of the attacker's that points to this machine
         service = f"http://rebound.localhost:{urlsplit(service).port}"
         assert page.goto(f"{service}/").status == 421
@@ -165,4 +165,4 @@ def test_nothing_is_read_posted_or_deleted(origin, browser, api, other_site):
     robot = json.dumps(EXAMPLES["robots"]["modified DH"] | {"name": "stolen"})
     assert page.evaluate(TRY, [service, run, robot]) == ""
     page.close()
-    assert [api.get(f"/v1/runs/{run}").json(), api.get("/v1/robots").json()] == before
+    assert [api.get(f"/v1/jobs/{run}").json(), api.get("/v1/robots").json()] == before

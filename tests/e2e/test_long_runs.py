@@ -88,7 +88,7 @@ def test_a_run_that_is_not_waited_for_is_accepted_and_ends_by_itself(
     answer = post_run(client, set_id, RESAMPLING)
     assert answer.status_code == 202
     accepted = answer.json()
-    assert answer.headers["location"] == f"/v1/runs/{accepted['id']}"
+    assert answer.headers["location"] == f"/v1/jobs/{accepted['id']}"
     assert accepted["state"] in OPEN
     assert accepted["result"] is None
     progress = accepted["progress"]
@@ -145,7 +145,7 @@ def test_a_run_survives_the_death_of_worker_and_service(
         service = ready(stack.enter_context(serving(database, 2, port)))
         until(lambda: client.get(address).json()["state"] not in OPEN)
         assert numbers(client.get(address).json()) == undisturbed
-        assert len(client.get("/v1/runs").json()["items"]) == 1
+        assert len(client.get("/v1/jobs").json()["items"]) == 1
         assert client.get(address).json()["progress"]["done"] == 40_000
         assert steps_of(database, address.rpartition("/")[2]) == (1, 0)
         service.terminate()

@@ -73,7 +73,7 @@ def test_with_one_service_and_one_worker_killed_every_run_is_carried_out_once_wi
             raise AssertionError("no service answers")
 
         def stored() -> list[dict[str, Any]]:
-            return left.get("/v1/runs", params={"limit": 100}).raise_for_status().json()["items"]
+            return left.get("/v1/jobs", params={"limit": 100}).raise_for_status().json()["items"]
 
         with ThreadPoolExecutor(4) as pool:
             # Each run is posted to both services at once, by the same key.
@@ -90,7 +90,7 @@ def test_with_one_service_and_one_worker_killed_every_run_is_carried_out_once_wi
         assert len(set(ids)) == RUNS
         expected = on_sqlite(tmp_path, campaign)
         for number, identifier in enumerate(ids[::2]):
-            run = left.get(f"/v1/runs/{identifier}").json()
+            run = left.get(f"/v1/jobs/{identifier}").json()
             assert run["state"] == "succeeded", run["error"]
             assert run["result"] == expected[number % SEEDS]
             assert run["progress"]["done"] == DRAWS
@@ -158,7 +158,7 @@ def test_sigterm_ends_a_service_that_reads_a_hostile_program(service):
         time.sleep(1.5)
         began = time.monotonic()
         with httpx2.Client(base_url=service.url, timeout=10.0) as other:
-            assert other.get("/v1/runs").status_code == 200
+            assert other.get("/v1/jobs").status_code == 200
         assert time.monotonic() - began < 10.0  # a deadline, not a figure
         service.process.send_signal(signal.SIGTERM)
         service.process.wait(timeout=20)

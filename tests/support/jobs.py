@@ -53,7 +53,6 @@ def job_record(kind: Resource = RUN, identifier: str = "u1", **changes: Any) -> 
         summary={"method": "partial_pose", "positive": True},
         robot_id="r1",
         measurement_set_id="s1",
-        first_set_id=None,
         method=None,
         weighting=None,
         elasticity=None,

@@ -80,10 +80,6 @@ class Asking:
         """Change what is there."""
         return self.ask("PATCH", path, json=body, brief=brief)
 
-    def delete(self, path: str) -> Any:
-        """Delete what is there."""
-        return self.ask("DELETE", path)
-
     def posted(self, document: Any, *, quiet: bool = True, **options: Any) -> Any:
         """Post a campaign; return its run."""
         body = document | {"run": document.get("run", {}) | options}

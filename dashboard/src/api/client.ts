@@ -88,17 +88,14 @@ const id = encodeURIComponent;
 
 const SESSION = "/v1/session";
 
-/** How jobs are posted: one waits a second for the answer. */
-const WAIT = "?wait=1";
-
-/** The addresses that all collections share; `asked`: how items are posted. */
-function collection<Item, Summary, Change = never>(name: string, asked = "") {
+/** The addresses that all collections share; `asked`: what is always asked of a listing. */
+function collection<Item, Summary, Change = never>(name: string, asked: Filters = {}) {
   const at = (item: string) => `/v1/${name}/${id(item)}`;
   return {
     list: (filters: Filters = {}, signal?: AbortSignal) =>
-      call<of.Page<Summary>>("GET", `/v1/${name}${query(filters)}`, { signal }),
+      call<of.Page<Summary>>("GET", `/v1/${name}${query({ ...asked, ...filters })}`, { signal }),
     one: (item: string, signal?: AbortSignal) => call<Item>("GET", at(item), { signal }),
-    add: (body: unknown, key: string) => call<Item>("POST", `/v1/${name}${asked}`, { body, key }),
+    add: (body: unknown, key: string) => call<Item>("POST", `/v1/${name}`, { body, key }),
     change: (item: string, body: Change) => call<unknown>("PATCH", at(item), { body }),
     delete: (item: string) => call<unknown>("PATCH", at(item), { body: { deleted: true } }),
     restore: (item: string) => call<unknown>("PATCH", at(item), { body: { deleted: false } }),
@@ -115,9 +112,18 @@ const jobs = {
   file: (job: string, name: string) => `/v1/jobs/${id(job)}/files/${name}`,
 };
 
-const runs = collection<of.Run, of.RunSummary>("runs", WAIT);
-const maps = collection<of.Map, of.MapSummary>("maps", WAIT);
-const programs = collection<of.Program, of.ProgramSummary>("programs", WAIT);
+/** Jobs of a kind, which are posted at an address of their own; the answer to a post is waited for for a second. */
+const kind = <Job extends { kind: of.JobSummary["kind"] }, Summary = of.JobSummary>(
+  name: Job["kind"],
+  posted: Collection,
+) => ({
+  ...collection<Job, Summary>("jobs", { kind: name }),
+  add: (body: unknown, key: string) => call<Job>("POST", `/v1/${posted}?wait=1`, { body, key }),
+});
+
+const runs = kind<of.Run, of.RunSummary>("run", "runs");
+const maps = kind<of.Map>("map", "maps");
+const programs = kind<of.Program>("program", "programs");
 const openSets = collection<of.OpenSet, of.MeasurementSetSummary, of.SetChange>("measurement-sets");
 const robots = collection<of.Robot, of.RobotSummary, of.RobotChange>("robots");
 
@@ -155,9 +161,9 @@ export const api = {
   jobs,
   runs,
   predict: (body: unknown) => call<of.DeflectionResult>("POST", "/v1/deflections", { body }),
-  comparisons: collection<of.Comparison, of.ComparisonSummary>("comparisons", WAIT),
-  geometries: collection<of.Geometry, of.GeometrySummary>("geometries", WAIT),
-  plans: collection<of.Plan, of.PlanSummary>("plans", WAIT),
+  comparisons: kind<of.Comparison>("comparison", "comparisons"),
+  geometries: kind<of.Geometry>("geometry", "geometries"),
+  plans: kind<of.Plan>("plan", "plans"),
   maps,
   mapTable: (map: string) => call<Columns>("GET", jobs.file(map, "map.json")),
   programs,

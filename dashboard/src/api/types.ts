@@ -18,6 +18,13 @@ export type Method = messages.RunRequest["method"];
 export type RunState = messages.Run["state"];
 export type Usability = messages.Assessment["verdict"];
 
+/** A run in a listing: what all kinds of jobs have there, and a run always has. */
+export type RunSummary = Known<
+  messages.JobSummary,
+  "robot_id" | "measurement_set_id" | "method" | "weighting" | "positive" | "elasticity"
+>;
+type Known<Of, Name extends keyof Of> = Omit<Of, Name> & { [Each in Name]: NonNullable<Of[Each]> };
+
 /** A table for people, each cell a text. */
 export interface ShownTable {
   title: string;

@@ -123,7 +123,7 @@ export function ComparisonView({ id }: { id: string }) {
       kind={text.app.compare}
       load={async (signal) => {
         const job = await api.comparisons.one(id, signal);
-        const ids = [job.first_set_id, ...(job.second_set_id ? [job.second_set_id] : [])];
+        const ids = [job.measurement_set_id, ...(job.second_set_id ? [job.second_set_id] : [])];
         const sets = await Promise.all(ids.map(storedSet));
         const names = sets.map((set) => set.name);
         const same = new Set(names).size < names.length;

@@ -126,7 +126,7 @@ function FrameForm({ frame, change, robot, length }: FrameProps) {
     choices: {
       geometry_id: [
         { value: "", label: words.noGeometry },
-        ...(geometries ?? []).map(({ id, name }) => ({ value: id, label: name })),
+        ...(geometries ?? []).map(({ id, name }) => ({ value: id, label: name ?? id })),
       ],
     },
   };
@@ -312,7 +312,7 @@ export function ImportFlow({ opened: { files, template }, robot: asked, take }: 
             look="choice cards arms"
             value={robot}
             change={setChosen}
-            options={robots.map(({ id, name }) => ({ value: id, label: name }))}
+            options={robots.map(({ id, name }) => ({ value: id, label: name ?? id }))}
           />
         )}
         <p>

@@ -2,7 +2,7 @@
 import type { ComponentChildren } from "preact";
 import { useEffect, useRef, useState, useCallback } from "preact/hooks";
 import { api, problemOf, type Collection, follow, goesOn, type Standing } from "../api/client";
-import type { Page, Problem, RunState, RunSummary, Usability } from "../api/types";
+import type { JobSummary, Page, Problem, RunSummary } from "../api/types";
 import { chosen, type Filter, FilterBar, type Row, Rows, unusual, useFilter } from "../components/list";
 import {
   Badge,
@@ -38,37 +38,27 @@ type About = Pick<Row, "name"> & Partial<Row>;
 /** What jobs of each kind are about. */
 const ABOUT: { [Of in Collection]: (item: Summary<Of>, names: Names | null) => About } = {
   runs: aboutRun,
-  comparisons: ({ first_set_id: first, second_set_id: second }, names) => ({
-    name: [first, ...(second ? [second] : [])].map((id) => names?.set(id) ?? "…").join(" → "),
+  comparisons: ({ measurement_set_id: first, second_set_id: second }, names) => ({
+    name: [first, second].flatMap((id) => (id ? [names?.set(id) ?? "…"] : [])).join(" → "),
   }),
-  geometries: ({ name }) => ({ name }),
+  geometries: ({ name }) => ({ name: name ?? "…" }),
   plans: ({ measurement_set_id: set, robot_id: robot }, names) => ({
-    name: (set ? names?.set(set) : names?.robot(robot)) ?? "…",
+    name: (set ? names?.set(set) : robot && names?.robot(robot)) || "…",
   }),
   maps: ({ name }) => ({ name: name ?? text.run.views.map }),
-  programs: ({ file_name: name }) => ({ name: name ?? text.run.views.program }),
+  programs: ({ name }) => ({ name: name ?? text.run.views.program }),
 };
-
-/** What all jobs tell in a listing; what has numbers of joints has all that is told of a run. */
-interface Listed {
-  id: string;
-  robot_id: string | null;
-  state: RunState;
-  created_at: string;
-  verdict?: Usability | null;
-  joint_count?: number | null;
-}
 
 /** A job as a row. */
 function rowOf<Of extends Collection>(collection: Of, item: Summary<Of>, names: Names | null, live = true): Row {
-  const job = item as Listed;
+  const job = item as JobSummary;
   const robot = job.robot_id === null ? "" : (names?.robot(job.robot_id) ?? "…");
   const about: About = ABOUT[collection](item, names);
   return {
     id: job.id,
     href: link(collection === "comparisons" ? ["compare", "methods", job.id] : [collection, job.id]),
     note: robot && <Name>{robot}</Name>,
-    figures: job.verdict && job.joint_count && <Figures of={item as RunSummary} />,
+    figures: job.verdict && job.joint_count && <Figures of={job} />,
     at: job.created_at,
     standing: (
       <>
@@ -76,7 +66,7 @@ function rowOf<Of extends Collection>(collection: Of, item: Summary<Of>, names: 
       </>
     ),
     robot: job.robot_id,
-    verdict: job.verdict ?? null,
+    verdict: job.verdict,
     ...about,
     words: [robot, text.states[job.state], ...(about.words ?? [])],
   };
@@ -200,7 +190,7 @@ export function JobList<Of extends Collection>(props: ListProps<Of>) {
 }
 
 /** Verdict, or state and progress, live while the job goes on and is followed. */
-function JobStanding({ job, live }: { job: Listed; live: boolean }) {
+function JobStanding({ job, live }: { job: JobSummary; live: boolean }) {
   const [standing, set] = useState<Standing>({ id: job.id, state: job.state, progress: null });
   useEffect(() => {
     set({ id: job.id, state: job.state, progress: null });
@@ -216,7 +206,7 @@ function JobStanding({ job, live }: { job: Listed; live: boolean }) {
 }
 
 /** What a listing tells of a result. */
-function Figures({ of }: { of: RunSummary }) {
+function Figures({ of }: { of: JobSummary }) {
   const { compensation, joints_identified: found, joint_count: count, warning_count: warnings } = of;
   const told = [
     [compensation === null ? null : percent(compensation), text.lists.explained],

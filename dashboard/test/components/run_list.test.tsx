@@ -7,6 +7,11 @@ import { drawn } from "./drawn";
 
 const run = (id: string, part: Partial<RunSummary> = {}): RunSummary => ({
   id,
+  kind: "run",
+  name: null,
+  second_set_id: null,
+  run_id: null,
+  outputs: [],
   measurement_set_id: "s",
   robot_id: "r",
   method: "partial_pose",

@@ -340,7 +340,9 @@ def test_who_changes_what_stands_in_the_audit(client, store):
     assert client.request("POST", "/v1/robots", json=robot, headers=bearer("viewer")).status_code == 403
     assert client.request("POST", "/v1/robots", json=robot).status_code == 401
     assert (
-        client.request("DELETE", f"/v1/jobs/{KEYS['admin'].text}", headers=bearer("operator")).status_code
+        client.request(
+            "PATCH", f"/v1/jobs/{KEYS['admin'].text}", json={"deleted": True}, headers=bearer("operator")
+        ).status_code
         == 422
     )
     client.request("PUT", "/v1/robots", headers=bearer("operator"))
@@ -353,7 +355,7 @@ def test_who_changes_what_stands_in_the_audit(client, store):
         ("operator's key", "POST", "createRobot", 201),
         ("viewer's key", "POST", "createRobot", 403),
         (None, "POST", None, 401),
-        ("operator's key", "DELETE", "deleteJob", 422),
+        ("operator's key", "PATCH", "changeJob", 422),
         ("operator's key", "PUT", None, 405),
         ("viewer's key", "POST", "createSession", 201),
     ]
@@ -422,7 +424,7 @@ def test_jobs_name_the_key_that_asked_for_them(client, store):
     run = client.request("POST", "/v1/campaigns", json=campaign, headers=headers).json()
     expected = {"key_id": KEYS["operator"].record.id, "key_name": "operator's key"}
     assert run["requested_by"] == expected
-    assert client.get(f"/v1/runs/{run['id']}", headers=headers).json()["requested_by"] == expected
+    assert client.get(f"/v1/jobs/{run['id']}", headers=headers).json()["requested_by"] == expected
 
 
 def test_uses_are_noted(client, store):
@@ -506,7 +508,7 @@ def test_two_names_are_none(named):
         {"Origin": "http://localhost:8000", "Sec-Fetch-Site": "cross-site"},
     ],
 )
-@pytest.mark.parametrize(("method", "path"), [("POST", "/v1/robots"), ("DELETE", "/v1/jobs/1")])
+@pytest.mark.parametrize(("method", "path"), [("POST", "/v1/robots"), ("PATCH", "/v1/jobs/1")])
 def test_changes_that_other_sites_ask_for_are_refused(named, headers, method, path):
     assert_refused(named.request(method, path, headers=headers), 403)
     assert named.get("/v1/robots").json()["items"] == []

@@ -282,7 +282,7 @@ def test_what_was_stored_is_accepted_whatever_happens_to_it_then(error):
 
     jobs = Lost([1])
     told = asyncio.run(answer(jobs, jobs.create(REQUEST, None), 0.1, hurried()))
-    assert (told.status_code, told.headers["location"]) == (202, "/v1/runs/r1")
+    assert (told.status_code, told.headers["location"]) == (202, "/v1/jobs/r1")
     assert json.loads(told.body)["state"] == "queued"
 
 
@@ -350,14 +350,14 @@ class TestJobs:
         with pytest.raises(NotEndedError):
             runs.records.delete(run.id)
         runs.cancel(run.id)
-        before = runs.document(run.id)
+        before = runs.records.get(run.id)
         runs.records.delete(run.id)
         assert not runs.records.goes_on(run.id)
         runs.fail(run.id, RuntimeError("of a worker that did not hear of it"))
         with pytest.raises(DeletedError):
             runs.cancel(run.id)
         runs.records.restore(run.id)
-        assert runs.document(run.id) == before
+        assert runs.records.get(run.id) == before
 
     def test_the_janitor_removes_by_its_clock(self, store, runs):
         deleted, kept = (runs.create(run_request(stored_set(store), resampling=None), None) for _ in range(2))
@@ -372,7 +372,7 @@ class TestJobs:
         with pytest.raises(NotFoundError) as caught:
             runs.records.restore(deleted.id)
         assert type(caught.value) is NotFoundError
-        assert runs.document(kept.id) == kept.document
+        assert runs.records.get(kept.id) == kept
 
 
 class TestInputs:
@@ -465,7 +465,7 @@ class TestHttp:
         run = client.post("/v1/runs?wait=0", json=body)
         assert run.status_code == 202
         address = run.headers["location"]
-        refused = client.delete(job_at(address))
+        refused = client.patch(job_at(address), json=DELETE)
         assert refused.status_code == 409
         assert f"PATCH {job_at(address)}" in refused.json()["remedy"]
         for _ in range(2):

@@ -85,7 +85,7 @@ def test_a_body_that_is_cut_says_line_and_column_wherever_it_is_cut(client):
 @pytest.mark.parametrize(
     ("address", "meant"),
     [
-        ("/v1/runs?metod=complete_pose", "method"),
+        ("/v1/jobs?metod=complete_pose", "method"),
         ("/v1/robots?metod=x", None),
         ("/v1/robots?limt=3", "limit"),
     ],

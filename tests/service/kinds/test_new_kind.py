@@ -24,6 +24,5 @@ def test_one_file_is_a_kind(tmp_path):
     assert found["client"] == found["route"] == found["command"] == found["python"] == 12
     assert found["csv"] == "observations,readings\r\n4,12\r\n"
     assert found["printed"].split() == ["observations,readings", "0,0"]
-    assert found["deleted"] == 204
-    assert "measurement_set_id" in found["filters"]
-    assert all(found[name] for name in ("text", "listing", "report", "index", "help"))
+    assert found["deleted"] == 200
+    assert all(found[name] for name in ("text", "listing", "report", "described", "filtered", "help"))

@@ -11,7 +11,6 @@ from support.kinds import MAP, posted_job
 
 import jointstiff
 import jointstiff as js
-from jointstiff.service.kinds.registry import KINDS
 from jointstiff.service.kinds.verdicts import of_points
 from jointstiff.service.reports.exports import FORMATS
 from jointstiff.simulator import TARGETS, default_arm, simulate_campaign
@@ -270,8 +269,8 @@ def post_job(local, runs):
 
 @pytest.mark.parametrize("kind", REFUSED)
 def test_nothing_acts_on_a_robot_unasked(local, post_job, kind):
-    collection = next(each.collection for each in KINDS if each.name == kind)
-    before = local.get(f"/v1/{collection}").json()["items"]
+    listing = {"kind": kind}
+    before = local.get("/v1/jobs", params=listing).json()["items"]
     answer = post_job(kind)
     assert answer.status_code == 422
     problem = answer.json()
@@ -279,7 +278,7 @@ def test_nothing_acts_on_a_robot_unasked(local, post_job, kind):
     assert problem["where"] == ("measurement_set_id" if kind == "plan" else "run_id")
     assert "accept_verdict" in problem["remedy"]
     assert any("joint_2" in each["reason"] and each["remedy"] for each in problem["errors"])
-    assert local.get(f"/v1/{collection}").json()["items"] == before
+    assert local.get("/v1/jobs", params=listing).json()["items"] == before
     assert post_job(kind, accept_verdict="use_with_care").status_code == 422
 
 

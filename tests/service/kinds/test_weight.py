@@ -167,7 +167,7 @@ def test_sag_of_joints_without_a_number_counts(client):
     for body, mass in zip(vague["robot"]["bodies"], default_bodies().masses.tolist(), strict=True):
         body |= {"mass": mass, "mass_uncertainty": 0.9, "centre_uncertainty": 0.2}
     run_id = posted(client, vague, weight={})["id"]
-    found = client.get(f"/v1/runs/{run_id}").json()["result"]["joints"]
+    found = client.get(f"/v1/jobs/{run_id}").json()["result"]["joints"]
     assert {joint["status"] for joint in found[2:]} == {"not_observable"}
     q = random_configurations(ARM, 20, seed=91)
     predicted = post(client, "/v1/deflections", still(run_id, q), 200)["cases"]

@@ -69,7 +69,7 @@ def test_lost_answers_are_asked_for_again_and_nothing_is_stored_twice(service, c
         for collection, query, identifier in [
             ("robots", {"name": campaign["robot"]["name"]}, robot_id),
             ("measurement-sets", {"robot_id": robot_id}, set_id),
-            ("comparisons", {"robot_id": robot_id}, comparison.id),
+            ("jobs", {"kind": "comparison", "robot_id": robot_id}, comparison.id),
         ]:
             items = plain.get(f"/v1/{collection}", params=query).json()["items"]
             assert [item["id"] for item in items] == [identifier]
@@ -184,7 +184,7 @@ def test_a_service_that_is_killed_and_started_again_is_waited_for(tmp_path, camp
             starting.start()
             run = client.runs.wait(client.runs.create({"measurement_set_id": stored.id}))
             starting.join()
-            listed = httpx2.get(f"{address}/v1/runs").json()["items"]
+            listed = httpx2.get(f"{address}/v1/jobs?kind=run").json()["items"]
         assert run.state == "succeeded"
         assert len(warnings) == 1
         assert [item["id"] for item in listed] == [run.id]

@@ -91,7 +91,7 @@ def test_a_campaign_is_measured_until_its_goal_is_met_and_becomes_an_ordinary_se
     assert len(stored["observations"]) == len(state["readings"])
     assert "± 15 %" in stored["notes"]
     assert "90 % ball" in stored["notes"]
-    run = service.get(f"/v1/runs/{closed['run_id']}").json()
+    run = service.get(f"/v1/jobs/{closed['run_id']}").json()
     assert run["state"] == "succeeded"
     first = {name: stored["observations"][0][name] for name in ("joints", "force")}
     late = service.post(f"{address}/observations", json=read({**run, "label": "m99", **first}))
@@ -173,7 +173,7 @@ def measured_to_goal(client, own, priors):
         reading = observation(own, following, sigma=SIGMA, seed=len(state["readings"]))
         state = client.post(f"{address}/observations", json=reading).json()
     closed = client.post(f"{address}/close").json()
-    return state, client.get(f"/v1/runs/{closed['run_id']}").json(), client.get(address).json()["notes"]
+    return state, client.get(f"/v1/jobs/{closed['run_id']}").json(), client.get(address).json()["notes"]
 
 
 @pytest.mark.slow

@@ -31,13 +31,14 @@ with Store.open("sqlite://") as store:
             found["text"] = "Readings of the set" in str(posted)
             listed = client.smalls.list(measurement_set_id=posted.request.measurement_set_id)
             found["listing"] = [each.id for each in listed] == [posted.id]
-        address, files = f"/v1/smalls/{posted.id}", f"/v1/jobs/{posted.id}/files"
+        address = f"/v1/jobs/{posted.id}"
+        files = f"{address}/files"
         found["route"] = http.get(address).json()["result"]["readings"]
         found["csv"] = http.get(f"{files}/counts.csv").text
         found["report"] = "Count of readings" in http.get(f"{files}/report.html").text
-        found["index"] = "/v1/smalls" in http.get("/v1").text
-        found["filters"] = service.query_parameters("/v1/smalls", "get")
-        found["deleted"] = http.delete(f"/v1/jobs/{posted.id}").status_code
+        found["described"] = "/v1/smalls" in service.openapi()["paths"]
+        found["filtered"] = len(http.get("/v1/jobs?kind=small").json()["items"]) == 1
+        found["deleted"] = http.patch(address, json={"deleted": True}).status_code
 
 help_text = CliRunner().invoke(app, ["count", "--help"], env={"COLUMNS": "100"}).output
 found["help"] = "Least number of targets" in help_text and "--least" in help_text

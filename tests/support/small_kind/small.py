@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, ClassVar, Final
+from typing import TYPE_CHECKING, ClassVar, Final, Literal
 
 from pydantic import Field
 
-from jointstiff.schemas.fields import Identifier, Message, Timestamp
-from jointstiff.schemas.job import Job, JobState
+from jointstiff.schemas.fields import Identifier, Message
+from jointstiff.schemas.job import Job
 from jointstiff.service.kinds.kind import File, Kind
 from jointstiff.service.tables.report import Report, View
 from jointstiff.service.tables.table import Column, Sheet, Table
@@ -36,22 +36,12 @@ class SmallResult(Message):
     readings: int
 
 
-class SmallSummary(Message):
-    """A count in a listing."""
-
-    id: Identifier
-    robot_id: Identifier
-    measurement_set_id: Identifier
-    state: JobState
-    created_at: Timestamp
-
-
 class Small(Job):
     """A stored count."""
 
-    kind: ClassVar[str] = "small"
     collection: ClassVar[str] = "smalls"
 
+    kind: Literal["small"] = "small"
     request: SmallRequest
     result: SmallResult | None = Field(description="Present if the count succeeded.")
 
@@ -82,17 +72,15 @@ def counts_sheet(job: Small) -> Sheet:
     return Sheet.of_rows([] if job.result is None else [job.result.model_dump()])
 
 
-SMALL: Final = Kind[Small, SmallRequest, SmallSummary](
+SMALL: Final = Kind[Small, SmallRequest](
     message=Small,
     request=SmallRequest,
     options=SmallOptions,
     compute=compute,
     report=report,
     sources=("measurement_set",),
-    summary=SmallSummary,
     title="Count of readings",
     description="Count the readings of a measurement set.",
-    filters={"measurement_set_id": "measurement set"},
     examples={"all": {"measurement_set_id": "ID_OF_A_STORED_SET"}},
     files=(
         File(name="counts.csv", description="the counts as a table", sheet=counts_sheet, made_of="result"),
