@@ -74,7 +74,7 @@ def operations(openapi):
             yield method, path, operation["operationId"], operation.get("security")
 
 
-def test_each_role_may_do_what_is_declared_and_no_more(openapi, shared, subtests):
+def test_each_role_may_do_what_is_declared_and_no_more(openapi, client, subtests):
     """What is declared stands in OpenAPI, and is checked here against the rule it should follow."""
     for method, path, name, security in operations(openapi):
         with subtests.test(name):
@@ -89,7 +89,7 @@ def test_each_role_may_do_what_is_declared_and_no_more(openapi, shared, subtests
                 assert needed == ("viewer" if method == "get" or name in READS_BY_POST else "operator")
             address = re.sub(r"\{\w+\}", "0" * 10, path)
             for role in (None, *ROLES):
-                status = shared.request(method.upper(), address, headers=bearer(role)).status_code
+                status = client.request(method.upper(), address, headers=bearer(role)).status_code
                 if needed is None:
                     assert status not in {401, 403}
                 elif role is None:
