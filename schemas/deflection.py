@@ -33,7 +33,6 @@ from jointstiff.schemas.job import FromRun, Job, JobSummary
 from jointstiff.schemas.measurement import Units
 from jointstiff.schemas.plan import Box
 from jointstiff.schemas.robot import MAX_JOINTS
-from jointstiff.schemas.run import BudgetSource, Evaluation
 
 MAX_CASES = 2_000
 
@@ -191,28 +190,20 @@ class CartesianCompliance(Message):
     worst: WorstDirection
 
 
-class DeflectionComponent(Message):
-    """One source of uncertainty of a predicted displacement."""
-
-    source: BudgetSource
-    evaluation: Evaluation
-    included: StrictBool = Field(description="True if the component is part of `readings_only`.")
-    contribution: Metres[float] = Field(description="Contribution to the standard uncertainty.")
-
-
 class DeflectionBudget(Message):
     """Uncertainty budget of the length of a predicted displacement. The load of the case counts as exact."""
 
-    components: list[DeflectionComponent] = Field(
-        description="Components from the run's compliances, with their correlations; the model "
-        "error is the radius of its ball over the coverage factor."
+    contributions: Metres[dict[str, float]] = Field(
+        description="Contribution to the standard uncertainty by source, as in the `budget` of the run, with "
+        "the correlations between the joints; `model_error` is the radius of its ball over the coverage "
+        "factor."
     )
     standard_uncertainty: Metres[float] = Field(
-        description="Combined standard uncertainty of the included components."
+        description="Combined standard uncertainty of the sources included in the run's, without model error."
     )
     coverage_factor: Dimensionless[float] = Field(description="Factor for the request's confidence.")
     expanded_uncertainty: Metres[float]
-    expanded_with_model_error: Metres[float] = Field(description="Expanded uncertainty of all components.")
+    expanded_with_model_error: Metres[float] = Field(description="Expanded uncertainty of all sources.")
 
 
 class CaseResult(Message):

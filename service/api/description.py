@@ -50,6 +50,7 @@ class DescribedApplication(FastAPI):
                 needed = operation.get("security", [])
                 if needed and {} not in needed and needed[0]["key"] != ["admin"]:
                     operation["security"] = [{}, *needed]
+            _drop_unused(document)
             _require_all_of_answers(document)
             _share(document)
             self.openapi_schema = document
@@ -120,6 +121,17 @@ def _state_events(operation: Node) -> None:
     for answer in operation["responses"].values():
         if _EVENTS in answer.get("content", {}):
             answer["content"][_EVENTS] = {"schema": {"type": "string"}}
+
+
+def _drop_unused(document: Node) -> None:
+    """Drop schemas that nothing refers to: FastAPI states those of fields whose form is no promise, too."""
+    schemas, waiting = document["components"]["schemas"], [json.dumps(document["paths"])]
+    used: set[str] = set()
+    while waiting:
+        names = set(re.findall(r'"#/components/schemas/(\w+)"', waiting.pop())) - used
+        used |= names
+        waiting += [json.dumps(schemas[name]) for name in names]
+    document["components"]["schemas"] = {name: schemas[name] for name in schemas if name in used}
 
 
 def _require_all_of_answers(document: Node) -> None:

@@ -550,28 +550,23 @@ def _budgets(
     for contributions, ball in zip(
         bent.length_uncertainties(covariances).tolist(), radius.tolist(), strict=True
     ):
-        components = [
-            cases.DeflectionComponent(
-                source=part.source, evaluation=part.evaluation, included=part.included, contribution=size
-            )
+        parts = {
+            part.source: size
             for part, size in zip(budget.components, contributions, strict=True)
             if part.source != "model_error"
-        ]
+        }
+        combined = hypot(
+            *(parts[part.source] for part in budget.components if part.included and part.source in parts)
+        )
         if isfinite(ball):
-            error = ball / factor
-            components.append(
-                cases.DeflectionComponent(
-                    source="model_error", evaluation="A", included=False, contribution=error
-                )
-            )
-        combined = hypot(*(part.contribution for part in components if part.included))
+            parts["model_error"] = ball / factor
         budgets.append(
             cases.DeflectionBudget(
-                components=components,
+                contributions=parts,
                 standard_uncertainty=combined,
                 coverage_factor=factor,
                 expanded_uncertainty=factor * combined,
-                expanded_with_model_error=factor * hypot(*(part.contribution for part in components)),
+                expanded_with_model_error=factor * hypot(*parts.values()),
             )
         )
     return budgets
@@ -643,12 +638,12 @@ def run_result(
     """
     labels, targets = np.array(measurements.labels), np.array(measurements.targets)
     names, kinds = [joint.name for joint in estimate.joints], [joint.kind for joint in estimate.joints]
-    robust, joint_budgets = to_robust_loss(estimate, measurements), to_joint_budgets(budget, len(names))
+    robust = to_robust_loss(estimate, measurements)
     judgement = to_assessment(assessment, estimate.joints)
     whole_budget = to_budget(budget, names, assessment.reasons)
-    indices = estimate.observability_indices
+    indices, test = estimate.observability_indices, estimate.sigma_test
     i, t = np.nonzero(measurements.present)
-    absent = dict.fromkeys(("resampling", "model", "links", "selection", "choice", "weight"))
+    absent = dict.fromkeys(("resampling", "model", "links", "choice", "weight"))
     by_encoder, contributions = [], []
     if measurements.encoders is not None and prediction.encoders is not None:
         k, j = np.nonzero(measurements.encoders.present)
@@ -672,11 +667,15 @@ def run_result(
             estimate.joints,
             verdict=assessment.joints,
             reason=[_reason_of(joint, assessment) for joint in estimate.joints],
-            budget=joint_budgets,
         ),
         compensation=prediction.compensation,
         rms_residual=prediction.rms_residual,
-        goodness=document(run.Goodness, estimate, test=estimate.sigma_test),
+        goodness=document(
+            run.Goodness,
+            estimate,
+            p_value=None if test is None else test.p_value,
+            test=None if test is None else test.result,
+        ),
         identifiability=document(
             run.Identifiability,
             estimate,
@@ -761,20 +760,6 @@ def to_budget(
         ],
         expanded_with_model_error=factor * uncertainty[-1],
     )
-
-
-def to_joint_budgets(budget: UncertaintyBudget | None, count: int) -> list[run.UncertaintyBudget | None]:
-    """Return the included contributions of each of `count` joints, where there is more than readings."""
-    included = [] if budget is None else [part for part in budget.components if part.included]
-    if budget is None or len(included) < 2:
-        return [None] * count
-    parts = {part.source: part.uncertainty for part in included}
-    return [
-        run.UncertaintyBudget(**{str(source): float(u[j]) for source, u in parts.items()})
-        if j in budget.joints
-        else None
-        for j in range(count)
-    ]
 
 
 def to_assessment(judgement: Assessment, joints: Sequence[JointCompliance]) -> finding.Assessment:
