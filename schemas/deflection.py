@@ -306,23 +306,7 @@ class MapRequest(MapOptions):
     run_id: Identifier = Field(description="Id of the run whose model is used.")
 
 
-class MapCounts(Message):
-    """Number of places by status."""
-
-    reached: int = Field(description="Number of places with values.")
-    out_of_reach: int = Field(description="Number of places that no posture reaches in any orientation.")
-    joint_limits: int = Field(description="Number of places with every posture beyond the joint limits.")
-    unseen_joint: int = Field(
-        description="Number of places where the load twists a joint that the readings do not determine."
-    )
-    overloaded: int = Field(
-        description="Number of places where the load reduces a joint's stiffness by half, or turns it by a "
-        "quarter radian."
-    )
-    not_followed: int = Field(
-        default=0,
-        description="Number of places without a number: too near a singularity for the option `near`.",
-    )
+PlaceStatus = Literal["reached", "out_of_reach", "joint_limits", "unseen_joint", "overloaded", "not_followed"]
 
 
 class MapPlace(Message):
@@ -355,19 +339,21 @@ class MapPlace(Message):
     )
 
 
-class MapQuantile(Message):
-    """A quantile of the deflection over the places reached."""
-
-    share: Dimensionless[float]
-    deflection: Metres[float]
-
-
 class MapResult(FromRun):
     """A summary; the places themselves are downloaded as CSV or npz."""
 
     places: int
-    counts: MapCounts
-    quantiles: list[MapQuantile] = Field(description="Quantiles; empty if no place is reached.")
+    counts: dict[PlaceStatus, int] = Field(
+        description="Number of places by status. `reached`: with values. `out_of_reach`: no posture reaches "
+        "the place in any orientation. `joint_limits`: every posture is beyond the joint limits. "
+        "`unseen_joint`: the load twists a joint that the readings do not determine. `overloaded`: the load "
+        "reduces a joint's stiffness by half, or turns it by a quarter radian. `not_followed`: too near a "
+        "singularity for the option `near`."
+    )
+    percentiles: Metres[dict[str, float]] = Field(
+        description="Deflection that this percentage of the reached places does not exceed: `0`, `5`, `25`, "
+        "`50`, `75`, `95`, `100`; empty if no place is reached."
+    )
     worst: MapPlace | None = Field(
         description="Place with the largest deflection; null if no place is reached."
     )

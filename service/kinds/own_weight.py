@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from jointstiff.schemas import run as runs
-from jointstiff.schemas.options import RunOptions, Weight
+from jointstiff.schemas.options import OwnWeight, RunOptions
 from jointstiff.schemas.run import (
     Identifiability,
     WeightResult,
@@ -37,7 +37,7 @@ _NO_MODEL_ERROR: Final = RequestError(
 )
 
 
-def identified_by_weight(prepared: PreparedSet, options: RunOptions, weight: Weight) -> runs.RunResult:
+def identified_by_weight(prepared: PreparedSet, options: RunOptions, weight: OwnWeight) -> runs.RunResult:
     """Identify from positions and masses.
 
     Raises:
@@ -112,7 +112,7 @@ def identified_by_weight(prepared: PreparedSet, options: RunOptions, weight: Wei
     )
 
 
-def _readings(prepared: PreparedSet, weight: Weight) -> tuple[WeightReadings, IndexArray]:
+def _readings(prepared: PreparedSet, weight: OwnWeight) -> tuple[WeightReadings, IndexArray]:
     """Return all positions, those without a load first, and the observation (rows,) of each row."""
     from jointstiff.solver.geometry.poses import Poses
     from jointstiff.solver.weight.identification import Balancer, Burden, WeightReadings

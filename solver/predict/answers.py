@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from math import hypot, isfinite
-from typing import Any, Final, Literal, TypeVar, get_args
+from typing import Any, Final, TypeVar, get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -49,8 +49,7 @@ from jointstiff.solver.predict.models import (
 )
 from jointstiff.solver.text import figure
 
-PlaceStatus = Literal["reached", "out_of_reach", "joint_limits", "unseen_joint", "overloaded", "not_followed"]
-STATUSES: Final[tuple[PlaceStatus, ...]] = get_args(PlaceStatus)
+STATUSES: Final[tuple[cases.PlaceStatus, ...]] = get_args(cases.PlaceStatus)
 
 _REACHED, _OUT_OF_REACH, _JOINT_LIMITS, _UNSEEN, _OVERLOADED, _NOT_FOLLOWED = range(6)
 _TIE: Final = 1e-9
@@ -283,7 +282,7 @@ def map_postures(
     return result
 
 
-_SHARES: Final = (0.0, 0.05, 0.25, 0.5, 0.75, 0.95, 1.0)
+_PERCENTS: Final = (0, 5, 25, 50, 75, 95, 100)
 _BLOCKS: Final = {
     f"{moved}_by_{load}": (slice(3 * i, 3 * i + 3), slice(3 * k, 3 * k + 3))
     for i, moved in enumerate(("translation", "rotation"))
@@ -573,7 +572,7 @@ def _budgets(
 
 
 def map_numbers(table: DeflectionMap, places: FloatArray, tool: FloatArray) -> dict[str, Any]:
-    """Return what sums up a map: counts, quantiles, the worst and the stiffest place.
+    """Return what sums up a map: counts, percentiles, the worst and the stiffest place.
 
     Args:
         table: P places.
@@ -582,7 +581,7 @@ def map_numbers(table: DeflectionMap, places: FloatArray, tool: FloatArray) -> d
     """
     reached, length = np.flatnonzero(table.reached), table.length
     ends: Sequence[cases.MapPlace | None] = (None, None)
-    quantiles: Sequence[cases.MapQuantile] = ()
+    percentiles: dict[str, float] = {}
     if len(reached):
         order = [reached[np.argmax(length[reached])], reached[np.argmin(length[reached])]]
         ends = rows(
@@ -598,12 +597,12 @@ def map_numbers(table: DeflectionMap, places: FloatArray, tool: FloatArray) -> d
             compliance_across=table.across[order],
             extrapolation=table.extrapolation[order],
         )
-        deflections = np.quantile(length[reached], _SHARES)
-        quantiles = rows(cases.MapQuantile, share=_SHARES, deflection=deflections)
+        deflections = np.quantile(length[reached], [percent / 100.0 for percent in _PERCENTS]).tolist()
+        percentiles = dict(zip(map(str, _PERCENTS), deflections, strict=True))
     return {
         "places": len(table),
         "counts": {name: int((table.status == i).sum()) for i, name in enumerate(STATUSES)},
-        "quantiles": quantiles,
+        "percentiles": percentiles,
         "worst": ends[0],
         "stiffest": ends[1],
         "extrapolated": int((table.extrapolation[reached] > EXTRAPOLATED).sum()),

@@ -124,7 +124,7 @@ def test_the_list_is_filled_in_and_dropped_back(parts, robot):
     file = SourceFile("readings.csv", text.getvalue().encode())
     answer = import_files([file], ImportRequest(encoders="motor"))
     assert answer.missing == []
-    held_out = [each.label for each in plan.result.readings if each.validation]
+    held_out = [each.label for each in plan.result.readings if each.held_out]
     assert answer.leave_out == held_out != []
     assert f"held out from the fit, to judge it: {', '.join(held_out)}" in answer.preview.assumptions
     campaign = {"robot": robot_document(default_arm()), "measurement_set": answer.measurement_set}
@@ -183,8 +183,8 @@ def test_each_block_of_four_is_a_good_plan_by_itself(parts, robot):
 
     for block in range(1, 5):
         own = [each for each in whole.readings if each.block == block]
-        assert [each.validation for each in own].count(False) == 4
-        postures = [each.joints for each in own if not each.validation]
+        assert [each.held_out for each in own].count(False) == 4
+        postures = [each.joints for each in own if not each.held_out]
         alone = plan_of(parts, **options | {"readings": 4, "validation": 0.0, "postures": postures}).result
         assert mean(alone) <= 1.5 * 2.0 * mean(whole)
 

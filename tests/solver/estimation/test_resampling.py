@@ -383,7 +383,7 @@ def test_a_stated_sigma_is_tested_on_both_sides():
     tails = {0.3: "consistent", 0.004: "residuals_too_large", 0.996: "residuals_too_small"}
     for tail, verdict in tails.items():
         found = sigma_test(float(stats.chi2.isf(tail, 100)), 100.0)
-        assert (found.verdict, found.p_value) == (verdict, pytest.approx(2.0 * min(tail, 1.0 - tail)))
+        assert (found.result, found.p_value) == (verdict, pytest.approx(2.0 * min(tail, 1.0 - tail)))
     assert sigma_test(0.0, 0.0) is None
 
 
