@@ -33,7 +33,6 @@ from jointstiff.schemas.job import FromRun, Job
 from jointstiff.schemas.measurement import Units
 from jointstiff.schemas.plan import Box
 from jointstiff.schemas.robot import MAX_JOINTS
-from jointstiff.schemas.run import BudgetSource, Evaluation
 
 MAX_CASES = 2_000
 
@@ -191,28 +190,20 @@ class CartesianCompliance(Message):
     worst: WorstDirection
 
 
-class DeflectionComponent(Message):
-    """One source of uncertainty of a predicted displacement."""
-
-    source: BudgetSource
-    evaluation: Evaluation
-    included: StrictBool = Field(description="True if the component is part of `readings_only`.")
-    contribution: Metres[float] = Field(description="Contribution to the standard uncertainty.")
-
-
 class DeflectionBudget(Message):
     """Uncertainty budget of the length of a predicted displacement. The load of the case counts as exact."""
 
-    components: list[DeflectionComponent] = Field(
-        description="Components from the run's compliances, with their correlations; the model "
-        "error is the radius of its ball over the coverage factor."
+    contributions: Metres[dict[str, float]] = Field(
+        description="Contribution to the standard uncertainty by source, as in the `budget` of the run, with "
+        "the correlations between the joints; `model_error` is the radius of its ball over the coverage "
+        "factor."
     )
     standard_uncertainty: Metres[float] = Field(
-        description="Combined standard uncertainty of the included components."
+        description="Combined standard uncertainty of the sources included in the run's, without model error."
     )
     coverage_factor: Dimensionless[float] = Field(description="Factor for the request's confidence.")
     expanded_uncertainty: Metres[float]
-    expanded_with_model_error: Metres[float] = Field(description="Expanded uncertainty of all components.")
+    expanded_with_model_error: Metres[float] = Field(description="Expanded uncertainty of all sources.")
 
 
 class CaseResult(Message):
@@ -315,23 +306,7 @@ class MapRequest(MapOptions):
     run_id: Identifier = Field(description="Id of the run whose model is used.")
 
 
-class MapCounts(Message):
-    """Number of places by status."""
-
-    reached: int = Field(description="Number of places with values.")
-    out_of_reach: int = Field(description="Number of places that no posture reaches in any orientation.")
-    joint_limits: int = Field(description="Number of places with every posture beyond the joint limits.")
-    unseen_joint: int = Field(
-        description="Number of places where the load twists a joint that the readings do not determine."
-    )
-    overloaded: int = Field(
-        description="Number of places where the load reduces a joint's stiffness by half, or turns it by a "
-        "quarter radian."
-    )
-    not_followed: int = Field(
-        default=0,
-        description="Number of places without a number: too near a singularity for the option `near`.",
-    )
+PlaceStatus = Literal["reached", "out_of_reach", "joint_limits", "unseen_joint", "overloaded", "not_followed"]
 
 
 class MapPlace(Message):
@@ -364,19 +339,21 @@ class MapPlace(Message):
     )
 
 
-class MapQuantile(Message):
-    """A quantile of the deflection over the places reached."""
-
-    share: Dimensionless[float]
-    deflection: Metres[float]
-
-
 class MapResult(FromRun):
     """A summary; the places themselves are downloaded as CSV or npz."""
 
     places: int
-    counts: MapCounts
-    quantiles: list[MapQuantile] = Field(description="Quantiles; empty if no place is reached.")
+    counts: dict[PlaceStatus, int] = Field(
+        description="Number of places by status. `reached`: with values. `out_of_reach`: no posture reaches "
+        "the place in any orientation. `joint_limits`: every posture is beyond the joint limits. "
+        "`unseen_joint`: the load twists a joint that the readings do not determine. `overloaded`: the load "
+        "reduces a joint's stiffness by half, or turns it by a quarter radian. `not_followed`: too near a "
+        "singularity for the option `near`."
+    )
+    percentiles: Metres[dict[str, float]] = Field(
+        description="Deflection that this percentage of the reached places does not exceed: `0`, `5`, `25`, "
+        "`50`, `75`, `95`, `100`; empty if no place is reached."
+    )
     worst: MapPlace | None = Field(
         description="Place with the largest deflection; null if no place is reached."
     )

@@ -10,6 +10,7 @@ from hashlib import sha256
 from typing import Annotated, Any, Generic, Literal, TypeVar
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, StrictBool, TypeAdapter, model_validator
+from typing_extensions import TypeAliasType
 
 from jointstiff.schemas.joints import JOINT_UNITS
 
@@ -65,13 +66,25 @@ Confidence = Annotated[
 ]
 """The probability of an interval."""
 
-Vector3 = tuple[Quantity, Quantity, Quantity]
-"""Three components along x, y and z."""
+Vector3 = TypeAliasType(
+    "Vector3",
+    Annotated[
+        tuple[Quantity, Quantity, Quantity], Field(description="Three components along x, y and z, as given.")
+    ],
+)
+"""Three components along x, y and z, which a description of the API states once and refers to."""
 
-Point = tuple[float, float, float]
+Point = TypeAliasType(
+    "Point",
+    Annotated[
+        tuple[float, float, float], Field(description="Three components along x, y and z, as computed.")
+    ],
+)
 """Three components of a result."""
 
-Square3 = tuple[Point, Point, Point]
+Square3 = TypeAliasType(
+    "Square3", Annotated[tuple[Point, Point, Point], Field(description="A 3 x 3 matrix, row by row.")]
+)
 """A matrix of a result, row by row."""
 
 Value = TypeVar("Value")

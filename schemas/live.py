@@ -12,12 +12,8 @@ from jointstiff.schemas.fields import (
     Message,
     Metres,
     Name,
-    Newtons,
-    Positions,
-    Quantity,
     Stiffness,
     Timestamp,
-    Vector3,
 )
 from jointstiff.schemas.finding import Assessment, Finding
 from jointstiff.schemas.joints import StatedKind
@@ -29,7 +25,7 @@ from jointstiff.schemas.measurement import (
     Observation,
     SetChange,
 )
-from jointstiff.schemas.plan import MAX_CANDIDATES, Goal, PlanOptions
+from jointstiff.schemas.plan import MAX_CANDIDATES, Goal, PlannedReading, PlanOptions
 
 
 class LiveOptions(PlanOptions):
@@ -73,7 +69,6 @@ class LiveSetChange(SetChange):
 class Innovation(Message):
     """Comparison of a reading with what the others let expect."""
 
-    label: Name
     p_value: Dimensionless[float | None] = Field(
         description="Probability of a reading at least so far from its prediction; null where the others do "
         "not predict it."
@@ -88,36 +83,18 @@ class Innovation(Message):
     message: str
 
 
-class HeldOut(Message):
-    """A reading that was compared with its prediction before it counted."""
-
-    label: Name
-    inside: StrictBool = Field(description="True if it lies in the 90 % ball of its prediction.")
-    share: Dimensionless[float] = Field(description="Distance over the radius of the ball.")
-    distance: Metres[float] = Field(description="Greatest distance of a target from its prediction.")
-
-
 class LiveReading(Message):
     """A reading of an open set in its record."""
 
     label: Name
     state: Literal["counts", "doubtful", "withdrawn"]
     reason: str | None = Field(default=None, description="Reason for which it was withdrawn.")
-    innovation: Innovation | None = Field(default=None)
-    held_out: HeldOut | None = Field(default=None)
-
-
-class NextReading(Message):
-    """The next reading: posture, load and reason."""
-
-    label: Name = Field(description="Label to send it with.")
-    joints: Positions[list[Quantity]] = Field(description="Joints as displayed by the controller.")
-    force: Newtons[Vector3] = Field(description="Force on the robot, axes of R0.")
-    anchor: int | None = Field(default=None, description="Index of the cable's anchor.")
-    held_out: StrictBool = Field(
-        description="True for one that may be the last: it is compared with its prediction before it counts."
+    innovation: Innovation | None = None
+    ball_ratio: Dimensionless[float | None] = Field(
+        default=None,
+        description="Distance from the prediction over the radius of its 90 % ball, at most 1 inside; null "
+        "for a reading that was not held out.",
     )
-    reason: str = Field(description="Reason for this one.")
 
 
 class LiveJoint(Message):
@@ -169,7 +146,7 @@ class LiveState(Message):
         default=None, description="Length of the greatest deflection in the work area."
     )
     assessment: Assessment | None = Field(description="Verdict so far; null before there is one.")
-    next: NextReading | None = Field(description="Next reading; null if nothing is left to read.")
+    next: PlannedReading | None = Field(description="Next reading; null if nothing is left to read.")
     warnings: list[Finding] = Field(default_factory=list, description="Findings in the readings.")
     measurement_set_id: Identifier | None = Field(default=None, description="The set, once it is closed.")
     run_id: Identifier | None = Field(default=None, description="The run of the closed set.")

@@ -1,4 +1,4 @@
-"""A run's model for predictions; elastic links; the comparison of models on held-out postures."""
+"""A run's model for predictions; elastic links; models scored on held-out postures."""
 
 from __future__ import annotations
 
@@ -144,9 +144,13 @@ class PrincipalCompliance(Message):
     direction: Dimensionless[Point] = Field(description="Unit vector of its axis.")
 
 
-class BaseCompliance(Message):
-    """The compliance of the base below joint 1, about the origin and in the axes of R0."""
+class ElasticCompliance(Message):
+    """Compliance of a link, or of the base below joint 1, about the origin and in the axes of its frame."""
 
+    joint: Name | None = Field(
+        description="Joint whose frame moves with the near end of the link; null for the base, whose frame "
+        "is R0."
+    )
     matrix: Matrix = Field(
         description="Compliance, 6 x 6, symmetric and positive semidefinite: displacement and rotation by "
         "force and moment. Units by block of three: m/N, rad/N; m/(N.m), rad/(N.m).",
@@ -162,12 +166,6 @@ class BaseCompliance(Message):
         "others."
     )
     parameters: int = Field(description="Number of parameters.")
-
-
-class LinkCompliance(BaseCompliance):
-    """The compliance of the link behind a joint, about the origin and in the axes of the joint's frame."""
-
-    joint: Name = Field(description="Joint whose frame moves with the near end of the link.")
 
 
 class ElementShare(Message):
@@ -210,18 +208,17 @@ class LinkCertificate(Message):
 class LinksResult(Message):
     """Compliances of the elements that deflect besides the joints."""
 
-    model: ElasticModel
-    model_source: Source = Field(description="Source; `cross_validation` if the elasticity is `automatic`.")
-    loss: Loss = Field(description="Loss function of the length of each target's residual.")
-    loss_source: Source = Field(description="Source of the loss; `given` also if the options allow only one.")
+    loss_source: Source = Field(
+        description="Source of the loss in `choice`; `given` also if the options allow only one."
+    )
     penalty: Dimensionless[float] = Field(description="Weight of the penalty.")
     penalty_source: Source
     coupled_joints: Compliance[Matrix | None] = Field(
         description="Full joint compliance, positive semidefinite, for elasticity `coupled_joints`; zero for "
         "joints that are not observable."
     )
-    links: list[LinkCompliance] = Field(description="Compliances of the elastic links.")
-    base: BaseCompliance | None = Field(
+    links: list[ElasticCompliance] = Field(description="Compliances of the elastic links.")
+    base: ElasticCompliance | None = Field(
         default=None, description="Compliance of the base; null for elasticities whose base is rigid."
     )
     elements: list[ElementShare] = Field(description="Contribution of each joint and link.")
@@ -237,7 +234,7 @@ class LinksResult(Message):
 
 
 class ScoredModel(Message):
-    """Prediction error of a model, fitted with one loss, for held-out configurations."""
+    """Prediction of held-out configurations by a model that is fitted with one loss."""
 
     model: ElasticModel
     loss: Loss
@@ -251,31 +248,6 @@ class ScoredModel(Message):
         description="Standard error of that mean, from the dispersion of the folds."
     )
     by_fold: Dimensionless[list[float]] = Field(description="Compensation of each fold.")
-
-
-class HeldOutGain(Message):
-    """Mean residual of held-out postures: the best model with links or coupling, and joints alone."""
-
-    model: ElasticModel
-    error: Metres[float] = Field(description="Mean length of the residuals of that model.")
-    error_of_joints: Metres[float] = Field(description="Mean length of the residuals of joints alone.")
-    standard_error: Metres[float] = Field(description="Standard error of the difference, paired by posture.")
-
-
-class ModelSelection(Message):
-    """Models and losses side by side, from simple to rich."""
-
-    models: list[ScoredModel] = Field(description="Scores of each model with each loss.")
-    chosen: ElasticModel = Field(description="Model of this run's numbers.")
-    chosen_loss: Loss = Field(description="Loss of this run's numbers.")
-    losses: dict[ElasticModel, Loss] = Field(description="Loss of least held-out residual of each model.")
-    best: ElasticModel = Field(
-        description="Model of least mean residual of held-out postures, each with its best loss."
-    )
-    simplest: ElasticModel = Field(
-        description="Simplest model within one standard error of the best, paired by posture (joints alone: "
-        "within two): the recommended one."
-    )
-    gain: HeldOutGain | None = Field(
-        default=None, description="Best model with links or coupling beside joints alone."
+    mean_residual: Metres[float | None] = Field(
+        description="Mean length of the residuals of held-out postures; null without an answer."
     )

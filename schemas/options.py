@@ -101,9 +101,13 @@ class Balancer(Message):
         return self
 
 
-class Weight(Message):
-    """Own weight as the load. Geometry of the robot and places of the targets are estimated, too."""
+class OwnWeight(Message):
+    """Weight of the robot's bodies as the load: positions are read without another one.
 
+    A run estimates geometry of the robot and places of the targets, too; a plan knows no balancers.
+    """
+
+    kind: Literal["own_weight"] = "own_weight"
     gravity: Vector3 = Field(
         default=(0.0, 0.0, -9.80665),
         description="Acceleration of gravity in R0, in m/s²; default: along −z of R0.",
@@ -122,7 +126,7 @@ class Weight(Message):
     )
 
     @model_validator(mode="after")
-    def _pulls(self) -> Weight:
+    def _pulls(self) -> OwnWeight:
         if not 1.0 <= sum(part**2 for part in self.gravity) ** 0.5 <= 100.0:
             raise ValueError("gravity must be 1 to 100 m/s²: 9.80665 on the ground")
         return self
@@ -301,7 +305,7 @@ class RunOptions(MethodOptions):
         "then take long.",
     )
     confidence: Confidence = 0.95
-    weight: Weight | None = Field(
+    weight: OwnWeight | None = Field(
         default=None,
         description="Stiffness by the robot's own weight as the load, together with known loads of the set; "
         "the geometry is estimated, too. Needs `bodies` of the robot. Not with other "
@@ -342,7 +346,7 @@ class RunOptions(MethodOptions):
 
     @field_validator("weight", mode="after")
     @classmethod
-    def _goes_alone(cls, weight: Weight | None, info: ValidationInfo) -> Weight | None:
+    def _goes_alone(cls, weight: OwnWeight | None, info: ValidationInfo) -> OwnWeight | None:
         if weight is None:
             return weight
         alone = {"method", "weighting", "positive", "resampling", "priors"}

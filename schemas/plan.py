@@ -33,8 +33,8 @@ from jointstiff.schemas.fields import (
 from jointstiff.schemas.finding import AcceptingOptions, Assessment
 from jointstiff.schemas.job import Job, Result
 from jointstiff.schemas.joints import StatedKind
-from jointstiff.schemas.measurement import MAX_TARGETS, Uncertainty
-from jointstiff.schemas.options import MAX_LEFT_OUT, Causes, StiffnessPrior, Weight
+from jointstiff.schemas.measurement import MAX_TARGETS, Instrument
+from jointstiff.schemas.options import MAX_LEFT_OUT, Causes, OwnWeight, StiffnessPrior
 from jointstiff.schemas.robot import MAX_JOINTS
 
 _Share = Annotated[float, Field(strict=True, ge=0.001, le=1.0)]
@@ -158,21 +158,7 @@ class Cable(Message):
     )
 
 
-class OwnWeight(Weight):
-    """The weight of the robot's bodies, without balancers: positions are read without a load."""
-
-    kind: Literal["own_weight"]
-
-
 PlannedLoad = Annotated[DeadWeight | AnyDirection | Cable | OwnWeight, Field(discriminator="kind")]
-
-
-class PlannedTracker(Message):
-    """A laser tracker at its station, with standard uncertainties along and across its line of sight [m]."""
-
-    station: Metres[Vector3] = Field(description="Station in R0.")
-    range: Uncertainty
-    transverse: Uncertainty
 
 
 class Surroundings(Message):
@@ -260,7 +246,9 @@ class PlanOptions(AcceptingOptions):
         description="Standard uncertainty of one coordinate of one reading; default: that of the campaign, "
         "or 20 µm.",
     )
-    tracker: PlannedTracker | None = Field(default=None, description="Tracker, whose errors replace `sigma`.")
+    tracker: Instrument | None = Field(
+        default=None, description="Tracker in R0, in SI units; its errors replace `sigma`."
+    )
     torque_limits: dict[Name, Annotated[float, Field(strict=True, gt=0.0)]] = Field(
         default_factory=dict,
         description="Greatest torque of the load about a joint [N.m], or force along a prismatic one [N].",
@@ -330,23 +318,25 @@ class PlanRequest(PlanOptions):
 
 
 class PlannedReading(Message):
-    """One posture with its load."""
+    """A reading to take: posture and load."""
 
-    label: Name = Field(description="Label; v1, v2, … for held-out readings.")
+    label: Name = Field(description="Label to send it with; v1, v2, … for held-out readings of a plan.")
     joints: Positions[list[float]] = Field(description="Joints as the controller shows them.")
     force: Newtons[Point] = Field(description="Force on the robot, axes of R0.")
-    anchor: int | None = Field(description="Anchor of the cable, counted from 0.")
+    anchor: int | None = Field(default=None, description="Anchor of the cable, counted from 0.")
     direction: Dimensionless[Point | None] = Field(
         default=None, description="Direction in R0 along which to read; null if all coordinates are read."
     )
-    validation: StrictBool = Field(
-        description="True if the reading is held out from the fit, to judge the model."
+    held_out: StrictBool = Field(
+        description="True if the reading is held out: of a plan from the fit, to judge the model; of an open "
+        "set it may be the last, and is compared with its prediction before it counts."
     )
     block: int = Field(
         default=1,
-        description="Block, counted from 1: four readings and some of those held out. Each is a good plan by "
-        "itself, so you may stop after any block. With several anchors there is one block.",
+        description="Block of a plan, counted from 1: four readings and some of those held out. Each is a "
+        "good plan by itself, so you may stop after any block. With several anchors there is one block.",
     )
+    reason: str | None = Field(default=None, description="Reason for the next reading of an open set.")
 
 
 class PlannedJoint(Message):

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from math import hypot
 from typing import Annotated, ClassVar, Literal, Protocol
 
-from pydantic import Field, StrictBool
+from pydantic import Field, StrictBool, WithJsonSchema
 
 from jointstiff.schemas.fields import (
     Compliance,
@@ -26,7 +26,7 @@ from jointstiff.schemas.finding import Assessment, Finding, ResultSummary, Verdi
 from jointstiff.schemas.job import Job, Result
 from jointstiff.schemas.joints import StatedKind
 from jointstiff.schemas.measurement import MeasurementSetDocument
-from jointstiff.schemas.model import IdentifiedModel, LinksResult, ModelSelection
+from jointstiff.schemas.model import IdentifiedModel, LinksResult, ScoredModel
 from jointstiff.schemas.options import (
     MAX_LEFT_OUT,
     Elasticity,
@@ -35,51 +35,6 @@ from jointstiff.schemas.options import (
     RunOptions,
 )
 from jointstiff.schemas.robot import RobotDocument
-
-
-class OneSidedBounds(Message):
-    """One-sided bounds, each at the run's confidence level; both together have a lower level."""
-
-    compliance_at_least: Compliance[float]
-    compliance_at_most: Compliance[float]
-    stiffness_at_least: Stiffness[float | None] = Field(
-        description="Lower end; null if the compliance may be negative."
-    )
-    stiffness_at_most: Stiffness[float | None] = Field(
-        description="Upper end; null: no upper limit, the readings cannot distinguish the joint from rigid."
-    )
-
-
-class UncertaintyBudget(Message, extra="allow"):
-    """Contributions to a standard uncertainty by source; their squares add up to its square."""
-
-    __pydantic_extra__: dict[str, float]
-    readings: Compliance[float] = Field(description="Noise of tracker and encoders.")
-    force_scale: Compliance[float] = Field(
-        default=0.0, description="Scale of the force: fully correlated over all joints and observations."
-    )
-    force_direction: Compliance[float] = Field(
-        default=0.0, description="Direction of the force: correlated as its scale."
-    )
-    load_point: Compliance[float] = Field(
-        default=0.0, description="Load point: one error for all observations."
-    )
-    assumed_load_point: Compliance[float] = Field(
-        default=0.0,
-        description="Load point, with 10 mm in each direction if no uncertainty is stated.",
-    )
-    assumed_force_scale: Compliance[float] = Field(
-        default=0.0, description="Scale of the force, with 1 % if no uncertainty is stated."
-    )
-    target_places: Compliance[float] = Field(
-        default=0.0, description="Positions of the targets: one error per target for all observations."
-    )
-    axes: Compliance[float] = Field(
-        default=0.0, description="Axes of the robot's model: one error per axis for all observations."
-    )
-    model_error: Compliance[float] = Field(
-        default=0.0, description="Model error: each posture held out in turn, if joints alone do not fit."
-    )
 
 
 class JointResult(Message):
@@ -107,16 +62,15 @@ class JointResult(Message):
     stiffness_interval: Stiffness[tuple[float, float | None] | None] = Field(
         description="Interval of the stiffness; an upper end of null means no upper limit."
     )
-    one_sided: OneSidedBounds | None = Field(default=None, description="One-sided bounds.")
+    stiffness_at_least: Stiffness[float | None] = Field(
+        default=None,
+        description="One-sided lower bound of the stiffness at the run's confidence level, above the lower "
+        "end of the two-sided interval; null if the compliance may be negative.",
+    )
     prior_to_data: float | None = Field(
         default=None,
         description="Ratio of information, prior to readings, on this compliance; above 1 the prior "
         "dominates. Null without a prior. Dimensionless.",
-    )
-    budget: UncertaintyBudget | None = Field(
-        default=None,
-        description="Budget of the standard uncertainty; null if it has only the readings. "
-        "Correlations are in the `budget` of the result.",
     )
     reason: str | None = Field(description="Reason why there is no number, or why the joint is at a bound.")
 
@@ -206,6 +160,13 @@ class Budget(Message):
         "fit, such as links that bend, or a mistake that forbids the numbers."
     )
 
+    def included_in(self, joint: str) -> dict[str, float]:
+        """Return the included contributions to a joint's standard uncertainty by source; none without one."""
+        if joint not in self.joints:
+            return {}
+        place = self.joints.index(joint)
+        return {part.source: part.contributions[place] for part in self.components if part.included}
+
 
 class StageIdentifiability(Message):
     """Observability in one stage of a method, over the joints of that stage."""
@@ -222,22 +183,7 @@ class StageIdentifiability(Message):
     )
 
 
-class ObservabilityIndices(Message):
-    """Observability indices of the parameters in a set of postures (Sun & Hollerbach 2008).
-
-    Of the singular values s of the regressor with each column divided by what it would have been had the
-    force pulled across the joint's lever and the moment turned about its axis, in every observation: no
-    unit, no frame, and sets of any size compare. They concern the readings of all targets, whatever the
-    method made of them. Larger is better; none exceeds 1.
-    """
-
-    o1: float = Field(description="Geometric mean of s (Borm & Menq 1991). Dimensionless.")
-    o2: float = Field(description="Least over greatest s (Driels & Pathre 1990). Dimensionless.")
-    o3: float = Field(description="Least s (Nahvi, Hollerbach & Hayward 1994). Dimensionless.")
-    o4: float = Field(
-        description="Least s squared over the greatest (Nahvi & Hollerbach 1996). Dimensionless."
-    )
-    o5: float = Field(description="1 / sum of 1/s (Sun & Hollerbach 2008). Dimensionless.")
+ObservabilityIndex = Literal["o1", "o2", "o3", "o4", "o5"]
 
 
 class Advice(Message):
@@ -277,8 +223,14 @@ class Identifiability(Message):
     combinations: list[list[Name]] = Field(
         description="Groups of joints of which only combinations are observable."
     )
-    observability: ObservabilityIndices | None = Field(
-        default=None, description="Observability indices of the observable joints; null if rank-deficient."
+    observability: Dimensionless[dict[ObservabilityIndex, float] | None] = Field(
+        default=None,
+        description="Observability indices of the observable joints (Sun & Hollerbach 2008); null if "
+        "rank-deficient. Of the singular values s of the regressor with each column divided by what it would "
+        "have been had the force pulled across the joint's lever and the moment turned about its axis, in "
+        "every observation: no unit, no frame, and sets of any size compare. `o1`: geometric mean of s; "
+        "`o2`: least over greatest; `o3`: least; `o4`: least squared over greatest; `o5`: 1 / sum of 1/s. "
+        "They concern the readings of all targets, whatever the method. Larger is better; none exceeds 1.",
     )
     advice: list[Advice] = Field(
         default_factory=list,
@@ -319,14 +271,6 @@ class ResampledJoint(Message):
     )
 
 
-class ResampledCompensation(Message):
-    """Compensation on all configurations, drawn or not. Dimensionless."""
-
-    mean: Dimensionless[float | None]
-    deviation: Dimensionless[float | None] = Field(description="Standard deviation of one draw.")
-    interval: tuple[float, float] | None = Field(description="Percentile interval.")
-
-
 class ResamplingResult(Message):
     """Dispersion due to the choice of configurations. Joints that are not observable have no numbers."""
 
@@ -335,7 +279,15 @@ class ResamplingResult(Message):
     share_any_negative: Dimensionless[float] = Field(
         description="Share of the draws with at least one negative stiffness."
     )
-    compensation: ResampledCompensation
+    compensation_mean: Dimensionless[float | None] = Field(
+        description="Mean compensation on all configurations, drawn or not."
+    )
+    compensation_deviation: Dimensionless[float | None] = Field(
+        description="Standard deviation of the compensation of one draw."
+    )
+    compensation_interval: Dimensionless[tuple[float, float] | None] = Field(
+        description="Percentile interval of the compensation."
+    )
 
 
 class WeightShare(Message):
@@ -417,19 +369,13 @@ class Goodness(Message):
     sigma_source: Literal["given", "residuals"] = Field(
         description="Source of sigma: stated with the set, or estimated from these residuals."
     )
-    test: SigmaTest | None = Field(
-        default=None, description="Test of the stated sigma; null without residual degrees of freedom."
+    p_value: Dimensionless[float | None] = Field(
+        default=None,
+        description="p-value of the two-sided chi-square test of a stated sigma: probability of residuals at "
+        "least as extreme if model and sigma are right; null without residual degrees of freedom.",
     )
-
-
-class SigmaTest(Message):
-    """Chi-square test of the sigma that was stated, against the residuals (two-sided)."""
-
-    p_value: float = Field(
-        description="p-value: probability of residuals at least as extreme if model and sigma are right."
-    )
-    verdict: Literal["consistent", "residuals_too_large", "residuals_too_small"] = Field(
-        description="Result of the test at a significance level of 1 %."
+    test: Literal["consistent", "residuals_too_large", "residuals_too_small"] | None = Field(
+        default=None, description="Result of that test at a significance level of 1 %."
     )
 
 
@@ -525,6 +471,22 @@ class ModelChoice(Message):
     plain: PlainModel | None = Field(
         default=None, description="Joints alone under squared residuals; null if the run has only joints."
     )
+    models: list[ScoredModel] = Field(
+        default_factory=list,
+        description="Scores of each model with each loss on held-out postures, from simple to rich; empty if "
+        "none were compared.",
+    )
+    losses: dict[ElasticModel, Loss] = Field(
+        default_factory=dict, description="Loss of least held-out residual of each model."
+    )
+    best: ElasticModel | None = Field(
+        default=None, description="Model of least mean residual, each with its best loss."
+    )
+    simplest: ElasticModel | None = Field(
+        default=None,
+        description="Simplest model within one standard error of the best, paired by posture (joints alone: "
+        "within two): the recommended one.",
+    )
 
 
 class CauseTest(Message):
@@ -536,6 +498,10 @@ class CauseTest(Message):
         description="p-value of its F test beside the joints: the larger of those with the weights stated "
         "and with equal weights."
     )
+
+
+_NO_PROMISE = {"anyOf": [{"type": "object"}, {"type": "null"}]}
+"""Schema of an object that the service reads again, and whose form is not part of the API."""
 
 
 class RunResult(Result):
@@ -575,11 +541,9 @@ class RunResult(Result):
         "fit the readings with 0.3 times the penalty that predicts best; they are null if `link_penalty` is "
         "given.",
     )
-    selection: ModelSelection | None = Field(
-        default=None, description="Held-out compensation of each model, if links or coupling are elastic."
-    )
     choice: ModelChoice | None = Field(
-        default=None, description="Elastic elements and loss of this run, with the reason."
+        default=None,
+        description="Elastic elements and loss of this run, with the reason; null for runs by own weight.",
     )
     causes: list[CauseTest] = Field(
         default_factory=list,
@@ -595,9 +559,10 @@ class RunResult(Result):
     encoder_residuals: list[EncoderResidual] = Field(
         default_factory=list, description="Fit of the secondary encoders, if they were read."
     )
-    model: IdentifiedModel | None = Field(
+    model: Annotated[IdentifiedModel | None, WithJsonSchema(_NO_PROMISE)] = Field(
         default=None,
-        description="Model for predictions; null if no joint is determined by own weight.",
+        description="Numbers from which the service predicts; their form is not part of the API. Null if no "
+        "joint is determined by own weight.",
     )
     budget: Budget | None = Field(
         default=None,

@@ -133,12 +133,12 @@ def judge(ways: Sequence[Way], campaigns: Iterable[Campaign]) -> dict[Way, Verdi
 
 def _numbers(joint: JointCompliance) -> tuple[float, ...]:
     """Return compliance, standard uncertainty, interval, and one-sided bounds."""
-    nothing, bounds = float("nan"), joint.one_sided
+    nothing = float("nan")
     return (
         nothing if joint.compliance is None else joint.compliance,
         nothing if joint.standard_uncertainty is None else joint.standard_uncertainty,
         *(joint.compliance_interval or (nothing, nothing)),
-        *((bounds.compliance_at_least, bounds.compliance_at_most) if bounds else (nothing, nothing)),
+        *(joint.one_sided or (nothing, nothing)),
     )
 
 

@@ -52,6 +52,7 @@ class DescribedApplication(FastAPI):
                 if needed and {} not in needed and needed[0]["key"] != ["admin"]:
                     operation["security"] = [{}, *needed]
             _place_forms(document)
+            _drop_unused(document)
             _require_all_of_answers(document)
             _share(document)
             self.openapi_schema = document
@@ -131,6 +132,17 @@ def _place_forms(document: Node) -> None:
         content = operation.get("requestBody", {}).get("content", {})
         if _FORM in content:
             content[_FORM]["schema"] = schemas.pop(content[_FORM]["schema"]["$ref"].rpartition("/")[2])
+
+
+def _drop_unused(document: Node) -> None:
+    """Drop schemas that nothing refers to: FastAPI states those of fields whose form is no promise, too."""
+    schemas, waiting = document["components"]["schemas"], [json.dumps(document["paths"])]
+    used: set[str] = set()
+    while waiting:
+        names = set(re.findall(r'"#/components/schemas/(\w+)"', waiting.pop())) - used
+        used |= names
+        waiting += [json.dumps(schemas[name]) for name in names]
+    document["components"]["schemas"] = {name: schemas[name] for name in schemas if name in used}
 
 
 def _require_all_of_answers(document: Node) -> None:

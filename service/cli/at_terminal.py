@@ -12,7 +12,8 @@ from jointstiff.service.cli import options as cli
 from jointstiff.service.library.measure import Person
 
 if TYPE_CHECKING:
-    from jointstiff.schemas.live import LiveReading, LiveState, NextReading
+    from jointstiff.schemas.live import LiveReading, LiveState
+    from jointstiff.schemas.plan import PlannedReading
     from jointstiff.service.library.measure import LiveMeasurement
 
 
@@ -51,7 +52,7 @@ class AtTerminal(Person):
             for cause in found.causes:
                 cli.warn(f"  {cause}")
 
-    def ready(self, following: NextReading, *, loaded: bool) -> Literal["read", "skip", "stop"]:
+    def ready(self, following: PlannedReading, *, loaded: bool) -> Literal["read", "skip", "stop"]:
         """Show posture and force, and wait."""
         if not self._asks or self._by_itself:
             return "read"
@@ -105,8 +106,8 @@ def reading_line(state: LiveState, reading: LiveReading) -> str:
         parts.append("doubtful,")
     elif found is not None and found.p_value is not None:
         parts.append(f"as expected with p {found.p_value:.2g},")
-    if reading.held_out is not None:
-        parts.append(f"held out: {'inside' if reading.held_out.inside else 'outside'} its ball,")
+    if reading.ball_ratio is not None:
+        parts.append(f"held out: {'inside' if reading.ball_ratio <= 1.0 else 'outside'} its ball,")
     needed = state.still_needed
     still = "" if needed is None else f"about {needed} more" if needed else "reached"
     parts.append(still or "how many are still needed is not known")
@@ -123,7 +124,7 @@ def _asked(prompt: str, answers: set[str], at_end: str) -> str:
             return answer if line else at_end
 
 
-def posture_text(campaign: LiveMeasurement, following: NextReading) -> str:
+def posture_text(campaign: LiveMeasurement, following: PlannedReading) -> str:
     """Return the posture as the controller shows it, in degrees and millimetres."""
     parts = []
     for name, kind, value in zip(campaign.joint_names, campaign.joint_kinds, following.joints, strict=True):
@@ -132,7 +133,7 @@ def posture_text(campaign: LiveMeasurement, following: NextReading) -> str:
     return ", ".join(parts)
 
 
-def force_text(following: NextReading) -> str:
+def force_text(following: PlannedReading) -> str:
     """Return the force by size and direction."""
     size = math.hypot(*following.force)
     if not size:

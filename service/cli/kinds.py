@@ -12,6 +12,7 @@ from types import MappingProxyType, NoneType, UnionType
 from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, Union, get_args, get_origin
 
 import typer
+from typing_extensions import TypeAliasType
 
 from jointstiff.schemas.deflection import DeflectionOptions
 from jointstiff.schemas.fields import Message, Terminal, chain_of
@@ -403,7 +404,9 @@ _SCALES: Final[Mapping[str, tuple[str, float]]] = {"m": ("mm", 1e-3), "rad": ("d
 
 
 def _bare(annotation: Any) -> Any:  # noqa: ANN401 - a type
-    """Return a type without `None` and without what `Annotated` says of it."""
+    """Return a type without its name, without `None` and without what `Annotated` says of it."""
+    if isinstance(annotation, TypeAliasType):
+        return _bare(annotation.__value__)
     origin = get_origin(annotation)
     if origin is Annotated:
         return _bare(get_args(annotation)[0])

@@ -255,7 +255,7 @@ def _document(campaign: LiveMeasurement, stopped: Any) -> dict[str, Any]:  # noq
         "readings": campaign.count,
         **plain,
         "withdrawn": sum(each["state"] == "withdrawn" for each in record),
-        "held_out": next((each["held_out"] for each in record[::-1] if each["held_out"]), None),
+        "ball_ratio": next((each["ball_ratio"] for each in record[::-1] if each["ball_ratio"]), None),
         "record": record,
         "stopped": None if stopped is None else stopped.reason,
         "run_id": run.id,

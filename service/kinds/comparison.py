@@ -290,9 +290,9 @@ def _fits_table(entries: Sequence[ComparedRun]) -> Table:
 def _drawn_worth(resampling: ResamplingResult | None) -> tuple[str, str]:
     if resampling is None:
         return "", ""
-    compensation = resampling.compensation
-    spread = "" if compensation.deviation is None else f" & {100 * compensation.deviation:.2g}"
-    return percent(compensation.mean) + spread, percent(resampling.share_any_negative)
+    deviation = resampling.compensation_deviation
+    spread = "" if deviation is None else f" & {100 * deviation:.2g}"
+    return percent(resampling.compensation_mean) + spread, percent(resampling.share_any_negative)
 
 
 def _legend(entries: Sequence[ComparedRun], *, alike: bool, drawn: bool) -> str:
@@ -404,8 +404,8 @@ _COLUMNS: Final = {
     "share_infinite": "drawn.share_infinite",
     "share_undetermined": "drawn.share_undetermined",
     "share_any_negative": "fit.resampling.share_any_negative",
-    "resampled_compensation_mean": "fit.resampling.compensation.mean",
-    "resampled_compensation_deviation": "fit.resampling.compensation.deviation",
+    "resampled_compensation_mean": "fit.resampling.compensation_mean",
+    "resampled_compensation_deviation": "fit.resampling.compensation_deviation",
 }
 _RATIOS: Final = {
     "joint": "name",

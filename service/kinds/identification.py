@@ -12,7 +12,7 @@ from typing import Final, TypeAlias
 import numpy as np
 from pydantic import ValidationError
 
-from jointstiff.schemas.model import IdentifiedModel, LinksResult, ModelSelection
+from jointstiff.schemas.model import IdentifiedModel, LinksResult, ScoredModel
 from jointstiff.schemas.options import ElasticModel as ModelName
 from jointstiff.schemas.options import Loss, RunOptions
 from jointstiff.schemas.run import (
@@ -74,7 +74,7 @@ from jointstiff.solver.links.model import (
     compared_losses,
 )
 from jointstiff.solver.mechanics.robot import Robot
-from jointstiff.solver.messages import message
+from jointstiff.solver.messages import message, messages_of
 from jointstiff.solver.predict.answers import (
     run_result,
     stored_model,
@@ -500,11 +500,7 @@ class ByLinks(Work):
             elastic, effective, of_model = self._ranges(elastic, selection, paths)
             choice = choose(intervals=None if options.link_penalty is not None else of_model)
             result = self._result(chosen, elastic, effective, screening, choice)
-        losses = {scored.model: selection.of(scored.model).loss for scored in selection.models}
-        scores = message(
-            ModelSelection, selection, chosen=chosen.model, chosen_loss=chosen.loss, losses=losses
-        )
-        return result.model_copy(update={"selection": scores})
+        return result
 
     def _joints_alone(self, loss: Loss) -> ByJoints:
         alone: dict[str, object] = {
@@ -621,9 +617,6 @@ class ByLinks(Work):
             links=message(
                 LinksResult,
                 elastic,
-                model=elastic.model.name,
-                model_source="cross_validation" if options.elasticity == "automatic" else "given",
-                loss=elastic.model.loss,
                 loss_source="cross_validation" if len(self._losses) > 1 else "given",
                 penalty_source="cross_validation" if options.link_penalty is None else "given",
             ),
@@ -698,7 +691,7 @@ def to_choice_by_comparison(
     evidence = f"F test of links beside joints: p = {screening.links_p_value:.1g}"
     if gain is not None:
         evidence += (
-            f"; held-out postures are predicted to {length_text(float(chosen.by_posture.mean()))}, by joints "
+            f"; held-out postures are predicted to {length_text(chosen.mean_residual)}, by joints "
             f"alone to {length_text(gain.error_of_joints)}"
         )
     remarks = "" if chosen.model == "joints" else " K_c is neglected."
@@ -718,6 +711,10 @@ def to_choice_by_comparison(
         source="given" if given else "cross_validation",
         links_p_value=screening.links_p_value,
         message=f"{name}, loss {chosen.loss} ({evidence}).{remarks}",
+        models=messages_of(ScoredModel, selection.models),
+        losses={scored.model: selection.of(scored.model).loss for scored in selection.models},
+        best=selection.best,
+        simplest=selection.simplest,
         plain=None
         if plain is None
         else PlainModel(

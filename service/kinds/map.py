@@ -2,11 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from math import degrees, isfinite
 from typing import TYPE_CHECKING, Any, Final
 
-from jointstiff.schemas.deflection import Map, MapOptions, MapPlace, MapRequest, MapResult
+from jointstiff.schemas.deflection import (
+    Map,
+    MapOptions,
+    MapPlace,
+    MapRequest,
+    MapResult,
+    PlaceStatus,
+)
 from jointstiff.schemas.joints import JointKind
 from jointstiff.service.kinds.kind import File, Kind
 from jointstiff.service.tables.report import Report, View
@@ -61,7 +68,7 @@ def _places(work: MapWork) -> Sheet:
     return work.sheet()
 
 
-_REASONS: Final = {
+_REASONS: Final[Mapping[PlaceStatus, str]] = {
     "out_of_reach": "out of reach",
     "joint_limits": "beyond the joints' limits",
     "unseen_joint": "load twists a joint that the readings do not determine",
@@ -72,14 +79,14 @@ _REASONS: Final = {
 
 def _report(job: Map, result: MapResult, _view: View) -> Report:
     """Return counts first, then the worst and the stiffest place."""
-    counts = result.counts.model_dump()
+    counts = result.counts
     without = ", ".join(f"{counts[name]} {reason}" for name, reason in _REASONS.items() if counts[name])
     lines = [without or f"all {result.places} places reached"]
-    if result.quantiles:
-        values = {each.share: 1e6 * each.deflection for each in result.quantiles}
+    if result.percentiles:
+        values = {percent: 1e6 * size for percent, size in result.percentiles.items()}
         lines.append(
-            f"deflection: median {figure(values[0.5])} µm, 90 % of the places {figure(values[0.05])} to "
-            f"{figure(values[0.95])} µm, greatest {figure(values[1.0])} µm"
+            f"deflection: median {figure(values['50'])} µm, 90 % of the places {figure(values['5'])} to "
+            f"{figure(values['95'])} µm, greatest {figure(values['100'])} µm"
         )
     if result.extrapolated:
         lines.append(f"{result.extrapolated} places are beyond the loads or postures of the campaign")
@@ -114,8 +121,8 @@ def _extremes(places: tuple[MapPlace, MapPlace], confidence: float, kinds: Seque
 
 def charts(result: MapResult) -> list[Chart]:
     """Return the quantiles of the deflection over the places."""
-    names = [f"{100 * each.share:g} %" for each in result.quantiles]
-    series = {"deflection": [each.deflection for each in result.quantiles]}
+    names = [f"{percent} %" for percent in result.percentiles]
+    series = {"deflection": [*result.percentiles.values()]}
     title = "Deflection that this share of the places does not exceed"
     return [Chart(title, names, series, 1e6, "µm", "quantiles")] if names else []
 

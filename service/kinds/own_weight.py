@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from jointstiff.schemas import run as runs
-from jointstiff.schemas.options import RunOptions, Weight
+from jointstiff.schemas.options import OwnWeight, RunOptions
 from jointstiff.schemas.run import (
     Identifiability,
     WeightResult,
@@ -37,7 +37,7 @@ _NO_MODEL_ERROR: Final = RequestError(
 )
 
 
-def identified_by_weight(prepared: PreparedSet, options: RunOptions, weight: Weight) -> runs.RunResult:
+def identified_by_weight(prepared: PreparedSet, options: RunOptions, weight: OwnWeight) -> runs.RunResult:
     """Identify from positions and masses.
 
     Raises:
@@ -72,7 +72,7 @@ def identified_by_weight(prepared: PreparedSet, options: RunOptions, weight: Wei
     test = sigma_test(estimate.chi_square, estimate.degrees_of_freedom) if given else None
     return runs.RunResult(
         assessment=to_assessment(assessment, joints),
-        joints=messages_of(runs.JointResult, joints, verdict=assessment.joints, budget=[None] * len(joints)),
+        joints=messages_of(runs.JointResult, joints, verdict=assessment.joints),
         compensation=float(1.0 - left.mean() / moved.mean()),
         rms_residual=float(np.sqrt(np.square(left).mean())),
         sigma=estimate.sigma,
@@ -80,7 +80,8 @@ def identified_by_weight(prepared: PreparedSet, options: RunOptions, weight: Wei
             chi_square=estimate.chi_square,
             degrees_of_freedom=estimate.degrees_of_freedom,
             sigma_source="given" if given else "residuals",
-            test=test,
+            p_value=None if test is None else test.p_value,
+            test=None if test is None else test.result,
         ),
         identifiability=Identifiability(
             parameters=len(joints),
@@ -111,7 +112,7 @@ def identified_by_weight(prepared: PreparedSet, options: RunOptions, weight: Wei
     )
 
 
-def _readings(prepared: PreparedSet, weight: Weight) -> tuple[WeightReadings, IndexArray]:
+def _readings(prepared: PreparedSet, weight: OwnWeight) -> tuple[WeightReadings, IndexArray]:
     """Return all positions, those without a load first, and the observation (rows,) of each row."""
     from jointstiff.solver.geometry.poses import Poses
     from jointstiff.solver.weight.identification import Balancer, Burden, WeightReadings

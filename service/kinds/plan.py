@@ -204,7 +204,7 @@ def readings_sheet(plan: Plan) -> Sheet:
             **{f"F{axis} [N]": round(part, 1) for axis, part in zip("xyz", each.force, strict=True)},
             **{name: round(1e3 * part, 3) for name, part in zip(places, result.load_point, strict=True)},
             "anchor": None if each.anchor is None else each.anchor + 1,
-            "validation": int(each.validation),
+            "validation": int(each.held_out),
             **({"remark": f"read along {_along(each)}"} if gauged else {}),
             **dict.fromkeys(empty),
         }

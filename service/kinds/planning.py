@@ -12,11 +12,12 @@ import numpy as np
 from jointstiff.schemas import plan as plans
 from jointstiff.schemas.finding import Assessment, Finding
 from jointstiff.schemas.measurement import LEAST_DIRECTION
-from jointstiff.schemas.options import RunOptions
-from jointstiff.schemas.plan import DecisionGoal, OwnWeight, PlanResult
+from jointstiff.schemas.options import OwnWeight, RunOptions
+from jointstiff.schemas.plan import DecisionGoal, PlanResult
 from jointstiff.service.conversion.prepared import PreparedSet
 from jointstiff.service.conversion.readings import hash_of
 from jointstiff.service.conversion.robots import joint_index, kinds_of, refuse_far_point, refuse_other_angles
+from jointstiff.service.conversion.units import to_instrument
 from jointstiff.service.kinds.identification import identified, to_settings
 from jointstiff.service.kinds.own_weight import identified_by_weight
 from jointstiff.service.kinds.verdicts import judged, own_reason, refuse_unaccepted
@@ -30,7 +31,7 @@ from jointstiff.solver.estimation.assessment import assess
 from jointstiff.solver.estimation.causes import screen_estimate
 from jointstiff.solver.estimation.estimate import predict
 from jointstiff.solver.mechanics.block import targets_in_flange
-from jointstiff.solver.mechanics.measurements import Instrument, Measurements
+from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.messages import message, rows
 from jointstiff.solver.predict.answers import to_assessment
@@ -78,7 +79,7 @@ def planning(inputs: Inputs, request: plans.PlanRequest) -> QuickWork:
     else:
         prepared = inputs.measured(request.measurement_set_id, "measurement_set_id", request.leave_out)
         if request.load is None and not prepared.measurements.force.any():
-            request = request.model_copy(update={"load": OwnWeight(kind="own_weight")})
+            request = request.model_copy(update={"load": OwnWeight()})
         by_weight = isinstance(request.load, OwnWeight)
         prepared = prepared if by_weight else prepared.with_loads().beside(request.causes)
         planned = Planned(prepared.robot, prepared.robot_id, prepared.content, prepared)
@@ -207,7 +208,7 @@ def to_design_request(
         prior[j] = known.standard_uncertainty / known.stiffness**2
         nominal[j] = 1.0 / known.stiffness
     names, targets = named_targets(request, robot, so_far)
-    load = request.load if isinstance(request.load, plans.OwnWeight) else None
+    load = request.load if isinstance(request.load, OwnWeight) else None
     if load and not (robot.bodies and np.isfinite(nominal).any()):
         raise RequestError(
             "the robot has no masses, or no stiffness of a joint is known",
@@ -235,7 +236,7 @@ def to_design_request(
             load_point=_load_point(request, so_far),
             loads=_loads(request, robot, so_far),
             sigma=request.sigma or sigma or _SIGMA,
-            instrument=_instrument(request.tracker),
+            instrument=None if request.tracker is None else to_instrument(request.tracker, 1.0),
         ),
         readings=request.readings,
         nominal=nominal,
@@ -290,7 +291,7 @@ def to_plan_result(
             force=plan.force,
             anchor=[None if anchor < 0 else anchor for anchor in plan.anchor.tolist()],
             direction=[None] * len(plan.joints) if plan.along is None else plan.along,
-            validation=plan.validation,
+            held_out=plan.validation,
             block=plan.block + 1,
         ),
         targets=dict(zip(names, request.equipment.targets.tolist(), strict=True)),
@@ -363,7 +364,7 @@ def _loads(request: plans.PlanRequest, robot: Robot, so_far: Measurements | None
     for name, limit in request.torque_limits.items():
         limits[joint_index(robot, name, f"torque_limits.{name}")] = limit
     load = request.load
-    if isinstance(load, plans.OwnWeight):
+    if isinstance(load, OwnWeight):
         return Loads("dead_weight", 0.0, limits)
     if load is not None:
         anchors = np.array(load.anchors) if isinstance(load, plans.Cable) else np.empty((0, 3))
@@ -379,15 +380,6 @@ def _loads(request: plans.PlanRequest, robot: Robot, so_far: Measurements | None
         )
     down = so_far.force[:, 2] < -0.999 * np.linalg.norm(so_far.force, axis=1)
     return Loads("dead_weight" if down.all() else "any_direction", size, limits)
-
-
-def _instrument(tracker: plans.PlannedTracker | None) -> Instrument | None:
-    if tracker is None:
-        return None
-    along, across = tracker.range, tracker.transverse
-    return Instrument(
-        tracker.station, along.constant, along.per_distance, across.constant, across.per_distance
-    )
 
 
 def _directions(request: plans.PlanRequest) -> FloatArray | None:

@@ -8,12 +8,13 @@ from typing import TYPE_CHECKING, Any, Final
 
 from jointstiff.schemas.finding import UNIT_MISTAKES
 from jointstiff.schemas.joints import JOINT_UNITS, JointKind
-from jointstiff.schemas.model import BaseCompliance, LinkCompliance, LinksResult, ModelSelection, ScoredModel
-from jointstiff.schemas.options import RunOptions
+from jointstiff.schemas.model import ElasticCompliance, LinksResult, ScoredModel
+from jointstiff.schemas.options import ElasticModel, RunOptions
 from jointstiff.schemas.run import (
     Advice,
     Identifiability,
     JointResult,
+    ModelChoice,
     ResampledJoint,
     ResamplingResult,
     Run,
@@ -65,14 +66,9 @@ def report(job: Run, result: RunResult, view: View) -> Report:
     if result.weight is not None:
         parts += _weight_lines(result.weight)
     evidence: list[Part] = [*detail_lines(result)] if view.details else []
-    if result.links is not None and view.details:
-        evidence += [Line(""), *links_report(result.links, result.selection)]
-    elif result.links is not None:
-        parts.append(links_line(result.links, result.selection))
-    elif result.choice is not None and result.choice.source != "given":
-        parts.append(Line(f"  {result.choice.message}", "dim"))
-    if result.links is None and result.selection is not None and view.details:
-        evidence += [Line(""), selection_table(result.selection)]
+    if result.choice is not None:
+        parts += _choice_lines(result.choice, result.links, details=view.details)
+        evidence += _choice_evidence(result.choice, result.links) if view.details else []
     if result.resampling is not None:
         evidence += [Line(""), resampling_table(job, result.resampling, view.unit)]
     return Report(parts, evidence, list(_advised(job, result, details=view.details)))
@@ -240,7 +236,7 @@ def _goodness(result: RunResult) -> Iterator[str]:
     goodness = result.goodness
     if goodness.sigma_source == "given" and goodness.degrees_of_freedom > 0:
         ratio = goodness.chi_square / goodness.degrees_of_freedom
-        verdict = f": {_SIGMA[goodness.test.verdict]}" if goodness.test else ""
+        verdict = f": {_SIGMA[goodness.test]}" if goodness.test else ""
         yield (
             f"χ²/dof {ratio:.2f}{verdict} (1 if model and sigma are right; "
             f"{goodness.degrees_of_freedom:.4g} degrees of freedom)"
@@ -316,7 +312,7 @@ def _suspicious(result: RunResult) -> Iterator[str]:
 def _identifiability(found: Identifiability) -> Iterator[str]:
     """Yield the observability of the joints."""
     if found.observability is not None and found.condition_number is not None:
-        indices = ", ".join(f"{name.upper()} {value:.2g}" for name, value in found.observability)
+        indices = ", ".join(f"{name.upper()} {value:.2g}" for name, value in found.observability.items())
         yield f"observability {indices}; condition number {found.condition_number:.3g}"
     yield from found.weakest
 
@@ -334,20 +330,33 @@ _NO_COMPLIANCE: Final = 1e-9
 _CHOSEN = {"given": "given", "cross_validation": "by cross-validation"}
 
 
-def links_report(links: LinksResult, selection: ModelSelection | None) -> list[Part]:
+def _choice_lines(choice: ModelChoice, links: LinksResult | None, *, details: bool) -> list[Part]:
+    """Return what bends in a line, where it was not given, and where no table says so."""
+    if links is not None:
+        return [] if details else [links_line(links, choice)]
+    return [] if choice.source == "given" else [Line(f"  {choice.message}", "dim")]
+
+
+def _choice_evidence(choice: ModelChoice, links: LinksResult | None) -> list[Part]:
+    if links is not None:
+        return [Line(""), *links_report(links, choice)]
+    return [Line(""), choice_table(choice)] if choice.models else []
+
+
+def links_report(links: LinksResult, choice: ModelChoice) -> list[Part]:
     """Return what bends beside the joints, in tables and lines."""
     certificate = links.certificate
-    of_optimum = "of the optimum" if links.loss == "squared" else "of the optimum a target"
+    of_optimum = "of the optimum" if choice.loss == "squared" else "of the optimum a target"
     parts: list[Part] = [_elements_table(links)]
     if links.links:
-        parts.append(_links_table(links))
+        parts.append(_links_table(links, choice.elasticity))
     if links.base is not None:
         parts.append(_base_table(links.base))
-    if selection is not None:
-        parts.append(selection_table(selection))
+    if choice.models:
+        parts.append(choice_table(choice))
     lines = (
         (
-            f"{_MODEL_NAMES[links.model]} ({_CHOSEN[links.model_source]}), loss {links.loss} "
+            f"{_MODEL_NAMES[choice.elasticity]} ({_CHOSEN[choice.source]}), loss {choice.loss} "
             f"({_CHOSEN[links.loss_source]}), penalty {links.penalty:.3g} ({_CHOSEN[links.penalty_source]})"
         ),
         (f"the readings determine {links.effective_freedom:.1f} of {links.parameters} parameters"),
@@ -356,21 +365,17 @@ def links_report(links: LinksResult, selection: ModelSelection | None) -> list[P
     return parts + [Line(f"  {line}", "dim") for line in lines]
 
 
-def links_line(links: LinksResult, selection: ModelSelection | None) -> Line:
+def links_line(links: LinksResult, choice: ModelChoice) -> Line:
     """Return in one line what the elastic links add to the joints."""
-    scores = {}
-    if selection is not None:
-        losses = {**selection.losses, links.model: links.loss}
-        scores = {e.model: e.compensation for e in selection.models if e.loss == losses[e.model]}
-    if selection is None or not {"joints", links.model} <= set(scores):
-        return Line(
-            f"  {_MODEL_NAMES[links.model]}: {percent(1.0 - links.unexplained)} of the squared deflection"
-        )
-    chosen = f"; simplest good model: {_MODEL_NAMES[selection.simplest]}"
+    model, losses = choice.elasticity, {**choice.losses, choice.elasticity: choice.loss}
+    scores = {each.model: each.compensation for each in choice.models if each.loss == losses[each.model]}
+    if choice.simplest is None or not {"joints", model} <= set(scores):
+        return Line(f"  {_MODEL_NAMES[model]}: {percent(1.0 - links.unexplained)} of the squared deflection")
+    simplest = f"; simplest good model: {_MODEL_NAMES[choice.simplest]}"
     return Line(
-        f"  {_MODEL_NAMES[links.model]} with loss {links.loss} explain {percent(scores[links.model])} of "
+        f"  {_MODEL_NAMES[model]} with loss {choice.loss} explain {percent(scores[model])} of "
         f"held-out postures, joints alone {percent(scores['joints'])}"
-        f"{'' if selection.simplest == links.model else chosen}"
+        f"{'' if choice.simplest == model else simplest}"
     )
 
 
@@ -393,7 +398,7 @@ def _elements_table(links: LinksResult) -> Table:
     )
 
 
-def _links_table(links: LinksResult) -> Table:
+def _links_table(links: LinksResult, model: ElasticModel) -> Table:
     return Table(
         [
             Column("behind", [link.joint for link in links.links], text=True),
@@ -401,13 +406,13 @@ def _links_table(links: LinksResult) -> Table:
             Column("rotation", [_principal(link, "rotation") for link in links.links]),
             Column("freedom", [f"{each.effective_freedom:.1f} of {each.parameters}" for each in links.links]),
         ],
-        title=f"Links, {_MODEL_NAMES[links.model]}",
+        title=f"Links, {_MODEL_NAMES[model]}",
         caption="principal compliances, translation in µm/kN and rotation in µrad/(kN·m); freedom: number "
         "of parameters that the readings determine",
     )
 
 
-def _base_table(base: BaseCompliance) -> Table:
+def _base_table(base: ElasticCompliance) -> Table:
     """Return the base's principal compliances and stiffnesses, one a row, with their directions."""
     rows = []
     for name, parts, of_compliance, of_stiffness, scale in (
@@ -432,15 +437,15 @@ def _base_table(base: BaseCompliance) -> Table:
     )
 
 
-def _principal(link: LinkCompliance, kind: str) -> str:
+def _principal(link: ElasticCompliance, kind: str) -> str:
     values = link.translation if kind == "translation" else link.rotation
     rounding = _NO_COMPLIANCE * values[0].value
     return ", ".join(f"{1e9 * each.value if each.value > rounding else 0.0:.3g}" for each in values)
 
 
-def selection_table(selection: ModelSelection) -> Table:
+def choice_table(choice: ModelChoice) -> Table:
     """Return models and losses beside each other."""
-    models = selection.models
+    models = choice.models
     return Table(
         [
             Column("model", [_MODEL_NAMES[each.model] for each in models], text=True),
@@ -448,7 +453,7 @@ def selection_table(selection: ModelSelection) -> Table:
             Column("compensation", [each.compensation for each in models], percent),
             Column("std. error", [each.standard_error for each in models], percent),
             Column("penalty", [each.penalty for each in models], number(".2g")),
-            Column("", [_mark(each, selection) for each in models], text=True),
+            Column("", [_mark(each, choice) for each in models], text=True),
         ],
         title="Compensation of held-out configurations",
         caption="mean over the folds ± standard error; the simplest model within one standard error of the "
@@ -456,13 +461,13 @@ def selection_table(selection: ModelSelection) -> Table:
     )
 
 
-def _mark(scored: ScoredModel, selection: ModelSelection) -> str:
+def _mark(scored: ScoredModel, choice: ModelChoice) -> str:
     """Return what distinguishes a model with a loss."""
-    is_chosen = (scored.model, scored.loss) == (selection.chosen, selection.chosen_loss)
+    is_chosen = (scored.model, scored.loss) == (choice.elasticity, choice.loss)
     marks = ["this run"] if is_chosen else []
-    if scored.loss == selection.losses.get(scored.model):
-        marks += ["simplest within one standard error"] * (scored.model == selection.simplest)
-        marks += ["best"] * (scored.model == selection.best)
+    if scored.loss == choice.losses.get(scored.model):
+        marks += ["simplest within one standard error"] * (scored.model == choice.simplest)
+        marks += ["best"] * (scored.model == choice.best)
     return ", ".join(marks)
 
 
@@ -471,9 +476,10 @@ def resampling_table(run: Run, resampling: ResamplingResult, unit: StiffnessUnit
     drawn = run.request.resampling
     size = f"{drawn.size} configurations drawn at random" if drawn else ""
     moments_of = [moments(joint, unit) for joint in resampling.joints]
-    joints, compensation = resampling.joints, resampling.compensation
+    joints, compensation = resampling.joints, resampling.compensation_mean
+    deviation = resampling.compensation_deviation
     names: list[str] = [joint.name for joint in joints]
-    if compensation.mean is not None and compensation.deviation is not None:
+    if compensation is not None and deviation is not None:
         names.append("compensation")
 
     def column(name: str, values: list[str], last: float | None) -> Column:
@@ -483,8 +489,8 @@ def resampling_table(run: Run, resampling: ResamplingResult, unit: StiffnessUnit
     return Table(
         [
             Column("joint", names, text=True),
-            column("mean", [_rounded(mean, u) for mean, u in moments_of], compensation.mean),
-            column("deviation", [_rounded(u, u) for _, u in moments_of], compensation.deviation),
+            column("mean", [_rounded(mean, u) for mean, u in moments_of], compensation),
+            column("deviation", [_rounded(u, u) for _, u in moments_of], deviation),
             column("negative", [f"{100 * joint.share_negative:.3g} %" for joint in joints], None),
             column("rigid", [f"{100 * joint.share_infinite:.3g} %" for joint in joints], None),
             column("undetermined", [f"{100 * joint.share_undetermined:.3g} %" for joint in joints], None),

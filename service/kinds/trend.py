@@ -14,7 +14,7 @@ from pydantic import BaseModel, ConfigDict
 from jointstiff.schemas import trend as messages
 from jointstiff.schemas.finding import Assessment
 from jointstiff.schemas.robot import ChangedJoint, LastCampaign, StiffnessChange
-from jointstiff.schemas.run import JointResult, Run, RunRequest, UncertaintyBudget
+from jointstiff.schemas.run import Budget, JointResult, Run, RunRequest
 from jointstiff.service.problems import NotFoundError, Resource
 from jointstiff.service.resources.stored import described
 from jointstiff.service.store.store import Store
@@ -38,6 +38,7 @@ class _Numbers(_Part):
     joints: list[JointResult]
     assessment: Assessment
     links: dict[str, object] | None
+    budget: Budget | None
 
 
 class ReadRun(_Part):
@@ -65,6 +66,11 @@ class Campaign:
     def joints(self) -> Mapping[str, JointResult]:
         """Results of the run by the joints' names."""
         return {joint.name: joint for joint in self.run.result.joints}
+
+    def sources(self, joint: str) -> dict[str, float]:
+        """Contributions to the uncertainty of a joint's compliance by source; none without a budget."""
+        budget = self.run.result.budget
+        return {} if budget is None else budget.included_in(joint)
 
     @property
     def selection(self) -> messages.TrendSelection:
@@ -110,20 +116,21 @@ def trend_of(names: Sequence[str], campaigns: Sequence[Campaign]) -> dict[str, A
 
 def _change(campaigns: Sequence[Campaign], name: str) -> Change | None:
     """Return the change of a joint between the first and the latest campaign that give it a number."""
-    known = [one for one in campaigns if _number(one.joints.get(name)) is not None]
+    known = [one for one in campaigns if _number(one, name) is not None]
     if len(known) < 2:
         return None
     pair = known[0], known[-1]
     instruments = {one.measured.instrument for one in pair}
-    budgets = [joint.budget for one in pair if (joint := one.joints[name]).budget is not None]
+    budgets = [sources for one in pair if len(sources := one.sources(name)) > 1]
     first, last = (
         _number(
-            one.joints[name],
+            one,
+            name,
             same_load_cell=len(instruments) == 1 and None not in instruments,
             # A load point of which neither states anything is that of the same hook, and the load cell's
             # scale that of the same cell.
-            same_hook=all(budget.assumed_load_point > 0.0 for budget in budgets),
-            assumed_cell=all(budget.assumed_force_scale > 0.0 for budget in budgets),
+            same_hook=all(budget.get("assumed_load_point", 0.0) > 0.0 for budget in budgets),
+            assumed_cell=all(budget.get("assumed_force_scale", 0.0) > 0.0 for budget in budgets),
         )
         for one in pair
     )
@@ -131,20 +138,22 @@ def _change(campaigns: Sequence[Campaign], name: str) -> Change | None:
 
 
 def _number(
-    joint: JointResult | None,
+    campaign: Campaign,
+    name: str,
     *,
     same_load_cell: bool = False,
     same_hook: bool = False,
     assumed_cell: bool = False,
 ) -> tuple[float, float] | None:
+    joint = campaign.joints.get(name)
     if joint is None or joint.status != "identified" or joint.verdict == "do_not_use":
         return None
-    budget = joint.budget or UncertaintyBudget(readings=0.0)
-    shared = hypot(
-        budget.assumed_load_point if same_hook else 0.0,
-        budget.force_scale if same_load_cell else 0.0,
-        budget.assumed_force_scale if assumed_cell else 0.0,
-    )
+    same = {
+        "assumed_load_point": same_hook,
+        "force_scale": same_load_cell,
+        "assumed_force_scale": assumed_cell,
+    }
+    shared = hypot(*(size for source, size in campaign.sources(name).items() if same.get(source, False)))
     return log_stiffness(joint.compliance, joint.standard_uncertainty, shared)
 
 
@@ -154,18 +163,19 @@ def _joint(
     return messages.TrendJoint(
         name=name,
         kind=next((one.joints[name].kind for one in campaigns if name in one.joints), "revolute"),
-        points=[_point(campaign.joints.get(name)) for campaign in campaigns],
+        points=[_point(campaign, name) for campaign in campaigns],
         change=None if change is None else _as_message(change),
         p_value=None if change is None else change.p_value,
         changed=change is not None and change.is_significant(tests),
     )
 
 
-def _point(joint: JointResult | None) -> messages.TrendPoint:
+def _point(campaign: Campaign, name: str) -> messages.TrendPoint:
     """Return a joint in a campaign, with the reason why it is not compared."""
+    joint = campaign.joints.get(name)
     if joint is None:
         return messages.TrendPoint(reason="the run has no such joint")
-    reason = None if _number(joint) else _OPEN_INTERVAL
+    reason = None if _number(campaign, name) else _OPEN_INTERVAL
     if joint.status != "identified":
         reason = joint.reason or f"the joint is {joint.status.replace('_', ' ')}"
     elif joint.verdict == "do_not_use":

@@ -19,10 +19,10 @@ from jointstiff.schemas.live import (
     LiveSetChange,
     LiveState,
     MeasurementSetPost,
-    NextReading,
 )
 from jointstiff.schemas.measurement import MeasurementSetDocument, Observation
-from jointstiff.schemas.plan import Goal, OwnWeight
+from jointstiff.schemas.options import OwnWeight
+from jointstiff.schemas.plan import Goal, PlannedReading
 from jointstiff.schemas.robot import RobotDocument
 from jointstiff.schemas.run import CampaignRun
 from jointstiff.service.conversion.prepared import (
@@ -72,7 +72,7 @@ class Person:
         """Return whether the readings of a source are understood so."""
         return True
 
-    def ready(self, following: NextReading, *, loaded: bool) -> Literal["read", "skip", "stop"]:  # noqa: ARG002
+    def ready(self, following: PlannedReading, *, loaded: bool) -> Literal["read", "skip", "stop"]:  # noqa: ARG002
         """Return what to do once the arm stands in a posture, with or without its load."""
         return "read"
 
@@ -241,7 +241,7 @@ class LiveMeasurement:
         return f"<LiveMeasurement of '{self.robot.name}': {self.state.goal}; {self.state.message}>"
 
     @property
-    def next(self) -> NextReading | None:
+    def next(self) -> PlannedReading | None:
         """Next reading, in SI units; None if nothing is left."""
         return self.state.next
 
@@ -411,7 +411,7 @@ class LiveMeasurement:
             self.let_go()
             raise
 
-    def _read(self, following: NextReading, person: Person) -> Literal["read", "again", "skip", "stop"]:
+    def _read(self, following: PlannedReading, person: Person) -> Literal["read", "again", "skip", "stop"]:
         """Read a posture, again where it is doubtful; return what became of it, or what to do instead."""
         missed = doubted = False
         while True:
@@ -451,7 +451,7 @@ class LiveMeasurement:
                 else:
                     self.withdraw(earlier.label, _SHOWN)
 
-    def _read_once(self, following: NextReading, person: Person) -> Literal["read", "skip", "stop"]:
+    def _read_once(self, following: PlannedReading, person: Person) -> Literal["read", "skip", "stop"]:
         """Read a posture without and with its load, and take the reading in; or return what to do instead."""
         loop, checked = cast("_Loop", self._loop), cast("Checked", self._checked)
         parts: list[dict[str, Point]] = []

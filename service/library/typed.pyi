@@ -23,8 +23,8 @@ from jointstiff.schemas.geometry import (
     TrackedPosition,
 )
 from jointstiff.schemas.imports import ImportAnswer, ImportUnits
-from jointstiff.schemas.measurement import Noise, Units
-from jointstiff.schemas.options import CrossValidation, Resampling, RunOptions, StiffnessPrior, Weight
+from jointstiff.schemas.measurement import Instrument, Noise, Units
+from jointstiff.schemas.options import CrossValidation, OwnWeight, Resampling, RunOptions, StiffnessPrior
 from jointstiff.schemas.plan import (
     AnyDirection,
     Cable,
@@ -32,9 +32,7 @@ from jointstiff.schemas.plan import (
     DecisionGoal,
     DeflectionGoal,
     JointsGoal,
-    OwnWeight,
     Plan,
-    PlannedTracker,
     PlanOptions,
     Surroundings,
 )
@@ -84,7 +82,7 @@ class IdentifyFields(TypedDict, total=False):
     cross_validation: CrossValidation | Mapping[str, Any]
     resampling: Resampling | Mapping[str, Any] | None
     confidence: float
-    weight: Weight | Mapping[str, Any] | None
+    weight: OwnWeight | Mapping[str, Any] | None
     leave_out: Sequence[str]
 
 class CompareFields(TypedDict, total=False):
@@ -121,7 +119,7 @@ class PlanFields(TypedDict, total=False):
     directions: Matrix
     load_point: Vector | None
     sigma: float | None
-    tracker: PlannedTracker | Mapping[str, Any] | None
+    tracker: Instrument | Mapping[str, Any] | None
     torque_limits: Mapping[str, float]
     stiffness: Mapping[str, float]
     priors: Mapping[str, StiffnessPrior | Mapping[str, Any]]

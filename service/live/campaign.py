@@ -14,7 +14,7 @@ from scipy import special
 from jointstiff.schemas import live
 from jointstiff.schemas.finding import Finding
 from jointstiff.schemas.joints import JOINT_UNITS
-from jointstiff.schemas.live import HeldOut, Innovation
+from jointstiff.schemas.live import Innovation
 from jointstiff.schemas.measurement import (
     MAX_NOTES_LENGTH,
     MeasurementSetDocument,
@@ -22,13 +22,12 @@ from jointstiff.schemas.measurement import (
     Observation,
     ResolvedFrame,
 )
-from jointstiff.schemas.options import RunOptions, StiffnessPrior, Weight
+from jointstiff.schemas.options import OwnWeight, RunOptions, StiffnessPrior
 from jointstiff.schemas.plan import (
     DecisionGoal,
     DeflectionGoal,
     JointsGoal,
-    OwnWeight,
-    PlannedLoad,
+    PlannedReading,
     PlanOptions,
     PlanRequest,
 )
@@ -46,7 +45,7 @@ from jointstiff.solver.errors import JointstiffError, RequestError
 from jointstiff.solver.estimation.estimate import stiffness_interval
 from jointstiff.solver.estimation.fit import student_quantile
 from jointstiff.solver.live.ahead import Ahead, Known, Next, Share
-from jointstiff.solver.live.innovation import held_out, innovation
+from jointstiff.solver.live.innovation import HeldOut, held_out, innovation
 from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.text import length_text
 
@@ -284,7 +283,7 @@ class LiveCampaign:
         """Options of the run: the weight of readings without a load, and the priors that count."""
         options, standing = self.declared.options, self.standings
         counting = {name: options.priors[name] for name in standing if standing[name] == "counts"}
-        return {"weight": weight_of(options.load), "priors": counting}
+        return {"weight": options.load if isinstance(options.load, OwnWeight) else None, "priors": counting}
 
     @cached_property
     def known(self) -> Known:
@@ -331,7 +330,7 @@ class LiveCampaign:
         known = {} if found is None else found.model_dump(include={"p_value", "distance"})
         unknown = {"p_value": None, "distance": None}
         message = f"{mistake.message}; {mistake.remedy}"
-        return Innovation(label=label, doubtful=True, causes=[], message=message, **(unknown | known))
+        return Innovation(doubtful=True, causes=[], message=message, **(unknown | known))
 
     @property
     def met(self) -> bool:
@@ -436,7 +435,7 @@ class LiveCampaign:
         left = self.fewest - len(self.observations)
         return max(missing, left + 1) if self.fewest == FEWEST else max(missing, left) + 1
 
-    def next_reading(self) -> live.NextReading | None:
+    def next_reading(self) -> PlannedReading | None:
         """Return what to read next."""
         following = self.ahead
         if following is None:
@@ -450,7 +449,7 @@ class LiveCampaign:
             reason = "it tells most of the joints"
         else:
             reason = "it tells most of the deflection in the work area"
-        return live.NextReading(
+        return PlannedReading(
             label=next(
                 label
                 for label in map("m{:02d}".format, count(1 + len(self.of_label)))
@@ -576,7 +575,7 @@ class LiveCampaign:
                 state="withdrawn" if label in withdrawn else "doubtful" if label in doubtful else "counts",
                 reason=withdrawn[label].reason if label in withdrawn else None,
                 innovation=self._innovation(label),
-                held_out=entry.held_out,
+                ball_ratio=None if entry.held_out is None else entry.held_out.ball_ratio,
             )
             for label, entry in self.of_label.items()
         ]
@@ -592,7 +591,7 @@ class LiveCampaign:
         if self.check is not None:
             lines.append(
                 f"Held-out reading {self.check.label}: {length_text(self.check.distance)} from its "
-                f"prediction, {self.check.share:.2f} of the radius of its 90 % ball."
+                f"prediction, {self.check.ball_ratio:.2f} of the radius of its 90 % ball."
             )
         for standing, words in _OF_PRIORS.items():
             named = [name for name, each in self.standings.items() if each == standing]
@@ -601,13 +600,6 @@ class LiveCampaign:
         lines += [f"Withdrawn {each.label}: {each.reason}." for each in record if each.state == "withdrawn"]
         lines += [f"Kept although doubtful: {label}." for label in self._labels("kept")]
         return "\n".join(lines)
-
-
-def weight_of(load: PlannedLoad | None) -> Weight | None:
-    """Return the weight by which readings under a load are identified; None for another load."""
-    if not isinstance(load, OwnWeight):
-        return None
-    return Weight(**load.model_dump(include=set(Weight.model_fields)))
 
 
 def goal_text(options: live.LiveOptions) -> str:

@@ -12,13 +12,12 @@ from jointstiff.schemas.fields import Message, Vector3
 from jointstiff.schemas.live import LiveOptions
 from jointstiff.schemas.live import MeasurementSetPost as OpenPost
 from jointstiff.schemas.measurement import MeasurementSetDocument, MeasurementSetHeader, Noise, Units
-from jointstiff.schemas.options import Weight
+from jointstiff.schemas.options import OwnWeight
 from jointstiff.schemas.plan import (
     AnyDirection,
     DeadWeight,
     Goal,
     JointsGoal,
-    OwnWeight,
     PlannedLoad,
     goal_in_words,
 )
@@ -83,7 +82,7 @@ def declared(
     campaign: MeasurementSetDocument | None,
     goal: Goal,
     options: Mapping[str, Any],
-    weight: Weight | None = None,
+    weight: OwnWeight | None = None,
 ) -> OpenPost:
     """Return an open set for a goal, without the id of its robot.
 
@@ -142,7 +141,9 @@ def completed(post: OpenPost, options: LiveOptions) -> OpenPost:
     return post.model_copy(update={"load_point": point, "open": options.model_copy(update=missing)})
 
 
-def _equipment(robot: Robot, measurements: Measurements, goal: Goal, weight: Weight | None) -> dict[str, Any]:
+def _equipment(
+    robot: Robot, measurements: Measurements, goal: Goal, weight: OwnWeight | None
+) -> dict[str, Any]:
     """Return loads, targets, load point and work area of a campaign."""
     m, size = measurements, np.linalg.norm(measurements.force, axis=1)
     places = targets_in_flange(robot, m)
@@ -150,8 +151,7 @@ def _equipment(robot: Robot, measurements: Measurements, goal: Goal, weight: Wei
     taken: dict[str, Any] = {"targets": {m.targets[t]: tuple(places[t].tolist()) for t in unique}}
     strongest = float(size.max())
     if strongest == 0.0:
-        own = {} if weight is None else weight.model_dump()
-        return taken | {"load": OwnWeight(kind="own_weight", **own)}
+        return taken | {"load": weight or OwnWeight()}
     down = bool((m.force[:, 2] <= _DOWN * size).all())
     load: PlannedLoad = AnyDirection(kind="any_direction", force=strongest)
     if down:

@@ -117,8 +117,7 @@ def why_no_stiffness(joint: JointResult) -> str:
         return joint.reason or "the readings cannot determine it"
     if joint.compliance < 0.0:
         return "the estimate is negative: identify with compliances not negative"
-    least = None if joint.one_sided is None else joint.one_sided.stiffness_at_least
-    bound = ""
+    least, bound = joint.stiffness_at_least, ""
     if least is not None:
         bound = f"; it is at least {stiffness_text(rounded_down(least), joint.kind)}"
     return f"the readings cannot distinguish the joint from rigid{bound}"
@@ -127,8 +126,7 @@ def why_no_stiffness(joint: JointResult) -> str:
 _JOINT: Final = {
     "stiffness": "stiffness",
     "stiffness {low high}": "stiffness_interval",
-    "stiffness at least, one-sided": "one_sided.stiffness_at_least",
-    "stiffness at most, one-sided": "one_sided.stiffness_at_most",
+    "stiffness at least, one-sided": "stiffness_at_least",
     "compliance": "compliance",
     "compliance standard uncertainty": "standard_uncertainty",
     "compliance {low high}": "compliance_interval",

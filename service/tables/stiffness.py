@@ -85,10 +85,9 @@ class StiffnessUnit:
             low, high = (rounded(self.factor * end, uncertainty) for end in (ends[0], ends[1]))
             return f"{low} … {high}"
         # Without an upper end of the stiffness: the one-sided bound, which is the higher one.
-        least = None if joint.one_sided is None else joint.one_sided.stiffness_at_least
-        if least is None:
+        if joint.stiffness_at_least is None:
             return "—"
-        bound = rounded_down(least)
+        bound = rounded_down(joint.stiffness_at_least)
         return (
             f"< {figure(self.factor / bound, '.3g')}"
             if self.inverse

@@ -207,7 +207,7 @@ def gross_mistake(robot: Robot, measurements: Measurements, estimate: Estimate) 
 def within_noise(estimate: Estimate) -> bool:
     """Tell whether the residuals leave nothing for another explanation."""
     test = estimate.sigma_test
-    return test is not None and test.verdict != "residuals_too_large"
+    return test is not None and test.result != "residuals_too_large"
 
 
 def assessed(joints: Sequence[JointCompliance], findings: Iterable[Finding]) -> Assessment:
@@ -580,9 +580,9 @@ def _residuals(measurements: Measurements, estimate: Estimate, *, joints_alone: 
     test = estimate.sigma_test
     yield from refuted_noise(measurements, estimate.sigma)
     ratio = float(np.sqrt(estimate.chi_square / max(estimate.degrees_of_freedom, _LEAST_FREEDOM)))
-    if test is None or test.verdict == "consistent" or abs(ratio - 1.0) < WORTH_A_WARNING:
+    if test is None or test.result == "consistent" or abs(ratio - 1.0) < WORTH_A_WARNING:
         return
-    if test.verdict == "residuals_too_small":
+    if test.result == "residuals_too_small":
         chance = "p < 0.001" if test.p_value < 0.001 else f"p = {test.p_value:.1g}"
         yield Finding(
             code="sigma_overstated",

@@ -30,7 +30,7 @@ import numpy as np
 from scipy import special
 
 from jointstiff.schemas.joints import JointKind
-from jointstiff.schemas.model import HeldOutGain
+from jointstiff.schemas.options import ElasticModel
 from jointstiff.schemas.run import CauseTest
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import RequestError, SolverError
@@ -113,6 +113,16 @@ class Cause:
     def proved(self) -> bool:
         """Return True if nothing is left for links to explain beside it."""
         return self.links_p_value >= LINKS_LEVEL
+
+
+@dataclass(frozen=True)
+class HeldOutGain:
+    """Mean residual of held-out postures: the best model with links or coupling, and joints alone."""
+
+    model: ElasticModel
+    error: float  #: mean length of the residuals of that model [m]
+    error_of_joints: float  #: mean length of the residuals of joints alone [m]
+    standard_error: float  #: of the difference, paired by posture [m]
 
 
 @dataclass(frozen=True, eq=False)

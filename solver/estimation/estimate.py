@@ -30,10 +30,18 @@ from scipy import linalg
 
 from jointstiff.schemas.joints import JOINT_UNITS, JointKind
 from jointstiff.schemas.run import Certificate as StagesCertificate
-from jointstiff.schemas.run import ObservabilityIndices, OneSidedBounds, SigmaTest
+from jointstiff.schemas.run import ObservabilityIndex
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import SolverError
-from jointstiff.solver.estimation.fit import Fit, Likelihood, RobustFit, Scale, sigma_test, student_quantile
+from jointstiff.solver.estimation.fit import (
+    Fit,
+    Likelihood,
+    RobustFit,
+    Scale,
+    SigmaTest,
+    sigma_test,
+    student_quantile,
+)
 from jointstiff.solver.estimation.method import MethodTriangles
 from jointstiff.solver.estimation.observability import (
     Identifiability,
@@ -288,17 +296,6 @@ def stiffness_interval(interval: tuple[float, float] | None) -> tuple[float, flo
     return None if least is None else (least, stiffness_of(interval[0]))
 
 
-def one_sided_bounds(least: float, most: float) -> OneSidedBounds:
-    """Return bounds on a compliance from below and above, each at the full confidence [rad/(N·m)]."""
-    stiffness = stiffness_interval((least, most)) or (None, None)
-    return OneSidedBounds(
-        compliance_at_least=least,
-        compliance_at_most=most,
-        stiffness_at_least=stiffness[0],
-        stiffness_at_most=stiffness[1],
-    )
-
-
 @dataclass(frozen=True)
 class JointCompliance:
     """Result for one joint; numbers are None if the joint is not observable."""
@@ -312,7 +309,8 @@ class JointCompliance:
     standard_uncertainty: float | None = None  #: of the compliance, without constraints [rad/(N·m)]
     #: profile-likelihood interval under the constraints [rad/(N·m)]
     compliance_interval: tuple[float, float] | None = None
-    one_sided: OneSidedBounds | None = None  #: bounds from below and above [rad/(N·m)]
+    #: bounds of the compliance from below and above, each at the full confidence [rad/(N·m)]
+    one_sided: tuple[float, float] | None = None
     #: information of its prior over that of the readings; inf where the prior alone tells it from other
     #: joints, None without a prior
     prior_to_data: float | None = None
@@ -328,6 +326,12 @@ class JointCompliance:
     def stiffness_interval(self) -> tuple[float, float | None] | None:
         """Interval of the stiffness [N·m/rad], open above (None) where the joint may be rigid."""
         return stiffness_interval(self.compliance_interval)
+
+    @property
+    def stiffness_at_least(self) -> float | None:
+        """One-sided lower bound of the stiffness [N·m/rad]; None where the compliance may be negative."""
+        bounds = stiffness_interval(self.one_sided)
+        return None if bounds is None else bounds[0]
 
 
 @dataclass(frozen=True, eq=False)
@@ -432,7 +436,7 @@ class Estimate:
         return [stage.weakest.in_words(names) for stage in self.identifiability if stage.weakest]
 
     @property
-    def observability_indices(self) -> ObservabilityIndices | None:
+    def observability_indices(self) -> dict[ObservabilityIndex, float] | None:
         """Indices over the joints that the readings see; None where the rank is not full."""
         return observability_indices(self.regressor, self.observability)
 
@@ -524,7 +528,7 @@ class Evidence:
             value,
             uncertainty,
             None if two_sided is None else (two_sided[0], two_sided[1]),
-            None if one_sided is None else one_sided_bounds(*one_sided),
+            None if one_sided is None else (one_sided[0], one_sided[1]),
             None if np.isnan(ratio) else ratio,
             "; ".join(filter(None, [reason, alone.format(name) if np.isinf(ratio) else None])) or None,
             self.stiffer_than(j, ends),
@@ -717,9 +721,7 @@ class UncertaintyBudget:
                 status="uncertain" if unsure else joint.status,
                 standard_uncertainty=float(uncertainty[j]),
                 compliance_interval=interval,
-                one_sided=one_sided_bounds(
-                    min(sides.compliance_at_least, least), max(sides.compliance_at_most, most)
-                ),
+                one_sided=(min(sides[0], least), max(sides[1], most)),
                 reason="; ".join(filter(None, [joint.reason, _NO_UPPER_END if unsure else None])) or None,
             )
         return replace(estimate, joints=tuple(joints))

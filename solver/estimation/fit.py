@@ -20,13 +20,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Final
+from typing import Final, Literal
 
 import numpy as np
 from scipy import special
 from scipy.linalg import block_diag
 
-from jointstiff.schemas.run import SigmaTest, SupportFinder
+from jointstiff.schemas.run import SupportFinder
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray, Support
 from jointstiff.solver.errors import SolverError, UnsupportedMethodError
 from jointstiff.solver.estimation.method import MethodTriangles, Prior
@@ -368,6 +368,14 @@ def scale_of(fit: Fit, readings: Triangle, sigma: float | None) -> Scale:
     return Scale(float(np.sqrt(squares / freedom)), False, freedom, freedom)
 
 
+@dataclass(frozen=True)
+class SigmaTest:
+    """Two-sided chi-square test of a stated sigma against the residuals."""
+
+    p_value: float
+    result: Literal["consistent", "residuals_too_large", "residuals_too_small"]
+
+
 def sigma_test(chi_square: float, degrees_of_freedom: float) -> SigmaTest | None:
     """Test a stated sigma against the residuals, two-sided; None where there are no degrees of freedom."""
     if degrees_of_freedom < _LEAST_FREEDOM:
@@ -375,9 +383,9 @@ def sigma_test(chi_square: float, degrees_of_freedom: float) -> SigmaTest | None
     tails = special.chdtr(degrees_of_freedom, chi_square), special.chdtrc(degrees_of_freedom, chi_square)
     p_value = min(1.0, 2.0 * float(min(tails)))
     if p_value >= SIGMA_TEST_LEVEL:
-        return SigmaTest(p_value=p_value, verdict="consistent")
+        return SigmaTest(p_value, "consistent")
     large = tails[1] < tails[0]
-    return SigmaTest(p_value=p_value, verdict="residuals_too_large" if large else "residuals_too_small")
+    return SigmaTest(p_value, "residuals_too_large" if large else "residuals_too_small")
 
 
 DEFAULT_THRESHOLD = 2.8

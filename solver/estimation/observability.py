@@ -9,7 +9,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from jointstiff.schemas.joints import JOINT_UNITS, JointKind
-from jointstiff.schemas.run import ObservabilityIndices
+from jointstiff.schemas.run import ObservabilityIndex
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.estimation.triangle import unit_columns
 from jointstiff.solver.mechanics.block import RegressorBlock
@@ -337,7 +337,9 @@ def noise_reason(joint: int, names: tuple[str, ...], observability: Observabilit
     )
 
 
-def observability_indices(regressor: FloatArray, observability: Observability) -> ObservabilityIndices | None:
+def observability_indices(
+    regressor: FloatArray, observability: Observability
+) -> dict[ObservabilityIndex, float] | None:
     """Return the indices over the joints that the readings see.
 
     Each column is divided by the norm that it would have had if, in every observation, the force had pulled
@@ -358,10 +360,10 @@ def observability_indices(regressor: FloatArray, observability: Observability) -
         return None
     columns = regressor[:, visible] / spectrum.scale * observability.excitation[visible]
     s = np.linalg.svd(columns, compute_uv=False).astype(np.float64, copy=False)
-    return ObservabilityIndices(
-        o1=float(np.exp(np.log(s).mean())),
-        o2=float(s[-1] / s[0]),
-        o3=float(s[-1]),
-        o4=float(s[-1] ** 2 / s[0]),
-        o5=float(1.0 / np.sum(1.0 / s)),
-    )
+    return {
+        "o1": float(np.exp(np.log(s).mean())),  # Borm & Menq 1991
+        "o2": float(s[-1] / s[0]),  # Driels & Pathre 1990
+        "o3": float(s[-1]),  # Nahvi, Hollerbach & Hayward 1994
+        "o4": float(s[-1] ** 2 / s[0]),  # Nahvi & Hollerbach 1996
+        "o5": float(1.0 / np.sum(1.0 / s)),  # Sun & Hollerbach 2008
+    }

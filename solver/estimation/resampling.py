@@ -18,7 +18,7 @@ import numpy as np
 
 from jointstiff.schemas.joints import JointKind
 from jointstiff.schemas.options import Resampling
-from jointstiff.schemas.run import ResampledCompensation, ResampledJoint, ResamplingResult
+from jointstiff.schemas.run import ResampledJoint, ResamplingResult
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import UnsupportedMethodError
 from jointstiff.solver.estimation.estimate import Estimate
@@ -331,25 +331,29 @@ def summarise(
     stiffness, k_deviation, _ = _statistics([1.0 / c[c != 0] for c in columns], confidence)
     compensation = resamples.compensation[~np.isnan(resamples.compensation)]
     explained, e_deviation, e_interval = _statistics([compensation], confidence)
-    (of_set,) = rows(ResampledCompensation, mean=explained, deviation=e_deviation, interval=e_interval)
-    return ResamplingResult(
-        repetitions=len(draws),
-        joints=rows(
-            ResampledJoint,
-            name=joints,
-            kind=["revolute"] * len(joints) if kinds is None else kinds,
-            compliance_mean=compliance,
-            compliance_deviation=c_deviation,
-            compliance_interval=c_interval,
-            stiffness_mean=stiffness,
-            stiffness_deviation=k_deviation,
-            share_negative=(draws < 0).sum(axis=0) / determined,
-            share_infinite=(draws == 0).sum(axis=0) / determined,
-            share_undetermined=undetermined.mean(axis=0),
-        ),
-        share_any_negative=float((resamples.compliance < 0).any(axis=1).mean()),
-        compensation=of_set,
+    of_joints = rows(
+        ResampledJoint,
+        name=joints,
+        kind=["revolute"] * len(joints) if kinds is None else kinds,
+        compliance_mean=compliance,
+        compliance_deviation=c_deviation,
+        compliance_interval=c_interval,
+        stiffness_mean=stiffness,
+        stiffness_deviation=k_deviation,
+        share_negative=(draws < 0).sum(axis=0) / determined,
+        share_infinite=(draws == 0).sum(axis=0) / determined,
+        share_undetermined=undetermined.mean(axis=0),
     )
+    (result,) = rows(
+        ResamplingResult,
+        repetitions=[len(draws)],
+        joints=[of_joints],
+        share_any_negative=[float((resamples.compliance < 0).any(axis=1).mean())],
+        compensation_mean=explained,
+        compensation_deviation=e_deviation,
+        compensation_interval=e_interval,
+    )
+    return result
 
 
 def _statistics(

@@ -14,12 +14,11 @@ from typing import Final, Literal
 import numpy as np
 
 from jointstiff.schemas.finding import Finding
-from jointstiff.schemas.model import HeldOutGain
 from jointstiff.schemas.options import CrossValidation, Loss
 from jointstiff.schemas.options import ElasticModel as ModelName
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import SolverError, UnsupportedMethodError
-from jointstiff.solver.estimation.causes import CLEAR_GAIN, LINKS_LEVEL, Screening
+from jointstiff.solver.estimation.causes import CLEAR_GAIN, LINKS_LEVEL, HeldOutGain, Screening
 from jointstiff.solver.links.model import (
     LINKS_ALONE,
     LOSSES,
@@ -295,6 +294,11 @@ class HeldOut:
         """Return the standard error of that mean for one draw, from the spread of the folds."""
         return float(self.by_fold.std(ddof=1) / np.sqrt(self.per_draw))
 
+    @property
+    def mean_residual(self) -> float:
+        """Return the mean norm of the residuals over the postures [m]."""
+        return float(self.by_posture.mean())
+
     def behind(self, other: HeldOut) -> tuple[float, float]:
         """Return by how much it predicts worse, the mean over the postures, and its standard error [m]."""
         worse = self.by_posture - other.by_posture
@@ -329,7 +333,7 @@ class Selection:
         """Return the choice among models with their losses, from simple to rich; see `select_model`."""
         names = dict.fromkeys(each.model for each in models)
         by_name = [_best_loss(models, name, LOSSES) for name in names]
-        best = min(by_name, key=lambda each: float(each.by_posture.mean()))
+        best = min(by_name, key=lambda each: each.mean_residual)
         simplest = simplest_of(by_name, best, screened=screened)
         largest = largest_of(list(names), simplest)
         return cls(tuple(models), best.model, simplest, largest, _gain(by_name), _tied(by_name, simplest))
@@ -418,7 +422,7 @@ def _tied(by_name: Sequence[HeldOut], chosen: ModelName) -> ModelName | None:
     links = [each for each in by_name if each.model in LINKS_ALONE]
     if base is None or not links:
         return None
-    best = min(links, key=lambda each: float(each.by_posture.mean()))
+    best = min(links, key=lambda each: each.mean_residual)
     worse, error = best.behind(base)
     return best.model if worse <= error else None
 
@@ -428,14 +432,8 @@ def _gain(by_name: Sequence[HeldOut]) -> HeldOutGain | None:
     others = [each for each in by_name if each.model != "joints"]
     if joints is None or not others:
         return None
-    best = min(others, key=lambda each: float(each.by_posture.mean()))
-    error, error_of_joints = (float(each.by_posture.mean()) for each in (best, joints))
-    return HeldOutGain(
-        model=best.model,
-        error=error,
-        error_of_joints=error_of_joints,
-        standard_error=joints.behind(best)[1],
-    )
+    best = min(others, key=lambda each: each.mean_residual)
+    return HeldOutGain(best.model, best.mean_residual, joints.mean_residual, joints.behind(best)[1])
 
 
 def _compensation(

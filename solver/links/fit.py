@@ -18,10 +18,9 @@ import numpy as np
 
 from jointstiff.schemas.joints import JOINT_UNITS
 from jointstiff.schemas.model import (
-    BaseCompliance,
+    ElasticCompliance,
     ElementShare,
     LinkCertificate,
-    LinkCompliance,
     PrincipalCompliance,
 )
 from jointstiff.solver.arrays import FloatArray, IndexArray, in_one_sense
@@ -81,8 +80,8 @@ class ElasticEstimate:
     #: are not coupled
     coupled_joints: FloatArray | None
     entries: FloatArray  #: (P,) all compliances by their columns, which predict: rows @ entries
-    links: tuple[LinkCompliance, ...]  #: links that bend
-    base: BaseCompliance | None  #: compliance of the base; None where it is taken to be rigid
+    links: tuple[ElasticCompliance, ...]  #: links that bend
+    base: ElasticCompliance | None  #: compliance of the base; None where it is taken to be rigid
     elements: tuple[ElementShare, ...]  #: what each explains
     prediction: Prediction  #: prediction of all deflections
     sigma: float | None  #: given, or of the residuals [m]; None without degrees of freedom
@@ -181,11 +180,13 @@ def estimate_elastic(folds: Folds, model: ElasticModel, weight: float) -> Elasti
         coupled_joints=joints if model.name == "coupled_joints" else None,
         entries=compliances,
         links=tuple(
-            LinkCompliance(joint=robot.joint_names[frame], **_compliance(compliances, model, freedom, frame))
+            ElasticCompliance(
+                joint=robot.joint_names[frame], **_compliance(compliances, model, freedom, frame)
+            )
             for frame in model.frames
             if frame != BASE
         ),
-        base=BaseCompliance(**_compliance(compliances, model, freedom, BASE))
+        base=ElasticCompliance(joint=None, **_compliance(compliances, model, freedom, BASE))
         if BASE in model.frames
         else None,
         elements=elements,
@@ -281,7 +282,7 @@ def _returned(compliances: FloatArray, model: ElasticModel) -> tuple[FloatArray,
 def _compliance(
     compliances: FloatArray, model: ElasticModel, freedom: FloatArray, frame: int
 ) -> dict[str, Any]:
-    """Return the fields of a `BaseCompliance` of one of the frames that bend."""
+    """Return the fields of an `ElasticCompliance` of one of the frames that bend, but its joint."""
     own = model.columns.link(frame)
     matrix = to_matrix(compliances[own], 6)
     return {

@@ -16,7 +16,7 @@ from typing import Final
 import numpy as np
 from scipy import special
 
-from jointstiff.schemas.live import HeldOut, Innovation
+from jointstiff.schemas.live import Innovation
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import SolverError
 from jointstiff.solver.integrity.values import View
@@ -26,6 +26,14 @@ from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.mechanics.springs import JOINTS
 from jointstiff.solver.mechanics.terms import FORCE_SCALE, SHIFT, TERMS
 from jointstiff.solver.text import length_text
+
+_UNJUDGED: Final = Innovation(
+    p_value=None,
+    distance=None,
+    doubtful=False,
+    causes=[],
+    message="too few readings to judge it by",
+)
 
 DOUBTFUL: Final = (1e-5, 1e-4)
 """Probability of so great a distance below which a reading is doubtful: in any way; as by another force."""
@@ -185,12 +193,12 @@ def innovation(robot: Robot, measurements: Measurements, compliance: FloatArray)
         measurements: N observations.
         compliance: (n,) by a fit to the others [rad/(N·m)].
     """
-    label, reading = measurements.labels[-1], measurements[-1:]
+    reading = measurements[-1:]
     others = measurements[:-1] if len(measurements) > 1 else None
     try:
         expected = None if others is None else Expectation.of(robot, others, compliance)
         if others is None or expected is None:
-            return _unjudged(label)
+            return _UNJUDGED
         _, p_value, _ = expected.distance(reading)
         squares, p_values = _departures(expected, reading, _USUAL)
         far = p_values < DOUBTFUL
@@ -208,11 +216,9 @@ def innovation(robot: Robot, measurements: Measurements, compliance: FloatArray)
                 least = factor * _own_distances(expected, others, _USUAL).max(axis=0)
             doubtful = bool((far & (squares > least)).any())
     except SolverError:  # other findings say so
-        return _unjudged(label)
+        return _UNJUDGED
     if not doubtful and not wrong_place:
-        return Innovation(
-            label=label, p_value=p_value, distance=off, doubtful=False, causes=[], message="as expected"
-        )
+        return Innovation(p_value=p_value, distance=off, doubtful=False, causes=[], message="as expected")
     if not causes and wrong_place:
         same = np.isclose(others.joints, reading.joints[0]).all(axis=1)
         whose = (
@@ -222,13 +228,26 @@ def innovation(robot: Robot, measurements: Measurements, compliance: FloatArray)
     where = f"{length_text(off)} from where the others put it" if doubtful else "unloaded targets misplaced"
     why = " or ".join(causes) + "?" if causes else "no single mistake explains it"
     return Innovation(
-        label=label,
         p_value=p_value,
         distance=off,
         doubtful=True,
         causes=causes,
         message=f"{where}: {why} Read it again before the load is taken off.",
     )
+
+
+@dataclass(frozen=True)
+class HeldOut:
+    """A reading that was compared with its prediction before it counted."""
+
+    label: str
+    ball_ratio: float  #: distance from the prediction over the radius of its 90 % ball
+    distance: float  #: greatest distance of a target from its prediction [m]
+
+    @property
+    def inside(self) -> bool:
+        """Return True if the reading lies in the ball."""
+        return self.ball_ratio <= 1.0
 
 
 def held_out(robot: Robot, measurements: Measurements, compliance: FloatArray, row: int) -> HeldOut | None:
@@ -251,8 +270,7 @@ def held_out(robot: Robot, measurements: Measurements, compliance: FloatArray, r
         off = expected.off(reading)
     except SolverError:
         return None
-    share = float(np.sqrt(square / limit))
-    return HeldOut(label=measurements.labels[row], inside=share <= 1.0, share=share, distance=off)
+    return HeldOut(measurements.labels[row], float(np.sqrt(square / limit)), off)
 
 
 def _departures(expected: Expectation, reading: Measurements, usual: float) -> tuple[FloatArray, FloatArray]:
@@ -261,17 +279,6 @@ def _departures(expected: Expectation, reading: Measurements, usual: float) -> t
     fitted, _, _ = expected.distance(reading, usual=usual, free=FORCE_SCALE)
     gain = square - fitted
     return np.array([square, gain]), np.array([p_value, expected.probability(gain, 1)])
-
-
-def _unjudged(label: str) -> Innovation:
-    return Innovation(
-        label=label,
-        p_value=None,
-        distance=None,
-        doubtful=False,
-        causes=[],
-        message="too few readings to judge it by",
-    )
 
 
 def _own_distances(expected: Expectation, others: Measurements, usual: float) -> FloatArray:

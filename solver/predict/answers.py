@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from math import hypot, isfinite
-from typing import Any, Final, Literal, TypeVar, get_args
+from typing import Any, Final, TypeVar, get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -49,8 +49,7 @@ from jointstiff.solver.predict.models import (
 )
 from jointstiff.solver.text import figure
 
-PlaceStatus = Literal["reached", "out_of_reach", "joint_limits", "unseen_joint", "overloaded", "not_followed"]
-STATUSES: Final[tuple[PlaceStatus, ...]] = get_args(PlaceStatus)
+STATUSES: Final[tuple[cases.PlaceStatus, ...]] = get_args(cases.PlaceStatus)
 
 _REACHED, _OUT_OF_REACH, _JOINT_LIMITS, _UNSEEN, _OVERLOADED, _NOT_FOLLOWED = range(6)
 _TIE: Final = 1e-9
@@ -283,7 +282,7 @@ def map_postures(
     return result
 
 
-_SHARES: Final = (0.0, 0.05, 0.25, 0.5, 0.75, 0.95, 1.0)
+_PERCENTS: Final = (0, 5, 25, 50, 75, 95, 100)
 _BLOCKS: Final = {
     f"{moved}_by_{load}": (slice(3 * i, 3 * i + 3), slice(3 * k, 3 * k + 3))
     for i, moved in enumerate(("translation", "rotation"))
@@ -550,35 +549,30 @@ def _budgets(
     for contributions, ball in zip(
         bent.length_uncertainties(covariances).tolist(), radius.tolist(), strict=True
     ):
-        components = [
-            cases.DeflectionComponent(
-                source=part.source, evaluation=part.evaluation, included=part.included, contribution=size
-            )
+        parts = {
+            part.source: size
             for part, size in zip(budget.components, contributions, strict=True)
             if part.source != "model_error"
-        ]
+        }
+        combined = hypot(
+            *(parts[part.source] for part in budget.components if part.included and part.source in parts)
+        )
         if isfinite(ball):
-            error = ball / factor
-            components.append(
-                cases.DeflectionComponent(
-                    source="model_error", evaluation="A", included=False, contribution=error
-                )
-            )
-        combined = hypot(*(part.contribution for part in components if part.included))
+            parts["model_error"] = ball / factor
         budgets.append(
             cases.DeflectionBudget(
-                components=components,
+                contributions=parts,
                 standard_uncertainty=combined,
                 coverage_factor=factor,
                 expanded_uncertainty=factor * combined,
-                expanded_with_model_error=factor * hypot(*(part.contribution for part in components)),
+                expanded_with_model_error=factor * hypot(*parts.values()),
             )
         )
     return budgets
 
 
 def map_numbers(table: DeflectionMap, places: FloatArray, tool: FloatArray) -> dict[str, Any]:
-    """Return what sums up a map: counts, quantiles, the worst and the stiffest place.
+    """Return what sums up a map: counts, percentiles, the worst and the stiffest place.
 
     Args:
         table: P places.
@@ -587,7 +581,7 @@ def map_numbers(table: DeflectionMap, places: FloatArray, tool: FloatArray) -> d
     """
     reached, length = np.flatnonzero(table.reached), table.length
     ends: Sequence[cases.MapPlace | None] = (None, None)
-    quantiles: Sequence[cases.MapQuantile] = ()
+    percentiles: dict[str, float] = {}
     if len(reached):
         order = [reached[np.argmax(length[reached])], reached[np.argmin(length[reached])]]
         ends = rows(
@@ -603,12 +597,12 @@ def map_numbers(table: DeflectionMap, places: FloatArray, tool: FloatArray) -> d
             compliance_across=table.across[order],
             extrapolation=table.extrapolation[order],
         )
-        deflections = np.quantile(length[reached], _SHARES)
-        quantiles = rows(cases.MapQuantile, share=_SHARES, deflection=deflections)
+        deflections = np.quantile(length[reached], [percent / 100.0 for percent in _PERCENTS]).tolist()
+        percentiles = dict(zip(map(str, _PERCENTS), deflections, strict=True))
     return {
         "places": len(table),
         "counts": {name: int((table.status == i).sum()) for i, name in enumerate(STATUSES)},
-        "quantiles": quantiles,
+        "percentiles": percentiles,
         "worst": ends[0],
         "stiffest": ends[1],
         "extrapolated": int((table.extrapolation[reached] > EXTRAPOLATED).sum()),
@@ -643,12 +637,12 @@ def run_result(
     """
     labels, targets = np.array(measurements.labels), np.array(measurements.targets)
     names, kinds = [joint.name for joint in estimate.joints], [joint.kind for joint in estimate.joints]
-    robust, joint_budgets = to_robust_loss(estimate, measurements), to_joint_budgets(budget, len(names))
+    robust = to_robust_loss(estimate, measurements)
     judgement = to_assessment(assessment, estimate.joints)
     whole_budget = to_budget(budget, names, assessment.reasons)
-    indices = estimate.observability_indices
+    indices, test = estimate.observability_indices, estimate.sigma_test
     i, t = np.nonzero(measurements.present)
-    absent = dict.fromkeys(("resampling", "model", "links", "selection", "choice", "weight"))
+    absent = dict.fromkeys(("resampling", "model", "links", "choice", "weight"))
     by_encoder, contributions = [], []
     if measurements.encoders is not None and prediction.encoders is not None:
         k, j = np.nonzero(measurements.encoders.present)
@@ -672,11 +666,15 @@ def run_result(
             estimate.joints,
             verdict=assessment.joints,
             reason=[_reason_of(joint, assessment) for joint in estimate.joints],
-            budget=joint_budgets,
         ),
         compensation=prediction.compensation,
         rms_residual=prediction.rms_residual,
-        goodness=document(run.Goodness, estimate, test=estimate.sigma_test),
+        goodness=document(
+            run.Goodness,
+            estimate,
+            p_value=None if test is None else test.p_value,
+            test=None if test is None else test.result,
+        ),
         identifiability=document(
             run.Identifiability,
             estimate,
@@ -761,20 +759,6 @@ def to_budget(
         ],
         expanded_with_model_error=factor * uncertainty[-1],
     )
-
-
-def to_joint_budgets(budget: UncertaintyBudget | None, count: int) -> list[run.UncertaintyBudget | None]:
-    """Return the included contributions of each of `count` joints, where there is more than readings."""
-    included = [] if budget is None else [part for part in budget.components if part.included]
-    if budget is None or len(included) < 2:
-        return [None] * count
-    parts = {part.source: part.uncertainty for part in included}
-    return [
-        run.UncertaintyBudget(**{str(source): float(u[j]) for source, u in parts.items()})
-        if j in budget.joints
-        else None
-        for j in range(count)
-    ]
 
 
 def to_assessment(judgement: Assessment, joints: Sequence[JointCompliance]) -> finding.Assessment:

@@ -12,6 +12,8 @@ from pathlib import Path
 from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
+from typing_extensions import TypeAliasType
+
 from jointstiff.schemas.deflection import DeflectionOptions
 from jointstiff.schemas.fields import Message
 from jointstiff.schemas.imports import ImportAnswer, ImportRequest
@@ -71,6 +73,8 @@ class Types:
 
     def text(self, annotation: Any) -> str:  # noqa: C901 - one case a line
         origin, parts = get_origin(annotation), get_args(annotation)
+        if isinstance(annotation, TypeAliasType):
+            return self.text(annotation.__value__)
         if origin is Annotated:
             return self.text(parts[0])
         if origin in {Union, UnionType}:

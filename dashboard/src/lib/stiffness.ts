@@ -140,7 +140,7 @@ export function stiffnessUncertainty(joint: JointResult): number | null {
 
 /** Stiffer than this, at the run's confidence; null where nothing is known. */
 export function lowerLimit(joint: JointResult): number | null {
-  return joint.one_sided?.stiffness_at_least ?? joint.stiffness_interval?.[0] ?? null;
+  return joint.stiffness_at_least ?? joint.stiffness_interval?.[0] ?? null;
 }
 
 /** The assessment of a joint where its status does not say it: of an identified one, or of one not to be used. */

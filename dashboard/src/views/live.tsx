@@ -304,7 +304,7 @@ function Posture({ set, robot, label, stand, state, isOwn, back, send, skip }: P
           <span class="soft">({words.weight(fixed(norm(stand.force) / 9.80665, 1))})</span>
         )}
       </p>
-      {next && <p class="soft">{next.held_out ? words.heldOut : words.why(next.reason)}</p>}
+      {next && <p class="soft">{next.held_out ? words.heldOut : words.why(next.reason ?? "")}</p>}
       <ReadingsTable {...{ rows, change, unloadedOnly }} />
       {set.instrument === live.SIMULATED && (
         <div class="row">
@@ -638,10 +638,10 @@ function Joints({ state, goal, read }: { state: LiveState; goal: number | null; 
 
 function Record({ state, withdraw }: { state: LiveState; withdraw: (label: string, reason: string) => void }) {
   if (state.readings.length === 0) return null;
-  const about = ({ innovation, held_out: held, reason }: LiveState["readings"][number]): string =>
+  const about = ({ innovation, ball_ratio: ratio, reason }: LiveState["readings"][number]): string =>
     [
       reason,
-      held ? words.inBall(held.inside) : null,
+      ratio === null ? null : words.inBall(ratio <= 1),
       innovation?.distance == null
         ? null
         : words.apart(`${fixed(innovation.distance * 1e6, 0)} ${text.units.micrometre}`),

@@ -73,7 +73,7 @@ export function Postures({ plan, result, robot }: { plan: Plan; result: PlanResu
           <p>
             {text.next.load(loadOf(shown))}
             {shown.direction && `; ${words.readAlong(shown.direction.map((part) => fixed(part, 2)).join(", "))}`}
-            {shown.validation && <span class="soft"> ({words.heldOut})</span>}
+            {shown.held_out && <span class="soft"> ({words.heldOut})</span>}
           </p>
         </section>
       )}
@@ -97,6 +97,7 @@ const WIDTH = { constant: 2e-5, per_distance: 0 };
 export const EQUIPMENT: Terms = {
   labels: words.labels,
   seeds: { tracker: { range: WIDTH, transverse: WIDTH } },
+  units: { "tracker.station": [text.units.mm, 1e-3] },
   hidden: [
     ...["inside", "obstacles", "link_radius", "facing", "acceptance"].map((name) => `surroundings.${name}`),
     ...["gravity", "balancers"].map((name) => `load.${name}`),

@@ -131,7 +131,7 @@ export function StiffnessPart({ context, result }: PartProps) {
           )
         }
       />
-      {(result.links || result.selection || result.resampling) && <JobTables collection="runs" id={run.id} from={1} />}
+      {(result.links || result.choice?.models.length || result.resampling) && <JobTables collection="runs" id={run.id} from={1} />}
       <Further warnings={unsaid(result.warnings, result.assessment.reasons)} />
       <Evidence context={context} result={result} />
     </>
@@ -141,7 +141,7 @@ export function StiffnessPart({ context, result }: PartProps) {
 function Summary({ result }: { result: RunResult }) {
   const words = text.run.summary;
   const { assessment, goodness } = result;
-  const verdict = goodness.sigma_source === "residuals" ? undefined : goodness.test?.verdict;
+  const verdict = goodness.sigma_source === "residuals" ? undefined : goodness.test;
   const figure = (value: string | number, unit: string, said: string) => (
     <li>
       <b>

@@ -5,7 +5,7 @@ import { Answer } from "../../src/views/use";
 import { drawn } from "./drawn";
 
 const budget = {
-  components: [],
+  contributions: {},
   standard_uncertainty: 23e-6,
   coverage_factor: 1.96,
   expanded_uncertainty: 45e-6,

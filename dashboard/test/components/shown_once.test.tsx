@@ -54,7 +54,7 @@ describe("runs side by side", () => {
       stiffness: 3.6e6,
       standard_uncertainty: 3e-7,
       stiffness_interval: [8.4e5, null],
-      one_sided: null,
+      stiffness_at_least: null,
       kind: "revolute",
     } as unknown as JointResult;
     const result = { assessment: { verdict: "use" }, joints: [joint], compensation: 0.9, rms_residual: 2e-5 };

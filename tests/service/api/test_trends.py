@@ -27,6 +27,32 @@ def uncertainty_of(instruments, **source):
 START = datetime(2026, 1, 1, tzinfo=UTC)
 
 
+def budget(contributions):
+    """Budget of joint_1 by source."""
+    combined = float(np.linalg.norm([*contributions.values()]))
+    return {
+        "joints": ["joint_1"],
+        "components": [
+            {
+                "source": source,
+                "evaluation": "B",
+                "included": True,
+                "degrees_of_freedom": None,
+                "contributions": [size],
+                "correlation": [[1.0]],
+            }
+            for source, size in contributions.items()
+        ],
+        "standard_uncertainty": [combined],
+        "correlation": [[1.0]],
+        "probability": 0.95,
+        "coverage_factor": 2.0,
+        "expanded_uncertainty": [2.0 * combined],
+        "expanded_with_model_error": [2.0 * combined],
+        "missing": [],
+    }
+
+
 def campaigns(instruments, source="force_scale"):
     """Campaigns whose uncertainty of 3 % is 2.9 % that of one source."""
     values = 1e-6 * (1.0 + 0.005 * np.random.default_rng(4).standard_normal(len(instruments)))
@@ -41,9 +67,13 @@ def campaigns(instruments, source="force_scale"):
             compliance_interval=(0.94 * c, 1.06 * c),
             stiffness=1.0 / c,
             stiffness_interval=(0.94 / c, 1.06 / c),
-            budget={"readings": 0.0, source: 0.029 * c},
         )
-        result = {"joints": [joint], "assessment": {"verdict": "use", "reasons": []}, "links": None}
+        result = {
+            "joints": [joint],
+            "assessment": {"verdict": "use", "reasons": []},
+            "links": None,
+            "budget": budget({"readings": 0.0, source: 0.029 * c}),
+        }
         run = ReadRun.model_validate({"request": {"measurement_set_id": "s"}, "result": result})
         at = START + timedelta(days=number)
         entry = MeasurementSetEntry(

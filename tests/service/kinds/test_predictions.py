@@ -67,12 +67,12 @@ def test_the_budget_of_a_displacement_adds_up_and_carries_the_force(client):
     campaign["measurement_set"]["noise"]["force"] = {"scale": 0.05}
     run_id = posted(client, campaign)["id"]
     (case,) = post(client, "/v1/deflections", request(run_id), status=200)["cases"]
-    parts = {part["source"]: part for part in case["budget"]["components"]}
-    assert parts["force_scale"]["contribution"] == pytest.approx(0.05 * np.linalg.norm(truth()), rel=0.02)
-    assert parts["model_error"]["contribution"] * case["budget"]["coverage_factor"] == pytest.approx(
+    parts = case["budget"]["contributions"]
+    assert parts["force_scale"] == pytest.approx(0.05 * np.linalg.norm(truth()), rel=0.02)
+    assert parts["model_error"] * case["budget"]["coverage_factor"] == pytest.approx(
         case["with_model_error"]["radius"]
     )
-    included = [part["contribution"] for part in parts.values() if part["included"]]
+    included = [size for source, size in parts.items() if source != "model_error"]
     assert case["budget"]["standard_uncertainty"] == pytest.approx(np.linalg.norm(included))
     assert case["budget"]["expanded_uncertainty"] == pytest.approx(1.959964 * np.linalg.norm(included))
 
@@ -124,7 +124,7 @@ def test_the_list_is_filled_in_and_dropped_back(parts, robot):
     file = SourceFile("readings.csv", text.getvalue().encode())
     answer = import_files([file], ImportRequest(encoders="motor"))
     assert answer.missing == []
-    held_out = [each.label for each in plan.result.readings if each.validation]
+    held_out = [each.label for each in plan.result.readings if each.held_out]
     assert answer.leave_out == held_out != []
     assert f"held out from the fit, to judge it: {', '.join(held_out)}" in answer.preview.assumptions
     campaign = {"robot": robot_document(default_arm()), "measurement_set": answer.measurement_set}
@@ -183,8 +183,8 @@ def test_each_block_of_four_is_a_good_plan_by_itself(parts, robot):
 
     for block in range(1, 5):
         own = [each for each in whole.readings if each.block == block]
-        assert [each.validation for each in own].count(False) == 4
-        postures = [each.joints for each in own if not each.validation]
+        assert [each.held_out for each in own].count(False) == 4
+        postures = [each.joints for each in own if not each.held_out]
         alone = plan_of(parts, **options | {"readings": 4, "validation": 0.0, "postures": postures}).result
         assert mean(alone) <= 1.5 * 2.0 * mean(whole)
 

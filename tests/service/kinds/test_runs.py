@@ -68,7 +68,8 @@ def test_a_given_penalty_is_quick_and_reports_all(given, document):
     assert given.state == "succeeded", given.error
     assert given.progress is None
     result, links = given.result, given.result.links
-    assert (links.model, links.penalty, links.penalty_source) == ("joints_and_links", 1e-3, "given")
+    assert (result.choice.elasticity, result.choice.source) == ("joints_and_links", "given")
+    assert (links.penalty, links.penalty_source) == (1e-3, "given")
     assert [link.joint for link in links.links] == [f"joint_{j + 1}" for j in range(6)]
     for link in links.links:
         matrix = np.array(link.matrix)
@@ -193,17 +194,17 @@ def test_a_program_is_cut_by_its_points_or_by_its_visits(targets, visits):
     assert ProgramWork.steps(work) == ([(0, 9)] if max(targets, visits) > 10_000 else ())
 
 
-def test_the_selection_compares_all_models(given):
-    selection = given.result.selection
-    names = [scored.model for scored in selection.models]
+def test_the_choice_compares_all_models(given):
+    choice = given.result.choice
+    names = [scored.model for scored in choice.models]
     assert names == ["joints", "coupled_joints", "diagonal_links", "joints_and_links"]
-    assert selection.best in names
-    assert (selection.chosen, selection.chosen_loss) == ("joints_and_links", "squared")
+    assert choice.best in names
+    assert (choice.elasticity, choice.loss) == ("joints_and_links", "squared")
     assert given.result.links.loss_source == "given"
-    for scored in selection.models:
+    for scored in choice.models:
         assert scored.compensation == pytest.approx(np.mean(scored.by_fold))
         assert scored.standard_error == pytest.approx(np.std(scored.by_fold, ddof=1) / np.sqrt(3))
-    by_name = {scored.model: scored.compensation for scored in selection.models}
+    by_name = {scored.model: scored.compensation for scored in choice.models}
     assert by_name["joints_and_links"] > by_name["joints"] + 0.1
 
 
@@ -284,7 +285,7 @@ def test_automatic_takes_the_simplest_model_that_is_good_enough(memory, set_id):
     options["cross_validation"] = {"folds": 2, "draws": 2}
     joints = carried_out(memory, rigid_id, **options).result
     assert joints.links is None
-    assert joints.selection is None
+    assert joints.choice.models == []
     assert (joints.choice.elasticity, joints.choice.loss, joints.choice.source) == (
         "joints",
         "squared",
@@ -299,17 +300,17 @@ def test_automatic_takes_the_simplest_model_that_is_good_enough(memory, set_id):
     jobs.conclude(record.id, [pack(work.compute(span)) for span in work.steps()])
     listed = jobs.current(record.id)
     bends = listed.result
-    assert listed.elasticity == bends.links.model != "automatic"  # it is listed by what bends
-    assert (bends.choice.elasticity, bends.choice.source) == (bends.links.model, "cross_validation")
+    assert listed.elasticity == bends.choice.elasticity != "automatic"  # it is listed by what bends
+    assert bends.choice.source == "cross_validation"
     assert bends.choice.links_p_value < 1e-5
-    assert bends.selection.gain.error < bends.selection.gain.error_of_joints
+    residuals = {scored.model: scored.mean_residual for scored in bends.choice.models}
+    assert residuals[bends.choice.elasticity] < residuals["joints"]
     plain = carried_out(memory, set_id, elasticity="joints", link_penalty=None).result
     assert bends.choice.plain.joints == plain.joints
     assert bends.choice.plain.rms_residual == plain.rms_residual
     said = {reason.code: reason.message for reason in bends.assessment.reasons}["links_bend_with_joints"]
     assert "held-out postures are predicted to" in said
-    assert bends.links.model == bends.selection.simplest != "joints"
-    assert bends.links.model_source == "cross_validation"
+    assert bends.choice.elasticity == bends.choice.simplest != "joints"
 
 
 @pytest.mark.slow
@@ -385,7 +386,7 @@ def test_each_source_is_named_and_all_add_up():
         assert budget.expanded_uncertainty[j] == pytest.approx(
             1.959964 * joint.standard_uncertainty, rel=1e-6
         )
-        own = joint.budget.model_dump().values()
+        own = budget.included_in(joint.name).values()
         assert sum(value**2 for value in own) == pytest.approx(joint.standard_uncertainty**2, rel=1e-9)
 
 
@@ -411,13 +412,13 @@ def test_intervals_hold_the_truth_where_the_load_point_is_10_mm_off():
         document = simulate_campaign(arm, configurations=19, load="pull", seed=seed)
         moved = document["measurement_set"]["load_point"] + 0.01 * generator.standard_normal(3)
         document["measurement_set"]["load_point"] = moved.tolist()
-        for joint, truth in zip(
-            jointstiff.identify(document, elasticity="joints").result.joints, arm.compliances, strict=True
-        ):
+        result = jointstiff.identify(document, elasticity="joints").result
+        for joint, truth in zip(result.joints, arm.compliances, strict=True):
             low, high = joint.compliance_interval
             count += 1
             inside += low <= truth <= high
-            by_readings += abs(joint.compliance - truth) <= 1.96 * joint.budget.readings
+            alone = result.budget.included_in(joint.name)["readings"]
+            by_readings += abs(joint.compliance - truth) <= 1.96 * alone
     assert inside >= 0.93 * count
     assert by_readings < 0.8 * count
 

@@ -76,8 +76,8 @@ def test_a_campaign_is_measured_until_its_goal_is_met_and_becomes_an_ordinary_se
     assert "assumed" not in state["message"]  # all errors are stated
     assert len(state["readings"]) <= 13
     assert state["share"] <= 1.0
-    assert [each["held_out"] is not None for each in state["readings"]][-1]
-    assert state["readings"][-1]["held_out"]["inside"]
+    assert [each["ball_ratio"] is not None for each in state["readings"]][-1]
+    assert state["readings"][-1]["ball_ratio"] <= 1.0
     for joint, stiffness in zip(state["joints"], ARM.stiffnesses, strict=True):
         if joint["name"] == "joint_1":  # a weight does not twist it
             assert joint["interval"] is None

@@ -51,8 +51,9 @@ def test_encoders_make_uncertainties_smaller(client, robot_id):
     for document in (campaign(), simulate_campaign(ARM, load="pull", seed=3)):
         body = document["measurement_set"] | {"robot_id": robot_id}
         set_id = client.post("/v1/measurement-sets", json=body).json()["id"]
-        joints = client.post("/v1/runs", json={"measurement_set_id": set_id}).json()["result"]["joints"]
-        uncertainties.append([joint["budget"]["readings"] for joint in joints])  # the load point's stays
+        result = client.post("/v1/runs", json={"measurement_set_id": set_id}).json()["result"]
+        readings, *_ = result["budget"]["components"]  # the load point's stays
+        uncertainties.append(readings["contributions"])
     assert (np.array(uncertainties[0]) < 0.7 * np.array(uncertainties[1])).all()
 
 

@@ -216,8 +216,8 @@ def test_a_summary_of_numbers_that_are_known():
     assert [joint.share_undetermined for joint in found.joints] == [0.25, 0, 1]
     assert c.compliance_mean is c.compliance_interval is c.stiffness_mean is None
     assert found.share_any_negative == 0.25
-    assert found.compensation.mean == pytest.approx(0.7)
-    assert found.compensation.deviation == pytest.approx(0.2)
+    assert found.compensation_mean == pytest.approx(0.7)
+    assert found.compensation_deviation == pytest.approx(0.2)
     assert found.compensation.interval == pytest.approx((0.6, 0.8))
     hidden = summarise(draws, ["a", "b", "c"], hidden=np.array([False, True, False]), confidence=0.5)
     assert hidden.joints[0] == a
@@ -233,7 +233,7 @@ def test_fanuc_ten_of_thirty():
     free, positive = (summarise(each, robot.joint_names) for each in draws)
     assert 0.10 <= free.share_any_negative <= 0.14
     assert positive.share_any_negative == 0.0
-    assert positive.compensation.mean >= free.compensation.mean
+    assert positive.compensation_mean >= free.compensation_mean
 
 
 def digest():
@@ -302,7 +302,7 @@ def test_a_combination_that_the_prior_tells_apart():
     assert [joint.status for joint in found.joints[:2]] == ["identified"] * 2
     np.testing.assert_allclose(found.compliance[:2], [whole.compliance[0] - 1e-7, 1e-7], rtol=1e-6)
     assert found.joints[1].prior_to_data == np.inf
-    message = message_of(JointResult, found.joints[1], verdict="use", budget=None)
+    message = message_of(JointResult, found.joints[1], verdict="use")
     assert message.prior_to_data is None
     assert "only its prior separates them" in message.reason
     assert found.identifiability[0].rank == 6  # of the readings, whatever the prior adds
@@ -383,7 +383,7 @@ def test_a_stated_sigma_is_tested_on_both_sides():
     tails = {0.3: "consistent", 0.004: "residuals_too_large", 0.996: "residuals_too_small"}
     for tail, verdict in tails.items():
         found = sigma_test(float(stats.chi2.isf(tail, 100)), 100.0)
-        assert (found.verdict, found.p_value) == (verdict, pytest.approx(2.0 * min(tail, 1.0 - tail)))
+        assert (found.result, found.p_value) == (verdict, pytest.approx(2.0 * min(tail, 1.0 - tail)))
     assert sigma_test(0.0, 0.0) is None
 
 

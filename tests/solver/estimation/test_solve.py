@@ -522,7 +522,7 @@ def test_confidence_and_students_t():
     assert free.degrees_of_freedom == pytest.approx(165)
     half = (joint.compliance_interval[1] - joint.compliance_interval[0]) / 2 / joint.standard_uncertainty
     assert half == pytest.approx(2.6060, abs=1e-4)
-    above = (joint.one_sided.compliance_at_most - joint.compliance) / joint.standard_uncertainty
+    above = (joint.one_sided[1] - joint.compliance) / joint.standard_uncertainty
     assert above == pytest.approx(2.3492, abs=1e-4)
 
 
