@@ -250,10 +250,6 @@ class ImportRequest(ImportOptions):
     )
 
 
-class ImportTemplate(ImportRequest):
-    """Options of an import that succeeded, to be sent with other files of the same form."""
-
-
 class UnloadedPoses(Message):
     """Unloaded poses to calibrate a nominal model: a request of a geometry, to which the robot is added."""
 
@@ -280,7 +276,7 @@ class ImportAnswer(Message):
         default=None,
         description="Integrity findings of the measurement set with the robot `robot_id`; null without it.",
     )
-    template: ImportTemplate | None = Field(
+    template: ImportRequest | None = Field(
         default=None,
         description="Options by which files of the same form are read again, and others are refused; null if "
         "something is missing.",

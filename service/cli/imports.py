@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 import typer
 
 from jointstiff.schemas.fields import Terminal
-from jointstiff.schemas.imports import FilePreview, ImportAnswer, ImportRequest, ImportTemplate
+from jointstiff.schemas.imports import FilePreview, ImportAnswer, ImportRequest
 from jointstiff.schemas.measurement import SetMetadata
 from jointstiff.service.cli import options as cli
 from jointstiff.service.cli.kinds import (
@@ -318,7 +318,7 @@ def _notes(texts: Sequence[str]) -> dict[str, Any]:
 def _read_template(path: Path) -> Options:
     from jointstiff.service.library.files import read_document
 
-    known: Options = read_document(path, ImportTemplate).model_dump(mode="json", exclude_defaults=True)
+    known: Options = read_document(path, ImportRequest).model_dump(mode="json", exclude_defaults=True)
     if "length_unit" not in known and (known.get("units") or {}).get("length") == "m":
         known["length_unit"] = "m"  # lengths of a template without it are in the files' unit
     return known

@@ -18,7 +18,6 @@ from jointstiff.schemas.imports import (
     ImportAnswer,
     ImportFault,
     ImportRequest,
-    ImportTemplate,
     MissingField,
     UnloadedPoses,
 )
@@ -344,7 +343,7 @@ def _poses(understood: Understood, request: ImportRequest, first: str) -> Unload
     )
 
 
-def _template(understood: Understood, request: ImportRequest) -> ImportTemplate | None:
+def _template(understood: Understood, request: ImportRequest) -> ImportRequest | None:
     """Return the options by which files of the same form are read again, and others are refused.
 
     Files with more columns, or longer headers of several rows, than options can hold have no template.
@@ -374,6 +373,6 @@ def _template(understood: Understood, request: ImportRequest) -> ImportTemplate 
         "accept_unusual": False,  # what was confirmed are these values, not the next file's
     }
     try:
-        return ImportTemplate.model_validate(request.model_dump() | changes)
+        return ImportRequest.model_validate(request.model_dump() | changes)
     except ValidationError:
         return None
