@@ -80,7 +80,10 @@ class Instrument(Message):
     the sheet states, or by 2 otherwise.
     """
 
-    station: Vector3 = Field(description="Position of the tracker in R0, in units.length.")
+    station: Vector3 = Field(
+        description="Position of the tracker in the frame of the positions, in units.length: [0, 0, 0] in "
+        "its own frame."
+    )
     range: Uncertainty = Field(description="Uncertainty along the line of sight.")
     transverse: Uncertainty = Field(
         description="Uncertainty across the line of sight, in each of two directions."

@@ -350,14 +350,14 @@ def _write_campaign(
     """
     from jointstiff.service.problems import http_problem
 
-    readings = answer.measurement_set or answer.poses
+    readings = answer.measurement_set or answer.geometry
     if readings is None:
         missing = "; ".join(answer.missing)
         raise cli.refused(
             http_problem(422, f"nothing was written, because this is missing: {missing}", "add it")
         )
     cli.refuse_existing(path, overwrite=overwrite)
-    document = readings.model_dump(mode="json", exclude_none=True)
+    document = readings.model_dump(mode="json", exclude_none=True, exclude_unset=readings is answer.geometry)
     robot_part = {} if robot is None else {"robot": robot.model_dump(mode="json", exclude_unset=True)}
     if answer.measurement_set is None:
         document |= robot_part
@@ -367,7 +367,7 @@ def _write_campaign(
         document = {**robot_part, "measurement_set": document}
         if answer.leave_out:
             document["run"] = {"leave_out": answer.leave_out}
-        if answer.poses is not None:
+        if answer.geometry is not None:
             document["run"] = {**document.get("run", {}), "weight": {}}
         what, command = "a campaign", f"jointstiff identify {path}"
     else:
@@ -522,15 +522,17 @@ def import_report(answer: ImportAnswer) -> list[Part]:
         f"{preview.reading_count} complete readings; targets: {targets}; states: {states}"
     )
     parts += [Line(counted), *_lines(preview.assumptions, "assumed: ")]
-    if answer.poses is not None and answer.measurement_set is None:
-        parts.append(Line(f"  complete: {len(answer.poses.poses)} unloaded poses for a geometry", "good"))
+    if answer.geometry is not None and answer.measurement_set is None:
+        parts.append(
+            Line(f"  complete: {len(answer.geometry.poses or ())} unloaded poses for a geometry", "good")
+        )
     if answer.bodies:
         total = sum(body.mass for body in answer.bodies)
         parts.append(Line(f"  masses: {len(answer.bodies)} bodies, {total:g} kg together"))
     if answer.missing:
         parts += _lines(answer.missing, "missing: ", "care")
     elif not has_errors(answer):
-        own = "" if answer.poses is None else " for the robot's own weight"
+        own = "" if answer.geometry is None else " for the robot's own weight"
         parts.append(Line(f"  complete: a measurement set{own}", "good"))
     return [*parts, *_findings(answer)]
 

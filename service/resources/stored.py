@@ -398,7 +398,7 @@ def resolve_frame(store: Store, request: MeasurementSetRequest) -> tuple[Resolve
     if frame.geometry_id is None:
         return to_resolved(stated_transform(frame, length)), []
     geometry, result = succeeded_geometry(store, frame.geometry_id, "frame.geometry_id")
-    transform = _rigid_motion(result.base_frame.transform_tracker_to_base)
+    transform = _rigid_motion(result.transform_tracker_to_base)
     warnings: list[Finding] = []
     if frame.base_targets is not None:
         drift, warnings = _drift(geometry.request, result, request, frame.base_targets)
