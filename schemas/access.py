@@ -38,7 +38,7 @@ class KeyRequest(Message):
 
 
 class Key(Message):
-    """A key, without the secret that opens the service."""
+    """A key of the service."""
 
     id: KeyId
     name: str = Field(description="Holder of the key: a person, a machine or a program.")
@@ -52,18 +52,11 @@ class Key(Message):
     last_used_at: Timestamp | None = Field(
         description="Last use, to the minute; null if unused or in a file."
     )
-
-
-class KeyList(Message):
-    """All keys of the service."""
-
-    items: list[Key] = Field(description="Keys in order of creation.")
-
-
-class NewKey(Key):
-    """A new key with its secret, which is not shown again."""
-
-    key: str = Field(description="Text to send as `Authorization: Bearer …`. It is not shown again.")
+    key: str | None = Field(
+        default=None,
+        description="Secret to send as `Authorization: Bearer …`: in the answer that created the key, null "
+        "ever after.",
+    )
 
 
 class SessionRequest(Message):

@@ -18,7 +18,6 @@ from jointstiff.schemas.fields import (
     Radians,
     Square3,
     SquareMetres,
-    SquareRadians,
     StatedUnit,
     Terminal,
     Vector3,
@@ -41,33 +40,21 @@ class Rigid(Message):
     translation: Metres[Point]
 
 
-class AxisPlace(Message):
-    """An axis in one frame, at model angle zero of all joints."""
+class IdentifiedAxis(Message):
+    """One axis of the model in R0, at model angle zero of all joints."""
 
+    name: Name = Field(description="Name of the model's joint.")
     point: Metres[Point] = Field(description="Point on the axis.")
     direction: Dimensionless[Point] = Field(
         description="Unit vector along the axis; positive rotation by the right-hand rule."
     )
-    point_covariance: SquareMetres[Square3 | None] = Field(
-        description="Covariance of the axis's position at `point`, singular along the axis; null if not "
-        "determined."
-    )
-    direction_covariance: SquareRadians[Square3 | None] = Field(
-        description="Covariance of the unit vector; null if not determined."
-    )
-
-
-class IdentifiedAxis(Message):
-    """One axis of the model."""
-
-    name: Name = Field(description="Name of the model's joint.")
-    tracker: AxisPlace = Field(description="Axis in the tracker's frame.")
-    base: AxisPlace = Field(description="Axis in R0, including the uncertainty of R0.")
     position_uncertainty: Metres[float | None] = Field(
-        description="Largest standard uncertainty across the axis at `point`, tracker's frame."
+        description="Largest standard uncertainty across the axis at `point`, without that of R0; null if "
+        "not determined."
     )
     direction_uncertainty: Radians[float | None] = Field(
-        description="Largest standard uncertainty of the direction, tracker's frame."
+        description="Largest standard uncertainty of the direction, without that of R0; null if not "
+        "determined."
     )
 
 
@@ -144,31 +131,17 @@ class GeometryGoodness(Message):
     )
 
 
-class BaseFrameResult(Message):
-    """R0 as the tracker sees it."""
-
-    by: Literal["nominal", "axes"]
-    transform_tracker_to_base: Rigid
-    covariance: MixedSquares[Square6 | None] = Field(
-        description="Covariance of a small motion (δ, φ) in R0, ``y = (1 + [φ]×)(R x + t) + δ``: "
-        "translation, then rotation; null if not determined."
-    )
-
-
 class WristCentre(Message):
-    """The wrist centre by one estimate."""
+    """The wrist centre by one estimate, or combined from all."""
 
+    way: Literal["sphere", "axes", "trilateration", "combined"]
+    weight: Dimensionless[float] = Field(
+        description="Weight in the combined centre, mean of three axes; 1 for `combined`."
+    )
     tracker: Metres[Point]
     tracker_covariance: SquareMetres[Square3]
     base: Metres[Point] = Field(description="Point in R0.")
     base_covariance: SquareMetres[Square3] = Field(description="Covariance, including the uncertainty of R0.")
-
-
-class WristEstimate(WristCentre):
-    """One estimate of the wrist centre."""
-
-    way: Literal["sphere", "axes", "trilateration"]
-    weight: float = Field(description="Weight in the combined centre, mean of three axes. Dimensionless.")
 
 
 class WristDistance(Message):
@@ -183,7 +156,7 @@ class WristDistance(Message):
 class WristResult(Message):
     """Wrist centre, and the test of the last three axes for intersection."""
 
-    estimates: list[WristEstimate]
+    estimates: list[WristCentre]
     combined: WristCentre = Field(description="Weighted mean of the estimates, weights by their information.")
     distances: list[WristDistance]
     posture: Radians[list[float]] = Field(
@@ -225,14 +198,6 @@ class LinkComparison(Message):
     )
 
 
-class NearlyParallel(Message):
-    """Neighbouring axes that are nearly parallel."""
-
-    joint: Name = Field(description="Joint of the first axis.")
-    angle: Radians[float]
-    made_parallel: StrictBool = Field(description="True if the table treats the axes as parallel.")
-
-
 class IdentifiedDh(Message):
     """The identified model as a table: ``flange to R0 = base · T1 … Tn · tool``."""
 
@@ -240,7 +205,6 @@ class IdentifiedDh(Message):
     rows: list[DhRow]
     base: Rigid = Field(description="Transform from frame 0 to R0.")
     tool: Rigid = Field(description="Transform from the flange frame to frame n.")
-    parallel: list[NearlyParallel]
     deviation: Metres[float] = Field(
         description="Largest distance between the table's flange and the identified model's, over 200 random "
         "postures: the effect of treating axes as parallel."
@@ -276,7 +240,12 @@ class GeometryResult(Result):
     )
     poses: PoseEvidence | None = Field(description="Calibration from poses; null for sweeps.")
     goodness: GeometryGoodness
-    base_frame: BaseFrameResult
+    base: Literal["nominal", "axes"] = Field(description="Definition of R0.")
+    transform_tracker_to_base: Rigid
+    transform_covariance: MixedSquares[Square6 | None] = Field(
+        description="Covariance of a small motion (δ, φ) in R0, ``y = (1 + [φ]×)(R x + t) + δ``: "
+        "translation, then rotation; null if not determined."
+    )
     wrist: WristResult | None = Field(description="Wrist centre; null if there is none, see `no_wrist`.")
     no_wrist: str | None = Field(description="Reason why there is no wrist centre.")
     targets: list[FlangeTarget]
@@ -315,23 +284,13 @@ class GeometryUnits(Message):
     angle: AngleUnit = Field(description="Unit of joint angles.")
 
 
-class TrackerSheet(Instrument):
-    """Uncertainty from the tracker's data sheet: along its line of sight and across it."""
-
-    station: Vector3 = Field(
-        default=(0.0, 0.0, 0.0),
-        description="Position of the tracker in the frame of the positions, in units.length: usually its "
-        "origin.",
-    )
-
-
 class GeometryNoise(Message):
     """Noise of one reading. Without it sigma is estimated from the residuals."""
 
     sigma: Sigma | None = Field(
         default=None, description="Standard uncertainty of one coordinate of one reading, in units.length."
     )
-    instrument: TrackerSheet | None = Field(
+    instrument: Instrument | None = Field(
         default=None, description="Uncertainty of the instrument, instead of `sigma`."
     )
 
@@ -361,41 +320,6 @@ class JointSweep(Message):
     observations: Annotated[
         list[TrackedPosition], Field(min_length=1, max_length=MAX_SWEEP_POSITIONS), FailFast()
     ] = Field(description="Positions; at least four, 10 to 20 over 90° or more are good practice.")
-
-
-class BaseRule(Message):
-    """Definition of R0 relative to axes 1 and 2, which determine it up to a convention."""
-
-    by: Literal["nominal", "axes"] = Field(
-        description="`nominal`: as in the nominal model. `axes`: z along axis 1, x from axis 1 towards axis "
-        "2 along their common perpendicular at model angle zero."
-    )
-    height: Quantity = Field(
-        default=0.0,
-        description="Height of the common perpendicular of axes 1 and 2 above R0, in units.length, if R0 is "
-        "defined by `axes`.",
-    )
-
-
-class FlangeRule(Message):
-    """Definition of the flange frame on the last link, which no axis determines."""
-
-    by: Literal["nominal", "axes", "targets"] = Field(
-        description="`nominal`: as in the nominal model. `axes`: z along the last axis, origin at its point "
-        "nearest to the previous axis: the centre of a spherical wrist. `targets`: origin at the first of "
-        "three targets, x towards the second, y towards the third."
-    )
-    targets: tuple[Name, Name, Name] | None = Field(
-        default=None, description="The three targets, for `by` = `targets`."
-    )
-
-    @model_validator(mode="after")
-    def _three_targets(self) -> FlangeRule:
-        if (self.by == "targets") != (self.targets is not None):
-            raise ValueError("give `targets` (three different ones) if, and only if, `by` is `targets`")
-        if self.targets is not None and len(set(self.targets)) != len(self.targets):
-            raise ValueError("give three different targets")
-        return self
 
 
 class BaseTargetReadings(Message):
@@ -437,7 +361,8 @@ class GeometryRequest(Message):
     )
     poses: _Poses | None = Field(
         default=None,
-        description="Unloaded poses to calibrate a nominal model, instead of `sweeps`.",
+        description="Unloaded poses to calibrate a nominal model, instead of `sweeps`; needs `robot_id` or "
+        "`robot`.",
     )
     fit: Literal["one_by_one", "together"] = Field(
         default="together",
@@ -449,13 +374,28 @@ class GeometryRequest(Message):
         description="Angles of the joint that turns: from the readings, or from the controller. The result "
         "tests if the controller's are accurate enough.",
     )
-    base: BaseRule | None = Field(
+    base: Literal["nominal", "axes"] | None = Field(
         default=None,
-        description="Definition of the frame; default: the nominal model, or the axes without one.",
+        description="Definition of R0. `nominal`: as in the nominal model. `axes`: z along axis 1, x from "
+        "axis 1 towards axis 2 along their common perpendicular at model angle zero. Default: `nominal`, or "
+        "`axes` without a model.",
     )
-    flange: FlangeRule | None = Field(
+    base_height: Quantity = Field(
+        default=0.0,
+        description="Height of the common perpendicular of axes 1 and 2 above R0, in units.length, if "
+        "`base` is `axes`.",
+    )
+    flange: Literal["nominal", "axes", "targets"] | None = Field(
         default=None,
-        description="Definition of the flange; default: the nominal model, or the axes without one.",
+        description="Definition of the flange frame, which no axis determines. `nominal`: as in the nominal "
+        "model. `axes`: z along the last axis, origin at its point nearest to the previous axis: the centre "
+        "of a spherical wrist. `targets`: by `flange_targets`. Default: `nominal`, or `axes` without a "
+        "model.",
+    )
+    flange_targets: tuple[Name, Name, Name] | None = Field(
+        default=None,
+        description="Three targets, if `flange` is `targets`: origin at the first, x towards the second, y "
+        "towards the third.",
     )
     base_targets: BaseTargetReadings | None = None
 
@@ -463,8 +403,6 @@ class GeometryRequest(Message):
     def _one_source(self) -> GeometryRequest:
         if (self.sweeps is None) == (self.poses is None):
             raise ValueError("give either `sweeps` or `poses`")
-        if self.poses is not None and not self.has_robot:
-            raise ValueError("give `robot_id` or `robot` with `poses`, which calibrate a nominal model")
         return self
 
     @model_validator(mode="after")
@@ -489,8 +427,16 @@ class GeometryRequest(Message):
             raise ValueError("give either `robot_id` or `robot`, not both")
         if self.has_robot and self.joint_map is not None:
             raise ValueError("omit `joint_map`: the robot has its own")
-        if not self.has_robot and "nominal" in {rule.by for rule in (self.base, self.flange) if rule}:
+        if not self.has_robot and "nominal" in (self.base, self.flange):
             raise ValueError("give `robot_id` or `robot`, or place the frames by `axes` or `targets`")
+        return self
+
+    @model_validator(mode="after")
+    def _three_targets(self) -> GeometryRequest:
+        if (self.flange == "targets") != (self.flange_targets is not None):
+            raise ValueError("give `flange_targets` if, and only if, `flange` is `targets`")
+        if self.flange_targets is not None and len(set(self.flange_targets)) != len(self.flange_targets):
+            raise ValueError("give three different `flange_targets`")
         return self
 
     @property

@@ -8,7 +8,7 @@ from pydantic import Field, StrictBool
 
 from jointstiff.schemas.fields import Identifier, Message, Name, Vector3
 from jointstiff.schemas.finding import Finding
-from jointstiff.schemas.geometry import MAX_GEOMETRY_READINGS, GeometryNoise, GeometryUnits, TrackedPosition
+from jointstiff.schemas.geometry import GeometryRequest
 from jointstiff.schemas.joints import JointKind
 from jointstiff.schemas.measurement import MAX_TARGETS, AngleUnit, LengthUnit, MeasurementSetDocument, Noise
 from jointstiff.schemas.robot import Body
@@ -250,22 +250,6 @@ class ImportRequest(ImportOptions):
     )
 
 
-class ImportTemplate(ImportRequest):
-    """Options of an import that succeeded, to be sent with other files of the same form."""
-
-
-class UnloadedPoses(Message):
-    """Unloaded poses to calibrate a nominal model: a request of a geometry, to which the robot is added."""
-
-    name: Name
-    units: GeometryUnits
-    noise: GeometryNoise | None = Field(
-        default=None,
-        description="Noise of the readings: as stated, else the root mean square of that in the files.",
-    )
-    poses: Annotated[list[TrackedPosition], Field(min_length=1, max_length=MAX_GEOMETRY_READINGS)]
-
-
 class ImportAnswer(Message):
     """Preview of the files, and the measurement set made from them."""
 
@@ -280,7 +264,7 @@ class ImportAnswer(Message):
         default=None,
         description="Integrity findings of the measurement set with the robot `robot_id`; null without it.",
     )
-    template: ImportTemplate | None = Field(
+    template: ImportRequest | None = Field(
         default=None,
         description="Options by which files of the same form are read again, and others are refused; null if "
         "something is missing.",
@@ -290,10 +274,11 @@ class ImportAnswer(Message):
         default_factory=list,
         description="Bodies of the robot with their masses, from a table of masses; empty without one.",
     )
-    poses: UnloadedPoses | None = Field(
+    geometry: GeometryRequest | None = Field(
         default=None,
         description="Unloaded poses, ready to be posted to /v1/geometries with `robot_id` added, if the "
-        "files have joint angles and unloaded positions only.",
+        "files have joint angles and unloaded positions only. Its noise is the root mean square of that in "
+        "the files, unless it was stated.",
     )
     leave_out: list[Name] = Field(
         description="Labels of the observations that a column `validation` holds out from the fit, for the "

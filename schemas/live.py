@@ -13,17 +13,15 @@ from jointstiff.schemas.fields import (
     Metres,
     Name,
     Stiffness,
-    Timestamp,
 )
 from jointstiff.schemas.finding import Assessment, Finding
 from jointstiff.schemas.joints import StatedKind
 from jointstiff.schemas.measurement import (
     MAX_OBSERVATIONS,
-    MeasurementSetHeader,
+    MeasurementSetDocument,
     MeasurementSetRequest,
-    Notes,
     Observation,
-    SetChange,
+    StoredMeasurementSet,
 )
 from jointstiff.schemas.plan import MAX_CANDIDATES, Goal, PlannedReading, PlanOptions
 
@@ -41,29 +39,6 @@ class LiveOptions(PlanOptions):
     plan_id: Identifier | None = Field(
         default=None, description="Plan whose robot, loads, targets and surroundings are taken."
     )
-
-
-class LiveSetChange(SetChange):
-    """Changes of a measurement set beside its readings; and of an open one, what becomes of a reading."""
-
-    withdrawn: Annotated[dict[Name, Notes], Field(max_length=MAX_OBSERVATIONS)] = Field(
-        default_factory=dict,
-        description="Labels of readings that do not count any more, each with the reason. They stay in the "
-        "record.",
-        examples=[{"m04": "target P11 was blocked"}],
-    )
-    kept: Annotated[list[Name], Field(max_length=MAX_OBSERVATIONS)] = Field(
-        default_factory=list, description="Labels of doubtful readings that count, as they are right."
-    )
-    skipped: Name | None = Field(
-        default=None,
-        description="Label of the next reading, if its posture cannot be taken; another one is chosen.",
-    )
-
-    @property
-    def is_live(self) -> bool:
-        """True if it changes the record of an open set."""
-        return bool(self.withdrawn or self.kept or self.skipped)
 
 
 class Innovation(Message):
@@ -164,12 +139,11 @@ class MeasurementSetPost(MeasurementSetRequest):
     )
 
 
-class OpenSet(MeasurementSetHeader):
-    """A measurement set that is measured live."""
+class MeasurementSet(StoredMeasurementSet, MeasurementSetDocument):
+    """A stored measurement set with its findings; one that is measured live has `open` and `live`."""
 
-    id: Identifier
-    robot_id: Identifier = Field(description="Id of the robot that is measured.")
-    created_at: Timestamp
-    open: LiveOptions
-    observations: list[Observation] = Field(description="Observations that count so far.")
-    live: LiveState
+    observations: list[Observation] = Field(
+        description="Observations; of an open set those that count so far."
+    )
+    open: LiveOptions | None = Field(default=None, description="Goal of an open set; null once it is closed.")
+    live: LiveState | None = Field(default=None, description="State of an open set; null once it is closed.")

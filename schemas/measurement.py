@@ -80,7 +80,10 @@ class Instrument(Message):
     the sheet states, or by 2 otherwise.
     """
 
-    station: Vector3 = Field(description="Position of the tracker in R0, in units.length.")
+    station: Vector3 = Field(
+        description="Position of the tracker in the frame of the positions, in units.length: [0, 0, 0] in "
+        "its own frame."
+    )
     range: Uncertainty = Field(description="Uncertainty along the line of sight.")
     transverse: Uncertainty = Field(
         description="Uncertainty across the line of sight, in each of two directions."
@@ -318,13 +321,37 @@ class SetMetadata(Message):
     )
 
 
-class SetChange(ResourceChange, SetMetadata):
-    """Changes of a measurement set beside its readings. Omitted fields remain unchanged."""
-
-
 MAX_OBSERVATIONS = 10_000
 MAX_TARGETS = 16
 LEAST_DIRECTION = 1e-6
+
+
+class SetChange(ResourceChange, SetMetadata):
+    """Changes of a measurement set beside its readings; and of an open one, what becomes of a reading.
+
+    Omitted fields remain unchanged.
+    """
+
+    withdrawn: Annotated[dict[Name, Notes], Field(max_length=MAX_OBSERVATIONS)] = Field(
+        default_factory=dict,
+        description="Labels of readings that do not count any more, each with the reason. They stay in the "
+        "record.",
+        examples=[{"m04": "target P11 was blocked"}],
+    )
+    kept: Annotated[list[Name], Field(max_length=MAX_OBSERVATIONS)] = Field(
+        default_factory=list, description="Labels of doubtful readings that count, as they are right."
+    )
+    skipped: Name | None = Field(
+        default=None,
+        description="Label of the next reading, if its posture cannot be taken; another one is chosen.",
+    )
+
+    @property
+    def is_live(self) -> bool:
+        """True if it changes the record of an open set."""
+        return bool(self.withdrawn or self.kept or self.skipped)
+
+
 LengthUnit = Literal["m", "mm"]
 AngleUnit = Literal["rad", "deg"]
 ForceUnit = Literal["N", "kN", "kgf", "kg"]
@@ -522,8 +549,9 @@ class StoredSet(SetMetadata):
 
     id: Identifier
     robot_id: Identifier = Field(description="Id of the robot that was measured.")
-    content_hash: str = Field(
-        description="SHA-256 of the readings with their units, noise and frame; not of name and metadata."
+    content_hash: str | None = Field(
+        description="SHA-256 of the readings with their units, noise and frame; not of name and metadata. "
+        "Null while the set is open."
     )
     created_at: Timestamp
 
@@ -543,7 +571,3 @@ class StoredMeasurementSet(MeasurementSetHeader, StoredSet):
 
     resolved_frame: ResolvedFrame | None = Field(default=None, description="Resolved `frame`.")
     warnings: list[Finding]
-
-
-class MeasurementSet(StoredMeasurementSet, MeasurementSetDocument):
-    """A stored measurement set with its findings."""

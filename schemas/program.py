@@ -199,12 +199,6 @@ class ProgramOptions(AcceptingOptions, PredictionOptions):
         return self
 
 
-class ProgramForm(ProgramOptions):
-    """Options of a compensated program as they are posted, beside the files."""
-
-    run_id: Identifier = Field(description="Id of the run whose model is used.")
-
-
 class ProgramFile(Message):
     """A file that was sent or created."""
 
@@ -216,18 +210,20 @@ class ProgramFile(Message):
     sha256: str | None = Field(default=None, description="SHA-256 of its bytes, hexadecimal.")
 
 
-class ProgramRequest(ProgramForm):
-    """A compensated program as it is stored: options and files."""
+class ProgramRequest(ProgramOptions):
+    """A compensated program: options and files."""
 
-    files: Annotated[list[ProgramFile], Field(min_length=1, max_length=MAX_FILES)] = Field(
+    run_id: Identifier = Field(description="Id of the run whose model is used.")
+    files: Annotated[list[ProgramFile], Field(max_length=MAX_FILES)] = Field(
+        default_factory=list,
         description="Files of the program: one file, or a .src with its .dat and $config.dat; and the table "
-        "of loads."
+        "of loads. Post them as the form's `files`, not in its `options`.",
     )
 
     @property
-    def name(self) -> str:
+    def name(self) -> str | None:
         """Name of the first file, for listings."""
-        return self.files[0].name
+        return next((file.name for file in self.files), None)
 
 
 class Spread(Message):

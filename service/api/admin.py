@@ -93,8 +93,8 @@ def _is_https(request: Request) -> bool:
     return request.url.scheme == "https" or request.headers.get("origin", "").startswith("https://")
 
 
-@router.post("/keys", status_code=201, response_model=access.NewKey)
-async def create_key(gate: GateOf, parts: PartsOf, body: access.KeyRequest) -> access.NewKey:
+@router.post("/keys", status_code=201, response_model=access.Key)
+async def create_key(gate: GateOf, parts: PartsOf, body: access.KeyRequest) -> access.Key:
     """Make a key. Its text is in this answer and nowhere else; a post that is repeated makes another key."""
     now = datetime.now(UTC)
     if body.expires_at is not None and body.expires_at <= now:
@@ -104,13 +104,13 @@ async def create_key(gate: GateOf, parts: PartsOf, body: access.KeyRequest) -> a
     text, record = mint(body.name, body.role, now, body.expires_at)
     await run_sync(parts.store.keys.add, record)
     await run_sync(gate.keyring.look)  # it counts here at once; other processes see it at their next look
-    return access.NewKey(**described(record).model_dump(), key=text)
+    return described(record).model_copy(update={"key": text})
 
 
-@router.get("/keys", response_model=access.KeyList)
-async def list_keys(gate: GateOf) -> access.KeyList:
+@router.get("/keys", response_model=list[access.Key])
+async def list_keys(gate: GateOf) -> list[access.Key]:
     """List all keys, those of the file and revoked ones, too, in the order in which they came."""
-    return access.KeyList(items=gate.keyring.listing())
+    return gate.keyring.listing()
 
 
 @router.delete("/keys/{key_id}", response_model=access.Key)

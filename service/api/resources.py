@@ -8,8 +8,8 @@ from fastapi import APIRouter, Path, Query, Request, Response
 
 from jointstiff.schemas import trend
 from jointstiff.schemas.fields import Page
-from jointstiff.schemas.live import LiveSetChange, MeasurementSetPost, OpenSet
-from jointstiff.schemas.measurement import MeasurementSet, MeasurementSetSummary, SetChange
+from jointstiff.schemas.live import MeasurementSet, MeasurementSetPost
+from jointstiff.schemas.measurement import MeasurementSetSummary, SetChange
 from jointstiff.schemas.query import RobotQuery, SetQuery
 from jointstiff.schemas.robot import (
     Catalogue,
@@ -132,7 +132,7 @@ def compute_kinematics(
     "/v1/measurement-sets",
     dependencies=[OPERATOR],
     status_code=201,
-    response_model=MeasurementSet | OpenSet,
+    response_model=MeasurementSet,
     responses=answers.LOCATION,
 )
 def create_measurement_set(
@@ -176,7 +176,7 @@ def list_measurement_sets(
 @sets.get(
     "/v1/measurement-sets/{set_id}",
     dependencies=[VIEWER],
-    response_model=MeasurementSet | OpenSet,
+    response_model=MeasurementSet,
     responses=answers.NOT_MODIFIED,
 )
 def get_measurement_set(request: Request, parts: answers.PartsOf, set_id: Id) -> Response:
@@ -189,7 +189,7 @@ def get_measurement_set(request: Request, parts: answers.PartsOf, set_id: Id) ->
 def change_measurement_set(
     parts: answers.PartsOf,
     set_id: Id,
-    body: Annotated[LiveSetChange, shown(EXAMPLES["set_changes"])],
+    body: Annotated[SetChange, shown(EXAMPLES["set_changes"])],
     by: AskedBy,
 ) -> MeasurementSetSummary:
     """Change name and metadata of a measurement set, delete it, or restore it.
@@ -202,7 +202,7 @@ def change_measurement_set(
         return parts.live.changed(set_id, body, by)
     if body.is_live:
         raise ClosedError(set_id)
-    changes = body.model_dump(include=set(SetChange.model_fields), exclude_unset=True)
+    changes = body.model_dump(exclude={"withdrawn", "kept", "skipped"}, exclude_unset=True)
     record = parts.sets.change(set_id, SetChange.model_validate(changes))
     return MeasurementSetSummary.model_validate(record, from_attributes=True)
 

@@ -21,7 +21,7 @@ from jointstiff.schemas.finding import Action
 from jointstiff.schemas.imports import ImportAnswer, ImportRequest
 from jointstiff.schemas.measurement import MeasurementSetDocument, MeasurementSetRequest
 from jointstiff.schemas.program import MAX_FILES as MAX_PROGRAM_FILES
-from jointstiff.schemas.program import Program, ProgramForm, ProgramRequest
+from jointstiff.schemas.program import Program, ProgramRequest
 from jointstiff.schemas.robot import RobotDocument
 from jointstiff.schemas.run import Campaign, CampaignRun, Run, RunRequest
 from jointstiff.service.api.answers import PartsOf, accepted, json_response
@@ -96,7 +96,7 @@ _Program = Annotated[
         json_schema_extra={"items": BINARY},
     ),
 ]
-_ProgramOptions = Annotated[Json[ProgramForm], Form(examples=[json.dumps(_PROGRAM["options"])])]
+_ProgramOptions = Annotated[Json[ProgramRequest], Form(examples=[json.dumps(_PROGRAM["options"])])]
 
 
 @router.post(
@@ -309,9 +309,12 @@ async def create_program(
     """Correct the targets of a program."""
     if len({file.filename for file in files}) < len(files):
         raise RequestError("two files have one name", where="files", remedy="send each file once")
+    if options.files:
+        raise RequestError("the options have files", where="files", remedy="send each as `files` of the form")
 
     def create(jobs: Jobs) -> JobRecord:
-        body = ProgramRequest(**options.model_dump(), files=[packed(*named_content(file)) for file in files])
+        sent = [packed(*named_content(file)) for file in files]
+        body = options.model_copy(update={"files": sent})
         key = bound_key(idempotency_key, body.model_dump_json().encode())
         return jobs.create(body, key, posted.by)
 

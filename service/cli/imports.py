@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 import typer
 
 from jointstiff.schemas.fields import Terminal
-from jointstiff.schemas.imports import FilePreview, ImportAnswer, ImportRequest, ImportTemplate
+from jointstiff.schemas.imports import FilePreview, ImportAnswer, ImportRequest
 from jointstiff.schemas.measurement import SetMetadata
 from jointstiff.service.cli import options as cli
 from jointstiff.service.cli.kinds import (
@@ -318,7 +318,7 @@ def _notes(texts: Sequence[str]) -> dict[str, Any]:
 def _read_template(path: Path) -> Options:
     from jointstiff.service.library.files import read_document
 
-    known: Options = read_document(path, ImportTemplate).model_dump(mode="json", exclude_defaults=True)
+    known: Options = read_document(path, ImportRequest).model_dump(mode="json", exclude_defaults=True)
     if "length_unit" not in known and (known.get("units") or {}).get("length") == "m":
         known["length_unit"] = "m"  # lengths of a template without it are in the files' unit
     return known
@@ -350,14 +350,14 @@ def _write_campaign(
     """
     from jointstiff.service.problems import http_problem
 
-    readings = answer.measurement_set or answer.poses
+    readings = answer.measurement_set or answer.geometry
     if readings is None:
         missing = "; ".join(answer.missing)
         raise cli.refused(
             http_problem(422, f"nothing was written, because this is missing: {missing}", "add it")
         )
     cli.refuse_existing(path, overwrite=overwrite)
-    document = readings.model_dump(mode="json", exclude_none=True)
+    document = readings.model_dump(mode="json", exclude_none=True, exclude_unset=readings is answer.geometry)
     robot_part = {} if robot is None else {"robot": robot.model_dump(mode="json", exclude_unset=True)}
     if answer.measurement_set is None:
         document |= robot_part
@@ -367,7 +367,7 @@ def _write_campaign(
         document = {**robot_part, "measurement_set": document}
         if answer.leave_out:
             document["run"] = {"leave_out": answer.leave_out}
-        if answer.poses is not None:
+        if answer.geometry is not None:
             document["run"] = {**document.get("run", {}), "weight": {}}
         what, command = "a campaign", f"jointstiff identify {path}"
     else:
@@ -522,15 +522,17 @@ def import_report(answer: ImportAnswer) -> list[Part]:
         f"{preview.reading_count} complete readings; targets: {targets}; states: {states}"
     )
     parts += [Line(counted), *_lines(preview.assumptions, "assumed: ")]
-    if answer.poses is not None and answer.measurement_set is None:
-        parts.append(Line(f"  complete: {len(answer.poses.poses)} unloaded poses for a geometry", "good"))
+    if answer.geometry is not None and answer.measurement_set is None:
+        parts.append(
+            Line(f"  complete: {len(answer.geometry.poses or ())} unloaded poses for a geometry", "good")
+        )
     if answer.bodies:
         total = sum(body.mass for body in answer.bodies)
         parts.append(Line(f"  masses: {len(answer.bodies)} bodies, {total:g} kg together"))
     if answer.missing:
         parts += _lines(answer.missing, "missing: ", "care")
     elif not has_errors(answer):
-        own = "" if answer.poses is None else " for the robot's own weight"
+        own = "" if answer.geometry is None else " for the robot's own weight"
         parts.append(Line(f"  complete: a measurement set{own}", "good"))
     return [*parts, *_findings(answer)]
 

@@ -127,20 +127,19 @@ def to_conventions(request: GeometryRequest, targets: Sequence[str]) -> Conventi
         MeasurementError: a target that places the flange was not read.
     """
     usual: Literal["nominal", "axes"] = "nominal" if request.has_robot else "axes"
-    chosen = request.flange.targets if request.flange is not None else None
+    chosen = request.flange_targets
     for index, name in enumerate(chosen or ()):
         if name not in targets:
             raise MeasurementError(
                 f"target '{name}' has no reading",
-                where=f"flange.targets[{index}]",
+                where=f"flange_targets[{index}]",
                 remedy=f"choose three of {', '.join(targets)}",
             )
-    height = 0.0 if request.base is None else LENGTH[request.units.length] * request.base.height
     indices = (0, 1, 2) if chosen is None else tuple(targets.index(name) for name in chosen)
     return Conventions(
-        base=request.base.by if request.base is not None else usual,
-        flange=request.flange.by if request.flange is not None else usual,
-        height=height,
+        base=request.base or usual,
+        flange=request.flange or usual,
+        height=LENGTH[request.units.length] * request.base_height,
         flange_targets=(indices[0], indices[1], indices[2]),
     )
 

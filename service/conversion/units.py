@@ -9,7 +9,6 @@ import numpy as np
 from jointstiff.solver.mechanics.measurements import Instrument
 
 if TYPE_CHECKING:
-    from jointstiff.schemas.geometry import TrackerSheet
     from jointstiff.schemas.measurement import Instrument as StatedInstrument
 
 KGF: Final = 9.80665
@@ -21,7 +20,7 @@ FORCE: Final[dict[str, float]] = {"N": 1.0, "kN": 1e3, "kgf": KGF, "kg": KGF}
 MOMENT: Final[dict[str, float]] = {"N.m": 1.0, "N.mm": 1e-3, "kN.m": 1e3, "kgf.m": KGF}
 
 
-def to_instrument(sheet: StatedInstrument | TrackerSheet, length: float) -> Instrument:
+def to_instrument(sheet: StatedInstrument, length: float) -> Instrument:
     """Return a tracker's sheet in SI units, `length` being metres in its unit of length."""
     x, y, z = sheet.station
     return Instrument(

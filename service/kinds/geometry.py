@@ -7,7 +7,6 @@ from math import degrees, sqrt
 from typing import TYPE_CHECKING, Any, Final
 
 from jointstiff.schemas.geometry import (
-    BaseFrameResult,
     Drift,
     Geometry,
     GeometryRequest,
@@ -30,6 +29,7 @@ from jointstiff.service.tables.table import (
     number,
     numbers,
 )
+from jointstiff.solver.errors import RequestError
 from jointstiff.solver.text import figure, length_text
 
 if TYPE_CHECKING:
@@ -77,7 +77,7 @@ def _evidence(result: GeometryResult) -> list[Part]:
             lines.append(f"poses left out of the fit are predicted to {length_text(poses.held_out_rms)} rms")
         lines += [f"not determined: {', '.join(names)}" for names in poses.only_together]
         parts.append(Line("\n".join(f"  {line}" for line in lines)))
-    parts += [_frame(result.base_frame), _targets(result)]
+    parts += [_frame(result), _targets(result)]
     if result.wrist is not None:
         parts += _wrist(result.wrist)
     if result.drift is not None:
@@ -87,12 +87,12 @@ def _evidence(result: GeometryResult) -> list[Part]:
 
 def _axes(result: GeometryResult) -> Table:
     axes, micro = result.axes, number(".3g", _MICRO)
-    points = [axis.base.point for axis in axes]
+    points = [axis.point for axis in axes]
     return Table(
         [
             Column("axis", [axis.name for axis in axes], text=True),
             *(Column(x, [point[i] for point in points], number(".3f", _MILLI)) for i, x in enumerate("xyz")),
-            Column("direction", [axis.base.direction for axis in axes], _direction),
+            Column("direction", [axis.direction for axis in axes], _direction),
             Column("u", [axis.position_uncertainty for axis in axes], micro, "µm"),
             Column("u", [axis.direction_uncertainty for axis in axes], micro, "µrad"),
         ],
@@ -124,9 +124,10 @@ def _sweeps(sweeps: Sequence[SweepEvidence]) -> Table:
     )
 
 
-def _frame(frame: BaseFrameResult) -> Table:
-    transform, micro = frame.transform_tracker_to_base, number(".3g", _MICRO)
-    spread = [None] * 6 if frame.covariance is None else [sqrt(frame.covariance[i][i]) for i in range(6)]
+def _frame(result: GeometryResult) -> Table:
+    transform, micro = result.transform_tracker_to_base, number(".3g", _MICRO)
+    covariance = result.transform_covariance
+    spread = [None] * 6 if covariance is None else [sqrt(covariance[i][i]) for i in range(6)]
     return Table(
         [
             Column("", list("xyz"), text=True),
@@ -135,7 +136,7 @@ def _frame(frame: BaseFrameResult) -> Table:
             Column("u shift", spread[:3], micro),
             Column("u turn", spread[3:], micro),
         ],
-        title=f"Tracker to R0, placed by {'the nominal model' if frame.by == 'nominal' else 'the axes'}",
+        title=f"Tracker to R0, placed by {'the nominal model' if result.base == 'nominal' else 'the axes'}",
         caption="y = R x + t; t in mm; u: standard uncertainty of a translation in µm and of a rotation in "
         "µrad, axes of R0",
     )
@@ -160,13 +161,13 @@ def _place(position: Sequence[float], covariance: Sequence[Sequence[float]] | No
 
 
 def _wrist(wrist: WristResult) -> list[Part]:
-    centres = [(e.way, e, f"{e.weight:.2f}") for e in wrist.estimates] + [("combined", wrist.combined, "")]
-    rows = [_place(centre.base, centre.base_covariance) for _, centre, _ in centres]
+    centres = [*wrist.estimates, wrist.combined]
+    rows = [_place(centre.base, centre.base_covariance) for centre in centres]
     table = Table(
         [
-            Column("by", [way for way, _, _ in centres], text=True),
+            Column("by", [centre.way for centre in centres], text=True),
             *(Column(axis, [row[i] for row in rows]) for i, axis in enumerate("xyz")),
-            Column("weight", [weight for _, _, weight in centres]),
+            Column("weight", [f"{each.weight:.2f}" for each in wrist.estimates] + [""]),
         ],
         title="Wrist centre, in R0",
         caption="in mm, with the standard uncertainty of the last digits; weight in the combined centre",
@@ -270,8 +271,8 @@ def axes_sheet(geometry: Geometry) -> Sheet:
 
 _AXES: Final = {
     "axis": "name",
-    "point {x y z}": "base.point",
-    "direction {x y z}": "base.direction",
+    "point {x y z}": "point",
+    "direction {x y z}": "direction",
     "position uncertainty": "position_uncertainty",
     "direction uncertainty": "direction_uncertainty",
 }
@@ -289,6 +290,12 @@ def compute(inputs: Inputs, request: GeometryRequest) -> Work:
     from jointstiff.service.conversion.readings import hash_of
     from jointstiff.service.kinds.work import QuickWork, as_request_errors
 
+    if request.poses is not None and not request.has_robot:
+        raise RequestError(
+            "poses calibrate a nominal model, which is missing",
+            where="robot_id",
+            remedy="give `robot_id` or `robot`",
+        )
     nominal, robot_hash = None, ""
     if request.robot is not None:
         with as_request_errors("robot"):

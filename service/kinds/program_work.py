@@ -552,9 +552,12 @@ def work(inputs: Inputs, request: ProgramRequest) -> ProgramWork:
     """Return the work of a compensated program.
 
     Raises:
-        RequestError: there is no such run, it has no model that predicts, or the request does not fit it.
+        RequestError: there is no such run, it has no model that predicts, or the request has no files or
+            does not fit it.
     """
     run = accepted_run(inputs, request)
+    if not request.files:
+        raise RequestError("no file was sent", where="files", remedy="send the program")
     sent = {hashlib.sha256(unpacked(file)).hexdigest() for file in request.files}
     for summary in inputs.listed(Program, run.prepared.robot_id):
         if sent.intersection(summary.get("outputs", ())):

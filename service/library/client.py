@@ -21,7 +21,8 @@ from pydantic import ValidationError
 from jointstiff.schemas.fields import Message, Page, content_key
 from jointstiff.schemas.finding import Problem
 from jointstiff.schemas.job import Job, JobSummary
-from jointstiff.schemas.measurement import MeasurementSet, MeasurementSetDocument, MeasurementSetSummary
+from jointstiff.schemas.live import MeasurementSet
+from jointstiff.schemas.measurement import MeasurementSetDocument, MeasurementSetSummary
 from jointstiff.schemas.robot import Robot, RobotDocument, RobotRequest, RobotSummary
 from jointstiff.schemas.run import CampaignRun, Run, RunRequest
 from jointstiff.service.kinds.kind import AnyJob, File, Kind

@@ -16,11 +16,10 @@ from jointstiff.schemas.fields import Message
 from jointstiff.schemas.live import (
     LiveOptions,
     LiveReading,
-    LiveSetChange,
     LiveState,
     MeasurementSetPost,
 )
-from jointstiff.schemas.measurement import MeasurementSetDocument, Observation
+from jointstiff.schemas.measurement import MeasurementSetDocument, Observation, SetChange
 from jointstiff.schemas.options import OwnWeight
 from jointstiff.schemas.plan import Goal, PlannedReading
 from jointstiff.schemas.robot import RobotDocument
@@ -113,7 +112,7 @@ class _Here:
             self._campaign = self._campaign.with_entry(self._campaign.judged(observation))
         return self.state()
 
-    def change(self, change: LiveSetChange) -> LiveState:
+    def change(self, change: SetChange) -> LiveState:
         with as_campaign_error(""):
             for entry in self._campaign.entries_of(change):
                 self._campaign = self._campaign.with_entry(entry)
@@ -158,7 +157,7 @@ class _There:
     def observe(self, observation: Observation) -> LiveState:
         return self._state_in("POST", "/observations", observation)
 
-    def change(self, change: LiveSetChange) -> LiveState:
+    def change(self, change: SetChange) -> LiveState:
         self._client.send("PATCH", self._path, None, change)
         return self.state()
 
@@ -363,7 +362,7 @@ class LiveMeasurement:
             self._loop = self._checked = None
 
     def _changed(self, change: dict[str, Any]) -> LiveState:
-        self.state = self._place.change(parse_document(change, LiveSetChange))
+        self.state = self._place.change(parse_document(change, SetChange))
         return self.state
 
     def _places(self, places: Any) -> dict[str, list[float]]:  # noqa: ANN401 - arrays or positions by target

@@ -12,9 +12,7 @@ from jointstiff.schemas.deflection import LinkMass, Map, MapOptions
 from jointstiff.schemas.fields import Message
 from jointstiff.schemas.finding import NamedCause
 from jointstiff.schemas.geometry import (
-    BaseRule,
     BaseTargetReadings,
-    FlangeRule,
     Geometry,
     GeometryNoise,
     GeometryRequest,
@@ -104,8 +102,10 @@ class GeometryFields(TypedDict, total=False):
     poses: Sequence[TrackedPosition | Mapping[str, Any]] | None
     fit: Literal["one_by_one", "together"]
     angles: Literal["free", "controller"]
-    base: BaseRule | Mapping[str, Any] | None
-    flange: FlangeRule | Mapping[str, Any] | None
+    base: Literal["nominal", "axes"] | None
+    base_height: float
+    flange: Literal["nominal", "axes", "targets"] | None
+    flange_targets: Sequence[str] | None
     base_targets: BaseTargetReadings | Mapping[str, Any] | None
 
 class PlanFields(TypedDict, total=False):

@@ -21,6 +21,7 @@ from jointstiff.schemas.measurement import (
     MeasurementSetRequest,
     Observation,
     ResolvedFrame,
+    SetChange,
 )
 from jointstiff.schemas.options import OwnWeight, RunOptions, StiffnessPrior
 from jointstiff.schemas.plan import (
@@ -462,7 +463,7 @@ class LiveCampaign:
             reason=reason,
         )
 
-    def entries_of(self, change: live.LiveSetChange) -> list[Entry]:
+    def entries_of(self, change: SetChange) -> list[Entry]:
         """Return the entries of a change: readings withdrawn or kept, the next posture skipped.
 
         Raises:

@@ -22,6 +22,7 @@ from jointstiff.schemas.measurement import (
     MeasurementSetSummary,
     Observation,
     ResolvedFrame,
+    SetChange,
 )
 from jointstiff.schemas.plan import AnyDirection, DeadWeight, Plan, PlanOptions, PlanResult
 from jointstiff.schemas.run import RunRequest
@@ -98,7 +99,7 @@ class OpenSets:
             raise TakenError(observation.label)
         return self.state(set_id)
 
-    def change(self, set_id: str, change: live.LiveSetChange, by: Requester | None) -> None:
+    def change(self, set_id: str, change: SetChange, by: Requester | None) -> None:
         """Withdraw readings, keep doubtful ones, or skip the posture that is next.
 
         Raises:
@@ -142,13 +143,16 @@ class OpenSets:
         """Return the number of entries in the record; raises `NotFoundError`."""
         return len(self._campaign(set_id).entries)
 
-    def document(self, set_id: str) -> live.OpenSet:
+    def document(self, set_id: str) -> live.MeasurementSet:
         """Return a set with its readings so far; raises `NotFoundError`."""
         record, campaign = self._store.open_sets.get(set_id), self._campaign(set_id)
         declared = campaign.declared
         fields = {name: getattr(declared.header, name) for name in MeasurementSetHeader.model_fields}
-        return live.OpenSet(
+        return live.MeasurementSet(
             **fields,
+            resolved_frame=declared.resolved,
+            warnings=list(declared.noticed),
+            content_hash=None,
             id=set_id,
             robot_id=record.robot_id,
             created_at=record.created_at,
@@ -175,7 +179,7 @@ class OpenSets:
             observation_count=len(campaign.observations),
             warning_count=0,
             open=True,
-            content_hash="",
+            content_hash=None,
             created_at=record.created_at,
         )
 
@@ -186,7 +190,7 @@ class OpenSets:
             return not any(entry.change == "closed" for entry in self._store.live_entries.of(set_id=set_id))
         return False
 
-    def changed(self, set_id: str, change: live.LiveSetChange, by: Requester | None) -> MeasurementSetSummary:
+    def changed(self, set_id: str, change: SetChange, by: Requester | None) -> MeasurementSetSummary:
         """Change the record of an open set, delete it or restore it; return it as it is listed.
 
         Raises:

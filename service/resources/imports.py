@@ -11,16 +11,14 @@ from pydantic import ValidationError
 
 from jointstiff.schemas.fields import FAR_POINT, MAX_NAME_LENGTH, Vector3
 from jointstiff.schemas.finding import Finding
-from jointstiff.schemas.geometry import MAX_GEOMETRY_READINGS, MAX_GEOMETRY_TARGETS
+from jointstiff.schemas.geometry import MAX_GEOMETRY_READINGS, MAX_GEOMETRY_TARGETS, GeometryRequest
 from jointstiff.schemas.imports import (
     MAX_PREVIEW_ROWS,
     FilePreview,
     ImportAnswer,
     ImportFault,
     ImportRequest,
-    ImportTemplate,
     MissingField,
-    UnloadedPoses,
 )
 from jointstiff.schemas.measurement import MeasurementSetDocument, Observation, Reading
 from jointstiff.schemas.robot import Body
@@ -75,7 +73,7 @@ def import_files(
         faults.append(fault)
     unloaded = bool(bodies or (robot and robot.bodies)) and _is_unloaded(understood, request)
     missing = {} if faults else _missing(understood, request, own_weight=unloaded)
-    document, findings, template, poses = None, None, None, None
+    document, findings, template, geometry = None, None, None, None
     if not faults and not missing:
         try:
             document = _measurement_set(understood, request, first, own_weight=unloaded)
@@ -86,7 +84,7 @@ def import_files(
             faults.append(fault)
     unusable = {"joints", "accept_unusual"} & missing.keys()
     if not faults and understood.preview.states == ["unloaded"] and not unusable:
-        poses = _poses(understood, request, first)
+        geometry = _geometry(understood, request, first)
     if faults and not request.show_faults:
         raise ImportRefusedError(faults)
     return ImportAnswer(
@@ -108,7 +106,7 @@ def import_files(
         measurement_set=document,
         findings=findings,
         template=template,
-        poses=poses,
+        geometry=geometry,
     )
 
 
@@ -318,7 +316,7 @@ def _reading(one: Gathered, target: str) -> Reading:
     return Reading.model_validate({"target": target, **parts})
 
 
-def _poses(understood: Understood, request: ImportRequest, first: str) -> UnloadedPoses | None:
+def _geometry(understood: Understood, request: ImportRequest, first: str) -> GeometryRequest | None:
     """Return the unloaded poses for a geometry; None beyond its limits."""
     units = _length_units(understood, request)
     readings = [states["unloaded"] for one in understood.observations for states in one.points.values()]
@@ -334,7 +332,7 @@ def _poses(understood: Understood, request: ImportRequest, first: str) -> Unload
         targets = {target: vector for target, vector in read.items() if vector}
         if targets:
             poses.append({"joints": list(one.vector("joint") or ()), "targets": targets})
-    return UnloadedPoses.model_validate(
+    return GeometryRequest.model_validate(
         {
             "name": _name(request, first),
             "units": {"length": units[1], "angle": understood.units.get("angle")},
@@ -344,7 +342,7 @@ def _poses(understood: Understood, request: ImportRequest, first: str) -> Unload
     )
 
 
-def _template(understood: Understood, request: ImportRequest) -> ImportTemplate | None:
+def _template(understood: Understood, request: ImportRequest) -> ImportRequest | None:
     """Return the options by which files of the same form are read again, and others are refused.
 
     Files with more columns, or longer headers of several rows, than options can hold have no template.
@@ -374,6 +372,6 @@ def _template(understood: Understood, request: ImportRequest) -> ImportTemplate 
         "accept_unusual": False,  # what was confirmed are these values, not the next file's
     }
     try:
-        return ImportTemplate.model_validate(request.model_dump() | changes)
+        return ImportRequest.model_validate(request.model_dump() | changes)
     except ValidationError:
         return None

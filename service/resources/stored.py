@@ -18,6 +18,7 @@ from jointstiff.schemas.fields import ResourceChange, Vector3
 from jointstiff.schemas.finding import Finding, FindingCode
 from jointstiff.schemas.geometry import Drift, Geometry, GeometryRequest, GeometryResult, Rigid
 from jointstiff.schemas.job import Job
+from jointstiff.schemas.live import MeasurementSet
 from jointstiff.schemas.measurement import Frame, MeasurementSetRequest, ResolvedFrame, SetMetadata
 from jointstiff.schemas.run import Run
 from jointstiff.service.conversion.prepared import (
@@ -274,7 +275,7 @@ class MeasurementSets(Kept[MeasurementSetRecord, MeasurementSetEntry, PreparedSe
                 observation_count=len(checked.readings.labels),
                 warning_count=len(stored.warnings),
                 created_at=stored.created_at,
-                content_hash=stored.content_hash,
+                content_hash=checked.content_hash,
                 document=stored.model_dump_json(exclude=set(_METADATA)),
                 arrays=checked.readings.pack(),
                 **{name: getattr(stored, name) for name in _METADATA},
@@ -282,7 +283,7 @@ class MeasurementSets(Kept[MeasurementSetRecord, MeasurementSetEntry, PreparedSe
             key,
         )
 
-    def document(self, set_id: str) -> messages.MeasurementSet:
+    def document(self, set_id: str) -> MeasurementSet:
         """The set as it was posted, with what was noticed.
 
         Raises:
@@ -323,7 +324,7 @@ class MeasurementSets(Kept[MeasurementSetRecord, MeasurementSetEntry, PreparedSe
             measurements=to_measurements(*in_base(stored, readings, stored.resolved_frame), robot),
             warnings=stored.warnings,
             robot_id=stored.robot_id,
-            content=hash_of(robot_hash, stored.content_hash),
+            content=hash_of(robot_hash, record.content_hash),
         )
 
 
@@ -370,14 +371,14 @@ def _named_by(field: str) -> Iterator[None]:
         raise RequestError(error.reason, remedy=error.remedy, where=field) from error
 
 
-def assembled(record: MeasurementSetRecord) -> messages.MeasurementSet:
+def assembled(record: MeasurementSetRecord) -> MeasurementSet:
     """The message of a stored set."""
     stored = messages.StoredMeasurementSet.model_validate_json(record.document)
     observations = ReadingArrays.unpack(record.arrays).observations()
     parts = {name: getattr(stored, name) for name in messages.StoredMeasurementSet.model_fields}
     parts |= {name: getattr(record, name) for name in _COLUMNS}
     # Both parts were validated when they were stored.
-    return messages.MeasurementSet.model_construct(**parts, observations=observations)
+    return MeasurementSet.model_construct(**parts, observations=observations)
 
 
 def resolve_frame(store: Store, request: MeasurementSetRequest) -> tuple[ResolvedFrame | None, list[Finding]]:
@@ -397,7 +398,7 @@ def resolve_frame(store: Store, request: MeasurementSetRequest) -> tuple[Resolve
     if frame.geometry_id is None:
         return to_resolved(stated_transform(frame, length)), []
     geometry, result = succeeded_geometry(store, frame.geometry_id, "frame.geometry_id")
-    transform = _rigid_motion(result.base_frame.transform_tracker_to_base)
+    transform = _rigid_motion(result.transform_tracker_to_base)
     warnings: list[Finding] = []
     if frame.base_targets is not None:
         drift, warnings = _drift(geometry.request, result, request, frame.base_targets)

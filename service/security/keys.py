@@ -334,5 +334,5 @@ class Keyring:
 
 def described(key: AccessKey, *, is_filed: bool = False) -> Key:
     """Return a key as it is shown, without its secret."""
-    fields = {name: getattr(key, name) for name in Key.model_fields if name != "source"}
+    fields = {name: getattr(key, name) for name in Key.model_fields.keys() - {"source", "key"}}
     return Key(**fields, source="file" if is_filed else "database")

@@ -44,7 +44,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import combinations, pairwise
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -56,11 +56,9 @@ from jointstiff.schemas.geometry import (
     Drift,
     IdentifiedDh,
     LinkComparison,
-    NearlyParallel,
     Rigid,
     WristCentre,
     WristDistance,
-    WristEstimate,
     WristResult,
 )
 from jointstiff.schemas.robot import DhRow
@@ -297,7 +295,7 @@ def find_wrist_centre(identified: IdentifiedAxes, base: BaseFrame) -> WristResul
     weights = np.linalg.inv(np.sum(informations, axis=0)) @ informations  # they add up to the unit matrix
     weighed = list(zip(weights, ways, strict=True))
     estimates = [
-        WristEstimate(way=way, weight=float(np.trace(W) / 3.0), **placed(centre, influence))
+        WristCentre(way=way, weight=float(np.trace(W) / 3.0), **placed(centre, influence))
         for W, (way, centre, influence) in weighed
     ]
     combined = (np.sum([W @ way[i] for W, way in weighed], axis=0) for i in (1, 2))
@@ -314,7 +312,7 @@ def find_wrist_centre(identified: IdentifiedAxes, base: BaseFrame) -> WristResul
         )
     return WristResult(
         estimates=estimates,
-        combined=WristCentre(**placed(*combined)),
+        combined=WristCentre(way="combined", weight=1.0, **placed(*combined)),
         distances=distances,
         posture=posture.tolist(),
         miss_distance=miss[0],
@@ -792,9 +790,17 @@ def link_table(
     ]
 
 
+class NearlyParallel(NamedTuple):
+    """Neighbouring axes that are nearly parallel."""
+
+    joint: str  # joint of the first axis
+    angle: float  # angle between the axes [rad]
+    made_parallel: bool  # whether a table treats the axes as parallel
+
+
 def dh_table(
     chain: KinematicChain, convention: Convention, *, parallel_within: float = PARALLEL_WITHIN
-) -> IdentifiedDh:
+) -> tuple[IdentifiedDh, list[NearlyParallel]]:
     """Write a chain as a table: flange to R0 = base · T_1(q_1) … T_n(q_n) · tool.
 
     T_i are as in `solver.mechanics.robot.dh_chain`; base is the identity if z of R0 is axis 1, tool if
@@ -804,6 +810,9 @@ def dh_table(
         chain: any.
         convention: standard, or modified (Craig).
         parallel_within: neighbours at a smaller angle [rad] are made parallel; 0 for an exact table.
+
+    Returns:
+        The table, and the neighbours that are nearly parallel.
     """
     axes, flange = chain_axes(chain)
     used, pairs, made = [axes[0]], [], []
@@ -812,7 +821,7 @@ def dh_table(
         sine = float(np.linalg.norm(cross(before, axis.direction)))
         replaced = sine < parallel_within or sine == 0.0
         if sine < LEAST_SINE:
-            angle = np.arcsin(sine)
+            angle = float(np.arcsin(sine))
             pairs.append(NearlyParallel(joint=chain.joint_names[i], angle=angle, made_parallel=replaced))
         made.append(replaced)
         sense = np.sign(before @ axis.direction)
@@ -824,11 +833,11 @@ def dh_table(
     lower, upper = zip(*(joint.limits or (None, None) for joint in chain.moving), strict=True)
     angles = np.random.default_rng(0).uniform(-np.pi, np.pi, (_POSTURES, len(axes)))
     places = [Motion(each, flange.translation[None], angles).points for each in (axes, used)]
-    return IdentifiedDh(
+    table = IdentifiedDh(
         convention=convention,
         rows=rows(DhRow, a=a, alpha=alpha, d=geometry.d, theta=geometry.theta, lower=lower, upper=upper),
         base=message(Rigid, geometry.base),
         tool=message(Rigid, geometry.tool),
-        parallel=pairs,
         deviation=float(np.linalg.norm(places[0] - places[1], axis=-1).max()),
     )
+    return table, pairs

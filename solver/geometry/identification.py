@@ -23,9 +23,8 @@ import numpy as np
 from scipy import special
 
 from jointstiff.schemas import geometry as results
-from jointstiff.schemas.fields import Square3
 from jointstiff.schemas.finding import Assessment, Finding, FindingCode, Verdict, combined
-from jointstiff.schemas.geometry import IdentifiedDh, LinkComparison, SweepEvidence
+from jointstiff.schemas.geometry import LinkComparison, SweepEvidence
 from jointstiff.schemas.robot import JointMap as StoredJointMap
 from jointstiff.schemas.robot import RobotDocument, UrdfModel
 from jointstiff.solver.arrays import BoolArray, FloatArray
@@ -34,6 +33,7 @@ from jointstiff.solver.geometry.frames import (
     BaseFrame,
     BaseTargets,
     FlangeConvention,
+    NearlyParallel,
     dh_table,
     find_base_frame,
     find_wrist_centre,
@@ -54,7 +54,7 @@ from jointstiff.solver.geometry.sweeps import (
     refine_axes,
     resting_angles,
 )
-from jointstiff.solver.mechanics.chain import KinematicChain
+from jointstiff.solver.mechanics.chain import Convention, KinematicChain
 from jointstiff.solver.mechanics.postures import WRIST_JOINTS, skew
 from jointstiff.solver.mechanics.robot import JointMap
 from jointstiff.solver.mechanics.urdf import write_urdf
@@ -374,21 +374,25 @@ def drift_findings(drift: results.Drift, targets: BaseTargets) -> Iterator[Findi
 
 
 def model_findings(
-    names: Sequence[str], table: IdentifiedDh, links: Sequence[LinkComparison]
+    names: Sequence[str],
+    convention: Convention,
+    pairs: Iterable[NearlyParallel],
+    links: Sequence[LinkComparison],
 ) -> Iterator[Finding]:
     """Report neighbouring axes between which a table's numbers run away, and vague link parameters.
 
     Args:
         names: of the joints.
-        table: of the model.
+        convention: of the model's table.
+        pairs: neighbours in the table that are nearly parallel.
         links: beside those of the nominal model.
     """
-    for pair in table.parallel:
+    for pair in pairs:
         first = names.index(pair.joint) + 1
         if not pair.made_parallel and pair.angle < RUNAWAY_BELOW:
             yield _finding(
                 "axes_nearly_parallel",
-                f"dh.{table.convention}",
+                f"dh.{convention}",
                 f"axes {first} and {first + 1} are {1e3 * pair.angle:.3g} mrad from "
                 "parallel: too much to neglect, and too little to determine a, d and theta separately",
                 "use the URDF, which does not need these parameters",
@@ -543,7 +547,8 @@ def _result(
     placing = nominal if conventions.base == "nominal" else None
     base = find_base_frame(identified, placing, height=conventions.height)
     model = identify_model(identified, base, flange, nominal=nominal, name=name)
-    tables = [dh_table(model.chain, "standard"), dh_table(model.chain, "modified")]
+    standard, pairs = dh_table(model.chain, "standard")
+    modified, _ = dh_table(model.chain, "modified")
     links = [] if nominal is None else link_table(identified, base, flange, nominal)
     listed = list(findings)
     wrist, no_wrist, drift = None, None, None
@@ -560,7 +565,7 @@ def _result(
     if base_targets is not None:
         drift = base_targets.drift(identified.sigma, identified.targets.mean(axis=0))
         listed += drift_findings(drift, base_targets)
-    listed += model_findings(model.chain.joint_names, tables[0], links)
+    listed += model_findings(model.chain.joint_names, "standard", pairs, links)
     reasons = [finding for finding in listed if finding.weight != "use"]
     calibrated = identified if isinstance(identified, CalibratedAxes) else None
     by_residuals = readings.sigma is None or (calibrated and calibrated.exceeded_sigma is not None)
@@ -579,12 +584,9 @@ def _result(
             controller_probability=None,
             agreement_probability=None,
         ),
-        base_frame=message(
-            results.BaseFrameResult,
-            base,
-            by=conventions.base,
-            covariance=identified.covariances(base.jacobian, 6)[0],
-        ),
+        base=conventions.base,
+        transform_tracker_to_base=message(results.Rigid, base.transform_tracker_to_base),
+        transform_covariance=identified.covariances(base.jacobian, 6)[0],
         wrist=wrist,
         no_wrist=no_wrist,
         targets=rows(
@@ -596,53 +598,38 @@ def _result(
         flange=conventions.flange,
         links=links,
         robot=_robot(name, model.chain, readings.joint_map),
-        dh=tables,
+        dh=[standard, modified],
         drift=drift,
         findings=listed,
     )
 
 
 def _placed_axes(base: BaseFrame, names: Sequence[str]) -> list[results.IdentifiedAxis]:
-    """Place the axes in both frames.
+    """Place the axes in R0, with their uncertainties in the tracker's frame.
 
     Args:
         base: where R0 is by n axes.
         names: (n,) of the joints.
     """
     identified = base.identified
+    in_base = [axis.moved(base.place(identified.axes)) for axis in identified.axes]
 
-    def placed(axes: Sequence[Axis], in_base: bool) -> list[Axis]:
-        return [axis.moved(base.place(axes)) for axis in axes] if in_base else list(axes)
+    def passing(axes: Sequence[Axis], _: FloatArray) -> FloatArray:
+        """Return where each axis passes, nearest to the identified point, and its direction (6 n,)."""
+        pairs = zip(axes, identified.axes, strict=True)
+        return np.ravel([[axis.nearest(other.point), axis.direction] for axis, other in pairs])
 
-    def places(in_base: bool) -> list[results.AxisPlace]:
-        reference = placed(identified.axes, in_base)
-
-        def passing(axes: Sequence[Axis], _: FloatArray) -> FloatArray:
-            """Return where each axis passes, nearest to the reference's point, and its direction (6 n,)."""
-            pairs = zip(placed(axes, in_base), reference, strict=True)
-            return np.ravel([[axis.nearest(other.point), axis.direction] for axis, other in pairs])
-
-        covariances = identified.covariances(identified.jacobian_of(passing)).reshape(-1, 2, 3, 3)
-        return rows(
-            results.AxisPlace,
-            point=[axis.point for axis in reference],
-            direction=[axis.direction for axis in reference],
-            point_covariance=covariances[:, 0],
-            direction_covariance=covariances[:, 1],
-        )
-
-    def greatest(covariance: Square3 | None) -> float | None:
-        """Greatest standard uncertainty in any direction."""
-        return None if covariance is None else np.sqrt(max(np.linalg.eigvalsh(covariance)[-1], 0.0))
-
-    tracker = places(in_base=False)
+    covariances = identified.covariances(identified.jacobian_of(passing)).reshape(-1, 2, 3, 3)
+    seen = np.isfinite(covariances).all(axis=(-2, -1))
+    greatest = np.full(seen.shape, np.nan)  # standard uncertainty in any direction
+    greatest[seen] = np.sqrt(np.maximum(np.linalg.eigvalsh(covariances[seen])[:, -1], 0.0))
     return rows(
         results.IdentifiedAxis,
         name=names,
-        tracker=tracker,
-        base=places(in_base=True),
-        position_uncertainty=[greatest(place.point_covariance) for place in tracker],
-        direction_uncertainty=[greatest(place.direction_covariance) for place in tracker],
+        point=[axis.point for axis in in_base],
+        direction=[axis.direction for axis in in_base],
+        position_uncertainty=greatest[:, 0],
+        direction_uncertainty=greatest[:, 1],
     )
 
 

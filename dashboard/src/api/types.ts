@@ -2,12 +2,11 @@
 import type * as messages from "./schema";
 
 export type * from "./schema";
-export type {
-  Arm as NominalArm,
-  LiveSetChange as SetChange,
-} from "./schema";
+export type { Arm as NominalArm } from "./schema";
 
 export type ImportOptions = Partial<messages.ImportRequest>;
+/** A set that is measured live. */
+export type OpenSet = messages.MeasurementSet & { open: messages.LiveOptions };
 export type JointKind = messages.Joint["kind"];
 /** What people note about a measurement set. */
 export type Metadata = Required<Pick<messages.MeasurementSet, (typeof METADATA)[number]>>;

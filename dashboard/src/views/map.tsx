@@ -399,7 +399,7 @@ export function ProgramView({ id }: { id: string }) {
       kind={programWords.kind}
       load={(signal) => loadProgram(id, signal)}
       head={({ job, run }) => ({
-        name: job.request.files[0]?.name ?? programWords.kind,
+        name: (job.request.files ?? [])[0]?.name ?? programWords.kind,
         list: link(["runs", run.id]),
         about: <a href={link(["runs", run.id])}>{text.run.kind}</a>,
         first: job.result?.files.map((file) => (

@@ -322,7 +322,7 @@ export function ProgramForm({ context: { run } }: { context: RunContext }) {
         </ul>
       )}
       <SchemaFields
-        of="ProgramForm"
+        of="ProgramRequest"
         show={["accuracy_option", "axes", "start"]}
         value={asked}
         change={change}

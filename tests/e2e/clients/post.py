@@ -32,7 +32,6 @@ from jointstiff_client.models.map_ import Map
 from jointstiff_client.models.map_request import MapRequest
 from jointstiff_client.models.measurement_set import MeasurementSet
 from jointstiff_client.models.measurement_set_post import MeasurementSetPost
-from jointstiff_client.models.open_set import OpenSet
 from jointstiff_client.models.plan import Plan
 from jointstiff_client.models.plan_request import PlanRequest
 from jointstiff_client.models.problem import Problem
@@ -56,8 +55,7 @@ def main() -> None:
         check(compute_kinematics.sync_detailed(client=CLIENT, body=request), Kinematics)
     for body in BODIES["/v1/measurement-sets"]:
         readings = MeasurementSetPost.from_dict(body)
-        kind = OpenSet if "open" in body else MeasurementSet
-        check(create_measurement_set.sync_detailed(client=CLIENT, body=readings), kind)
+        check(create_measurement_set.sync_detailed(client=CLIENT, body=readings), MeasurementSet)
     for body in BODIES["/v1/imports"]:
         files = [File(BytesIO(text.encode()), "table.csv") for text in body["files"]]
         form = BodyCreateImport(files=files, options=json.dumps(body["options"]))

@@ -235,7 +235,7 @@ def ur5():
         columns |= {f"{axis}_t": f"tool unloaded {axis} [mm]"}
         columns |= {f"{axis}_dif": f"tool unloaded plus {axis} [mm]"}
     file = SHARED / "ur5_grid" / "3D_UR5_uncalibrated_grid_cleaned.csv"
-    return jointstiff.import_files(file, columns=columns).poses
+    return jointstiff.import_files(file, columns=columns).geometry
 
 
 def ur10():
@@ -245,7 +245,7 @@ def ur10():
     columns |= {f"measurement_{axis}": f"TMAC unloaded {axis} [mm]" for axis in "xyz"}
     file = SHARED / "ur10_poses" / "measurements_iso_cubes.csv"
     ignore = [header for header in file.read_text().splitlines()[0].split(";") if header not in columns]
-    return jointstiff.import_files(file, columns=columns, ignore=ignore, by_order=True).poses
+    return jointstiff.import_files(file, columns=columns, ignore=ignore, by_order=True).geometry
 
 
 @pytest.mark.skipif(not SHARED.is_dir(), reason=MISSING)
@@ -254,9 +254,9 @@ def ur10():
     [pytest.param(ur5, 1_000, 5, 0.15e-3, marks=pytest.mark.slow), (ur10, 632, 12, 1e-3)],
 )
 def test_the_poses_of_a_real_robot_give_its_geometry(imported, count, step, sigma):
-    poses = imported()
-    assert len(poses.poses) == count
-    few = poses.model_copy(update={"poses": poses.poses[::step]})
+    request = imported()
+    assert len(request.poses) == count
+    few = request.model_copy(update={"poses": request.poses[::step]})
     found = jointstiff.geometry(few.model_dump(mode="json"), robot=robot_of(imported.__name__))
     assert found.result.goodness.sigma < sigma
 

@@ -161,7 +161,7 @@ class TestRobots:
         assert parts.robots.create(RobotDocument.model_validate(result.robot.model_dump()), None)
         angles = np.random.default_rng(0).uniform(-0.5, 0.5, (20, 6))
         read = cell.readings(angles)
-        T = result.base_frame.transform_tracker_to_base
+        T = result.transform_tracker_to_base
         flange = np.array([target.position for target in result.targets])
         configurations = Postures(robot, robot.joint_map.model_angles(angles))
         turned = np.einsum("nij,tj->nti", configurations.flange_rotation, flange)
@@ -202,7 +202,7 @@ class TestFindings:
         assert alone.goodness.agreement_probability is None
         assert {finding.code for finding in alone.findings} == {"wrist_centres_disagree"}
         assert together.axes == alone.axes
-        assert together.base_frame == alone.base_frame
+        assert together.transform_tracker_to_base == alone.transform_tracker_to_base
 
     def test_an_instruments_sheet_weighs_readings(self, parts):
         """Noise across the line of sight four times that along it: χ² is right, and the axes are better."""
@@ -218,6 +218,7 @@ class TestFindings:
                         point + noise - sight * (sight @ noise) + sight * along
                     ).tolist()
         sheet = {
+            "station": [0.0, 0.0, 0.0],
             "range": {"constant": 10e-6, "per_distance": 0.0},
             "transverse": {"constant": 40e-6, "per_distance": 0.0},
         }
@@ -232,9 +233,8 @@ def test_a_joint_that_never_turned_is_named(parts):
     assert all(names[0].startswith("axis 4") for names in result.poses.only_together)
     assert {finding.code for finding in result.findings} == {"parameters_not_identified"}
     assert result.axes[3].position_uncertainty is None
-    assert result.axes[3].base.point_covariance is None
     assert result.axes[1].position_uncertainty < 100e-6
-    assert result.base_frame.covariance is not None
+    assert result.transform_covariance is not None
     assert result.wrist is None
     assert result.no_wrist
     unknown = {(link.quantity, link.joint) for link in result.links if link.standard_uncertainty is None}

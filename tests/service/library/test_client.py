@@ -454,8 +454,8 @@ def test_the_verbs_of_other_sources(door, tmp_path):
     """Sweeps as file, document and message; a robot by name; postures as file and cases; tables."""
     sweeps = json.loads((EXAMPLES / "sweeps.json").read_text())
     forms = [EXAMPLES / "sweeps.json", sweeps, js.GeometryRequest.model_validate(sweeps)]
-    points = [[axis.base.point for axis in door.geometry(form).result.axes] for form in forms]
-    here = [axis.base.point for axis in js.geometry(EXAMPLES / "sweeps.json").result.axes]
+    points = [[axis.point for axis in door.geometry(form).result.axes] for form in forms]
+    here = [axis.point for axis in js.geometry(EXAMPLES / "sweeps.json").result.axes]
     np.testing.assert_allclose(points, [here] * 3, rtol=0, atol=1e-12)
     options = {"readings": 4, "candidates": 100, "load": {"kind": "any_direction", "force": 1000.0}}
     options |= {"targets": {"P": [0.0, 0.0, 0.1]}}

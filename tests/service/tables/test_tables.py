@@ -199,7 +199,8 @@ def sweeps(unit, count=4):
         "units": {"length": unit, "angle": "deg"},
         "noise": {"sigma": 0.01},
         "sweeps": [{"joint": "joint_1", "observations": [POSE] * count}],
-        "base": {"by": "axes", "height": 300.0},
+        "base": "axes",
+        "base_height": 300.0,
     }
 
 

@@ -26,7 +26,7 @@ from support.geometry_truth import (
 )
 from support.shared_data import MISSING, SHARED
 
-from jointstiff.schemas.geometry import LinkComparison, NearlyParallel
+from jointstiff.schemas.geometry import LinkComparison
 from jointstiff.schemas.robot import DhRow
 from jointstiff.simulator import default_arm
 from jointstiff.simulator.sweeps import WornArm
@@ -35,6 +35,7 @@ from jointstiff.solver.errors import MeasurementError
 from jointstiff.solver.geometry.frames import (
     BaseTargets,
     FlangeConvention,
+    NearlyParallel,
     dh_table,
     find_base_frame,
     find_wrist_centre,
@@ -97,7 +98,7 @@ def test_dh_tables_are_exact_where_no_axes_are_nearly_parallel(seed, convention)
     directions = arm.axis_directions + rng.normal(0.0, 0.3, (6, 3))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     chain = read_urdf(urdf_text(replace(arm, axis_directions=directions)), "base_link", "flange")
-    table = dh_table(chain, convention, parallel_within=0.0)
+    table, _ = dh_table(chain, convention, parallel_within=0.0)
     assert all(abs(row.d) < 100.0 for row in table.rows)
     assert np.abs(table_gap(table, chain)).max() < 1e-9
     assert table.deviation < 1e-12
@@ -113,10 +114,10 @@ def test_dh_tables_are_exact_however_robot_and_tool_are_mounted(parallel, turn, 
         joints[1] = replace(joints[1], axis=z, translation=0.3 * z)
     mounts = [ChainJoint(name, "fixed", turned, 0.2 * z, z, None, name) for name in ("wall", "tool")]
     chain = replace(nominal(), flange="tool", joints=(mounts[0], *joints, mounts[1]))
-    table = dh_table(chain, convention)
+    table, pairs = dh_table(chain, convention)
     assert np.abs(table_gap(table, chain)).max() < 1e-9
     assert table.deviation < 1e-12
-    assert [(pair.joint, pair.made_parallel) for pair in table.parallel] == [(parallel, True)]
+    assert [(pair.joint, pair.made_parallel) for pair in pairs] == [(parallel, True)]
 
 
 def test_table_numbers_that_run_away_and_links_that_are_vague_are_findings():
@@ -129,12 +130,11 @@ def test_table_numbers_that_run_away_and_links_that_are_vague_are_findings():
         LinkComparison(quantity=quantity, joint=f"joint_{i}", unit=unit, standard_uncertainty=u, **numbers)
         for quantity, i, unit, u in (("a", 1, "m", 0.0125), ("d", 2, "m", 9e-3), ("theta", 3, "rad", 0.0125))
     ]
-    table = dh_table(nominal(), "standard").model_copy(update={"parallel": pairs})
-    near, vague = model_findings(nominal().joint_names, table, links)
+    near, vague = model_findings(nominal().joint_names, "standard", pairs, links)
     assert (near.code, near.where) == ("axes_nearly_parallel", "dh.standard")
     assert near.message.startswith("axes 1 and 2 are 4 mrad from parallel")
     assert vague.message.endswith("determine a of joint 1 (± 12 mm), theta of joint 3 (± 0.72°)")
-    assert len(list(model_findings(nominal().joint_names, table, links[1:2]))) == 1
+    assert len(list(model_findings(nominal().joint_names, "standard", pairs, links[1:2]))) == 1
 
 
 @pytest.mark.parametrize("base", ["nominal", "axes"])
@@ -145,7 +145,7 @@ def test_the_flange_stands_where_its_convention_says_with_a_nominal_model_or_non
     known = nominal() if base == "nominal" else None
     found = identify_from_sweeps(cell.sweeps(count=5), asked, nominal=known, fit="one_by_one")
     first, second, third = positions = np.array([target.position for target in found.targets])
-    model, T = found.robot.model, found.base_frame.transform_tracker_to_base
+    model, T = found.robot.model, found.transform_tracker_to_base
     predicted = flange_points(read_urdf(model.urdf, model.base, model.flange), ANGLES, positions)
     read = cell.readings(ANGLES) @ np.transpose(T.rotation) + T.translation
     assert np.abs(predicted - read).max() < 1e-7
