@@ -83,8 +83,8 @@ class SagOptions(Message):
     absolute: StrictBool = Field(
         default=False,
         strict=True,
-        description="True for deflections relative to an arm that does not bend: they include the sag under "
-        "its own weight, and that of the load if there is one. Needs a run with `weight`.",
+        description="True for deflections relative to an arm that does not bend: with the sag by its own "
+        "weight and any load. Needs a run with `weight`.",
     )
 
 
@@ -132,8 +132,8 @@ class ModelErrorInterval(Message):
 
     displacement: Metres[Interval3]
     radius: Metres[float] = Field(
-        description="Radius of the ball around the displacement that contains the true one at the "
-        "confidence level; empirical, from postures omitted in turn, without a guarantee."
+        description="Radius of the ball that contains the true displacement at the confidence level; "
+        "empirical, from postures omitted in turn."
     )
     load_ratio: Dimensionless[float] = Field(
         description="Magnitude of the load relative to the campaign's greatest; above 1.01 the load is "
@@ -194,9 +194,8 @@ class DeflectionBudget(Message):
     """Uncertainty budget of the length of a predicted displacement. The load of the case counts as exact."""
 
     contributions: Metres[dict[str, float]] = Field(
-        description="Contribution to the standard uncertainty by source, as in the `budget` of the run, with "
-        "the correlations between the joints; `model_error` is the radius of its ball over the coverage "
-        "factor."
+        description="Contribution to the standard uncertainty by source, as in the run's `budget`; "
+        "`model_error` is the radius of its ball over the coverage factor."
     )
     standard_uncertainty: Metres[float] = Field(
         description="Combined standard uncertainty of the sources included in the run's, without model error."
@@ -293,9 +292,8 @@ class MapOptions(AcceptingOptions, SagOptions):
     )
     near: Positions[Annotated[list[Quantity], Field(min_length=1, max_length=MAX_JOINTS)] | None] = Field(
         default=None,
-        description="Joints as the controller shows them: the posture nearest to them is used at each place, "
-        "of all branches and orientations; default: the stiffest posture. Needed if the robot has prismatic "
-        "joints, which stand still there.",
+        description="Joints as the controller shows them: each place has the posture nearest to them; "
+        "default: the stiffest one. Needed if the robot has prismatic joints, which keep still.",
     )
     confidence: Dimensionless[Confidence] = 0.95
 

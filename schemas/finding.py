@@ -214,9 +214,9 @@ class Finding(Message):
 
     code: FindingCode = Field(description="Kind of the finding.")
     weight: Verdict = Field(
-        description="Best verdict that it allows a result: `do_not_use`, almost certainly a mistake, to be "
-        "corrected before any number is used; `use_with_care`, to be checked; `use`, for information. A run "
-        "sums up the findings of its set by kind, and may explain them."
+        description="Best verdict that it allows: `do_not_use`, almost certainly a mistake, to be corrected "
+        "first; `use_with_care`, to be checked; `use`, for information. A run sums up the "
+        "findings of its set by kind, and may explain them."
     )
     where: str | None = Field(
         default=None,

@@ -20,8 +20,8 @@ JointKind = Literal["revolute", "prismatic"]
 StatedKind = Annotated[
     JointKind,
     Field(
-        description="Kind of the joint, by which its numbers have their units. `prismatic`: it slides along "
-        "its axis; positions are lengths in m, stiffnesses in N/m, compliances in m/N."
+        description="Kind of the joint; of a `prismatic` one positions are in m, stiffnesses in N/m, "
+        "compliances in m/N."
     ),
 ]
 """Kind of a joint as messages state it."""

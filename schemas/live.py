@@ -23,13 +23,13 @@ from jointstiff.schemas.measurement import (
     Observation,
     StoredMeasurementSet,
 )
-from jointstiff.schemas.plan import MAX_CANDIDATES, Goal, PlannedReading, PlanOptions
+from jointstiff.schemas.plan import MAX_CANDIDATES, Goal, PlannedReading, ReadingOptions
 
 
-class LiveOptions(PlanOptions):
+class LiveOptions(ReadingOptions):
     """Goal of an open set and equipment to reach it, declared before the first reading.
 
-    Targets, loads, surroundings and candidates are those of a plan, from which each next reading is chosen.
+    Each next reading is chosen as those of a plan are.
     """
 
     goal: Goal
@@ -82,8 +82,8 @@ class LiveJoint(Message):
         description="95 % interval of the stiffness, with the model error where the postures show it."
     )
     relative: Dimensionless[float | None] = Field(
-        description="Half-width of the interval of the compliance over it, without errors of which nothing "
-        "was stated: more readings do not lessen those. It is compared with the goal."
+        description="Half-width of the interval of the compliance over it, without assumed errors, which "
+        "more readings do not lessen. It is compared with the goal."
     )
     relative_with_assumed: Dimensionless[float | None] = Field(
         default=None, description="The same with the load point and the force as they are assumed."
@@ -91,8 +91,8 @@ class LiveJoint(Message):
     reason: str | None = Field(default=None, description="Reason for which the joint will have no number.")
     prior: Literal["waits", "counts", "deviates"] | None = Field(
         default=None,
-        description="Standing of the joint's prior: it `waits` until the own readings know the joint as "
-        "well, `counts`, or does not, as they disagree with it (`deviates`). Null without one.",
+        description="Joint's prior: it `waits` until the own readings know the joint as well, `counts`, or "
+        "`deviates` from them and does not count. Null without one.",
     )
 
 

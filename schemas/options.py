@@ -175,15 +175,15 @@ class MethodOptions(Message):
 
     method: Method = Field(
         default="partial_pose",
-        description="Method. `complete_pose`: six rows per configuration, from at least three targets. "
-        "`partial_pose`: three rows per target, positions only. `decoupled_partial_pose`: the arm "
-        "from the wrist centre first, then the wrist; needs three targets and a spherical wrist.",
+        description="Method. `complete_pose`: six rows per configuration, of at least three targets. "
+        "`partial_pose`: three rows per target. `decoupled_partial_pose`: the arm from the "
+        "wrist centre, then the wrist; needs three targets and a spherical wrist.",
     )
     weighting: Weighting = Field(
         default="covariance",
-        description="Weighting. `covariance`: rows weighted by the uncertainty of the readings. "
+        description="Weighting of rows. `covariance`: by the uncertainty of the readings. "
         "`characteristic_length`: translations divided by a length (complete pose only). "
-        "`uniform`: all rows equal in SI units.",
+        "`uniform`: equal in SI units.",
     )
     characteristic_length: Metres[Annotated[float, Field(strict=True, ge=1e-3, le=1e3)] | None] = Field(
         default=None,
@@ -229,11 +229,11 @@ class RunOptions(MethodOptions):
     )
     loss: Annotated[Literal["squared", "huber", "absolute", "automatic"], BeforeValidator(_named)] = Field(
         default="automatic",
-        description="Loss function of the norm of each target's whitened residual. `huber` grows linearly "
-        "beyond a threshold, so that a bumped target cannot spoil the fit. `absolute` is the norm itself; it "
-        "needs a named elasticity other than `joints`. `automatic`: `squared` for joints alone and where "
-        "`link_penalty` is given, else chosen by cross-validation together with the penalty. `huber` and "
-        "`absolute` support at most 500 targets read in all where links or coupling are elastic.",
+        description="Loss function of the norm of each target's whitened residual. `huber`: linear beyond a "
+        "threshold, against bumped targets. `absolute`: the norm itself; needs a named "
+        "elasticity other than `joints`. `automatic`: `squared` for joints alone and with "
+        "`link_penalty`, else by cross-validation. With elastic links or coupling `huber` and "
+        "`absolute` take at most 500 targets read in all.",
     )
     huber_threshold: Annotated[float, Field(strict=True, ge=0.1, le=100.0)] | None = Field(
         default=None,
@@ -243,13 +243,13 @@ class RunOptions(MethodOptions):
     complementary_stiffness: Literal["neglected", "included"] = Field(
         default="included",
         description="Include or neglect the change of the load's joint torques with the deflection (Chen & "
-        "Kao's conservative congruence transformation, K_c); the paper neglects it, and so do the models "
-        "with elastic links or coupling.",
+        "Kao's conservative congruence transformation, K_c); models with elastic links or "
+        "coupling neglect it.",
     )
     causes: Causes = Field(
         default_factory=list,
-        description="Causes to fit beside the joints, such as those that a reason advises: the readings stay "
-        "as they are, and the intervals include the uncertainty of what was fitted.",
+        description="Causes to fit beside the joints, such as a reason advises: the readings stay as they "
+        "are, and the intervals include the uncertainty of the causes.",
     )
     priors: Annotated[
         dict[Name, StiffnessPrior],
@@ -274,15 +274,14 @@ class RunOptions(MethodOptions):
     elasticity: Elasticity = Field(
         default="automatic",
         validate_default=True,
-        description="Elastic elements. `joints`: joints only. `coupled_joints`: a full positive semidefinite "
-        "joint compliance. `diagonal_links`: joints, and six compliances per link. "
-        "`joints_and_links`: joints, and a full positive semidefinite 6 x 6 compliance per link. "
-        "`joints_and_base`: joints, and such a compliance of the base below joint 1. `links_and_base`: both. "
-        "`automatic`: joints only, unless a test shows that something besides them bends; then the simplest "
-        "model whose residuals of held-out postures are within one standard error of the best. Models with a "
-        "base are tried only if a test shows that the base bends. Every model but `joints` needs method "
-        "`partial_pose` and weighting `covariance`, and no bounds, priors, order, encoder readings or "
-        "resampling; where one of these is given, `automatic` uses joints alone.",
+        description="Elastic elements. `joints`: joints only. `coupled_joints`: a full joint compliance. "
+        "`diagonal_links`: joints, and six compliances per link. `joints_and_links`: joints, "
+        "and a 6 x 6 compliance per link. `joints_and_base`: joints, and a 6 x 6 compliance of "
+        "the base below joint 1. `links_and_base`: both. `automatic`: joints only, unless a "
+        "test shows that something else bends; then the simplest model whose residuals of "
+        "held-out postures are within one standard error of the best. Every model but `joints` "
+        "needs method `partial_pose` and weighting `covariance`, and no bounds, priors, order, "
+        "encoder readings or resampling; with one of these, `automatic` uses joints alone.",
     )
     links: Annotated[list[Name], Field(max_length=MAX_JOINTS)] = Field(
         default_factory=list,
@@ -307,9 +306,9 @@ class RunOptions(MethodOptions):
     confidence: Confidence = 0.95
     weight: OwnWeight | None = Field(
         default=None,
-        description="Stiffness by the robot's own weight as the load, together with known loads of the set; "
-        "the geometry is estimated, too. Needs `bodies` of the robot. Not with other "
-        "methods, weightings, losses, elasticities, bounds, priors, orders and resampling.",
+        description="Robot's own weight as the load, together with known loads of the set; the geometry is "
+        "estimated, too. Needs `bodies` of the robot. Not with other methods, weightings, "
+        "losses, elasticities, bounds, priors, orders and resampling.",
     )
 
     @field_validator("huber_threshold", mode="after")

@@ -70,9 +70,9 @@ class DecisionGoal(Message):
 
     kind: Literal["decision"]
     limit: Metres[_Length] = Field(
-        description="Greatest length of the deflection at any place of the work area, by a force along an "
-        "axis of R0. The decision is made once the "
-        "95 % interval of the greatest deflection does not contain the limit."
+        description="Greatest length of the deflection in the work area, by a force along an axis of R0. "
+        "The decision is made once the 95 % interval of the greatest deflection does not "
+        "contain the limit."
     )
     force: Newtons[Vector3 | None] = Field(
         default=None,
@@ -188,40 +188,16 @@ PlanCriterion = Literal["relative_a", "work_area", "d", "e", "worst_place"]
 _AREA = "Work area: two corners of a box, in R0, in mm, in which deflections will be predicted."
 
 
-class PlanOptions(AcceptingOptions):
-    """Options of a plan."""
+class ReadingOptions(Message):
+    """Equipment, surroundings and candidates, from which readings are chosen."""
 
-    readings: Annotated[int, Field(strict=True, ge=1, le=MAX_READINGS)] = Field(
-        default=20, description="Number of readings, including those for validation."
-    )
-    goal: Annotated[
-        Goal | None,
-        Terminal(
-            "--goal",
-            "GOAL",
-            goal_in_words,
-            text='Goal in place of a number of readings: "15 %" of every joint, or "6 um" of the deflection '
-            "in the work area (95 %).",
-        ),
-    ] = Field(
-        default=None,
-        description="Goal in place of `readings`: the least list whose design meets it by the noise of the "
-        "readings (95 %). Of joints, it is relative to `stiffness`.",
-    )
-    criterion: PlanCriterion | None = Field(
-        default=None,
-        description="Criterion of the plan. `work_area`: least mean variance of predicted deflections in the "
-        "work area, the default with a work area; `relative_a`: least mean variance of the relative "
-        "compliances, the default without; `d`, `e`: volume and longest axis of their uncertainty ellipsoid; "
-        "`worst_place`: greatest variance in the work area.",
-    )
     work_area: Annotated[Metres[Box | None], Terminal("--area", "X,Y,Z,X,Y,Z[mm]", box_of, text=_AREA)] = (
         Field(default=None, description="Work area: box, in R0, in which deflections will be predicted.")
     )
     load: Annotated[PlannedLoad | None, Terminal("", "KIND:NEWTONS", planned_load_of)] = Field(
         default=None,
-        description="Load to apply: a dead_weight, a force in any_direction, a cable, or the own_weight of "
-        "the robot's bodies; default with a campaign: its strongest force, or the own weight if it has none.",
+        description="Load to apply; default with a campaign: its strongest force, or the own weight if it "
+        "has none.",
     )
     targets: Annotated[
         Metres[Annotated[dict[Name, Vector3], Field(max_length=MAX_TARGETS)]],
@@ -263,16 +239,6 @@ class PlanOptions(AcceptingOptions):
         Field(max_length=MAX_JOINTS),
         Terminal("--prior", "JOINT=STIFFNESS:UNCERTAINTY", prior_of, "dict"),
     ] = Field(default_factory=dict, description="Prior knowledge of joints; it counts like readings.")
-    causes: Causes = Field(
-        default_factory=list,
-        description="Causes that are fitted beside the joints to the readings of the campaign so far, as in "
-        "its run; from Python and the terminal those of its run.",
-    )
-    leave_out: Annotated[list[Name], Field(max_length=MAX_LEFT_OUT)] = Field(
-        default_factory=list,
-        description="Labels of observations of the campaign so far to omit; from Python and the terminal "
-        "those that its run omits.",
-    )
     joints: Annotated[list[Name], Field(max_length=MAX_JOINTS)] = Field(
         default_factory=list, description="Joints to determine; default: all that the loads twist."
     )
@@ -295,9 +261,6 @@ class PlanOptions(AcceptingOptions):
         description="Least difference between two postures in the angle of a joint, or in metres in the "
         "position of a prismatic one; 0 allows repeated postures.",
     )
-    validation: Dimensionless[Annotated[float, Field(strict=True, ge=0.0, le=0.5)]] = Field(
-        default=0.2, description="Share of the readings that are held out from the fit."
-    )
     elastic_links: StrictBool | None = Field(
         default=None,
         description="True to allow for elastic links as nuisance parameters; default: true if the campaign "
@@ -305,6 +268,48 @@ class PlanOptions(AcceptingOptions):
     )
     seed: Annotated[int, Field(strict=True, ge=0, le=2**32 - 1)] = Field(
         default=0, description="Random seed of the postures; the same seed gives the same plan."
+    )
+
+
+class PlanOptions(AcceptingOptions, ReadingOptions):
+    """Options of a plan."""
+
+    readings: Annotated[int, Field(strict=True, ge=1, le=MAX_READINGS)] = Field(
+        default=20, description="Number of readings, including those for validation."
+    )
+    goal: Annotated[
+        Goal | None,
+        Terminal(
+            "--goal",
+            "GOAL",
+            goal_in_words,
+            text='Goal in place of a number of readings: "15 %" of every joint, or "6 um" of the deflection '
+            "in the work area (95 %).",
+        ),
+    ] = Field(
+        default=None,
+        description="Goal in place of `readings`: the least list whose design meets it by the noise of the "
+        "readings (95 %). Of joints, it is relative to `stiffness`.",
+    )
+    criterion: PlanCriterion | None = Field(
+        default=None,
+        description="Criterion. `work_area`: least mean variance of predicted deflections in the work area, "
+        "the default with one; `relative_a`: least mean variance of the relative compliances, "
+        "the default without; `d`, `e`: volume and longest axis of their uncertainty ellipsoid; "
+        "`worst_place`: greatest variance in the work area.",
+    )
+    causes: Causes = Field(
+        default_factory=list,
+        description="Causes that are fitted beside the joints to the readings of the campaign so far, as in "
+        "its run; from Python and the terminal those of its run.",
+    )
+    leave_out: Annotated[list[Name], Field(max_length=MAX_LEFT_OUT)] = Field(
+        default_factory=list,
+        description="Labels of observations of the campaign so far to omit; from Python and the terminal "
+        "those that its run omits.",
+    )
+    validation: Dimensionless[Annotated[float, Field(strict=True, ge=0.0, le=0.5)]] = Field(
+        default=0.2, description="Share of the readings that are held out from the fit."
     )
 
 
@@ -328,13 +333,13 @@ class PlannedReading(Message):
         default=None, description="Direction in R0 along which to read; null if all coordinates are read."
     )
     held_out: StrictBool = Field(
-        description="True if the reading is held out: of a plan from the fit, to judge the model; of an open "
-        "set it may be the last, and is compared with its prediction before it counts."
+        description="True if the reading is held out: of a plan from the fit; of an open set it may be the "
+        "last, and is compared with its prediction before it counts."
     )
     block: int = Field(
         default=1,
-        description="Block of a plan, counted from 1: four readings and some of those held out. Each is a "
-        "good plan by itself, so you may stop after any block. With several anchors there is one block.",
+        description="Block of a plan, counted from 1; each is a good plan by itself, so you may stop after "
+        "any.",
     )
     reason: str | None = Field(default=None, description="Reason for the next reading of an open set.")
 

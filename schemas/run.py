@@ -64,8 +64,8 @@ class JointResult(Message):
     )
     stiffness_at_least: Stiffness[float | None] = Field(
         default=None,
-        description="One-sided lower bound of the stiffness at the run's confidence level, above the lower "
-        "end of the two-sided interval; null if the compliance may be negative.",
+        description="One-sided lower bound at the run's confidence level, above the lower end of the "
+        "two-sided interval; null if the compliance may be negative.",
     )
     prior_to_data: float | None = Field(
         default=None,
@@ -155,9 +155,9 @@ class Budget(Message):
         description="Expanded uncertainty of all components, including those not in the intervals."
     )
     missing: list[BudgetGap] = Field(
-        description="Sources without a component: with one of them an expanded uncertainty is partial. "
-        "`model_error`: too few postures for a bound. `lack_of_fit`: the assessment names a lack of "
-        "fit, such as links that bend, or a mistake that forbids the numbers."
+        description="Sources without a component, which make an expanded uncertainty partial. "
+        "`model_error`: too few postures for a bound. `lack_of_fit`: the assessment names a "
+        "lack of fit, or a mistake that forbids the numbers."
     )
 
     def included_in(self, joint: str) -> dict[str, float]:
@@ -196,13 +196,13 @@ class Advice(Message):
         description="Label of the observation with this posture, if there is one."
     )
     force: Newtons[Point] = Field(
-        description="Force on the robot, axes of R0, with the magnitude of the set's largest force, at the "
-        "load point of that observation, or for a new posture at that of the largest force."
+        description="Force on the robot, axes of R0, as large as the set's largest, at the load point of "
+        "that observation, or for a new posture at that of the largest force."
     )
     uncertainty_ratio: float | None = Field(
-        description="Ratio of the standard uncertainties of the compliance, after one such reading of all "
-        "targets to before, with partial pose, without constraints and priors; what all readings share "
-        "stays. Null if the readings so far do not determine the compliance. Dimensionless."
+        description="Standard uncertainty of the compliance after one such reading of all targets over that "
+        "before, by partial pose without constraints and priors. Null if the readings so far do "
+        "not determine the compliance. Dimensionless."
     )
     standard_uncertainty: Compliance[float | None] = Field(
         default=None,
@@ -225,18 +225,17 @@ class Identifiability(Message):
     )
     observability: Dimensionless[dict[ObservabilityIndex, float] | None] = Field(
         default=None,
-        description="Observability indices of the observable joints (Sun & Hollerbach 2008); null if "
-        "rank-deficient. Of the singular values s of the regressor with each column divided by what it would "
-        "have been had the force pulled across the joint's lever and the moment turned about its axis, in "
-        "every observation: no unit, no frame, and sets of any size compare. `o1`: geometric mean of s; "
-        "`o2`: least over greatest; `o3`: least; `o4`: least squared over greatest; `o5`: 1 / sum of 1/s. "
-        "They concern the readings of all targets, whatever the method. Larger is better; none exceeds 1.",
+        description="Observability indices (Sun & Hollerbach 2008) of the observable joints by the readings "
+        "of all targets; null if rank-deficient. Of the singular values s of the regressor, "
+        "each column divided by its norm for forces across the joint's lever and moments about "
+        "its axis: `o1` geometric mean of s, `o2` least over greatest, `o3` least, `o4` least "
+        "squared over greatest, `o5` 1 / sum of 1/s. Larger is better; none exceeds 1.",
     )
     advice: list[Advice] = Field(
         default_factory=list,
         description="Advice on the next measurements, for at most three joints: those without a number, at "
-        "zero compliance, or with a standard uncertainty above 10 %. At most two pieces of advice "
-        "per joint, the better first: another load in a posture of the set, and a new posture.",
+        "zero compliance, or with a standard uncertainty above 10 %. At most two pieces per "
+        "joint, the better first.",
     )
     weakest: list[str] = Field(
         default_factory=list,
@@ -353,8 +352,7 @@ class Certificate(Message):
     complementarity: float = Field(description="Largest min(slack, multiplier).")
     solved_by: list[SupportFinder] = Field(
         description="Algorithms that found the active bounds, for the robust loss if there is one, then for "
-        "each stage of the method: least squares (none), principal pivoting, Clarabel, the exact "
-        "active-set method, or, with an order of the joints, the least-distance problem."
+        "each stage of the method."
     )
 
 
@@ -371,8 +369,8 @@ class Goodness(Message):
     )
     p_value: Dimensionless[float | None] = Field(
         default=None,
-        description="p-value of the two-sided chi-square test of a stated sigma: probability of residuals at "
-        "least as extreme if model and sigma are right; null without residual degrees of freedom.",
+        description="p-value of the two-sided chi-square test of a stated sigma; null without residual "
+        "degrees of freedom.",
     )
     test: Literal["consistent", "residuals_too_large", "residuals_too_small"] | None = Field(
         default=None, description="Result of that test at a significance level of 1 %."
@@ -460,9 +458,9 @@ class ModelChoice(Message):
     elasticity: ElasticModel
     loss: Loss
     source: Literal["given", "screening", "cross_validation", "options"] = Field(
-        description="`given`: named in the request. `screening`: joints alone, because no test shows that "
-        "something besides them bends. `cross_validation`: compared on held-out postures. `options`: joints "
-        "alone, because other options exclude more."
+        description="`given`: named in the request. `screening`: no test shows that something besides "
+        "joints bends. `cross_validation`: compared on held-out postures. `options`: other "
+        "options exclude more than joints."
     )
     links_p_value: Dimensionless[float | None] = Field(
         description="p-value of the F test of links beside joints; null if it was not made."
@@ -510,9 +508,9 @@ class RunResult(Result):
     assessment: Assessment
     joints: list[JointResult]
     compensation: float | None = Field(
-        description="Compensation: share of the mean deflection that the model predicts, 1 - "
-        "mean‖residual‖ / mean‖deflection‖; null if nothing moved, or if there are as many parameters as "
-        "readings. Dimensionless."
+        description="Compensation: share of the mean deflection that the model predicts, 1 - mean‖residual‖ "
+        "/ mean‖deflection‖; null if nothing moved, or without degrees of freedom. "
+        "Dimensionless."
     )
     rms_residual: Metres[float] = Field(description="Root mean square of the residual vectors' lengths.")
     sigma: Metres[float | None] = Field(
@@ -537,9 +535,8 @@ class RunResult(Result):
     links: LinksResult | None = Field(
         default=None,
         description="Elastic links or coupling, if requested. The joints' numbers are then effective: of "
-        "the joint and its link's rotation about its axis together. Their intervals hold all values that "
-        "fit the readings with 0.3 times the penalty that predicts best; they are null if `link_penalty` is "
-        "given.",
+        "the joint and its link's rotation about its axis. Their intervals hold all values that "
+        "fit the readings with 0.3 times the best penalty; null if `link_penalty` is given.",
     )
     choice: ModelChoice | None = Field(
         default=None,

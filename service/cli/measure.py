@@ -18,17 +18,13 @@ if TYPE_CHECKING:
     from jointstiff.service.library.measure import LiveMeasurement
 
 _NOT_OFFERED: Final = {
-    "readings",
-    "criterion",
-    "validation",
     "elastic_links",
-    "accept_verdict",
     "directions",
     "goal",
     "plan_id",
     "prior",
 }
-"""Fields of a plan that a goal replaces, or that a live campaign does not read."""
+"""Fields that the command states in another way, or that only the API takes."""
 _TEXT: Final = {
     "load": "Load to apply, such as dead_weight:1500, dead_weight:150kg or any_direction:1500; default: the "
     "strongest force of the campaign, a weight if all of its forces pull down.",

@@ -109,10 +109,6 @@ class GeometryFields(TypedDict, total=False):
     base_targets: BaseTargetReadings | Mapping[str, Any] | None
 
 class PlanFields(TypedDict, total=False):
-    accept_verdict: Literal["do_not_use"] | None
-    readings: int
-    goal: str | JointsGoal | Mapping[str, Any] | DeflectionGoal | DecisionGoal | None
-    criterion: Literal["relative_a", "work_area", "d", "e", "worst_place"] | None
     work_area: Matrix | None
     load: DeadWeight | Mapping[str, Any] | AnyDirection | Cable | OwnWeight | None
     targets: Mapping[str, Vector]
@@ -123,16 +119,20 @@ class PlanFields(TypedDict, total=False):
     torque_limits: Mapping[str, float]
     stiffness: Mapping[str, float]
     priors: Mapping[str, StiffnessPrior | Mapping[str, Any]]
-    causes: Sequence[NamedCause | Mapping[str, Any]]
-    leave_out: Sequence[str]
     joints: Sequence[str]
     candidates: int
     postures: Matrix
     surroundings: Surroundings | Mapping[str, Any]
     distinct_angle: float
-    validation: float
     elastic_links: bool | None
     seed: int
+    accept_verdict: Literal["do_not_use"] | None
+    readings: int
+    goal: str | JointsGoal | Mapping[str, Any] | DeflectionGoal | DecisionGoal | None
+    criterion: Literal["relative_a", "work_area", "d", "e", "worst_place"] | None
+    causes: Sequence[NamedCause | Mapping[str, Any]]
+    leave_out: Sequence[str]
+    validation: float
 
 class MapFields(TypedDict, total=False):
     absolute: bool

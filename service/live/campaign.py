@@ -29,8 +29,8 @@ from jointstiff.schemas.plan import (
     DeflectionGoal,
     JointsGoal,
     PlannedReading,
-    PlanOptions,
     PlanRequest,
+    ReadingOptions,
 )
 from jointstiff.schemas.run import Budget, Goodness, RunResult
 from jointstiff.service.conversion.prepared import CheckedSet, PreparedSet, check_set
@@ -111,7 +111,7 @@ class Declared:
                 where="open.work_area",
                 remedy="give the corners of the box in which they matter, in R0, or the goal `joints`",
             )
-        stated = options.model_dump(include=set(PlanOptions.model_fields) - {"priors"})
+        stated = options.model_dump(include=set(ReadingOptions.model_fields) - {"priors"})
         for name in options.priors:
             joint_index(self.robot, name, f"open.priors.{name}")
         if isinstance(options.load, OwnWeight) and options.priors:

@@ -24,7 +24,7 @@ from jointstiff.schemas.measurement import (
     ResolvedFrame,
     SetChange,
 )
-from jointstiff.schemas.plan import AnyDirection, DeadWeight, Plan, PlanOptions, PlanResult
+from jointstiff.schemas.plan import AnyDirection, DeadWeight, Plan, PlanResult, ReadingOptions
 from jointstiff.schemas.run import RunRequest
 from jointstiff.service.live.campaign import Declared, Entry, LiveCampaign
 from jointstiff.service.live.declaration import completed
@@ -271,8 +271,8 @@ class OpenSets:
             raise RequestError("the plan has no result", remedy="give another plan", where="open.plan_id")
         known: dict[str, Any] = {
             name: getattr(plan.request, name)
-            for name in PlanOptions.model_fields
-            if name in plan.request.model_fields_set and name not in {"candidates", "readings", "validation"}
+            for name in ReadingOptions.model_fields
+            if name in plan.request.model_fields_set and name != "candidates"
         }
         known |= {"targets": plan.result.targets, "load_point": plan.result.load_point}
         if known.get("load") is None:

@@ -131,7 +131,9 @@ export function StiffnessPart({ context, result }: PartProps) {
           )
         }
       />
-      {(result.links || result.choice?.models.length || result.resampling) && <JobTables collection="runs" id={run.id} from={1} />}
+      {(result.links || result.choice?.models.length || result.resampling) && (
+        <JobTables collection="runs" id={run.id} from={1} />
+      )}
       <Further warnings={unsaid(result.warnings, result.assessment.reasons)} />
       <Evidence context={context} result={result} />
     </>
