@@ -7,7 +7,7 @@ from typing import Annotated, Final, Literal
 
 from pydantic import Field
 
-from jointstiff.schemas.fields import Dimensionless, Message, Name, Positions, Terminal
+from jointstiff.schemas.fields import Dimensionless, Identifier, Message, Name, Positions, Terminal
 
 
 class ProblemItem(Message):
@@ -50,6 +50,7 @@ ActionKind = Literal[
     "convert_units",
     "exchange_readings",
     "choose_model",
+    "choose_robot",
     "show_posture",
 ]
 
@@ -69,13 +70,18 @@ class NamedCause(Message):
     )
 
 
+def _is_absent(value: object) -> bool:
+    return value is None
+
+
 class Action(Message):
     """Action that a program can offer; it changes only the named options or readings."""
 
     kind: ActionKind = Field(
         description="Action. `fit_causes` fits `causes` beside the joints and leaves the readings as they "
         "are; `convert_units` declares `unit` and keeps the numbers; `exchange_readings` "
-        "exchanges unloaded and loaded readings; `choose_model` lets the readings choose elasticity and loss."
+        "exchanges unloaded and loaded readings; `choose_model` lets the readings choose elasticity and "
+        "loss; `choose_robot` keeps the readings and takes `robot`."
     )
     observations: list[Name] = Field(description="Labels of the observations to omit, or to show.")
     joints: list[Name] = Field(description="Joints whose columns are exchanged, or whose map is corrected.")
@@ -90,6 +96,17 @@ class Action(Message):
     )
     causes: list[NamedCause] = Field(description="Causes to fit beside the joints; empty for other actions.")
     unit: Unit | None = Field(description="Unit of the numbers; null for other actions.")
+    robot: Name | None = Field(
+        default=None,
+        exclude_if=_is_absent,
+        description="Name of the robot to choose; absent for other actions.",
+    )
+    robot_id: Identifier | None = Field(
+        default=None,
+        exclude_if=_is_absent,
+        description="Id of the stored robot to choose; absent for an arm of the catalogue, and for other "
+        "actions.",
+    )
 
     @classmethod
     def of(
@@ -103,6 +120,8 @@ class Action(Message):
         target: str | None = None,
         causes: Sequence[NamedCause] = (),
         unit: Unit | None = None,
+        robot: str | None = None,
+        robot_id: str | None = None,
     ) -> Action:
         """Return an action; what its kind does not need is empty."""
         return cls(
@@ -114,6 +133,8 @@ class Action(Message):
             target=target,
             causes=list(causes),
             unit=unit,
+            robot=robot,
+            robot_id=robot_id,
         )
 
 
@@ -123,6 +144,7 @@ FindingCode = Literal[
     "target_moved",
     "targets_swapped",
     "target_off_model",
+    "another_robot_fits",
     "observations_out_of_order",
     "duplicated_observation",
     "joint_sign_suspect",
@@ -203,8 +225,8 @@ FindingCode = Literal[
 ]
 
 
-UNIT_MISTAKES: Final[frozenset[FindingCode]] = frozenset(
-    {"length_unit_suspect", "angle_unit_suspect", "force_unit_suspect"}
+ROOT_MISTAKES: Final[frozenset[FindingCode]] = frozenset(
+    {"length_unit_suspect", "angle_unit_suspect", "force_unit_suspect", "another_robot_fits"}
 )
 """Findings that cause others: an assessment of readings with one of them tells no other reason."""
 

@@ -22,7 +22,7 @@ from jointstiff.schemas.imports import ImportAnswer, ImportRequest
 from jointstiff.schemas.measurement import MeasurementSetDocument, MeasurementSetRequest
 from jointstiff.schemas.program import MAX_FILES as MAX_PROGRAM_FILES
 from jointstiff.schemas.program import Program, ProgramRequest
-from jointstiff.schemas.robot import RobotDocument
+from jointstiff.schemas.robot import CatalogueModel, RobotDocument, RobotRequest
 from jointstiff.schemas.run import Campaign, CampaignRun, Run, RunRequest
 from jointstiff.service.api.answers import PartsOf, accepted, json_response
 from jointstiff.service.api.bodies import (
@@ -152,7 +152,9 @@ def _variant(parts: Parts, run: Run, action: Action) -> RunRequest:
     )
     after = mended(before, action)
     robot_id, set_id = stored.robot_id, stored.id
-    if after.robot is not before.robot:
+    if action.kind == "choose_robot":
+        robot_id = action.robot_id or _stored_robot(parts, _of_catalogue(action.robot or ""))
+    elif after.robot is not before.robot:
         robot_id = _stored_robot(parts, after.robot)
     if after.robot is not before.robot or after.measurement_set is not before.measurement_set:
         set_id = _stored_set(parts, after.measurement_set, robot_id)
@@ -164,7 +166,11 @@ def _named(kind: type[Part], source: Message) -> Part:
     return kind(**{name: getattr(source, name) for name in kind.model_fields})
 
 
-def _stored_robot(parts: Parts, document: RobotDocument) -> str:
+def _of_catalogue(arm: str) -> RobotRequest:
+    return RobotRequest(name=arm, model=CatalogueModel(format="catalogue", arm=arm))
+
+
+def _stored_robot(parts: Parts, document: RobotRequest) -> str:
     """Store a robot unless there is one of this content; return its id."""
     return _once(parts.store.robots, parts.robots.create, document)
 
@@ -275,7 +281,7 @@ def _understood(parts: Parts, files: list[UploadFile], options: ImportRequest) -
     robot = None if options.robot_id is None else parts.robots.find(options.robot_id, None)
     sources = [SourceFile(*named_content(file)) for file in files]
     with without_collections():
-        return import_files(sources, options, robot).model_dump_json()
+        return import_files(sources, options, robot, parts.robots.known()).model_dump_json()
 
 
 def named_content(file: UploadFile) -> tuple[str, bytes]:

@@ -547,6 +547,8 @@ def _findings(answer: ImportAnswer) -> Iterator[Line]:
     for finding in answer.findings or ():
         place = f"{finding.observation}: " if finding.observation else ""
         remedy = f"; {finding.remedy}" if finding.remedy else ""
+        if finding.action is not None and finding.action.kind == "choose_robot":
+            remedy += f" with `--robot '{finding.action.robot}'`"
         style: Any = "bad" if finding.weight == "do_not_use" else "care"
         weight = "for information" if finding.weight == "use" else VERDICTS[finding.weight]
         yield Line(f"  {weight}: {place}{finding.message}{remedy}", style)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, TypeVar
 
@@ -37,6 +37,7 @@ from jointstiff.solver.estimation.assessment import gross_mistake
 from jointstiff.solver.estimation.causes import fit_causes
 from jointstiff.solver.estimation.estimate import Estimate
 from jointstiff.solver.integrity import inspect
+from jointstiff.solver.integrity.other_robots import KnownRobot
 from jointstiff.solver.mechanics.chain import KinematicChain
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.robot import Robot
@@ -276,6 +277,7 @@ def check_set(
     robot: Robot,
     resolved: ResolvedFrame | None,
     noticed: list[Finding],
+    others: Iterable[KnownRobot] = (),
 ) -> CheckedSet:
     """Check a set, and look for the usual mistakes.
 
@@ -284,6 +286,7 @@ def check_set(
         robot: the robot that was measured.
         resolved: the transform that its frame stands for; None if all is in R0.
         noticed: findings about that frame.
+        others: robots that may have been measured instead, as `inspect` takes them.
 
     Raises:
         MeasurementError: the set cannot be used; with the place and the remedy.
@@ -292,23 +295,26 @@ def check_set(
     measurements = to_measurements(*in_base(document, readings, resolved), robot)
     findings = list(noticed)
     if measurements.unloaded_only is None:  # without a load there is no deflection to inspect
-        findings += inspect(robot, measurements, degrees=document.units.angle == "deg")
+        findings += inspect(robot, measurements, degrees=document.units.angle == "deg", others=others)
     return CheckedSet(readings, measurements, findings, content_hash(document, readings, resolved))
 
 
-def prepare_set(document: MeasurementSetDocument, robot: PreparedRobot, robot_id: str) -> PreparedSet:
+def prepare_set(
+    document: MeasurementSetDocument, robot: PreparedRobot, robot_id: str, others: Iterable[KnownRobot] = ()
+) -> PreparedSet:
     """Prepare a set without a store.
 
     Args:
         document: the set, in R0 or in a frame that it states itself.
         robot: the robot that was measured.
         robot_id: any id for it.
+        others: robots that may have been measured instead, as `inspect` takes them.
 
     Raises:
         MeasurementError: the set cannot be used; with the place and the remedy.
         RequestError: its frame names a stored geometry.
     """
-    checked = check_set(document, robot.robot, own_frame(document), [])
+    checked = check_set(document, robot.robot, own_frame(document), [], others)
     return PreparedSet(
         robot=robot.robot,
         measurements=checked.measurements,

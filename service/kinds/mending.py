@@ -15,6 +15,7 @@ from jointstiff.schemas.robot import JointMap
 from jointstiff.schemas.run import Campaign
 from jointstiff.service.conversion.prepared import prepare_robot, without
 from jointstiff.service.conversion.units import LENGTH
+from jointstiff.service.resources.catalogue import find_arm, nominal_robot
 from jointstiff.solver.errors import RequestError
 
 _Set = MeasurementSetDocument
@@ -49,6 +50,8 @@ def advised(assessment: Assessment, kind: str) -> Action:
 def mended(campaign: Campaign, action: Action) -> Campaign:
     """Return a campaign after an action, its changed parts under names that say so.
 
+    A robot that is chosen by its id is the store's to fetch, and the campaign keeps its own.
+
     Raises:
         RequestError: the action changes nothing, or the set does not state what it changes.
     """
@@ -62,6 +65,11 @@ def mended(campaign: Campaign, action: Action) -> Campaign:
         joint_map = JointMap(matrix=action.joint_map, offset=action.offset)
         changes = {"joint_map": joint_map, "name": _renamed(campaign.robot.name, "joint map corrected")}
         return campaign.model_copy(update={"robot": campaign.robot.model_copy(update=changes)})
+    if action.kind == "choose_robot":
+        name = action.robot or ""
+        robot = campaign.robot if action.robot_id is not None else nominal_robot(find_arm(name, "apply"))
+        measured = measured.model_copy(update={"name": _renamed(measured.name, name)})
+        return campaign.model_copy(update={"robot": robot, "measurement_set": measured})
     if action.kind == "exchange_columns":
         names = prepare_robot(campaign.robot).robot.joint_names
         measured = _with_columns_exchanged(measured, [names.index(name) for name in action.joints])

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from math import sqrt
 from typing import TYPE_CHECKING, Any, Final
 
-from jointstiff.schemas.finding import UNIT_MISTAKES
+from jointstiff.schemas.finding import ROOT_MISTAKES
 from jointstiff.schemas.joints import JOINT_UNITS, JointKind
 from jointstiff.schemas.model import ElasticCompliance, LinksResult, ScoredModel
 from jointstiff.schemas.options import ElasticModel, RunOptions
@@ -61,7 +61,7 @@ def report(job: Run, result: RunResult, view: View) -> Report:
         *joint_reason_lines((joint.name, joint.reason) for joint in result.joints),
         _summary(result),
     ]
-    if not view.details and not UNIT_MISTAKES.isdisjoint(each.code for each in result.assessment.reasons):
+    if not view.details and not ROOT_MISTAKES.isdisjoint(each.code for each in result.assessment.reasons):
         return Report(parts[:1])
     if result.weight is not None:
         parts += _weight_lines(result.weight)

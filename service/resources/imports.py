@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from math import hypot, sqrt
 from pathlib import PurePath
 from typing import TYPE_CHECKING, Any, Final, cast
@@ -30,6 +30,7 @@ from jointstiff.service.problems import FilesError, reworded
 from jointstiff.solver.errors import MeasurementError
 
 if TYPE_CHECKING:
+    from jointstiff.solver.integrity.other_robots import KnownRobot
     from jointstiff.solver.mechanics.robot import Robot
 
 _LENGTHS: Final = frozenset(("sigma", "station", "constant", "load_point", "target_places", "position"))
@@ -51,7 +52,10 @@ def _where(place: Place) -> str:
 
 
 def import_files(
-    files: Sequence[SourceFile], request: ImportRequest, robot: Robot | None = None
+    files: Sequence[SourceFile],
+    request: ImportRequest,
+    robot: Robot | None = None,
+    others: Iterable[KnownRobot] | None = None,
 ) -> ImportAnswer:
     """Understand files of readings, and make a measurement set of them if nothing is missing.
 
@@ -59,6 +63,7 @@ def import_files(
         files: text or Excel, in any order.
         request: what they do not say themselves.
         robot: that was measured: then the set is inspected.
+        others: robots that may have been measured instead; the catalogue's arms if None.
 
     Raises:
         ImportRefusedError: something in them is not understood, contradictory or ambiguous, and the request
@@ -77,7 +82,7 @@ def import_files(
     if not faults and not missing:
         try:
             document = _measurement_set(understood, request, first, own_weight=unloaded)
-            findings = None if robot is None else _findings(document, robot)
+            findings = None if robot is None else _findings(document, robot, others)
             template = _template(understood, request)
         except ImportFileError as fault:
             document = None
@@ -185,12 +190,16 @@ def _unusual(understood: Understood, request: ImportRequest) -> list[str]:
     return [*far_point, *understood.unusual]
 
 
-def _findings(document: MeasurementSetDocument, robot: Robot) -> list[Finding]:
+def _findings(
+    document: MeasurementSetDocument, robot: Robot, others: Iterable[KnownRobot] | None
+) -> list[Finding]:
     """Inspect a set; lengths that the request states have another remedy than those of the files."""
     from jointstiff.service.conversion.prepared import check_set
+    from jointstiff.service.resources.known_robots import catalogue_robots
 
     try:
-        findings = check_set(document, robot, None, []).warnings
+        known = catalogue_robots() if others is None else others
+        findings = check_set(document, robot, None, [], known).warnings
     except MeasurementError as error:
         where = f" ({error.where})" if error.where else ""
         reason = f"the readings do not fit the robot{where}: {error.reason}"

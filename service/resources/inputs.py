@@ -14,6 +14,7 @@ from jointstiff.schemas.job import Job
 from jointstiff.schemas.measurement import MeasurementSetDocument
 from jointstiff.schemas.run import Run
 from jointstiff.service.conversion.prepared import PreparedRobot, PreparedSet, prepare_set, without
+from jointstiff.service.resources.known_robots import catalogue_robots
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.mechanics.robot import Robot
 
@@ -80,7 +81,8 @@ class FromFile:
             MeasurementError: the set cannot be used.
         """
         set_id = uuid4().hex
-        self._sets[set_id] = document, robot, prepare_set(document, robot, self.add_robot(robot))
+        prepared = prepare_set(document, robot, self.add_robot(robot), catalogue_robots())
+        self._sets[set_id] = document, robot, prepared
         return set_id
 
     def add_run(self, run: Run, set_id: str) -> str:
@@ -102,7 +104,7 @@ class FromFile:
         if not leave_out:
             return prepared
         kept = document.model_copy(update={"observations": without(document.observations, leave_out)})
-        return prepare_set(kept, robot, prepared.robot_id)
+        return prepare_set(kept, robot, prepared.robot_id, catalogue_robots())
 
     def listed(self, *_: object) -> tuple[dict[str, Any], ...]:
         """Return no jobs: files hold none of a robot's past."""

@@ -38,6 +38,7 @@ from jointstiff.service.conversion.units import LENGTH
 from jointstiff.service.problems import NotFoundError, Resource
 from jointstiff.service.resources.catalogue import find_arm
 from jointstiff.service.resources.inputs import MeasuredRun
+from jointstiff.service.resources.known_robots import catalogue_robots
 from jointstiff.service.store.collection import Collection
 from jointstiff.service.store.store import Store
 from jointstiff.service.store.tables import (
@@ -50,6 +51,7 @@ from jointstiff.service.store.tables import (
 )
 from jointstiff.solver.errors import MeasurementError, RequestError
 from jointstiff.solver.geometry.identification import drift_findings
+from jointstiff.solver.integrity.other_robots import KnownRobot
 from jointstiff.solver.mechanics.robot import Robot
 
 AnyJob = TypeVar("AnyJob", bound=Job)
@@ -165,6 +167,13 @@ class Robots(Kept[RobotRecord, RobotRecord, tuple[Robot, str]]):
             return prepare_robot(document).robot
         return self.load(robot_id or "")[0]
 
+    def known(self) -> Iterator[KnownRobot]:
+        """Yield robots that may have been measured: the latest stored ones, then arms of the catalogue."""
+        page = self._store.robots.page(limit=_ROBOTS)
+        for record in page.records:
+            yield KnownRobot(record.name, self.load(record.id)[0], record.id)
+        yield from catalogue_robots(but={record.content_hash for record in page.records})
+
     def _described(
         self, request: robots.RobotDocument | robots.RobotRequest
     ) -> tuple[robots.RobotDocument, dict[str, str]]:
@@ -257,7 +266,7 @@ class MeasurementSets(Kept[MeasurementSetRecord, MeasurementSetEntry, PreparedSe
         except NotFoundError as error:
             raise MeasurementError(error.reason, remedy=error.remedy, where="robot_id") from error
         resolved, drift = resolve_frame(self._store, request)
-        checked = check_set(request, robot, resolved, drift)
+        checked = check_set(request, robot, resolved, drift, self._robots.known())
         stored = messages.StoredMeasurementSet(
             **request.model_dump(exclude={"observations", "open"}),
             id=identifier or uuid4().hex,
@@ -309,7 +318,11 @@ class MeasurementSets(Kept[MeasurementSetRecord, MeasurementSetEntry, PreparedSe
         robot, robot_hash = self._robots.load(stored.robot_id)
         noticed = [warning for warning in stored.warnings if warning.code in FRAME_CODES]
         checked = check_set(
-            stored.model_copy(update={"observations": kept}), robot, stored.resolved_frame, noticed
+            stored.model_copy(update={"observations": kept}),
+            robot,
+            stored.resolved_frame,
+            noticed,
+            self._robots.known(),
         )
         content = hash_of(robot_hash, checked.content_hash)
         return PreparedSet(robot, checked.measurements, checked.warnings, stored.robot_id, content)

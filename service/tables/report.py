@@ -116,9 +116,9 @@ def remedies(assessment: Assessment, *, applies: bool = False) -> list[str]:
     kinds = [None if each.action is None else each.action.kind for each in assessment.reasons]
     options = [
         f", or repeat the command with `--apply {kind}`"
-        if applies and kind not in (None, "show_posture")
+        if applies and kind not in (None, "show_posture", *kinds[:number])  # the first of a kind is applied
         else ""
-        for kind in kinds
+        for number, kind in enumerate(kinds)
     ]
     return list(dict.fromkeys(map(str.__add__, (each.remedy for each in assessment.reasons), options)))
 

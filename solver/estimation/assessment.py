@@ -15,7 +15,7 @@ from typing import Final
 
 import numpy as np
 
-from jointstiff.schemas.finding import UNIT_MISTAKES, Action, Finding, FindingCode, NamedCause, Verdict
+from jointstiff.schemas.finding import ROOT_MISTAKES, Action, Finding, FindingCode, NamedCause, Verdict
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.estimation.causes import (
     LARGEST_RATIO,
@@ -112,7 +112,7 @@ class Assessment:
         An exact fit explains all, whatever was measured; without a joint no contribution is a joint's.
         """
         codes = {reason.code for reason in self.reasons}
-        exact = bool(codes & (UNIT_MISTAKES | {"no_residual_freedom"}))
+        exact = bool(codes & (ROOT_MISTAKES | {"no_residual_freedom"}))
         return replace(
             prediction,
             compensation=None if exact else prediction.compensation,
@@ -141,11 +141,13 @@ def assess(
         screening: of an identification of joints alone; None to make it here.
     """
     notes = tuple(_notes(measurements, estimate))
-    units = _kinds([each for each in findings if each.code in UNIT_MISTAKES], "do_not_use")
-    if units:
-        return replace(
-            assessed(estimate.joints, [_of_all(same, same[0].action) for same in units]), notes=notes
-        )
+    roots = _kinds([each for each in findings if each.code in ROOT_MISTAKES], "do_not_use")
+    if roots:
+        reasons: list[Finding] = []
+        for same in roots:  # each robot that fits is a choice of its own
+            choices = same[0].code == "another_robot_fits"
+            reasons += same if choices else [_of_all(same, same[0].action)]
+        return replace(assessed(estimate.joints, reasons), notes=notes)
     better = gross_mistake(robot, measurements, estimate)
     if better is not None:
         findings = [finding for finding in findings if finding.code not in _SAME_MISTAKES]

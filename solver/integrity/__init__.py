@@ -5,7 +5,10 @@ Each finding has a weight, a figure and a remedy; none is mended silently.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Final
+
+import numpy as np
 
 from jointstiff.schemas.finding import Finding, FindingCode
 from jointstiff.solver.integrity.beside_model import (
@@ -15,6 +18,7 @@ from jointstiff.solver.integrity.beside_model import (
     inspect_response,
     inspect_rigidity,
 )
+from jointstiff.solver.integrity.other_robots import KnownRobot, inspect_robots
 from jointstiff.solver.integrity.values import View, inspect_repeats, inspect_values
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.robot import Robot
@@ -27,7 +31,9 @@ _NO_RESPONSE: Final[frozenset[FindingCode]] = frozenset(
 """With these the deflections are not what the springs would make of the load."""
 
 
-def inspect(robot: Robot, measurements: Measurements, *, degrees: bool) -> list[Finding]:
+def inspect(
+    robot: Robot, measurements: Measurements, *, degrees: bool, others: Iterable[KnownRobot] = ()
+) -> list[Finding]:
     """Look for the usual mistakes of a day of measurements.
 
     What a check finds wrong with the whole set ends the search for what follows from it: positions that no
@@ -37,6 +43,8 @@ def inspect(robot: Robot, measurements: Measurements, *, degrees: bool) -> list[
         robot: n joints.
         measurements: N observations of T targets.
         degrees: whether the angles were posted in degrees.
+        others: robots that may have been measured instead; they are built and tried only where targets are
+            off the robot's model and no mistake in the readings explains it.
 
     Returns:
         The findings, at most `MAX_FINDINGS_PER_CODE` of each kind.
@@ -44,6 +52,9 @@ def inspect(robot: Robot, measurements: Measurements, *, degrees: bool) -> list[
     view = View(robot, measurements, degrees)
     findings = list(inspect_values(view))
     suspects, good = inspect_places(view)
+    if any(finding.code == "target_off_model" and finding.weight == "do_not_use" for finding in suspects):
+        fitting = list(inspect_robots(view, others))
+        suspects, good = (fitting, np.zeros_like(good)) if fitting else (suspects, good)
     exchanged = {finding.where for finding in suspects if finding.code == "targets_swapped"}
     # A target under another's name did not move as far as the other is
     findings = [f for f in findings if f.code != "deflection_implausibly_large" or f.where not in exchanged]

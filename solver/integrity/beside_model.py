@@ -149,22 +149,22 @@ def inspect_places(view: View) -> tuple[list[Finding], BoolArray]:
         return [], good
     seen = np.where(useful[..., None], view.places, np.nan)[rows]
     place = _median(seen)
-    if _apart(seen, place).max() <= LARGEST_MODEL_ERROR:
+    if distance_from(seen, place).max() <= LARGEST_MODEL_ERROR:
         exchanged, findings = _loaded_exchanged(view, rows, place)
         good[exchanged] = False
         return [*_single_rows(view, rows, seen, place), *findings], good
     # Some targets are far from where the others say: find the mistake that explains it.
-    place = _consensus(seen)
-    agree = _apart(seen, place) <= LARGEST_MODEL_ERROR
-    sample = rows[np.unique(np.linspace(0, len(rows) - 1, _ROWS).round().astype(int))]
+    place = consensus(seen)
+    agree = distance_from(seen, place) <= LARGEST_MODEL_ERROR
+    sample = sampled(rows)
     joints, judged = view.measurements.joints, []
     units = unit_hypotheses(joints[sample], view.robot.prismatic)
     for h in (*units, *angle_hypotheses(joints, sample, view.robot.joint_names)):
         asked = sample[h.rows]
         at = Postures(view.robot, view.robot.joint_map.model_angles(h.joints))
         there = seen_from_flange(at, h.length * view.measurements.position[asked], view.measured[asked])
-        mended = _consensus(there)
-        judged.append((h, mended, _apart(there, mended)))
+        mended = consensus(there)
+        judged.append((h, mended, distance_from(there, mended)))
     best, mended, apart = max(
         judged, key=lambda each: (np.sum(each[2] <= LARGEST_MODEL_ERROR), -median(each[2]))
     )
@@ -180,7 +180,7 @@ def inspect_places(view: View) -> tuple[list[Finding], BoolArray]:
             return [view.other_unit(best.unit, effect)], ~good
         return [view.finding(best.code, effect, best.remedy, "do_not_use")], ~good
     if best.code == "observations_out_of_order" and count / len(sample) > posted_share:
-        place, agree = mended, _apart(seen, mended) <= LARGEST_MODEL_ERROR
+        place, agree = mended, distance_from(seen, mended) <= LARGEST_MODEL_ERROR
     exchanged, under_load = _loaded_exchanged(view, rows[agree], place)
     good[[*rows[~agree], *exchanged]] = False
     findings = [*_row_by_row(view, rows[~agree], seen[~agree], place), *under_load]
@@ -310,15 +310,20 @@ def _loaded_exchanged(view: View, rows: IndexArray, place: FloatArray) -> tuple[
     return list(found), [each for i, order in found.items() for each in _exchanged(view, i, None, order)]
 
 
-def _apart(seen: FloatArray, place: FloatArray) -> FloatArray:
+def sampled(rows: IndexArray) -> IndexArray:
+    """Return as many of the rows (M,) as suffice to find a mistake of the whole set, evenly chosen."""
+    return np.asarray(rows[np.unique(np.linspace(0, len(rows) - 1, _ROWS).round().astype(int))])
+
+
+def distance_from(seen: FloatArray, place: FloatArray) -> FloatArray:
     """(M,) greatest distance of a target from its place [m]; 0 where none was measured."""
     return np.asarray(np.nan_to_num(np.linalg.norm(seen - place, axis=2)).max(axis=1))
 
 
-def _consensus(seen: FloatArray) -> FloatArray:
+def consensus(seen: FloatArray) -> FloatArray:
     """(T, 3) place that most rows agree on: the median would be nowhere with half of the rows wrong."""
     anchors = seen[np.unique(np.linspace(0, len(seen) - 1, _ANCHORS).round().astype(int))]
-    support = [_apart(seen, anchor) <= 2.0 * LARGEST_MODEL_ERROR for anchor in anchors]
+    support = [distance_from(seen, anchor) <= 2.0 * LARGEST_MODEL_ERROR for anchor in anchors]
     return _median(seen[max(support, key=lambda near: int(near.sum()))])
 
 

@@ -290,6 +290,7 @@ export const en = {
       convert_units: ({ unit }) => `Read the numbers in ${unit ?? "another unit"} and repeat`,
       exchange_readings: () => "Exchange unloaded and loaded and repeat",
       choose_model: () => "Choose the model by the readings",
+      choose_robot: ({ robot }) => `Choose another robot: ${robot ?? ""}`,
       show_posture: () => "Show the posture",
     } satisfies Record<Action["kind"], (action: Action) => string>,
     noiseStated: "noise stated",

@@ -59,7 +59,7 @@ function First({ run, set }: Pick<RunContext, "run" | "set">) {
   if (action && verdict !== "use")
     return (
       <ActionButton look="primary" action={mend} going={text.start.going}>
-        {words.mend}
+        {action.kind === "choose_robot" ? text.assessment.actions.choose_robot(action) : words.mend}
       </ActionButton>
     );
   return (

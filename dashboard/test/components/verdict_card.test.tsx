@@ -1,6 +1,7 @@
 // @vitest-environment happy-dom
 import { expect, it } from "vitest";
 import { VerdictCard } from "../../src/components/job_page";
+import type { RunContext } from "../../src/views/run_context";
 import { drawn } from "./drawn";
 
 it.each([
@@ -18,4 +19,31 @@ it.each([
   };
   const root = await drawn(<VerdictCard assessment={assessment} context={null} />);
   expect(root.querySelector("h2")?.textContent).toContain(said);
+});
+
+it("offers each robot that fits on a button of its own, the best first", async () => {
+  const empty = { observations: [], joints: [], joint_map: [], offset: [], target: null, causes: [], unit: null };
+  const fitting = (robot: string) => ({
+    code: "another_robot_fits" as const,
+    weight: "do_not_use" as const,
+    where: null,
+    observation: null,
+    message: `with the robot '${robot}', 12 of 12 observations keep the targets on one place of the flange`,
+    remedy: `check which robot was measured; if it is '${robot}', choose it`,
+    action: { ...empty, kind: "choose_robot" as const, robot },
+  });
+  const assessment = {
+    verdict: "do_not_use" as const,
+    reasons: ["FANUC R-2000iC/165F", "FANUC R-2000iC/210F"].map(fitting),
+    notes: [],
+    joints_identified: 0,
+    joint_count: 6,
+    headline: null,
+  };
+  const context = { run: { id: "r" } } as RunContext;
+  const root = await drawn(<VerdictCard assessment={assessment} context={context} />);
+  expect([...root.querySelectorAll("button")].map((button) => button.textContent)).toEqual([
+    "Choose another robot: FANUC R-2000iC/165F",
+    "Choose another robot: FANUC R-2000iC/210F",
+  ]);
 });

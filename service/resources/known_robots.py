@@ -1,0 +1,22 @@
+"""Robots that may have been measured in place of the chosen one: stored robots, and arms of the catalogue."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator
+from functools import cache
+
+from jointstiff.service.conversion.prepared import prepare_robot
+from jointstiff.service.resources.catalogue import catalogue, nominal_robot
+from jointstiff.solver.integrity.other_robots import KnownRobot
+
+
+def catalogue_robots(but: Collection[str] = ()) -> Iterator[KnownRobot]:
+    """Yield the arms of the catalogue, except those of some content hashes. Nothing is built before."""
+    yield from (known for content, known in _nominal_robots() if content not in but)
+
+
+@cache
+def _nominal_robots() -> tuple[tuple[str, KnownRobot], ...]:
+    """Return the arms of the catalogue with their content hashes."""
+    prepared = [(arm.name, prepare_robot(nominal_robot(arm))) for arm in catalogue().arms]
+    return tuple((each.content_hash, KnownRobot(name, each.robot)) for name, each in prepared)

@@ -1,0 +1,110 @@
+"""Other robots than the chosen one: those whose flange sees the targets at one place."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from jointstiff.schemas.finding import Action, Finding
+from jointstiff.solver.arrays import BoolArray, FloatArray
+from jointstiff.solver.integrity.beside_model import (
+    EXPLAINED,
+    LARGEST_MODEL_ERROR,
+    LEAST_ROWS,
+    consensus,
+    distance_from,
+    sampled,
+)
+from jointstiff.solver.integrity.values import View, median, seen_from_flange
+from jointstiff.solver.mechanics.measurements import Measurements
+from jointstiff.solver.mechanics.postures import Postures
+from jointstiff.solver.mechanics.robot import Robot
+from jointstiff.solver.text import length_text
+
+LARGEST_NOMINAL_ERROR: Final = 5e-3
+"""Largest distance of a target from its place [m] by the model of the robot that was measured.
+
+Arms stand within 1 mm to 3 mm of their nominal model, and differ from other arms by centimetres.
+"""
+CLEARLY: Final = 0.1
+"""Fraction of the observations by which another robot must explain more than the chosen one."""
+ALIKE: Final = 1.5
+"""Ratio of median distances up to which positions do not distinguish two robots."""
+_MICROMETRES: Final = 6
+"""Decimals of a median distance [m] that order two robots."""
+
+
+@dataclass(frozen=True, eq=False)
+class KnownRobot:
+    """A robot that may have been measured in place of the chosen one."""
+
+    name: str
+    robot: Robot
+    identifier: str | None = None  #: id of the stored robot; None for an arm of the catalogue
+
+
+@dataclass(frozen=True, eq=False)
+class _Fit:
+    """A known robot whose flange sees the targets at one place in most observations."""
+
+    known: KnownRobot
+    near: int  #: observations whose targets are within `LARGEST_NOMINAL_ERROR` of their place
+    within: float  #: greatest distance from the place in these observations [m]
+    typical: float  #: median distance from the place in all observations [m]
+
+
+def inspect_robots(view: View, others: Iterable[KnownRobot]) -> Iterator[Finding]:
+    """Name the robots that explain the positions where the chosen one does not, the best first.
+
+    A robot explains the positions if its flange sees the targets at one place, to `LARGEST_NOMINAL_ERROR`,
+    in the fraction `EXPLAINED` of the observations, and if the chosen robot's flange does so, to
+    `LARGEST_MODEL_ERROR`, in clearly fewer.
+
+    Args:
+        view: of the set, with the chosen robot.
+        others: robots to try; those of other kinds of joints are passed over.
+    """
+    useful = view.measured & (view.measured.sum(axis=0) > 1)
+    rows = sampled(np.flatnonzero(useful.any(axis=1)))
+    if len(rows) < LEAST_ROWS:
+        return
+    part, useful, fits = view.measurements[rows], useful[rows], []
+    chosen = int((_apart(view.robot, part, useful) <= LARGEST_MODEL_ERROR).sum())
+    for known in others:
+        if known.robot.joint_kinds != view.robot.joint_kinds:
+            continue
+        apart = _apart(known.robot, part, useful)
+        near = apart <= LARGEST_NOMINAL_ERROR
+        count = int(near.sum())
+        if count >= EXPLAINED * len(rows) and count > chosen + CLEARLY * len(rows):
+            fits.append(_Fit(known, count, float(apart[near].max()), median(apart)))
+    fits.sort(key=lambda fit: (-fit.near, round(fit.typical, _MICROMETRES)))
+    for fit in fits:
+        alike = [f"'{each.known.name}'" for each in fits if each is not fit and _alike(each, fit)]
+        tie = f"; {' and '.join(alike)} fit{'s' if len(alike) == 1 else ''} as well" if alike else ""
+        name = fit.known.name
+        yield view.finding(
+            "another_robot_fits",
+            f"with the robot '{name}', {fit.near} of {len(rows)} observations keep the targets on one place "
+            f"of the flange, within {length_text(fit.within)}; with the chosen robot {chosen} of "
+            f"{len(rows)}, within {length_text(LARGEST_MODEL_ERROR)}{tie}",
+            f"check which robot was measured; if it is '{name}', choose it",
+            "do_not_use",
+            Action.of("choose_robot", robot=name, robot_id=fit.known.identifier),
+        )
+
+
+def _apart(robot: Robot, part: Measurements, useful: BoolArray) -> FloatArray:
+    """(M,) greatest distance [m] of a useful target (M, T) from the place where most see it on the flange."""
+    at = Postures(robot, robot.joint_map.model_angles(part.joints))
+    seen = seen_from_flange(at, part.position, useful)
+    return distance_from(seen, consensus(seen))
+
+
+def _alike(one: _Fit, other: _Fit) -> bool:
+    """Return whether the positions do not distinguish two robots."""
+    smaller, larger = sorted(round(fit.typical, _MICROMETRES) for fit in (one, other))
+    return larger <= ALIKE * smaller
