@@ -70,10 +70,6 @@ class NamedCause(Message):
     )
 
 
-def _is_absent(value: object) -> bool:
-    return value is None
-
-
 class Action(Message):
     """Action that a program can offer; it changes only the named options or readings."""
 
@@ -98,14 +94,11 @@ class Action(Message):
     unit: Unit | None = Field(description="Unit of the numbers; null for other actions.")
     robot: Name | None = Field(
         default=None,
-        exclude_if=_is_absent,
-        description="Name of the robot to choose; absent for other actions.",
+        description="Name of the robot to choose; null for other actions.",
     )
     robot_id: Identifier | None = Field(
         default=None,
-        exclude_if=_is_absent,
-        description="Id of the stored robot to choose; absent for an arm of the catalogue, and for other "
-        "actions.",
+        description="Id of the stored robot to choose; null for an arm of the catalogue, and for other actions.",
     )
 
     @classmethod
