@@ -98,7 +98,7 @@ class Action(Message):
     )
     robot_id: Identifier | None = Field(
         default=None,
-        description="Id of the stored robot to choose; null for an arm of the catalogue, and for other actions.",
+        description="Id of the stored robot; null for an arm of the catalogue, and for other actions.",
     )
 
     @classmethod
