@@ -12,11 +12,11 @@ from jointstiff.solver.integrity.other_robots import KnownRobot
 
 def catalogue_robots(but: Collection[str] = ()) -> Iterator[KnownRobot]:
     """Yield the arms of the catalogue, except those of some content hashes. Nothing is built before."""
-    yield from (known for content, known in _nominal_robots() if content not in but)
+    yield from (known for content, known in nominal_robots() if content not in but)
 
 
 @cache
-def _nominal_robots() -> tuple[tuple[str, KnownRobot], ...]:
-    """Return the arms of the catalogue with their content hashes."""
+def nominal_robots() -> tuple[tuple[str, KnownRobot], ...]:
+    """Build the arms of the catalogue once; return each with its content hash."""
     prepared = [(arm.name, prepare_robot(nominal_robot(arm))) for arm in catalogue().arms]
     return tuple((each.content_hash, KnownRobot(name, each.robot)) for name, each in prepared)

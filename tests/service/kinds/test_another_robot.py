@@ -64,7 +64,7 @@ def test_only_its_own_action_names_a_robot():
 
 
 def test_nothing_of_the_catalogue_is_built_before_it_is_needed(monkeypatch):
-    monkeypatch.setattr("jointstiff.service.resources.known_robots._nominal_robots", pytest.fail)
+    monkeypatch.setattr("jointstiff.service.resources.known_robots.nominal_robots", pytest.fail)
     catalogue_robots()
     js.identify(campaign(chosen=MEASURED))
 
