@@ -175,22 +175,11 @@ class Wrist(Message):
     )
 
 
-class StiffnessChange(Message):
-    """A change of stiffness with its standard uncertainty."""
+class Estimate(Message):
+    """A dimensionless number with its standard uncertainty."""
 
-    relative: Dimensionless[float] = Field(
-        description="Relative change: -0.1 for a joint that is 10 % softer."
-    )
-    standard_uncertainty: Dimensionless[float] = Field(
-        description="Standard uncertainty of the change, by the errors that the two campaigns do not share."
-    )
-
-
-class ChangedJoint(Message):
-    """A joint whose stiffness is another than in the first campaign."""
-
-    joint: Name
-    change: StiffnessChange
+    value: Dimensionless[float]
+    standard_uncertainty: Dimensionless[float | None] = Field(description="Null if unknown.")
 
 
 class LastCampaign(Message):
@@ -200,7 +189,10 @@ class LastCampaign(Message):
     at: Timestamp = Field(description="Time of the measurement, or of storing if the set does not state it.")
     serial_number: str | None = Field(description="Serial number that its set states.")
     verdict: Verdict = Field(description="Verdict on its run.")
-    changed: list[ChangedJoint] = Field(description="Joints that changed; empty if none did.")
+    changed: dict[Name, Estimate] = Field(
+        description="Relative change of stiffness by joint, of the joints that changed: -0.1 for one that is "
+        "10 % softer."
+    )
 
 
 class RobotSummary(Message):
