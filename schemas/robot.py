@@ -124,8 +124,8 @@ class Body(Message):
     )
 
 
-class RobotRequest(Message):
-    """A robot as it is posted: a description, a stored geometry, or an arm of the catalogue."""
+class RobotDocument(Message):
+    """A robot: a description, a stored geometry, or an arm of the catalogue."""
 
     name: Name = Field(description="Name of the robot.", examples=["KR 240 cell 3"])
     model: PostedModel
@@ -141,19 +141,10 @@ class RobotRequest(Message):
     )
 
     @model_validator(mode="after")
-    def _one_joint_map(self) -> RobotRequest:
+    def _one_joint_map(self) -> RobotDocument:
         if isinstance(self.model, GeometryModel) and self.joint_map is not None:
             raise ValueError("omit `joint_map`: the geometry has its own")
         return self
-
-
-class RobotDocument(RobotRequest):
-    """A robot as it is posted, or in a campaign file."""
-
-    model: Model
-    joint_map: JointMap | None = Field(
-        default=None, description="Joint map for coupled axes and flipped signs; default: identity."
-    )
 
 
 class Joint(Message):
@@ -216,6 +207,7 @@ class RobotSummary(Message):
 class Robot(RobotDocument, RobotSummary):
     """A stored robot. A URDF comes back reduced to the chain that is used, and re-serialised."""
 
+    model: Model
     wrist: Wrist
     geometry_id: Identifier | None = Field(
         default=None, description="Geometry of the model, if it was posted as one."
