@@ -22,6 +22,7 @@ from jointstiff.schemas.finding import Assessment, Finding, Problem, ResultSumma
 from jointstiff.schemas.job import Job, Result
 from jointstiff.schemas.joints import StatedKind
 from jointstiff.schemas.options import Method, MethodOptions, Resampling, RunOptions, Weighting
+from jointstiff.schemas.robot import Estimate
 from jointstiff.schemas.run import Certificate, JointResult, ResamplingResult, found_in
 
 MAX_METHODS = 8
@@ -190,23 +191,12 @@ class JointRatio(Message):
     reason: str | None = Field(default=None, description="Reason why there is no ratio.")
 
 
-class DeflectionShare(Message):
-    """1 - mean deflection on the second side / mean deflection on the first. Dimensionless."""
-
-    value: float | None = Field(description="Value; null if unknown.")
-    standard_uncertainty: float | None = Field(
-        default=None, description="Standard uncertainty from sigma; null if sigma is unknown."
-    )
-
-
 class ConfigurationShare(Message):
     """The share of the deflection avoided in one observation, over its targets."""
 
     observation: Name
     side: Literal["first", "second", "both"] = Field(description="Sides that have this observation.")
-    measured: DeflectionShare | None = Field(
-        description="Measured share; only if both sides have the observation."
-    )
+    measured: Estimate | None = Field(description="Measured share; only if both sides have the observation.")
     predicted: float | None = Field(
         description="Predicted share from both sides' compliances; null if a joint that deflects here is not "
         "observable on one side. Dimensionless."
@@ -214,13 +204,13 @@ class ConfigurationShare(Message):
 
 
 class AvoidedDeflection(Message):
-    """Share of the deflection that the second side avoids."""
+    """Share of the deflection that the second side avoids: 1 - mean deflection there / on the first side."""
 
     matching: int = Field(
         description="Number of observations with the same label, posture (1 mrad) and load (0.5 %, 1 mm) on "
         "both sides."
     )
-    measured: DeflectionShare | None = Field(
+    measured: Estimate | None = Field(
         description="Measured share of the mean deflection of the matching observations; null if there are "
         "none."
     )

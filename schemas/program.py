@@ -30,6 +30,7 @@ from jointstiff.schemas.robot import MAX_JOINTS
 MAX_FILES = 4
 MAX_FRAMES = 64
 MAX_SEGMENTS = 1_000
+MAX_LINE = 10_000_000
 MAX_WORST = 20
 
 ProgramFormat = Literal["csv", "krl", "fanuc", "rapid", "ur"]
@@ -47,7 +48,7 @@ _FrameNumbers = Annotated[
         "and rad; CSV as its columns, or as KUKA if they are not a full pose.",
     ),
 ]
-_Line = Annotated[int, Field(strict=True, ge=1, le=10_000_000)]
+_Line = Annotated[int, Field(strict=True, ge=1, le=MAX_LINE)]
 
 
 class ProgramFrame(Message):
@@ -62,23 +63,24 @@ class ProgramFrame(Message):
 
 
 class ProcessLoad(Message):
-    """The load of the process on the robot."""
+    """A load of the process on the robot."""
 
     force: Vector3 = Field(description="Force on the tool, in units.force, along the axes of `axes`.")
     moment: Vector3 = Field(
         default=(0.0, 0.0, 0.0), description="Moment on the tool about the load point, in units.moment."
     )
-
-
-class LoadSegment(ProcessLoad):
-    """The load of some lines of the program."""
-
-    first_line: _Line = Field(description="First line of the moves under this load, from 1.")
-    last_line: _Line = Field(description="Last line of the moves under this load.")
+    first_line: _Line | None = Field(
+        default=None,
+        description="First line of the moves under this load, from 1; default: that of the program.",
+    )
+    last_line: _Line | None = Field(
+        default=None, description="Last line of the moves under this load; default: that of the program."
+    )
 
     @model_validator(mode="after")
-    def _ordered(self) -> LoadSegment:
-        if self.last_line < self.first_line:
+    def _ordered(self) -> ProcessLoad:
+        first, last = self.first_line, self.last_line
+        if first is not None and last is not None and last < first:
             raise ValueError("`last_line` must not come before `first_line`")
         return self
 
@@ -109,9 +111,9 @@ class ProgramOptions(AcceptingOptions, PredictionOptions):
         "twice."
     )
     load: Annotated[ProcessLoad | None, Terminal("--force", "X,Y,Z[N]", force_of, unit="N")] = Field(
-        default=None, description="One load for all moves."
+        default=None, description="One load, of all moves unless it states lines; other moves have no load."
     )
-    segments: Annotated[list[LoadSegment], Field(max_length=MAX_SEGMENTS)] = Field(
+    segments: Annotated[list[ProcessLoad], Field(max_length=MAX_SEGMENTS)] = Field(
         default_factory=list, description="Loads by lines, instead of `load`; other moves have no load."
     )
     loads: Name | None = Field(

@@ -124,8 +124,8 @@ class Body(Message):
     )
 
 
-class RobotRequest(Message):
-    """A robot as it is posted: a description, a stored geometry, or an arm of the catalogue."""
+class RobotDocument(Message):
+    """A robot: a description, a stored geometry, or an arm of the catalogue."""
 
     name: Name = Field(description="Name of the robot.", examples=["KR 240 cell 3"])
     model: PostedModel
@@ -141,19 +141,10 @@ class RobotRequest(Message):
     )
 
     @model_validator(mode="after")
-    def _one_joint_map(self) -> RobotRequest:
+    def _one_joint_map(self) -> RobotDocument:
         if isinstance(self.model, GeometryModel) and self.joint_map is not None:
             raise ValueError("omit `joint_map`: the geometry has its own")
         return self
-
-
-class RobotDocument(RobotRequest):
-    """A robot as it is posted, or in a campaign file."""
-
-    model: Model
-    joint_map: JointMap | None = Field(
-        default=None, description="Joint map for coupled axes and flipped signs; default: identity."
-    )
 
 
 class Joint(Message):
@@ -175,22 +166,11 @@ class Wrist(Message):
     )
 
 
-class StiffnessChange(Message):
-    """A change of stiffness with its standard uncertainty."""
+class Estimate(Message):
+    """A dimensionless number with its standard uncertainty."""
 
-    relative: Dimensionless[float] = Field(
-        description="Relative change: -0.1 for a joint that is 10 % softer."
-    )
-    standard_uncertainty: Dimensionless[float] = Field(
-        description="Standard uncertainty of the change, by the errors that the two campaigns do not share."
-    )
-
-
-class ChangedJoint(Message):
-    """A joint whose stiffness is another than in the first campaign."""
-
-    joint: Name
-    change: StiffnessChange
+    value: Dimensionless[float]
+    standard_uncertainty: Dimensionless[float | None] = Field(description="Null if unknown.")
 
 
 class LastCampaign(Message):
@@ -200,7 +180,10 @@ class LastCampaign(Message):
     at: Timestamp = Field(description="Time of the measurement, or of storing if the set does not state it.")
     serial_number: str | None = Field(description="Serial number that its set states.")
     verdict: Verdict = Field(description="Verdict on its run.")
-    changed: list[ChangedJoint] = Field(description="Joints that changed; empty if none did.")
+    changed: dict[Name, Estimate] = Field(
+        description="Relative change of stiffness by joint, of the joints that changed: -0.1 for one that is "
+        "10 % softer."
+    )
 
 
 class RobotSummary(Message):
@@ -224,6 +207,7 @@ class RobotSummary(Message):
 class Robot(RobotDocument, RobotSummary):
     """A stored robot. A URDF comes back reduced to the chain that is used, and re-serialised."""
 
+    model: Model
     wrist: Wrist
     geometry_id: Identifier | None = Field(
         default=None, description="Geometry of the model, if it was posted as one."

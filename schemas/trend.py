@@ -10,7 +10,7 @@ from jointstiff.schemas.fields import Dimensionless, Identifier, Message, Name, 
 from jointstiff.schemas.finding import Assessment
 from jointstiff.schemas.joints import StatedKind
 from jointstiff.schemas.options import Method, Weighting
-from jointstiff.schemas.robot import StiffnessChange
+from jointstiff.schemas.robot import Estimate
 
 Encoders = Literal["motor", "secondary"]
 
@@ -70,8 +70,9 @@ class TrendJoint(Message):
     name: Name
     kind: StatedKind = "revolute"
     points: list[TrendPoint] = Field(description="Points of the joint, one for each of `campaigns`.")
-    change: StiffnessChange | None = Field(
-        description="Change of its latest campaign against its first; null with fewer than two."
+    change: Estimate | None = Field(
+        description="Relative change of stiffness, latest campaign against first: -0.1 for a joint that is "
+        "10 % softer; uncertain by the errors that the two do not share. Null with fewer than two campaigns."
     )
     p_value: Dimensionless[float | None] = Field(
         description="Probability of a change at least as large if the stiffness is the same (two-sided)."

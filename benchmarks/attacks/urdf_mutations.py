@@ -12,8 +12,8 @@ import numpy as np
 import pinocchio as pin
 
 from jointstiff.schemas.robot import RobotDocument, UrdfModel
+from jointstiff.service.conversion.catalogue import catalogue
 from jointstiff.service.conversion.prepared import build_robot, prepare_robot
-from jointstiff.service.resources.catalogue import catalogue
 from jointstiff.simulator import default_arm
 from jointstiff.simulator.urdf import BASE_LINK, FLANGE_LINK, urdf_text
 from jointstiff.solver.arrays import FloatArray

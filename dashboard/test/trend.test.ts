@@ -14,12 +14,12 @@ const joint = (part: Partial<TrendJoint>): TrendJoint => ({
 
 describe("a trend", () => {
   it("shows a change with the digits that its uncertainty allows", () => {
-    expect(changeText({ relative: -0.1034, standard_uncertainty: 0.0123 })).toBe("\u221210.3 ± 1.2\u00a0%");
-    expect(changeText({ relative: 0.02, standard_uncertainty: 0.31 })).toBe("+2 ± 31\u00a0%");
+    expect(changeText({ value: -0.1034, standard_uncertainty: 0.0123 })).toBe("\u221210.3 ± 1.2\u00a0%");
+    expect(changeText({ value: 0.02, standard_uncertainty: 0.31 })).toBe("+2 ± 31\u00a0%");
   });
 
   it("puts joints that changed first, then the change that is largest against its uncertainty", () => {
-    const change = (relative: number) => ({ change: { relative, standard_uncertainty: 0.01 } });
+    const change = (value: number) => ({ change: { value, standard_uncertainty: 0.01 } });
     const joints = [
       joint({ name: "still", ...change(0.001) }),
       joint({ name: "moving", ...change(-0.02) }),

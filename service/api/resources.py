@@ -17,16 +17,16 @@ from jointstiff.schemas.robot import (
     KinematicsRequest,
     Robot,
     RobotChange,
-    RobotRequest,
+    RobotDocument,
     RobotSummary,
 )
 from jointstiff.service.api import answers
 from jointstiff.service.api.bodies import EXAMPLES, BodyRoute, Key, shown
 from jointstiff.service.api.description import problems
 from jointstiff.service.api.jobs import AskedBy
+from jointstiff.service.conversion.catalogue import catalogue
 from jointstiff.service.conversion.robots import to_kinematics
 from jointstiff.service.problems import ClosedError
-from jointstiff.service.resources.catalogue import catalogue
 from jointstiff.service.resources.stored import assembled, described
 from jointstiff.service.security.access import OPERATOR, VIEWER
 from jointstiff.solver.errors import RequestError
@@ -46,7 +46,7 @@ trends = APIRouter(tags=["trends"], route_class=BodyRoute)
     responses=answers.LOCATION,
 )
 def create_robot(
-    parts: answers.PartsOf, body: Annotated[RobotRequest, shown(EXAMPLES["robots"])], key: Key
+    parts: answers.PartsOf, body: Annotated[RobotDocument, shown(EXAMPLES["robots"])], key: Key
 ) -> Response:
     """Store a robot.
 

@@ -22,7 +22,7 @@ from jointstiff.schemas.imports import ImportAnswer, ImportRequest
 from jointstiff.schemas.measurement import MeasurementSetDocument, MeasurementSetRequest
 from jointstiff.schemas.program import MAX_FILES as MAX_PROGRAM_FILES
 from jointstiff.schemas.program import Program, ProgramRequest
-from jointstiff.schemas.robot import CatalogueModel, RobotDocument, RobotRequest
+from jointstiff.schemas.robot import CatalogueModel, RobotDocument
 from jointstiff.schemas.run import Campaign, CampaignRun, Run, RunRequest
 from jointstiff.service.api.answers import PartsOf, accepted, json_response
 from jointstiff.service.api.bodies import (
@@ -166,11 +166,11 @@ def _named(kind: type[Part], source: Message) -> Part:
     return kind(**{name: getattr(source, name) for name in kind.model_fields})
 
 
-def _of_catalogue(arm: str) -> RobotRequest:
-    return RobotRequest(name=arm, model=CatalogueModel(format="catalogue", arm=arm))
+def _of_catalogue(arm: str) -> RobotDocument:
+    return RobotDocument(name=arm, model=CatalogueModel(format="catalogue", arm=arm))
 
 
-def _stored_robot(parts: Parts, document: RobotRequest) -> str:
+def _stored_robot(parts: Parts, document: RobotDocument) -> str:
     """Store a robot unless there is one of this content; return its id."""
     return _once(parts.store.robots, parts.robots.create, document)
 

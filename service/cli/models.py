@@ -99,8 +99,8 @@ def robots(
     as_json: cli.AsJson = False,
 ) -> None:
     """List the nominal arms of the catalogue."""
+    from jointstiff.service.conversion.catalogue import catalogue, find_arm, nominal_robot
     from jointstiff.service.problems import problem_of
-    from jointstiff.service.resources.catalogue import catalogue, find_arm, nominal_robot
     from jointstiff.service.tables.terminal import console, printed
     from jointstiff.solver.errors import RequestError
 

@@ -20,8 +20,9 @@ from jointstiff.schemas.measurement import (
     Observation,
     ResolvedFrame,
 )
-from jointstiff.schemas.robot import DhModel, RobotDocument, UrdfModel
+from jointstiff.schemas.robot import CatalogueModel, DhModel, GeometryModel, RobotDocument, UrdfModel
 from jointstiff.schemas.run import RunRequest
+from jointstiff.service.conversion.catalogue import find_arm
 from jointstiff.service.conversion.readings import (
     PointNoise,
     ReadingArrays,
@@ -244,9 +245,23 @@ def prepare_robot(document: RobotDocument) -> PreparedRobot:
     """Understand a robot: of a URDF only the chain from base to flange is kept.
 
     Raises:
-        RobotError: the description cannot be used.
+        RobotError: the description cannot be used, or the catalogue has no such arm.
     """
     model = document.model
+    if isinstance(model, GeometryModel):
+        raise RobotError(
+            f"the geometry '{model.geometry_id}' is stored, and cannot be used here",
+            where="model.geometry_id",
+            remedy="post the robot to a service, and give its `robot_id`",
+        )
+    if isinstance(model, CatalogueModel):
+        try:
+            arm = find_arm(model.arm, "model.arm")
+        except RequestError as error:
+            raise RobotError(error.reason, remedy=error.remedy, where=error.where) from error
+        model = arm.model
+        joint_map = document.joint_map or arm.joint_map
+        document = document.model_copy(update={"model": model, "joint_map": joint_map})
     if isinstance(model, UrdfModel):
         chain = _chain_of_stranger(model)
         bodies = document.bodies or to_bodies(read_inertials(model.urdf, chain), chain)
@@ -263,10 +278,13 @@ def build_robot(document: RobotDocument) -> Robot:
 
     Raises:
         RobotError: the description cannot be used.
+        TypeError: the robot was not understood before.
     """
     model = document.model
     if isinstance(model, DhModel):
         chain = dh_kinematics(model, document.name)
+    elif not isinstance(model, UrdfModel):
+        raise TypeError("prepare the robot first")
     else:
         chain = read_urdf(model.urdf, model.base, model.flange)
     return robot_of_chain(chain, document.joint_map, document.bodies or ())

@@ -14,13 +14,13 @@ from jointstiff.schemas.comparison import (
     ComparisonRequest,
     ComparisonResult,
     Constraint,
-    DeflectionShare,
     JointRatio,
     OrderedResult,
 )
 from jointstiff.schemas.comparison import Side as SideName
 from jointstiff.schemas.fields import Message
 from jointstiff.schemas.joints import JointKind
+from jointstiff.schemas.robot import Estimate
 from jointstiff.schemas.run import JointResult, ResampledJoint, ResamplingResult
 from jointstiff.service.kinds.kind import File, Kind
 from jointstiff.service.kinds.run import moments
@@ -94,7 +94,7 @@ def _ratio_parts(result: ComparisonResult, unit: StiffnessUnit) -> list[Part]:
     avoided = result.avoided
     if avoided is not None:
         measured = "no observation is common to both sides"
-        if avoided.measured is not None and avoided.measured.value is not None:
+        if avoided.measured is not None:
             shown = _percent(avoided.measured)
             measured = f"measured {shown} in {avoided.matching} observations on both sides"
         predicted = percent(avoided.predicted)
@@ -140,8 +140,8 @@ def _ordered_table(ordered: OrderedResult, unit: StiffnessUnit) -> Table:
     )
 
 
-def _percent(share: DeflectionShare) -> str:
-    if share.value is None or not share.standard_uncertainty:
+def _percent(share: Estimate) -> str:
+    if not share.standard_uncertainty:
         return percent(share.value)
     return f"({100 * share.value:.2f} ± {100 * share.standard_uncertainty:.2f}) %"
 

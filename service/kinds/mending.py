@@ -13,9 +13,9 @@ from jointstiff.schemas.finding import Action, Assessment
 from jointstiff.schemas.measurement import MeasurementSetDocument, Noise, Observation, Reading, Units
 from jointstiff.schemas.robot import JointMap
 from jointstiff.schemas.run import Campaign
+from jointstiff.service.conversion.catalogue import find_arm, nominal_robot
 from jointstiff.service.conversion.prepared import prepare_robot, without
 from jointstiff.service.conversion.units import LENGTH
-from jointstiff.service.resources.catalogue import find_arm, nominal_robot
 from jointstiff.solver.errors import RequestError
 
 _Set = MeasurementSetDocument

@@ -10,7 +10,7 @@ from typing import Final, Literal
 
 import numpy as np
 
-from jointstiff.schemas.program import LoadSegment, ProcessLoad, ProgramFrame, ProgramOptions
+from jointstiff.schemas.program import MAX_LINE, ProcessLoad, ProgramFrame, ProgramOptions
 from jointstiff.service.conversion.robots import joint_factors, refuse_far_point, refuse_other_angles
 from jointstiff.service.conversion.units import FORCE, LENGTH
 from jointstiff.service.kinds.deflection import vector_column
@@ -258,17 +258,15 @@ def loads_of(options: ProgramOptions, table: bytes | None, lines: IndexArray, po
     values = np.zeros((len(stated) + 1, 6))
     values[1:, :3] = FORCE[options.units.force] * np.array([load.force for load in stated]).reshape(-1, 3)
     values[1:, 3:] = moment_factor(options.units, moments) * moments
-    if options.load is not None:
-        return Loads(values, np.ones(len(lines), dtype=np.intp))
-    if not options.segments:
+    if not stated:
         return Loads(values, np.zeros(len(lines), dtype=np.intp))
-    return Loads(values, _segment_of(options.segments, lines))
+    return Loads(values, _segment_of(stated, lines))
 
 
-def _segment_of(segments: Sequence[LoadSegment], lines: IndexArray) -> IndexArray:
-    order = sorted(range(len(segments)), key=lambda i: segments[i].first_line)
-    first = np.array([segments[i].first_line for i in order])
-    last = np.array([segments[i].last_line for i in order])
+def _segment_of(segments: Sequence[ProcessLoad], lines: IndexArray) -> IndexArray:
+    order = sorted(range(len(segments)), key=lambda i: segments[i].first_line or 0)
+    first = np.array([segments[i].first_line or 0 for i in order])
+    last = np.array([segments[i].last_line or MAX_LINE for i in order])
     overlap = np.flatnonzero(first[1:] <= last[:-1])
     if len(overlap):
         raise RequestError(

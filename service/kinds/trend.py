@@ -13,7 +13,7 @@ from pydantic import BaseModel, ConfigDict
 
 from jointstiff.schemas import trend as messages
 from jointstiff.schemas.finding import Assessment
-from jointstiff.schemas.robot import ChangedJoint, LastCampaign, StiffnessChange
+from jointstiff.schemas.robot import Estimate, LastCampaign
 from jointstiff.schemas.run import Budget, JointResult, Run, RunRequest
 from jointstiff.service.problems import NotFoundError, Resource
 from jointstiff.service.resources.stored import described
@@ -183,8 +183,8 @@ def _point(campaign: Campaign, name: str) -> messages.TrendPoint:
     return messages.TrendPoint(stiffness=joint.stiffness, interval=joint.stiffness_interval, reason=reason)
 
 
-def _as_message(change: Change) -> StiffnessChange:
-    return StiffnessChange(relative=change.relative, standard_uncertainty=change.relative_uncertainty)
+def _as_message(change: Change) -> Estimate:
+    return Estimate(value=change.relative, standard_uncertainty=change.relative_uncertainty)
 
 
 def _note(campaigns: Sequence[Campaign], joints: Sequence[messages.TrendJoint]) -> str | None:
@@ -193,7 +193,7 @@ def _note(campaigns: Sequence[Campaign], joints: Sequence[messages.TrendJoint]) 
         return "no campaign: identify measurement sets of this robot by the same method"
     if len(campaigns) == 1:
         return "one campaign: there is nothing to compare it with yet"
-    signs = [joint.change.relative > 0.0 for joint in joints if joint.changed and joint.change is not None]
+    signs = [joint.change.value > 0.0 for joint in joints if joint.changed and joint.change is not None]
     alike = max(signs.count(True), signs.count(False))
     if alike > 2 and 2 * alike > len(joints):
         return (
@@ -316,11 +316,11 @@ class Trends:
             at=last.at,
             serial_number=trend.selection.serial_number,
             verdict=last.assessment.verdict,
-            changed=[
-                ChangedJoint(joint=joint.name, change=joint.change)
+            changed={
+                joint.name: joint.change
                 for joint in trend.joints
                 if joint.changed and joint.change is not None
-            ],
+            },
         )
 
     def _sets(self, robot_id: str) -> Iterator[MeasurementSetEntry]:

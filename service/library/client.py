@@ -23,7 +23,7 @@ from jointstiff.schemas.finding import Problem
 from jointstiff.schemas.job import Job, JobSummary
 from jointstiff.schemas.live import MeasurementSet
 from jointstiff.schemas.measurement import MeasurementSetDocument, MeasurementSetSummary
-from jointstiff.schemas.robot import Robot, RobotDocument, RobotRequest, RobotSummary
+from jointstiff.schemas.robot import Robot, RobotDocument, RobotSummary
 from jointstiff.schemas.run import CampaignRun, Run, RunRequest
 from jointstiff.service.kinds.kind import AnyJob, File, Kind
 from jointstiff.service.kinds.registry import KINDS
@@ -296,7 +296,7 @@ class Client(Verbs):
         """Return the id of a stored robot, or of a robot, which is posted once, as that of a campaign is."""
         if isinstance(robot, Robot):
             return robot.id
-        text = parse_document(plain(robot), RobotRequest).model_dump_json()
+        text = parse_document(plain(robot), RobotDocument).model_dump_json()
         return self.robots.create(text, key=content_key(text)).id
 
     def done(

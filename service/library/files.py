@@ -170,7 +170,7 @@ def read_robot(text: str) -> RobotDocument:
     Raises:
         CampaignError: the file is neither; or there is no such file, and no such arm.
     """
-    from jointstiff.service.resources.catalogue import find_arm, nominal_robot
+    from jointstiff.service.conversion.catalogue import find_arm, nominal_robot
 
     if Path(text).is_file():
         return read_document(Path(text), RobotDocument, section="robot")

@@ -489,7 +489,7 @@ class RobotTrend(Presented, Trend):
             shown = NO_NUMBER
             if (change := joint.change) is not None:
                 size, u = (
-                    figure(100 * each, ".2g") for each in (change.relative, change.standard_uncertainty)
+                    figure(100 * each, ".2g") for each in (change.value, change.standard_uncertainty or 0.0)
                 )
                 shown = f"{size} ± {u} %"
             p_value = NO_NUMBER if joint.p_value is None else figure(joint.p_value, ".2g")

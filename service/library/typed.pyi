@@ -34,14 +34,7 @@ from jointstiff.schemas.plan import (
     PlanOptions,
     Surroundings,
 )
-from jointstiff.schemas.program import (
-    LoadSegment,
-    ProcessLoad,
-    Program,
-    ProgramFrame,
-    ProgramLimits,
-    ProgramOptions,
-)
+from jointstiff.schemas.program import ProcessLoad, Program, ProgramFrame, ProgramLimits, ProgramOptions
 from jointstiff.schemas.robot import JointMap, RobotDocument
 from jointstiff.service.library.campaigns import Numbers
 from jointstiff.service.library.cases import AnyPostures
@@ -161,7 +154,7 @@ class CompensateFields(TypedDict, total=False):
     units: str | Units | Mapping[str, Any]
     accuracy_option: Literal["off", "same_as_measured", "compensates_load"]
     load: ProcessLoad | Mapping[str, Any] | None
-    segments: Sequence[LoadSegment | Mapping[str, Any]]
+    segments: Sequence[ProcessLoad | Mapping[str, Any]]
     loads: File | None
     axes: Literal["robot", "tool", "base"]
     load_point: Vector | None

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator
 from functools import cache
 
+from jointstiff.service.conversion.catalogue import catalogue, nominal_robot
 from jointstiff.service.conversion.prepared import prepare_robot
-from jointstiff.service.resources.catalogue import catalogue, nominal_robot
 from jointstiff.solver.integrity.other_robots import KnownRobot
 
 

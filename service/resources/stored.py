@@ -21,6 +21,7 @@ from jointstiff.schemas.job import Job
 from jointstiff.schemas.live import MeasurementSet
 from jointstiff.schemas.measurement import Frame, MeasurementSetRequest, ResolvedFrame, SetMetadata
 from jointstiff.schemas.run import Run
+from jointstiff.service.conversion.catalogue import find_arm
 from jointstiff.service.conversion.prepared import (
     PreparedSet,
     build_robot,
@@ -36,7 +37,6 @@ from jointstiff.service.conversion.readings import ReadingArrays, hash_of, to_me
 from jointstiff.service.conversion.robots import describe_joints, describe_wrist
 from jointstiff.service.conversion.units import LENGTH
 from jointstiff.service.problems import NotFoundError, Resource
-from jointstiff.service.resources.catalogue import find_arm
 from jointstiff.service.resources.inputs import MeasuredRun
 from jointstiff.service.resources.known_robots import catalogue_robots
 from jointstiff.service.store.collection import Collection
@@ -113,9 +113,7 @@ class Robots(Kept[RobotRecord, RobotRecord, tuple[Robot, str]]):
         super().__init__(store.robots, self._load, _ROBOTS)
         self._store = store
 
-    def create(
-        self, request: robots.RobotDocument | robots.RobotRequest, key: IdempotencyKey | None
-    ) -> RobotRecord:
+    def create(self, request: robots.RobotDocument, key: IdempotencyKey | None) -> RobotRecord:
         """Check a robot and store it.
 
         Raises:
@@ -164,7 +162,7 @@ class Robots(Kept[RobotRecord, RobotRecord, tuple[Robot, str]]):
             RobotError: the description cannot be used.
         """
         if document is not None:
-            return prepare_robot(document).robot
+            return prepare_robot(self._described(document)[0]).robot
         return self.load(robot_id or "")[0]
 
     def known(self) -> Iterator[KnownRobot]:
@@ -174,9 +172,7 @@ class Robots(Kept[RobotRecord, RobotRecord, tuple[Robot, str]]):
             yield KnownRobot(record.name, self.load(record.id)[0], record.id)
         yield from catalogue_robots(but={record.content_hash for record in page.records})
 
-    def _described(
-        self, request: robots.RobotDocument | robots.RobotRequest
-    ) -> tuple[robots.RobotDocument, dict[str, str]]:
+    def _described(self, request: robots.RobotDocument) -> tuple[robots.RobotDocument, dict[str, str]]:
         """Return the robot that a request describes, and what its model is taken from."""
         model = request.model
         if isinstance(model, robots.GeometryModel):

@@ -26,12 +26,12 @@ from scipy.linalg import block_diag
 from jointstiff.schemas.comparison import (
     AvoidedDeflection,
     ConfigurationShare,
-    DeflectionShare,
     JointRatio,
     OrderedJoint,
     OrderedResult,
 )
 from jointstiff.schemas.finding import Finding
+from jointstiff.schemas.robot import Estimate
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.estimation.estimate import predict, profile_ends, stiffness_of
@@ -359,7 +359,7 @@ def force_unit_mistake(one: Measurements, two: Measurements, matches: Matches) -
         if 2 * len(more) <= len(matches.present) + len(matches.unlike):
             continue
         share = measured_shares((one, two), scaled, (None, None))[1]
-        if share is not None and share.value is not None and abs(share.value) < _ALIKE:
+        if share is not None and abs(share.value) < _ALIKE:
             return Finding(
                 code="force_unit_suspect",
                 weight="do_not_use",
@@ -419,24 +419,24 @@ def avoided_deflection(sides: Sequence[Side], matches: Matches, compliances: Flo
             observation=label,
             side="both" if i in by_row else "first",
             measured=by_row.get(i),
-            predicted=_share(*of_first[i]).value,
+            predicted=_avoided(*of_first[i]),
         )
         for i, label in enumerate(first)
     ]
     shares += [
         ConfigurationShare(
-            observation=second[i], side="second", measured=None, predicted=_share(*of_second[i]).value
+            observation=second[i], side="second", measured=None, predicted=_avoided(*of_second[i])
         )
         for i in alone
     ]
     return AvoidedDeflection(
-        matching=len(each), measured=measured, predicted=_share(*total).value, configurations=shares
+        matching=len(each), measured=measured, predicted=_avoided(*total), configurations=shares
     )
 
 
 def measured_shares(
     readings: Sequence[Measurements], matches: Matches, sigmas: Sequence[float | None]
-) -> tuple[list[DeflectionShare], DeflectionShare | None]:
+) -> tuple[list[Estimate | None], Estimate | None]:
     """Compare the readings of matching observations.
 
     The length of a deflection d has to first order the standard uncertainty ``√(d̂ᵀ Σ d̂)``, d̂ its
@@ -463,11 +463,11 @@ def measured_shares(
         means.append((length * matches.present).sum(axis=1) / count)
         scale = np.nan if sigma is None else sigma
         uncertainties.append(scale * np.sqrt((variance * matches.present).sum(axis=1)) / count)
-    each = [_share(*numbers) for numbers in zip(*means, *uncertainties, strict=True)]
+    each = [_estimate(*numbers) for numbers in zip(*means, *uncertainties, strict=True)]
     if not each:
         return each, None
     totals = [float(mean.sum()) for mean in means]
-    return each, _share(*totals, *(float(np.sqrt((u**2).sum())) for u in uncertainties))
+    return each, _estimate(*totals, *(float(np.sqrt((u**2).sum())) for u in uncertainties))
 
 
 def _predicted_lengths(side: Side, compliances: FloatArray, unknown: BoolArray) -> FloatArray:
@@ -493,15 +493,18 @@ def _predicted_lengths(side: Side, compliances: FloatArray, unknown: BoolArray) 
     return np.where(hidden[:, None], np.nan, np.stack(means, axis=1))
 
 
-def _share(first: float, second: float, u_first: float = np.nan, u_second: float = np.nan) -> DeflectionShare:
+def _avoided(first: float, second: float) -> float | None:
+    """Return the share that is avoided; None without a deflection on the first side."""
+    return 1.0 - float(second / first) if first > 0 else None
+
+
+def _estimate(first: float, second: float, u_first: float, u_second: float) -> Estimate | None:
     """Return the share, with the law of propagation of uncertainty (GUM, 5.1.2)."""
-    if not first > 0:
-        return DeflectionShare(value=None)
-    ratio = float(second / first)
-    uncertainty = float(np.hypot(u_second, ratio * u_first) / first)
-    return DeflectionShare(
-        value=1.0 - ratio, standard_uncertainty=uncertainty if isfinite(uncertainty) else None
-    )
+    share = _avoided(first, second)
+    if share is None:
+        return None
+    uncertainty = float(np.hypot(u_second, float(second / first) * u_first) / first)
+    return Estimate(value=share, standard_uncertainty=uncertainty if isfinite(uncertainty) else None)
 
 
 MOST_RELATIVE: Final = 0.25

@@ -5,8 +5,8 @@ from functools import cache
 import numpy as np
 from support.springs import SIGMA, readings_of
 
+from jointstiff.service.conversion.catalogue import catalogue, nominal_robot
 from jointstiff.service.conversion.prepared import prepare_robot
-from jointstiff.service.resources.catalogue import catalogue, nominal_robot
 from jointstiff.simulator import TARGETS, SpringArm, deflections
 from jointstiff.simulator.imperfections import with_link_errors
 from jointstiff.solver.integrity.other_robots import KnownRobot

@@ -12,13 +12,14 @@ import { Select, TextField } from "./fields";
 
 /** Which joints of a robot changed since its first campaign. */
 export function ChangedJoints({ of }: { of: LastCampaign | null }) {
-  const [first, ...others] = of?.changed ?? [];
+  const [first, ...others] = Object.entries(of?.changed ?? {});
   if (!first) return null;
+  const [joint, change] = first;
   return (
     <>
       <span class="state changed">{later.trend.changed}</span>
       <small>
-        <Name>{first.joint}</Name> {changeText(first.change)}
+        <Name>{joint}</Name> {changeText(change)}
         {others.length > 0 && ` ${text.more(others.length)}`}
       </small>
     </>

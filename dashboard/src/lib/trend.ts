@@ -1,17 +1,18 @@
 /** A trend as the page says it: changes with their uncertainty, and what the charts draw. */
-import type { StiffnessChange, Trend, TrendJoint } from "../api/types";
+import type { Estimate, Trend, TrendJoint } from "../api/types";
 import type { TrendPoint } from "../views/trend";
 import { decimalsFor, fixed } from "./format";
 import { intervalIn, maybeInUnit, type StiffnessUnit } from "./stiffness";
 
 /** A relative change as per cent with its standard uncertainty. */
-export function changeText({ relative, standard_uncertainty: u }: StiffnessChange): string {
+export function changeText({ value: relative, standard_uncertainty }: Estimate): string {
+  const u = standard_uncertainty ?? 0;
   const decimals = Math.max(0, decimalsFor(100 * u));
   return `${relative > 0 ? "+" : ""}${fixed(100 * relative, decimals)} ± ${fixed(100 * u, decimals)}\u00a0%`;
 }
 
 const sizeOf = ({ change }: TrendJoint): number =>
-  change ? Math.abs(change.relative) / change.standard_uncertainty : 0;
+  change?.standard_uncertainty ? Math.abs(change.value) / change.standard_uncertainty : 0;
 
 /** Joints as one wants to see them: those that changed first, then what changed most against its uncertainty. */
 export const worstFirst = (joints: TrendJoint[]): TrendJoint[] =>

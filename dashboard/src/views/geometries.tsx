@@ -1,5 +1,5 @@
 /** Geometries: where they start, and one with its axes, its evidence, and a robot made of it. */
-import type { Geometry, GeometryResult, RobotDocument, RobotRequest } from "../api/types";
+import type { Geometry, GeometryResult, RobotDocument } from "../api/types";
 import { JobLines, JobTables, JobPage, VerdictCard } from "../components/job_page";
 import { later } from "../i18n/later";
 import { useState, useEffect } from "preact/hooks";
@@ -62,7 +62,7 @@ function Found({ geometry, result }: { geometry: Geometry; result: GeometryResul
 function SaveAsRobot({ geometry, result }: { geometry: Geometry; result: GeometryResult }) {
   const [name, setName] = useState(words.asMeasured(geometry.name));
   const save = useAction(async () => {
-    const document: RobotRequest = { name, model: { format: "geometry", geometry_id: geometry.id } };
+    const document: RobotDocument = { name, model: { format: "geometry", geometry_id: geometry.id } };
     const robot = await api.robots.add(document, `robot-${geometry.id}-${name}`.slice(0, 200));
     namesChanged();
     return link(["robots", robot.id]);

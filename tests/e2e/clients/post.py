@@ -36,7 +36,7 @@ from jointstiff_client.models.plan import Plan
 from jointstiff_client.models.plan_request import PlanRequest
 from jointstiff_client.models.problem import Problem
 from jointstiff_client.models.robot import Robot
-from jointstiff_client.models.robot_request import RobotRequest
+from jointstiff_client.models.robot_document import RobotDocument
 from jointstiff_client.models.run import Run
 from jointstiff_client.models.run_request import RunRequest
 from jointstiff_client.types import File, Response
@@ -49,7 +49,7 @@ BODIES: dict[str, list[dict[str, Any]]] = json.loads(Path(sys.argv[2]).read_text
 def main() -> None:
     """Post them all, one address after the other."""
     for body in BODIES["/v1/robots"]:
-        check(create_robot.sync_detailed(client=CLIENT, body=RobotRequest.from_dict(body)), Robot)
+        check(create_robot.sync_detailed(client=CLIENT, body=RobotDocument.from_dict(body)), Robot)
     for body in BODIES["/v1/kinematics"]:
         request = KinematicsRequest.from_dict(body)
         check(compute_kinematics.sync_detailed(client=CLIENT, body=request), Kinematics)
@@ -93,7 +93,7 @@ def typed() -> None:
         rows=[DhRow(a=0.35, alpha=-1.5708, d=0.675, theta=0.0)],
     )
     robot = check(
-        create_robot.sync_detailed(client=CLIENT, body=RobotRequest(name="one axis", model=model)), Robot
+        create_robot.sync_detailed(client=CLIENT, body=RobotDocument(name="one axis", model=model)), Robot
     )
     assert robot.model.to_dict()["rows"][0]["d"] == 0.675
 

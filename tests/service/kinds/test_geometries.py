@@ -12,7 +12,7 @@ from support.shared_data import shared
 
 from jointstiff.schemas.geometry import GeometryRequest
 from jointstiff.schemas.measurement import MeasurementSetRequest
-from jointstiff.schemas.robot import RobotDocument, RobotRequest
+from jointstiff.schemas.robot import RobotDocument
 from jointstiff.schemas.run import RunRequest
 from jointstiff.service.jobs import Parts
 from jointstiff.service.kinds.geometry import GEOMETRY
@@ -120,7 +120,7 @@ class TestSharedSweeps:
 
 def from_geometry(geometry_id):
     model = {"format": "geometry", "geometry_id": geometry_id}
-    return RobotRequest.model_validate({"name": "as measured", "model": model})
+    return RobotDocument.model_validate({"name": "as measured", "model": model})
 
 
 def in_tracker(document, R, t):

@@ -105,6 +105,10 @@ def test_loads_by_lines_and_by_points():
     assert by_lines.corrected == 4
     before, after = text.encode().split(b"\r\n"), unpacked(by_lines.files[0]).split(b"\r\n")
     assert [i + 1 for i in range(len(before)) if before[i] != after[i]] == [9, 10, 11, 12]
+    of_load = compensated("krl", text, load=segments[0])
+    assert unpacked(of_load.files[0]) == unpacked(by_lines.files[0])
+    to_the_end = compensated("krl", text, load={"force": FORCE, "first_line": 9})
+    assert to_the_end.left_alone == {"no_load": 2}
     table = "point,Fx [N],Fy [N],Fz [kN]\n" + "".join(f"{i},300,400,-1.4\n" for i in range(3, 7))
     by_points = compensated_with_table(text, table)
     assert unpacked(by_points.files[0]) == unpacked(by_lines.files[0])

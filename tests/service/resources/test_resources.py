@@ -6,12 +6,14 @@ import pytest
 from reference.published_arms import ARMS, UR_ORIGINS, ur_flange_at
 from support.readings import with_encoders
 
+from jointstiff.schemas.robot import CatalogueModel, GeometryModel, RobotDocument
+from jointstiff.service.conversion.catalogue import catalogue, find_arm, nominal_robot
 from jointstiff.service.conversion.prepared import prepare_robot
 from jointstiff.service.conversion.robots import to_kinematics
-from jointstiff.service.resources.catalogue import catalogue, find_arm, nominal_robot
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.campaign import equilibrium
 from jointstiff.simulator.document import experiment_of
+from jointstiff.solver.errors import RobotError
 
 ARM = default_arm()
 
@@ -72,3 +74,39 @@ def test_the_flange_is_where_the_published_joints_put_it(name):
         published = ARMS[name].flange_at(angles) if name in ARMS else ur_flange_at(name, angles)
         np.testing.assert_allclose(posture.flange_origin, published[0], atol=1e-9)
         np.testing.assert_allclose(np.transpose(posture.flange_axes), published[1], atol=1e-9)
+
+
+@pytest.mark.parametrize("name", ["KUKA KR 210 R2700 extra", "FANUC M-20iA"])
+def test_a_document_may_name_an_arm_of_the_catalogue(name):
+    arm = next(arm for arm in catalogue().arms if arm.name == name or arm.name.startswith(name[:5]))
+    named = RobotDocument(name="cell", model=CatalogueModel(format="catalogue", arm=arm.name))
+    prepared, written = prepare_robot(named), prepare_robot(nominal_robot(arm))
+    assert prepared.content_hash == written.content_hash
+    assert prepared.document.model == arm.model
+
+
+def test_a_document_of_a_file_cannot_name_an_arm_or_a_geometry_that_is_not_there():
+    for model, where in (
+        (CatalogueModel(format="catalogue", arm="no such arm"), "model.arm"),
+        (GeometryModel(format="geometry", geometry_id="g"), "model.geometry_id"),
+    ):
+        with pytest.raises(RobotError) as refused:
+            prepare_robot(RobotDocument(name="cell", model=model))
+        assert refused.value.where == where
+        assert refused.value.remedy
+
+
+def test_a_campaign_and_a_drawing_may_name_an_arm_of_the_catalogue(client):
+    arm = find_arm("KUKA KR 210 R2700 extra", "arm")
+    named = {"name": "cell", "model": {"format": "catalogue", "arm": arm.name}}
+    drawn = client.post("/v1/kinematics", json={"robot": named}).json()["postures"]
+    written = {"name": "cell", "model": arm.model.model_dump(mode="json")}
+    if arm.joint_map is not None:
+        written["joint_map"] = arm.joint_map.model_dump(mode="json")
+    assert drawn == client.post("/v1/kinematics", json={"robot": written}).json()["postures"]
+    campaign = simulate_campaign(default_arm(), load="pull", configurations=12, seed=1)
+    answer = client.post("/v1/campaigns", json={**campaign, "robot": named})
+    assert answer.status_code == 201, answer.text
+    run = answer.json()
+    measured = client.get(f"/v1/measurement-sets/{run['request']['measurement_set_id']}").json()
+    assert client.get(f"/v1/robots/{measured['robot_id']}").json()["nominal_arm"] == arm.name

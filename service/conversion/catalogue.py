@@ -19,7 +19,7 @@ _SHOWN: Final = 5  # arms that a message names
 @cache
 def catalogue() -> Catalogue:
     """Return the catalogue."""
-    text = files("jointstiff.service.resources").joinpath("arms.json").read_text(encoding="utf-8")
+    text = files("jointstiff.service.conversion").joinpath("arms.json").read_text(encoding="utf-8")
     tables = json.loads(text)
     presets = [
         JointMapPreset(
