@@ -190,17 +190,21 @@ class ChangedJoint(Message):
     """A joint whose stiffness is another than in the first campaign."""
 
     joint: Name
+    serial_number: str | None = Field(description="Serial number of the arm; null if its sets state none.")
     change: StiffnessChange
 
 
 class LastCampaign(Message):
-    """The latest campaign of a robot, against the first one that is comparable."""
+    """The latest campaign of a robot, whatever its verdict and options, and what its trends say."""
 
     run_id: Identifier
     at: Timestamp = Field(description="Time of the measurement, or of storing if the set does not state it.")
     serial_number: str | None = Field(description="Serial number that its set states.")
-    verdict: Verdict = Field(description="Verdict on its run.")
-    changed: list[ChangedJoint] = Field(description="Joints that changed; empty if none did.")
+    verdict: Verdict = Field(description="Verdict on its newest run.")
+    changed: list[ChangedJoint] = Field(
+        description="Joints that changed in the trend of any serial number and any options, each once for "
+        "its serial number; empty if none did."
+    )
 
 
 class RobotSummary(Message):

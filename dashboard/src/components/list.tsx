@@ -10,7 +10,7 @@ import type { ComponentChildren } from "preact";
 import { useState } from "preact/hooks";
 import { Select, TextField } from "./fields";
 
-/** Which joints of a robot changed since its first campaign. */
+/** Which joints of a robot changed since its first campaign; of an arm that was not measured last, with its serial number. */
 export function ChangedJoints({ of }: { of: LastCampaign | null }) {
   const [first, ...others] = of?.changed ?? [];
   if (!first) return null;
@@ -19,6 +19,12 @@ export function ChangedJoints({ of }: { of: LastCampaign | null }) {
       <span class="state changed">{later.trend.changed}</span>
       <small>
         <Name>{first.joint}</Name> {changeText(first.change)}
+        {first.serial_number !== of?.serial_number && (
+          <>
+            {" "}
+            (<Name>{first.serial_number ?? later.trend.noSerial}</Name>)
+          </>
+        )}
         {others.length > 0 && ` ${text.more(others.length)}`}
       </small>
     </>
