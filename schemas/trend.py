@@ -24,7 +24,7 @@ class TrendQuery(Message):
     serial_number: Name | None = Field(default=None, description="Serial number of the robot.")
     method: Method | None = Field(default=None, description="Method of the runs.")
     weighting: Weighting | None = Field(default=None, description="Weighting of the runs.")
-    positive: StrictBool | None = Field(
+    positive: bool | None = Field(
         default=None, description="True if compliances are constrained to be zero or more."
     )
     encoders: Encoders | None = Field(default=None, description="Encoders that closed the position loop.")
