@@ -173,16 +173,26 @@ class Estimate(Message):
     standard_uncertainty: Dimensionless[float | None] = Field(description="Null if unknown.")
 
 
+class ChangedJoint(Message):
+    """A joint whose stiffness is another than in the first campaign."""
+
+    joint: Name
+    serial_number: str | None = Field(description="Serial number of the arm; null if its sets state none.")
+    change: Estimate = Field(
+        description="Relative change of stiffness: -0.1 for a joint that is 10 % softer."
+    )
+
+
 class LastCampaign(Message):
-    """The latest campaign of a robot, against the first one that is comparable."""
+    """The latest campaign of a robot, whatever its verdict and options, and what its trends say."""
 
     run_id: Identifier
     at: Timestamp = Field(description="Time of the measurement, or of storing if the set does not state it.")
     serial_number: str | None = Field(description="Serial number that its set states.")
-    verdict: Verdict = Field(description="Verdict on its run.")
-    changed: dict[Name, Estimate] = Field(
-        description="Relative change of stiffness by joint, of the joints that changed: -0.1 for one that is "
-        "10 % softer."
+    verdict: Verdict = Field(description="Verdict on its newest run.")
+    changed: list[ChangedJoint] = Field(
+        description="Joints that changed in the trend of any serial number and any options, each once for "
+        "its serial number; empty if none did."
     )
 
 

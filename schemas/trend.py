@@ -16,12 +16,15 @@ Encoders = Literal["motor", "secondary"]
 
 
 class TrendQuery(Message):
-    """Filters of the campaigns in a trend; default: the values of the newest run."""
+    """Filters of the campaigns in a trend.
+
+    Default: the serial number of the newest campaign, and the options that most of its campaigns share.
+    """
 
     serial_number: Name | None = Field(default=None, description="Serial number of the robot.")
     method: Method | None = Field(default=None, description="Method of the runs.")
     weighting: Weighting | None = Field(default=None, description="Weighting of the runs.")
-    positive: StrictBool | None = Field(
+    positive: bool | None = Field(
         default=None, description="True if compliances are constrained to be zero or more."
     )
     encoders: Encoders | None = Field(default=None, description="Encoders that closed the position loop.")

@@ -13,7 +13,7 @@ from pydantic import BaseModel, ConfigDict
 
 from jointstiff.schemas import trend as messages
 from jointstiff.schemas.finding import Assessment
-from jointstiff.schemas.robot import Estimate, LastCampaign
+from jointstiff.schemas.robot import ChangedJoint, Estimate, LastCampaign
 from jointstiff.schemas.run import Budget, JointResult, Run, RunRequest
 from jointstiff.service.problems import NotFoundError, Resource
 from jointstiff.service.resources.stored import described
@@ -203,19 +203,48 @@ def _note(campaigns: Sequence[Campaign], joints: Sequence[messages.TrendJoint]) 
     return None
 
 
+def by_selection(
+    runs: Iterable[Sequence[Campaign]],
+) -> dict[messages.TrendSelection, list[Campaign]]:
+    """Group campaigns by the options that their runs share.
+
+    Args:
+        runs: runs of each set, newest first; the newest run of a set with some options is its campaign.
+    """
+    found: dict[messages.TrendSelection, list[Campaign]] = {}
+    for candidates in runs:
+        of_set: dict[messages.TrendSelection, Campaign] = {}
+        for one in candidates:
+            if _unfit(one) is None:
+                of_set.setdefault(one.selection, one)
+        for selection, one in of_set.items():
+            found.setdefault(selection, []).append(one)
+    return found
+
+
 def selection_of(
     runs: Iterable[Sequence[Campaign]], query: messages.TrendQuery
 ) -> messages.TrendSelection | None:
-    """Return what was asked for, completed by the newest campaign that has it."""
+    """Complete a query: by the newest campaign's serial number, then by the options of most campaigns.
+
+    One run with other options therefore does not end a trend.
+    """
     filters = query.model_dump(exclude_none=True)
-    fitting = [
-        one
-        for candidates in runs
-        for one in candidates
-        if _unfit(one) is None and filters.items() <= one.selection.model_dump().items()
-    ]
-    newest = max(fitting, key=lambda one: (one.at, one.created_at), default=None)
-    return None if newest is None else newest.selection
+    fitting = {
+        selection: campaigns
+        for selection, campaigns in by_selection(runs).items()
+        if filters.items() <= selection.model_dump().items()
+    }
+    newest = {selection: max(map(_age, campaigns)) for selection, campaigns in fitting.items()}
+    if not fitting:
+        return None
+    serial_number = max(fitting, key=lambda each: newest[each]).serial_number
+    of_arm = [each for each in fitting if each.serial_number == serial_number]
+    return max(of_arm, key=lambda each: (len(fitting[each]), newest[each]))
+
+
+def _age(campaign: Campaign) -> tuple[datetime, datetime]:
+    return campaign.at, campaign.created_at
 
 
 def _unfit(candidate: Campaign) -> str | None:
@@ -301,26 +330,51 @@ class Trends:
         )
 
     def last_campaigns(self, robot_ids: Collection[str]) -> dict[str, LastCampaign]:
-        """Return the latest campaign of each robot that has one, with the joints that changed."""
+        """Return the latest campaign of each robot that has one, and the joints that changed."""
         marks = self._store.trend_marks(robot_ids)
         found = {robot_id: self._last(robot_id, mark) for robot_id, mark in marks.items()}
         return {robot_id: one for robot_id, one in found.items() if one is not None}
 
     def _derive(self, robot_id: str, _mark: str) -> LastCampaign | None:
-        trend = self.trend(robot_id, messages.TrendQuery())
-        if trend.selection is None or not trend.campaigns:
+        sets = list(self._sets(robot_id))
+        runs = self._candidates(robot_id, sets)
+        if not runs:
             return None
-        last = trend.campaigns[-1]
+        newest = max((one for candidates in runs.values() for one in candidates), key=_age)
         return LastCampaign(
-            run_id=last.run_id,
-            at=last.at,
-            serial_number=trend.selection.serial_number,
-            verdict=last.assessment.verdict,
-            changed={
-                joint.name: joint.change
-                for joint in trend.joints
-                if joint.changed and joint.change is not None
-            },
+            run_id=newest.run_id,
+            at=newest.at,
+            serial_number=newest.measured.serial_number,
+            verdict=newest.run.result.assessment.verdict,
+            changed=self._changed(robot_id, sets, runs, newest.measured.serial_number),
+        )
+
+    def _changed(
+        self,
+        robot_id: str,
+        sets: Sequence[MeasurementSetEntry],
+        runs: Mapping[str, Sequence[Campaign]],
+        newest: str | None,
+    ) -> list[ChangedJoint]:
+        """Return the joints that changed in any trend of the robot, each once for its serial number.
+
+        The serial number of the newest campaign comes first; of several trends in which a joint changed, that
+        of most campaigns gives the number.
+        """
+        names = [joint.name for joint in described(self._store.robots.get(robot_id)).joints]
+        found: dict[tuple[str | None, str], ChangedJoint] = {}
+        by_options = by_selection(runs.values())
+        for selection in sorted(by_options, key=lambda each: len(by_options[each]), reverse=True):
+            entering, _ = sorted_out(sets, runs, selection)
+            for joint in trend_of(names, entering)["joints"]:
+                if joint.changed and joint.change is not None:
+                    arm = selection.serial_number
+                    of_arm = ChangedJoint(joint=joint.name, serial_number=arm, change=joint.change)
+                    found.setdefault((arm, joint.name), of_arm)
+        order = {name: place for place, name in enumerate(names)}
+        return sorted(
+            found.values(),
+            key=lambda each: (each.serial_number != newest, each.serial_number or "", order[each.joint]),
         )
 
     def _sets(self, robot_id: str) -> Iterator[MeasurementSetEntry]:

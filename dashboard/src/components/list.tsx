@@ -10,16 +10,21 @@ import type { ComponentChildren } from "preact";
 import { useState } from "preact/hooks";
 import { Select, TextField } from "./fields";
 
-/** Which joints of a robot changed since its first campaign. */
+/** Which joints of a robot changed since its first campaign; of an arm that was not measured last, with its serial number. */
 export function ChangedJoints({ of }: { of: LastCampaign | null }) {
-  const [first, ...others] = Object.entries(of?.changed ?? {});
+  const [first, ...others] = of?.changed ?? [];
   if (!first) return null;
-  const [joint, change] = first;
   return (
     <>
       <span class="state changed">{later.trend.changed}</span>
       <small>
-        <Name>{joint}</Name> {changeText(change)}
+        <Name>{first.joint}</Name> {changeText(first.change)}
+        {first.serial_number !== of?.serial_number && (
+          <>
+            {" "}
+            (<Name>{first.serial_number ?? later.trend.noSerial}</Name>)
+          </>
+        )}
         {others.length > 0 && ` ${text.more(others.length)}`}
       </small>
     </>
@@ -90,8 +95,6 @@ export interface Row {
   figures?: ComponentChildren;
   /** When it was measured or made; null for never. */
   at?: string | null;
-  /** Beneath when. */
-  since?: ComponentChildren;
   standing?: ComponentChildren;
   name: string;
   /** What else a search finds the row by. */
@@ -243,12 +246,7 @@ function Item({ row }: { row: Row }) {
       </span>
       {row.how && <span class="how">{row.how}</span>}
       {row.figures}
-      {row.at !== undefined && (
-        <span class="when">
-          {row.at === null ? text.never : <When time={row.at} />}
-          {row.since && <small>{row.since}</small>}
-        </span>
-      )}
+      {row.at !== undefined && <span class="when">{row.at === null ? text.never : <When time={row.at} />}</span>}
       {row.standing && <span class="standing">{row.standing}</span>}
     </>
   );

@@ -6,12 +6,15 @@ import json
 import re
 
 import pytest
+from fastapi.routing import iter_route_contexts
 from pydantic import ValidationError
-from support.in_process import Client
+from support.in_process import Client, description
 
 from jointstiff.schemas import query
 from jointstiff.schemas.fields import Message
+from jointstiff.schemas.trend import TrendQuery
 from jointstiff.service.api.bodies import EXAMPLES
+from jointstiff.service.app import all_routes
 from jointstiff.service.kinds.registry import KINDS
 from jointstiff.service.store.store import Store
 from jointstiff.service.tables.files import csv_text
@@ -35,8 +38,46 @@ def messages():
         waiting += (message := waiting.pop()).__subclasses__()
         found.append(message)
     ours = [each for each in found if each.__module__.startswith("jointstiff.")]
-    # A parameter of an address is text, also in the queries that kinds make of those of the module.
-    return [each for each in ours if all(base.__module__ != query.__name__ for base in each.__mro__)]
+    # A parameter of an address is text. Queries, and the parts of queries that their module has.
+    queries = declared_queries()
+    parts = {base for each in queries for base in each.__mro__ if base.__module__ == query.__name__}
+    return [each for each in ours if each not in queries | parts]
+
+
+def declared_queries():
+    """The messages that routes declare by `Query()`."""
+    waiting = [context.original_route.dependant for context in iter_route_contexts(list(all_routes()))]
+    found = set()
+    while waiting:
+        dependant = waiting.pop()
+        waiting += dependant.dependencies
+        annotations = [parameter.field_info.annotation for parameter in dependant.query_params]
+        found |= {each for each in annotations if isinstance(each, type) and issubclass(each, Message)}
+    assert TrendQuery in found
+    return found
+
+
+def boolean_parameters():
+    """Address and name of each parameter of the API that is true or false."""
+    shared = description()["components"].get("parameters", {})
+    return [
+        (re.sub(r"\{\w+\}", "nothing", path), parameter["name"])
+        for path, operations in description()["paths"].items()
+        for each in operations.get("get", {}).get("parameters", ())
+        for parameter in [shared[each["$ref"].split("/")[-1]] if "$ref" in each else each]
+        if parameter["in"] == "query" and "boolean" in json.dumps(parameter["schema"])
+    ]
+
+
+def test_each_parameter_that_is_true_or_false_is_read_from_an_address(client):
+    """A robot or job that is not there is 404, once the parameters are read."""
+    asked = boolean_parameters()
+    assert {name for _, name in asked} >= {"deleted", "details", "positive"}
+    for address, name in asked:
+        for value in ("true", "false"):
+            answer = client.get(f"{address}?{name}={value}")
+            assert answer.status_code in {200, 404}, (address, name, value, answer.text)
+        assert client.get(f"{address}?{name}=perhaps").status_code == 422
 
 
 def test_no_field_of_a_message_takes_a_number_or_a_word_for_a_boolean():

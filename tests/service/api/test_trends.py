@@ -82,31 +82,124 @@ def campaigns(instruments, source="force_scale"):
         yield Campaign(str(number), at, run, entry)
 
 
-def test_a_joint_that_softens_is_said_to_have_changed_and_the_others_are_not():
-    """By 15 %, of readings that know each joint to 1 %: in the trend, and in the robot's row."""
-    arm = default_arm()
+@pytest.fixture
+def client():
     with Store.open("sqlite://") as store:
-        client = Client(store)
-        robot = client.request("POST", "/v1/robots", json=robot_document(arm)).json()["id"]
-        assert client.get(f"/v1/robots/{robot}").json()["last_campaign"] is None
-        for month, softness in enumerate([1.0, 1.0, 0.85], start=1):
-            worn = replace(arm, stiffnesses=arm.stiffnesses * np.array([1.0, 1.0, softness, 1.0, 1.0, 1.0]))
-            readings = simulate_campaign(worn, load="pull", configurations=16, seed=month)["measurement_set"]
-            stated = {
-                "robot_id": robot,
-                "measured_at": f"2026-{month:02d}-10T08:00:00Z",
-                "serial_number": "W-1",
-            }
-            made = client.request("POST", "/v1/measurement-sets", json=readings | stated).json()["id"]
-            run = client.request("POST", "/v1/runs", json={"measurement_set_id": made}).json()["id"]
-        trend = client.get(f"/v1/robots/{robot}/trend").json()
-        listed = client.get("/v1/robots").json()["items"][0]["last_campaign"]
-    assert [joint["name"] for joint in trend["joints"] if joint["changed"]] == ["joint_3"]
-    change = trend["joints"][2]["change"]
+        yield Client(store)
+
+
+def robot_of(client):
+    return client.request("POST", "/v1/robots", json=robot_document(default_arm())).json()["id"]
+
+
+def identify(client, set_id, **options):
+    run = client.request("POST", "/v1/runs", json={"measurement_set_id": set_id} | options).json()
+    assert run["state"] == "succeeded", run
+    return run["id"]
+
+
+def measure(client, robot, month, softness=1.0, serial_number="W-1", sign=1.0):
+    """A measurement set of the arm, joint_3 softer by a factor, forces stated with a sign; its id."""
+    arm = default_arm()
+    worn = replace(arm, stiffnesses=arm.stiffnesses * np.array([1.0, 1.0, softness, 1.0, 1.0, 1.0]))
+    readings = simulate_campaign(worn, load="pull", configurations=16, seed=month)["measurement_set"]
+    for observation in readings["observations"]:
+        observation["force"] = [sign * part for part in observation["force"]]
+    stated = {"measured_at": f"2026-{month:02d}-10T08:00:00Z", "serial_number": serial_number}
+    document = readings | stated | {"robot_id": robot}
+    return client.request("POST", "/v1/measurement-sets", json=document).json()["id"]
+
+
+def trend(client, robot, **query):
+    return client.get(f"/v1/robots/{robot}/trend", params=query).json()
+
+
+def changed_in(trend):
+    return [joint["name"] for joint in trend["joints"] if joint["changed"]]
+
+
+def row_of(client, robot):
+    """The robot's last campaign, as listed and as the robot itself says it."""
+    (listed,) = client.get("/v1/robots").json()["items"]
+    assert client.get(f"/v1/robots/{robot}").json()["last_campaign"] == listed["last_campaign"]
+    return listed["last_campaign"]
+
+
+def changed_of(row):
+    return [(one["joint"], one["serial_number"]) for one in row["changed"]]
+
+
+def test_a_joint_that_softens_is_said_to_have_changed_and_the_others_are_not(client):
+    """By 15 %, of readings that know each joint to 1 %: in the trend, and in the robot's row."""
+    robot = robot_of(client)
+    assert row_of(client, robot) is None
+    for month, softness in enumerate([1.0, 1.0, 0.85], start=1):
+        run = identify(client, measure(client, robot, month, softness))
+    found, row = trend(client, robot), row_of(client, robot)
+    assert changed_in(found) == ["joint_3"]
+    change = found["joints"][2]["change"]
     assert abs(change["value"] + 0.15) < 3.0 * change["standard_uncertainty"] < 0.12
-    assert [len(joint["points"]) for joint in trend["joints"]] == [3] * 6
-    assert (listed["run_id"], listed["serial_number"], listed["verdict"]) == (run, "W-1", "use")
-    assert listed["changed"] == {"joint_3": change}
+    assert [len(joint["points"]) for joint in found["joints"]] == [3] * 6
+    assert (row["run_id"], row["serial_number"], row["verdict"]) == (run, "W-1", "use")
+    assert row["changed"] == [{"joint": "joint_3", "serial_number": "W-1", "change": change}]
+
+
+@pytest.mark.parametrize("options", [{"positive": False}, {"method": "complete_pose"}])
+@pytest.mark.parametrize("explored", ["set of the change", "set of its own"])
+def test_a_run_with_other_options_hides_no_change(client, options, explored):
+    """Neither in the robot's row nor in its trend: one run of one set has nothing to be compared with."""
+    robot = robot_of(client)
+    for month, softness in enumerate([1.0, 0.8], start=1):
+        worn = measure(client, robot, month, softness)
+        identify(client, worn)
+    change = trend(client, robot)["joints"][2]["change"]
+    last = identify(
+        client, worn if explored == "set of the change" else measure(client, robot, 3, 0.8), **options
+    )
+    row = row_of(client, robot)
+    assert row["run_id"] == last
+    assert row["changed"] == [{"joint": "joint_3", "serial_number": "W-1", "change": change}]
+    assert changed_in(trend(client, robot)) == ["joint_3"]
+
+
+def test_a_change_that_only_runs_with_other_options_show_is_in_the_row(client):
+    """Campaigns after the first ones have another method; the trend of most campaigns ends before them."""
+    robot = robot_of(client)
+    for month in (1, 2, 3):
+        identify(client, measure(client, robot, month))
+    for month, softness in [(4, 1.0), (5, 0.8)]:
+        identify(client, measure(client, robot, month, softness), method="complete_pose")
+    assert changed_in(trend(client, robot)) == []
+    assert changed_in(trend(client, robot, method="complete_pose")) == ["joint_3"]
+    assert changed_of(row_of(client, robot)) == [("joint_3", "W-1")]
+
+
+def test_the_last_campaign_is_that_of_the_newest_run_whatever_its_verdict(client):
+    """Runs that are not to be used enter no trend; the robot was measured all the same."""
+    robot = robot_of(client)
+    wrong = identify(client, measure(client, robot, 1, sign=-1.0))
+    row = row_of(client, robot)
+    assert (row["run_id"], row["verdict"], row["changed"]) == (wrong, "do_not_use", [])
+    assert row["at"] == "2026-01-10T08:00:00Z"
+    for month, softness in enumerate([1.0, 0.8], start=2):
+        identify(client, measure(client, robot, month, softness))
+    wrong = identify(client, measure(client, robot, 4, sign=-1.0))
+    row = row_of(client, robot)
+    assert (row["run_id"], row["verdict"]) == (wrong, "do_not_use")
+    assert changed_of(row) == [("joint_3", "W-1")]
+
+
+def test_changes_of_each_serial_number_are_in_the_row(client):
+    """The arm that was measured last is another than the one that is worn."""
+    robot = robot_of(client)
+    for month, softness in enumerate([1.0, 0.8], start=1):
+        identify(client, measure(client, robot, month, softness, serial_number="A"))
+    last = identify(client, measure(client, robot, 3, serial_number="B"))
+    assert changed_in(trend(client, robot)) == []
+    assert changed_in(trend(client, robot, serial_number="A")) == ["joint_3"]
+    row = row_of(client, robot)
+    assert (row["run_id"], row["serial_number"]) == (last, "B")
+    assert changed_of(row) == [("joint_3", "A")]
 
 
 def test_one_campaign_is_compared_with_nothing():
