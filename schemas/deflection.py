@@ -82,7 +82,6 @@ class SagOptions(Message):
 
     absolute: StrictBool = Field(
         default=False,
-        strict=True,
         description="True for deflections relative to an arm that does not bend: with the sag by its own "
         "weight and any load. Needs a run with `weight`.",
     )

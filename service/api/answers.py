@@ -10,6 +10,7 @@ from types import MappingProxyType
 from typing import Annotated, Any, Final, cast
 
 from fastapi import Depends, FastAPI, Request, Response
+from fastapi.dependencies.models import Dependant
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import StreamingResponse
 from pydantic import BaseModel
@@ -17,7 +18,6 @@ from starlette.exceptions import HTTPException
 from starlette.requests import ClientDisconnect
 
 from jointstiff.schemas.finding import Problem
-from jointstiff.service.api.description import DescribedApplication
 from jointstiff.service.jobs import Parts
 from jointstiff.service.problems import StoreError, http_problem, invalid_request, problem_of
 from jointstiff.service.process import REQUEST_ID
@@ -146,9 +146,24 @@ def answer_error(error: JointstiffError | StoreError) -> Response:
 
 
 def _parameters(request: Request) -> list[str]:
-    """Return the names of the query parameters of the route of a request."""
-    path = getattr(request.scope.get("route"), "path_format", "")
-    return cast("DescribedApplication", request.app).query_parameters(path, request.method)
+    """Return the names of the query parameters of the route of a request.
+
+    The route knows them; to build the OpenAPI description for them would take seconds on the event loop.
+    """
+    dependant: Dependant | None = getattr(request.scope.get("route"), "dependant", None)
+    return [] if dependant is None else list(query_names(dependant))
+
+
+def query_names(dependant: Dependant) -> Iterator[str]:
+    """Yield the names of the query parameters of a route and of what it depends on."""
+    for parameter in dependant.query_params:
+        declared = parameter.field_info.annotation
+        if isinstance(declared, type) and issubclass(declared, BaseModel):
+            yield from (field.alias or name for name, field in declared.model_fields.items())
+        else:
+            yield parameter.alias
+    for part in dependant.dependencies:
+        yield from query_names(part)
 
 
 async def _answer_failure(request: Request, error: Exception) -> Response:

@@ -244,15 +244,15 @@ def _refuse_strange(form: FormData) -> None:
 
 
 async def _text(value: UploadFile | str) -> str:
-    """Return the options as text."""
+    """Return the options as text, without a byte order mark."""
     if isinstance(value, str):
-        return value
+        return value.removeprefix("\ufeff")
     content = await value.read()
     await value.close()
     if len(content) > SMALL_BYTES:
         raise HTTPException(413, f"the options exceed {SMALL_BYTES // 1024} KiB")
     try:
-        return content.decode()
+        return content.decode("utf-8-sig")
     except UnicodeDecodeError:
         raise RequestError(
             "the options are not UTF-8", remedy="send one JSON document in `options`", where="options"

@@ -58,14 +58,6 @@ class DescribedApplication(FastAPI):
             self.openapi_schema = document
         return self.openapi_schema
 
-    def query_parameters(self, path: str, method: str) -> list[str]:
-        """Return the names of the query parameters of an operation."""
-        document = self.openapi()
-        shared = document["components"]["parameters"]
-        described = document["paths"].get(path, {}).get(method.lower(), {}).get("parameters", [])
-        stated = [shared[each["$ref"].rpartition("/")[2]] if "$ref" in each else each for each in described]
-        return [each["name"] for each in stated if each["in"] == "query"]
-
 
 def problems(*statuses: int) -> dict[int | str, Node]:
     """Describe errors that a route may answer with beside those of all routes."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -25,6 +26,7 @@ from jointstiff.service.cli.kinds import (
 )
 
 if TYPE_CHECKING:
+    from jointstiff.schemas.imports import Delimiter
     from jointstiff.schemas.robot import RobotDocument
     from jointstiff.service.importing.reading import SourceFile
     from jointstiff.service.tables.table import Line, Part
@@ -61,10 +63,19 @@ def _target(text: str) -> tuple[str, tuple[float, ...]]:
     return target, cli.vector_of(place)
 
 
-def _cells(text: str) -> list[str]:
-    """Split a header as its file would be split: by semicolons, tabs or commas, else by blanks."""
-    delimiter = next((sign for sign in ";\t," if sign in text), None)
-    return [cell.strip() for cell in text.split(delimiter)]
+def _cells(text: str, delimiter: Delimiter | None) -> list[str]:
+    """Split a header by its file's delimiter; where it has none of those, by semicolons, tabs or commas.
+
+    A header without any of these signs is split by blanks.
+    """
+    from jointstiff.service.importing.grid import CHARACTERS
+
+    signs = ([] if delimiter is None else [CHARACTERS[delimiter]]) + [*";\t,"]
+    sign = next((sign for sign in signs if sign in text.strip()), " ")
+    if sign == " ":
+        text = " ".join(text.split())
+    row = next(csv.reader([text], delimiter=sign, skipinitialspace=True), [])
+    return [cell.strip() for cell in row]
 
 
 _FORMS: Final = {
@@ -79,7 +90,7 @@ _FORMS: Final = {
     "point_name": Terminal("", "TEMPLATE", str),
     "file_name": Terminal("", "TEMPLATE", str),
     "state_words": Terminal("--state-word", "WORD=STATE", _pair, "dict"),
-    "header": Terminal("", "'A;B;C'", _cells),
+    "header": Terminal("", "'A;B;C'", str),
     "noise": Terminal(
         "--sigma",
         "MM",
@@ -246,17 +257,29 @@ def _understood(
 
             measured = prepare_robot(robot).robot
         while asking:
-            request = parse_document(stated | {"show_faults": True}, ImportRequest)
+            request = parse_document(_with_cells(stated, sources) | {"show_faults": True}, ImportRequest)
             given = ask(import_files(sources, request, measured), asked)
             if not given:
                 break
             stated = _joined(stated, _with_length_unit(given, stated))
-        answer = import_files(sources, parse_document(stated, ImportRequest), measured)
+        request = parse_document(_with_cells(stated, sources), ImportRequest)
+        answer = import_files(sources, request, measured)
     findings = answer.findings and [
         finding.model_copy(update={"remedy": _worded(finding.remedy)}) for finding in answer.findings
     ]
     missing = [_worded(text) for text in answer.missing]
     return answer.model_copy(update={"missing": missing, "findings": findings}), stated
+
+
+def _with_cells(stated: Options, sources: Sequence[SourceFile]) -> Options:
+    """Return options with the cells of a header that was typed as one text."""
+    from jointstiff.service.importing.reading import delimiter_of
+
+    if not isinstance(header := stated.get("header"), str):
+        return stated
+    found: Delimiter | None = next(filter(None, map(delimiter_of, sources)), None)
+    delimiter: Delimiter | None = stated.get("delimiter") or found
+    return {**stated, "header": _cells(header, delimiter)}
 
 
 @contextmanager

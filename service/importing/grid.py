@@ -149,7 +149,7 @@ def _archive_type(content: bytes) -> str | None:
 
 # ---- delimited text: its encoding, lines, comments, quotation marks and the delimiter
 
-_CHARACTERS: Final[Mapping[Delimiter, str]] = MappingProxyType(
+CHARACTERS: Final[Mapping[Delimiter, str]] = MappingProxyType(
     {"comma": ",", "semicolon": ";", "tab": "\t", "whitespace": " "}
 )
 _LINE_END: Final = re.compile(r"\r\n|\n|\r")
@@ -193,7 +193,7 @@ def read_text(file: str, content: bytes, delimiter: Delimiter | None) -> Grid:
     if comments:
         count = f"{len(comments)} line{'s' * (len(comments) > 1)}"
         notes.append(f"comments were skipped ({count}); the first: {shown(comments[0].text)}")
-    mark = None if delimiter == "whitespace" else _CHARACTERS[delimiter or "comma"]
+    mark = None if delimiter == "whitespace" else CHARACTERS[delimiter or "comma"]
     split = (comment.text.split(mark) for comment in comments)
     width = len(rows[-1].cells)
     alike = sum(len(cells) == width > 1 and looks_like_a_number(cells[-1].strip()) for cells in split)
@@ -237,7 +237,7 @@ def _delimiter(file: str, lines: Sequence[_Line]) -> Delimiter:
     last = [text.strip(" ") for _, text in lines[-_LAST:]]
     marks: tuple[Delimiter, Delimiter] = ("tab", "semicolon")
     for mark in marks:
-        if 2 * sum(_CHARACTERS[mark] in text for text in last) > len(last):
+        if 2 * sum(CHARACTERS[mark] in text for text in last) > len(last):
             return mark
     if 2 * sum("," in text for text in last) <= len(last) and "," not in lines[0][1]:
         return "whitespace"
@@ -291,7 +291,7 @@ def _row(file: str, number: int, text: str, delimiter: Delimiter) -> Row:
     if delimiter == "whitespace":
         text = text.replace("\t", " ").strip(" ")
     try:
-        cells = next(csv.reader([text], delimiter=_CHARACTERS[delimiter], skipinitialspace=True, strict=True))
+        cells = next(csv.reader([text], delimiter=CHARACTERS[delimiter], skipinitialspace=True, strict=True))
     except (csv.Error, StopIteration):
         remedy = 'enclose a cell as in "Point 1", on one line, or remove the marks'
         raise ImportFileError(place, "quotation marks do not enclose a whole cell", remedy) from None

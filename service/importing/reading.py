@@ -15,6 +15,7 @@ from pydantic_core import from_json
 
 from jointstiff.schemas.imports import (
     MAX_PREVIEW_ROWS,
+    Delimiter,
     FilePreview,
     ImportOptions,
     ImportPreview,
@@ -289,6 +290,16 @@ def _grid(file: SourceFile, options: ImportOptions) -> Grid:
             remedy = "a campaign needs no import: `jointstiff identify` runs it, `jointstiff post` posts it"
         raise ImportFileError(Place(file.name), f"the file is {kind}, not a table", remedy)
     return read_text(file.name, file.content, options.delimiter)
+
+
+def delimiter_of(file: SourceFile) -> Delimiter | None:
+    """Return the delimiter of a text file; None of other files, and where it is not certain."""
+    if file_type(file.content, file.name) is not None:
+        return None
+    try:
+        return read_text(file.name, file.content, None).preview.delimiter
+    except ImportFileError:
+        return None
 
 
 # ---- records of all files, put together by label

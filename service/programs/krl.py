@@ -48,7 +48,9 @@ _REMEDY: Final = "write X, Y, Z, A, B, C (or A1 ... A6) in numbers, and send the
 _FRAME_REMEDY: Final = "give the whole frame in numbers, or as BASE_DATA[i] or TOOL_DATA[i]"
 _NAME: Final = r"\$?[^\W\d]\w*+"
 _NOT_WHOLE: Final = "the target is no whole pose or angles in numbers, or the text after it is unknown"
-_BLEND: Final = re.compile(r" ?C_(?:PTP|DIS|VEL|ORI|SPL)")
+# A name may end with a word of the language: MYWITH, XC_DIS.
+_WITH: Final = re.compile(r" ?(?<![\w$])WITH ")
+_BLEND: Final = re.compile(r" ?(?<![\w$])C_(?:PTP|DIS|VEL|ORI|SPL)")
 _LONGEST_BLEND: Final = len(" C_PTP")
 _FIELD: Final = re.compile(r"(\w+)(?:\[\])? ?(\0|TRUE|FALSE|\"[^\"]*\"|#\w+|'\w+')")
 _SEPARATED: Final = re.compile(r" (?=[\0\w\"#'$])|(?<=\w):|(?<=\])(?=[\0\w\"#'$ ])|(?<=\[)(?=\])")
@@ -180,12 +182,11 @@ def _move(line: Line) -> list[Op]:
 
 def _behind(text: str, begin: int) -> tuple[int, str]:
     """Return where the targets end that begin at a place, and the settings after WITH."""
-    behind = text.find("WITH ", begin)
-    if behind < 0:
+    match = _WITH.search(text, begin)
+    if match is None:
         return _without_blends(text, begin, len(text)), ""
-    settings = text[behind + len("WITH ") : _without_blends(text, behind + len("WITH "), len(text))]
-    end = behind - 1 if behind > begin and text[behind - 1] == " " else behind
-    return _without_blends(text, begin, end), settings
+    settings = text[match.end() : _without_blends(text, match.end(), len(text))]
+    return _without_blends(text, begin, match.start()), settings
 
 
 def _without_blends(text: str, begin: int, end: int) -> int:
@@ -301,7 +302,7 @@ LANGUAGE: Final = ir.Language(
         (r"DEFAULT", "default"),
         (r"ENDIF|ENDSWITCH|ENDFOR|ENDWHILE|ENDLOOP|UNTIL ?(.+)", "close"),
         (r"WHILE ?(.+)", "loop"),
-        (r"FOR @{name}=(.+?) ?TO (.+?)(?: ?STEP (.+))?", lambda line: ir.counted(line["name"], _REMEDY)),
+        (r"FOR @{name}=(.+?) ?\bTO (.+?)(?: ?\bSTEP (.+))?", lambda line: ir.counted(line["name"], _REMEDY)),
         (r"LOOP|REPEAT", "repeat"),
         (r"EXIT", "leave"),
         (r"GOTO @{name}", "jump"),

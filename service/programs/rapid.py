@@ -260,7 +260,7 @@ LANGUAGE: Final = ir.Language(
             _test,
         ),
         (
-            r"FOR @{name} FROM ?(.+?) ?TO ?(.+?)(?: ?STEP ?(.+))? ?DO",
+            r"FOR @{name} FROM ?(.+?) ?\bTO\b ?(.+?)(?: ?\bSTEP\b ?(.+))? ?\bDO",
             lambda line: ir.counted(line["name"], _REMEDY),
         ),
         (r"WHILE ?(.+?) ?DO", "loop"),

@@ -26,8 +26,14 @@ _SINGLE: Final = 7
 """Digits of a number in single precision."""
 
 
-_FORMULA_BEHIND: Final = re.compile(rf"(?<=[;\t])(?=\s*[{re.escape(''.join(_FORMULA))}])")
-"""Where a formula begins behind a sign at which a spreadsheet of another language parts cells."""
+_PARTING: Final = r";\t\n\r\v\f\x1c-\x1e\x85\u2028\u2029"
+_FORMULA_BEHIND: Final = re.compile(
+    rf"(?<=[{_PARTING}])(?=(?:[^\S{_PARTING}]|[\"'])*[{re.escape(''.join(_FORMULA))}])"
+)
+"""Where a formula begins behind a sign at which a spreadsheet of another language parts cells or rows.
+
+That one reads quotation marks differently: cells that they enclose as a whole for others end within them.
+"""
 
 
 def guarded(value: Value) -> Value:

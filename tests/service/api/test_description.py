@@ -4,7 +4,13 @@ import json
 import re
 
 import pytest
+from fastapi.routing import iter_route_contexts
 from openapi_spec_validator import OpenAPIV31SpecValidator
+from support.in_process import Client
+
+from jointstiff.service.api.answers import query_names
+from jointstiff.service.app import create_app
+from jointstiff.service.store.store import Store
 
 
 def operations(document):
@@ -13,6 +19,33 @@ def operations(document):
         for path, verbs in document["paths"].items()
         for method, operation in verbs.items()
     ]
+
+
+def test_an_invalid_request_builds_no_description(monkeypatch):
+    """To build it takes seconds, in which a service would answer nobody."""
+    with Store.open("sqlite://") as store:
+        client = Client(store)
+        monkeypatch.setattr(client._app, "openapi", lambda: pytest.fail("the description was built"))
+        answer = client.get("/v1/jobs?limt=3")
+    assert answer.status_code == 422
+    assert "did you mean `limit`" in answer.json()["errors"][0]["reason"]
+
+
+def test_a_route_knows_the_query_parameters_that_are_described(openapi):
+    shared, described, known = openapi["components"]["parameters"], {}, {}
+    for path, method, operation in operations(openapi):
+        stated = [
+            shared[each["$ref"].rpartition("/")[2]] if "$ref" in each else each
+            for each in operation.get("parameters", ())
+        ]
+        described[path, method] = {each["name"] for each in stated if each["in"] == "query"}
+    with Store.open("sqlite://") as store:
+        for context in iter_route_contexts(create_app(store).routes):
+            for method in getattr(context.original_route, "methods", ()):
+                if (place := (context.path, method.lower())) in described:
+                    known[place] = set(query_names(context.original_route.dependant))
+    assert known == described
+    assert sum(map(len, known.values())) > 20
 
 
 def test_validators_of_openapi_take_the_description(openapi):

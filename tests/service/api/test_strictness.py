@@ -1,6 +1,7 @@
 """What the API takes as it is written, and what it refuses with a reason."""
 
 import codecs
+import csv
 import gzip
 import json
 import re
@@ -108,6 +109,15 @@ def test_json_with_a_byte_order_mark_is_taken(client):
     assert client.request("POST", "/v1/robots", content=content, headers=JSON).status_code == 201
 
 
+@pytest.mark.parametrize("as_file", [True, False])
+def test_options_of_a_form_with_a_byte_order_mark_are_taken(client, as_file):
+    table = b"name;x [mm];y [mm];z [mm]\nP1;1;2;3\n"
+    options = codecs.BOM_UTF8 + b'{"state": "unloaded"}'
+    form = {"files": ("a.csv", table), "options": ("options.json" if as_file else None, options)}
+    answer = client.request("POST", "/v1/imports", files=form)
+    assert answer.status_code < 300, answer.text
+
+
 @pytest.mark.parametrize("coding", ["gzip", "br", "x"])
 def test_a_coded_body_is_refused_with_what_to_do(client, coding):
     headers = JSON | {"Content-Encoding": coding}
@@ -151,6 +161,16 @@ def test_every_post_that_names_what_is_not_there_answers_a_status_that_it_declar
             )
             assert str(answer.status_code) in operations["post"]["responses"], (path, answer.text)
         assert "404" in operations["post"]["responses"], path
+
+
+@pytest.mark.parametrize("formula", ["=1+1", "+1", "@x", "\uff1d1", '"=1+1', "'=1", '" =1', ' ""=1'])
+@pytest.mark.parametrize("sign", [";", "\t", "\n", "\r\n", "\r", "; ", '"\n'])
+@pytest.mark.parametrize("delimiter", [",", ";", "\t"])
+def test_no_cell_is_a_formula_however_a_spreadsheet_parts_the_table(formula, sign, delimiter):
+    """Read by another delimiter, a quoted cell ends at that delimiter and at line ends."""
+    text = csv_text(Sheet({"number": ["1"], "name": [f"a{sign}{formula}{sign}b"]}))
+    cells = [cell for row in csv.reader(text.splitlines(), delimiter=delimiter) for cell in row]
+    assert not [each for each in cells if each.lstrip(' "').startswith(("=", "+", "-", "@", "\uff1d"))], text
 
 
 @pytest.mark.parametrize("sign", ";\t")

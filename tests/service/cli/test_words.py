@@ -1,11 +1,14 @@
 """Words that people write for those of the API."""
 
 import pytest
+from typer.testing import CliRunner
 
 import jointstiff as js
 from jointstiff.schemas.options import METHODS_IN_SHORT
-from jointstiff.service.cli.imports import _cells
+from jointstiff.service.cli.app import app
+from jointstiff.service.cli.imports import _cells, _with_cells
 from jointstiff.service.cli.kinds import _one_of
+from jointstiff.service.importing.reading import SourceFile
 from jointstiff.simulator import default_arm, simulate_campaign
 
 CAMPAIGN = simulate_campaign(default_arm(), configurations=12, load="pull")
@@ -32,7 +35,29 @@ def test_hyphens_stand_for_underlines_at_the_terminal():
 
 
 @pytest.mark.parametrize(
-    "text", ["group;point;x;y;z", "group, point, x, y, z", "group\tpoint\tx\ty\tz", "group point x y z"]
+    "text", ["group;point;x;y;z", "group, point, x, y, z", "group\tpoint\tx\ty\tz", "group  point x y z"]
 )
-def test_a_header_is_split_as_its_file_is(text):
-    assert _cells(text) == ["group", "point", "x", "y", "z"]
+@pytest.mark.parametrize("delimiter", [None, "semicolon", "comma", "tab"])
+def test_a_header_without_the_files_delimiter_is_split_by_its_own(text, delimiter):
+    assert _cells(text, delimiter) == ["group", "point", "x", "y", "z"]
+
+
+@pytest.mark.parametrize(
+    ("delimiter", "sign"), [("semicolon", ";"), ("comma", ","), ("tab", "\t"), ("whitespace", " ")]
+)
+@pytest.mark.parametrize("stated", [True, False])
+def test_a_header_is_split_as_its_file_is(delimiter, sign, stated):
+    """Its cells contain the other signs at which files are split."""
+    within = ";," if sign == " " else "".join(other for other in ";,\t" if other != sign)
+    names = [f"{name}{within}{name}" for name in ("name", "joint", "x")]
+    lines = [sign.join([f"P{i}", f"{i}", f"{i}5"]) for i in range(1, 6)]
+    file = SourceFile("points.txt", "\n".join(lines).encode())
+    options = {"header": sign.join(names), **({"delimiter": delimiter} if stated else {})}
+    assert _with_cells(options, [file])["header"] == names
+
+
+def test_a_header_of_an_import_is_split_as_its_file_is(tmp_path):
+    (tmp_path / "points.txt").write_text("P1,1,15\nP2,2,25\nP3,3,35\n")
+    command = ["import", str(tmp_path / "points.txt"), "--header", "a;b,c;d,e;f"]
+    shown = " ".join(CliRunner().invoke(app, command).output.split())
+    assert all(f"unknown column header '{name}'" in shown for name in ("a;b", "c;d", "e;f")), shown

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 from support.examples import examples, is_full
-from support.written_programs import rewritten, targets_of
+from support.written_programs import moves_of, rewritten, targets_of
 
 from jointstiff.service.problems import problem_of
 from jointstiff.service.programs import columns
@@ -244,6 +244,26 @@ def test_many_routines_and_names_are_followed_soon():
     for body in (chain, turns, names):
         program = read_program([("a.src", f"DEF a()\n{FREE_FRAMES}\n{body}".encode())])
         assert len(program.moves) == count
+
+
+@pytest.mark.parametrize("ending", ["WITH", "C_PTP", "C_DIS", "C_VEL", "C_ORI", "C_SPL"])
+@pytest.mark.parametrize(
+    "behind", ["", " C_DIS", " C_ORI C_DIS", " WITH $VEL.CP=NOWWITH", " WITH $VEL.CP=1 C_DIS"]
+)
+def test_a_name_that_ends_with_a_word_of_the_move_is_the_whole_name(ending, behind):
+    """Another target has the name without the ending."""
+    places = f"MY={PLACE}\nMY{ending}={PLACE.replace('X 1', 'X 7')}"
+    text = f"DEF a()\n{FREE_FRAMES}\n{places}\nLIN MY{ending}{behind}\nEND"
+    program = read_program([("a.src", text.encode())])
+    (move,) = moves_of(program)
+    (target,) = (targets_of(program)[i] for i in move.targets)
+    assert (target.name, target.values[0], program.left) == (f"MY{ending}", 7.0, ())
+
+
+@pytest.mark.parametrize("loop", ["I=STO TO 5", "I=1 TO MYSTEP STEP 2", "I=1 TO STO STEP MYSTEP"])
+def test_a_name_that_ends_with_a_word_of_the_loop_is_the_whole_name(loop):
+    text = f"DEF a()\n{FREE_FRAMES}\nFOR {loop}\n{LIN}\nENDFOR\nEND"
+    assert len(read_program([("a.src", text.encode())]).moves) == 1
 
 
 @pytest.mark.parametrize(("most", "line"), [("MAX_VISITS", 5), ("MAX_REMARKS", 8)])

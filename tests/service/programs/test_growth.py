@@ -44,6 +44,27 @@ def test_a_move_with_very_many_words_of_approximate_positioning_is_read():
     assert seconds(krl.LANGUAGE, "LIN {X \0}" + " C_DIS" * 20_000 + " WITHX") > 0.0
 
 
+MOVES = ("LIN {X \0}", "LIN XP1", "SPLINE")
+"""Beginnings of statements whose rest functions of the rules divide, not the rules themselves."""
+REPEATED = (" C_DIS", "WITH ", ",", ",$V=1 C_DIS")
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(300)
+@pytest.mark.parametrize("part", REPEATED)
+def test_twice_the_words_behind_a_move_take_at_most_two_and_a_half_times_as_long(part):
+    """Behind the target, and in the settings after WITH."""
+    begins = [move + behind for move in MOVES for behind in ("", " WITH $V=1")]
+    gc.disable()
+    try:
+        found = {
+            (begin, end): growth(krl.LANGUAGE, begin, part, end) for begin in begins for end in ("", "WITHX")
+        }
+    finally:
+        gc.enable()
+    assert {case: ratio for case, ratio in found.items() if ratio > MOST} == {}
+
+
 @pytest.mark.slow
 @pytest.mark.timeout(900)
 @pytest.mark.parametrize("module", [krl, fanuc, rapid, ur], ids=lambda module: module.__name__)
