@@ -119,13 +119,6 @@ class DeflectionRequest(DeflectionOptions):
     run_id: Identifier = Field(description="Id of the run whose model is used.")
 
 
-class ReadingsInterval(Message):
-    """Intervals with the errors of the readings and the stated errors of the force, without model error."""
-
-    displacement: Metres[Interval3]
-    rotation: Radians[Interval3]
-
-
 class ModelErrorInterval(Message):
     """Intervals that include the model error, calibrated on postures omitted from the fit."""
 
@@ -212,9 +205,11 @@ class CaseResult(Message):
         description="Displacement of the place, loaded minus unloaded, axes of R0."
     )
     rotation: Radians[Point | None] = Field(description="Rotation vector of the flange, axes of R0.")
-    readings_only: ReadingsInterval | None = Field(
-        description="Intervals by the readings; null if the uncertainty is unknown."
+    readings_only: Metres[Interval3 | None] = Field(
+        description="Interval of each component of the displacement by the errors of the readings and the "
+        "stated errors of the force; null if the uncertainty is unknown."
     )
+    rotation_interval: Radians[Interval3 | None] = Field(description="The same of the rotation.")
     with_model_error: ModelErrorInterval | None = Field(
         description="Intervals with model error; null without a bound, see `remarks`."
     )

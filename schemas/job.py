@@ -24,13 +24,6 @@ class Provenance(Message):
     ended_at: Timestamp | None
 
 
-class Requester(Message):
-    """Key that requested a job."""
-
-    key_id: str = Field(description="Id of the key.")
-    key_name: str = Field(description="Name of the key.")
-
-
 class Progress(Message):
     """Units of work done."""
 
@@ -80,9 +73,10 @@ class Job(Message):
     result: Message | None = Field(description="Result; present if the job has succeeded.")
     error: Problem | None = Field(description="Present if the job has failed.")
     provenance: Provenance
-    requested_by: Requester | None = Field(
-        default=None, description="Key of the request; null if the service required none."
+    key_id: str | None = Field(
+        default=None, description="Id of the key of the request; null if the service required none."
     )
+    key_name: str | None = Field(default=None, description="Name of this key.")
 
     @classmethod
     def kind_name(cls) -> str:

@@ -41,12 +41,15 @@ class LiveOptions(ReadingOptions):
     )
 
 
-class Innovation(Message):
-    """Comparison of a reading with what the others let expect."""
+class LiveReading(Message):
+    """A reading of an open set in its record."""
 
+    label: Name
+    state: Literal["counts", "doubtful", "withdrawn"]
+    reason: str | None = Field(default=None, description="Reason for which it was withdrawn.")
     p_value: Dimensionless[float | None] = Field(
-        description="Probability of a reading at least so far from its prediction; null where the others do "
-        "not predict it."
+        description="Probability of a reading at least so far from its prediction by the others; null where "
+        "they do not predict it."
     )
     distance: Metres[float | None] = Field(
         description="Greatest distance of a target from where it was expected."
@@ -54,17 +57,8 @@ class Innovation(Message):
     doubtful: StrictBool = Field(
         description="True if it ought to be read again before the load is taken off."
     )
-    causes: list[str] = Field(description="Causes in words, the likeliest first.")
-    message: str
-
-
-class LiveReading(Message):
-    """A reading of an open set in its record."""
-
-    label: Name
-    state: Literal["counts", "doubtful", "withdrawn"]
-    reason: str | None = Field(default=None, description="Reason for which it was withdrawn.")
-    innovation: Innovation | None = None
+    causes: list[str] = Field(description="Causes of the doubt in words, the likeliest first.")
+    message: str | None = Field(description="Comparison with the others in words.")
     ball_ratio: Dimensionless[float | None] = Field(
         default=None,
         description="Distance from the prediction over the radius of its 90 % ball, at most 1 inside; null "

@@ -287,8 +287,9 @@ class KinematicsRequest(Message):
 
 
 class Posture(Message):
-    """One configuration, axes of R0."""
+    """A robot in one configuration, axes of R0."""
 
+    joint_names: list[Name]
     joint_origins: Metres[list[Point]] = Field(
         description="Origins of the joints' frames, from base to flange."
     )
@@ -300,10 +301,3 @@ class Posture(Message):
     flange_axes: Dimensionless[Square3] = Field(
         description="Unit vectors of the flange's x, y and z axes. Dimensionless."
     )
-
-
-class Kinematics(Message):
-    """A robot in some configurations."""
-
-    joints: list[Name] = Field(description="Names of the joints.")
-    postures: list[Posture]

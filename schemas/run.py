@@ -400,14 +400,6 @@ class SuspiciousReading(Message):
     )
 
 
-class RobustLoss(Message):
-    """Weights and suspicious readings of the Huber loss."""
-
-    threshold: float = Field(description="Threshold in units of sigma. Dimensionless.")
-    suspicious: list[SuspiciousReading] = Field(description="Suspicious readings, worst first, at most 100.")
-    suspicious_count: int
-
-
 class Residual(Message):
     """One target in one observation."""
 
@@ -444,14 +436,6 @@ class EncoderResidual(Message):
     residual: Radians[float] = Field(description="Residual, measured minus predicted.")
 
 
-class PlainModel(Message):
-    """Result for joints alone under squared residuals, with K_c as in the run."""
-
-    joints: list[JointResult]
-    compensation: Dimensionless[float | None]
-    rms_residual: Metres[float]
-
-
 class ModelChoice(Message):
     """Elastic elements and loss of this run, with the evidence for both."""
 
@@ -466,9 +450,6 @@ class ModelChoice(Message):
         description="p-value of the F test of links beside joints; null if it was not made."
     )
     message: str = Field(description="Choice in a sentence, with its figures.")
-    plain: PlainModel | None = Field(
-        default=None, description="Joints alone under squared residuals; null if the run has only joints."
-    )
     models: list[ScoredModel] = Field(
         default_factory=list,
         description="Scores of each model with each loss on held-out postures, from simple to rich; empty if "
@@ -526,9 +507,13 @@ class RunResult(Result):
     complementary_stiffness: ComplementaryStiffness | None = Field(
         description="Effect of K_c; null with elastic links or coupling, whose model neglects it."
     )
-    robust: RobustLoss | None = Field(
-        default=None, description="Suspicious readings and weights, if the loss is `huber`."
+    huber_threshold: Dimensionless[float | None] = Field(
+        default=None, description="Threshold of the Huber loss in units of sigma; null for other losses."
     )
+    suspicious: list[SuspiciousReading] = Field(
+        default_factory=list, description="Readings to which the Huber loss gives less weight, worst first."
+    )
+    suspicious_count: int = Field(default=0, description="Number of these readings; at most 100 are listed.")
     resampling: ResamplingResult | None = Field(
         default=None, description="Results of the resampling, if requested."
     )

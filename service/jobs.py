@@ -14,7 +14,7 @@ from sqlalchemy import Connection
 
 from jointstiff.schemas.fields import Message, Page
 from jointstiff.schemas.finding import ResultSummary
-from jointstiff.schemas.job import Job, JobState, JobSummary, Requester, Result
+from jointstiff.schemas.job import Job, JobState, JobSummary, Result
 from jointstiff.schemas.query import JobQuery
 from jointstiff.service.kinds.kind import AnyKind
 from jointstiff.service.kinds.registry import KINDS
@@ -35,7 +35,7 @@ from jointstiff.service.process import versions
 from jointstiff.service.resources.stored import Resources
 from jointstiff.service.store.jobs import JOB, PLAN, Step
 from jointstiff.service.store.store import Store
-from jointstiff.service.store.tables import OPEN_STATES, IdempotencyKey, JobRecord
+from jointstiff.service.store.tables import OPEN_STATES, AccessKey, IdempotencyKey, JobRecord
 from jointstiff.solver.errors import JointstiffError, RequestError
 
 MAX_OPEN: Final = 1_000
@@ -78,9 +78,7 @@ class Jobs:
         self._inputs = resources
         self._enqueue = enqueue
 
-    def create(
-        self, request: Message, key: IdempotencyKey | None, requested_by: Requester | None = None
-    ) -> JobRecord:
+    def create(self, request: Message, key: IdempotencyKey | None, by: AccessKey | None = None) -> JobRecord:
         """Store a job: carried out, or enqueued if it takes long and there are workers.
 
         Raises:
@@ -92,7 +90,7 @@ class Jobs:
         if key is not None and (before := self.records.find(key)) is not None:
             return before
         work = self.kind.compute(self._inputs, request)
-        job = new_job(self.kind.message, request, work, requested_by)
+        job = new_job(self.kind.message, request, work, by)
         enqueue = self._enqueue
         if job.progress is None or enqueue is None:
             done = record_of(self.kind, carry_out(job, work), work.robot_id)

@@ -3,6 +3,7 @@ import type { MeasurementSet, Posture } from "../src/api/types";
 import { loadOf, placesOf } from "../src/lib/vector";
 
 const POSTURE: Posture = {
+  joint_names: ["joint_1", "joint_2"],
   joint_origins: [
     [0, 0, 0],
     [1, 0, 0],

@@ -19,7 +19,7 @@ from fastapi.sse import EventSourceResponse, ServerSentEvent
 from pydantic import Discriminator, Field
 
 from jointstiff.schemas.fields import Page
-from jointstiff.schemas.job import Job, JobChange, JobSummary, Requester
+from jointstiff.schemas.job import Job, JobChange, JobSummary
 from jointstiff.schemas.query import FileQuery, JobQuery, WaitQuery
 from jointstiff.service.api import answers
 from jointstiff.service.api.bodies import EXAMPLES, BodyRoute, Key, large_bodies, shown
@@ -29,9 +29,9 @@ from jointstiff.service.jobs import Jobs
 from jointstiff.service.kinds.kind import AnyKind
 from jointstiff.service.kinds.registry import KINDS
 from jointstiff.service.problems import NotFoundError, StoreUnavailableError
-from jointstiff.service.security.access import OPERATOR, VIEWER, Gate, RequesterOf, asked_of
+from jointstiff.service.security.access import OPERATOR, VIEWER, Gate, KeyOf, asked_of
 from jointstiff.service.store.jobs import JOB, JobStatus
-from jointstiff.service.store.tables import OPEN_STATES, JobRecord
+from jointstiff.service.store.tables import OPEN_STATES, AccessKey, JobRecord
 
 TURN_SECONDS: Final = 0.1
 """Pause between two looks at the jobs that are followed."""
@@ -189,7 +189,7 @@ def _event(name: str, job: Job) -> ServerSentEvent:
 
 
 JobId = Annotated[str, Path(max_length=64)]
-AskedBy = Annotated[Requester | None, RequesterOf]
+AskedBy = Annotated[AccessKey | None, KeyOf]
 Wait = Annotated[WaitQuery, Query()]
 ANY_JOB: Final[Any] = Annotated[
     Union[tuple(kind.message for kind in KINDS)],  # noqa: UP007 - of types known at run time

@@ -13,8 +13,8 @@ from jointstiff.schemas.measurement import MeasurementSetSummary, SetChange
 from jointstiff.schemas.query import RobotQuery, SetQuery
 from jointstiff.schemas.robot import (
     Catalogue,
-    Kinematics,
     KinematicsRequest,
+    Posture,
     Robot,
     RobotChange,
     RobotDocument,
@@ -25,7 +25,7 @@ from jointstiff.service.api.bodies import EXAMPLES, BodyRoute, Key, shown
 from jointstiff.service.api.description import problems
 from jointstiff.service.api.jobs import AskedBy
 from jointstiff.service.conversion.catalogue import catalogue
-from jointstiff.service.conversion.robots import to_kinematics
+from jointstiff.service.conversion.robots import to_postures
 from jointstiff.service.problems import ClosedError
 from jointstiff.service.resources.stored import assembled, described
 from jointstiff.service.security.access import OPERATOR, VIEWER
@@ -114,18 +114,18 @@ def get_catalogue() -> Catalogue:
 @robots.post(
     "/v1/kinematics",
     dependencies=[VIEWER],  # a drawing of what is stored, or might be
-    response_model=Kinematics,
+    response_model=list[Posture],
     responses=problems(404),
 )
 def compute_kinematics(
     parts: answers.PartsOf,
     body: KinematicsRequest,
-) -> Kinematics:
+) -> list[Posture]:
     """Compute where joints and flange are in some configurations. Nothing is stored.
 
     A robot that is not stored is vetted as one that is posted, so that it can be looked at before it is kept.
     """
-    return to_kinematics(parts.robots.find(body.robot_id, body.robot), body.joints)
+    return to_postures(parts.robots.find(body.robot_id, body.robot), body.joints)
 
 
 @sets.post(

@@ -46,10 +46,9 @@ class AtTerminal(Person):
         cli.warn(reading_line(state, reading))
         if state.state == "measuring" and state.share is not None and state.share <= 1.0:
             cli.warn(f"  goes on: {state.message}")
-        found = reading.innovation
-        if found is not None and found.doubtful:
-            cli.warn(f"  {found.message}")
-            for cause in found.causes:
+        if reading.doubtful:
+            cli.warn(f"  {reading.message}")
+            for cause in reading.causes:
                 cli.warn(f"  {cause}")
 
     def ready(self, following: PlannedReading, *, loaded: bool) -> Literal["read", "skip", "stop"]:
@@ -101,11 +100,10 @@ def reading_line(state: LiveState, reading: LiveReading) -> str:
     if known:
         worst = max(known, key=lambda joint: joint.relative or 0.0)
         parts.append(f"{worst.name} ± {100.0 * (worst.relative or 0.0):.0f} %,")
-    found = reading.innovation
-    if found is not None and found.doubtful:
+    if reading.doubtful:
         parts.append("doubtful,")
-    elif found is not None and found.p_value is not None:
-        parts.append(f"as expected with p {found.p_value:.2g},")
+    elif reading.p_value is not None:
+        parts.append(f"as expected with p {reading.p_value:.2g},")
     if reading.ball_ratio is not None:
         parts.append(f"held out: {'inside' if reading.ball_ratio <= 1.0 else 'outside'} its ball,")
     needed = state.still_needed

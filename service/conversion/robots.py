@@ -13,7 +13,7 @@ from jointstiff.schemas import robot as robots
 from jointstiff.schemas.fields import FAR_POINT
 from jointstiff.schemas.joints import JointKind
 from jointstiff.schemas.measurement import Units
-from jointstiff.schemas.robot import Kinematics, Posture
+from jointstiff.schemas.robot import Posture
 from jointstiff.service.conversion.units import ANGLE, LENGTH
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import RequestError, RobotError
@@ -91,7 +91,7 @@ def describe_wrist(robot: Robot) -> robots.Wrist:
     return message(robots.Wrist, wrist)
 
 
-def to_kinematics(robot: Robot, joints: list[list[float]]) -> Kinematics:
+def to_postures(robot: Robot, joints: list[list[float]]) -> list[Posture]:
     """Return the robot in some configurations, or in that of all zeros.
 
     Raises:
@@ -103,15 +103,15 @@ def to_kinematics(robot: Robot, joints: list[list[float]]) -> Kinematics:
     q = robot.joint_map.model_angles(controller)
     at = Postures(robot, q)
     frames, origins = at.joint_frames
-    postures = rows(
+    return rows(
         Posture,
+        joint_names=[list(robot.joint_names)] * len(q),
         joint_origins=origins,
         joint_axes=np.einsum("bjik,jk->bji", frames, robot.axes),
         joint_kinds=[robot.joint_kinds] * len(q),
         flange_origin=at.flange_translation,
         flange_axes=at.flange_rotation.transpose(0, 2, 1),
     )
-    return Kinematics(joints=list(robot.joint_names), postures=postures)
 
 
 def refuse_far_point(point: Sequence[float] | None, where: str, *, length: float = 1.0) -> None:

@@ -65,7 +65,7 @@ _CSV: Final = {
     "label": "label",
     "displacement {x y z}": "displacement",
     "rotation {x y z}": "rotation",
-    "displacement {x y z} readings only {low high}": "readings_only.displacement",
+    "displacement {x y z} readings only {low high}": "readings_only",
     "displacement {x y z} with model error {low high}": "with_model_error.displacement",
     "model error radius": "with_model_error.radius",
     "stiffness lateral free": "compliance.along.lateral_free",
@@ -334,7 +334,7 @@ def _component(case: CaseResult, axis: int) -> str:
         return NO_NUMBER
     half = ""
     if case.readings_only is not None:
-        low, high = case.readings_only.displacement[axis]
+        low, high = case.readings_only[axis]
         half = f" ± {500 * (high - low):.3f}"
     return f"{1e3 * case.displacement[axis]:.3f}{half}"
 
@@ -351,10 +351,7 @@ def prediction_charts(result: DeflectionResult) -> list[Chart]:
         for i, axis in enumerate("xyz")
     }
     intervals = {
-        axis: [
-            None if case.readings_only is None else case.readings_only.displacement[i]
-            for case in result.cases
-        ]
+        axis: [None if case.readings_only is None else case.readings_only[i] for case in result.cases]
         for i, axis in enumerate("xyz")
     }
     names = [case.label for case in result.cases]

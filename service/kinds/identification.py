@@ -17,7 +17,6 @@ from jointstiff.schemas.options import ElasticModel as ModelName
 from jointstiff.schemas.options import Loss, RunOptions
 from jointstiff.schemas.run import (
     ModelChoice,
-    PlainModel,
     ResamplingResult,
     RunRequest,
     RunResult,
@@ -482,17 +481,8 @@ class ByLinks(Work):
             selection = self._refined(chosen, selection, paths)
             chosen = selection.of(chosen.model, (chosen.loss,))
 
-        plain = self._joints_alone("squared")
-        screening = replace(plain.screening, gain=selection.gain)
-        same = (chosen.model, chosen.loss) == ("joints", "squared")
-        choose = partial(
-            to_choice_by_comparison,
-            selection,
-            chosen,
-            screening,
-            given=elasticity is not None,
-            plain=None if same else plain.result(screening),
-        )
+        screening = replace(self._joints_alone("squared").screening, gain=selection.gain)
+        choose = partial(to_choice_by_comparison, selection, chosen, screening, given=elasticity is not None)
         if chosen.model == "joints":
             result = self._joints_alone(chosen.loss).result(screening, choice=choose())
         else:
@@ -674,7 +664,6 @@ def to_choice_by_comparison(
     screening: Screening,
     *,
     given: bool,
-    plain: RunResult | None,
     intervals: ModelName | None = None,
 ) -> ModelChoice:
     """Return the choice among models that were compared on held-out postures.
@@ -684,7 +673,6 @@ def to_choice_by_comparison(
         chosen: which predicts.
         screening: of what joints alone leave unexplained.
         given: whether the model was named in the request.
-        plain: joints alone; None where they are chosen.
         intervals: model whose intervals the stiffnesses have; None where that is not said.
     """
     name, gain = chosen.model.replace("_", " ").capitalize(), selection.gain
@@ -715,9 +703,4 @@ def to_choice_by_comparison(
         losses={scored.model: selection.of(scored.model).loss for scored in selection.models},
         best=selection.best,
         simplest=selection.simplest,
-        plain=None
-        if plain is None
-        else PlainModel(
-            joints=plain.joints, compensation=plain.compensation, rms_residual=plain.rms_residual
-        ),
     )

@@ -292,19 +292,16 @@ def _complementary_stiffness(result: RunResult) -> Iterator[str]:
 
 def _suspicious(result: RunResult) -> Iterator[str]:
     """Yield the readings that the robust loss mistrusts, worst first."""
-    robust = result.robust
-    if robust is None:
+    threshold, count = result.huber_threshold, result.suspicious_count
+    if threshold is None:
         return
-    yield (
-        f"Huber loss, threshold {robust.threshold:g} sigma: {robust.suspicious_count} suspicious "
-        f"reading{'' if robust.suspicious_count == 1 else 's'}"
-    )
-    for reading in robust.suspicious:
+    yield f"Huber loss, threshold {threshold:g} sigma: {count} suspicious reading{'' if count == 1 else 's'}"
+    for reading in result.suspicious:
         yield (
             f"{reading.observation}, {reading.target}: residual of {reading.residual_norm:.3g} sigma, "
             f"weight {reading.weight:.2g}"
         )
-    hidden = robust.suspicious_count - len(robust.suspicious)
+    hidden = count - len(result.suspicious)
     if hidden > 0:
         yield f"and {hidden} more"
 

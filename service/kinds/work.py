@@ -17,9 +17,10 @@ import numpy.typing as npt
 
 from jointstiff.schemas.fields import Message
 from jointstiff.schemas.finding import Problem
-from jointstiff.schemas.job import Job, JobState, Progress, Provenance, Requester
+from jointstiff.schemas.job import Job, JobState, Progress, Provenance
 from jointstiff.service.problems import http_problem, problem_of
 from jointstiff.service.process import versions
+from jointstiff.service.store.tables import AccessKey
 from jointstiff.solver.errors import InputError, JointstiffError, NotObservableError, RequestError
 
 Span = tuple[int, int]
@@ -103,9 +104,7 @@ def unpack(content: bytes) -> dict[str, npt.NDArray[Any]]:
         return dict(archive)
 
 
-def new_job(
-    message: type[AnyJob], request: Message, work: Work, requested_by: Requester | None = None
-) -> AnyJob:
+def new_job(message: type[AnyJob], request: Message, work: Work, key: AccessKey | None = None) -> AnyJob:
     """Return a queued job; without progress if it is carried out at once."""
     progress = None
     if steps := work.steps():
@@ -126,7 +125,8 @@ def new_job(
             "result": None,
             "error": None,
             "provenance": provenance,
-            "requested_by": requested_by,
+            "key_id": None if key is None else key.id,
+            "key_name": None if key is None else key.name,
             **work.details,
         }
     )

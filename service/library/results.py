@@ -450,7 +450,7 @@ class Prediction(Presented, DeflectionResult):  # type: ignore[misc]  # `summary
         """Lower and upper ends (N, 3, 2) of the displacements by the readings [m]; NaN where unknown."""
         import numpy as np
 
-        known = [case.readings_only and case.readings_only.displacement for case in self.cases]
+        known = [case.readings_only for case in self.cases]
         return np.array([np.full((3, 2), np.nan) if ends is None else ends for ends in known])
 
     def _rows(self, field: str) -> FloatArray:

@@ -14,7 +14,6 @@ from scipy import special
 from jointstiff.schemas import live
 from jointstiff.schemas.finding import Finding
 from jointstiff.schemas.joints import JOINT_UNITS
-from jointstiff.schemas.live import Innovation
 from jointstiff.schemas.measurement import (
     MAX_NOTES_LENGTH,
     MeasurementSetDocument,
@@ -46,7 +45,7 @@ from jointstiff.solver.errors import JointstiffError, RequestError
 from jointstiff.solver.estimation.estimate import stiffness_interval
 from jointstiff.solver.estimation.fit import student_quantile
 from jointstiff.solver.live.ahead import Ahead, Known, Next, Share
-from jointstiff.solver.live.innovation import HeldOut, held_out, innovation
+from jointstiff.solver.live.innovation import HeldOut, Innovation, held_out, innovation
 from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.text import length_text
 
@@ -317,21 +316,14 @@ class LiveCampaign:
     def doubtful(self) -> list[str]:
         """Labels of doubtful readings of which nothing became yet."""
         settled = self._labels("withdrawn") | self._labels("kept")
-        return [
-            label
-            for label in self.of_label
-            if label not in settled and (found := self._innovation(label)) is not None and found.doubtful
-        ]
+        return [label for label in self.of_label if label not in settled and self._innovation(label).doubtful]
 
-    def _innovation(self, label: str) -> Innovation | None:
+    def _innovation(self, label: str) -> Innovation:
         """Return what a reading was when it came, or the mistake that all of them show in it by now."""
-        found, mistake = self.of_label[label].innovation, self.mistake
-        if mistake is None or mistake.observation != label or (found is not None and found.doubtful):
+        found, mistake = self.of_label[label].innovation or Innovation(), self.mistake
+        if mistake is None or mistake.observation != label or found.doubtful:
             return found
-        known = {} if found is None else found.model_dump(include={"p_value", "distance"})
-        unknown = {"p_value": None, "distance": None}
-        message = f"{mistake.message}; {mistake.remedy}"
-        return Innovation(doubtful=True, causes=[], message=message, **(unknown | known))
+        return replace(found, doubtful=True, causes=[], message=f"{mistake.message}; {mistake.remedy}")
 
     @property
     def met(self) -> bool:
@@ -575,7 +567,7 @@ class LiveCampaign:
                 label=label,
                 state="withdrawn" if label in withdrawn else "doubtful" if label in doubtful else "counts",
                 reason=withdrawn[label].reason if label in withdrawn else None,
-                innovation=self._innovation(label),
+                **vars(self._innovation(label)),
                 ball_ratio=None if entry.held_out is None else entry.held_out.ball_ratio,
             )
             for label, entry in self.of_label.items()

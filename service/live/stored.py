@@ -15,7 +15,6 @@ from pydantic import TypeAdapter
 from jointstiff.schemas import live
 from jointstiff.schemas.fields import Page
 from jointstiff.schemas.finding import Finding
-from jointstiff.schemas.job import Requester
 from jointstiff.schemas.measurement import (
     MeasurementSetHeader,
     MeasurementSetRequest,
@@ -30,7 +29,7 @@ from jointstiff.service.live.campaign import Declared, Entry, LiveCampaign
 from jointstiff.service.live.declaration import completed
 from jointstiff.service.problems import NotFoundError, TakenError
 from jointstiff.service.resources.stored import Resources, resolve_frame, stored_job
-from jointstiff.service.store.tables import IdempotencyKey, LiveEntry, OpenSetRecord
+from jointstiff.service.store.tables import AccessKey, IdempotencyKey, LiveEntry, OpenSetRecord
 from jointstiff.solver.errors import RequestError
 
 _CAMPAIGNS: Final = 64
@@ -38,7 +37,7 @@ _CAMPAIGNS: Final = 64
 _ENTRY: Final = TypeAdapter(Entry)
 _FINDINGS: Final = TypeAdapter(list[Finding])
 
-CreateRun = Callable[[RunRequest, IdempotencyKey, Requester | None], str]
+CreateRun = Callable[[RunRequest, IdempotencyKey, AccessKey | None], str]
 """Stores a run, and returns its id."""
 
 
@@ -85,7 +84,7 @@ class OpenSets:
                 self._add(record.id, entry, None)
         return stored.id
 
-    def observe(self, set_id: str, observation: Observation, by: Requester | None) -> live.LiveState:
+    def observe(self, set_id: str, observation: Observation, by: AccessKey | None) -> live.LiveState:
         """Take in an observation; the same one again changes nothing.
 
         Raises:
@@ -99,7 +98,7 @@ class OpenSets:
             raise TakenError(observation.label)
         return self.state(set_id)
 
-    def change(self, set_id: str, change: SetChange, by: Requester | None) -> None:
+    def change(self, set_id: str, change: SetChange, by: AccessKey | None) -> None:
         """Withdraw readings, keep doubtful ones, or skip the posture that is next.
 
         Raises:
@@ -109,7 +108,7 @@ class OpenSets:
         for entry in self._campaign(set_id).entries_of(change):
             self._add(set_id, entry, by)
 
-    def close(self, set_id: str, by: Requester | None) -> live.LiveState:
+    def close(self, set_id: str, by: AccessKey | None) -> live.LiveState:
         """Make an ordinary set of what was read, and identify it; to do so again changes nothing.
 
         Raises:
@@ -190,7 +189,7 @@ class OpenSets:
             return not any(entry.change == "closed" for entry in self._store.live_entries.of(set_id=set_id))
         return False
 
-    def changed(self, set_id: str, change: SetChange, by: Requester | None) -> MeasurementSetSummary:
+    def changed(self, set_id: str, change: SetChange, by: AccessKey | None) -> MeasurementSetSummary:
         """Change the record of an open set, delete it or restore it; return it as it is listed.
 
         Raises:
@@ -218,7 +217,7 @@ class OpenSets:
             return bool(self._store.sets.get(set_id))
         return False
 
-    def _run(self, set_id: str, campaign: LiveCampaign, by: Requester | None) -> str:
+    def _run(self, set_id: str, campaign: LiveCampaign, by: AccessKey | None) -> str:
         key = IdempotencyKey(f"closed {set_id}", "closed")
         return self._create_run(RunRequest(measurement_set_id=set_id, **campaign.run_options), key, by)
 
@@ -238,14 +237,14 @@ class OpenSets:
         self._ready[set_id] = ready
         return ready
 
-    def _add(self, set_id: str, entry: Entry, by: Requester | None) -> Entry:
+    def _add(self, set_id: str, entry: Entry, by: AccessKey | None) -> Entry:
         """Add an entry to a record; return it, or the one of this kind and label that is there already."""
         record = LiveEntry(
             set_id=set_id,
             change=entry.change,
             label=entry.label,
             noted_at=datetime.now(UTC),
-            key_name=None if by is None else by.key_name,
+            key_name=None if by is None else by.name,
             document=_ENTRY.dump_json(entry).decode(),
         )
         return _ENTRY.validate_json(self._store.live_entries.add(record).document)

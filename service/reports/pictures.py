@@ -9,7 +9,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from jointstiff.schemas.run import JointResult, RunResult
-from jointstiff.service.conversion.robots import to_kinematics
+from jointstiff.service.conversion.robots import to_postures
 from jointstiff.service.reports.document import Picture
 from jointstiff.service.tables.table import Chart
 from jointstiff.solver.arrays import FloatArray
@@ -177,7 +177,7 @@ def before_and_after(result: RunResult) -> Picture | None:
 
 def arm(robot: Robot, joints: Sequence[float]) -> Picture | None:
     """Draw the arm in a posture of the controller's angles [rad], from the side of a corner."""
-    posture = to_kinematics(robot, [list(joints)]).postures[0]
+    posture = to_postures(robot, [list(joints)])[0]
     points = np.array([[0.0, 0.0, 0.0], *posture.joint_origins, posture.flange_origin])
     reach = float(np.ptp(points, axis=0).max())
     if not reach > 0.0:

@@ -29,7 +29,6 @@ from starlette.routing import BaseRoute, Mount
 from starlette.types import Message, Receive, Scope, Send
 
 from jointstiff.schemas.access import Access, Role
-from jointstiff.schemas.job import Requester
 from jointstiff.service.problems import KeyRefusedError, RoleError, StoreError, WrongKeysError
 from jointstiff.service.security.keys import Keyring, digest, mint_token, without_keys
 from jointstiff.service.store.access import MINUTE
@@ -130,12 +129,11 @@ def asked_of(connection: HTTPConnection) -> Asked:
     return asked
 
 
-async def _requester(connection: HTTPConnection) -> Requester | None:
-    key = asked_of(connection).key
-    return None if key is None else Requester(key_id=key.id, key_name=key.name)
+async def _key(connection: HTTPConnection) -> AccessKey | None:
+    return asked_of(connection).key
 
 
-RequesterOf = Depends(_requester)
+KeyOf = Depends(_key)
 """Dependency: the key that a job is asked for with."""
 
 

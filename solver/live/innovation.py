@@ -9,14 +9,13 @@ the one that leaves the least is named.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import combinations
 from typing import Final
 
 import numpy as np
 from scipy import special
 
-from jointstiff.schemas.live import Innovation
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import SolverError
 from jointstiff.solver.integrity.values import View
@@ -27,13 +26,20 @@ from jointstiff.solver.mechanics.springs import JOINTS
 from jointstiff.solver.mechanics.terms import FORCE_SCALE, SHIFT, TERMS
 from jointstiff.solver.text import length_text
 
-_UNJUDGED: Final = Innovation(
-    p_value=None,
-    distance=None,
-    doubtful=False,
-    causes=[],
-    message="too few readings to judge it by",
-)
+
+@dataclass(frozen=True)
+class Innovation:
+    """Comparison of a reading with what the others let expect."""
+
+    #: probability of a reading at least so far from its prediction; None where the others do not predict it
+    p_value: float | None = None
+    distance: float | None = None  #: greatest distance of a target from where it was expected [m]
+    doubtful: bool = False  #: whether it ought to be read again before the load is taken off
+    causes: list[str] = field(default_factory=list)  #: causes in words, the likeliest first
+    message: str | None = None
+
+
+_UNJUDGED: Final = Innovation(message="too few readings to judge it by")
 
 DOUBTFUL: Final = (1e-5, 1e-4)
 """Probability of so great a distance below which a reading is doubtful: in any way; as by another force."""
@@ -218,7 +224,7 @@ def innovation(robot: Robot, measurements: Measurements, compliance: FloatArray)
     except SolverError:  # other findings say so
         return _UNJUDGED
     if not doubtful and not wrong_place:
-        return Innovation(p_value=p_value, distance=off, doubtful=False, causes=[], message="as expected")
+        return Innovation(p_value, off, message="as expected")
     if not causes and wrong_place:
         same = np.isclose(others.joints, reading.joints[0]).all(axis=1)
         whose = (

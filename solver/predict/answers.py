@@ -453,13 +453,10 @@ def case_results(
     """
     unseen, intervals, names = bent.unseen, bent.interval(confidence), bent.model.robot.joint_names
     there = np.asarray(~unseen.any(axis=1))
-    readings: Sequence[cases.ReadingsInterval | None] = [None] * len(labels)
-    with_error: Sequence[cases.ModelErrorInterval | None] = readings  # type: ignore[assignment]
-    radius = np.full(len(labels), np.inf)
+    with_error: Sequence[cases.ModelErrorInterval | None] = [None] * len(labels)
+    radius, known = np.full(len(labels), np.inf), np.full((len(labels), 6, 2), np.nan)
     if intervals is not None:
-        readings = answers_of(
-            cases.ReadingsInterval, there, displacement=intervals[:, :3], rotation=intervals[:, 3:]
-        )
+        known = np.where(there[:, None, None], intervals, np.nan)
     if bound is not None:
         radius = bound.radius
         with_error = answers_of(
@@ -483,7 +480,8 @@ def case_results(
         label=labels,
         displacement=np.where(there[:, None], bent.displacement, np.nan),
         rotation=np.where(there[:, None], bent.rotation, np.nan),
-        readings_only=readings,
+        readings_only=known[:, :3],
+        rotation_interval=known[:, 3:],
         with_model_error=with_error,
         compliance=_compliances(bent, directions, there),
         remarks=remarks,
@@ -637,7 +635,7 @@ def run_result(
     """
     labels, targets = np.array(measurements.labels), np.array(measurements.targets)
     names, kinds = [joint.name for joint in estimate.joints], [joint.kind for joint in estimate.joints]
-    robust = to_robust_loss(estimate, measurements)
+    suspicious = suspicious_readings(estimate, measurements)
     judgement = to_assessment(assessment, estimate.joints)
     whole_budget = to_budget(budget, names, assessment.reasons)
     indices, test = estimate.observability_indices, estimate.sigma_test
@@ -682,7 +680,9 @@ def run_result(
             observability=indices,
             advice=advice,
         ),
-        robust=robust,
+        huber_threshold=None if estimate.robust is None else estimate.robust.threshold,
+        suspicious=suspicious,
+        suspicious_count=0 if estimate.robust is None else len(estimate.robust.suspicious),
         contributions=contributions,
         budget=whole_budget,
         residuals=table(
@@ -698,20 +698,19 @@ def run_result(
     )
 
 
-def to_robust_loss(estimate: Estimate, measurements: Measurements) -> run.RobustLoss | None:
-    """Return the readings that the Huber loss suspects, worst first; None for the squared loss."""
+def suspicious_readings(estimate: Estimate, measurements: Measurements) -> list[run.SuspiciousReading]:
+    """Return the readings that the Huber loss suspects, worst first; none for the squared loss."""
     robust = estimate.robust
     if robust is None:
-        return None
+        return []
     i, t = robust.suspicious[:MAX_SUSPICIOUS].T
-    suspicious = rows(
+    return rows(
         run.SuspiciousReading,
         observation=np.array(measurements.labels)[i],
         target=np.array(measurements.targets)[t],
         weight=robust.weight[i, t],
         residual_norm=robust.residual_norm[i, t],
     )
-    return message(run.RobustLoss, robust, suspicious=suspicious, suspicious_count=len(robust.suspicious))
 
 
 _LACK_OF_FIT: Final = {

@@ -138,7 +138,7 @@ export const api = {
     call<{ components: { schemas: Schemas } }>("GET", "/openapi.json").then(({ components }) => components.schemas),
   catalogue: () => call<of.Catalogue>("GET", "/v1/catalogue"),
   kinematics: (source: of.RobotSource, joints: number[][], signal?: AbortSignal) =>
-    call<of.Kinematics>("POST", "/v1/kinematics", { body: { ...source, joints }, signal }),
+    call<of.Posture[]>("POST", "/v1/kinematics", { body: { ...source, joints }, signal }),
   /** What files of readings were understood as; nothing is stored. */
   importFiles: (files: File[], stated: of.ImportOptions = {}, signal?: AbortSignal) =>
     call<of.ImportAnswer>("POST", "/v1/imports", { body: form(files, stated), signal }),

@@ -136,8 +136,8 @@ export function Arm({ source, start, sliders = true }: ArmProps) {
   const startKey = JSON.stringify(start);
   useEffect(() => setAngles(start), [startKey]);
   const { kinematics, problem } = useKinematics(source, angles ? [angles] : []);
-  const names = kinematics?.joints ?? [];
-  const posture = kinematics?.postures[0];
+  const posture = kinematics?.[0];
+  const names = posture?.joint_names ?? [];
   const room = useMemo(() => {
     // a sphere that the arm does not leave, so that the view stays still while it moves
     const points = posture ? roomOf([posture]) : [];

@@ -7,7 +7,7 @@ import type {
   MeasurementSetSummary,
   Robot,
   RobotSummary,
-  Kinematics,
+  Posture,
   RobotDocument,
   RobotSource,
 } from "../api/types";
@@ -204,7 +204,7 @@ export const setOptions = (names: Names) =>
   names.sets.map(({ id, robot_id: robot }) => ({ value: id, label: `${names.set(id)} (${names.robot(robot)})` }));
 
 export interface Drawn {
-  kinematics: Kinematics | null;
+  kinematics: Posture[] | null;
   problem: Problem | null;
 }
 

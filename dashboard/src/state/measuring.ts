@@ -122,6 +122,6 @@ export function keptIn({ readings, assessment, warnings }: Pick<LiveState, "read
   const found = [...(assessment?.reasons ?? []), ...warnings].filter(({ weight }) => weight === "do_not_use");
   const wrong = readings.some(({ state }) => state === "doubtful") ? [] : found.map((each) => each.observation);
   const counting = readings.filter(({ state }) => state === "counts");
-  const kept = counting.flatMap(({ label, innovation: of }) => (of?.doubtful || wrong.includes(label) ? [label] : []));
+  const kept = counting.flatMap(({ label, doubtful }) => (doubtful || wrong.includes(label) ? [label] : []));
   return { kept, named: kept.filter((label) => wrong.includes(label)) };
 }

@@ -205,7 +205,7 @@ function useAdvice(robot: Robot, advice: Advice[]): Piece[] {
   const drawn = valueOf(
     useCached(
       `advice/${robot.id}/${JSON.stringify(joints)}`,
-      async () => (joints.length > 0 ? (await api.kinematics({ robot_id: robot.id }, joints)).postures : []),
+      async () => (joints.length > 0 ? await api.kinematics({ robot_id: robot.id }, joints) : []),
       Number.POSITIVE_INFINITY,
     ),
   );

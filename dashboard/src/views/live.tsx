@@ -118,14 +118,14 @@ function Campaign({ set, robot, first }: { set: OpenSet; robot: Robot; first: Li
       {set.instrument === live.SIMULATED && <p class="note">{words.simulated}</p>}
       <Waits measuring={measuring} taken={taken} />
       {change.problem && <ProblemNote problem={change.problem} />}
-      {doubts.map(({ label: doubted, innovation }) => (
+      {doubts.map(({ label: doubted, message, causes }) => (
         <section class="note bad" role="alert" aria-label={words.doubtful(doubted)}>
           <h2>{words.doubtful(doubted)}</h2>
           <p>
-            <Prose text={innovation?.message ?? ""} />
+            <Prose text={message ?? ""} />
           </p>
           <ul>
-            {innovation?.causes.map((cause) => (
+            {causes.map((cause) => (
               <li>
                 <Prose text={cause} />
               </li>
@@ -262,7 +262,7 @@ function Posture({ set, robot, label, stand, state, isOwn, back, send, skip }: P
     remember(draftKey(set.id), { joints: stand.joints, rows: next });
   };
   const { kinematics, problem } = useKinematics({ robot_id: robot.id }, [stand.joints]);
-  const posture = kinematics?.postures[0];
+  const posture = kinematics?.[0];
   const room = posture ? roomOf([posture]).flatMap((place) => [place, times(place, WITH_LABELS)]) : [];
   const lacking = live.unread(rows, unloadedOnly);
   const simulate = (mistake: boolean) => {
@@ -633,13 +633,11 @@ function Joints({ state, goal, read }: { state: LiveState; goal: number | null; 
 
 function Record({ state, withdraw }: { state: LiveState; withdraw: (label: string, reason: string) => void }) {
   if (state.readings.length === 0) return null;
-  const about = ({ innovation, ball_ratio: ratio, reason }: LiveState["readings"][number]): string =>
+  const about = ({ distance, ball_ratio: ratio, reason }: LiveState["readings"][number]): string =>
     [
       reason,
       ratio === null ? null : words.inBall(ratio <= 1),
-      innovation?.distance == null
-        ? null
-        : words.apart(`${fixed(innovation.distance * 1e6, 0)} ${text.units.micrometre}`),
+      distance === null ? null : words.apart(`${fixed(distance * 1e6, 0)} ${text.units.micrometre}`),
     ]
       .filter(Boolean)
       .join(", ");

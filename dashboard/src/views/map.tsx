@@ -247,7 +247,7 @@ function Robot({ loaded: { places, set, map }, look }: { loaded: Loaded; look: L
   const last = useRef(joints); // where the robot does not reach, it stays
   if (joints.length > 0) last.current = joints;
   const { kinematics } = useKinematics(last.current.length > 0 ? { robot_id: set.robot_id } : null, [last.current]);
-  const posture = kinematics?.postures[0];
+  const posture = kinematics?.[0];
   const kept = places.flatMap((place, i) => (Number.isFinite(values[i]) ? [{ place, i }] : []));
   if (!posture) return <div class="stage blank">{words.tap}</div>;
   // A force that turns with the flange is not drawn: its direction differs from place to place.
@@ -427,7 +427,7 @@ function Path({ loaded: { points, robot } }: { loaded: Awaited<ReturnType<typeof
   const drawn = useMemo(() => maps.thinned(points, MOST_DRAWN), [points]);
   const point = points[chosen];
   const { kinematics } = useKinematics(point ? { robot_id: robot.id } : null, point ? [point.joints] : []);
-  const posture = kinematics?.postures[0];
+  const posture = kinematics?.[0];
   const size = lengthOf(drawn.map((one) => one.place)) / Math.min(FINEST, Math.max(COARSEST, drawn.length));
   const most = points.reduce((top, one) => (one.deflection > top ? one.deflection : top), 0);
   const loaded = drawn.filter((one) => Number.isFinite(one.deflection));

@@ -32,7 +32,7 @@ export function Postures({ plan, result, robot }: { plan: Plan; result: PlanResu
   const joints = readings.map((each) => each.joints);
   const drawn = valueOf(
     useCached(`plan/${plan.id}`, () => api.kinematics({ robot_id: robot.id }, joints), Number.POSITIVE_INFINITY),
-  )?.postures;
+  );
   const posture = drawn?.[chosen];
   return (
     <div class="flow">

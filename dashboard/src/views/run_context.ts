@@ -48,7 +48,7 @@ export async function posturesOf(set: MeasurementSet, robot: Pick<Robot, "joints
   const joints = set.observations.map((observation) => standOf(observation, set.units, kinds).joints);
   const postures: Posture[] = [];
   for (let i = 0; i < joints.length; i += AT_A_TIME) {
-    postures.push(...(await api.kinematics({ robot_id: set.robot_id }, joints.slice(i, i + AT_A_TIME))).postures);
+    postures.push(...(await api.kinematics({ robot_id: set.robot_id }, joints.slice(i, i + AT_A_TIME))));
   }
   return postures;
 }

@@ -69,7 +69,7 @@ function Form({ context: { run, set, robot }, result, postures }: PartProps & { 
     const units = { length: "mm", angle: "deg", force: "N" };
     const answer = await api.predict({ run_id: run.id, units, cases: [asked] });
     const angles = joints.map((shown, j) => positionIn(shown, kinds[j]));
-    const [posture] = (await api.kinematics({ robot_id: robot.id }, [angles])).postures;
+    const [posture] = await api.kinematics({ robot_id: robot.id }, [angles]);
     if (!posture) return;
     const inBase = fromFlange(posture.flange_origin, posture.flange_axes, times(place, 1e-3));
     setFound({ posture, point: inBase, force, answer, question: JSON.stringify(asked) });
@@ -163,7 +163,7 @@ export function Answer({ answer: { assessment, cases, confidence, remarks } }: {
                 value: `± ${micro(budget.expanded_with_model_error)}`,
               },
             !budget && model && { label: words.modelAlone(level), value: micro(model.radius) },
-            ...(readings?.displacement ?? []).map(([low, high], i) => ({
+            ...(readings ?? []).map(([low, high], i) => ({
               label: words.along("xyz"[i] ?? "", level),
               value: `${um(low, (high - low) / 4)} … ${um(high, (high - low) / 4)}\u00a0${micrometre}`,
             })),

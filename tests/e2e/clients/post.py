@@ -26,7 +26,6 @@ from jointstiff_client.models.geometry import Geometry
 from jointstiff_client.models.geometry_request import GeometryRequest
 from jointstiff_client.models.import_answer import ImportAnswer
 from jointstiff_client.models.job_change import JobChange
-from jointstiff_client.models.kinematics import Kinematics
 from jointstiff_client.models.kinematics_request import KinematicsRequest
 from jointstiff_client.models.map_ import Map
 from jointstiff_client.models.map_request import MapRequest
@@ -52,7 +51,7 @@ def main() -> None:
         check(create_robot.sync_detailed(client=CLIENT, body=RobotDocument.from_dict(body)), Robot)
     for body in BODIES["/v1/kinematics"]:
         request = KinematicsRequest.from_dict(body)
-        check(compute_kinematics.sync_detailed(client=CLIENT, body=request), Kinematics)
+        check(compute_kinematics.sync_detailed(client=CLIENT, body=request), list)
     for body in BODIES["/v1/measurement-sets"]:
         readings = MeasurementSetPost.from_dict(body)
         check(create_measurement_set.sync_detailed(client=CLIENT, body=readings), MeasurementSet)

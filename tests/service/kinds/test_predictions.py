@@ -49,7 +49,7 @@ def test_the_answer_holds_the_truth(client):
     assert result.model_error_postures == 24
     assert np.linalg.norm(case.displacement - truth()) <= case.with_model_error.radius
     for k in range(3):
-        low, high = case.readings_only.displacement[k]
+        low, high = case.readings_only[k]
         assert low < case.displacement[k] < high
         wide = case.with_model_error.displacement[k]
         assert wide[0] <= low

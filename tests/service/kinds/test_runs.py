@@ -125,7 +125,7 @@ def test_deflections_are_predicted_by_the_stored_model(memory, given, document):
     }
     found = predict_by_run(robot, run, DeflectionOptions.model_validate(options))
     (case,) = found.cases
-    for (low, high), value in zip(case.readings_only.displacement, case.displacement, strict=True):
+    for (low, high), value in zip(case.readings_only, case.displacement, strict=True):
         assert low < value < high
     assert found.model_error_postures == 24
     assert case.with_model_error is not None

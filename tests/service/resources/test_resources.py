@@ -9,7 +9,7 @@ from support.readings import with_encoders
 from jointstiff.schemas.robot import CatalogueModel, GeometryModel, RobotDocument
 from jointstiff.service.conversion.catalogue import catalogue, find_arm, nominal_robot
 from jointstiff.service.conversion.prepared import prepare_robot
-from jointstiff.service.conversion.robots import to_kinematics
+from jointstiff.service.conversion.robots import to_postures
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.campaign import equilibrium
 from jointstiff.simulator.document import experiment_of
@@ -69,7 +69,7 @@ def test_the_flange_is_where_the_published_joints_put_it(name):
     controller = np.random.default_rng(1).uniform(-3, 3, (20, 6))
     controller[0] = 0.0
     robot = prepare_robot(nominal_robot(find_arm(name, "name"))).robot
-    postures = to_kinematics(robot, controller.tolist()).postures
+    postures = to_postures(robot, controller.tolist())
     for angles, posture in zip(controller, postures, strict=True):
         published = ARMS[name].flange_at(angles) if name in ARMS else ur_flange_at(name, angles)
         np.testing.assert_allclose(posture.flange_origin, published[0], atol=1e-9)
