@@ -1,4 +1,5 @@
 import { describe, expect, it } from "vitest";
+import { understood } from "../src/components/schema_form";
 import { codecOf, isAmbiguous, plain, type Schema } from "../src/lib/schema";
 import { jsonOf, unreadIn } from "../src/lib/json";
 import { noiseOf } from "../src/lib/campaign";
@@ -26,6 +27,29 @@ describe("what is typed for a value of the API", () => {
       expect(isAmbiguous(typed), typed).toBe(true);
     for (const typed of ["1.5", "0.500", "1500", "1,5", "1234.567", "1.5000", "12", "", "0 0 -500"])
       expect(isAmbiguous(typed), typed).toBe(false);
+  });
+  it("is ambiguous in any place of a list, by any of the usual marks, and where a mark may part the list", () => {
+    for (const number of ["1.500", "-1.500", "\u22121.500", "12.345", "123.456"])
+      for (const mark of [", ", " ", "; ", ",", ";"])
+        for (const [before, behind] of [
+          [0, 2],
+          [1, 1],
+          [2, 0],
+        ]) {
+          const typed = [...Array(before).fill("0"), number, ...Array(behind).fill("0.5")].join(mark);
+          expect(isAmbiguous(typed), typed).toBe(true);
+          expect(isAmbiguous(`[${typed}]`), typed).toBe(true);
+        }
+    for (const typed of ["-1,500, 0, 0", "0, -1,500, 0", "1,500,0", "0,1,500", "1,500; 0; 0", "1.500,0", "5,1.500,2"])
+      expect(isAmbiguous(typed), typed).toBe(true);
+    for (const typed of ["100, -20, 5", "0.500,0.250,1", "1500.125, 0, 0", "0,-20,5", "1.5, 2.25, 3.1415"])
+      expect(isAmbiguous(typed), typed).toBe(false);
+  });
+  it("says what is understood of it", () => {
+    const vector = codec(VECTOR);
+    expect(understood(vector, "-1.500, 0, 0", "N")).toBe("Understood as -1.5, 0, 0 N");
+    expect(understood(vector, "1,500,0", "N")).toBe("Understood as 1, 500, 0 N");
+    expect(understood(vector, "1,500", "N")).toBeUndefined(); // two numbers: the field says that it is not understood
   });
   it("is three numbers of a vector, in any of the usual ways", () => {
     for (const typed of ["100, -20, 5", "100 -20 5", "100; -20; 5", "100,-20,5", "[100, -20, 5]"])

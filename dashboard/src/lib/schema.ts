@@ -8,8 +8,11 @@ export function numberIn(text: string): number | null {
   return /^[-+]?(\d+([.,]\d*)?|[.,]\d+)(e[-+]?\d+)?$/i.test(trimmed) && Number.isFinite(value) ? value : Number.NaN;
 }
 
-/** Whether a text has a number that some read as thousands and others as a fraction: 1,500 or 1.500. */
-export const isAmbiguous = (text: string): boolean => /(?<![\d.,])[1-9]\d{0,2}[.,]\d{3}(?![\d.,])/.test(text);
+/**
+ * Whether a text has a number that some read as thousands and others as a fraction: 1,500 or 1.500. It may be one of a
+ * list, and its mark a separator: -1.500, 0, 0 and 1,500,0.
+ */
+export const isAmbiguous = (text: string): boolean => /(?<![\d.])[1-9]\d{0,2}[.,]\d{3}(?!\d)/.test(text);
 
 /**
  * A field as it is posted: the number times `factor`, or null. What is no number is posted as it was typed, so that the
@@ -98,12 +101,15 @@ const ofList = (inner: Codec, count?: number): Codec => ({
   },
 });
 
+export const OF_NUMBER = ofNumber(1);
+export const OF_NUMBERS = ofList(OF_NUMBER);
+export const OF_VECTOR = ofList(OF_NUMBER, 3);
+
 /** Numbers in a row; null of an empty text, undefined of anything else. */
-export const listIn = (text: string) => ofList(ofNumber(1)).read(text) as number[] | null | undefined;
+export const listIn = (text: string) => OF_NUMBERS.read(text) as number[] | null | undefined;
 
 /** Three numbers in a row. */
-export const vectorIn = (text: string) =>
-  ofList(ofNumber(1), 3).read(text) as [number, number, number] | null | undefined;
+export const vectorIn = (text: string) => OF_VECTOR.read(text) as [number, number, number] | null | undefined;
 
 /** A value a line, after its name where they have names. */
 const ofLines = (inner: Codec, named: boolean): Codec => ({

@@ -4,8 +4,8 @@ import { api } from "../api/client";
 import type { ImportAnswer, ImportOptions, Units } from "../api/types";
 import { Prose, Button, Choice, Busy, LinkButton, ProblemNote } from "../components/basics";
 import { TextField, RequestFields } from "../components/fields";
-import { SchemaFields, type Terms, MetadataForm } from "../components/schema_form";
-import { posted } from "../lib/schema";
+import { SchemaFields, type Terms, MetadataForm, understood } from "../components/schema_form";
+import { OF_NUMBER, posted } from "../lib/schema";
 import { type Fields, unreadIn, contentKey, freshKey } from "../lib/json";
 import { useLoad, valueOf, namesChanged, useNames } from "../state/load";
 import { text } from "../i18n";
@@ -66,6 +66,7 @@ interface ImportProps {
 /** What the files do not say. */
 function ImportForm({ answer, options, change }: ImportProps) {
   const [mass, setMass] = useState("");
+  const misread = OF_NUMBER.read(mass) === undefined;
   const missing = new Set<string>(answer.missing_fields);
   const form = {
     of: "ImportRequest",
@@ -81,7 +82,8 @@ function ImportForm({ answer, options, change }: ImportProps) {
         <TextField
           label={words.mass}
           unit="kg"
-          help={words.massHelp}
+          help={misread ? later.form.unread(mass) : (understood(OF_NUMBER, mass, "kg") ?? words.massHelp)}
+          aria-invalid={misread}
           value={mass}
           change={(typed) => {
             setMass(typed);

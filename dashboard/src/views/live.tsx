@@ -18,14 +18,14 @@ import {
   Warnings,
 } from "../components/basics";
 import { Rows } from "../components/list";
-import { DropZone } from "../components/schema_form";
+import { DropZone, understood } from "../components/schema_form";
 import { Select, TextField } from "../components/fields";
 import { understand } from "../lib/campaign";
 import { fixed, percent, significant } from "../lib/format";
 import * as live from "../lib/live";
 import { filesOf, isBlock, type Placed, placed, type Unmatched } from "../lib/paste";
 import { sentence } from "../lib/said";
-import { isAmbiguous, vectorIn } from "../lib/schema";
+import { OF_NUMBERS, OF_VECTOR } from "../lib/schema";
 import { position, labelOf, inUnit } from "../lib/stiffness";
 import { type Vector, norm, times } from "../lib/vector";
 import { ArmView, roomOf } from "../scene/view";
@@ -398,14 +398,10 @@ function ReadingsTable({ rows, change, unloadedOnly }: RowsProps) {
                 onInput={(event) => change({ ...rows, [target]: { ...typed, [column]: event.currentTarget.value } })}
               />
             ))}
-            {columns.some((column) => isAmbiguous(typed[column])) && (
-              <small class="soft understood">
-                {later.form.understood(
-                  columns.map((column) => (vectorIn(typed[column]) ?? []).join(" ")).join(" | "),
-                  text.units.mm,
-                )}
-              </small>
-            )}
+            {columns.map((column) => {
+              const meant = understood(OF_VECTOR, typed[column], text.units.mm);
+              return meant && <small class="soft understood">{`${words.columns[column]}: ${meant}`}</small>;
+            })}
           </>
         ))}
       </div>
@@ -447,9 +443,9 @@ async function readingsOf(file: File, stated: ImportOptions = {}): Promise<Recor
     const { measurement_set: set, missing } = await api.importFiles([file], stated);
     return set === null ? later.plan.missing(missing.join(", ")) : (set as unknown as Record<string, unknown>);
   }
-  const understood = understand(await file.text());
-  if (understood === "not_json") return mistakeIn(file);
-  return typeof understood === "string" ? text.files.faults[understood].join(" ") : understood.set;
+  const campaign = understand(await file.text());
+  if (campaign === "not_json") return mistakeIn(file);
+  return typeof campaign === "string" ? text.files.faults[campaign].join(" ") : campaign.set;
 }
 
 interface OthersProps {
@@ -511,15 +507,14 @@ function Others({ set, robot, stand, use, send, taken }: OthersProps) {
           label={`${later.predict.labels.joints} [${text.units.deg}]: ${robot.joints.map(({ name }) => name).join(", ")}`}
           value={joints}
           change={setJoints}
+          help={understood(OF_NUMBERS, joints, text.units.deg)}
         />
         <TextField
           label={words.forceOf}
           unit={text.units.newton}
           value={force}
           change={setForce}
-          help={
-            isAmbiguous(force) ? later.form.understood((vectorIn(force) ?? []).join(" "), text.units.newton) : undefined
-          }
+          help={understood(OF_VECTOR, force, text.units.newton)}
         />
         <Button disabled={!typed} onClick={() => typed && use(typed)}>
           {words.use}

@@ -54,7 +54,7 @@ function answerTo(options: Record<string, unknown>) {
       { file: "plan.pdf", line: null, column: null, reason: "a PDF document", remedy: "export it", option: null },
     ],
     bodies: [],
-    missing_fields: options["encoders"] ? [] : ["encoders"],
+    missing_fields: [...(options["encoders"] ? [] : ["encoders"]), ...(forceless ? ["force"] : [])],
     missing: [],
     findings: null,
     template: null,
@@ -63,11 +63,13 @@ function answerTo(options: Record<string, unknown>) {
 }
 
 let stateless = false;
+let forceless = false;
 const asked: { method: string; path: string; options: Record<string, unknown> }[] = [];
 
 beforeEach(() => {
   asked.length = 0;
   stateless = false;
+  forceless = false;
   forget("names");
   vi.stubGlobal("fetch", async (path: string, { method = "GET", body }: { method?: string; body?: FormData } = {}) => {
     const options = body instanceof FormData ? JSON.parse(String(body.get("options"))) : {};
@@ -127,6 +129,28 @@ describe("tables of readings", () => {
     await settled(() => root.querySelector<HTMLInputElement>("input[value=unloaded]")?.click());
     await wait();
     expect(last()).toMatchObject({ state: "unloaded" });
+  });
+
+  it("show what is understood of a mass that may be read in two ways, and that some text is no mass", async () => {
+    forceless = true;
+    const root = await flow();
+    await wait();
+    const label = [...root.querySelectorAll("label")].find(
+      (each) => each.textContent === "Or its mass, if a weight hangs on it [kg]",
+    );
+    const box = root.querySelector<HTMLInputElement>(`[id="${label?.htmlFor}"]`);
+    const type = (typed: string) =>
+      settled(() => {
+        if (box) box.value = typed;
+        box?.dispatchEvent(new Event("input", { bubbles: true }));
+      });
+    const said = () => box?.closest(".field")?.querySelector("small")?.textContent;
+    await type("1.500");
+    expect(said()).toBe("Understood as 1.5 kg");
+    await type("150");
+    expect(said()).not.toContain("nderstood");
+    await type("1 x");
+    expect(said()).toContain("“1 x” is not understood");
   });
 
   it("ask for what no file says", async () => {
