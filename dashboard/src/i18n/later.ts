@@ -95,6 +95,7 @@ export const later = {
     readings: "Readings in mm",
     readingsHint: "Three numbers each, typed or pasted. A block of lines fills all targets, six numbers both columns.",
     columns: { unloaded: "Unloaded", loaded: "Loaded" },
+    unstored: "This browser stores nothing: keep this page open until the readings are sent.",
     pasteFailed: (why: string) => `The pasted block was not read: ${why}. Paste it again.`,
     notPlaced: "Nothing of the pasted block was taken, as it is not understood:",
     whichTarget: (name: string, numbers: string) => `Which target is “${name}” (${numbers})?`,

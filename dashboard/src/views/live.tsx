@@ -203,13 +203,18 @@ function Campaign({ set, robot, first }: { set: OpenSet; robot: Robot; first: Li
 }
 
 /** Readings that are not with the service yet, and why. */
-function Waits({ measuring: { away, waiting, resend }, taken }: { measuring: Measuring; taken: Set<string> }) {
+function Waits({ measuring: { away, waiting, unstored, resend }, taken }: { measuring: Measuring; taken: Set<string> }) {
   const refused = waiting.filter(({ problem }) => problem !== null);
   return (
     <>
       {away && (
         <p class="note warn" role="status">
           {words.away(waiting.length - refused.length)}
+        </p>
+      )}
+      {unstored && (
+        <p class="note warn" role="status">
+          {words.unstored}
         </p>
       )}
       {refused.map(({ observation: { label }, problem }) => {
