@@ -15,6 +15,7 @@ describe("a block that is pasted", () => {
   it("is more than the numbers of one box", () => {
     expect(isBlock("1 2 3")).toBe(false);
     expect(isBlock("1,5 2,5 3")).toBe(false);
+    expect(isBlock("1,5, 2,5, 3,5")).toBe(false);
     for (const block of ["1 2 3\n4 5 6", "1 2 3 4 5 6", "P2;1;2;3", "P1, 1.5, 2.5, 3.5"])
       expect(isBlock(block), block).toBe(true);
   });
@@ -26,6 +27,8 @@ describe("a block that is pasted", () => {
       "line 3;7;8;9;7;8;9",
     ]);
     expect(await rowsOf("1.5, 2.5, 3.5, 4, 5, 6", "P2")).toEqual(["P2;1.5;2.5;3.5;4;5;6"]);
+    expect(await rowsOf("1,5, 2,5, 3,5\nP2, 4,5, 5, 6")).toEqual(["P1;1,5;2,5;3,5;1,5;2,5;3,5", "P2;4,5;5;6;4,5;5;6"]);
+    expect(await rowsOf("P1, 1,2,3\nP2, 4, 5, 6")).toEqual(["P1;1;2;3;1;2;3", "P2;4;5;6;4;5;6"]);
     expect(await rowsOf("P1,1.234,5\nP2 x y z")).toEqual(["P1;1.234;5", "P2;x;y;z;x;y;z"]);
   });
   it("fills the column that it was pasted into, or both", () => {

@@ -26,6 +26,19 @@ def read(page: Page, label: str, kind: str = "Simulate this reading") -> None:
     page.get_by_role("button", name="Send reading").click()
 
 
+def paste(page: Page, label: str, text: str) -> None:
+    """Paste a text into a box."""
+    page.get_by_label(label).evaluate(
+        """(box, text) => {
+          const data = new DataTransfer();
+          data.setData("text", text);
+          const options = {clipboardData: data, bubbles: true, cancelable: true};
+          box.dispatchEvent(new ClipboardEvent("paste", options));
+        }""",
+        text,
+    )
+
+
 def labels(api: httpx2.Client, campaign: str) -> list[str]:
     """Labels of the readings that the service has."""
     return [each["label"] for each in api.get(f"/v1/measurement-sets/{campaign}/next").json()["readings"]]
@@ -137,20 +150,34 @@ def test_a_plan_is_measured_live_and_its_file_joins(visit, api, stored):
     expect(page.locator(".angles.big")).not_to_have_text(before, use_inner_text=True)
     expect(heading).to_be_visible()
     block = "\n".join(f"{name} 1000 {i} 0 1000 {i} -1" for i, name in enumerate(plan["result"]["targets"]))
-    box = page.get_by_label(f"{next(iter(plan['result']['targets']))}, Unloaded")
-    box.evaluate(
-        """(box, text) => {
-          const data = new DataTransfer();
-          data.setData("text", text);
-          const options = {clipboardData: data, bubbles: true, cancelable: true};
-          box.dispatchEvent(new ClipboardEvent("paste", options));
-        }""",
-        block,
-    )
+    paste(page, f"{next(iter(plan['result']['targets']))}, Unloaded", block)
     expect(page.locator(".live-readings input").nth(1)).to_have_value("1000 0 -1")
     expect(page.get_by_role("button", name="Send reading")).to_be_enabled()
     page.get_by_text("On a tablet").click()
     expect(page.get_by_role("img", name=re.compile("QR code"))).to_be_visible()
+
+
+def test_a_pasted_block_is_kept_until_it_is_read(visit):
+    """Away from the network, and where it does not show its decimal mark."""
+    page = (visited := visit("tablet")).page
+    simulated(visited)
+    page.locator("canvas[data-ready=true]").wait_for()
+    first, second = (page.get_by_label(f"{name}, Unloaded") for name in ("P1", "P2"))
+    page.context.set_offline(True)
+    paste(page, "P1, Unloaded", "P1;123,456;1,234;5,678\nP2;1,000;2,000;3,000")
+    again = page.get_by_role("button", name="Read the block again")
+    expect(again).to_be_visible()
+    second.fill("7 8")  # typed meanwhile
+    page.context.set_offline(False)
+    again.click()
+    mark = page.get_by_label("Which is the decimal mark of the block?")
+    expect(mark).to_be_visible()
+    expect(page.get_by_text("P1;123,456;1,234;5,678")).to_be_visible()
+    expect(second).to_have_value("7 8")
+    mark.select_option("Comma")
+    expect(first).to_have_value("123.456 1.234 5.678")
+    expect(second).to_have_value("1 2 3")
+    expect(page.get_by_role("button", name="Discard the block")).to_have_count(0)
 
 
 def test_a_file_filled_in_part_joins_the_readings_that_are_there(visit, api):

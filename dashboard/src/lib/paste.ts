@@ -8,6 +8,13 @@ const HEADER = [
   ...["unloaded", "loaded"].flatMap((state) => ["x", "y", "z"].map((axis) => `${state} ${axis} [mm]`)),
 ];
 
+/** A text of the clipboard, and the box that it was pasted into. */
+export interface Block {
+  target: string;
+  column: keyof Typed;
+  text: string;
+}
+
 /** What a block says about a target that the form does not have. */
 export interface Unmatched {
   name: string;
@@ -19,17 +26,24 @@ export interface Placed {
   unmatched: Unmatched[];
   /** What was not understood, with its line. */
   faults: string[];
+  /** Whether the block does not show which mark is the decimal one: 123,456. */
+  asksForMark: boolean;
 }
 
 /** Whether a line begins with a name: its first cell is no number, or one cell more than the numbers of one state or both. */
 const isNamed = (cells: readonly string[]): boolean => cells.length % 3 === 1 || Number.isNaN(numberIn(cells[0] ?? ""));
 
-/** Cells of a line: parted by semicolons or tabs, by commas where these are no decimal marks, else by blanks. */
+/**
+ * Cells of a line: parted by semicolons or tabs, by commas where these are no decimal marks, else by blanks. Commas with
+ * a blank behind them part numbers that have decimal commas: 1,5, 2,5, 3,5.
+ */
 function cellsOf(line: string): string[] {
   const mark = [";", "\t"].find((each) => line.includes(each));
   if (mark) return line.split(mark).map((cell) => cell.trim());
-  const byCommas = /,\s/.test(line) || /\d\.\d.*,|,.*\d\.\d/.test(line);
-  return line.trim().split(byCommas ? /\s*,\s*/ : /\s+/);
+  if (/\d\.\d.*,|,.*\d\.\d/.test(line)) return line.trim().split(/\s*,\s*/);
+  const cells = line.trim().split(/,\s/.test(line) ? /\s*,\s+/ : /\s+/);
+  const hasLists = /,\s/.test(line) && cells.some((cell) => cell.split(",").length > 2); // P1, 1,2,3
+  return hasLists ? line.trim().split(/\s*,\s*/) : cells;
 }
 
 const linesOf = (clipboard: string): string[] => clipboard.split(/\r?\n/).filter((line) => line.trim());
@@ -72,7 +86,12 @@ export function placed(answer: ImportAnswer, rows: Rows, column: keyof Typed, cl
     if (before) filled[target] = { ...before, ...typed };
     else unmatched.push({ name: target, typed });
   }
-  return { rows: filled, unmatched, faults };
+  return {
+    rows: filled,
+    unmatched,
+    faults,
+    asksForMark: answer.faults.some(({ option }) => option === "decimal_mark"),
+  };
 }
 
 /** A fault with its line of the block, in which there is no header. */

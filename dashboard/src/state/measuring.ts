@@ -3,7 +3,8 @@ import { useEffect, useRef, useState } from "preact/hooks";
 import { api, problemOf } from "../api/client";
 import type { LiveState, Observation, Problem } from "../api/types";
 import { listen } from "../lib/events";
-import { recalled, remember, remembered } from "./session";
+import { freshKey } from "../lib/json";
+import { isUnstored, recalled, remember, remembered } from "./session";
 
 /** A reading on its way, kept under a key of its own, so that no tab overwrites another's; with what the service has against it. */
 export interface Waiting {
@@ -17,6 +18,8 @@ export interface Measuring {
   /** Whether the service cannot be reached. */
   away: boolean;
   waiting: Waiting[];
+  /** Whether some of them are gone when the page is left, as storage is switched off or full. */
+  unstored: boolean;
   put: (state: LiveState) => void;
   send: (...observations: Observation[]) => void;
   /** Send a waiting reading under another label, or discard it. */
@@ -86,7 +89,14 @@ export function useMeasuring(id: string, first: LiveState): Measuring {
       stop();
     };
   }, [id, state.state === "closed"]);
-  return { state, away, waiting, put, send, resend };
+  const unstored = waiting.some(({ key }) => isUnstored(key));
+  useEffect(() => {
+    if (!unstored) return undefined;
+    const ask = (event: BeforeUnloadEvent) => event.preventDefault(); // the browser asks whether to leave
+    window.addEventListener("beforeunload", ask);
+    return () => window.removeEventListener("beforeunload", ask);
+  }, [unstored]);
+  return { state, away, waiting, unstored, put, send, resend };
 }
 
 const unsent = (id: string): Waiting | undefined => waitingOf(id).find(({ problem }) => problem === null);
@@ -101,7 +111,7 @@ export const waitingOf = (id: string): Waiting[] =>
 let sent = 0;
 /** A key that no other reading has, in no tab; keys of one tab are in order. */
 const freshKeyOf = (id: string): string =>
-  `${keyOf(id)}.${String(Date.now()).padStart(15, "0")}.${String(sent++).padStart(6, "0")}.${crypto.randomUUID()}`;
+  `${keyOf(id)}.${String(Date.now()).padStart(15, "0")}.${String(sent++).padStart(6, "0")}.${freshKey("reading")}`;
 
 function followed(id: string, put: (state: LiveState) => void, back: () => void, gone: () => void): EventSource {
   const source = new EventSource(api.openSets.followed(id));

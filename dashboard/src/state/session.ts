@@ -25,10 +25,16 @@ export const kept = <Value>(name: string): Promise<Value | null> =>
 
 type Place = "localStorage" | "sessionStorage";
 
+/** JSON of what storage refused, as it is switched off or full, by name: kept until the page is left. */
+const unstored: Record<Place, Map<string, string>> = { localStorage: new Map(), sessionStorage: new Map() };
+
+/** Whether storage has refused what is kept under a name, so that it is gone when the page is left. */
+export const isUnstored = (name: string, place: Place = "localStorage"): boolean => unstored[place].has(name);
+
 /** What the browser keeps as JSON under a name, else null: it may be of anyone, and storage may be switched off. */
 export function recalled(name: string, place: Place = "localStorage"): unknown {
   try {
-    return JSON.parse(window[place].getItem(`jointstiff.${name}`) ?? "null");
+    return JSON.parse(unstored[place].get(name) ?? window[place].getItem(`jointstiff.${name}`) ?? "null");
   } catch {
     return null;
   }
@@ -36,21 +42,24 @@ export function recalled(name: string, place: Place = "localStorage"): unknown {
 
 /** The names that begin so and hold something, in order. */
 export function remembered(begin: string, place: Place = "localStorage"): string[] {
+  const names = new Set([...unstored[place].keys()].filter((name) => name.startsWith(begin)));
   try {
-    const names = Object.keys(window[place]).filter((name) => name.startsWith(`jointstiff.${begin}`));
-    return names.map((name) => name.slice("jointstiff.".length)).sort();
+    for (const name of Object.keys(window[place]))
+      if (name.startsWith(`jointstiff.${begin}`)) names.add(name.slice("jointstiff.".length));
   } catch {
-    return [];
+    // storage is switched off
   }
+  return [...names].sort();
 }
 
-/** Keep it, or forget null; where storage is switched off it holds for this visit. */
+/** Keep it, or forget null; where storage is switched off or full it holds until the page is left. */
 export function remember(name: string, value: unknown, place: Place = "localStorage"): void {
+  unstored[place].delete(name);
   try {
     if (value === null) window[place].removeItem(`jointstiff.${name}`);
     else window[place].setItem(`jointstiff.${name}`, JSON.stringify(value));
   } catch {
-    // then it holds until the view is left
+    if (value !== null) unstored[place].set(name, JSON.stringify(value));
   }
 }
 

@@ -1,6 +1,6 @@
 /** A campaign while it is measured: one posture a screen, what the readings say so far, and doubts while the weight hangs. */
 import type { ComponentChildren } from "preact";
-import { useEffect, useState } from "preact/hooks";
+import { useEffect, useRef, useState } from "preact/hooks";
 import { api } from "../api/client";
 import type { ImportOptions, JointKind, LiveState, OpenSet, Robot } from "../api/types";
 import {
@@ -23,7 +23,7 @@ import { Select, TextField } from "../components/fields";
 import { understand } from "../lib/campaign";
 import { fixed, percent, significant } from "../lib/format";
 import * as live from "../lib/live";
-import { filesOf, isBlock, type Placed, placed, type Unmatched } from "../lib/paste";
+import { isBlock } from "../lib/paste";
 import { sentence } from "../lib/said";
 import { OF_NUMBERS, OF_VECTOR } from "../lib/schema";
 import { position, labelOf, inUnit } from "../lib/stiffness";
@@ -34,6 +34,7 @@ import { useLoad, valueOf, namesChanged, storedRobot, useKinematics } from "../s
 import { mistakeIn } from "../state/opened";
 import { recalled, remember, useSettings } from "../state/session";
 import { type Measuring, draftKey, keptIn, useMeasuring } from "../state/measuring";
+import { type DecimalMark, type Left, type Pasting, usePasting } from "../state/pasting";
 import { text } from "../i18n";
 import { later } from "../i18n/later";
 import { loadOf, shownJoint } from "./plans";
@@ -203,13 +204,24 @@ function Campaign({ set, robot, first }: { set: OpenSet; robot: Robot; first: Li
 }
 
 /** Readings that are not with the service yet, and why. */
-function Waits({ measuring: { away, waiting, resend }, taken }: { measuring: Measuring; taken: Set<string> }) {
+function Waits({
+  measuring: { away, waiting, unstored, resend },
+  taken,
+}: {
+  measuring: Measuring;
+  taken: Set<string>;
+}) {
   const refused = waiting.filter(({ problem }) => problem !== null);
   return (
     <>
       {away && (
         <p class="note warn" role="status">
           {words.away(waiting.length - refused.length)}
+        </p>
+      )}
+      {unstored && (
+        <p class="note warn" role="status">
+          {words.unstored}
         </p>
       )}
       {refused.map(({ observation: { label }, problem }) => {
@@ -257,10 +269,13 @@ function Posture({ set, robot, label, stand, state, isOwn, back, send, skip }: P
     Vector
   >;
   const [rows, setRows] = useState<live.Rows>(() => drafted(set.id, stand, Object.keys(targets)));
-  const change = (next: live.Rows) => {
-    setRows(next);
-    remember(draftKey(set.id), { joints: stand.joints, rows: next });
+  const latest = useRef(rows);
+  const change = (by: (rows: live.Rows) => live.Rows) => {
+    latest.current = by(latest.current);
+    setRows(latest.current);
+    remember(draftKey(set.id), { joints: stand.joints, rows: latest.current });
   };
+  const pasting = usePasting(rows, change);
   const { kinematics, problem } = useKinematics({ robot_id: robot.id }, [stand.joints]);
   const posture = kinematics?.[0];
   const room = posture ? roomOf([posture]).flatMap((place) => [place, times(place, WITH_LABELS)]) : [];
@@ -269,7 +284,7 @@ function Posture({ set, robot, label, stand, state, isOwn, back, send, skip }: P
     if (!posture) return;
     const loadPoint = (set.load_point ?? [0, 0, 0]) as Vector;
     const read = live.simulatedRows(posture, stand.force, { targets, loadPoint });
-    change(mistake ? live.exchanged(read) : read);
+    change(() => (mistake ? live.exchanged(read) : read));
   };
   const tell = () => {
     send(live.observationOf(label, stand, rows, set.units, kinds, unloadedOnly));
@@ -305,7 +320,7 @@ function Posture({ set, robot, label, stand, state, isOwn, back, send, skip }: P
         )}
       </p>
       {next && <p class="soft">{next.held_out ? words.heldOut : words.why(next.reason ?? "")}</p>}
-      <ReadingsTable {...{ rows, change, unloadedOnly }} />
+      <ReadingsTable {...{ rows, change, unloadedOnly, pasting }} />
       {set.instrument === live.SIMULATED && (
         <div class="row">
           <Button disabled={!posture} onClick={() => simulate(false)}>
@@ -317,7 +332,7 @@ function Posture({ set, robot, label, stand, state, isOwn, back, send, skip }: P
         </div>
       )}
       <div class="go">
-        <Button look="primary big" disabled={lacking !== null} onClick={tell} acts>
+        <Button look="primary big" disabled={lacking !== null || pasting.busy} onClick={tell} acts>
           {words.send}
         </Button>
         {skip && (
@@ -344,30 +359,23 @@ function drafted(id: string, stand: live.Stand, targets: string[]): live.Rows {
 
 interface RowsProps {
   rows: live.Rows;
-  change: (rows: live.Rows) => void;
+  change: (by: (rows: live.Rows) => live.Rows) => void;
   unloadedOnly: boolean;
+  pasting: Pasting;
 }
 
-function ReadingsTable({ rows, change, unloadedOnly }: RowsProps) {
+function ReadingsTable({ rows, change, unloadedOnly, pasting }: RowsProps) {
   const columns = (unloadedOnly ? ["unloaded"] : ["unloaded", "loaded"]) as (keyof live.Typed)[];
-  const [left, setLeft] = useState<Omit<Placed, "rows">>(NOTHING_LEFT);
-  const read = useAction(async (target: string, column: keyof live.Typed, block: string) => {
-    setLeft(NOTHING_LEFT);
-    const answer = await api.importFiles(...filesOf(block, Object.keys(rows), target));
-    const { rows: filled, ...others } = placed(answer, rows, column, block);
-    setLeft(others);
-    change(filled);
-  });
+  const put = (target: string, part: Partial<live.Typed>) =>
+    change((now) => {
+      const before = now[target];
+      return before ? { ...now, [target]: { ...before, ...part } } : now;
+    });
   const paste = (target: string, column: keyof live.Typed) => (event: ClipboardEvent) => {
-    const block = event.clipboardData?.getData("text") ?? "";
-    if (!isBlock(block)) return;
+    const pasted = event.clipboardData?.getData("text") ?? "";
+    if (!isBlock(pasted)) return;
     event.preventDefault();
-    read.run(target, column, block);
-  };
-  const settle = ({ name, typed }: Unmatched, target: string) => {
-    setLeft({ ...left, unmatched: left.unmatched.filter((each) => each.name !== name) });
-    const before = rows[target];
-    if (before) change({ ...rows, [target]: { ...before, ...typed } });
+    pasting.paste({ target, column, text: pasted });
   };
   return (
     <fieldset class="live-readings">
@@ -395,7 +403,7 @@ function ReadingsTable({ rows, change, unloadedOnly }: RowsProps) {
                 aria-label={words.at(target, words.columns[column])}
                 value={typed[column]}
                 onPaste={paste(target, column)}
-                onInput={(event) => change({ ...rows, [target]: { ...typed, [column]: event.currentTarget.value } })}
+                onInput={(event) => put(target, { [column]: event.currentTarget.value })}
               />
             ))}
             {columns.map((column) => {
@@ -405,34 +413,63 @@ function ReadingsTable({ rows, change, unloadedOnly }: RowsProps) {
           </>
         ))}
       </div>
-      {read.problem && <p class="note warn">{words.pasteFailed(read.problem.detail)}</p>}
-      {left.faults.length > 0 && (
-        <div class="note warn" role="alert">
-          <p>{words.notPlaced}</p>
-          <ul>
-            {left.faults.map((fault) => (
-              <li>{fault}</li>
-            ))}
-          </ul>
-        </div>
-      )}
-      {left.unmatched.map((one) => (
-        <Select
-          label={words.whichTarget(one.name, one.typed.unloaded ?? one.typed.loaded ?? "")}
-          value=""
-          change={(target) => settle(one, target)}
-          options={[
-            { value: "", label: later.plan.pick },
-            ...Object.keys(rows).map((target) => ({ value: target, label: target })),
-            { value: NO_TARGET, label: words.noTarget },
-          ]}
-        />
+      {pasting.busy && <Busy label={words.reading} />}
+      {pasting.left.map((left) => (
+        <NotPlaced {...{ left, pasting, targets: Object.keys(rows) }} />
       ))}
     </fieldset>
   );
 }
 
-const NOTHING_LEFT: Omit<Placed, "rows"> = { unmatched: [], faults: [] };
+/** A pasted block of which something is not in the form, and what can be done about it. */
+function NotPlaced({ left, pasting, targets }: { left: Left; pasting: Pasting; targets: string[] }) {
+  const { block, problem, faults, unmatched, asksForMark } = left;
+  return (
+    <>
+      {(problem || faults.length > 0) && (
+        <div class="note warn" role="alert">
+          <p>{problem ? words.pasteFailed(problem.detail) : words.notPlaced}</p>
+          <ul>
+            {faults.map((fault) => (
+              <li>{fault}</li>
+            ))}
+          </ul>
+          <pre>{block.text}</pre>
+          {asksForMark && (
+            <Select
+              label={words.whichMark}
+              value=""
+              change={(mark) => mark && pasting.again(left, mark as DecimalMark)}
+              options={[
+                { value: "", label: later.plan.pick },
+                ...Object.entries(words.marks).map(([value, label]) => ({ value, label })),
+              ]}
+            />
+          )}
+          <div class="row">
+            {problem && <Button onClick={() => pasting.again(left)}>{words.pasteAgain}</Button>}
+            <Button look="quiet" onClick={() => pasting.discard(left)}>
+              {words.pasteDiscard}
+            </Button>
+          </div>
+        </div>
+      )}
+      {unmatched.map((one) => (
+        <Select
+          label={words.whichTarget(one.name, one.typed.unloaded ?? one.typed.loaded ?? "")}
+          value=""
+          change={(target) => pasting.settle(left, one, target)}
+          options={[
+            { value: "", label: later.plan.pick },
+            ...targets.map((target) => ({ value: target, label: target })),
+            { value: NO_TARGET, label: words.noTarget },
+          ]}
+        />
+      ))}
+    </>
+  );
+}
+
 /** No name of a target: names are printable. */
 const NO_TARGET = "\u0000";
 
