@@ -64,6 +64,21 @@ def test_the_image_awaits_a_key_and_the_proxy_insists_on_tls():
     assert "header Strict-Transport-Security max-age=" in (docker / "Caddyfile").read_text(encoding="utf-8")
 
 
+@pytest.mark.parametrize("guide", ["docker/README.md", "docs/operations.md"])
+def test_what_brings_data_back_is_no_part_of_what_saves_them(guide):
+    """Who pastes a block to save replaces nothing; what uses the database is stopped first."""
+    blocks = re.findall(r"```sh\n(.*?)```", (ROOT / guide).read_text(encoding="utf-8"), re.DOTALL)
+    saving = [block for block in blocks if "pg_dump" in block or "backup" in block]
+    back = [block for block in blocks if "pg_restore" in block or "/saved.db /data" in block]
+    assert saving
+    assert back
+    assert not [block for block in saving if block in back]
+    if guide.startswith("docker"):
+        found = [re.sub(r"#.*", "", block).split("\n")[1] for block in back]
+        assert all(" stop " in first for first in found), found
+        assert all("-wal" in block for block in back if "saved.db" in block)
+
+
 @pytest.mark.parametrize("name", NEEDED)
 def test_what_the_wheel_is_built_from_reaches_the_image(name):
     lines = (ROOT / ".dockerignore").read_text(encoding="utf-8").splitlines()
