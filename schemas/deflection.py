@@ -83,7 +83,6 @@ class SagOptions(Message):
 
     absolute: StrictBool = Field(
         default=False,
-        strict=True,
         description="True for deflections relative to an arm that does not bend: they include the sag under "
         "its own weight, and that of the load if there is one. Needs a run with `weight`.",
     )

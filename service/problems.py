@@ -470,10 +470,6 @@ def _remedy(error: Mapping[str, Any]) -> str | None:
     return _REMEDIES.get(str(error["type"]))
 
 
-_TAGS: Final = (("baseline",), ("acknowledgement",))
-"""Names of what a body may be."""
-
-
 def _urn(slug: str) -> str:
     return f"urn:jointstiff:problem:{slug}"
 
@@ -493,7 +489,6 @@ def _short(text: str, longest: int = _LONGEST) -> str:
 def _path(location: Sequence[int | str]) -> str:
     """Return observations[3].force[0]; FastAPI's `body` and the tag of a model's format are no fields."""
     location = location[1:] if location[:1] == ("body",) else location
-    location = location[1:] if location[:1] in _TAGS else location
     path = ""
     for i, part in enumerate(location):
         if i and location[i - 1] == "model" and part in {"urdf", "dh", "geometry"}:

@@ -167,7 +167,7 @@ class Presented(ABC):
 
         Args:
             path: ends in `.json` (all numbers), `.csv` (the first table), `.xlsx` (all tables), `.svg` or
-                `.png` (the plot); of jobs `.pdf` or `.html` (the report, a draft); of a map `.npz`; of a run
+                `.png` (the plot); of jobs `.pdf` or `.html` (the report); of a map `.npz`; of a run
                 `.mjcf` or `.xml` (the model); of a program as the program itself (the
                 corrected file, with its .dat beside it).
 
@@ -269,7 +269,7 @@ class Shown(Presented):
         return written(self._sheet_of(file), suffix)
 
     def report(self, path: str | Path, laboratory: str | Path | None = None) -> None:
-        """Write the report, a draft.
+        """Write the report.
 
         Args:
             path: file to write, ending in `.pdf` or `.html`; of a run also `.xml`, a digital calibration

@@ -89,8 +89,6 @@ export interface Row {
   figures?: ComponentChildren;
   /** When it was measured or made; null for never. */
   at?: string | null;
-  /** Beneath when. */
-  since?: ComponentChildren;
   standing?: ComponentChildren;
   name: string;
   /** What else a search finds the row by. */
@@ -245,7 +243,6 @@ function Item({ row }: { row: Row }) {
       {row.at !== undefined && (
         <span class="when">
           {row.at === null ? text.never : <When time={row.at} />}
-          {row.since && <small>{row.since}</small>}
         </span>
       )}
       {row.standing && <span class="standing">{row.standing}</span>}
