@@ -240,11 +240,7 @@ function Item({ row }: { row: Row }) {
       </span>
       {row.how && <span class="how">{row.how}</span>}
       {row.figures}
-      {row.at !== undefined && (
-        <span class="when">
-          {row.at === null ? text.never : <When time={row.at} />}
-        </span>
-      )}
+      {row.at !== undefined && <span class="when">{row.at === null ? text.never : <When time={row.at} />}</span>}
       {row.standing && <span class="standing">{row.standing}</span>}
     </>
   );
