@@ -5,10 +5,12 @@ from datetime import UTC, datetime, timedelta
 
 import numpy as np
 import pytest
+from scipy import stats
 from support.in_process import Client
 
+import jointstiff as js
 from jointstiff.schemas.run import JointResult
-from jointstiff.service.kinds.trend import Campaign, ReadRun, trend_of
+from jointstiff.service.kinds.trend import Campaign, ReadRun, _degrees_of_freedom, trend_of
 from jointstiff.service.store.store import Store
 from jointstiff.service.store.tables import MeasurementSetEntry
 from jointstiff.simulator import default_arm, simulate_campaign
@@ -27,7 +29,7 @@ def uncertainty_of(instruments, **source):
 START = datetime(2026, 1, 1, tzinfo=UTC)
 
 
-def campaigns(instruments, source="force_scale"):
+def campaigns(instruments, source="force_scale", freedom=None):
     """Campaigns whose uncertainty of 3 % is 2.9 % that of one source."""
     values = 1e-6 * (1.0 + 0.005 * np.random.default_rng(4).standard_normal(len(instruments)))
     for number, (c, instrument) in enumerate(zip(values, instruments, strict=True)):
@@ -44,12 +46,42 @@ def campaigns(instruments, source="force_scale"):
             budget={"readings": 0.0, source: 0.029 * c},
         )
         result = {"joints": [joint], "assessment": {"verdict": "use", "reasons": []}, "links": None}
+        if freedom is not None:
+            components = [
+                {"included": True, "degrees_of_freedom": freedom[number]},
+                {"included": True, "degrees_of_freedom": None},
+                {"included": False, "degrees_of_freedom": 2},
+            ]
+            result["budget"] = {"components": components}
         run = ReadRun.model_validate({"request": {"measurement_set_id": "s"}, "result": result})
         at = START + timedelta(days=number)
         entry = MeasurementSetEntry(
             str(number), "r", "c", "motor", 9, 0, at, "", measured_at=at, instrument=instrument
         )
         yield Campaign(str(number), at, run, entry)
+
+
+@pytest.mark.parametrize(
+    ("freedom", "fewer"), [((12, 30), 12), ((30, 12), 12), ((None, 7), 7), (None, np.inf)]
+)
+def test_a_change_is_judged_with_the_fewer_degrees_of_freedom(freedom, fewer):
+    (joint,) = trend_of(["joint_1"], list(campaigns([None, None], freedom=freedom)))["joints"]
+    first, last = (one.joints["joint_1"].compliance for one in campaigns([None, None]))
+    ratio = abs(np.log(first / last)) / (0.03 * np.sqrt(2.0))
+    assert joint.p_value == pytest.approx(2.0 * stats.t.sf(ratio, fewer))
+
+
+def test_a_run_states_the_degrees_of_freedom_that_a_trend_reads():
+    """Without a stated sigma those of the residuals; else none."""
+    document = simulate_campaign(default_arm(), configurations=12, load="pull")
+    stated = document["measurement_set"].pop("noise")
+    for noise in (None, stated):
+        measured = document["measurement_set"] | ({} if noise is None else {"noise": noise})
+        run = js.identify(document | {"measurement_set": measured})
+        parts = {"request": run.request.model_dump(mode="json"), "result": run.result.model_dump(mode="json")}
+        (one,) = campaigns(["cell 7"])
+        found = _degrees_of_freedom(replace(one, run=ReadRun.model_validate(parts)))
+        assert found == (run.result.goodness.degrees_of_freedom if noise is None else np.inf)
 
 
 def test_a_joint_that_softens_is_said_to_have_changed_and_the_others_are_not():
