@@ -42,6 +42,7 @@ from jointstiff.solver.estimation.assessment import _links
 from jointstiff.solver.estimation.estimate import Prediction
 from jointstiff.solver.links.choice import LIMITS, WEIGHTS, HeldOut, Selection
 from jointstiff.solver.links.fit import EffectiveCompliances
+from jointstiff.solver.links.model import LINKS_ALONE
 from jointstiff.solver.predict.answers import forward_model
 
 VIEW = View(True, UNITS["MNm/rad"])
@@ -389,6 +390,39 @@ def replace_in(part, **changes):
     if isinstance(part, SimpleNamespace):
         return SimpleNamespace(**(vars(part) | changes))
     return replace(part, **changes)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("certified", [True, False])
+def test_a_base_or_links_that_predict_alike_are_a_tie(monkeypatch, certified):
+    """Intervals contain the values of both, if a model with links alone has a certified optimum."""
+    pedestal = pedestal_campaign(default_arm(), 2e7, configurations=12, sigma=6e-5, seed=2)
+    options = {"loss": "squared", "cross_validation": {"folds": 3, "draws": 1}}
+    fit = identification.first_certified
+
+    def only_of_a_base(folds, model, weights):
+        if model.name in LINKS_ALONE:
+            raise UnsupportedMethodError("no certified optimum", where="link_penalty", remedy="")
+        return fit(folds, model, weights)
+
+    alone = {
+        name: jointstiff.identify(pedestal, elasticity=name, **options).result
+        for name in ("joints_and_base", "diagonal_links")
+    }
+    if not certified:
+        monkeypatch.setattr(identification, "first_certified", only_of_a_base)
+    result = jointstiff.identify(pedestal, **options).result
+    assert (result.choice.elasticity, result.assessment.verdict) == ("joints_and_base", "use_with_care")
+    (reason,) = (each for each in result.assessment.reasons if each.code == "links_or_base")
+    assert reason.weight == "use_with_care"
+    assert "turn joint 1" in reason.remedy
+    assert ("contain the values of both" in reason.message) == certified
+    assert ("contain both models' values" in result.choice.message) == certified
+    for name in alone if certified else ("joints_and_base",):
+        for joint, other in zip(result.joints, alone[name].joints, strict=True):
+            low, high = joint.compliance_interval
+            assert 0.98 * low <= other.compliance <= 1.02 * high, (name, joint.name)
+            assert joint.standard_uncertainty > 0.0
 
 
 @pytest.mark.slow
