@@ -38,6 +38,23 @@ describe("verdicts", () => {
     [joint({ status: "not_observable", compliance: null, stiffness: null, stiffness_interval: null }), "unobservable"],
   ])("%# is %s", (given, verdict) => expect(verdictOf(given as JointResult)).toBe(verdict));
   it("u(k) = k² u(c)", () => expect(stiffnessUncertainty(joint({}))).toBeCloseTo(1e4));
+  it("gives no lower limit of a result that is not to be used", () => {
+    const rigid = { status: "at_bound", compliance: 0, stiffness: null, stiffness_interval: [2e6, null] } as const;
+    const open = { stiffness_interval: [0.5e6, null] } as const;
+    const one_sided = {
+      compliance_at_least: 0,
+      compliance_at_most: 1,
+      stiffness_at_least: 3e6,
+      stiffness_at_most: null,
+    };
+    for (const part of [rigid, open]) {
+      const shown = (verdict: JointResult["verdict"]) =>
+        shownStiffness(joint({ ...part, one_sided, verdict } as Partial<JointResult>), "MNm");
+      expect(shown("do_not_use")).toMatchObject({ limit: null, interval: null });
+      expect(shown("use_with_care").limit).toBe("≥ 3.0");
+    }
+    expect(shownStiffness(joint({ verdict: "do_not_use" }), "MNm").interval).not.toBeNull();
+  });
   it("prefers the one-sided limit to the lower end of the interval", () => {
     expect([lowerLimit(joint({ stiffness_at_least: 3e6 })), lowerLimit(joint({}))]).toEqual([3e6, 0.98e6]);
   });

@@ -10,7 +10,7 @@ import anyio
 from anyio.to_thread import run_sync
 from fastapi import APIRouter, Path, Query, Request, Response
 from fastapi.concurrency import run_in_threadpool
-from fastapi.sse import EventSourceResponse, format_sse_event
+from fastapi.sse import KEEPALIVE_COMMENT, EventSourceResponse, format_sse_event
 
 from jointstiff.schemas.live import LiveState
 from jointstiff.schemas.measurement import Observation
@@ -25,6 +25,11 @@ LOOK_SECONDS: Final = 0.5
 """Pause between two looks at an open set that is followed."""
 _LOOKS: Final = 10
 """Looks after which it is asked again whether one may follow."""
+QUIET_SECONDS: Final = 15.0
+"""Silence after which a comment is sent, as FastAPI does in the events of jobs.
+
+A proxy ends an answer that takes too long only when it is to write: the next event would be lost.
+"""
 
 router = APIRouter(prefix="/v1/measurement-sets/{set_id}", tags=["measurement sets"], route_class=BodyRoute)
 
@@ -105,15 +110,18 @@ async def close_measurement_set(
 async def _events(request: Request, sets: OpenSets, set_id: str, latest: LiveState) -> AsyncIterator[bytes]:
     """Yield the state with each change until the set is closed, or one may not follow any more."""
     gate: Gate = request.app.state.gate
-    told, looks = -1, 0
+    told, looks, quiet = -1, 0, 0.0
     while not request.app.state.is_closing():
         if latest.revision != told:
-            told = latest.revision
+            told, quiet = latest.revision, 0.0
             yield format_sse_event(event="state", data_str=latest.model_dump_json())
         if latest.state == "closed":
             return
         await anyio.sleep(LOOK_SECONDS)
-        looks += 1
+        looks, quiet = looks + 1, quiet + LOOK_SECONDS
+        if quiet >= QUIET_SECONDS:
+            quiet = 0.0
+            yield KEEPALIVE_COMMENT
         if looks % _LOOKS == 0 and not await gate.still_opens(request, asked_of(request).key):
             return
         if await run_in_threadpool(sets.revision, set_id) != told:

@@ -488,7 +488,10 @@ class ByLinks(Work):
         else:
             elastic = self._fit(chosen, paths)
             elastic, effective, of_model = self._ranges(elastic, selection, paths)
-            choice = choose(intervals=None if options.link_penalty is not None else of_model)
+            choice = choose(
+                intervals=None if options.link_penalty is not None else of_model,
+                joined=elastic.prediction.joined,
+            )
             result = self._result(chosen, elastic, effective, screening, choice)
         return result
 
@@ -554,18 +557,37 @@ class ByLinks(Work):
     ) -> tuple[ElasticEstimate, EffectiveCompliances, ModelName]:
         """Return the estimate with its effective compliances, and the model whose intervals they have.
 
-        Where held-out postures do not distinguish links from the base, intervals contain those of both.
+        Where held-out postures do not distinguish links from the base, intervals contain those of both, if
+        one with links has a certified optimum.
         """
         if self._options.elasticity != "automatic":
             return elastic, self._effective(elastic, elastic), elastic.model.name
         widest = self._widest(selection, elastic, paths)
         effective = self._effective(elastic, widest)
         if selection.tied is not None:
-            richest = next(each.model for each in reversed(selection.models) if each.model in LINKS_ALONE)
-            tied, links = (self._fit(selection.of(name), paths) for name in (selection.tied, richest))
-            effective = effective.joined(self._effective(tied, links))
-            elastic = replace(elastic, prediction=replace(elastic.prediction, bending="links_or_base"))
+            if (of_links := self._effective_of_links(selection.tied, selection, paths)) is not None:
+                effective = effective.joined(of_links)
+            prediction = replace(elastic.prediction, bending="links_or_base", joined=of_links is not None)
+            elastic = replace(elastic, prediction=prediction)
         return elastic, effective, widest.model.name
+
+    def _effective_of_links(
+        self, tied: ModelName, selection: Selection, paths: Paths
+    ) -> EffectiveCompliances | None:
+        """Return those of the model with links alone that is tied; None where it has no certified optimum.
+
+        Their intervals are of the richest model with links alone, or of the tied one where the richest has no
+        certified optimum.
+        """
+        richest = next(each.model for each in reversed(selection.models) if each.model in LINKS_ALONE)
+        try:
+            links = self._fit(selection.of(tied), paths)
+        except UnsupportedMethodError:
+            return None
+        try:
+            return self._effective(links, self._fit(selection.of(richest), paths))
+        except UnsupportedMethodError:
+            return self._effective(links, links)
 
     def _effective(self, elastic: ElasticEstimate, widest: ElasticEstimate) -> EffectiveCompliances:
         return effective_compliances(
@@ -665,6 +687,7 @@ def to_choice_by_comparison(
     *,
     given: bool,
     intervals: ModelName | None = None,
+    joined: bool = True,
 ) -> ModelChoice:
     """Return the choice among models that were compared on held-out postures.
 
@@ -674,6 +697,7 @@ def to_choice_by_comparison(
         screening: of what joints alone leave unexplained.
         given: whether the model was named in the request.
         intervals: model whose intervals the stiffnesses have; None where that is not said.
+        joined: whether they contain those of a tied model, too.
     """
     name, gain = chosen.model.replace("_", " ").capitalize(), selection.gain
     evidence = f"F test of links beside joints: p = {screening.links_p_value:.1g}"
@@ -687,8 +711,11 @@ def to_choice_by_comparison(
     if intervals == chosen.model and not tied:
         remarks += " Intervals of stiffness are of this model."
     elif tied:
+        remarks += " Held-out postures do not distinguish links from base: intervals "
         remarks += (
-            " Held-out postures do not distinguish links from base: intervals contain both models' values."
+            "contain both models' values."
+            if joined or intervals is None
+            else f"are of {intervals.replace('_', ' ')} alone, as no optimum of links alone was certified."
         )
     elif intervals is not None:
         richer = intervals.replace("_", " ")

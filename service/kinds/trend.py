@@ -6,7 +6,7 @@ from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from functools import cached_property, lru_cache
-from math import hypot
+from math import hypot, inf
 from typing import Any, Final
 
 from pydantic import BaseModel, ConfigDict
@@ -134,7 +134,17 @@ def _change(campaigns: Sequence[Campaign], name: str) -> Change | None:
         )
         for one in pair
     )
-    return None if first is None or last is None else Change.between(first, last)
+    if first is None or last is None:
+        return None
+    return Change.between(first, last, min(map(_degrees_of_freedom, pair)))
+
+
+def _degrees_of_freedom(campaign: Campaign) -> float:
+    """Return the fewest degrees of freedom of what makes up the uncertainties; inf if all is known."""
+    budget = campaign.run.result.budget
+    components = () if budget is None else budget.components
+    fewest = (part.degrees_of_freedom for part in components if part.included)
+    return min((each for each in fewest if each is not None), default=inf)
 
 
 def _number(

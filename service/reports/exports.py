@@ -14,7 +14,7 @@ from jointstiff.schemas.run import JointResult, Run, RunResult
 from jointstiff.service.kinds.verdicts import refuse_unaccepted, result_of
 from jointstiff.service.tables.files import csv_text, xlsx_bytes
 from jointstiff.service.tables.report import METHOD_NAMES, VERDICTS, judged
-from jointstiff.service.tables.stiffness import UNITS
+from jointstiff.service.tables.stiffness import UNITS, lower_limit
 from jointstiff.service.tables.table import Sheet, Value
 from jointstiff.solver.mechanics.chain import ChainJoint, KinematicChain
 from jointstiff.solver.mechanics.robot import Robot
@@ -117,7 +117,7 @@ def why_no_stiffness(joint: JointResult) -> str:
         return joint.reason or "the readings cannot determine it"
     if joint.compliance < 0.0:
         return "the estimate is negative: identify with compliances not negative"
-    least, bound = joint.stiffness_at_least, ""
+    least, bound = lower_limit(joint), ""
     if least is not None:
         bound = f"; it is at least {stiffness_text(rounded_down(least), joint.kind)}"
     return f"the readings cannot distinguish the joint from rigid{bound}"

@@ -13,6 +13,15 @@ from jointstiff.schemas.run import JointResult
 from jointstiff.service.tables.table import NO_NUMBER, Line, concise, rounded
 from jointstiff.solver.text import figure, rounded_down
 
+
+def lower_limit(joint: JointResult) -> float | None:
+    """Return what a stiffness is at least; None without such a limit.
+
+    A result that is not to be used gives none: its model is refuted.
+    """
+    return None if joint.verdict == "do_not_use" else joint.stiffness_at_least
+
+
 _ARC_MINUTE: Final = radians(1.0 / 60.0)
 
 
@@ -85,9 +94,9 @@ class StiffnessUnit:
             low, high = (rounded(self.factor * end, uncertainty) for end in (ends[0], ends[1]))
             return f"{low} … {high}"
         # Without an upper end of the stiffness: the one-sided bound, which is the higher one.
-        if joint.stiffness_at_least is None:
+        if (least := lower_limit(joint)) is None:
             return "—"
-        bound = rounded_down(joint.stiffness_at_least)
+        bound = rounded_down(least)
         return (
             f"< {figure(self.factor / bound, '.3g')}"
             if self.inverse

@@ -7,8 +7,8 @@ configurations match, and predicted for all. For Gaussian ĉ₁, ĉ₂ the varia
 the true ratio ρ = c₁/c₂ = k₂/k₁, so that ``|ĉ₁ − ρ ĉ₂| ≤ t √(s₁² + ρ² s₂²)`` holds with exactly the
 probability of t (E. C. Fieller, *Some problems in interval estimation*, J. R. Stat. Soc. B 16, 1954).
 
-A change over time is the difference of ``ln k = -ln c`` of two campaigns; it is normal with the variance of
-the errors that they do not share.
+A change over time is the difference of ``ln k = -ln c`` of two campaigns; it has the variance of the errors
+that they do not share, and Student's distribution where their sigmas come from residuals.
 """
 
 from __future__ import annotations
@@ -521,11 +521,21 @@ class Change:
 
     difference: float  #: difference of ln k
     standard_uncertainty: float  #: standard uncertainty of the difference
+    degrees_of_freedom: float = inf  #: degrees of freedom of that uncertainty; inf where it is known
 
     @classmethod
-    def between(cls, first: tuple[float, float], second: tuple[float, float]) -> Change:
-        """Return the change between two campaigns, each with ln k and its own standard uncertainty."""
-        return cls(second[0] - first[0], hypot(first[1], second[1]))
+    def between(
+        cls, first: tuple[float, float], second: tuple[float, float], degrees_of_freedom: float = inf
+    ) -> Change:
+        """Return the change between two campaigns, each with ln k and its own standard uncertainty.
+
+        Args:
+            first: of the first campaign.
+            second: of the second campaign.
+            degrees_of_freedom: the fewer of both: a change is then significant by chance at most as often as
+                the level says.
+        """
+        return cls(second[0] - first[0], hypot(first[1], second[1]), degrees_of_freedom)
 
     @property
     def relative(self) -> float:
@@ -540,7 +550,8 @@ class Change:
     @property
     def p_value(self) -> float:
         """Probability of a change at least as large if the stiffness is the same (two-sided)."""
-        return float(2.0 * special.ndtr(-abs(self.difference) / self.standard_uncertainty))
+        ratio = abs(self.difference) / self.standard_uncertainty
+        return float(2.0 * special.stdtr(self.degrees_of_freedom, -ratio))
 
     def is_significant(self, tests: int) -> bool:
         """Return whether it is more than chance, being one of some tests at `CHANGED_LEVEL` (Boole)."""

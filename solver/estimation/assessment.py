@@ -713,11 +713,17 @@ def _links(prediction: Prediction, screening: Screening | None) -> Iterator[Find
         )
     evidence = "" if gain is None else f"{bends}. "
     if prediction.bending == "links_or_base":
+        intervals = "the intervals of the stiffnesses contain the values of both"
+        if not prediction.joined:
+            intervals = (
+                "the intervals of the stiffnesses are by the base, too: rounding hides which links bend, so "
+                "that no optimum with links alone was certified"
+            )
         yield Finding(
             code="links_or_base",
             weight="use_with_care",
             message=f"{evidence}Links or the base bend: either predicts the held-out postures equally well. "
-            "Predictions are by the base; the intervals of the stiffnesses contain the values of both",
+            f"Predictions are by the base; {intervals}",
             remedy="turn joint 1 between the readings, or put a target on the base plate",
         )
     elif prediction.bending == "base":

@@ -781,6 +781,7 @@ class Prediction:
     contributions: Contributions | None = None  #: of the joints; None where more than joints bends
     #: what bends besides the joints: links may mean a base, too; None for nothing
     bending: Literal["links", "base", "links_or_base"] | None = None
+    joined: bool = True  #: of links or a base: whether the intervals contain the values of both models
     #: (N, n) deflections ``δθ = diag(τ) c`` of the joints behind their gearboxes [rad]; None where more bends
     encoders: FloatArray | None = None
 

@@ -366,15 +366,21 @@ class EffectiveCompliances:
     #: (n,) of the joints with their links' rotations about, or motions along, their axes [rad/(N·m)]
     compliance: FloatArray
     ends: FloatArray  #: (n, 2) ends of the intervals [rad/(N·m)]
-    uncertainty: FloatArray  #: (n,) half of an interval over the quantile [rad/(N·m)]
+    quantile: float  #: half of an interval in standard uncertainties
+
+    @property
+    def uncertainty(self) -> FloatArray:
+        """(n,) standard uncertainties [rad/(N·m)]: half of an interval over the quantile."""
+        return 0.5 * (self.ends[:, 1] - self.ends[:, 0]) / self.quantile
 
     def joined(self, other: EffectiveCompliances) -> EffectiveCompliances:
         """Return these compliances with intervals that contain those of another model, too."""
-        ends = np.column_stack(
-            [np.fmin(self.ends[:, 0], other.ends[:, 0]), np.fmax(self.ends[:, 1], other.ends[:, 1])]
-        )
-        wider = (ends[:, 1] - ends[:, 0]) / (self.ends[:, 1] - self.ends[:, 0])
-        return EffectiveCompliances(self.compliance, ends, self.uncertainty * wider)
+        low = np.fmin(self.ends[:, 0], other.ends[:, 0])
+        high = np.fmax(self.ends[:, 1], other.ends[:, 1])
+        # Where only the other model has an interval, it may leave out the value of this one.
+        own = np.where(np.isnan(low), np.nan, self.compliance)
+        low, high = np.fmin(low, own), np.fmax(high, own)
+        return replace(self, ends=np.column_stack([low, high]), quantile=min(self.quantile, other.quantile))
 
 
 def effective_compliances(
@@ -418,7 +424,7 @@ def effective_compliances(
     return EffectiveCompliances(
         compliance=np.where(np.isnan(elastic.compliance), np.nan, effective),
         ends=ends if with_ends else np.full_like(ends, np.nan),
-        uncertainty=0.5 * (ends[:, 1] - ends[:, 0]) / quantile,
+        quantile=quantile,
     )
 
 

@@ -40,6 +40,7 @@ NOT_RUN = {
     "scripts/test ": "would run this test again",
     "sqlite3 ": "is of another package; test_database.py copies a file as it does",
     "pg_dump ": "needs a server of databases",
+    "pg_restore ": "needs a server of databases",
     "jointstiff serve": "does not end; the service of this test is one",
     "jointstiff worker": "does not end, and needs a server of databases; test_long_runs.py runs it",
     "jointstiff keys revoke": "needs the id of a key; transcripts/keys.txt runs it",

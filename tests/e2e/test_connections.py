@@ -214,3 +214,20 @@ def test_caddy_ends_a_body_an_unread_answer_and_an_idle_connection_in_their_time
         found = list(pool.map(lasted, (body, answer, idle), (b" ", request, b"")))
     for seconds, bound in zip(found, (BODY_SECONDS, ANSWER_SECONDS, IDLE_SECONDS), strict=True):
         assert bound - 2 < seconds < bound + LATE_SECONDS
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(600)
+def test_caddy_closes_a_silent_follower_of_an_open_set_in_its_time(behind, connect):
+    """By the second comment: the client comes back; a stream that stays open would lose an event."""
+    robot = httpx2.post(f"{behind}/v1/robots", json=ROBOT).json()["id"]
+    opened = EXAMPLES["measurement_sets"]["open, measured live"] | {"robot_id": robot}
+    answer = httpx2.post(f"{behind}/v1/measurement-sets", json=opened)
+    assert answer.status_code == 201, answer.text
+    connection, began = connect(behind), time.monotonic()
+    address = f"{answer.headers['Location']}/next?follow=true"
+    connection.sendall(f"GET {address} HTTP/1.1\r\nHost: localhost\r\n\r\n".encode())
+    content = received(connection)
+    assert ANSWER_SECONDS - 2 < time.monotonic() - began < ANSWER_SECONDS + 2 * 15 + LATE_SECONDS
+    assert content.count(b"event: state") == 1
+    assert content.count(b": ping") >= 15

@@ -138,8 +138,13 @@ export function stiffnessUncertainty(joint: JointResult): number | null {
   return joint.stiffness ** 2 * joint.standard_uncertainty;
 }
 
+/** Whether a result that is not to be used leaves a stiffness open: its model is refuted, and gives no limit. */
+export const isRefuted = (joint: JointResult): boolean =>
+  joint.verdict === "do_not_use" && (joint.stiffness === null || joint.stiffness_interval?.[1] === null);
+
 /** Stiffer than this, at the run's confidence; null where nothing is known. */
 export function lowerLimit(joint: JointResult): number | null {
+  if (isRefuted(joint)) return null;
   return joint.stiffness_at_least ?? joint.stiffness_interval?.[0] ?? null;
 }
 
@@ -175,7 +180,7 @@ export function shownStiffness(joint: JointResult, unit: StiffnessUnit): ShownSt
   return {
     value: joint.stiffness === null ? null : `${show(inUnit(joint.stiffness, unit, kind))}${beside}`,
     uncertainty: change === null || open ? null : show(change),
-    interval: low === null ? null : { low: show(low), high: high === null ? null : show(high) },
+    interval: low === null || isRefuted(joint) ? null : { low: show(low), high: high === null ? null : show(high) },
     limit: limit === null ? null : `${inverse ? "≤" : "≥"} ${significant(inUnit(limit, unit, kind), 2)}${beside}`,
   };
 }

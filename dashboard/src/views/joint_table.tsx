@@ -11,6 +11,7 @@ import {
   positionUnit,
   capOf,
   inUnit,
+  isRefuted,
   withUnit,
 } from "../lib/stiffness";
 import { text } from "../i18n";
@@ -170,8 +171,9 @@ function markOf(joint: JointResult, mark: string, unit: StiffnessUnit): Interval
   const negative = joint.stiffness !== null && joint.stiffness < 0;
   // where it stands on the axis: its number in its own unit is that of the axis
   const scale = unitOf(unit, joint.kind).factor / unitOf(unit).factor;
-  const [value, interval] = [onAxis(joint.stiffness, scale, unit), joint.stiffness_interval];
-  const instead = negative ? `${text.run.negative}: ${shown.value ?? ""}` : text.verdicts[verdictOf(joint)][0];
+  const [value, interval] = [onAxis(joint.stiffness, scale, unit), isRefuted(joint) ? null : joint.stiffness_interval];
+  const standing = isRefuted(joint) ? text.usability.do_not_use : text.verdicts[verdictOf(joint)][0];
+  const instead = negative ? `${text.run.negative}: ${shown.value ?? ""}` : standing;
   const beside = joint.kind === "prismatic" ? "" : unitOf(unit).label; // whose value has its unit
   const range = shown.interval ? ` (${shown.interval.low} … ${shown.interval.high ?? "∞"})` : "";
   return {
@@ -327,7 +329,9 @@ export function Stiffness({ joint }: { joint: JointResult }) {
   const limited = verdict === "lower_limit" && shown.limit !== null;
   return (
     <>
-      <b>{verdict === "unobservable" ? "–" : limited ? shown.limit : (shown.value ?? "∞")}</b>
+      <b>
+        {verdict === "unobservable" ? "–" : limited ? shown.limit : (shown.value ?? (isRefuted(joint) ? "–" : "∞"))}
+      </b>
       {!limited && shown.uncertainty !== null && <span class="soft"> ±&nbsp;{shown.uncertainty}</span>}
     </>
   );

@@ -5,10 +5,12 @@ from datetime import UTC, datetime, timedelta
 
 import numpy as np
 import pytest
+from scipy import stats
 from support.in_process import Client
 
+import jointstiff as js
 from jointstiff.schemas.run import JointResult
-from jointstiff.service.kinds.trend import Campaign, ReadRun, trend_of
+from jointstiff.service.kinds.trend import Campaign, ReadRun, _degrees_of_freedom, trend_of
 from jointstiff.service.store.store import Store
 from jointstiff.service.store.tables import MeasurementSetEntry
 from jointstiff.simulator import default_arm, simulate_campaign
@@ -27,21 +29,22 @@ def uncertainty_of(instruments, **source):
 START = datetime(2026, 1, 1, tzinfo=UTC)
 
 
-def budget(contributions):
-    """Budget of joint_1 by source."""
+def budget(contributions, freedom):
+    """Budget of joint_1 by source, the first one of these degrees of freedom; and one not included, of two."""
     combined = float(np.linalg.norm([*contributions.values()]))
+    freedoms = [freedom, *[None] * (len(contributions) - 1), 2]
     return {
         "joints": ["joint_1"],
         "components": [
             {
                 "source": source,
                 "evaluation": "B",
-                "included": True,
-                "degrees_of_freedom": None,
+                "included": source != "left out",
+                "degrees_of_freedom": freedoms[place],
                 "contributions": [size],
                 "correlation": [[1.0]],
             }
-            for source, size in contributions.items()
+            for place, (source, size) in enumerate((contributions | {"left out": combined}).items())
         ],
         "standard_uncertainty": [combined],
         "correlation": [[1.0]],
@@ -53,7 +56,7 @@ def budget(contributions):
     }
 
 
-def campaigns(instruments, source="force_scale"):
+def campaigns(instruments, source="force_scale", freedom=None):
     """Campaigns whose uncertainty of 3 % is 2.9 % that of one source."""
     values = 1e-6 * (1.0 + 0.005 * np.random.default_rng(4).standard_normal(len(instruments)))
     for number, (c, instrument) in enumerate(zip(values, instruments, strict=True)):
@@ -72,7 +75,7 @@ def campaigns(instruments, source="force_scale"):
             "joints": [joint],
             "assessment": {"verdict": "use", "reasons": []},
             "links": None,
-            "budget": budget({"readings": 0.0, source: 0.029 * c}),
+            "budget": budget({"readings": 0.0, source: 0.029 * c}, freedom and freedom[number]),
         }
         run = ReadRun.model_validate({"request": {"measurement_set_id": "s"}, "result": result})
         at = START + timedelta(days=number)
@@ -80,6 +83,29 @@ def campaigns(instruments, source="force_scale"):
             str(number), "r", "c", "motor", 9, 0, at, "", measured_at=at, instrument=instrument
         )
         yield Campaign(str(number), at, run, entry)
+
+
+@pytest.mark.parametrize(
+    ("freedom", "fewer"), [((12, 30), 12), ((30, 12), 12), ((None, 7), 7), (None, np.inf)]
+)
+def test_a_change_is_judged_with_the_fewer_degrees_of_freedom(freedom, fewer):
+    (joint,) = trend_of(["joint_1"], list(campaigns([None, None], freedom=freedom)))["joints"]
+    first, last = (one.joints["joint_1"].compliance for one in campaigns([None, None]))
+    ratio = abs(np.log(first / last)) / (0.03 * np.sqrt(2.0))
+    assert joint.p_value == pytest.approx(2.0 * stats.t.sf(ratio, fewer))
+
+
+def test_a_run_states_the_degrees_of_freedom_that_a_trend_reads():
+    """Without a stated sigma those of the residuals; else none."""
+    document = simulate_campaign(default_arm(), configurations=12, load="pull")
+    stated = document["measurement_set"].pop("noise")
+    for noise in (None, stated):
+        measured = document["measurement_set"] | ({} if noise is None else {"noise": noise})
+        run = js.identify(document | {"measurement_set": measured})
+        parts = {"request": run.request.model_dump(mode="json"), "result": run.result.model_dump(mode="json")}
+        (one,) = campaigns(["cell 7"])
+        found = _degrees_of_freedom(replace(one, run=ReadRun.model_validate(parts)))
+        assert found == (run.result.goodness.degrees_of_freedom if noise is None else np.inf)
 
 
 @pytest.fixture

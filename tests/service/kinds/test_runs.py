@@ -2,6 +2,7 @@
 
 import json
 from contextlib import nullcontext
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -18,9 +19,10 @@ from jointstiff.schemas.options import RunOptions
 from jointstiff.schemas.run import Run, RunRequest
 from jointstiff.service import jobs as module
 from jointstiff.service.jobs import Parts
-from jointstiff.service.kinds import program_path
+from jointstiff.service.kinds import identification, program_path
 from jointstiff.service.kinds import run as run_module
 from jointstiff.service.kinds.deflection import predict_by_run
+from jointstiff.service.kinds.identification import ByLinks, to_choice_by_comparison
 from jointstiff.service.kinds.program_work import ProgramWork
 from jointstiff.service.kinds.run import RUN
 from jointstiff.service.kinds.work import carry_out, new_job, pack
@@ -36,7 +38,11 @@ from jointstiff.simulator.base import pedestal_campaign
 from jointstiff.simulator.elastic_links import beam_arm, elastic_campaign
 from jointstiff.simulator.programs import program_text
 from jointstiff.solver.errors import RequestError, UnsupportedMethodError
-from jointstiff.solver.links.choice import LIMITS, WEIGHTS
+from jointstiff.solver.estimation.assessment import _links
+from jointstiff.solver.estimation.estimate import Prediction
+from jointstiff.solver.links.choice import LIMITS, WEIGHTS, HeldOut, Selection
+from jointstiff.solver.links.fit import EffectiveCompliances
+from jointstiff.solver.links.model import LINKS_ALONE
 from jointstiff.solver.predict.answers import forward_model
 
 VIEW = View(True, UNITS["MNm/rad"])
@@ -311,6 +317,113 @@ def test_automatic_takes_the_simplest_model_that_is_good_enough(memory, set_id):
     said = {reason.code: reason.message for reason in bends.assessment.reasons}["links_bend_with_joints"]
     assert "held-out postures are predicted to" in said
     assert bends.choice.elasticity == bends.choice.simplest != "joints"
+
+
+TIE = Selection(
+    models=tuple(
+        HeldOut(name, "squared", 5e-5, None, np.full(5, 0.98), np.full(16, 5e-5), 5)
+        for name in ("joints", "joints_and_base", "diagonal_links", "joints_and_links")
+    ),
+    best="joints_and_base",
+    simplest="joints_and_base",
+    largest="joints_and_base",
+    gain=None,
+    tied="diagonal_links",
+)
+
+
+@pytest.mark.parametrize(
+    ("uncertified", "intervals"),
+    [
+        ((), "joints_and_links"),
+        (("joints_and_links",), "diagonal_links"),
+        (("diagonal_links",), None),
+        (("diagonal_links", "joints_and_links"), None),
+    ],
+)
+def test_a_tied_model_without_a_certified_optimum_fails_no_run(monkeypatch, document, uncertified, intervals):
+    """The chosen model keeps its own intervals, and the run says so."""
+    places = {
+        "joints_and_base": [[1.0, 3.0]],
+        "diagonal_links": [[2.0, 4.0]],
+        "joints_and_links": [[2.0, 6.0]],
+    }
+
+    def fit(_, chosen, __):
+        if chosen.model in uncertified:
+            raise UnsupportedMethodError("no certified optimum", where="link_penalty", remedy="")
+        return chosen.model
+
+    def effective(_, __, widest):
+        name = widest if isinstance(widest, str) else "joints_and_base"
+        return EffectiveCompliances(np.array([2.0]), np.array(places[name]), 2.0)
+
+    monkeypatch.setattr(ByLinks, "_fit", fit)
+    monkeypatch.setattr(ByLinks, "_effective", effective)
+    monkeypatch.setattr(ByLinks, "_options", RunOptions(), raising=False)
+    none = Prediction(np.zeros((1, 1, 3)), np.zeros((1, 1, 3)), None, 0.0, bending="base")
+    base = replace_in(SimpleNamespace(model=SimpleNamespace(name="joints_and_base")), prediction=none)
+    monkeypatch.setattr(identification, "replace", replace_in)
+    elastic, found, of_model = ByLinks._ranges(object.__new__(ByLinks), base, TIE, {})
+    high = 3.0 if intervals is None else places[intervals][0][1]
+    assert (found.ends.tolist(), of_model) == ([[1.0, high]], "joints_and_base")
+    assert (elastic.prediction.bending, elastic.prediction.joined) == ("links_or_base", intervals is not None)
+    (finding,) = _links(elastic.prediction, None)
+    assert finding.code == "links_or_base"
+    assert finding.weight == "use_with_care"
+    assert ("contain the values of both" in finding.message) == (intervals is not None)
+    screening = SimpleNamespace(links_p_value=1e-9)
+    choice = to_choice_by_comparison(
+        TIE,
+        TIE.models[1],
+        screening,
+        given=False,
+        plain=None,
+        intervals=of_model,
+        joined=elastic.prediction.joined,
+    )
+    assert ("contain both models' values" in choice.message) == (intervals is not None)
+    assert ("are of joints and base alone" in choice.message) == (intervals is None)
+
+
+def replace_in(part, **changes):
+    """Replace fields of a data class, or of a namespace."""
+    if isinstance(part, SimpleNamespace):
+        return SimpleNamespace(**(vars(part) | changes))
+    return replace(part, **changes)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("certified", [True, False])
+def test_a_base_or_links_that_predict_alike_are_a_tie(monkeypatch, certified):
+    """Intervals contain the values of both, if a model with links alone has a certified optimum."""
+    pedestal = pedestal_campaign(default_arm(), 2e7, configurations=12, sigma=6e-5, seed=2)
+    options = {"loss": "squared", "cross_validation": {"folds": 3, "draws": 1}}
+    fit = identification.first_certified
+
+    def only_of_a_base(folds, model, weights):
+        if model.name in LINKS_ALONE:
+            raise UnsupportedMethodError("no certified optimum", where="link_penalty", remedy="")
+        return fit(folds, model, weights)
+
+    alone = {
+        name: jointstiff.identify(pedestal, elasticity=name, **options).result
+        for name in ("joints_and_base", "diagonal_links")
+    }
+    if not certified:
+        monkeypatch.setattr(identification, "first_certified", only_of_a_base)
+    result = jointstiff.identify(pedestal, **options).result
+    assert (result.choice.elasticity, result.assessment.verdict) == ("joints_and_base", "use_with_care")
+    (reason,) = (each for each in result.assessment.reasons if each.code == "links_or_base")
+    assert reason.weight == "use_with_care"
+    assert "turn joint 1" in reason.remedy
+    assert ("contain the values of both" in reason.message) == certified
+    assert ("contain both models' values" in result.choice.message) == certified
+    for name in alone if certified else ("joints_and_base",):
+        for joint, other in zip(result.joints, alone[name].joints, strict=True):
+            low, high = joint.compliance_interval
+            assert 0.98 * low <= other.compliance <= 1.02 * high, (name, joint.name)
+            assert joint.standard_uncertainty > 0.0
 
 
 @pytest.mark.slow

@@ -5,6 +5,7 @@ from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
+import anyio
 import numpy as np
 import pytest
 from fastapi.testclient import TestClient
@@ -12,6 +13,7 @@ from support.api import post
 from support.live import observation
 
 from jointstiff.schemas.options import StiffnessPrior
+from jointstiff.service.api import live
 from jointstiff.service.app import create_app
 from jointstiff.service.live.campaign import LiveCampaign
 from jointstiff.service.live.priors import standings
@@ -67,6 +69,25 @@ def measured(service: TestClient, address: str, readings: int, seed: int = 0) ->
             break
         state = post(service, f"{address}/observations", read(state["next"], seed))
     return state
+
+
+def test_a_silent_stream_of_an_open_set_sends_comments(monkeypatch):
+    """Else a proxy does not notice that its time is over, and loses the next event."""
+    assert live.QUIET_SECONDS <= 15.0
+    monkeypatch.setattr(live, "LOOK_SECONDS", 0.001)
+    monkeypatch.setattr(live, "QUIET_SECONDS", 0.0025)
+    monkeypatch.setattr(live, "_LOOKS", 10**9)
+    state = SimpleNamespace(revision=3, state="measuring", model_dump_json=lambda: "{}")
+    application = SimpleNamespace(state=SimpleNamespace(gate=None, work=None, is_closing=lambda: False))
+    sets = SimpleNamespace(revision=lambda _: 3)
+
+    async def first(count: int) -> list[bytes]:
+        stream = live._events(SimpleNamespace(app=application), sets, "set", state)
+        return [await anext(stream) for _ in range(count)]
+
+    event, *silent = anyio.run(first, 4)
+    assert event.startswith(b"event: state\n")
+    assert silent == [b": ping\n\n"] * 3
 
 
 def test_a_campaign_is_measured_until_its_goal_is_met_and_becomes_an_ordinary_set(service):

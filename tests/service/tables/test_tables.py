@@ -17,12 +17,13 @@ from jointstiff.schemas.comparison import JointRatio
 from jointstiff.schemas.fields import Message, Metres, Newtons
 from jointstiff.schemas.geometry import GeometryRequest
 from jointstiff.schemas.options import RunOptions
-from jointstiff.schemas.run import Campaign
+from jointstiff.schemas.run import Campaign, JointResult, OneSidedBounds
 from jointstiff.service.cli.app import app
 from jointstiff.service.cli.options import Units
 from jointstiff.service.kinds.comparison import _by_interval
 from jointstiff.service.kinds.comparison import _interval as interval_text
 from jointstiff.service.kinds.run import RUN
+from jointstiff.service.reports.exports import why_no_stiffness
 from jointstiff.service.reports.job import job_report
 from jointstiff.service.tables.report import requested
 from jointstiff.service.tables.stiffness import UNITS
@@ -275,3 +276,29 @@ def test_components_have_columns_and_units_come_from_fields():
     }
     assert "x from low [m]" in Sheet.of_fields(ROWS, COLUMNS).columns
     assert Sheet.of_fields([], COLUMNS).columns == {}
+
+
+@pytest.mark.parametrize("unit", sorted(UNITS))
+@pytest.mark.parametrize("kind", ["revolute", "prismatic"])
+def test_a_lower_limit_is_shown_but_of_a_result_that_is_not_to_be_used(unit, kind):
+    """A refuted model gives none, in tables as in the joint's reason."""
+    rigid = JointResult(
+        name="joint_1",
+        kind=kind,
+        status="at_bound",
+        verdict="use_with_care",
+        reason=None,
+        compliance=0.0,
+        standard_uncertainty=1e-7,
+        compliance_interval=(0.0, 2e-7),
+        stiffness=None,
+        stiffness_interval=(5e6, None),
+        one_sided=OneSidedBounds(
+            compliance_at_least=0.0, compliance_at_most=1.6e-7, stiffness_at_least=6e6, stiffness_at_most=None
+        ),
+    )
+    refuted = rigid.model_copy(update={"verdict": "do_not_use"})
+    assert UNITS[unit].cells(rigid)[2].startswith(("< ", "> "))
+    assert UNITS[unit].cells(refuted)[2] == "—"
+    assert "at least" in why_no_stiffness(rigid)
+    assert "at least" not in why_no_stiffness(refuted)

@@ -511,14 +511,32 @@ def test_a_base_that_links_beat_is_neither_chosen_nor_tied():
 
 
 def test_joined_intervals_contain_those_of_both_models():
-    one = EffectiveCompliances(np.array([2.0, 5.0]), np.array([[1.0, 3.0], [4.0, 6.0]]), np.array([0.5, 0.5]))
-    other = EffectiveCompliances(
-        np.array([4.0, 5.5]), np.array([[2.0, 5.0], [5.0, 5.8]]), np.array([0.7, 0.2])
-    )
+    one = EffectiveCompliances(np.array([2.0, 5.0]), np.array([[1.0, 3.0], [4.0, 6.0]]), 2.0)
+    other = EffectiveCompliances(np.array([4.0, 5.5]), np.array([[2.0, 5.0], [5.0, 5.8]]), 2.5)
     joined = one.joined(other)
     np.testing.assert_array_equal(joined.compliance, one.compliance)
     np.testing.assert_array_equal(joined.ends, [[1.0, 5.0], [4.0, 6.0]])
     np.testing.assert_allclose(joined.uncertainty, [1.0, 0.5])
+
+
+@pytest.mark.parametrize("own", [[np.nan, np.nan], [0.0, 0.0], [2.0, 2.0]])
+def test_a_joined_interval_has_its_uncertainty_whatever_this_models_is(own):
+    """Unknown, or without any width: the interval is the other's, with the value of this model in it."""
+    compliance = np.array([0.0 if own[0] == 0.0 else 2.0])
+    one = EffectiveCompliances(compliance, np.array([own]), 2.0)
+    other = EffectiveCompliances(np.array([4.0]), np.array([[3.0, 5.0]]), 2.0)
+    for joined in (one.joined(other), other.joined(one)):
+        low, high = joined.ends[0]
+        assert joined.uncertainty == pytest.approx([0.25 * (high - low)])
+        assert low <= joined.compliance[0] <= high
+        assert (low <= 3.0, high) == (True, 5.0)
+
+
+def test_a_joined_interval_is_unknown_where_both_are():
+    one = EffectiveCompliances(np.array([2.0, np.nan]), np.array([[np.nan, np.nan], [1.0, 3.0]]), 2.0)
+    joined = one.joined(one)
+    np.testing.assert_array_equal(joined.ends, one.ends)
+    np.testing.assert_array_equal(joined.uncertainty, [np.nan, 0.5])
 
 
 def test_a_model_at_another_penalty_is_compared_anew():
