@@ -30,7 +30,7 @@ START = datetime(2026, 1, 1, tzinfo=UTC)
 
 
 def budget(contributions, freedom):
-    """Budget of joint_1 by source, the first one of these degrees of freedom; and one not included, of two."""
+    """Budget of joint_1 by source, the first of these degrees of freedom; and one that is not included."""
     combined = float(np.linalg.norm([*contributions.values()]))
     freedoms = [freedom, *[None] * (len(contributions) - 1), 2]
     return {

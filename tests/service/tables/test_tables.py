@@ -17,7 +17,7 @@ from jointstiff.schemas.comparison import JointRatio
 from jointstiff.schemas.fields import Message, Metres, Newtons
 from jointstiff.schemas.geometry import GeometryRequest
 from jointstiff.schemas.options import RunOptions
-from jointstiff.schemas.run import Campaign, JointResult, OneSidedBounds
+from jointstiff.schemas.run import Campaign, JointResult
 from jointstiff.service.cli.app import app
 from jointstiff.service.cli.options import Units
 from jointstiff.service.kinds.comparison import _by_interval
@@ -293,9 +293,7 @@ def test_a_lower_limit_is_shown_but_of_a_result_that_is_not_to_be_used(unit, kin
         compliance_interval=(0.0, 2e-7),
         stiffness=None,
         stiffness_interval=(5e6, None),
-        one_sided=OneSidedBounds(
-            compliance_at_least=0.0, compliance_at_most=1.6e-7, stiffness_at_least=6e6, stiffness_at_most=None
-        ),
+        stiffness_at_least=6e6,
     )
     refuted = rigid.model_copy(update={"verdict": "do_not_use"})
     assert UNITS[unit].cells(rigid)[2].startswith(("< ", "> "))
