@@ -102,7 +102,7 @@ describe("the simulated arm", () => {
 });
 
 describe("a mistake that was kept", () => {
-  const one = (label: string, state = "counts", doubtful = false) => ({ label, state, innovation: { doubtful } });
+  const one = (label: string, state = "counts", doubtful = false) => ({ label, state, doubtful });
   const mistake = (observation: string, message = "exchanged") => ({ weight: "do_not_use", observation, message });
   const state = (readings: unknown[]) =>
     ({
