@@ -58,21 +58,6 @@ class IdentifiedAxis(Message):
     )
 
 
-class SweptTarget(Message):
-    """One target of a sweep."""
-
-    name: Name
-    readings: int
-    radius: Metres[float | None] = Field(
-        description="Radius: distance from the axis; null in a sweep that turns two axes."
-    )
-    radial_rms: Metres[float | None] = Field(
-        description="Root mean square of the radial residuals; of those across the axis in a sweep that "
-        "turns two. Null without a reading."
-    )
-    axial_rms: Metres[float | None] = Field(description="Root mean square of the residuals along the axis.")
-
-
 class SweepEvidence(Message):
     """One sweep, fitted by itself."""
 
@@ -80,7 +65,13 @@ class SweepEvidence(Message):
     turned: list[Name] = Field(description="Names of the model's joints that turn.")
     positions: int
     arc: Radians[float] = Field(description="Arc covered by the readings.")
-    targets: list[SweptTarget]
+    radial_rms: Metres[dict[Name, float | None]] = Field(
+        description="Root mean square of the radial residuals by target; of those across the axis in a sweep "
+        "that turns two axes. Null without a reading."
+    )
+    axial_rms: Metres[dict[Name, float | None]] = Field(
+        description="Root mean square of the residuals along the axis by target; null without a reading."
+    )
     angle_scale: float = Field(
         description="Measured rotation of the joint over that of controller and joint map. Dimensionless."
     )
@@ -106,28 +97,6 @@ class PoseEvidence(Message):
     held_out_rms: Metres[float | None] = Field(
         description="Root mean square error of a coordinate of held-out poses, by five-fold "
         "cross-validation; null if the other poses do not determine the geometry."
-    )
-
-
-class GeometryGoodness(Message):
-    """Goodness of fit of one robot model to all readings."""
-
-    sigma: Metres[float] = Field(
-        description="Standard uncertainty of a coordinate, from which all others follow; for an instrument, "
-        "the root mean square over the readings."
-    )
-    sigma_source: Literal["stated", "residuals"]
-    degrees_of_freedom: int
-    variance_factor: float = Field(
-        description="χ²/dof: 1 on average if the stated sigma is right; 1 if it comes from the residuals. "
-        "Dimensionless."
-    )
-    agreement_probability: float | None = Field(
-        description="p-value of one robot model for all sweeps. Small: fit them one by one."
-    )
-    controller_probability: float | None = Field(
-        description="p-value of the controller's angles. Not small: `angles` = `controller` gives the better "
-        "estimate."
     )
 
 
@@ -239,7 +208,23 @@ class GeometryResult(Result):
         "sweeps disagree (finding `sweeps_disagree`). Null for poses."
     )
     poses: PoseEvidence | None = Field(description="Calibration from poses; null for sweeps.")
-    goodness: GeometryGoodness
+    sigma: Metres[float] = Field(
+        description="Standard uncertainty of a coordinate, from which all others follow; for an instrument, "
+        "the root mean square over the readings."
+    )
+    sigma_source: Literal["stated", "residuals"]
+    degrees_of_freedom: int
+    variance_factor: float = Field(
+        description="χ²/dof: 1 on average if the stated sigma is right; 1 if sigma comes from the residuals. "
+        "Dimensionless."
+    )
+    agreement_probability: float | None = Field(
+        description="p-value of one robot model for all sweeps. Small: fit the sweeps one by one."
+    )
+    controller_probability: float | None = Field(
+        description="p-value of the controller's angles. Not small: `angles` = `controller` gives the better "
+        "estimate."
+    )
     base: Literal["nominal", "axes"] = Field(description="Definition of R0.")
     transform_tracker_to_base: Rigid
     transform_covariance: MixedSquares[Square6 | None] = Field(
@@ -322,19 +307,6 @@ class JointSweep(Message):
     ] = Field(description="Positions; at least four, 10 to 20 over 90° or more are good practice.")
 
 
-class BaseTargetReadings(Message):
-    """Targets fixed to the robot's base, read twice: they show whether tracker and robot moved."""
-
-    before: BasePositions = Field(
-        description="Positions before the readings, tracker's frame, in units.length."
-    )
-    after: BasePositions | None = Field(
-        default=None,
-        description="Positions after the readings. If absent, later readings, such as those of a measurement "
-        "set in this geometry's frame, are compared with `before`.",
-    )
-
-
 _Poses = Annotated[
     list[TrackedPosition], Field(min_length=1, max_length=MAX_GEOMETRY_READINGS, fail_fast=True)
 ]
@@ -397,7 +369,22 @@ class GeometryRequest(Message):
         description="Three targets, if `flange` is `targets`: origin at the first, x towards the second, y "
         "towards the third.",
     )
-    base_targets: BaseTargetReadings | None = None
+    base_targets_before: BasePositions | None = Field(
+        default=None,
+        description="Targets fixed to the robot's base, read before the other readings; tracker's frame, in "
+        "units.length. Later readings of these targets show whether tracker and robot moved.",
+    )
+    base_targets_after: BasePositions | None = Field(
+        default=None,
+        description="The same targets, read after the other readings. If absent, later readings, such as "
+        "those of a measurement set in this geometry's frame, are compared with `base_targets_before`.",
+    )
+
+    @model_validator(mode="after")
+    def _first_reading(self) -> GeometryRequest:
+        if self.base_targets_after is not None and self.base_targets_before is None:
+            raise ValueError("give `base_targets_before` with `base_targets_after`: they are compared")
+        return self
 
     @model_validator(mode="after")
     def _one_source(self) -> GeometryRequest:

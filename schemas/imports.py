@@ -250,10 +250,9 @@ class ImportRequest(ImportOptions):
     )
 
 
-class ImportAnswer(Message):
+class ImportAnswer(ImportPreview):
     """Preview of the files, and the measurement set made from them."""
 
-    preview: ImportPreview
     faults: list[ImportFault] = Field(
         default_factory=list, description="First twenty faults; empty unless `show_faults` is set."
     )

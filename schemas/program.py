@@ -85,22 +85,6 @@ class ProcessLoad(Message):
         return self
 
 
-class ProgramLimits(Message):
-    """Limits of the corrections."""
-
-    displacement: Annotated[Quantity, Field(gt=0.0)] | None = Field(
-        default=None, description="Greatest displacement, in units.length; default: 5 mm."
-    )
-    rotation: Annotated[Quantity, Field(gt=0.0)] | None = Field(
-        default=None, description="Greatest rotation, in units.angle; default: 10 mrad."
-    )
-    ramp: Annotated[Quantity, Field(ge=0.0)] = Field(
-        default=0.0,
-        description="Length of path over which corrections increase and decrease with the load, in "
-        "units.length.",
-    )
-
-
 class ProgramOptions(AcceptingOptions, PredictionOptions):
     """Options of a compensated program."""
 
@@ -166,7 +150,17 @@ class ProgramOptions(AcceptingOptions, PredictionOptions):
         "units.angle, prismatic joints in units.length. Needed if the program does not state the arm's "
         "configuration, or if the robot has prismatic joints, which stand still there.",
     )
-    limits: ProgramLimits = Field(default_factory=ProgramLimits)
+    max_displacement: Annotated[Annotated[Quantity, Field(gt=0.0)] | None, Terminal(unit="m")] = Field(
+        default=None, description="Greatest displacement of a correction, in units.length; default: 5 mm."
+    )
+    max_rotation: Annotated[Annotated[Quantity, Field(gt=0.0)] | None, Terminal(unit="deg")] = Field(
+        default=None, description="Greatest rotation of a correction, in units.angle; default: 10 mrad."
+    )
+    ramp_length: Annotated[Quantity, Field(ge=0.0), Terminal(unit="m")] = Field(
+        default=0.0,
+        description="Length of path over which corrections increase and decrease with the load, in "
+        "units.length.",
+    )
     leave_alone: Annotated[list[Name], Field(max_length=1_000)] = Field(
         default_factory=list,
         description="Routines of the program that neither move the robot nor change its frames.",
@@ -196,7 +190,7 @@ class ProgramOptions(AcceptingOptions, PredictionOptions):
         stated = (self.load is not None) + bool(self.segments) + (self.loads is not None)
         if stated > 1 or not (stated or self.absolute):
             raise ValueError("state the load of the process: one of `load`, `segments` and `loads`")
-        if self.absolute and self.limits.ramp:
+        if self.absolute and self.ramp_length:
             raise ValueError("`absolute` corrects all of the path: no ramp")
         return self
 

@@ -156,16 +156,6 @@ class Joint(Message):
     upper: Positions[float | None] = Field(description="Upper limit of the model's joint; null if unlimited.")
 
 
-class Wrist(Message):
-    """Wrist of the robot; the decoupled method needs the last three axes to meet in one point."""
-
-    spherical: StrictBool
-    miss_distance: Metres[float | None] = Field(
-        description="Distance of the last three axes from their nearest common point; null if there is no "
-        "such point."
-    )
-
-
 class Estimate(Message):
     """A dimensionless number with its standard uncertainty."""
 
@@ -218,7 +208,13 @@ class Robot(RobotDocument, RobotSummary):
     """A stored robot. A URDF comes back reduced to the chain that is used, and re-serialised."""
 
     model: Model
-    wrist: Wrist
+    spherical_wrist: StrictBool = Field(
+        description="True if the last three axes meet in one point, as the decoupled method needs."
+    )
+    wrist_miss_distance: Metres[float | None] = Field(
+        description="Distance of the last three axes from their nearest common point; null if there is no "
+        "such point."
+    )
     geometry_id: Identifier | None = Field(
         default=None, description="Geometry of the model, if it was posted as one."
     )

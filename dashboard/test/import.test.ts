@@ -1,5 +1,5 @@
 import { describe, expect, it } from "vitest";
-import type { ImportAnswer, ImportOptions } from "../src/api/types";
+import type { ImportOptions } from "../src/api/types";
 import {
   cellOf,
   dimensionOf,
@@ -119,7 +119,7 @@ describe("what no file says", () => {
 
 describe("templates", () => {
   const template = { name: "day.csv", options: { layouts: [["label", "A1", "P10 x"]], encoders: "motor" as const } };
-  const answer = (files: FilePreview[]) => ({ files }) as ImportAnswer["preview"];
+  const answer = (files: FilePreview[]) => ({ files });
 
   it("fit files of the same headers", () => {
     expect(fits(template, answer([preview, preview]))).toBe(true);

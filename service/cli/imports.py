@@ -446,11 +446,10 @@ _HOW_TO_ANSWER: Final = (
 
 def _questions(option: str, answer: ImportAnswer) -> Iterator[tuple[str, Callable[[], object]]]:
     """Yield name and question of each option that settles something."""
-    preview = answer.preview
     if option in _QUESTIONS:
         yield option, _QUESTIONS[option]
     elif option == "flange_targets":
-        for target in preview.targets:
+        for target in answer.targets:
             text = f"{target} in the flange frame, X,Y,Z in mm"
             yield f"flange_targets.{target}", partial(_vector, text, None)
     elif option == "state_words":
@@ -459,7 +458,7 @@ def _questions(option: str, answer: ImportAnswer) -> Iterator[tuple[str, Callabl
         doubtful = answer.missing[answer.missing_fields.index("accept_unusual")].partition("right: ")[2]
         yield option, partial(typer.confirm, f"Is this right: {doubtful}?", default=False, err=True)
     elif option == "columns":
-        columns = (column for file in preview.files for column in file.columns)
+        columns = (column for file in answer.files for column in file.columns)
         for header in dict.fromkeys(column.header for column in columns if column.meaning == "unknown"):
             text = f"Meaning of column {header!r}, such as J1 [deg]"
             yield f"columns.{header}", partial(typer.prompt, text, default="ignore", err=True)
@@ -519,9 +518,8 @@ def import_report(answer: ImportAnswer) -> list[Part]:
     """Return each file with its columns, then all of them together, then what is missing."""
     from jointstiff.service.tables.table import Line, text_table
 
-    preview = answer.preview
     parts: list[Part] = []
-    for file in preview.files:
+    for file in answer.files:
         rows = [
             [
                 str(column.column),
@@ -537,14 +535,14 @@ def import_report(answer: ImportAnswer) -> list[Part]:
         head = ["", "header", "read as", "unit", "first values"]
         parts += [Line(f"{file.file}: {_dialect(file)}", "title"), text_table(head, rows, texts=[1, 2, 3, 4])]
         parts += _lines(file.assumptions, "assumed: ")
-    joints = "no joint angles" if preview.joint_count is None else f"{preview.joint_count} joints"
-    targets, states = ", ".join(preview.targets) or "none", ", ".join(preview.states) or "none"
-    more = ", …" if preview.observation_count > len(preview.first_labels) else ""
+    joints = "no joint angles" if answer.joint_count is None else f"{answer.joint_count} joints"
+    targets, states = ", ".join(answer.targets) or "none", ", ".join(answer.states) or "none"
+    more = ", …" if answer.observation_count > len(answer.first_labels) else ""
     counted = (
-        f"  {preview.observation_count} observations ({', '.join(preview.first_labels)}{more}), {joints}, "
-        f"{preview.reading_count} complete readings; targets: {targets}; states: {states}"
+        f"  {answer.observation_count} observations ({', '.join(answer.first_labels)}{more}), {joints}, "
+        f"{answer.reading_count} complete readings; targets: {targets}; states: {states}"
     )
-    parts += [Line(counted), *_lines(preview.assumptions, "assumed: ")]
+    parts += [Line(counted), *_lines(answer.assumptions, "assumed: ")]
     if answer.geometry is not None and answer.measurement_set is None:
         parts.append(
             Line(f"  complete: {len(answer.geometry.poses or ())} unloaded poses for a geometry", "good")

@@ -222,7 +222,8 @@ def _in_units_of(file: dict[str, Any], message: type[Message], stated: dict[str,
     for name, value in stated.items():
         quantity, size = sizes.get(_terminal(message.model_fields[name]).unit, ("", {}))
         unit = units.get(quantity)
-        if quantity == "angle" and unit != "deg" and unit in size and len(value) > _ARM:
+        posture = quantity == "angle" and isinstance(value, list | tuple)
+        if posture and unit != "deg" and unit in size and len(value) > _ARM:
             raise typer.BadParameter(
                 f"linear axes are not in deg, and the file of options has angles in {unit}; remedy: state "
                 f"`{name}` in that file, in its units",
@@ -399,7 +400,11 @@ def _one_of(words: Sequence[str]) -> Callable[[str], str]:
     return parse
 
 
-_SCALES: Final[Mapping[str, tuple[str, float]]] = {"m": ("mm", 1e-3), "rad": ("deg", math.pi / 180.0)}
+_SCALES: Final[Mapping[str, tuple[str, float]]] = {
+    "m": ("mm", 1e-3),
+    "rad": ("deg", math.pi / 180.0),
+    "deg": ("deg", 1.0),
+}
 """Units of the terminal for those of the API, with their sizes."""
 
 

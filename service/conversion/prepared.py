@@ -145,24 +145,25 @@ def to_base_targets(
     """
     from jointstiff.solver.geometry.frames import BaseTargets
 
-    targets = request.base_targets
-    later = after if after is not None else targets.after if targets is not None else None
-    if targets is None or later is None:
+    before = request.base_targets_before
+    where = "base_targets_after" if after is None else "frame.base_targets"
+    later = request.base_targets_after if after is None else after
+    if before is None or later is None:
         return None
-    common = [name for name in targets.before if name in later]
+    common = [name for name in before if name in later]
     if len(common) < 3:
         raise MeasurementError(
             f"only {len(common)} base targets were read both times; three are needed",
-            where="base_targets",
+            where=where,
             remedy="read at least three targets both times, with the same names",
         )
     length = LENGTH[request.units.length]
-    first = length * np.array([targets.before[name] for name in common])
+    first = length * np.array([before[name] for name in common])
     second = length * np.array([later[name] for name in common])
     covariance = np.eye(3)
     if sigma is not None and request.noise is not None and request.noise.instrument is not None:
         covariance = to_instrument(request.noise.instrument, length).covariance(first) / sigma**2
-    return BaseTargets(first, second, covariance, tuple(common))
+    return BaseTargets(first, second, covariance, tuple(common), where)
 
 
 @dataclass(frozen=True, eq=False)

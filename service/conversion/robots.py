@@ -18,9 +18,9 @@ from jointstiff.service.conversion.units import ANGLE, LENGTH
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import RequestError, RobotError
 from jointstiff.solver.mechanics.chain import KinematicChain, dh_chain
-from jointstiff.solver.mechanics.postures import Postures, find_wrist
+from jointstiff.solver.mechanics.postures import Postures
 from jointstiff.solver.mechanics.robot import Body, JointMap, Robot
-from jointstiff.solver.messages import message, rows, stated_kinds
+from jointstiff.solver.messages import rows, stated_kinds
 
 if TYPE_CHECKING:  # geometry is no part of an identification
     from jointstiff.schemas.geometry import GeometryUnits
@@ -81,14 +81,6 @@ def describe_joints(robot: Robot) -> list[robots.Joint]:
     """Return the moving joints with their limits."""
     lower, upper = robot.limits.T
     return rows(robots.Joint, name=robot.joint_names, kind=robot.joint_kinds, lower=lower, upper=upper)
-
-
-def describe_wrist(robot: Robot) -> robots.Wrist:
-    """Return whether the decoupled method applies."""
-    wrist = find_wrist(robot)
-    if wrist is None:
-        return robots.Wrist(spherical=False, miss_distance=None)
-    return message(robots.Wrist, wrist)
 
 
 def to_postures(robot: Robot, joints: list[list[float]]) -> list[Posture]:

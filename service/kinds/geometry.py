@@ -115,8 +115,8 @@ def _sweeps(sweeps: Sequence[SweepEvidence]) -> Table:
             Column("positions", [sweep.positions for sweep in sweeps]),
             Column("scale", [sweep.angle_scale for sweep in sweeps], number(".5f")),
             Column("χ²/dof", [sweep.variance_factor for sweep in sweeps], number(".2f")),
-            Column("radial", [[each.radial_rms for each in sweep.targets] for sweep in sweeps], micro),
-            Column("axial", [[each.axial_rms for each in sweep.targets] for sweep in sweeps], micro),
+            Column("radial", [list(sweep.radial_rms.values()) for sweep in sweeps], micro),
+            Column("axial", [list(sweep.axial_rms.values()) for sweep in sweeps], micro),
         ],
         title="Sweeps, each fitted separately",
         caption="residuals by target, root mean square in µm; scale: rotation of the joint over that of "
@@ -227,19 +227,16 @@ def _drift(drift: Drift) -> Line:
 
 
 def _summary(result: GeometryResult, *, details: bool) -> list[str]:
-    goodness = result.goodness
     lines = [
-        f"sigma of a coordinate {_MICRO * goodness.sigma:.1f} µm ({goodness.sigma_source}), χ²/dof "
-        f"{goodness.variance_factor:.2f} with {goodness.degrees_of_freedom} degrees of freedom"
+        f"sigma of a coordinate {_MICRO * result.sigma:.1f} µm ({result.sigma_source}), χ²/dof "
+        f"{result.variance_factor:.2f} with {result.degrees_of_freedom} degrees of freedom"
     ]
-    if goodness.agreement_probability is not None:
+    if result.agreement_probability is not None:
         fits = "does not fit" if result.fit == "one_by_one" else "fits"
-        lines.append(f"one robot {fits} all sweeps ({_chance(goodness.agreement_probability)})")
-    if goodness.controller_probability is not None:
-        fit = "fit" if goodness.controller_probability >= _CONTROLLER_LEVEL else "do not fit"
-        lines.append(
-            f"the controller's angles {fit} the readings ({_chance(goodness.controller_probability)})"
-        )
+        lines.append(f"one robot {fits} all sweeps ({_chance(result.agreement_probability)})")
+    if result.controller_probability is not None:
+        fit = "fit" if result.controller_probability >= _CONTROLLER_LEVEL else "do not fit"
+        lines.append(f"the controller's angles {fit} the readings ({_chance(result.controller_probability)})")
     if result.no_wrist is not None:
         lines.append(f"no wrist centre: {result.no_wrist}")
     if result.wrist is not None and not details:

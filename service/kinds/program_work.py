@@ -376,7 +376,7 @@ class ProgramWork(Work):
 
     @cached_property
     def _ramp(self) -> FloatArray:
-        length = LENGTH[self._request.units.length] * self._request.limits.ramp
+        length = LENGTH[self._request.units.length] * self._request.ramp_length
         return ramp_shares(self._used.model.robot, self._path.cases, length)
 
     def steps(self) -> Sequence[Span]:
@@ -457,7 +457,7 @@ class ProgramWork(Work):
         if capped:
             weight: Verdict = "do_not_use" if capped == points else "use_with_care"
             message = f"the limits reduce the corrections of {capped} of {points} points"
-            remedy = "check the load and its unit, then raise `limits`"
+            remedy = "check the load and its unit, then raise `max_displacement` or `max_rotation`"
             reasons.append(own_reason("corrections_capped", weight, message, remedy))
         if near:
             message = f"{near} of {points} points are near a singularity: joints turn by over {_TURNED:g} rad"
@@ -465,15 +465,15 @@ class ProgramWork(Work):
             reasons.append(own_reason("near_singularity", "use_with_care", message, remedy))
         if capped and self._request.accept_verdict is None:
             items = [("the program", each.message, each.remedy) for each in reasons]
-            raise VerdictError.of("a program whose corrections are held back", "limits", items)
+            raise VerdictError.of("a program whose corrections are held back", "max_displacement", items)
         return judged("program", reasons, run.assessment)
 
     def _limits(self) -> CorrectionLimits:
-        limits, units = self._request.limits, self._request.units
-        usual = CorrectionLimits()
+        request, usual = self._request, CorrectionLimits()
+        length, angle = LENGTH[request.units.length], ANGLE[request.units.angle]
         return CorrectionLimits(
-            usual.displacement if limits.displacement is None else LENGTH[units.length] * limits.displacement,
-            usual.rotation if limits.rotation is None else ANGLE[units.angle] * limits.rotation,
+            usual.displacement if request.max_displacement is None else length * request.max_displacement,
+            usual.rotation if request.max_rotation is None else angle * request.max_rotation,
         )
 
     def _result(

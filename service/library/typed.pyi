@@ -12,7 +12,6 @@ from jointstiff.schemas.deflection import LinkMass, Map, MapOptions
 from jointstiff.schemas.fields import Message
 from jointstiff.schemas.finding import NamedCause
 from jointstiff.schemas.geometry import (
-    BaseTargetReadings,
     Geometry,
     GeometryNoise,
     GeometryRequest,
@@ -34,7 +33,7 @@ from jointstiff.schemas.plan import (
     PlanOptions,
     Surroundings,
 )
-from jointstiff.schemas.program import ProcessLoad, Program, ProgramFrame, ProgramLimits, ProgramOptions
+from jointstiff.schemas.program import ProcessLoad, Program, ProgramFrame, ProgramOptions
 from jointstiff.schemas.robot import JointMap, RobotDocument
 from jointstiff.service.library.campaigns import Numbers
 from jointstiff.service.library.cases import AnyPostures
@@ -99,7 +98,8 @@ class GeometryFields(TypedDict, total=False):
     base_height: float
     flange: Literal["nominal", "axes", "targets"] | None
     flange_targets: Sequence[str] | None
-    base_targets: BaseTargetReadings | Mapping[str, Any] | None
+    base_targets_before: Mapping[str, Vector] | None
+    base_targets_after: Mapping[str, Vector] | None
 
 class PlanFields(TypedDict, total=False):
     work_area: Matrix | None
@@ -164,7 +164,9 @@ class CompensateFields(TypedDict, total=False):
     flange: Vector | None
     tool_x: Vector | None
     start: Vector | None
-    limits: ProgramLimits | Mapping[str, Any]
+    max_displacement: float | None
+    max_rotation: float | None
+    ramp_length: float
     leave_alone: Sequence[str]
     leave_others: bool
     external_axes: Literal["carry_nothing"] | None

@@ -93,7 +93,7 @@ def import_files(
     if faults and not request.show_faults:
         raise ImportRefusedError(faults)
     return ImportAnswer(
-        preview=understood.preview,
+        **dict(understood.preview),
         faults=[
             ImportFault(
                 **fault.place._asdict(),

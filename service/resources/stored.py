@@ -34,7 +34,7 @@ from jointstiff.service.conversion.prepared import (
     without,
 )
 from jointstiff.service.conversion.readings import ReadingArrays, hash_of, to_measurements
-from jointstiff.service.conversion.robots import describe_joints, describe_wrist
+from jointstiff.service.conversion.robots import describe_joints
 from jointstiff.service.conversion.units import LENGTH
 from jointstiff.service.problems import NotFoundError, Resource
 from jointstiff.service.resources.inputs import MeasuredRun
@@ -52,6 +52,7 @@ from jointstiff.service.store.tables import (
 from jointstiff.solver.errors import MeasurementError, RequestError
 from jointstiff.solver.geometry.identification import drift_findings
 from jointstiff.solver.integrity.other_robots import KnownRobot
+from jointstiff.solver.mechanics.postures import find_wrist
 from jointstiff.solver.mechanics.robot import Robot
 
 AnyJob = TypeVar("AnyJob", bound=Job)
@@ -126,13 +127,14 @@ class Robots(Kept[RobotRecord, RobotRecord, tuple[Robot, str]]):
         document, origin = self._described(request)
         prepared = prepare_robot(document)
         checked, robot = prepared.document, prepared.robot
-        created_at = datetime.now(UTC)
+        wrist, created_at = find_wrist(robot), datetime.now(UTC)
         stored = robots.Robot(
             **checked.model_dump(exclude={"model"}),
             model=checked.model,
             id=uuid4().hex,
             joints=describe_joints(robot),
-            wrist=describe_wrist(robot),
+            spherical_wrist=wrist is not None and wrist.spherical,
+            wrist_miss_distance=None if wrist is None else wrist.miss_distance,
             **origin,
             content_hash=prepared.content_hash,
             created_at=created_at,
@@ -428,16 +430,16 @@ def _drift(
     """Return what moved between the geometry and the set."""
     factor = LENGTH[request.units.length] / LENGTH[geometry.units.length]
     later = {name: (factor * x, factor * y, factor * z) for name, (x, y, z) in after.items()}
-    read = to_base_targets(geometry, result.goodness.sigma, later)
+    read = to_base_targets(geometry, result.sigma, later)
     if read is None:
         raise MeasurementError(
             "the geometry has no base targets to compare with",
             where="frame.base_targets",
-            remedy="omit them, or give `base_targets.before` with the geometry",
+            remedy="omit them, or give `base_targets_before` with the geometry",
         )
     places = [r.unloaded for o in request.observations for r in o.readings if r.unloaded is not None]
     middle = LENGTH[request.units.length] * np.mean(places, axis=0) if places else read.after.mean(axis=0)
-    drift = read.drift(result.goodness.sigma, middle)
+    drift = read.drift(result.sigma, middle)
     warnings = [
         finding.model_copy(
             update={

@@ -192,6 +192,7 @@ class BaseTargets:
     after: FloatArray  #: (B, 3) later
     covariance: FloatArray  #: (3, 3) or (B, 3, 3) of one reading in units of sigma²
     names: tuple[str, ...]  #: (B,) names of the targets
+    where: str = "base_targets_after"  #: field of the request that has the later readings
 
     def drift(self, sigma: float, at: FloatArray) -> Drift:
         """Fit the rigid motion ``after = R before + t`` of the base by maximum likelihood.
@@ -208,7 +209,7 @@ class BaseTargets:
         if spread[1] <= _COLLINEAR * spread[0]:
             raise MeasurementError(
                 "the base targets lie on a line, so a rotation about that line cannot be determined",
-                where="base_targets",
+                where=self.where,
                 remedy="place the targets so that they form a triangle",
             )
         W = np.broadcast_to(whitener(2.0 * sigma**2 * self.covariance), (len(before), 3, 3))
@@ -219,7 +220,7 @@ class BaseTargets:
             lambda motion: np.asarray((W @ (after - transformed(motion, before))[..., None]).ravel()),
             lambda motion: np.asarray((W @ by_small_motion(transformed(motion, before))).reshape(-1, 6)),
             lambda motion, step: pin.exp6(step) * motion,
-            where="base_targets",
+            where=self.where,
         )
         left, unmoved = linear.residual, (W @ (after - before)[..., None]).ravel()
         probability = float(special.chdtrc(6, max(float(unmoved @ unmoved) - linear.rss, 0.0)))

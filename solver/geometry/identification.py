@@ -355,7 +355,7 @@ def drift_findings(drift: results.Drift, targets: BaseTargets) -> Iterator[Findi
         spread = float(np.sqrt(direction @ drift.displacement_covariance @ direction))
         yield _finding(
             "base_drifted",
-            "base_targets",
+            targets.where,
             "between the two readings of the base targets, tracker and robot base moved relative to "
             f"each other by {length_text(size)} ± {length_text(spread)} at the robot, and turned by "
             f"{np.linalg.norm(drift.rotation) * 1e6:.0f} µrad",
@@ -367,7 +367,7 @@ def drift_findings(drift: results.Drift, targets: BaseTargets) -> Iterator[Findi
         left = float(np.linalg.norm(returned - targets.before[which]))
         yield _finding(
             "base_target_moved",
-            f"base_targets.after.{target}",
+            f"{targets.where}.{target}",
             f"this base target moved relative to the others, by about {length_text(left)}",
             "omit it, and attach it more firmly",
         )
@@ -472,19 +472,23 @@ def identify_from_sweeps(
         of_wrist = np.array(joints, dtype=int) >= sweeps.joint_map.n - WRIST_JOINTS
         wrist_axes = _widened(chosen, columns[:, of_wrist])
     names = joint_names(nominal, sweeps.joint_map.n)
-    evidence = [
-        SweepEvidence(
-            joint=one.sweep.name,
-            turned=[names[index] for index in sweeps.turning(one.sweep)],
-            positions=len(one.sweep),
-            arc=one.arc,
-            targets=one.targets(sweeps.targets),
-            angle_scale=one.angle_scale,
-            angle_deviation=np.sqrt(np.mean(one.angle_deviation**2)) if one.angle_deviation.any() else None,
-            variance_factor=one.variance_factor,
+    evidence = []
+    for one in alone.fits:
+        radial, axial = one.residual_rms()
+        deviation = np.sqrt(np.mean(one.angle_deviation**2)) if one.angle_deviation.any() else None
+        evidence.append(
+            SweepEvidence(
+                joint=one.sweep.name,
+                turned=[names[index] for index in sweeps.turning(one.sweep)],
+                positions=len(one.sweep),
+                arc=one.arc,
+                radial_rms=dict(zip(sweeps.targets, radial, strict=True)),
+                axial_rms=dict(zip(sweeps.targets, axial, strict=True)),
+                angle_scale=one.angle_scale,
+                angle_deviation=deviation,
+                variance_factor=one.variance_factor,
+            )
         )
-        for one in alone.fits
-    ]
     result = _result(
         identified,
         conventions,
@@ -495,10 +499,14 @@ def identify_from_sweeps(
         findings=(*geometry_findings(alone, together), *agreement_findings(agreement)),
         base_targets=base_targets,
     )
-    tested = {"controller_probability": controller, "agreement_probability": agreement}
-    goodness = result.goodness.model_copy(update=tested)
-    used = "one_by_one" if chosen is alone else "together"
-    return result.model_copy(update={"sweeps": evidence, "fit": used, "goodness": goodness})
+    return result.model_copy(
+        update={
+            "sweeps": evidence,
+            "fit": "one_by_one" if chosen is alone else "together",
+            "controller_probability": controller,
+            "agreement_probability": agreement,
+        }
+    )
 
 
 def identify_from_poses(
@@ -576,14 +584,12 @@ def _result(
         sweeps=[],
         fit=None,
         poses=None if calibrated is None else calibrated.evidence,
-        goodness=results.GeometryGoodness(
-            sigma=identified.sigma,
-            sigma_source="residuals" if by_residuals else "stated",
-            variance_factor=identified.variance_factor,
-            degrees_of_freedom=identified.dof,
-            controller_probability=None,
-            agreement_probability=None,
-        ),
+        sigma=identified.sigma,
+        sigma_source="residuals" if by_residuals else "stated",
+        degrees_of_freedom=identified.dof,
+        variance_factor=identified.variance_factor,
+        agreement_probability=None,
+        controller_probability=None,
         base=conventions.base,
         transform_tracker_to_base=message(results.Rigid, base.transform_tracker_to_base),
         transform_covariance=identified.covariances(base.jacobian, 6)[0],

@@ -40,7 +40,6 @@ import pinocchio as pin
 from scipy import special
 from scipy.linalg import helmert
 
-from jointstiff.schemas.geometry import SweptTarget
 from jointstiff.solver.arrays import BoolArray, FloatArray, cross
 from jointstiff.solver.errors import MeasurementError
 from jointstiff.solver.geometry.poses import (
@@ -252,23 +251,21 @@ class AxisFit:
         """χ²/dof: 1 on average if the stated sigma is right; exactly 1 where sigma was not stated."""
         return self.linear.rss / (self.dof * self.sigma**2)
 
-    def targets(self, names: Sequence[str]) -> list[SweptTarget]:
-        """Return the evidence by target (T,), by these names."""
+    def residual_rms(self) -> tuple[list[float | None], list[float | None]]:
+        """Return the root mean square of the radial and of the axial residuals by target, (T,) [m]."""
         residuals = self.residuals @ self.axis.frame
         arms = (self.sweep.points - self.residuals - self.axis.point) @ self.axis.frame
-        targets = []
-        for t, name in enumerate(names):
-            rows, radius = self.sweep.present[:, t], None
+        radial: list[float | None] = []
+        axial: list[float | None] = []
+        for t in range(residuals.shape[1]):
+            rows = self.sweep.present[:, t]
             across, along = residuals[rows, t, :2], residuals[rows, t, 2]
             if self.outer is None and rows.any():
                 lengths = np.linalg.norm(arms[rows, t, :2], axis=1)
                 across = np.sum(arms[rows, t, :2] * across, axis=1) / np.maximum(lengths, 1e-300)
-                radius = float(lengths.mean())
-            radial, axial = (np.sqrt(np.mean(p**2)) if p.size else None for p in (across, along))
-            targets.append(
-                SweptTarget(name=name, readings=len(along), radius=radius, radial_rms=radial, axial_rms=axial)
-            )
-        return targets
+            for rms, parts in ((radial, across), (axial, along)):
+                rms.append(float(np.sqrt(np.mean(parts**2))) if parts.size else None)
+        return radial, axial
 
 
 def fit_axis(

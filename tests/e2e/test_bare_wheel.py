@@ -29,7 +29,7 @@ cases = js.predict(run, "examples/postures.csv", load_point=(0.0, 0.0, 0.12)).ca
 imported = js.import_files("examples/readings.csv", encoders="motor", load_point=(0.0, 0.0, 0.12))
 for name in ("model.mjcf", "model.csv", "report.html"):
     run.save(name)
-print(json.dumps([[job.state for job in jobs], len(cases) > 0, imported.preview.files[0].file]))
+print(json.dumps([[job.state for job in jobs], len(cases) > 0, imported.files[0].file]))
 """
 DOORS = {
     "serve": "service",

@@ -164,12 +164,12 @@ def understood(*files: tuple[str, Any], robot: Any = None, **options: Any) -> No
         print("fault:", *plain(fault).values(), sep=" | ")
     if answer.faults:
         return
-    for each in answer.preview.files:
+    for each in answer.files:
         print(f"{each.file}: {each.format}; {', '.join(map(_meaning, each.columns))}")
         print(*(f"  {note}" for note in each.assumptions), sep="\n")
     rest = plain(answer)
     rest.pop("template", None)
-    rest["preview"].pop("files")
+    rest.pop("files")
     print(printed(rest))
 
 

@@ -2,7 +2,7 @@
 import type { ImportAnswer, ImportOptions } from "../api/types";
 import { isFields, parsed } from "./json";
 
-export type FilePreview = ImportAnswer["preview"]["files"][number];
+export type FilePreview = ImportAnswer["files"][number];
 export type ColumnMeaning = FilePreview["columns"][number];
 export type ImportFault = ImportAnswer["faults"][number];
 type Dimension = keyof typeof UNITS;
@@ -122,9 +122,9 @@ export interface Template {
 const MOST = 20;
 
 /** Whether files have the headers that a template was made of. */
-export function fits(template: Template, preview: ImportAnswer["preview"]): boolean {
+export function fits(template: Template, { files }: Pick<ImportAnswer, "files">): boolean {
   const layouts = new Set((template.options.layouts ?? []).map((layout) => JSON.stringify(layout)));
-  const read = preview.files.map((file) => JSON.stringify(file.columns.map((column) => column.header)));
+  const read = files.map((file) => JSON.stringify(file.columns.map((column) => column.header)));
   return layouts.size > 0 && read.length > 0 && read.every((layout) => layouts.has(layout));
 }
 

@@ -143,10 +143,10 @@ function FrameForm({ frame, change, robot, length }: FrameProps) {
 
 /** What was read of the files, column by column, and what is wrong with it. */
 function ImportContent({ answer, files, options, change }: ImportProps & { files: File[] }) {
-  const { preview, faults } = answer;
-  const groups = useMemo(() => meaningsFor(preview.files, preview.targets), [answer]);
-  const named = new Set(preview.files.map(({ file }) => file));
-  const offered = useMemo(() => keptTemplates().find((one) => fits(one, preview)), [answer]);
+  const { faults } = answer;
+  const groups = useMemo(() => meaningsFor(answer.files, answer.targets), [answer]);
+  const named = new Set(answer.files.map(({ file }) => file));
+  const offered = useMemo(() => keptTemplates().find((one) => fits(one, answer)), [answer]);
   const inUse = (options.layouts ?? []).length > 0;
   return (
     <>
@@ -166,7 +166,7 @@ function ImportContent({ answer, files, options, change }: ImportProps & { files
       )}
       <FaultList faults={faults.filter(({ file }) => file === null || !named.has(file))} />
       <ImportReading {...{ answer, files, options, change }} />
-      {preview.files.map((one) => (
+      {answer.files.map((one) => (
         <ImportTable
           key={one.file}
           preview={one}
@@ -176,7 +176,7 @@ function ImportContent({ answer, files, options, change }: ImportProps & { files
           groups={groups}
         />
       ))}
-      <Assumptions of={preview.assumptions} />
+      <Assumptions of={answer.assumptions} />
     </>
   );
 }
@@ -275,7 +275,7 @@ export function ImportFlow({ opened: { files, template }, robot: asked, take }: 
   const framed = Object.values(frame).some(Boolean);
   const request = { ...sent(options), ...(robot && !framed ? { robot_id: robot } : {}) };
   const { answer, problem, busy } = useImport(files, request);
-  useEffect(() => setJoints(answer?.preview.joint_count ?? null), [answer]);
+  useEffect(() => setJoints(answer?.joint_count ?? null), [answer]);
   const set = answer?.measurement_set ?? null;
   const bodies = answer?.bodies ?? [];
   const mass = bodies.reduce((sum, body) => sum + body.mass, 0);
@@ -364,7 +364,7 @@ async function withBodies(id: string, bodies: ImportAnswer["bodies"]): Promise<s
 
 /** The unit of length of the files' columns; inches come as mm. */
 function lengthOfFiles(answer: ImportAnswer | null): string | null {
-  const columns = answer?.preview.files.flatMap((file) => file.columns) ?? [];
+  const columns = answer?.files.flatMap((file) => file.columns) ?? [];
   const unit = columns.find(({ meaning }) => dimensionOf(meaning) === "length")?.unit ?? null;
   return unit === "in" ? "mm" : unit;
 }
@@ -372,7 +372,7 @@ function lengthOfFiles(answer: ImportAnswer | null): string | null {
 /** Why it cannot be identified yet. */
 function lackOf(answer: ImportAnswer | null, robot: string): string | null {
   if (!answer) return null;
-  if (answer.preview.files.some(({ columns }) => columns.some(({ meaning }) => meaning === UNKNOWN))) {
+  if (answer.files.some(({ columns }) => columns.some(({ meaning }) => meaning === UNKNOWN))) {
     return words.columnsFirst;
   }
   if (answer.faults.length > 0) return words.faultsFirst(answer.faults.length);

@@ -343,8 +343,7 @@ function RobotPage({ robot, changed }: { robot: Robot; changed: () => void }) {
 }
 
 function Kinematics({ robot }: { robot: Robot }) {
-  const { wrist } = robot;
-  const miss = wrist.miss_distance;
+  const miss = robot.wrist_miss_distance;
   return (
     <>
       {robot.nominal_arm && <p class="note warn">{words.nominalNote}</p>}
@@ -358,7 +357,7 @@ function Kinematics({ robot }: { robot: Robot }) {
           },
           {
             label: words.wrist,
-            value: wrist.spherical
+            value: robot.spherical_wrist
               ? words.spherical
               : miss === null
                 ? words.noCentre

@@ -16,33 +16,31 @@ const column = (number: number, header: string, meaning: string, unit: string | 
 function answerTo(options: Record<string, unknown>) {
   const named = "Achsw" in ((options["columns"] as object | undefined) ?? {});
   return {
-    preview: {
-      files: [
-        {
-          file: "day.csv",
-          format: "text",
-          sheet: null,
-          encoding: "utf-8",
-          delimiter: "semicolon",
-          decimal_mark: "point",
-          columns: [
-            column(1, "label", "name"),
-            column(2, "Achsw", named ? "joint 1" : "unknown", named ? "deg" : null),
-            column(3, "theta2_deg", "joint 2", "deg"),
-          ],
-          row_count: 9,
-          first_rows: [["c01", "12.5", "3"]],
-          assumptions: ["2 rows above the header were taken for titles"],
-          header_lines: [3],
-          first_lines: [4],
-          fault_rows: [["c03", "4", "1.2.3"]],
-          fault_lines: [6],
-        },
-      ],
-      targets: [],
-      joint_count: null,
-      assumptions: [],
-    },
+    files: [
+      {
+        file: "day.csv",
+        format: "text",
+        sheet: null,
+        encoding: "utf-8",
+        delimiter: "semicolon",
+        decimal_mark: "point",
+        columns: [
+          column(1, "label", "name"),
+          column(2, "Achsw", named ? "joint 1" : "unknown", named ? "deg" : null),
+          column(3, "theta2_deg", "joint 2", "deg"),
+        ],
+        row_count: 9,
+        first_rows: [["c01", "12.5", "3"]],
+        assumptions: ["2 rows above the header were taken for titles"],
+        header_lines: [3],
+        first_lines: [4],
+        fault_rows: [["c03", "4", "1.2.3"]],
+        fault_lines: [6],
+      },
+    ],
+    targets: [],
+    joint_count: null,
+    assumptions: [],
     faults: [
       ...(named
         ? []

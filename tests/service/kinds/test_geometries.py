@@ -153,7 +153,6 @@ class TestRobots:
         geometry = made(parts, sweeps(cell), robot_id=nominal)
         result = geometry.result
         assert [sweep.turned for sweep in result.sweeps][1] == ["joint_2", "joint_3"]
-        assert result.sweeps[1].targets[0].radius is None
         record = parts.robots.create(from_geometry(geometry.id), None)
         robot = parts.robots.load(record.id)[0]
         assert json.loads(record.document)["geometry_id"] == geometry.id
@@ -196,10 +195,10 @@ class TestFindings:
             ]
         together = made(parts, document).result
         assert "sweeps_disagree" in {finding.code for finding in together.findings}
-        assert together.goodness.agreement_probability < 1e-6
+        assert together.agreement_probability < 1e-6
         assert together.fit == "one_by_one"
         alone = made(parts, document, fit="one_by_one").result
-        assert alone.goodness.agreement_probability is None
+        assert alone.agreement_probability is None
         assert {finding.code for finding in alone.findings} == {"wrist_centres_disagree"}
         assert together.axes == alone.axes
         assert together.transform_tracker_to_base == alone.transform_tracker_to_base
@@ -222,9 +221,9 @@ class TestFindings:
             "range": {"constant": 10e-6, "per_distance": 0.0},
             "transverse": {"constant": 40e-6, "per_distance": 0.0},
         }
-        goodness = made(parts, document, noise={"instrument": sheet}).result.goodness
-        assert goodness.variance_factor == pytest.approx(1.0, abs=0.2)
-        assert goodness.sigma == pytest.approx(np.sqrt((2 * 40**2 + 10**2) / 3) * 1e-6, rel=1e-6)
+        result = made(parts, document, noise={"instrument": sheet}).result
+        assert result.variance_factor == pytest.approx(1.0, abs=0.2)
+        assert result.sigma == pytest.approx(np.sqrt((2 * 40**2 + 10**2) / 3) * 1e-6, rel=1e-6)
 
 
 def test_a_joint_that_never_turned_is_named(parts):
@@ -248,22 +247,22 @@ class TestDrift:
     def test_within_the_sweeps(self, parts):
         cell, rng = TrackedArm(), np.random.default_rng(2)
         before = base_readings(cell, rng)
-        still = made(parts, sweeps(cell), base_targets={"before": before, "after": base_readings(cell, rng)})
+        still = made(
+            parts, sweeps(cell), base_targets_before=before, base_targets_after=base_readings(cell, rng)
+        )
         assert not still.result.drift.significant
         moved = base_readings(cell, rng, self.MOTION)
         moved["B4"] = [moved["B4"][0] + 1e-3, *moved["B4"][1:]]
-        drift = made(parts, sweeps(cell), base_targets={"before": before, "after": moved}).result
+        drift = made(parts, sweeps(cell), base_targets_before=before, base_targets_after=moved).result
         assert drift.drift.significant
         assert drift.drift.moved_targets == ["B4"]
         codes = {finding.code: finding.where for finding in drift.findings}
-        assert codes == {"base_drifted": "base_targets", "base_target_moved": "base_targets.after.B4"}
+        assert codes == {"base_drifted": "base_targets_after", "base_target_moved": "base_targets_after.B4"}
 
     def test_is_removed_from_a_later_set(self, parts):
         cell, rng = TrackedArm(), np.random.default_rng(3)
         nominal = robot_id(parts)
-        geometry = made(
-            parts, sweeps(cell), robot_id=nominal, base_targets={"before": base_readings(cell, rng)}
-        )
+        geometry = made(parts, sweeps(cell), robot_id=nominal, base_targets_before=base_readings(cell, rng))
         assert geometry.result.drift is None
         document = simulate_campaign(default_arm(), load="pull", sigma=1e-9, seed=3)["measurement_set"]
         R, t = self.MOTION
@@ -278,7 +277,7 @@ class TestDrift:
         gaps = [np.abs(parts.sets.prepared(one).measurements.position - truth).max() for one in sets]
         assert gaps[0] < 120e-6 < 250e-6 < gaps[1]
         warnings = parts.sets.document(sets[0]).warnings
-        assert "base_drifted" in {warning.code for warning in warnings}
+        assert ("base_drifted", "frame.base_targets") in {(each.code, each.where) for each in warnings}
 
 
 class TestFrames:

@@ -346,10 +346,10 @@ ABSURD = {
     "map, joint without a number": lambda _, less: js.map(less, force=(0, 500, 0), **AREA),
     "program, kN for N": lambda run, _: js.compensate(run, POCKET, force=KILONEWTONS, **MILLING),
     "program, all capped": lambda run, _: js.compensate(
-        run, POCKET, force=(0, 0, -500), limits={"displacement": 1e-4}, **MILLING
+        run, POCKET, force=(0, 0, -500), max_displacement=1e-4, **MILLING
     ),
     "program, all capped, accepted": lambda run, _: js.compensate(
-        run, POCKET, force=(0, 0, -500), limits={"displacement": 1e-4}, **MILLING, **ACCEPTED
+        run, POCKET, force=(0, 0, -500), max_displacement=1e-4, **MILLING, **ACCEPTED
     ),
     "program, nothing to correct": lambda run, _: js.compensate(run, POCKET, force=(0, 0, 0), **MILLING),
     "plan, joint without a load": lambda *_: js.plan(BY_WEIGHTS, readings=4, candidates=100),

@@ -143,7 +143,7 @@ def test_the_frames_of_the_controller():
 
 def test_steps_give_the_same_program():
     text = program_text("krl", tool_poses(path(30)), 4)
-    work = work_of("krl", text, limits={"ramp": 20.0})
+    work = work_of("krl", text, ramp_length=20.0)
     whole = work.conclude(())
     parts = [unpack(pack(work.compute(span))) for span in ((0, 7), (7, 9), (9, 30))]
     assert work.conclude(parts) == whole

@@ -311,8 +311,8 @@ def test_gear_errors_in_poses_widen_the_uncertainties_and_are_said():
     truth = read_urdf(urdf_text(cell.arm), "base_link", "flange")
     found = identify_from_poses(worn(cell, 60), Conventions("nominal", "nominal"), nominal=truth)
     assert "residuals_exceed_sigma" in {finding.code for finding in found.findings}
-    assert found.goodness.sigma_source == "residuals"
-    assert found.goodness.sigma > 2 * SIGMA
+    assert found.sigma_source == "residuals"
+    assert found.sigma > 2 * SIGMA
     ratios = [link.difference / link.standard_uncertainty for link in found.links if link.unit == "m"]
     assert np.abs(ratios).max() < 4.0
 

@@ -234,10 +234,13 @@ def test_exact_readings_give_the_axis_to_rounding(joint, angles):
     assert np.abs(fit.residuals).max() < 1e-12
     assert fit.arc == pytest.approx(np.radians(90.0), abs=1e-9)
     posture = CELL.arm.posture(HOME)
-    for t, target in enumerate(fit.targets(NAMES)):
-        point = posture.point_to_base(TARGETS[t]) - posture.axis_points[joint]
+    radii = np.linalg.norm((fit.target_points - fit.axis.point) @ fit.axis.frame[:, :2], axis=1)
+    for radius, target in zip(radii, TARGETS, strict=True):
+        point = posture.point_to_base(target) - posture.axis_points[joint]
         along = point @ posture.axis_directions[joint]
-        assert target.radius == pytest.approx(np.sqrt(point @ point - along**2), abs=1e-9)
+        assert radius == pytest.approx(np.sqrt(point @ point - along**2), abs=1e-9)
+    radial, axial = fit.residual_rms()
+    assert [*radial, *axial] == pytest.approx([0.0] * 6, abs=1e-12)
 
 
 @pytest.mark.parametrize("draws", [80, pytest.param(300, marks=pytest.mark.slow)])
@@ -294,12 +297,3 @@ class TestFlags:
         assert length_in(suspect.message) == pytest.approx(2.2e-4, rel=0.4)
         found = self.displaced(made(2, -40.0, 60.0), 6, CELL.rotation @ [0.0, 4e-4, 0.0])
         assert found[0].code == "position_suspect"
-
-    def test_a_radius_is_that_of_the_fitted_circle_whatever_one_reading_says(self):
-        sweep = made(4, -60.0, 60.0)
-        points = sweep.points.copy()
-        points[6, 1] += [3e-2, 0.0, 1e-2]
-        fit = fitted(replace(sweep, points=points))
-        across = (fit.target_points - fit.axis.point) @ fit.axis.frame[:, :2]
-        radii = [target.radius for target in fit.targets(NAMES)]
-        np.testing.assert_allclose(radii, np.linalg.norm(across, axis=1), rtol=1e-9)
