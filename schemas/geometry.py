@@ -25,19 +25,12 @@ from jointstiff.schemas.fields import (
 )
 from jointstiff.schemas.finding import Assessment, Finding, ResultSummary
 from jointstiff.schemas.job import Job, Result
-from jointstiff.schemas.measurement import AngleUnit, Instrument, LengthUnit, Sigma
+from jointstiff.schemas.measurement import AngleUnit, Instrument, LengthUnit, Rigid, Sigma
 from jointstiff.schemas.robot import MAX_JOINTS, DhRow, JointMap, RobotDocument
 
 Square6 = Annotated[
     list[Annotated[list[float], Field(min_length=6, max_length=6)]], Field(min_length=6, max_length=6)
 ]
-
-
-class Rigid(Message):
-    """Transform of coordinates x to another frame: ``rotation x + translation``."""
-
-    rotation: Dimensionless[Square3] = Field(description="Rotation matrix, row by row. Dimensionless.")
-    translation: Metres[Point]
 
 
 class IdentifiedAxis(Message):

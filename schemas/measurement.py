@@ -22,9 +22,11 @@ from jointstiff.schemas.fields import (
     Message,
     Metres,
     Name,
+    Point,
     Quantity,
     Radians,
     ResourceChange,
+    Square3,
     Timestamp,
     Vector3,
 )
@@ -247,6 +249,13 @@ class Frame(Message):
         if self.base_targets is not None and self.geometry_id is None:
             raise ValueError("give `geometry_id` with `base_targets`: they are compared with the geometry's")
         return self
+
+
+class Rigid(Message):
+    """Transform of coordinates x to another frame: ``rotation x + translation``."""
+
+    rotation: Dimensionless[Square3] = Field(description="Rotation matrix, row by row. Dimensionless.")
+    translation: Metres[Point]
 
 
 class ResolvedFrame(Message):
@@ -569,5 +578,23 @@ class MeasurementSetSummary(StoredSet):
 class StoredMeasurementSet(MeasurementSetHeader, StoredSet):
     """A stored measurement set without its observations."""
 
-    resolved_frame: ResolvedFrame | None = Field(default=None, description="Resolved `frame`.")
+    resolved_frame: Rigid | None = Field(
+        default=None,
+        description="Transform from tracker to R0 that `frame` stood for when the set was stored.",
+    )
+    geometry_targets: Metres[dict[Name, Vector3]] = Field(
+        default_factory=dict,
+        description="Targets of the geometry of `frame` in the flange frame, which place those that the set "
+        "does not; empty if the geometry has another flange frame.",
+    )
     warnings: list[Finding]
+
+    @property
+    def resolved(self) -> ResolvedFrame | None:
+        """What its frame means, with the targets; None if all is in R0."""
+        frame = self.resolved_frame
+        if frame is None:
+            return None
+        return ResolvedFrame(
+            rotation=frame.rotation, translation=frame.translation, flange_targets=self.geometry_targets
+        )

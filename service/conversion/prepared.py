@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -19,6 +19,7 @@ from jointstiff.schemas.measurement import (
     Noise,
     Observation,
     ResolvedFrame,
+    Rigid,
 )
 from jointstiff.schemas.robot import CatalogueModel, DhModel, GeometryModel, RobotDocument, UrdfModel
 from jointstiff.schemas.run import RunRequest
@@ -72,6 +73,14 @@ def stated_transform(frame: Frame, length: float) -> pin.SE3:
 def to_resolved(transform: pin.SE3, flange_targets: dict[str, Vector3] | None = None) -> ResolvedFrame:
     """Return what a frame means, to be stored with its set."""
     return message(ResolvedFrame, transform, flange_targets=flange_targets or {})
+
+
+def placed(resolved: ResolvedFrame | None) -> dict[str, Any]:
+    """Return the fields of a stored set that say what its frame means."""
+    if resolved is None:
+        return {}
+    frame = Rigid(rotation=resolved.rotation, translation=resolved.translation)
+    return {"resolved_frame": frame, "geometry_targets": resolved.flange_targets}
 
 
 def in_base(

@@ -25,6 +25,7 @@ from jointstiff.schemas.measurement import (
 )
 from jointstiff.schemas.plan import AnyDirection, DeadWeight, Plan, PlanResult, ReadingOptions
 from jointstiff.schemas.run import RunRequest
+from jointstiff.service.conversion.prepared import placed
 from jointstiff.service.live.campaign import Declared, Entry, LiveCampaign
 from jointstiff.service.live.declaration import completed
 from jointstiff.service.problems import NotFoundError, TakenError
@@ -149,7 +150,7 @@ class OpenSets:
         fields = {name: getattr(declared.header, name) for name in MeasurementSetHeader.model_fields}
         return live.MeasurementSet(
             **fields,
-            resolved_frame=declared.resolved,
+            **placed(declared.resolved),
             warnings=list(declared.noticed),
             content_hash=None,
             id=set_id,

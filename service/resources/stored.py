@@ -16,10 +16,10 @@ from jointstiff.schemas import measurement as messages
 from jointstiff.schemas import robot as robots
 from jointstiff.schemas.fields import ResourceChange, Vector3
 from jointstiff.schemas.finding import Finding, FindingCode
-from jointstiff.schemas.geometry import Drift, Geometry, GeometryRequest, GeometryResult, Rigid
+from jointstiff.schemas.geometry import Drift, Geometry, GeometryRequest, GeometryResult
 from jointstiff.schemas.job import Job
 from jointstiff.schemas.live import MeasurementSet
-from jointstiff.schemas.measurement import Frame, MeasurementSetRequest, ResolvedFrame, SetMetadata
+from jointstiff.schemas.measurement import Frame, MeasurementSetRequest, ResolvedFrame, Rigid, SetMetadata
 from jointstiff.schemas.run import Run
 from jointstiff.service.conversion.catalogue import find_arm
 from jointstiff.service.conversion.prepared import (
@@ -27,6 +27,7 @@ from jointstiff.service.conversion.prepared import (
     build_robot,
     check_set,
     in_base,
+    placed,
     prepare_robot,
     stated_transform,
     to_base_targets,
@@ -268,7 +269,7 @@ class MeasurementSets(Kept[MeasurementSetRecord, MeasurementSetEntry, PreparedSe
         stored = messages.StoredMeasurementSet(
             **request.model_dump(exclude={"observations", "open"}),
             id=identifier or uuid4().hex,
-            resolved_frame=resolved,
+            **placed(resolved),
             warnings=checked.warnings,
             content_hash=checked.content_hash,
             created_at=datetime.now(UTC),
@@ -318,7 +319,7 @@ class MeasurementSets(Kept[MeasurementSetRecord, MeasurementSetEntry, PreparedSe
         checked = check_set(
             stored.model_copy(update={"observations": kept}),
             robot,
-            stored.resolved_frame,
+            stored.resolved,
             noticed,
             self._robots.known(),
         )
@@ -332,7 +333,7 @@ class MeasurementSets(Kept[MeasurementSetRecord, MeasurementSetEntry, PreparedSe
         robot, robot_hash = self._robots.load(stored.robot_id)
         return PreparedSet(
             robot=robot,
-            measurements=to_measurements(*in_base(stored, readings, stored.resolved_frame), robot),
+            measurements=to_measurements(*in_base(stored, readings, stored.resolved), robot),
             warnings=stored.warnings,
             robot_id=stored.robot_id,
             content=hash_of(robot_hash, record.content_hash),

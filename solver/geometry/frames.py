@@ -56,11 +56,11 @@ from jointstiff.schemas.geometry import (
     Drift,
     IdentifiedDh,
     LinkComparison,
-    Rigid,
     WristCentre,
     WristDistance,
     WristResult,
 )
+from jointstiff.schemas.measurement import Rigid
 from jointstiff.schemas.robot import DhRow
 from jointstiff.solver.arrays import BoolArray, FloatArray, cross
 from jointstiff.solver.errors import MeasurementError, RobotError

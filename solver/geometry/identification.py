@@ -25,6 +25,7 @@ from scipy import special
 from jointstiff.schemas import geometry as results
 from jointstiff.schemas.finding import Assessment, Finding, FindingCode, Verdict, combined
 from jointstiff.schemas.geometry import LinkComparison, SweepEvidence
+from jointstiff.schemas.measurement import Rigid
 from jointstiff.schemas.robot import JointMap as StoredJointMap
 from jointstiff.schemas.robot import RobotDocument, UrdfModel
 from jointstiff.solver.arrays import BoolArray, FloatArray
@@ -591,7 +592,7 @@ def _result(
         agreement_probability=None,
         controller_probability=None,
         base=conventions.base,
-        transform_tracker_to_base=message(results.Rigid, base.transform_tracker_to_base),
+        transform_tracker_to_base=message(Rigid, base.transform_tracker_to_base),
         transform_covariance=identified.covariances(base.jacobian, 6)[0],
         wrist=wrist,
         no_wrist=no_wrist,

@@ -52,7 +52,7 @@ export function placesOf(set: MeasurementSet, observation: Observation, posture:
   const places = new Map<string, Vector>();
   for (const { target, unloaded } of observation.readings) {
     const stated = set.flange_targets?.[target];
-    const onFlange = stated ? times(stated, length) : frame?.flange_targets[target];
+    const onFlange = stated ? times(stated, length) : set.geometry_targets[target];
     if (unloaded) {
       const read = times(unloaded, length);
       places.set(target, frame ? add(frame.translation, turned(frame.rotation, read)) : read);
