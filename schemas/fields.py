@@ -82,9 +82,7 @@ Point = TypeAliasType(
 )
 """Three components of a result."""
 
-Square3 = TypeAliasType(
-    "Square3", Annotated[tuple[Point, Point, Point], Field(description="A 3 x 3 matrix, row by row.")]
-)
+Square3 = tuple[Point, Point, Point]
 """A matrix of a result, row by row."""
 
 Value = TypeVar("Value")

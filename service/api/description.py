@@ -14,20 +14,19 @@ from jointstiff.schemas.finding import Problem
 
 Node = dict[str, Any]
 
-_PROBLEMS: Final = {
+_PROBLEMS: Final[dict[int | str, str]] = {
     400: "The client disconnected before its body was complete.",
-    401: "A key is needed, and the request has no valid one.",
-    403: "The key's role does not allow this, or a page of another site requested a change.",
     404: "The resource does not exist.",
     409: "The resource's state does not allow this; see `remedy`.",
     413: "The body is too large.",
     415: "The body has the wrong Content-Type.",
     422: "The request is invalid: `where` names the field, `remedy` says what to do.",
-    429: "The queue is full, or too many wrong keys were sent; try again later.",
-    503: "The database is not available; try again later.",
     507: "The database has reached its quota.",
+    "default": "A problem: 401 without a valid key; 403 where its role does not allow this, or a page of another "
+    "site requested a change; 429 where the queue is full, or too many wrong keys were sent; 503 while the "
+    "database is not available.",
 }
-_OF_ALL: Final = frozenset({401, 403, 422, 429, 503})
+_OF_ALL: Final = frozenset({422, "default"})
 _OF_BODIES: Final = frozenset({400, 404, 413, 415})  # a body may name what is not there
 _FULL: Final = 507
 _EVENTS: Final = "text/event-stream"
@@ -64,7 +63,7 @@ def problems(*statuses: int) -> dict[int | str, Node]:
     return {status: _problem(status) for status in statuses}
 
 
-def _problem(status: int) -> Node:
+def _problem(status: int | str) -> Node:
     schema = {"$ref": f"#/components/schemas/{Problem.__name__}"}
     return {"description": _PROBLEMS[status], "content": {"application/problem+json": {"schema": schema}}}
 
@@ -99,7 +98,7 @@ def _summarise(operation: Node) -> None:
 
 def _add_problems(path: str, method: str, operation: Node) -> None:
     """Describe the errors that an operation may answer with, as its address and its body tell."""
-    statuses = set(_OF_ALL)
+    statuses: set[int | str] = set(_OF_ALL)
     if "requestBody" in operation:
         statuses |= _OF_BODIES
     if "{" in path:
@@ -165,6 +164,7 @@ def _share(document: Node) -> None:
                 if shared["parameters"].setdefault(name, stated) == stated:
                     operation["parameters"][i] = {"$ref": f"#/components/parameters/{name}"}
         for status in operation["responses"].keys() & set(map(str, _PROBLEMS)):
-            shared["responses"][f"Problem{status}"] = operation["responses"][status]
-            operation["responses"][status] = {"$ref": f"#/components/responses/Problem{status}"}
+            name = f"Problem{status.title()}"
+            shared["responses"][name] = operation["responses"][status]
+            operation["responses"][status] = {"$ref": f"#/components/responses/{name}"}
     document["components"] |= {kind: dict(sorted(stated.items())) for kind, stated in shared.items()}

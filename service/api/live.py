@@ -23,7 +23,7 @@ from jointstiff.service.security.access import OPERATOR, VIEWER, Gate, asked_of
 Id = Annotated[str, Path(max_length=64)]
 LOOK_SECONDS: Final = 0.5
 """Pause between two looks at an open set that is followed."""
-_LOOKS: Final = 10
+LOOKS: Final = 10
 """Looks after which it is asked again whether one may follow."""
 QUIET_SECONDS: Final = 15.0
 """Silence after which a comment is sent, as FastAPI does in the events of jobs.
@@ -122,7 +122,7 @@ async def _events(request: Request, sets: OpenSets, set_id: str, latest: LiveSta
         if quiet >= QUIET_SECONDS:
             quiet = 0.0
             yield KEEPALIVE_COMMENT
-        if looks % _LOOKS == 0 and not await gate.still_opens(request, asked_of(request).key):
+        if looks % LOOKS == 0 and not await gate.still_opens(request, asked_of(request).key):
             return
         if await run_in_threadpool(sets.revision, set_id) != told:
             latest = await run_sync(sets.state, set_id, limiter=request.app.state.work)

@@ -365,22 +365,28 @@ class EffectiveCompliances:
 
     #: (n,) of the joints with their links' rotations about, or motions along, their axes [rad/(N·m)]
     compliance: FloatArray
-    ends: FloatArray  #: (n, 2) ends of the intervals [rad/(N·m)]
-    quantile: float  #: half of an interval in standard uncertainties
+    range: FloatArray  #: (n, 2) least and greatest values [rad/(N·m)]
+    quantile: float  #: half of a range in standard uncertainties
+    quoted: bool = True  #: whether the ranges are intervals: not where prediction did not choose the penalty
+
+    @property
+    def ends(self) -> FloatArray:
+        """(n, 2) ends of the intervals [rad/(N·m)]; NaN where none are quoted."""
+        return self.range if self.quoted else np.full_like(self.range, np.nan)
 
     @property
     def uncertainty(self) -> FloatArray:
-        """(n,) standard uncertainties [rad/(N·m)]: half of an interval over the quantile."""
-        return 0.5 * (self.ends[:, 1] - self.ends[:, 0]) / self.quantile
+        """(n,) standard uncertainties [rad/(N·m)]: half of a range over the quantile."""
+        return 0.5 * (self.range[:, 1] - self.range[:, 0]) / self.quantile
 
     def joined(self, other: EffectiveCompliances) -> EffectiveCompliances:
         """Return these compliances with intervals that contain those of another model, too."""
-        low = np.fmin(self.ends[:, 0], other.ends[:, 0])
-        high = np.fmax(self.ends[:, 1], other.ends[:, 1])
+        low = np.fmin(self.range[:, 0], other.range[:, 0])
+        high = np.fmax(self.range[:, 1], other.range[:, 1])
         # Where only the other model has an interval, it may leave out the value of this one.
         own = np.where(np.isnan(low), np.nan, self.compliance)
         low, high = np.fmin(low, own), np.fmax(high, own)
-        return replace(self, ends=np.column_stack([low, high]), quantile=min(self.quantile, other.quantile))
+        return replace(self, range=np.column_stack([low, high]), quantile=min(self.quantile, other.quantile))
 
 
 def effective_compliances(
@@ -423,8 +429,9 @@ def effective_compliances(
     ends[ends[:, 0] < _NOTHING * ends[:, 1], 0] = 0.0
     return EffectiveCompliances(
         compliance=np.where(np.isnan(elastic.compliance), np.nan, effective),
-        ends=ends if with_ends else np.full_like(ends, np.nan),
+        range=ends,
         quantile=quantile,
+        quoted=with_ends,
     )
 
 

@@ -59,7 +59,7 @@ def descriptions(node: object, place: str = "") -> Iterator[tuple[str, str]]:
 def test_descriptions_of_the_api_begin_with_a_noun_or_a_verb(openapi):
     """They are the help of commands and the reference of the API, where they stand beside a bare name."""
     texts = list(descriptions(openapi))
-    assert len(texts) > 1500
+    assert len(texts) > 1200
     first = [(place, text.split()[0].rstrip(",.;:"), text) for place, text in texts]
     assert not [each for each in first if each[1] in REFUSED_IN_FIELDS]
 

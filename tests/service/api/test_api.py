@@ -46,8 +46,7 @@ TWO_LINKS = {
 
 def test_two_links_stand_where_trigonometry_puts_them(client):
     first, second = 0.3, 0.4
-    answer = client.post("/v1/kinematics", json={"robot": TWO_LINKS, "joints": [[first, second]]}).json()
-    (posture,) = answer["postures"]
+    (posture,) = client.post("/v1/kinematics", json={"robot": TWO_LINKS, "joints": [[first, second]]}).json()
     elbow = (math.cos(first), math.sin(first), 0.5)
     tip = (elbow[0] + 0.5 * math.cos(first + second), elbow[1] + 0.5 * math.sin(first + second), 0.5)
     # An axis is a line: the origin of joint 1 may lie anywhere along it.

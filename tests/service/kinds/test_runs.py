@@ -349,22 +349,22 @@ def test_a_tied_model_without_a_certified_optimum_fails_no_run(monkeypatch, docu
         "joints_and_links": [[2.0, 6.0]],
     }
 
-    def fit(_, chosen, __):
-        if chosen.model in uncertified:
-            raise UnsupportedMethodError("no certified optimum", where="link_penalty", remedy="")
-        return chosen.model
+    class Tied(ByLinks):
+        _options = RunOptions()
 
-    def effective(_, __, widest):
-        name = widest if isinstance(widest, str) else "joints_and_base"
-        return EffectiveCompliances(np.array([2.0]), np.array(places[name]), 2.0)
+        def _fit(self, chosen, _):
+            if chosen.model in uncertified:
+                raise UnsupportedMethodError("no certified optimum", where="link_penalty", remedy="")
+            return chosen.model
 
-    monkeypatch.setattr(ByLinks, "_fit", fit)
-    monkeypatch.setattr(ByLinks, "_effective", effective)
-    monkeypatch.setattr(ByLinks, "_options", RunOptions(), raising=False)
+        def _effective(self, _, widest):
+            name = widest if isinstance(widest, str) else "joints_and_base"
+            return EffectiveCompliances(np.array([2.0]), np.array(places[name]), 2.0)
+
     none = Prediction(np.zeros((1, 1, 3)), np.zeros((1, 1, 3)), None, 0.0, bending="base")
     base = replace_in(SimpleNamespace(model=SimpleNamespace(name="joints_and_base")), prediction=none)
     monkeypatch.setattr(identification, "replace", replace_in)
-    elastic, found, of_model = ByLinks._ranges(object.__new__(ByLinks), base, TIE, {})
+    elastic, found, of_model = object.__new__(Tied)._ranges(base, TIE, {})
     high = 3.0 if intervals is None else places[intervals][0][1]
     assert (found.ends.tolist(), of_model) == ([[1.0, high]], "joints_and_base")
     assert (elastic.prediction.bending, elastic.prediction.joined) == ("links_or_base", intervals is not None)
@@ -378,7 +378,6 @@ def test_a_tied_model_without_a_certified_optimum_fails_no_run(monkeypatch, docu
         TIE.models[1],
         screening,
         given=False,
-        plain=None,
         intervals=of_model,
         joined=elastic.prediction.joined,
     )

@@ -76,7 +76,7 @@ def test_a_silent_stream_of_an_open_set_sends_comments(monkeypatch):
     assert live.QUIET_SECONDS <= 15.0
     monkeypatch.setattr(live, "LOOK_SECONDS", 0.001)
     monkeypatch.setattr(live, "QUIET_SECONDS", 0.0025)
-    monkeypatch.setattr(live, "_LOOKS", 10**9)
+    monkeypatch.setattr(live, "LOOKS", 10**9)
     state = SimpleNamespace(revision=3, state="measuring", model_dump_json=lambda: "{}")
     application = SimpleNamespace(state=SimpleNamespace(gate=None, work=None, is_closing=lambda: False))
     sets = SimpleNamespace(revision=lambda _: 3)
