@@ -39,7 +39,7 @@ class Result(Message):
     assessment: Assessment | None
     joint_kinds: dict[Name, JointKind] = Field(
         default_factory=dict,
-        description="Kinds of the robot's joints in their order, where one is prismatic; empty if all turn.",
+        description="Kinds of the joints in order, where one is prismatic; empty if all turn.",
     )
 
     @property
@@ -63,19 +63,13 @@ class Job(Message):
 
     id: Identifier
     kind: str
-    state: JobState = Field(
-        description="State of the job. While `queued` or `running`, poll its address or follow its events."
-    )
-    progress: Progress | None = Field(
-        default=None, description="Progress; null for a job that is computed immediately."
-    )
+    state: JobState = Field(description="While `queued` or `running`, poll its address or follow its events.")
+    progress: Progress | None = Field(default=None, description="Null for a job that is computed at once.")
     request: Message
     result: Message | None = Field(description="Result; present if the job has succeeded.")
     error: Problem | None = Field(description="Present if the job has failed.")
     provenance: Provenance
-    key_id: str | None = Field(
-        default=None, description="Id of the key of the request; null if the service required none."
-    )
+    key_id: str | None = Field(default=None, description="Id of the requester's key; null without one.")
     key_name: str | None = Field(default=None, description="Name of this key.")
 
     @classmethod

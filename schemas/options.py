@@ -274,14 +274,13 @@ class RunOptions(MethodOptions):
     elasticity: Elasticity = Field(
         default="automatic",
         validate_default=True,
-        description="Elastic elements. `joints`: joints only. `coupled_joints`: a full joint compliance. "
-        "`diagonal_links`: joints, and six compliances per link. `joints_and_links`: joints, "
-        "and a 6 x 6 compliance per link. `joints_and_base`: joints, and a 6 x 6 compliance of "
-        "the base below joint 1. `links_and_base`: both. `automatic`: joints only, unless a "
-        "test shows that something else bends; then the simplest model whose residuals of "
-        "held-out postures are within one standard error of the best. Every model but `joints` "
-        "needs method `partial_pose` and weighting `covariance`, and no bounds, priors, order, "
-        "encoder readings or resampling; with one of these, `automatic` uses joints alone.",
+        description="Elastic elements. `coupled_joints`: a full joint compliance. `diagonal_links`: joints, "
+        "and six compliances per link. `joints_and_links`: joints, and a 6 x 6 compliance per link. "
+        "`joints_and_base`: joints, and one of the base below joint 1. `links_and_base`: both. `automatic`: "
+        "joints only, unless a test shows that something else bends; then the simplest model within one "
+        "standard error of the best on held-out postures. Every model but `joints` needs method "
+        "`partial_pose` and weighting `covariance`, and no bounds, priors, order, encoder readings or "
+        "resampling; with one of these, `automatic` uses joints alone.",
     )
     links: Annotated[list[Name], Field(max_length=MAX_JOINTS)] = Field(
         default_factory=list,

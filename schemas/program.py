@@ -41,11 +41,9 @@ _FrameNumbers = Annotated[
     Field(
         min_length=6,
         max_length=7,
-        description="Frame: position, then orientation, in the notation of the program: KUKA X, Y, Z, A, "
-        "B, C "
-        "and FANUC X, Y, Z, W, P, R in mm and degrees, ABB X, Y, Z in mm and q1 ... q4, UR x, y, z, rx, "
-        "ry, rz in m "
-        "and rad; CSV as its columns, or as KUKA if they are not a full pose.",
+        description="Frame as the program has it: KUKA X, Y, Z, A, B, C and FANUC X, Y, Z, W, P, R in mm and "
+        "degrees, ABB X, Y, Z in mm and q1 ... q4, UR x, y, z, rx, ry, rz in m and rad; CSV as its columns, "
+        "or as KUKA.",
     ),
 ]
 _Line = Annotated[int, Field(strict=True, ge=1, le=MAX_LINE)]

@@ -225,11 +225,10 @@ class Identifiability(Message):
     )
     observability: Dimensionless[dict[ObservabilityIndex, float] | None] = Field(
         default=None,
-        description="Observability indices (Sun & Hollerbach 2008) of the observable joints by the readings "
-        "of all targets; null if rank-deficient. Of the singular values s of the regressor, "
-        "each column divided by its norm for forces across the joint's lever and moments about "
-        "its axis: `o1` geometric mean of s, `o2` least over greatest, `o3` least, `o4` least "
-        "squared over greatest, `o5` 1 / sum of 1/s. Larger is better; none exceeds 1.",
+        description="Observability indices (Sun & Hollerbach 2008) of the observable joints; null if "
+        "rank-deficient. Of the singular values s of the scaled regressor: `o1` geometric mean, `o2` least "
+        "over greatest, `o3` least, `o4` least squared over greatest, `o5` 1 / sum of 1/s. Larger is better; "
+        "none exceeds 1.",
     )
     advice: list[Advice] = Field(
         default_factory=list,

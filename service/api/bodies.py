@@ -1,13 +1,11 @@
-"""Request bodies, JSON or forms: parsed strictly by the route, before FastAPI looks at them; and examples."""
+"""Request bodies, JSON or forms: parsed strictly by the route, before FastAPI looks at them."""
 
 from __future__ import annotations
 
 import gc
 import hashlib
-import json
 from collections.abc import AsyncGenerator, Awaitable, Callable, Coroutine, Iterator, Mapping
 from contextlib import contextmanager
-from importlib.resources import files
 from typing import Annotated, Any, Final
 
 from anyio import CapacityLimiter
@@ -32,19 +30,6 @@ _MAX_TEXTS: Final = 8
 """Fields without a file name; more than one is refused by its name."""
 _PLAIN: Final = frozenset({"7bit", "8bit", "binary"})
 _TOO_LARGE: Final = ("Too many", "Part exceeded")
-
-EXAMPLES: Final[dict[str, dict[str, Any]]] = json.loads(
-    files("jointstiff.service.api").joinpath("examples.json").read_text(encoding="utf-8")
-)
-"""Bodies by resource, and by what they are for."""
-
-_ROBOT: Final = EXAMPLES["robots"]["modified DH"]
-_SET: Final = {
-    name: value for name, value in EXAMPLES["measurement_sets"]["positions"].items() if name != "robot_id"
-}
-EXAMPLES["campaigns"] = {
-    "positions": {"robot": _ROBOT, "measurement_set": _SET, "run": {"method": "partial_pose"}}
-}
 
 
 def shown(examples: Mapping[str, Any]) -> Any:  # noqa: ANN401 - as FastAPI has it

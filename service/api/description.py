@@ -11,6 +11,7 @@ from typing import Any, Final
 from fastapi import FastAPI
 
 from jointstiff.schemas.finding import Problem
+from jointstiff.service.api.examples import ANSWERS
 
 Node = dict[str, Any]
 
@@ -22,11 +23,11 @@ _PROBLEMS: Final[dict[int | str, str]] = {
     415: "The body has the wrong Content-Type.",
     422: "The request is invalid: `where` names the field, `remedy` says what to do.",
     507: "The database has reached its quota.",
-    "default": "A problem: 401 without a valid key; 403 where its role does not allow this, or a page of another "
+    "default": "401 without a valid key; 403 where its role does not allow this, or a page of another "
     "site requested a change; 429 where the queue is full, or too many wrong keys were sent; 503 while the "
     "database is not available.",
 }
-_OF_ALL: Final = frozenset({422, "default"})
+_OF_ALL: Final[frozenset[int | str]] = frozenset({422, "default"})
 _OF_BODIES: Final = frozenset({400, 404, 413, 415})  # a body may name what is not there
 _FULL: Final = 507
 _EVENTS: Final = "text/event-stream"
@@ -51,6 +52,7 @@ class DescribedApplication(FastAPI):
                 if needed and {} not in needed and needed[0]["key"] != ["admin"]:
                     operation["security"] = [{}, *needed]
             _place_forms(document)
+            _show_answers(document)
             _drop_unused(document)
             _require_all_of_answers(document)
             _share(document)
@@ -123,6 +125,14 @@ def _place_forms(document: Node) -> None:
         content = operation.get("requestBody", {}).get("content", {})
         if _FORM in content:
             content[_FORM]["schema"] = schemas.pop(content[_FORM]["schema"]["$ref"].rpartition("/")[2])
+
+
+def _show_answers(document: Node) -> None:
+    """Show an example of what people start with: a run, the list of jobs, the health."""
+    for *_, operation in _operations(document):
+        if (example := ANSWERS.get(operation["operationId"])) is not None:
+            status = next(each for each in operation["responses"] if each.startswith("2"))
+            operation["responses"][status]["content"]["application/json"]["example"] = example
 
 
 def _drop_unused(document: Node) -> None:

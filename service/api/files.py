@@ -246,18 +246,15 @@ def _description() -> str:
 
 _FILES_TEXT: Final = """Get a file of a job that has succeeded. Its names are:
 
-* `tables.json`: the tables as in the terminal, with the `assessment` (null if there is none): title, caption,
-  head, rows of text, and the indices of text columns; beside them what is said of the result in `lines` of
-  text, and the `evidence`
-* `report.pdf` and `report.html`: request, tables of the result, versions and hash of the input. The report
-  of a run follows ISO/IEC 17025, with lines to sign: PDF/A-3b with the run and a table attached
-* `report.xml` of a run: the report as a digital calibration certificate, DCC 3.3.0; refused (422) unless the
-  set states `measured_at`, and the laboratory's settings `country` and `responsible`
-* `model.…` of a run: tables with intervals (csv, xlsx), or MJCF of MuJoCo with a spring for each joint with a
-  stiffness. A joint that is rigid, not observable or not identified has no spring; the file states the
-  reason. A run with the verdict `do_not_use` is refused without `accept_verdict`
-* `program` of a program: a compensated file (`file`), of which only numbers of its targets differ from what
-  was sent"""
+* `tables.json`: the tables as in the terminal (title, caption, head, rows of text, indices of text columns),
+  what is said beside them (`lines`, `evidence`), and the `assessment`
+* `report.pdf`, `report.html`: request, tables, versions and hash of the input; of a run after ISO/IEC 17025,
+  with lines to sign, PDF/A-3b with the run attached
+* `report.xml` of a run: a digital calibration certificate, DCC 3.3.0; needs `measured_at` of the set, and
+  `country` and `responsible` of the laboratory's settings
+* `model.…` of a run: tables with intervals (csv, xlsx), or MJCF with a spring for each joint that has one;
+  refused for the verdict `do_not_use` without `accept_verdict`
+* `program` of a program: a compensated file (`file`), of which only numbers of its targets differ"""
 
 
 FILES_DESCRIPTION: Final = _description()

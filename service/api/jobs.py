@@ -22,8 +22,9 @@ from jointstiff.schemas.fields import Page
 from jointstiff.schemas.job import Job, JobChange, JobSummary
 from jointstiff.schemas.query import FileQuery, JobQuery, WaitQuery
 from jointstiff.service.api import answers
-from jointstiff.service.api.bodies import EXAMPLES, BodyRoute, Key, large_bodies, shown
+from jointstiff.service.api.bodies import BodyRoute, Key, large_bodies, shown
 from jointstiff.service.api.description import problems
+from jointstiff.service.api.examples import EXAMPLES
 from jointstiff.service.api.files import FILES, FILES_DESCRIPTION, content_of, is_stored
 from jointstiff.service.jobs import Jobs
 from jointstiff.service.kinds.kind import AnyKind

@@ -15,7 +15,8 @@ from fastapi.sse import KEEPALIVE_COMMENT, EventSourceResponse, format_sse_event
 from jointstiff.schemas.live import LiveState
 from jointstiff.schemas.measurement import Observation
 from jointstiff.service.api import answers
-from jointstiff.service.api.bodies import EXAMPLES, BodyRoute, shown
+from jointstiff.service.api.bodies import BodyRoute, shown
+from jointstiff.service.api.examples import EXAMPLES
 from jointstiff.service.api.jobs import AskedBy
 from jointstiff.service.live.stored import OpenSets
 from jointstiff.service.security.access import OPERATOR, VIEWER, Gate, asked_of

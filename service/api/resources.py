@@ -21,8 +21,9 @@ from jointstiff.schemas.robot import (
     RobotSummary,
 )
 from jointstiff.service.api import answers
-from jointstiff.service.api.bodies import EXAMPLES, BodyRoute, Key, shown
+from jointstiff.service.api.bodies import BodyRoute, Key, shown
 from jointstiff.service.api.description import problems
+from jointstiff.service.api.examples import EXAMPLES
 from jointstiff.service.api.jobs import AskedBy
 from jointstiff.service.conversion.catalogue import catalogue
 from jointstiff.service.conversion.robots import to_postures

@@ -26,7 +26,6 @@ from jointstiff.schemas.robot import CatalogueModel, RobotDocument
 from jointstiff.schemas.run import Campaign, CampaignRun, Run, RunRequest
 from jointstiff.service.api.answers import PartsOf, accepted, json_response
 from jointstiff.service.api.bodies import (
-    EXAMPLES,
     MAX_FILES,
     BodyRoute,
     Key,
@@ -37,6 +36,7 @@ from jointstiff.service.api.bodies import (
     without_collections,
 )
 from jointstiff.service.api.description import problems
+from jointstiff.service.api.examples import EXAMPLES
 from jointstiff.service.api.jobs import JobId, JobRoute, PostOf
 from jointstiff.service.importing.reading import SourceFile
 from jointstiff.service.jobs import Jobs, Parts

@@ -184,6 +184,5 @@ MAP: Final = Kind[Map, MapRequest](
 
 The posture at each place is the stiffest, or the nearest to a given one, of all branches of the inverse
 kinematics and all orientations of the tool within the joint limits. Its deflection is the exact balance of
-springs and load, with both intervals. The answer is a summary; `map.csv` and `map.npz` have all places.
-201 with the finished map, or 202 if it takes longer than `wait` seconds.""",
+springs and load, with both intervals. The answer is a summary; `map.csv` and `map.npz` have all places.""",
 )

@@ -610,7 +610,6 @@ RUN: Final = Kind[Run, RunRequest](
     ),
     description="""Identify the joint stiffnesses, and store the result with its provenance.
 
-Answers 201 with the finished run, or, if it resamples and takes longer than `wait` seconds, 202 with the
-run as it is and its address. A method that the readings cannot support is refused, and nothing is stored.
-Any other failure is a stored run in state `failed` with its `error`.""",
+A method that the readings cannot support is refused, and nothing is stored. Any other failure is a stored
+run in state `failed` with its `error`.""",
 )

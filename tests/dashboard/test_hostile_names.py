@@ -7,7 +7,7 @@ from playwright.sync_api import expect
 from support.api import post, posted
 from support.browsing import campaign, file_of
 
-from jointstiff.service.api.bodies import EXAMPLES
+from jointstiff.service.api.examples import EXAMPLES
 
 NAMES = Path(__file__).with_name("hostile_names.txt").read_text(encoding="utf-8").splitlines()
 PLANTED = "script:not([src]), iframe, object, embed, base, style, #page img, #page b[style], #page meta"

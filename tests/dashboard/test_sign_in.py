@@ -13,7 +13,7 @@ from playwright.sync_api import expect
 from support.api import posted
 from support.processes import Service
 
-from jointstiff.service.api.bodies import EXAMPLES
+from jointstiff.service.api.examples import EXAMPLES
 from jointstiff.service.security.keys import digest, mint, mint_token
 from jointstiff.service.store.store import Store
 from jointstiff.simulator import default_arm, simulate_campaign

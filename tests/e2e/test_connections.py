@@ -17,7 +17,7 @@ import pytest
 from support.processes import Service
 from support.proxy import proxied
 
-from jointstiff.service.api.bodies import EXAMPLES
+from jointstiff.service.api.examples import EXAMPLES
 from jointstiff.service.security.keys import mint
 from jointstiff.service.store.store import Store
 

@@ -17,7 +17,7 @@ from support.terminal import terminal
 from jointstiff.schemas.finding import Problem
 from jointstiff.service import app
 from jointstiff.service.api import health
-from jointstiff.service.api.bodies import EXAMPLES
+from jointstiff.service.api.examples import EXAMPLES
 from jointstiff.service.app import create_app
 from jointstiff.service.problems import StoreUnavailableError
 from jointstiff.service.process import LogFormat

@@ -8,6 +8,10 @@ from fastapi.routing import iter_route_contexts
 from openapi_spec_validator import OpenAPIV31SpecValidator
 from support.in_process import Client
 
+from jointstiff.schemas.access import Health
+from jointstiff.schemas.fields import Page
+from jointstiff.schemas.job import JobSummary
+from jointstiff.schemas.run import Run
 from jointstiff.service.api.answers import query_names
 from jointstiff.service.app import create_app
 from jointstiff.service.store.store import Store
@@ -51,6 +55,26 @@ def test_a_route_knows_the_query_parameters_that_are_described(openapi):
 def test_validators_of_openapi_take_the_description(openapi):
     assert openapi["openapi"].startswith("3.1.")
     assert [error.message for error in OpenAPIV31SpecValidator(openapi).iter_errors()] == []
+
+
+def test_the_description_is_small(openapi):
+    """Few operations, one message for one thing: an integrator reads it in an afternoon."""
+    assert len(operations(openapi)) <= 42
+    assert len(openapi["components"]["schemas"]) <= 170
+    assert len(json.dumps(openapi, ensure_ascii=False, separators=(",", ":")).encode()) <= 300_000
+
+
+def test_examples_of_answers_are_answers(openapi):
+    shown = {
+        each["operationId"]: answer["content"]["application/json"]["example"]
+        for *_, each in operations(openapi)
+        for answer in each["responses"].values()
+        if "example" in answer.get("content", {}).get("application/json", {})
+    }
+    Run.model_validate(shown.pop("createCampaign"))
+    Page[JobSummary].model_validate(shown.pop("listJobs"))
+    Health.model_validate(shown.pop("getHealth"))
+    assert shown == {}
 
 
 def test_nothing_of_openapi_3_2_is_in_the_description(openapi):

@@ -23,7 +23,7 @@ from support.jobs import run_request, runs_of, stored_set
 from support.processes import Service, until
 
 from jointstiff.schemas.access import Health
-from jointstiff.service.api.bodies import EXAMPLES
+from jointstiff.service.api.examples import EXAMPLES
 from jointstiff.service.api.health import Watch
 from jointstiff.service.app import CONCURRENT_REQUESTS, create_app
 from jointstiff.service.problems import StoreUnavailableError, problem_of

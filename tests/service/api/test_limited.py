@@ -16,7 +16,7 @@ from support.in_process import Client
 from support.processes import until
 
 from jointstiff.service import limited
-from jointstiff.service.api.bodies import EXAMPLES
+from jointstiff.service.api.examples import EXAMPLES
 from jointstiff.service.limited import LimitedChild
 from jointstiff.service.security.admission import Posture
 from jointstiff.service.security.keys import mint

@@ -14,7 +14,7 @@ from support.in_process import Client, description
 from jointstiff.schemas import query
 from jointstiff.schemas.fields import Message
 from jointstiff.schemas.trend import TrendQuery
-from jointstiff.service.api.bodies import EXAMPLES
+from jointstiff.service.api.examples import EXAMPLES
 from jointstiff.service.app import all_routes
 from jointstiff.service.kinds.registry import KINDS
 from jointstiff.service.store.store import Store
