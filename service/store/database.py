@@ -172,6 +172,21 @@ def inserting(connection: sa.Connection, table: sa.Table) -> Any:  # noqa: ANN40
     return insert(table).on_conflict_do_nothing()
 
 
+def engine_of(url: str, connections: int) -> sa.Engine:
+    """Return an engine for a library that keeps tables of its own in a database that is open.
+
+    Args:
+        url: of the database.
+        connections: how many at most.
+    """
+    parsed = _parse(url)
+    if _DIALECTS[parsed.drivername] == "postgresql":
+        return _postgresql_engine(parsed, connections)
+    engine = sa.create_engine(parsed, hide_parameters=True, pool_size=connections, max_overflow=0)
+    sa.event.listen(engine, "connect", _configure_transactions)
+    return engine
+
+
 def open_existing(url: str) -> Database:
     """Connect to a database, which is not made if it is not there.
 
@@ -254,6 +269,13 @@ def _configure_sqlite(connection: sqlite3.Connection, _record: object) -> None:
     connection.execute("PRAGMA foreign_keys=ON").close()
 
 
+def _configure_transactions(connection: sqlite3.Connection, _record: object) -> None:
+    """Let the driver begin transactions as `_begin_immediate` does."""
+    _configure_sqlite(connection, _record)
+    connection.isolation_level = "IMMEDIATE"
+    connection.execute(f"PRAGMA busy_timeout={1000.0 * BUSY_SECONDS:.0f}").close()
+
+
 def _begin_immediate(connection: sa.Connection) -> None:
     left = connection.get_execution_options()["busy_seconds"]
     is_shorter = left < 0.9 * BUSY_SECONDS
@@ -295,18 +317,22 @@ def _code(error: Exception) -> int:
 
 
 def _postgresql_engines(url: sa.URL) -> tuple[sa.Engine, sa.Engine]:
+    writer = _postgresql_engine(url, _CONNECTIONS)
+    return writer.execution_options(isolation_level="AUTOCOMMIT"), writer
+
+
+def _postgresql_engine(url: sa.URL, connections: int) -> sa.Engine:
     connect_args: dict[str, Any] = {"client_encoding": "utf8"}
     if "connect_timeout" not in url.query:
         connect_args["connect_timeout"] = 10
-    writer = sa.create_engine(
+    return sa.create_engine(
         url.set(drivername="postgresql+psycopg"),
         connect_args=connect_args,
         hide_parameters=True,
-        pool_size=_CONNECTIONS,
+        pool_size=connections,
         max_overflow=0,
         pool_pre_ping=True,  # a server that was restarted costs a reconnection, not an error
     )
-    return writer.execution_options(isolation_level="AUTOCOMMIT"), writer
 
 
 def _check_encoding(connection: sa.Connection) -> None:

@@ -184,7 +184,7 @@ class RecordPage(Generic[Row]):
     next: str | None  # cursor of the following page; none on the last one
 
 
-LAYOUT: Final = "0011_smaller"
+LAYOUT: Final = "0012_engine"
 """Name of the tables as they are here, and of what the documents in them hold; another one with each change.
 
 Nothing was released: one layout is made and read, and all others are refused.
@@ -365,23 +365,8 @@ job_steps = sa.Table(
     sa.Column("job_id", sa.String, primary_key=True),
     sa.Column("start", sa.Integer, primary_key=True, autoincrement=False),  # its first unit
     sa.Column("units", sa.Integer, nullable=False),
-    sa.Column("turn", sa.Integer, nullable=False),  # the least goes first
-    # of the job: of one turn the first job's goes first
-    sa.Column("sequence", sa.BigInteger, nullable=False),
-    sa.Column("executor", sa.String, nullable=True),  # worker that carries it out
-    sa.Column("deaths", sa.Integer, nullable=False, server_default="0"),  # of workers over it
-    sa.Column("result", sa.LargeBinary, nullable=True),  # none while it is to be done
+    sa.Column("result", sa.LargeBinary, nullable=False),
 )
-_undone, _taken = job_steps.c.result.is_(None), job_steps.c.executor.is_not(None)
-sa.Index(
-    None,
-    job_steps.c.turn,
-    job_steps.c.sequence,
-    job_steps.c.start,
-    sqlite_where=_undone,
-    postgresql_where=_undone,
-)
-sa.Index(None, job_steps.c.executor, sqlite_where=_taken, postgresql_where=_taken)
 
 heartbeats = sa.Table(
     "heartbeats",

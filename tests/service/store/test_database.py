@@ -19,10 +19,12 @@ import pytest
 from sqlalchemy import text
 from sqlalchemy.dialects import sqlite as sqlite_dialect
 from sqlalchemy.schema import CreateTable
+from support.claims import Claims
 from support.jobs import run_request, runs_of, stored_set
 
 from jointstiff.schemas.measurement import StoredMeasurementSet
 from jointstiff.schemas.robot import Robot
+from jointstiff.service.kinds.identification import ByJoints
 from jointstiff.service.kinds.registry import KINDS
 from jointstiff.service.kinds.work import pack
 from jointstiff.service.problems import StoreError, StoreUnavailableError
@@ -30,7 +32,7 @@ from jointstiff.service.store import database as database_module
 from jointstiff.service.store.database import Database
 from jointstiff.service.store.store import Store
 from jointstiff.service.store.tables import LAYOUT, RobotRecord, metadata
-from jointstiff.service.workers.worker import Recovery, carry_out_next
+from jointstiff.service.workers.worker import Recovery
 
 TIME = datetime(2026, 11, 20, tzinfo=UTC)
 
@@ -63,7 +65,7 @@ def test_other_tables_are_another_layout() -> None:
     """A change of the tables needs another `LAYOUT` in `service/store/tables.py`, and its hash here."""
     dialect = sqlite_dialect.dialect()
     tables = "".join(str(CreateTable(table).compile(dialect=dialect)) for table in metadata.sorted_tables)
-    assert (LAYOUT, hashlib.sha256(tables.encode()).hexdigest()[:16]) == ("0011_smaller", "cd4a701bda9dc9a6")
+    assert (LAYOUT, hashlib.sha256(tables.encode()).hexdigest()[:16]) == ("0012_engine", "809c58643396874b")
 
 
 def shape(schema: Any) -> Any:
@@ -89,7 +91,7 @@ def test_documents_of_another_shape_are_another_layout() -> None:
     documents = [Robot, StoredMeasurementSet, *(kind.message for kind in KINDS)]
     shapes = [shape(each.model_json_schema(mode="serialization")) for each in documents]
     digest = hashlib.sha256(json.dumps(shapes, sort_keys=True).encode()).hexdigest()[:16]
-    assert (LAYOUT, digest) == ("0011_smaller", "e8a98bc4ae27cb1a")
+    assert (LAYOUT, digest) == ("0012_engine", "e8a98bc4ae27cb1a")
 
 
 def test_tables_that_cannot_be_made_leave_nothing(database_url: str) -> None:
@@ -265,29 +267,26 @@ class TestPostgresql:
             assert store.robots.get("r1").created_at.isoformat().endswith("+00:00")
 
 
-def test_an_unfinished_run_of_a_saved_file_goes_on_where_it_stood(tmp_path):
+def test_an_unfinished_run_of_a_saved_file_goes_on_where_it_stood(tmp_path, monkeypatch):
     """With what a worker had begun, which is not there any more: its numbers are those of one go."""
     source, saved = tmp_path / "source.db", tmp_path / "saved.db"
-    with Store.open(f"sqlite:///{source}") as store:
-        runs = runs_of(store, store.steps.announce)
+    spans = [(0, 100), (100, 200), (200, 300)]
+    monkeypatch.setattr(ByJoints, "steps", lambda _work: spans)
+    with Store.open(f"sqlite:///{source}") as store, closing(Claims(store, f"sqlite:///{source}")) as claims:
+        runs = runs_of(store, claims.enqueue)
         run = runs.create(run_request(stored_set(store)), None)
-        spans, work = [(0, 100), (100, 200), (200, 300)], runs.work(run.id)
+        assert claims.claim("gone").number == 0
         runs.start(run.id)
-        store.steps.share_out(run.id, spans)
-        store.heartbeats.beat("gone")
-        store.steps.keep(run.id, 0, pack(work.compute(spans[0])))
-        assert store.steps.take("gone").start == 100
+        store.steps.keep(run.id, spans[0], pack(runs.work(run.id).compute(spans[0])))
         with closing(sqlite3.connect(source)) as own, closing(sqlite3.connect(saved)) as other:
             own.backup(other)  # as `sqlite3 FILE '.backup SAVED'` does
         expected = runs_of(store).create(run_request(run.measurement_set_id), None)
         expected = runs_of(store).current(expected.id).result
-    with Store.open(f"sqlite:///{saved}") as store:
-        store.heartbeats.forget("gone")  # as after half a minute
-        runs = runs_of(store, store.steps.announce)
+    with Store.open(f"sqlite:///{saved}") as store, closing(Claims(store, f"sqlite:///{saved}")) as claims:
+        runs = runs_of(store, claims.enqueue)
         assert (runs.current(run.id).state, runs.current(run.id).progress.done) == ("running", 100)
-        Recovery(store, lambda _: runs, "another").look()
-        while carry_out_next(store, lambda _: runs, "another"):
-            pass
+        Recovery(store, lambda _: runs, claims, "another").look()
+        claims.work_all(lambda _: runs, "another")
         assert (runs.current(run.id).state, runs.current(run.id).result) == ("succeeded", expected)
 
 
