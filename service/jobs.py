@@ -35,6 +35,7 @@ from jointstiff.service.live.stored import OpenSets
 from jointstiff.service.problems import NotFoundError, Resource, TooManyJobsError, WorkerLostError, problem_of
 from jointstiff.service.process import versions
 from jointstiff.service.resources.stored import Resources
+from jointstiff.service.store.database import BUSY_SECONDS
 from jointstiff.service.store.store import Store
 from jointstiff.service.store.tables import OPEN_STATES, IdempotencyKey, JobRecord
 from jointstiff.solver.errors import JointstiffError, RequestError
@@ -60,6 +61,8 @@ PART_SECONDS: Final = 1.25
 """Time after which a worker leaves the other steps of a part, and looks for the part whose turn it is [s]."""
 PARTS_AT_ONCE: Final = 8
 """Parts of a job that wait or are carried out at the same time; each leaves one that follows."""
+CANCEL_SECONDS: Final = 2.0
+"""Time that a request to cancel a job waits for a worker that has it locked, which may be stopped [s]."""
 JOB: Final = Resource("job", "runs, of other kinds see GET /v1")
 """A job of any kind; its listing is that of its kind."""
 _NONE: Final[Mapping[str, object]] = MappingProxyType({})
@@ -162,10 +165,11 @@ class Jobs:
 
         Raises:
             NotFoundError: there is no such job.
+            StoreUnavailableError: a worker keeps it locked; cancel it again.
         """
         job = self.current(job_id)
         if job.state in OPEN_STATES:
-            self._end(job_id, "cancelled")
+            self._end(job_id, "cancelled", at_most=CANCEL_SECONDS)
         return self.current(job_id)
 
     def start(self, job_id: str) -> None:
@@ -267,6 +271,7 @@ class Jobs:
         state: JobState,
         changes: Mapping[str, object] = _NONE,
         provenance: Mapping[str, object] = _NONE,
+        at_most: float = BUSY_SECONDS,
     ) -> None:
         """End a job as it is then: what others wrote of it meanwhile is kept."""
 
@@ -285,7 +290,7 @@ class Jobs:
             }
             return self._changes(job.model_copy(update={**changes, **always}), before.robot_id)
 
-        self.records.end(job_id, state, final)
+        self.records.end(job_id, state, final, at_most)
 
 
 def record_of(kind: AnyKind, job: Job, robot_id: str | None) -> JobRecord:

@@ -11,7 +11,7 @@ import sqlalchemy as sa
 
 from jointstiff.service.problems import Resource
 from jointstiff.service.store.collection import Collection
-from jointstiff.service.store.database import Database, Quota, inserting
+from jointstiff.service.store.database import BUSY_SECONDS, Database, Quota, inserting
 from jointstiff.service.store.tables import (
     OPEN_STATES,
     JobEntry,
@@ -87,6 +87,7 @@ class JobRecords(Collection[JobRecord, JobEntry]):
         job_id: str,
         state: str,
         changes: Callable[[JobRecord, int], JobChanges],
+        at_most: float = BUSY_SECONDS,
     ) -> bool:
         """End a job, unless it has ended: a job never changes once ended.
 
@@ -94,13 +95,17 @@ class JobRecords(Collection[JobRecord, JobEntry]):
             job_id: its id.
             state: its final state.
             changes: return its last form, given the record before and the number of units done.
+            at_most: time to wait for a worker that has the job locked [s].
 
         Returns:
             Whether it was this call that ended it.
+
+        Raises:
+            StoreUnavailableError: the job is locked, or the database does not answer.
         """
         mine = self._is(job_id)
         last = of_records(jobs, JobRecord).add_columns(_done).where(*mine)
-        with self._database.writing() as connection:
+        with self._database.writing(at_most) as connection:
             ended = connection.execute(sa.update(jobs).where(*mine, _open).values(state=state)).rowcount == 1
             if ended:  # no one else can end or start it any more
                 *before, done = connection.execute(last).one()

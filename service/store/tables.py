@@ -6,6 +6,7 @@ and references are those of the tables.
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, fields
 from datetime import UTC, datetime
@@ -13,9 +14,10 @@ from types import MappingProxyType
 from typing import Any, Final, Generic, TypeVar, get_args, get_type_hints
 
 import sqlalchemy as sa
+from sqlalchemy.exc import DBAPIError
 from sqlalchemy.types import TypeEngine
 
-from jointstiff.service.problems import StoreError
+from jointstiff.service.problems import StoreError, StoreUnavailableError
 from jointstiff.service.store.database import Database
 
 
@@ -190,6 +192,7 @@ LAYOUT: Final = "0012_engine"
 Nothing was released: one layout is made and read, and all others are refused.
 """
 _ADVISORY_LOCK: Final = 0x4A6F696E74  # any number that no other program takes: "Joint"
+_TURN_SECONDS: Final = 60.0  # for other processes that make the tables
 
 metadata = sa.MetaData(
     naming_convention={
@@ -425,10 +428,33 @@ def make_tables(database: Database) -> None:
             return
     with database.writing() as connection:
         if database.dialect == "postgresql":  # SQLite holds its write lock already
-            connection.execute(sa.text("SELECT pg_advisory_xact_lock(:n)"), {"n": _ADVISORY_LOCK})
+            _wait_for_turn(connection)
         if not has_tables(connection):
-            metadata.create_all(connection, checkfirst=False)
+            try:
+                metadata.create_all(connection, checkfirst=False)
+            except DBAPIError as error:
+                raise StoreUnavailableError(
+                    f"the tables cannot be made ({str(error.orig).strip().splitlines()[0][:200]})",
+                    "give a database without tables of other programs, and its user the right to make tables",
+                ) from error
             connection.execute(sa.insert(layouts).values(version_num=LAYOUT))
+
+
+def _wait_for_turn(connection: sa.Connection) -> None:
+    """Wait until no other process makes the tables, until this transaction ends.
+
+    Raises:
+        StoreUnavailableError: another one has been making them for a minute.
+    """
+    deadline = time.monotonic() + _TURN_SECONDS
+    lock = sa.text("SELECT pg_try_advisory_xact_lock(:n)")
+    while not connection.execute(lock, {"n": _ADVISORY_LOCK}).scalar_one():
+        if time.monotonic() > deadline:
+            raise StoreUnavailableError(
+                f"another process has been making the tables for {_TURN_SECONDS:.0f} s",
+                "look for a process that hangs, and end it",
+            )
+        time.sleep(0.05)
 
 
 def has_tables(connection: sa.Connection) -> bool:

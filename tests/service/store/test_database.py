@@ -13,11 +13,13 @@ from contextlib import closing
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
+from uuid import uuid4
 
 import psycopg
 import pytest
-from sqlalchemy import text
+from sqlalchemy import event, text
 from sqlalchemy.dialects import sqlite as sqlite_dialect
+from sqlalchemy.exc import DBAPIError
 from sqlalchemy.schema import CreateTable
 from support.claims import Claims
 from support.jobs import run_request, runs_of, stored_set
@@ -265,6 +267,79 @@ class TestPostgresql:
         with Store.open(url) as store:
             store.robots.add(record)
             assert store.robots.get("r1").created_at.isoformat().endswith("+00:00")
+
+    def test_the_server_ends_what_takes_too_long(self, postgresql_url: str) -> None:
+        """Unless the URL says otherwise."""
+        names = ("lock_timeout", "statement_timeout", "idle_in_transaction_session_timeout")
+        for option, found in (
+            ("", ["3s", "5s", "15s"]),
+            ("&options=-c%20lock_timeout%3D7s", ["7s", "5s", "15s"]),
+        ):
+            with (
+                closing(Database.open(postgresql_url + option)) as database,
+                database.reading() as connection,
+            ):
+                assert [connection.exec_driver_sql(f"SHOW {name}").scalar_one() for name in names] == found
+                link = connection.connection.driver_connection.info.get_parameters()
+            assert {name: link[name] for name in link if "keepalives" in name or "timeout" in name} == {
+                "connect_timeout": "4",
+                "keepalives_idle": "10",
+                "keepalives_interval": "5",
+                "keepalives_count": "3",
+                "tcp_user_timeout": "10000",
+            }
+
+    def test_a_server_that_gives_no_answer_is_given_up_and_left_alone_for_a_while(
+        self, postgresql_url: str, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        """Frozen as a whole, it keeps no limit of its own: all threads of the service waited for it."""
+        monkeypatch.setattr("jointstiff.service.store.postgresql.ANSWER_SECONDS", 0.3)
+        url = f"{postgresql_url}&options=-c%20statement_timeout%3D0"
+        with closing(Database.open(url)) as database:
+            with pytest.raises(StoreUnavailableError, match=r"no answer within 0\.3 s"):
+                database.rows(text("SELECT pg_sleep(60)"))
+            asked = []
+            event.listen(database._reader, "checkout", lambda *_: asked.append(1))
+            with pytest.raises(StoreUnavailableError, match="does not answer"):
+                database.rows(text("SELECT 1"))
+            assert asked == []
+            database._away_until = 0.0
+            assert database.rows(text("SELECT 1")) == [(1,)]
+
+    def test_who_waits_for_a_lock_in_vain_is_told(self, postgresql_url: str) -> None:
+        name = f"locked_{uuid4().hex}"
+        with psycopg.connect(postgresql_url) as other, closing(Database.open(postgresql_url)) as database:
+            other.execute(f"CREATE TABLE {name} (n int)")
+            other.commit()
+            other.execute(f"LOCK TABLE {name}")
+            with (
+                pytest.raises(StoreUnavailableError, match="lock timeout"),
+                database.writing(0.1) as connection,
+            ):
+                connection.exec_driver_sql(f"TABLE {name}")
+
+    def test_a_session_that_is_idle_inside_a_transaction_is_ended(self, postgresql_url: str) -> None:
+        url = f"{postgresql_url}&options=-c%20idle_in_transaction_session_timeout%3D100"
+        with closing(Database.open(url)) as database:
+
+            def pause_inside() -> None:
+                with database.writing() as connection:
+                    for _ in range(2):
+                        connection.execute(text("SELECT 1"))
+                        time.sleep(1.0)
+
+            with pytest.raises(StoreUnavailableError):
+                pause_inside()
+            assert database.rows(text("SELECT 1")) == [(1,)]
+
+
+@pytest.mark.parametrize("statement", ["SELECT * FROM no_such_table", "SELEC 1", "SELECT no_such_column"])
+def test_a_mistake_of_ours_is_no_outage(database_url: str, statement: str) -> None:
+    """Workers would repeat it for ever, and requests be told to come back."""
+    with closing(Database.open(database_url)) as database:
+        with pytest.raises(DBAPIError):
+            database.rows(text(statement))
+        assert database.rows(text("SELECT 1")) == [(1,)]
 
 
 def test_an_unfinished_run_of_a_saved_file_goes_on_where_it_stood(tmp_path, monkeypatch):
