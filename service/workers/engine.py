@@ -206,9 +206,8 @@ class Engine(Queue):
         @DBOS.workflow(name="carry_out", max_recovery_attempts=ATTEMPTS - 1)
         def carry_out_part(job_id: str, number: int, kept: int) -> None:
             name, part = str(DBOS.workflow_id), Part(job_id, number, kept)
-            if (
-                self._is_stopping.is_set()
-            ):  # it is handed over, or was; this thread keeps others from being claimed
+            if self._is_stopping.is_set():
+                # `stop` hands it over. While this thread waits, DBOS claims no other part here.
                 self._is_closed.wait()
                 return
             self._clocks[name] = _clock_of_thread()
