@@ -189,9 +189,8 @@ class DeflectionBudget(Message):
         description="Contribution to the standard uncertainty by source, as in the run's `budget`; "
         "`model_error` is the radius of its ball over the coverage factor."
     )
-    standard_uncertainty: Metres[float] = Field(
-        description="Combined standard uncertainty of the sources included in the run's, without model error."
-    )
+    included: list[str] = Field(description="Sources that `standard_uncertainty` combines.")
+    standard_uncertainty: Metres[float]
     coverage_factor: Dimensionless[float] = Field(description="Factor for the request's confidence.")
     expanded_uncertainty: Metres[float]
     expanded_with_model_error: Metres[float] = Field(description="Expanded uncertainty of all sources.")

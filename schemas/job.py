@@ -100,7 +100,7 @@ class JobSummary(ResultSummary):
     run_id: Identifier | None = Field(default=None, description="Run of a map or a program.")
     method: Method | None = None
     weighting: Weighting | None = None
-    positive: StrictBool | None = Field(default=None, description="Whether every compliance was constrained.")
+    positive: StrictBool | None = Field(default=None, description="True if every compliance was constrained.")
     elasticity: Elasticity | None = Field(default=None, description="Parts that bend.")
     leave_out: list[Name] = Field(default_factory=list, description="Omitted observations.")
     variant_of: Identifier | None = Field(default=None, description="Run that a run tries to improve.")

@@ -591,7 +591,7 @@ class StoredMeasurementSet(MeasurementSetHeader, StoredSet):
 
     @property
     def resolved(self) -> ResolvedFrame | None:
-        """What its frame means, with the targets; None if all is in R0."""
+        """Transform of its frame and targets of its geometry; None if all is in R0."""
         frame = self.resolved_frame
         if frame is None:
             return None

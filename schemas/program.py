@@ -188,6 +188,8 @@ class ProgramOptions(AcceptingOptions, PredictionOptions):
         stated = (self.load is not None) + bool(self.segments) + (self.loads is not None)
         if stated > 1 or not (stated or self.absolute):
             raise ValueError("state the load of the process: one of `load`, `segments` and `loads`")
+        if any(None in (each.first_line, each.last_line) for each in self.segments):
+            raise ValueError("each of `segments` needs `first_line` and `last_line`")
         if self.absolute and self.ramp_length:
             raise ValueError("`absolute` corrects all of the path: no ramp")
         return self

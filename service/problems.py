@@ -501,7 +501,7 @@ def _path(location: Sequence[int | str]) -> str:
     location = location[1:] if location[:1] == ("body",) else location
     path = ""
     for i, part in enumerate(location):
-        if i and location[i - 1] == "model" and part in {"urdf", "dh", "geometry"}:
+        if i and location[i - 1] == "model" and part in {"urdf", "dh", "geometry", "catalogue"}:
             continue
         if isinstance(part, int):
             path += f"[{part}]"

@@ -25,7 +25,7 @@ _PROBLEMS: Final[dict[int | str, str]] = {
     507: "The database has reached its quota.",
     "default": "401 without a valid key; 403 where its role does not allow this, or a page of another "
     "site requested a change; 429 where the queue is full, or too many wrong keys were sent; 503 while the "
-    "database is not available.",
+    "database is not available; or another error.",
 }
 _OF_ALL: Final[frozenset[int | str]] = frozenset({422, "default"})
 _OF_BODIES: Final = frozenset({400, 404, 413, 415})  # a body may name what is not there

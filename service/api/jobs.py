@@ -16,7 +16,7 @@ from anyio.to_thread import run_sync
 from fastapi import APIRouter, Depends, Path, Query, Request, Response
 from fastapi.concurrency import run_in_threadpool
 from fastapi.sse import EventSourceResponse, ServerSentEvent
-from pydantic import Discriminator, Field
+from pydantic import Discriminator, Field, create_model
 
 from jointstiff.schemas.fields import Page
 from jointstiff.schemas.job import Job, JobChange, JobSummary
@@ -272,13 +272,17 @@ def post_of(kind: AnyKind) -> APIRouter:
 router = APIRouter(prefix="/v1/jobs", tags=["jobs"], route_class=BodyRoute)
 
 
+_Kind: Final[Any] = Literal[tuple(kind.name for kind in KINDS)]
+
+
 class _Listing(JobQuery):
-    kind: Literal[tuple(kind.name for kind in KINDS)] | None = Field(  # type: ignore[valid-type]
-        default=None, description="Filter by kind."
-    )
+    kind: _Kind | None = Field(default=None, description="Filter by kind.")
 
 
-@router.get("", dependencies=[VIEWER], response_model=Page[JobSummary])
+_Listed = create_model("JobSummary", __base__=JobSummary, kind=(_Kind, ...))
+
+
+@router.get("", dependencies=[VIEWER], response_model=Page[_Listed])
 def list_jobs(parts: answers.PartsOf, query: Annotated[_Listing, Query()]) -> Page[JobSummary]:
     """List jobs of all kinds, or of one, without their results, newest first."""
     return parts.page(query)

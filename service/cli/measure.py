@@ -251,7 +251,9 @@ def _document(campaign: LiveMeasurement, stopped: Any) -> dict[str, Any]:  # noq
         "readings": campaign.count,
         **plain,
         "withdrawn": sum(each["state"] == "withdrawn" for each in record),
-        "ball_ratio": next((each["ball_ratio"] for each in record[::-1] if each["ball_ratio"]), None),
+        "ball_ratio": next(
+            (each["ball_ratio"] for each in record[::-1] if each["ball_ratio"] is not None), None
+        ),
         "record": record,
         "stopped": None if stopped is None else stopped.reason,
         "run_id": run.id,

@@ -72,7 +72,7 @@ def post(
         run = client.post(campaign_of(file))
         set_id = run.request.measurement_set_id
         robot_id = client.measurement_sets.get(set_id).robot_id
-        for address in (f"robots/{robot_id}", f"measurement-sets/{set_id}", f"runs/{run.id}"):
+        for address in (f"robots/{robot_id}", f"measurement-sets/{set_id}", f"jobs/{run.id}"):
             typer.echo(f"{server}/v1/{address}")
         try:
             with progress_bar(shown=run.progress is not None) as tell:

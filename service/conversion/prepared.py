@@ -262,7 +262,7 @@ def prepare_robot(document: RobotDocument) -> PreparedRobot:
         raise RobotError(
             f"the geometry '{model.geometry_id}' is stored, and cannot be used here",
             where="model.geometry_id",
-            remedy="post the robot to a service, and give its `robot_id`",
+            remedy="store the robot in a service, and give its `robot_id`",
         )
     if isinstance(model, CatalogueModel):
         try:

@@ -528,7 +528,7 @@ class Visits:
         if not (loads.of_visit.any() or options.absolute):
             raise RequestError(
                 "no move is under load",
-                where="segments",
+                where="segments" if options.load is None else "load",
                 remedy="give lines or points of moves for the loads",
             )
         load = loads.of_visit[first]

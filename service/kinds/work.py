@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from types import MappingProxyType
-from typing import Any, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
 from uuid import uuid4
 
 import numpy as np
@@ -20,8 +20,10 @@ from jointstiff.schemas.finding import Problem
 from jointstiff.schemas.job import Job, JobState, Progress, Provenance
 from jointstiff.service.problems import http_problem, problem_of
 from jointstiff.service.process import versions
-from jointstiff.service.store.tables import AccessKey
 from jointstiff.solver.errors import InputError, JointstiffError, NotObservableError, RequestError
+
+if TYPE_CHECKING:
+    from jointstiff.service.store.tables import AccessKey
 
 Span = tuple[int, int]
 """First unit of a job's work, and one past the last."""

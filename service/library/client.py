@@ -512,7 +512,17 @@ class Jobs(Collection[AnyJob, JobSummary]):
 
     def found_in(self, answer: httpx2.Response) -> AnyJob:
         """Return the job that an answer holds, which goes on over the client."""
+        found = resource_in(answer, _Kinded).kind
+        if found != self._name:
+            reason = f"the job is no {self._name}, but a {found}"
+            raise RefusedError(http_problem(404, reason, f"get it as a {found}"))
         return results.of(super().found_in(answer), self._client)
+
+
+class _Kinded(Message, extra="ignore"):
+    """A job of any kind, of which the kind alone is read."""
+
+    kind: str
 
 
 def resource_in(response: httpx2.Response, kind: type[Resource]) -> Resource:

@@ -166,7 +166,7 @@ def _folded(header: str, width: int) -> str:
     """Fold a header to the width of its cells, between words; its unit has a line of its own."""
     name, bracket, unit = header.partition(" [")
     longest = max(map(cell_len, [*name.split(), bracket.strip() + unit]))
-    lines = wrap(name, max(width, longest), break_long_words=False)
+    lines = wrap(name, max(width, longest, 1), break_long_words=False)
     return "\n".join([*lines, f"[{unit}"] if bracket else lines)
 
 

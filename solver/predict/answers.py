@@ -552,14 +552,14 @@ def _budgets(
             for part, size in zip(budget.components, contributions, strict=True)
             if part.source != "model_error"
         }
-        combined = hypot(
-            *(parts[part.source] for part in budget.components if part.included and part.source in parts)
-        )
+        included = [part.source for part in budget.components if part.included and part.source in parts]
+        combined = hypot(*(parts[source] for source in included))
         if isfinite(ball):
             parts["model_error"] = ball / factor
         budgets.append(
             cases.DeflectionBudget(
                 contributions=parts,
+                included=included,
                 standard_uncertainty=combined,
                 coverage_factor=factor,
                 expanded_uncertainty=factor * combined,

@@ -118,6 +118,11 @@ const kind = <Job extends { kind: of.JobSummary["kind"] }, Summary = of.JobSumma
   posted: Collection,
 ) => ({
   ...collection<Job, Summary>("jobs", { kind: name }),
+  one: async (job: string, signal?: AbortSignal) => {
+    const found = await call<Job | { kind: null }>("GET", `/v1/jobs/${id(job)}`, { signal });
+    if (found.kind === name) return found as Job;
+    throw new ApiError(ours(text.errors.otherKind, 404));
+  },
   add: (body: unknown, key: string) => call<Job>("POST", `/v1/${posted}?wait=1`, { body, key }),
 });
 

@@ -73,6 +73,11 @@ export const en = {
       detail: "The request did not reach the service.",
       remedy: "Check the network of this device, then try again. Nothing was lost.",
     },
+    otherKind: {
+      title: "Not found",
+      detail: "What has this address is something else.",
+      remedy: "Open it from its list.",
+    },
     unreadable: {
       title: "The answer could not be read",
       detail: (status: number) => `The server answered ${status} without a reason.`,

@@ -289,7 +289,7 @@ export const later = {
     noise: {
       sigma: "σ of one coordinate",
       instrument: "Data sheet of the tracker",
-      "instrument.station": "Position of the tracker in R0",
+      "instrument.station": "Position of the tracker, in the frame of the positions",
       "instrument.range.constant": "Along the line of sight",
       "instrument.range.per_distance": "Along it, per metre",
       "instrument.transverse.constant": "Across the line of sight",

@@ -152,7 +152,7 @@ export function toFillIn(
     return inUnits({ label, joints, force, readings } as unknown as Observation, SI, base?.units ?? SI, kinds);
   });
   if (base) {
-    const { id, created_at, content_hash, warnings, resolved_frame, geometry_targets, ...document } = base;
+    const { id, created_at, content_hash, warnings, resolved_frame, geometry_targets, open, live, ...document } = base;
     return { ...document, observations: [...base.observations, ...planned] };
   }
   return {

@@ -312,7 +312,7 @@ function RobotPage({ robot, changed }: { robot: Robot; changed: () => void }) {
         <LinkButton href={link(["plans"], { robot: robot.id })}>{later.plan.begin}</LinkButton>
         <StoredActions of={robot} api={api.robots} list="#/robots" changed={changed} />
       </Head>
-      {robot.last_campaign && Object.keys(robot.last_campaign.changed).length > 0 && (
+      {robot.last_campaign && robot.last_campaign.changed.length > 0 && (
         <p class="note bad">
           <ChangedJoints of={robot.last_campaign} />
         </p>

@@ -143,7 +143,7 @@ async function store(campaign: Campaign, robot: string): Promise<MeasurementSet>
 /** The set with another noise, stored as a set of its own. */
 async function withNoise(set: MeasurementSet, noise: StatedNoise): Promise<MeasurementSet> {
   const name = `${set.name} (${text.assessment.noiseStated})`;
-  const { id, warnings, content_hash, created_at, resolved_frame, geometry_targets, ...posted } = set;
+  const { id, warnings, content_hash, created_at, resolved_frame, geometry_targets, open, live, ...posted } = set;
   const document = { ...posted, name, noise: noiseOf(noise, set.noise, set.units) };
   const added = await api.sets.add(document, contentKey("set", document));
   namesChanged();

@@ -5,6 +5,7 @@ import { Answer } from "../../src/views/use";
 import { drawn } from "./drawn";
 
 const budget = {
+  included: ["readings"],
   contributions: {},
   standard_uncertainty: 23e-6,
   coverage_factor: 1.96,

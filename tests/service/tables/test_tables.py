@@ -25,9 +25,10 @@ from jointstiff.service.kinds.comparison import _interval as interval_text
 from jointstiff.service.kinds.run import RUN
 from jointstiff.service.reports.exports import why_no_stiffness
 from jointstiff.service.reports.job import job_report
+from jointstiff.service.tables import terminal
 from jointstiff.service.tables.report import requested
 from jointstiff.service.tables.stiffness import UNITS
-from jointstiff.service.tables.table import Sheet, concise, number, rounded
+from jointstiff.service.tables.table import Sheet, concise, number, rounded, text_table
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.solver.text import figure
 
@@ -300,3 +301,9 @@ def test_a_lower_limit_is_shown_but_of_a_result_that_is_not_to_be_used(unit, kin
     assert UNITS[unit].cells(refuted)[2] == "—"
     assert "at least" in why_no_stiffness(rigid)
     assert "at least" not in why_no_stiffness(refuted)
+
+
+def test_a_column_without_a_name_and_without_a_cell_is_printed():
+    """As of a trend in which no joint changed yet."""
+    table = text_table(["joint", "", "p-value"], [["joint_1", "", "0.3"]], texts=[0, 1])
+    assert "joint_1" in printed(terminal.printed([table]))
