@@ -76,7 +76,8 @@ describe("the simulated arm", () => {
   it("finds targets on the flange that a set does not state", () => {
     const [joints, force] = [[0], [0, 0, -9]];
     const readings = [{ target: "P1", unloaded: [2100, -50, 1200] }];
-    const set = { units: MM, observations: [{ label: "c01", joints, force, readings }] } as unknown as MeasurementSet;
+    const observations = [{ label: "c01", joints, force, readings }];
+    const set = { units: MM, observations, geometry_targets: {} } as unknown as MeasurementSet;
     const turned = {
       ...posture,
       flange_axes: [posture.flange_axes[1], posture.flange_axes[2], posture.flange_axes[0]],
