@@ -1,6 +1,7 @@
 """An application of our own in this process, for tests that need no other database and no socket."""
 
 from collections.abc import Iterator
+from typing import Any
 
 import pytest
 from support.in_process import Client
@@ -14,6 +15,12 @@ def store() -> Iterator[Store]:
     """A store in memory, for one test."""
     with Store.open("sqlite://") as opened:
         yield opened
+
+
+@pytest.fixture
+def runs(store: Store) -> Any:
+    """The runs of a test's own store, whose steps workers carry out."""
+    return Parts(store, store.steps.announce).jobs["run"]
 
 
 @pytest.fixture(scope="module")
