@@ -135,27 +135,27 @@ def _show_answers(document: Node) -> None:
             operation["responses"][status]["content"]["application/json"]["example"] = example
 
 
+def _referred(document: Node, *roots: Node) -> set[str]:
+    """Return the names of the schemas that parts of a description refer to, directly or by others."""
+    schemas, waiting, found = document["components"]["schemas"], list(roots), set[str]()
+    while waiting:
+        names = set(re.findall(r'"#/components/schemas/(\w+)"', json.dumps(waiting.pop()))) - found
+        found |= names
+        waiting += [schemas[name] for name in names]
+    return found
+
+
 def _drop_unused(document: Node) -> None:
     """Drop schemas that nothing refers to: FastAPI states those of fields whose form is no promise, too."""
-    schemas, waiting = document["components"]["schemas"], [json.dumps(document["paths"])]
-    used: set[str] = set()
-    while waiting:
-        names = set(re.findall(r'"#/components/schemas/(\w+)"', waiting.pop())) - used
-        used |= names
-        waiting += [json.dumps(schemas[name]) for name in names]
+    schemas, used = document["components"]["schemas"], _referred(document, document["paths"])
     document["components"]["schemas"] = {name: schemas[name] for name in schemas if name in used}
 
 
 def _require_all_of_answers(document: Node) -> None:
     """Require every field of what only answers have: the service leaves none out."""
     schemas = document["components"]["schemas"]
-    waiting = [operation.get("requestBody", {}) for *_, operation in _operations(document)]
-    posted: set[str] = set()
-    while waiting:
-        names = set(re.findall(r'"#/components/schemas/(\w+)"', json.dumps(waiting.pop()))) - posted
-        posted |= names
-        waiting += [schemas[name] for name in names]
-    for name in schemas.keys() - posted:
+    bodies = [operation.get("requestBody", {}) for *_, operation in _operations(document)]
+    for name in schemas.keys() - _referred(document, *bodies):
         if "properties" in schemas[name]:
             schemas[name]["required"] = list(schemas[name]["properties"])
 
