@@ -488,10 +488,9 @@ class RobotTrend(Presented, Trend):
         for joint in self.joints:
             shown = NO_NUMBER
             if (change := joint.change) is not None:
-                size, u = (
-                    figure(100 * each, ".2g") for each in (change.value, change.standard_uncertainty or 0.0)
-                )
-                shown = f"{size} ± {u} %"
+                u = change.standard_uncertainty
+                known = "" if u is None else f" ± {figure(100 * u, '.2g')}"
+                shown = f"{figure(100 * change.value, '.2g')}{known} %"
             p_value = NO_NUMBER if joint.p_value is None else figure(joint.p_value, ".2g")
             rows.append([joint.name, "changed" if joint.changed else "", shown, p_value])
         lines = [Line(head), *([Line(self.note)] if self.note else [])]
