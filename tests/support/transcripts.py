@@ -264,7 +264,10 @@ def shortened(text: str, most: int = 400) -> str:
     """Return a text, or the beginning of a long one and the number of its lines."""
     if len(text) > most and " " not in text:
         return "<packed>"
-    return text if len(text) <= most else f"{text[:80]}… {len(text.splitlines())} lines"
+    if len(text) <= most:
+        return text
+    # Rounding errors first: their digits would move the cut.
+    return f"{_without_rounding(text)[:80]}… {len(text.splitlines())} lines"
 
 
 def text_of_table(text: str) -> str:
