@@ -1,5 +1,5 @@
 /** What is kept on this device: drafts, settings, and who is signed in. */
-import { useEffect, useState, useContext } from "preact/hooks";
+import { useLayoutEffect, useEffect, useState, useContext } from "preact/hooks";
 import { createContext } from "preact";
 import { createStore, del, get, set } from "idb-keyval";
 import { type StiffnessUnit, UNIT_NAMES } from "../lib/stiffness";
@@ -70,7 +70,8 @@ export function useDraft<Values extends object>(
 ): [Values, (part: Partial<Values> | ((before: Values) => Partial<Values>)) => void] {
   const key = `form.${name}`; // what an older page kept under `draft.` had other fields
   const [values, set] = useState<Values>(() => ({ ...start, ...(recalled(key, "sessionStorage") as Values | null) }));
-  useEffect(() => remember(key, values, "sessionStorage"), [key, values]);
+  // At once: an effect after the next frame is dropped where the view is left before that frame.
+  useLayoutEffect(() => remember(key, values, "sessionStorage"), [key, values]);
   return [values, (part) => set((before) => ({ ...before, ...(typeof part === "function" ? part(before) : part) }))];
 }
 

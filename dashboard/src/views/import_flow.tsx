@@ -1,5 +1,5 @@
 /** From tables of readings to their result. Nothing is stored before the last tap. */
-import { useState, useMemo, useRef, useEffect } from "preact/hooks";
+import { useState, useMemo, useRef, useEffect, useLayoutEffect } from "preact/hooks";
 import { api } from "../api/client";
 import type { ImportAnswer, ImportOptions, Units } from "../api/types";
 import { Prose, Button, Choice, Busy, LinkButton, ProblemNote } from "../components/basics";
@@ -265,7 +265,7 @@ export function ImportFlow({ opened: { files, template }, robot: asked, take }: 
   const [chosen, setChosen] = useState<string | null>(asked || null);
   const [joints, setJoints] = useState<number | null>(null);
   const form = useRunForm();
-  useEffect(() => keepDraft(draft), [draft]);
+  useLayoutEffect(() => keepDraft(draft), [draft]);
 
   const robots = (known?.robots ?? [])
     .filter((one) => joints === null || one.joints.length === joints)
