@@ -99,7 +99,7 @@ class Recovery:
             lambda: self._engine.recover(set(pending.values()) - alive),
             self._fail_given_up,
             lambda: self._engine.forget(self._store.going_on),
-            self._purge,
+            lambda: purge(self._store, self._now() - KEEP_DELETED),
         ]
         for duty in duties:
             try:
@@ -140,14 +140,14 @@ class Recovery:
         for job_id in lost.keys() & going.keys():
             self._jobs(job_id).fail(job_id, WorkerLostError(lost[job_id].format(job_id)))
 
-    def _purge(self) -> None:
-        """Remove for good what was deleted long ago."""
-        before = self._now() - KEEP_DELETED
-        for kind in KINDS:
-            self._store.jobs(kind.resource).purge(before, _REMOVED)
-        self._store.sets.purge(before, _REMOVED)  # before the robots, which they refer to
-        self._store.open_sets.purge(before, _REMOVED)
-        self._store.robots.purge(before, _REMOVED)
+
+def purge(store: Store, before: datetime) -> None:
+    """Remove for good what was deleted before a time, some of each kind at a call."""
+    for kind in KINDS:
+        store.jobs(kind.resource).purge(before, _REMOVED)
+    store.sets.purge(before, _REMOVED)  # before the robots, which they refer to
+    store.open_sets.purge(before, _REMOVED)
+    store.robots.purge(before, _REMOVED)
 
 
 def carry_out(store: Store, jobs: Callable[[str], Jobs], part: Part, leave: Leave) -> None:
