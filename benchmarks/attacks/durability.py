@@ -1,6 +1,6 @@
 """kill -9, again and again: during one long run, under several open ones, and while clients post.
 
-By name only: it takes about twenty minutes, or four for each `--part` of 1/6 to 6/6.
+By name only: it takes about half an hour, or some minutes for each `--part` of 1/10 to 10/10.
 """
 
 from __future__ import annotations
@@ -39,6 +39,8 @@ KILLS_OF_A_RUN, KILLS_WHILE_POSTING = 20, 50
 OPEN_RUNS, OPEN_CONFIGURATIONS, OPEN_RESAMPLING = 3, 400, {"size": 100, "repetitions": 40_000}
 """Ten steps each, two or three seconds."""
 KILLS_UNDER_OPEN_RUNS: Final = {"service": 10, "worker": 20}
+ROUNDS: Final = 3
+"""Of kills under open runs, each at other moments."""
 VICTIMS: Final = ("worker", "service", "service and worker")
 _END_SECONDS: Final = 900.0
 _SOON: Final = 10.0
@@ -71,14 +73,16 @@ class Posted:
 def run(*, quick: bool, part: Part) -> list[Section]:
     """Disturb services on an SQLite file and on a PostgreSQL server of our own."""
     with databases() as kinds:
-        mine = [(number // 2, list(kinds)[number % 2]) for number in part.of(3 * len(kinds))]
+        mine = [(number // 2, list(kinds)[number % 2]) for number in part.of((2 + ROUNDS) * len(kinds))]
         runs = {kind: _disturbed(kinds[kind](), quick=quick) for of, kind in mine if of == 0}
         kills = 2 if quick else KILLS_WHILE_POSTING
         posts = {kind: _posting(kinds[kind](), kills) for of, kind in mine if of == 1}
         under = {
-            f"{kind}, {victim}": _under_open_runs(kinds[kind](), victim, 2 if quick else number)
+            f"{kind}, {victim}, round {of - 1}": _under_open_runs(
+                kinds[kind](), victim, 2 if quick else number, seed=of
+            )
             for of, kind in mine
-            if of == 2
+            if of >= 2
             for victim, number in KILLS_UNDER_OPEN_RUNS.items()
         }
     sections = [_post_section(posts)] if posts else []
@@ -207,9 +211,9 @@ class Killed:
         return sum(run["progress"]["done"] != OPEN_RESAMPLING["repetitions"] for run in self.runs)
 
 
-def _under_open_runs(database: str, victim: str, kills: int) -> Killed:
+def _under_open_runs(database: str, victim: str, kills: int, seed: int) -> Killed:
     """Kill one process after the other, soon after each start, while three runs are open all the time."""
-    chance, addresses = random.Random(3), list[str]()  # noqa: S311 - moments, not secrets
+    chance, addresses = random.Random(seed), list[str]()  # noqa: S311 - moments, not secrets
     workers = 1 if victim == "service" else 2
     service = Service(database, workers)
     with httpx2.Client(base_url=service.url, timeout=60.0) as client:
@@ -232,7 +236,7 @@ def _open_section(found: dict[str, Killed]) -> Section:
     different = {name: sum(numbers(run) != expected for run in each.runs) for name, each in found.items()}
     return Section(
         title=f"kill -9 of the service, or of workers, soon after each start, under {OPEN_RUNS} open runs",
-        columns=("database, victim", "kills", "runs", "failed", "lost or stored twice", "other bits"),
+        columns=("database, victim, round", "kills", "runs", "failed", "lost or stored twice", "other bits"),
         rows=tuple(
             (
                 name,
