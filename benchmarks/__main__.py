@@ -72,7 +72,10 @@ BENCHMARKS = {
         "attacks.faults", "disks, locks, clocks, servers, workers; 10 minutes, as root", in_parts=True
     ),
     "durability": Benchmark(
-        "attacks.durability", "kill -9 of workers and services; 20 minutes", in_parts=True
+        "attacks.durability", "kill -9 of workers and services; half an hour", in_parts=True
+    ),
+    "queue": Benchmark(
+        "attacks.queue", "stopped processes, many runs, large jobs beside small ones", in_parts=True
     ),
 }
 PACKAGES = ("jointstiff", "numpy", "scipy", "pin", "cvxpy-base", "clarabel", "qpsolvers", "proxsuite")

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Mapping, Sequence
+import time
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import lru_cache
 from types import MappingProxyType
@@ -33,7 +35,8 @@ from jointstiff.service.live.stored import OpenSets
 from jointstiff.service.problems import NotFoundError, TooManyJobsError, WorkerLostError, problem_of
 from jointstiff.service.process import versions
 from jointstiff.service.resources.stored import Resources
-from jointstiff.service.store.jobs import JOB, PLAN, Step
+from jointstiff.service.store.database import BUSY_SECONDS
+from jointstiff.service.store.jobs import JOB
 from jointstiff.service.store.store import Store
 from jointstiff.service.store.tables import OPEN_STATES, AccessKey, IdempotencyKey, JobRecord
 from jointstiff.solver.errors import JointstiffError, RequestError
@@ -52,12 +55,33 @@ _COLUMNS: Final = (
 """Columns of the store that have the values of the summary's fields."""
 _CHANGING: Final = ("state", "summary", "document", "elasticity", "verdict")
 """Columns that change until a job ends."""
+STEPS_OF_A_PART: Final = 8
+"""Steps that one worker carries out before it looks for the part whose turn it is."""
+PART_SECONDS: Final = 1.25
+"""Time after which a worker leaves the other steps of a part, and looks for the part whose turn it is [s]."""
+PARTS_AT_ONCE: Final = 8
+"""Parts of a job that wait or are carried out at the same time; each leaves one that follows."""
+CANCEL_SECONDS: Final = 2.0
+"""Time that a request to cancel a job waits for a worker that has it locked, which may be stopped [s]."""
 _NONE: Final[Mapping[str, object]] = MappingProxyType({})
 
 _logger = logging.getLogger(__name__)
 
 Enqueue = Callable[[Connection, str], object]
 """Leaves a job to workers by its id, in the transaction that stores it."""
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """Some steps of a job, which are left to workers."""
+
+    job_id: str
+    number: int  # of the part, from 0; a job begins with the first one
+    kept: int  # number of its steps whose results were kept when it was left to workers
+
+
+Leave = Callable[[str, Iterable[Part]], object]
+"""Leaves parts of a job that has begun, given its id, to workers; each once, however often it is left."""
 
 
 class Jobs:
@@ -121,10 +145,11 @@ class Jobs:
 
         Raises:
             NotFoundError: there is no such job.
+            StoreUnavailableError: a worker keeps it locked; cancel it again.
         """
         job = self.current(job_id)
         if job.state in OPEN_STATES:
-            self._end(job_id, "cancelled")
+            self._end(job_id, "cancelled", at_most=CANCEL_SECONDS)
         return self.current(job_id)
 
     def start(self, job_id: str) -> None:
@@ -137,24 +162,43 @@ class Jobs:
         job = job.model_copy(update={"state": "running", "provenance": started})
         self.records.start(job_id, self._changes(job, record.robot_id))
 
-    def carry_out(self, step: Step) -> None:
-        """Carry out a step that a worker has taken, and keep what it computes.
+    def carry_out(self, part: Part, leave: Leave) -> None:
+        """Carry out a part of a job that a worker claimed, and keep what each step computes.
+
+        Anyone may do so again: steps whose results are kept are not computed once more. The part that finds
+        the results of all steps ends the job.
+
+        Args:
+            part: the part.
+            leave: leaves others to workers.
 
         Raises:
             JointstiffError: the job is to fail.
-            NotFoundError: it is no more.
+            NotFoundError: the job is no more.
         """
-        steps, work = self._inputs.store.steps, self.work(step.job_id)
-        if step.start == PLAN:
-            self.start(step.job_id)
-            steps.share_out(step.job_id, work.steps())
-        elif step.is_last:
-            computed = steps.results(step.job_id)
-            if self.records.goes_on(step.job_id):  # else they may have gone with its end
-                self.conclude(step.job_id, computed)
-        else:
-            span = step.start, step.start + step.units
-            steps.keep(step.job_id, step.start, pack(work.compute(span)))
+        job_id, number = part.job_id, part.number
+        if not self.records.goes_on(job_id):
+            return
+        stored, steps = self._inputs.store.steps, self.work(job_id).steps()
+        parts = [steps[first : first + STEPS_OF_A_PART] for first in range(0, len(steps), STEPS_OF_A_PART)]
+        if number == part.kept == 0:
+            self.start(job_id)
+            leave(job_id, [Part(job_id, other, 0) for other in range(1, min(PARTS_AT_ONCE, len(parts)))])
+        done, mine = stored.done(job_id), parts[number] if parts else ()
+        left = [span for span in mine if span[0] not in done]
+        kept, end = len(mine) - len(left), time.monotonic() + PART_SECONDS
+        for span in left:
+            # Whoever died over the part kept steps of it: the deaths are counted anew.
+            if kept > part.kept and (span is left[0] or time.monotonic() >= end):
+                leave(job_id, [Part(job_id, number, kept)])
+                return
+            if not stored.keep(job_id, span, pack(self.work(job_id).compute(span))):
+                return  # the job has ended
+            kept += 1
+        if (following := number + PARTS_AT_ONCE) < len(parts):
+            leave(job_id, [Part(job_id, following, 0)])
+        if len(stored.done(job_id)) == len(steps):
+            self.conclude(job_id, stored.results(job_id))
 
     def conclude(self, job_id: str, computed: Sequence[bytes]) -> None:
         """Put a job together from the results of all its steps, in order, and end it.
@@ -207,6 +251,7 @@ class Jobs:
         state: JobState,
         changes: Mapping[str, object] = _NONE,
         provenance: Mapping[str, object] = _NONE,
+        at_most: float = BUSY_SECONDS,
     ) -> None:
         """End a job as it is then: what others wrote of it meanwhile is kept."""
 
@@ -225,7 +270,7 @@ class Jobs:
             }
             return self._changes(job.model_copy(update={**changes, **always}), before.robot_id)
 
-        self.records.end(job_id, state, final)
+        self.records.end(job_id, state, final, at_most)
 
 
 def record_of(kind: AnyKind, job: Job, robot_id: str | None) -> JobRecord:

@@ -13,7 +13,7 @@ import os
 import resource
 import subprocess
 import sys
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack, closing, suppress
 from dataclasses import dataclass
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
@@ -33,6 +33,7 @@ from jointstiff.service.process import FORMAT_VARIABLE, REQUEST_ID, LogFormat, s
 from jointstiff.service.security.access import ASKED, Asked, asked_of
 from jointstiff.service.security.admission import Posture
 from jointstiff.service.store.store import Store
+from jointstiff.service.workers.engine import Queue
 
 LIMITED_BYTES: Final = 256 * 1024
 """Larger bodies, and workbooks and archives of any size, are the child's."""
@@ -213,7 +214,8 @@ def run_child(descriptor: int) -> None:
     database, quota, memory, seconds = json.loads(connection.recv_bytes())
     with ExitStack() as stack, suppress(EOFError, BrokenPipeError):
         store = stack.enter_context(Store.open(database, quota))
-        app = create_app(store, store.steps.announce, Posture(hosts=None))
+        queue = stack.enter_context(closing(Queue(store, database)))
+        app = create_app(store, queue.enqueue, Posture(hosts=None))
         app.state.is_closing = lambda: True  # the service itself waits for workers
         with suppress(OSError):  # where the system does not tell how much that is
             pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[5])

@@ -126,7 +126,17 @@ class ServiceError(Exception):
 
 EXTRAS: Final[Mapping[str, str]] = MappingProxyType(
     dict.fromkeys(
-        ("anyio", "fastapi", "prometheus_client", "psycopg", "segno", "sqlalchemy", "starlette", "uvicorn"),
+        (
+            "anyio",
+            "dbos",
+            "fastapi",
+            "prometheus_client",
+            "psycopg",
+            "segno",
+            "sqlalchemy",
+            "starlette",
+            "uvicorn",
+        ),
         "service",
     )
     | {"httpx2": "client", "matplotlib": "plot", "openpyxl": "excel", "pandas": "frames", "polars": "frames"}

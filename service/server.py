@@ -12,7 +12,6 @@ import sys
 import threading
 from collections.abc import Callable
 from contextlib import ExitStack, closing, suppress
-from datetime import timedelta
 from pathlib import Path
 from typing import Final
 
@@ -33,7 +32,8 @@ from jointstiff.service.settings import Settings
 from jointstiff.service.store.database import refuse_in_memory
 from jointstiff.service.store.store import Store
 from jointstiff.service.tables.terminal import console
-from jointstiff.service.workers.supervisor import SILENCE_SECONDS, Supervisor
+from jointstiff.service.workers.engine import Queue
+from jointstiff.service.workers.supervisor import Supervisor
 
 _GOODBYE_SECONDS: Final = 5
 """For requests under way when the service is told to end; those who follow a run come back."""
@@ -95,12 +95,11 @@ def run_server(settings: Settings, then: Callable[[str], object] | None = None) 
         refuse_in_memory(database)
         store = stack.enter_context(Store.open(database, quota))
         keyring = _keyring(store, posture, settings)
-        # The workers of one store have other names than those of another, the same at each start.
+        queue = stack.enter_context(closing(Queue(store, database)))
+        # Messages tell the workers of one store from those of another.
         mark = hashlib.sha256(_shown(database).encode()).hexdigest()[:8]
         prefix = f"{socket.gethostname()}-{port}-{mark}"
-        supervisor = stack.enter_context(
-            Supervisor(database, workers, prefix, forgetting(store), _silence(store))
-        )
+        supervisor = stack.enter_context(Supervisor(database, workers, prefix, forgetting(store)))
         address = f"http://{host}:{port}"
         console().print(
             f"Jointstiff {jointstiff_version()} at {address}, API description at {address}/openapi.json\n"
@@ -110,7 +109,7 @@ def run_server(settings: Settings, then: Callable[[str], object] | None = None) 
         )
         if posture.access == "none":
             console(stderr=True).print(_UNCONTROLLED, markup=False, soft_wrap=True)
-        app = create_app(store, store.steps.announce, posture, keyring, laboratory)
+        app = create_app(store, queue.enqueue, posture, keyring, laboratory)
         app.state.answer_elsewhere = stack.enter_context(closing(LimitedChild(database, quota))).answer
         app.state.failing_workers = lambda: supervisor.failing
         ports = [listener.getsockname()[1] for listener in listeners]
@@ -178,18 +177,6 @@ def forgetting(store: Store) -> Callable[[str], None]:
             store.heartbeats.forget(worker)
 
     return forget
-
-
-def _silence(store: Store) -> Callable[[str], bool]:
-    """Return what tells whether a worker is silent; if the database can be written."""
-
-    def is_silent(worker: str) -> bool:
-        with suppress(StoreError):
-            store.heartbeats.prove()
-            return worker not in store.heartbeats.living(timedelta(seconds=SILENCE_SECONDS))
-        return False
-
-    return is_silent
 
 
 def _shown(database: str) -> str:

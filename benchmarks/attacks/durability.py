@@ -1,6 +1,6 @@
-"""kill -9, again and again: of the workers and the service during one long run, and while clients post.
+"""kill -9, again and again: during one long run, under several open ones, and while clients post.
 
-By name only: it takes about twenty minutes, or five for each `--part` of 1/4 to 4/4.
+By name only: it takes about half an hour, or some minutes for each `--part` of 1/10 to 10/10.
 """
 
 from __future__ import annotations
@@ -36,6 +36,11 @@ __all__ = ["run"]
 CONFIGURATIONS, REPETITIONS, SIZE = 5_000, 90_000, 1_000
 """Steps of a quarter of a second, some 240 of them."""
 KILLS_OF_A_RUN, KILLS_WHILE_POSTING = 20, 50
+OPEN_RUNS, OPEN_CONFIGURATIONS, OPEN_RESAMPLING = 3, 400, {"size": 100, "repetitions": 40_000}
+"""Ten steps each, two or three seconds."""
+KILLS_UNDER_OPEN_RUNS: Final = {"service": 10, "worker": 20}
+ROUNDS: Final = 3
+"""Of kills under open runs, each at other moments."""
 VICTIMS: Final = ("worker", "service", "service and worker")
 _END_SECONDS: Final = 900.0
 _SOON: Final = 10.0
@@ -68,11 +73,21 @@ class Posted:
 def run(*, quick: bool, part: Part) -> list[Section]:
     """Disturb services on an SQLite file and on a PostgreSQL server of our own."""
     with databases() as kinds:
-        mine = [(number // 2, list(kinds)[number % 2]) for number in part.of(2 * len(kinds))]
+        mine = [(number // 2, list(kinds)[number % 2]) for number in part.of((2 + ROUNDS) * len(kinds))]
         runs = {kind: _disturbed(kinds[kind](), quick=quick) for of, kind in mine if of == 0}
         kills = 2 if quick else KILLS_WHILE_POSTING
         posts = {kind: _posting(kinds[kind](), kills) for of, kind in mine if of == 1}
+        under = {
+            f"{kind}, {victim}, round {of - 1}": _under_open_runs(
+                kinds[kind](), victim, 2 if quick else number, seed=of
+            )
+            for of, kind in mine
+            if of >= 2
+            for victim, number in KILLS_UNDER_OPEN_RUNS.items()
+        }
     sections = [_post_section(posts)] if posts else []
+    if under:
+        sections.insert(0, _open_section(under))
     if runs:
         expected = undisturbed(*_options(quick=quick))
         sections.insert(0, _run_section(runs, expected, 0 if quick else KILLS_OF_A_RUN))
@@ -171,6 +186,78 @@ def _run_section(runs: dict[str, Outcome], expected: dict[str, Any], kills: int)
         ),
         notes=("the undisturbed run was carried out in one process, without workers",),
         data={kind: {"kills": found.kills} for kind, found in runs.items()},
+    )
+
+
+# Several open runs
+
+
+@dataclass
+class Killed:
+    """Outcome of the runs that were open while one process after the other was killed."""
+
+    kills: int
+    runs: list[dict[str, Any]]
+    rows: int  # of runs in the database
+
+    @property
+    def failed(self) -> int:
+        """Return the number of runs that did not succeed."""
+        return sum(run["state"] != "succeeded" for run in self.runs)
+
+    @property
+    def odd(self) -> int:
+        """Return the number of runs whose draws were not all counted, or were counted twice."""
+        return sum(run["progress"]["done"] != OPEN_RESAMPLING["repetitions"] for run in self.runs)
+
+
+def _under_open_runs(database: str, victim: str, kills: int, seed: int) -> Killed:
+    """Kill one process after the other, soon after each start, while three runs are open all the time."""
+    chance, addresses = random.Random(seed), list[str]()  # noqa: S311 - moments, not secrets
+    workers = 1 if victim == "service" else 2
+    service = Service(database, workers)
+    with httpx2.Client(base_url=service.url, timeout=60.0) as client:
+        for _ in range(kills):
+            states = [client.get(address).json()["state"] for address in addresses]
+            for _ in range(OPEN_RUNS - sum(state in {"queued", "running"} for state in states)):
+                addresses.append(begin_run(client, OPEN_CONFIGURATIONS, OPEN_RESAMPLING))
+            time.sleep(chance.uniform(0.3, 3.0))
+            service = _struck(service, database, victim, Outcome())
+        runs = [ended(client, address, _END_SECONDS) for address in addresses]
+    with service:
+        pass
+    with closing(Database.open(database)) as opened, opened.reading() as connection:
+        rows = connection.execute(select(func.count()).select_from(jobs)).scalar_one()
+    return Killed(kills, runs, rows)
+
+
+def _open_section(found: dict[str, Killed]) -> Section:
+    expected = undisturbed(OPEN_CONFIGURATIONS, OPEN_RESAMPLING)
+    different = {name: sum(numbers(run) != expected for run in each.runs) for name, each in found.items()}
+    return Section(
+        title=f"kill -9 of the service, or of workers, soon after each start, under {OPEN_RUNS} open runs",
+        columns=("database, victim, round", "kills", "runs", "failed", "lost or stored twice", "other bits"),
+        rows=tuple(
+            (
+                name,
+                str(each.kills),
+                str(len(each.runs)),
+                str(each.failed),
+                str(abs(each.rows - len(each.runs)) + each.odd),
+                str(different[name]),
+            )
+            for name, each in found.items()
+        ),
+        figures=tuple(
+            Figure.none(
+                f"{name}: runs failed, lost, stored or counted twice, or of other bits",
+                each.failed + abs(each.rows - len(each.runs)) + each.odd + different[name],
+            )
+            for name, each in found.items()
+        ),
+        notes=tuple(
+            f"{name}: {run['error']}" for name, each in found.items() for run in each.runs if run["error"]
+        ),
     )
 
 

@@ -175,13 +175,10 @@ def _planted(database: str, folder: Path, configurations: int, resampling: dict[
     with Service(database, 0) as service, httpx2.Client(base_url=service.url, timeout=90) as client:
         address = begin_run(client, configurations, resampling)
     job_id, draws = address.rpartition("/")[2], resampling["repetitions"]
-    steps = [(job_id, 0, draws, 1, 1, pickle.dumps(_Planted(ran))), (job_id, draws, 0, 0, 1, None)]
+    step = (job_id, 0, draws, pickle.dumps(_Planted(ran)))
     with closing(sqlite3.connect(database.removeprefix("sqlite:///"))) as connection, connection:
         connection.execute("DELETE FROM job_steps")
-        connection.executemany(
-            "INSERT INTO job_steps (job_id, start, units, turn, sequence, result) VALUES (?, ?, ?, ?, ?, ?)",
-            steps,
-        )
+        connection.execute("INSERT INTO job_steps (job_id, start, units, result) VALUES (?, ?, ?, ?)", step)
     with Service(database, 1) as service, httpx2.Client(base_url=service.url, timeout=90) as client:
         state = str(ended(client, address, _CLEAR_SECONDS)["state"])
     return "RUN" if ran.exists() else state

@@ -30,19 +30,18 @@ def worker(
     database: DatabaseUrl,
     name: Annotated[
         str | None,
-        typer.Option(help="Name of this worker; a worker restarted under the same name resumes its jobs."),
+        typer.Option(help="Name of this worker in messages; that of the machine if absent."),
     ] = None,
     log_format: LogLines = LogFormat.TEXT,
 ) -> None:
     """Compute the long runs of a service until stopped."""
-    import os
-    import secrets
     import socket
 
+    from jointstiff.service.workers.supervisor import process_name
     from jointstiff.service.workers.worker import run_worker
 
     set_log_format(log_format)
-    run_worker(database, name or f"{socket.gethostname()}-{os.getpid()}-{secrets.token_hex(4)}")
+    run_worker(database, process_name(name or socket.gethostname()))
 
 
 def post(

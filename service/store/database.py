@@ -15,7 +15,15 @@ from typing import Any, Final, Literal
 
 import sqlalchemy as sa
 from sqlalchemy.dialects import postgresql, sqlite
-from sqlalchemy.exc import ArgumentError, DBAPIError, IntegrityError, OperationalError
+from sqlalchemy.exc import (
+    ArgumentError,
+    DataError,
+    DBAPIError,
+    IntegrityError,
+    NotSupportedError,
+    OperationalError,
+    ProgrammingError,
+)
 from sqlalchemy.exc import TimeoutError as PoolTimeoutError
 
 from jointstiff.service.problems import QuotaError, StoreError, StoreUnavailableError
@@ -34,6 +42,27 @@ BUSY_SECONDS = 20.0
 LOCKED_SECONDS = 1.0
 """Time that it waits after one that waited in vain, until one gets its turn [s]."""
 _CONNECTIONS = 16
+_SESSION: Final = MappingProxyType(
+    {
+        "lock_timeout": 3_000,
+        "statement_timeout": 5_000,
+        # Else a worker that is stopped inside a transaction would keep its locks for ever.
+        "idle_in_transaction_session_timeout": 15_000,
+    }
+)
+"""What the PostgreSQL server ends by itself [ms]; options in the URL go first."""
+_LINK: Final = MappingProxyType(
+    {
+        "connect_timeout": 4,  # s
+        "keepalives_idle": 10,  # s
+        "keepalives_interval": 5,  # s
+        "keepalives_count": 3,
+        "tcp_user_timeout": 10_000,  # ms
+    }
+)
+"""When a connection to PostgreSQL counts as lost; parameters in the URL go first."""
+_AWAY_SECONDS: Final = 2.0  # for which nobody asks a server again that gave none
+_MENDABLE: Final = frozenset({"42501", "3F000"})  # SQLSTATE: a privilege, or a schema, is missing
 _NO_VALUES: Mapping[str, object] = MappingProxyType({})
 
 
@@ -55,6 +84,7 @@ class Database:
         self._turns = threading.BoundedSemaphore(1 if dialect == "sqlite" else _CONNECTIONS)
         self._is_locked = False  # the last one waited in vain: those behind it need not wait as long again
         self._is_read_only = self._is_closed = False
+        self._away_until = 0.0  # monotonic time before which a silent server is not asked again
         sa.event.listen(reader, "checkin", self._keep_or_close)
 
     @classmethod
@@ -106,13 +136,20 @@ class Database:
             yield connection
 
     @contextmanager
-    def writing(self) -> Iterator[sa.Connection]:
-        """One transaction: committed at the end of the block, rolled back if it raises."""
-        patience = LOCKED_SECONDS if self._is_locked else BUSY_SECONDS
+    def writing(self, at_most: float = BUSY_SECONDS) -> Iterator[sa.Connection]:
+        """One transaction: committed at the end of the block, rolled back if it raises.
+
+        Args:
+            at_most: time that it waits for a lock of others, if that is less than usual [s].
+
+        Raises:
+            StoreUnavailableError: the database does not answer, or others keep it locked.
+        """
+        patience = min(at_most, LOCKED_SECONDS if self._is_locked else BUSY_SECONDS)
         deadline = time.monotonic() + patience
         with self._errors_translated():
             if not self._turns.acquire(timeout=patience):
-                self._is_locked = True
+                self._is_locked |= at_most >= BUSY_SECONDS
                 raise PoolTimeoutError(f"the database has been locked by other writers for {patience:.0f} s")
             try:
                 left = max(0.0, deadline - time.monotonic())
@@ -120,10 +157,13 @@ class Database:
                     try:
                         transaction = connection.begin()
                     except OperationalError as error:
-                        self._is_locked = _code(error) == sqlite3.SQLITE_BUSY
+                        is_locked = _code(error) == sqlite3.SQLITE_BUSY
+                        self._is_locked = is_locked and (self._is_locked or at_most >= BUSY_SECONDS)
                         raise
                     self._is_locked = self._is_read_only = False
                     with transaction:
+                        if self.dialect == "postgresql" and at_most < BUSY_SECONDS:
+                            connection.exec_driver_sql(f"SET LOCAL lock_timeout = {1000.0 * at_most:.0f}")
                         yield connection
             finally:
                 self._turns.release()
@@ -147,13 +187,21 @@ class Database:
 
     @contextmanager
     def _errors_translated(self) -> Iterator[None]:
-        """Let broken constraints pass, which the store explains; the rest is the database's."""
+        """Tell a database that is away from mistakes of ours; the store explains broken constraints."""
+        if time.monotonic() < self._away_until:
+            raise StoreUnavailableError(
+                "the postgresql database does not answer", "check that the server runs, and its address"
+            )
         try:
             yield
-        except IntegrityError:
+        except (IntegrityError, DataError, NotSupportedError):
             raise
         except (DBAPIError, PoolTimeoutError) as error:
             cause = error.orig if isinstance(error, DBAPIError) else error
+            if _is_mistake(error):
+                raise  # no outage: the same statement would fail for ever
+            if type(cause).__name__ in {"ConnectionTimeout", "SilentServerError"}:
+                self._away_until = time.monotonic() + _AWAY_SECONDS
             self._is_read_only |= _code(error) == sqlite3.SQLITE_READONLY
             lines = str(cause).strip().splitlines() or [type(cause).__name__]
             raise StoreUnavailableError(
@@ -170,6 +218,21 @@ def inserting(connection: sa.Connection, table: sa.Table) -> Any:  # noqa: ANN40
     """Return a statement that inserts a row, unless one of its key is there."""
     insert = sqlite.insert if connection.dialect.name == "sqlite" else postgresql.insert
     return insert(table).on_conflict_do_nothing()
+
+
+def engine_of(url: str, connections: int) -> sa.Engine:
+    """Return an engine for a library that keeps tables of its own in a database that is open.
+
+    Args:
+        url: of the database.
+        connections: how many at most.
+    """
+    parsed = _parse(url)
+    if _DIALECTS[parsed.drivername] == "postgresql":
+        return _postgresql_engine(parsed, connections)
+    engine = sa.create_engine(parsed, hide_parameters=True, pool_size=connections, max_overflow=0)
+    sa.event.listen(engine, "connect", _configure_transactions)
+    return engine
 
 
 def open_existing(url: str) -> Database:
@@ -254,6 +317,13 @@ def _configure_sqlite(connection: sqlite3.Connection, _record: object) -> None:
     connection.execute("PRAGMA foreign_keys=ON").close()
 
 
+def _configure_transactions(connection: sqlite3.Connection, _record: object) -> None:
+    """Let the driver begin transactions as `_begin_immediate` does."""
+    _configure_sqlite(connection, _record)
+    connection.isolation_level = "IMMEDIATE"
+    connection.execute(f"PRAGMA busy_timeout={1000.0 * BUSY_SECONDS:.0f}").close()
+
+
 def _begin_immediate(connection: sa.Connection) -> None:
     left = connection.get_execution_options()["busy_seconds"]
     is_shorter = left < 0.9 * BUSY_SECONDS
@@ -288,6 +358,13 @@ def _switch_to_wal(connection: sa.Connection) -> None:
         )
 
 
+def _is_mistake(error: Exception) -> bool:
+    """Return whether a statement of ours is wrong, or names what is not there."""
+    if isinstance(error, ProgrammingError):
+        return getattr(error.orig, "sqlstate", None) not in {None, *_MENDABLE}  # None: of the URL
+    return _code(error) == sqlite3.SQLITE_ERROR
+
+
 def _code(error: Exception) -> int:
     """Return SQLite's code of an error, 0 for others."""
     code = getattr(getattr(error, "orig", None), "sqlite_errorcode", 0)
@@ -295,18 +372,36 @@ def _code(error: Exception) -> int:
 
 
 def _postgresql_engines(url: sa.URL) -> tuple[sa.Engine, sa.Engine]:
-    connect_args: dict[str, Any] = {"client_encoding": "utf8"}
-    if "connect_timeout" not in url.query:
-        connect_args["connect_timeout"] = 10
-    writer = sa.create_engine(
+    writer = _postgresql_engine(url, _CONNECTIONS)
+    return writer.execution_options(isolation_level="AUTOCOMMIT"), writer
+
+
+def _postgresql_engine(url: sa.URL, connections: int) -> sa.Engine:
+    options = " ".join(f"-c {name}={value}" for name, value in _SESSION.items())
+    connect_args: dict[str, Any] = {name: value for name, value in _LINK.items() if name not in url.query}
+    connect_args |= {"client_encoding": "utf8", "options": f"{options} {_option_of(url)}"}
+    engine = sa.create_engine(
         url.set(drivername="postgresql+psycopg"),
         connect_args=connect_args,
         hide_parameters=True,
-        pool_size=_CONNECTIONS,
+        pool_size=connections,
         max_overflow=0,
         pool_pre_ping=True,  # a server that was restarted costs a reconnection, not an error
     )
-    return writer.execution_options(isolation_level="AUTOCOMMIT"), writer
+    sa.event.listen(engine, "do_connect", _connect_with_deadlines)
+    return engine
+
+
+def _option_of(url: sa.URL) -> str:
+    """Return the options for the server in a URL, which may be given several times."""
+    options = url.query.get("options", ())
+    return options if isinstance(options, str) else " ".join(options)
+
+
+def _connect_with_deadlines(_dialect: object, _record: object, arguments: Any, parameters: Any) -> object:  # noqa: ANN401 - as SQLAlchemy has them
+    from jointstiff.service.store.postgresql import PatientConnection  # SQLite does without its driver
+
+    return PatientConnection.connect(*arguments, **parameters)
 
 
 def _check_encoding(connection: sa.Connection) -> None:

@@ -1,8 +1,8 @@
-"""Jobs: records that change until they end; the steps that workers carry out; and the workers that live."""
+"""Jobs: records that change until they end; results of their steps; and the workers that live."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 from typing import Any, Final
@@ -11,7 +11,7 @@ import sqlalchemy as sa
 
 from jointstiff.service.problems import Resource
 from jointstiff.service.store.collection import Collection
-from jointstiff.service.store.database import Database, Quota
+from jointstiff.service.store.database import BUSY_SECONDS, Database, Quota, inserting
 from jointstiff.service.store.tables import (
     OPEN_STATES,
     JobEntry,
@@ -30,7 +30,7 @@ JobChanges = Mapping[str, Any]
 
 _done: Final = (
     sa.select(sa.func.coalesce(sa.func.sum(job_steps.c.units), 0))
-    .where(job_steps.c.job_id == jobs.c.id, job_steps.c.result.is_not(None))
+    .where(job_steps.c.job_id == jobs.c.id)
     .scalar_subquery()
     .label("done")
 )
@@ -90,6 +90,7 @@ class JobRecords(Collection[JobRecord, JobEntry]):
         job_id: str,
         state: str,
         changes: Callable[[JobRecord, int], JobChanges],
+        at_most: float = BUSY_SECONDS,
     ) -> bool:
         """End a job, unless it has ended: a job never changes once ended.
 
@@ -97,13 +98,17 @@ class JobRecords(Collection[JobRecord, JobEntry]):
             job_id: its id.
             state: its final state.
             changes: return its last form, given the record before and the number of units done.
+            at_most: time to wait for a worker that has the job locked [s].
 
         Returns:
             Whether it was this call that ended it.
+
+        Raises:
+            StoreUnavailableError: the job is locked, or the database does not answer.
         """
         mine = self._is(job_id)
         last = of_records(jobs, JobRecord).add_columns(_done).where(*mine)
-        with self._database.writing() as connection:
+        with self._database.writing(at_most) as connection:
             ended = connection.execute(sa.update(jobs).where(*mine, _open).values(state=state)).rowcount == 1
             if ended:  # no one else can end or start it any more
                 *before, done = connection.execute(last).one()
@@ -113,155 +118,50 @@ class JobRecords(Collection[JobRecord, JobEntry]):
         return ended
 
 
-PLAN: Final = -1
-"""Start of the step that cuts a job into the others."""
-_FIRST_TURN: Final = 1  # of a job; to put one together has none to wait for
-_SAME_TURN: Final = 2  # steps of a job that are one after the other: then others have their turn
-_LAST_TURN: Final = 9  # of a long job, from which on what came first goes first
-_undone: Final = job_steps.c.result.is_(None)
-
-
-@dataclass(frozen=True, slots=True)
-class Step:
-    """A step of a job that is left to workers. The first one cuts the job, the last one puts it together."""
-
-    job_id: str
-    start: int  # its first unit; `PLAN` of the first step
-    units: int  # none of the first and of the last step
-
-    @property
-    def is_last(self) -> bool:
-        """Return whether it puts the job together."""
-        return self.units == 0 and self.start != PLAN
-
-
 class Steps:
-    """The steps of all jobs that are left to workers. Safe to use from several threads and processes.
+    """Results of the steps of jobs that have not ended. Safe to use from several threads and processes.
 
-    Each is taken by one worker, and what it computes is kept. One may be carried out twice, as when a worker
-    is silent for a while: the numbers are the same, and the first ones stay. They go with the end of the job.
-    A job that has not ended has a step that is to be done: one follows the others in the same transaction.
-    Who changes the steps of a job, or ends it, holds its row of the table of jobs first.
+    Two workers may carry out the same step, for instance when one of them is silent for a while: their
+    numbers are equal, and the first result stays. All results go when their job ends.
     """
 
     def __init__(self, database: Database) -> None:
         self._database = database
-        step = job_steps.c
-        taken = sa.bindparam("executor", type_=sa.String)
-        # In the order of the index of steps to be done, of which it looks at the first ones alone.
-        self._next = (
-            sa.select(step.job_id, step.start, step.units)
-            .where(_undone, sa.or_(step.executor.is_(None), step.executor == taken))
-            .order_by(step.turn, step.sequence, step.start)
-            .limit(1)
-        )
-        self._kind = sa.select(jobs.c.kind).where(jobs.c.id == step.job_id).scalar_subquery()
 
-    def announce(self, connection: sa.Connection, job_id: str) -> None:
-        """Leave a job to workers, in the transaction that stores it."""
-        self._add(connection, job_id, [(PLAN, 0, _FIRST_TURN)])
-
-    def take(self, executor: str, kinds: Sequence[str] | None = None) -> Step | None:
-        """Take the next step; None if there is none. What was taken before and is not done may come again.
+    def keep(self, job_id: str, span: tuple[int, int], result: bytes) -> bool:
+        """Keep the result of a step, unless a result is kept or the job has ended.
 
         Args:
-            executor: name of the worker.
-            kinds: names of the kinds of jobs that it knows; others are left alone. None for any.
+            job_id: id of the job.
+            span: first unit of the step, and one past the last.
+            result: what the step computed.
+
+        Returns:
+            Whether the job goes on.
         """
-        asked = {"executor": executor}
-        following = self._next if kinds is None else self._next.where(self._kind.in_(kinds))
-        if not self._database.rows(following, asked):
-            return None  # who only looks does not take the writer's turn
+        # The lock keeps the job from ending until the row is there: the end would not remove it.
+        goes_on = sa.select(jobs.c.id).where(jobs.c.id == job_id, _open).with_for_update()
+        row = {"job_id": job_id, "start": span[0], "units": span[1] - span[0], "result": result}
         with self._database.writing() as connection:
-            locked = following.with_for_update(skip_locked=True)
-            row = connection.execute(locked, asked).one_or_none()
-            if row is None:
-                return None
-            step = Step(*row)
-            connection.execute(self._change(step.job_id, step.start).values(executor=executor))
-        return step
+            if connection.execute(goes_on).first() is None:
+                return False
+            connection.execute(inserting(connection, job_steps).values(row))
+        return True
 
-    def share_out(self, job_id: str, spans: Sequence[tuple[int, int]]) -> None:
-        """Put the steps of a job in the place of the first one."""
-        with self._database.writing() as connection:
-            if not self._hold(connection, job_id):
-                return
-            first = sa.delete(job_steps).where(job_steps.c.job_id == job_id, job_steps.c.start == PLAN)
-            if connection.execute(first).rowcount == 1:  # nobody else has
-                steps = [
-                    (start, stop - start, min(_FIRST_TURN + place // _SAME_TURN, _LAST_TURN))
-                    for place, (start, stop) in enumerate(spans)
-                ]
-                self._add(connection, job_id, steps or [(0, 0, 0)])
-
-    def keep(self, job_id: str, start: int, result: bytes) -> None:
-        """Keep what a step computed, unless something is kept, or the job has ended; the last one follows."""
-        mine = job_steps.c.job_id == job_id
-        end = sa.select(sa.func.max(job_steps.c.start + job_steps.c.units)).where(mine)
-        with self._database.writing() as connection:
-            if not self._hold(connection, job_id):
-                return
-            kept = connection.execute(self._change(job_id, start).values(result=result, executor=None))
-            left = connection.execute(sa.select(job_steps.c.start).where(mine, _undone).limit(1)).first()
-            if kept.rowcount == 1 and left is None:
-                self._add(connection, job_id, [(connection.execute(end).scalar_one(), 0, 0)])
+    def done(self, job_id: str) -> set[int]:
+        """Return the first units of those steps of a job whose results are kept."""
+        rows = self._database.rows(sa.select(job_steps.c.start).where(job_steps.c.job_id == job_id))
+        return {int(row.start) for row in rows}
 
     def results(self, job_id: str) -> list[bytes]:
-        """Return what the steps of a job computed, in order."""
-        step = job_steps.c
-        mine = sa.select(step.result).where(step.job_id == job_id, step.result.is_not(None))
-        return [bytes(row.result) for row in self._database.rows(mine.order_by(step.start))]
+        """Return the results of the steps of a job, in order."""
+        mine = sa.select(job_steps.c.result).where(job_steps.c.job_id == job_id)
+        return [bytes(row.result) for row in self._database.rows(mine.order_by(job_steps.c.start))]
 
-    def leave(self, executor: str) -> None:
-        """Leave to others what a worker that ends has begun."""
-        mine = sa.update(job_steps).where(job_steps.c.executor == executor)
-        self._database.change(mine.values(executor=None))
-
-    def count_death(self, executor: str) -> dict[str, int]:
-        """Leave to others what a worker died over, as `count_deaths` does."""
-        return self._count(job_steps.c.executor == executor)
-
-    def count_deaths(self, living: Sequence[str]) -> dict[str, int]:
-        """Leave to others what workers died over; return how many did by now over a step of each job.
-
-        Args:
-            living: names of all workers that live.
-        """
-        return self._count(job_steps.c.executor.is_not(None), job_steps.c.executor.not_in(living))
-
-    def forgotten(self) -> dict[str, str]:
-        """Return the jobs that have not ended, and have no step that will end them: id → name of the kind."""
-        known = sa.exists().where(job_steps.c.job_id == jobs.c.id)
-        lost = self._database.rows(sa.select(jobs.c.id, jobs.c.kind).where(_open, ~known))
-        return {str(row.id): str(row.kind) for row in lost}
-
-    def _hold(self, connection: sa.Connection, job_id: str) -> bool:
-        """Keep others from changing the steps of a job; return whether it goes on."""
-        mine = sa.select(jobs.c.id).where(jobs.c.id == job_id, _open)
-        return connection.execute(mine.with_for_update()).first() is not None
-
-    def _add(self, connection: sa.Connection, job_id: str, steps: Sequence[tuple[int, int, int]]) -> None:
-        """Add steps to a job: start, units and turn of each."""
-        sequence = connection.execute(sa.select(jobs.c.sequence).where(jobs.c.id == job_id)).scalar_one()
-        names = "start", "units", "turn"
-        rows = [
-            {"job_id": job_id, "sequence": sequence, **dict(zip(names, step, strict=True))} for step in steps
-        ]
-        connection.execute(sa.insert(job_steps), rows)
-
-    def _change(self, job_id: str, start: int) -> sa.Update:
-        return sa.update(job_steps).where(job_steps.c.job_id == job_id, job_steps.c.start == start, _undone)
-
-    def _count(self, *dead: sa.ColumnElement[bool]) -> dict[str, int]:
-        if not self._database.rows(sa.select(job_steps.c.job_id).where(*dead).limit(1)):
-            return {}
-        step = job_steps.c
-        dying = sa.update(job_steps).where(*dead).values(executor=None, deaths=step.deaths + 1)
-        with self._database.writing() as connection:
-            rows = connection.execute(dying.returning(step.job_id, step.deaths)).all()
-        return {
-            str(row.job_id): max(each.deaths for each in rows if each.job_id == row.job_id) for row in rows
-        }
+    def others_begun(self, job_id: str) -> int:
+        """Return the number of other jobs than this one that have results and have not ended."""
+        begun = sa.select(sa.func.count(sa.distinct(job_steps.c.job_id))).where(job_steps.c.job_id != job_id)
+        return int(self._database.rows(begun)[0][0])
 
 
 SILENT: Final = timedelta(seconds=30)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Callable
 from collections.abc import Collection as Ids
+from contextlib import AbstractContextManager
 from datetime import timedelta
 from functools import cache
 from typing import Final
@@ -26,6 +27,7 @@ from jointstiff.service.store.collection import (
 from jointstiff.service.store.database import Database, Dialect, Quota
 from jointstiff.service.store.jobs import Heartbeats, JobRecords, Steps
 from jointstiff.service.store.tables import (
+    OPEN_STATES,
     AuditEntry,
     LiveEntry,
     MeasurementSetEntry,
@@ -70,7 +72,7 @@ class Store:
         self.jobs: Callable[[Resource], JobRecords] = cache(
             lambda kind: JobRecords(database, kind, self.quota)
         )
-        self.steps = Steps(database)  # of those that are left to workers
+        self.steps = Steps(database)  # results of their steps, until they end
         self.heartbeats = Heartbeats(database)  # of the workers
         self.keys = AccessKeys(database)  # that let their holders in
         # of browsers that signed in with a key
@@ -116,6 +118,26 @@ class Store:
         with self._database.reading() as connection:
             found = connection.execute(sa.select(jobs.c.kind).where(jobs.c.id == job_id)).scalar_one_or_none()
         return None if found is None else str(found)
+
+    def open_jobs(self, kinds: Ids[str]) -> dict[str, str]:
+        """Return the jobs of some kinds that have not ended: id → name of the kind."""
+        going = sa.select(jobs.c.id, jobs.c.kind).where(jobs.c.kind.in_(kinds), jobs.c.state.in_(OPEN_STATES))
+        return {str(row.id): str(row.kind) for row in self._database.rows(going)}
+
+    def going_on(self, job_ids: Ids[str]) -> set[str]:
+        """Return the ids of those of some jobs that have not ended, of whatever kind."""
+        going = sa.select(jobs.c.id).where(jobs.c.id.in_(job_ids), jobs.c.state.in_(OPEN_STATES))
+        return {str(row.id) for row in self._database.rows(going)}
+
+    def transaction(self) -> AbstractContextManager[sa.Connection]:
+        """Return one transaction, for what the store and the engine write together."""
+        return self._database.writing()
+
+    def schema(self) -> str | None:
+        """Return the schema of the tables on PostgreSQL; None on SQLite."""
+        if self._database.dialect == "sqlite":
+            return None
+        return str(self._database.rows(sa.select(sa.func.current_schema()))[0][0])
 
     def trend_marks(self, robot_ids: Ids[str]) -> dict[str, str]:
         """Return a hash of what the trends of robots with runs are made of, by two queries for all."""

@@ -6,6 +6,7 @@ and references are those of the tables.
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, fields
 from datetime import UTC, datetime
@@ -13,9 +14,10 @@ from types import MappingProxyType
 from typing import Any, Final, Generic, TypeVar, get_args, get_type_hints
 
 import sqlalchemy as sa
+from sqlalchemy.exc import DBAPIError
 from sqlalchemy.types import TypeEngine
 
-from jointstiff.service.problems import StoreError
+from jointstiff.service.problems import StoreError, StoreUnavailableError
 from jointstiff.service.store.database import Database
 
 
@@ -183,12 +185,13 @@ class RecordPage(Generic[Row]):
     next: str | None  # cursor of the following page; none on the last one
 
 
-LAYOUT: Final = "0012_one_list"
+LAYOUT: Final = "0012_engine"
 """Name of the tables as they are here, and of what the documents in them hold; another one with each change.
 
 Nothing was released: one layout is made and read, and all others are refused.
 """
 _ADVISORY_LOCK: Final = 0x4A6F696E74  # any number that no other program takes: "Joint"
+_TURN_SECONDS: Final = 60.0  # for other processes that make the tables
 
 metadata = sa.MetaData(
     naming_convention={
@@ -362,23 +365,8 @@ job_steps = sa.Table(
     sa.Column("job_id", sa.String, primary_key=True),
     sa.Column("start", sa.Integer, primary_key=True, autoincrement=False),  # its first unit
     sa.Column("units", sa.Integer, nullable=False),
-    sa.Column("turn", sa.Integer, nullable=False),  # the least goes first
-    # of the job: of one turn the first job's goes first
-    sa.Column("sequence", sa.BigInteger, nullable=False),
-    sa.Column("executor", sa.String, nullable=True),  # worker that carries it out
-    sa.Column("deaths", sa.Integer, nullable=False, server_default="0"),  # of workers over it
-    sa.Column("result", sa.LargeBinary, nullable=True),  # none while it is to be done
+    sa.Column("result", sa.LargeBinary, nullable=False),
 )
-_undone, _taken = job_steps.c.result.is_(None), job_steps.c.executor.is_not(None)
-sa.Index(
-    None,
-    job_steps.c.turn,
-    job_steps.c.sequence,
-    job_steps.c.start,
-    sqlite_where=_undone,
-    postgresql_where=_undone,
-)
-sa.Index(None, job_steps.c.executor, sqlite_where=_taken, postgresql_where=_taken)
 
 heartbeats = sa.Table(
     "heartbeats",
@@ -437,10 +425,33 @@ def make_tables(database: Database) -> None:
             return
     with database.writing() as connection:
         if database.dialect == "postgresql":  # SQLite holds its write lock already
-            connection.execute(sa.text("SELECT pg_advisory_xact_lock(:n)"), {"n": _ADVISORY_LOCK})
+            _wait_for_turn(connection)
         if not has_tables(connection):
-            metadata.create_all(connection, checkfirst=False)
+            try:
+                metadata.create_all(connection, checkfirst=False)
+            except DBAPIError as error:
+                raise StoreUnavailableError(
+                    f"the tables cannot be made ({str(error.orig).strip().splitlines()[0][:200]})",
+                    "give a database without tables of other programs, and its user the right to make tables",
+                ) from error
             connection.execute(sa.insert(layouts).values(version_num=LAYOUT))
+
+
+def _wait_for_turn(connection: sa.Connection) -> None:
+    """Wait until no other process makes the tables, until this transaction ends.
+
+    Raises:
+        StoreUnavailableError: another one has been making them for a minute.
+    """
+    deadline = time.monotonic() + _TURN_SECONDS
+    lock = sa.text("SELECT pg_try_advisory_xact_lock(:n)")
+    while not connection.execute(lock, {"n": _ADVISORY_LOCK}).scalar_one():
+        if time.monotonic() > deadline:
+            raise StoreUnavailableError(
+                f"another process has been making the tables for {_TURN_SECONDS:.0f} s",
+                "look for a process that hangs, and end it",
+            )
+        time.sleep(0.05)
 
 
 def has_tables(connection: sa.Connection) -> bool:

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import logging
 import os
+import secrets
+import select
 import subprocess
 import sys
 import threading
 import time
 from collections.abc import Callable
-from contextlib import suppress
 from typing import Final
 
 from jointstiff.service.process import ONE_THREAD
@@ -22,10 +23,9 @@ _LONGEST_PAUSE_SECONDS: Final = 60.0
 _FAILING: Final = 2
 """Short lives, one after the other, from which on a worker counts as one that cannot start."""
 _END_SECONDS: Final = 10.0
-SILENCE_SECONDS: Final = 60.0
-"""A worker that showed no sign of life for so long, at two looks, is ended and replaced."""
-_LOOK_SECONDS: Final = 15.0
-_SILENT_LOOKS: Final = 2
+_START_SECONDS: Final = 120.0
+_SILENCE_SECONDS: Final = 45.0
+"""A worker that showed no sign of life on its output for so long is ended and replaced."""
 
 _logger = logging.getLogger(__name__)
 
@@ -38,6 +38,14 @@ def pause_after(short_lives: int) -> float:
     return min(_PAUSE_SECONDS * 2.0 ** min(short_lives - 1, 10), _LONGEST_PAUSE_SECONDS)
 
 
+def process_name(name: str) -> str:
+    """Return a name for a new process of a worker, which no other process has or had.
+
+    Two machines may have one host name: what a process of an equal name has begun is not a new one's.
+    """
+    return f"{name}-{secrets.token_hex(4)}"
+
+
 class Supervisor:
     """N worker processes. Each holds a pipe from this process and ends when this process does, however."""
 
@@ -47,24 +55,21 @@ class Supervisor:
         workers: int,
         prefix: str,
         forget: Callable[[str], object] = lambda _: None,
-        is_silent: Callable[[str], bool] = lambda _: False,
-        silence: float = SILENCE_SECONDS,
-        look: float = _LOOK_SECONDS,
+        start: float = _START_SECONDS,
+        silence: float = _SILENCE_SECONDS,
     ) -> None:
         """Start the workers.
 
         Args:
             database: URL of the store.
             workers: how many; none is allowed.
-            prefix: what makes the names of these workers unlike those of other services, and the same as
-                those of an earlier start of this one.
-            forget: called with the name of a worker that ended by itself, which is living no more.
-            is_silent: tells of the name of a worker whether it showed no sign of life for `silence`.
-            silence: time from its start after which it is asked [s].
-            look: time between two such looks [s].
+            prefix: of the names of these workers.
+            forget: called with the name of a worker process that has ended.
+            start: time that a worker has for its start [s].
+            silence: time between two signs of life after which a worker is ended [s].
         """
         self._forget = forget
-        self._is_silent, self._silence, self._look = is_silent, silence, look
+        self._start, self._silence = start, silence
         self._short_lives: dict[str, int] = {}
         self._stopping = threading.Event()
         self._processes: dict[str, subprocess.Popen[bytes]] = {}
@@ -111,10 +116,11 @@ class Supervisor:
 
     def _watch(self, database: str, name: str) -> None:
         """Start a worker, and wait for its end."""
+        executor = process_name(name)
         with subprocess.Popen(
-            [sys.executable, "-m", "jointstiff.service.workers", name],
+            [sys.executable, "-m", "jointstiff.service.workers", executor],
             stdin=subprocess.PIPE,
-            stdout=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
             # The URL is there, as the arguments of a process are for all to see.
             env=os.environ | ONE_THREAD | {DATABASE_VARIABLE: database},
             process_group=0,  # Ctrl-C at the service's terminal is the service's to hear
@@ -122,20 +128,22 @@ class Supervisor:
             self._processes[name] = process
             if self._stopping.is_set():  # it was started while all others were being ended
                 process.terminate()
-            status = self._end_of(process, name)
+            status = self._end_of(process, executor)
         if not self._stopping.is_set():
             how = f"signal {-status}" if status < 0 else f"status {status}"
-            _logger.warning("worker %s ended with %s; starting it again", name, how)
-            self._forget(name)
+            _logger.warning("worker %s ended with %s; starting another one", executor, how)
+            self._forget(executor)
 
-    def _end_of(self, process: subprocess.Popen[bytes], name: str) -> int:
-        """Wait for the end of a worker; end one that lives but shows no sign of it, as without memory."""
-        pause, silent_looks = self._silence, 0
-        while True:
-            with suppress(subprocess.TimeoutExpired):
-                return process.wait(pause)
-            pause = self._look
-            silent_looks = silent_looks + 1 if self._is_silent(name) else 0
-            if silent_looks >= _SILENT_LOOKS:
-                _logger.warning("worker %s is silent; ending it", name)
-                process.kill()
+    def _end_of(self, process: subprocess.Popen[bytes], executor: str) -> int:
+        """Wait for the end of a worker; end one that shows no sign of life: it is stopped, or without memory.
+
+        The signs do not pass through the database, which a worker that is stopped may have locked.
+        """
+        signs, pause = process.stdout, self._start
+        while signs is not None and select.select([signs], [], [], pause)[0]:
+            if not os.read(signs.fileno(), 4096):  # the end of its output is that of the process
+                return process.wait()
+            pause = self._silence
+        _logger.warning("worker %s is silent; ending it", executor)
+        process.kill()
+        return process.wait()

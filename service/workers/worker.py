@@ -13,10 +13,11 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from datetime import UTC, datetime
 from typing import Final
 
-from jointstiff.service.jobs import Jobs, Parts
+from jointstiff.service.jobs import Jobs, Leave, Part, Parts
 from jointstiff.service.kinds.registry import KINDS
 from jointstiff.service.problems import StoreUnavailableError, WorkerLostError
 from jointstiff.service.store.collection import KEEP_DELETED
@@ -24,14 +25,18 @@ from jointstiff.service.store.database import refuse_in_memory
 from jointstiff.service.store.jobs import SILENT, Heartbeats
 from jointstiff.service.store.store import Store
 from jointstiff.service.tables.terminal import console
+from jointstiff.service.workers.engine import ATTEMPTS, Engine, UnknownKindError
 
-ATTEMPTS: Final = 5
-"""Deaths of workers over one step of a job, after which it is given up."""
 _KNOWN: Final = [kind.name for kind in KINDS]  # jobs of other kinds are left to other versions
 _REMOVED: Final = 20  # deleted records of each kind that are removed at a look
-_POLL_SECONDS: Final = 0.2  # between two looks for a step
 _FIRST_PAUSE: Final = 0.1
 _LONGEST_PAUSE: Final = 5.0
+_STILL_LOOKS: Final = 4
+"""Looks, one after the other, between which a part under way took no processor time: its thread is frozen."""
+
+
+class FrozenError(Exception):
+    """The thread that carries out a part neither computes nor ends."""
 
 
 class Recovery:
@@ -41,6 +46,7 @@ class Recovery:
         self,
         store: Store,
         jobs: Callable[[str], Jobs],
+        engine: Engine,
         executor: str,
         *,
         heartbeats: Heartbeats | None = None,
@@ -51,33 +57,49 @@ class Recovery:
         Args:
             store: with their inputs.
             jobs: those of the kind of a job, by its id.
+            engine: of this worker.
             executor: name of this worker.
             heartbeats: of the workers; those of the store unless others are given.
             now: tells the time, aware, by which deleted jobs are removed.
         """
-        self._store, self._jobs, self._executor = store, jobs, executor
+        self._store, self._jobs, self._engine, self._executor = store, jobs, engine, executor
         self._heartbeats = heartbeats or store.heartbeats
         self._now = now
         self._silent: dict[str, datetime] = {}
+        self._active: dict[str, float] = {}
+        self._idle: set[str] = set()
+        self._still = 0
+        self._looked_at = time.monotonic()
+
+    def seconds_since_look(self) -> float:
+        """Return the time since the last look began [s]."""
+        return time.monotonic() - self._looked_at
 
     def look(self) -> None:
-        """Show a sign of life, and mend what is found.
+        """Show a sign of life if the part under way makes progress, and mend what is found.
 
         Raises:
+            FrozenError: the part under way has made no progress for `_STILL_LOOKS` looks.
             StoreUnavailableError: the database does not answer; look again later.
         """
+        self._looked_at = time.monotonic()
+        if self._stands_still():
+            return
         living = self._heartbeats.beat(self._executor)
+        pending = self._engine.pending()
+        self._take_up_idle(pending)
         if not living or living[0] != self._executor:  # one of the living is enough
             return
         # After an outage all others are silent at the first look: lost are who still is at the second.
         before, self._silent = self._silent, self._heartbeats.silent(SILENT)
         lost = dict(self._silent.items() & before.items())
-        alive = [*living, *(self._silent.keys() - lost.keys())]
+        alive = {*living, *(self._silent.keys() - lost.keys())}
         failures = list[Exception]()
         duties: list[Callable[[], object]] = [
-            lambda: self._give_up(self._store.steps.count_deaths(alive)),
-            self._fail_forgotten,
-            self._purge,
+            lambda: self._engine.recover(set(pending.values()) - alive),
+            self._fail_given_up,
+            lambda: self._engine.forget(self._store.going_on),
+            lambda: purge(self._store, self._now() - KEEP_DELETED),
         ]
         for duty in duties:
             try:
@@ -87,85 +109,90 @@ class Recovery:
         if failures:
             raise failures[0]
 
-    def count_own_death(self) -> None:
-        """Count what the process before, of the same name, died over: before this one may do so, too.
-
-        Whether it died over its step or with the whole machine cannot be told; five times over the same step
-        tells.
-
-        Raises:
-            StoreUnavailableError: the database does not answer.
-        """
-        self._give_up(self._store.steps.count_death(self._executor))
-
     def hand_over(self) -> None:
-        """Leave what this worker has begun to the others, as it is about to end."""
-        self._store.steps.leave(self._executor)
+        """Offer what this worker has begun to the others, as it is about to end."""
+        self._engine.stop()
         self._heartbeats.forget(self._executor)
 
-    def _give_up(self, deaths: Mapping[str, int]) -> None:
-        """Fail a job over a step of which too many workers died, else it would take all others with it."""
-        for job_id, count in deaths.items():
-            if count >= ATTEMPTS and self._store.kind_of_job(job_id) in _KNOWN:
-                reason = f"{ATTEMPTS} workers died over one step of job {job_id}"
-                self._jobs(job_id).fail(job_id, WorkerLostError(reason))
+    def _stands_still(self) -> bool:
+        """Return whether a part under way took no processor time since the last look."""
+        before, self._active = self._active, self._engine.active()
+        is_still = bool(before.items() & self._active.items())
+        self._still = self._still + 1 if is_still else 0
+        if self._still >= _STILL_LOOKS:
+            raise FrozenError(f"no progress of {', '.join(self._active)}")
+        return is_still
 
-    def _fail_forgotten(self) -> None:
-        """End open jobs that have no step which would end them."""
-        for job_id, kind in self._store.steps.forgotten().items():
-            if kind in _KNOWN:
-                self._jobs(job_id).fail(job_id, WorkerLostError(f"no step of job {job_id} is left"))
+    def _take_up_idle(self, pending: Mapping[str, str]) -> None:
+        """Offer anew what DBOS says is carried out here, and is not, at two looks."""
+        mine = {part for part, executor in pending.items() if executor == self._executor}
+        idle = mine - self._engine.active().keys()
+        self._engine.hand_over(idle & self._idle)
+        self._idle = idle
 
-    def _purge(self) -> None:
-        """Remove for good what was deleted long ago."""
-        before = self._now() - KEEP_DELETED
-        for kind in KINDS:
-            self._store.jobs(kind.resource).purge(before, _REMOVED)
-        self._store.sets.purge(before, _REMOVED)  # before the robots, which they refer to
-        self._store.open_sets.purge(before, _REMOVED)
-        self._store.robots.purge(before, _REMOVED)
-
-
-def carry_out_steps(store: Store, jobs: Callable[[str], Jobs], executor: str, stop: threading.Event) -> None:
-    """Carry out one step after the other until told to stop."""
-    while not stop.is_set():
-        if not _patiently(lambda: carry_out_next(store, jobs, executor)):
-            stop.wait(_POLL_SECONDS)
+    def _fail_given_up(self) -> None:
+        """End open jobs that no worker will end: too many died over a part, or no part is left."""
+        going = self._store.open_jobs(_KNOWN)
+        lost = dict.fromkeys(self._engine.unknown(going), "no part of job {} is left")
+        for job_id, is_deadly in self._engine.given_up().items():
+            died = f"{ATTEMPTS} workers died over one step of job {{}}"
+            lost[job_id] = died if is_deadly else "a part of job {} cannot be carried out"
+        for job_id in lost.keys() & going.keys():
+            self._jobs(job_id).fail(job_id, WorkerLostError(lost[job_id].format(job_id)))
 
 
-def carry_out_next(store: Store, jobs: Callable[[str], Jobs], executor: str) -> bool:
-    """Carry out the next step; return whether there was one. A job fails where it does.
+def purge(store: Store, before: datetime) -> None:
+    """Remove for good what was deleted before a time, some of each kind at a call."""
+    for kind in KINDS:
+        store.jobs(kind.resource).purge(before, _REMOVED)
+    store.sets.purge(before, _REMOVED)  # before the robots, which they refer to
+    store.open_sets.purge(before, _REMOVED)
+    store.robots.purge(before, _REMOVED)
+
+
+def carry_out(store: Store, jobs: Callable[[str], Jobs], part: Part, leave: Leave) -> None:
+    """Carry out a part of a job; a job fails where the part does.
+
+    Args:
+        store: with the job.
+        jobs: those of the kind of a job, by its id.
+        part: the part.
+        leave: leaves others to workers.
 
     Raises:
-        StoreUnavailableError: the database does not answer; the step is taken again then.
+        UnknownKindError: another version of this software has to.
+        StoreUnavailableError: the database does not answer; carry out the part again then.
     """
-    step = store.steps.take(executor, _KNOWN)
-    if step is None:
-        return False
-    mine = jobs(step.job_id)
+    kind = store.kind_of_job(part.job_id)
+    if kind is None:  # it was removed
+        return
+    if kind not in _KNOWN:
+        raise UnknownKindError(kind)
+    mine = jobs(part.job_id)
     try:
-        mine.carry_out(step)
+        mine.carry_out(part, leave)
     except (StoreUnavailableError, MemoryError):
         raise
     except Exception as failure:  # noqa: BLE001 - the boundary of a job
-        mine.fail(step.job_id, failure)
-    return True
+        mine.fail(part.job_id, failure)
 
 
-def _patiently(act: Callable[[], bool]) -> bool:
-    """Wait for a database that does not answer: an outage is no result of a step.
+def patiently(act: Callable[[], object]) -> None:
+    """Wait for a database that does not answer: an outage is no result of a part.
 
     A process without memory ends, as the system would end it: others go on, and count its death.
     """
     pause = _FIRST_PAUSE
     while True:
         try:
-            return act()
+            act()
         except MemoryError:  # no result of a step: where there is more memory, it is carried out
             os.kill(os.getpid(), signal.SIGKILL)
         except StoreUnavailableError:
             time.sleep(pause)
             pause = min(2 * pause, _LONGEST_PAUSE)
+        else:
+            return
 
 
 _BEAT_SECONDS: Final = 5.0  # between two signs of life of a worker
@@ -174,19 +201,21 @@ _GOODBYE_SECONDS: Final = 8.0  # for handing over; after 30 s of silence others 
 _FAULT: Final = 70  # exit status of a worker that cannot go on
 _SPARE_BYTES: Final = 64 * 1024 * 1024  # memory that must be left to a worker; a step takes more at times
 _LOOK_SECONDS: Final = 1.0  # between two looks at whether it can go on
-_BEGIN_SECONDS: Final = 20.0  # time for its threads to begin
+_BEGIN_SECONDS: Final = 60.0  # time for its threads to begin
+_KEEPER_SECONDS: Final = 60.0  # for a look of the keeper; with a locked database it takes half of that
 
 _logger = logging.getLogger(__name__)
 
 
-def run_worker(database: str, executor: str, parent: int | None = None) -> None:
+def run_worker(database: str, executor: str, parent: int | None = None, signs: int | None = None) -> None:
     """Work until told to stop; what is under way then is left to others, and the process ends.
 
     Args:
         database: URL of the store.
-        executor: name of this worker, unlike that of any other that lives.
+        executor: name of this process, which no other process has or had.
         parent: descriptor of a pipe that ends when the process that started this one does; then this one
             ends too.
+        signs: descriptor that gets a byte each second while this process looks after its jobs.
 
     Raises:
         StoreError: the database cannot be used.
@@ -198,22 +227,29 @@ def run_worker(database: str, executor: str, parent: int | None = None) -> None:
     refuse_in_memory(database)
     store = Store.open(database)
     parts = Parts(store)
-    recovery = Recovery(store, parts.jobs_of, executor)
-    recovery.count_own_death()
-    store.heartbeats.beat(executor)  # before it takes any work
-    keeper = threading.Thread(target=_look_after, args=(recovery, stop), daemon=True)
-    work = threading.Thread(target=carry_out_steps, args=(store, parts.jobs_of, executor, stop), daemon=True)
     gc.freeze()  # libraries stay to the end; looking through them took a third of a large job's end
     try:
-        # A thread that ends for want of memory before it has begun leaves who starts it waiting for ever.
+        # If a thread fails to begin for lack of memory, `Thread.start()` never returns.
         faulthandler.dump_traceback_later(_BEGIN_SECONDS, exit=True)
-        for thread in (keeper, work):
-            thread.start()
+        store.heartbeats.beat(executor)  # before it claims any work
+        engine = Engine(
+            store,
+            database,
+            executor,
+            lambda part: patiently(lambda: carry_out(store, parts.jobs_of, part, engine.leave)),
+        )
+        recovery = Recovery(store, parts.jobs_of, engine, executor)
+        keeper = threading.Thread(target=_look_after, args=(recovery, stop), daemon=True)
+        keeper.start()
         faulthandler.cancel_dump_traceback_later()
         console().print(f"worker {executor} ready", markup=False)
         while not stop.wait(_LOOK_SECONDS):
-            if not _is_fit(parent):
+            if not _has_memory():
                 _end()
+            if signs is not None and recovery.seconds_since_look() < _KEEPER_SECONDS:
+                _show_sign(signs)
+            if _has_ended(parent):  # nobody died over what is under way: it is handed over
+                stop.set()
     except (MemoryError, RuntimeError):
         _end()
     keeper.join(_GOODBYE_SECONDS)  # with a database that does not answer it could take any time
@@ -236,6 +272,9 @@ def _trying(act: Callable[[], None]) -> None:
         act()
     except MemoryError:
         _end()
+    except FrozenError:
+        _logger.exception("this worker ends, and leaves its part to others")
+        _end()
     except Exception:
         _logger.warning("could not look after jobs; trying again", exc_info=True)
 
@@ -248,8 +287,14 @@ def _end(*_: object) -> None:
         os._exit(_FAULT)
 
 
-def _is_fit(parent: int | None) -> bool:
-    """Return whether to go on: who started this process is there, and there is memory left to work with.
+def _show_sign(signs: int) -> None:
+    """Write a byte to the process that started this one."""
+    with suppress(OSError):  # it does not read, or has ended
+        os.write(signs, b".")
+
+
+def _has_memory() -> bool:
+    """Return whether there is memory left to work with.
 
     Where there is none, no thread starts, and who starts one waits for ever: the main thread has to look.
     """
@@ -257,4 +302,9 @@ def _is_fit(parent: int | None) -> bool:
         mmap.mmap(-1, _SPARE_BYTES).close()
     except (OSError, MemoryError):
         return False
-    return parent is None or not select.select([parent], [], [], 0.0)[0] or bool(os.read(parent, 1024))
+    return True
+
+
+def _has_ended(parent: int | None) -> bool:
+    """Return whether the process that started this one has ended."""
+    return parent is not None and bool(select.select([parent], [], [], 0.0)[0]) and not os.read(parent, 1024)

@@ -74,6 +74,7 @@ class InverseKinematics:
             RobotError: the robot has not six revolute joints, it is not known where a prismatic one stands,
                 or no chain near it decomposes.
         """
+        self._found_by = robot, held
         self.turning = np.flatnonzero(~robot.prismatic)
         if len(self.turning) != _JOINTS:
             remedy = "inverse kinematics needs an arm with six revolute joints"
@@ -115,6 +116,10 @@ class InverseKinematics:
             remedy="use an arm with three parallel axes, or with a wrist whose axes meet",
             where="robot",
         )
+
+    def __reduce__(self) -> tuple[type[InverseKinematics], tuple[Robot, FloatArray | None]]:
+        """Find the decomposition anew in another process: EAIK's does not pickle."""
+        return InverseKinematics, self._found_by
 
     def of_arm(self, joints: FloatArray) -> FloatArray:
         """Return the arm's joints (..., 6) among the robot's (..., n)."""

@@ -173,7 +173,7 @@ def test_a_run_survives_statements_that_are_cancelled(
         )
         table = "job_steps"
         connection.execute(
-            f"CREATE TRIGGER cancel BEFORE UPDATE ON {table} FOR EACH ROW EXECUTE FUNCTION cancel()"
+            f"CREATE TRIGGER cancel BEFORE INSERT ON {table} FOR EACH ROW EXECUTE FUNCTION cancel()"
         )
         time.sleep(2.0)
         connection.execute(f"DROP TRIGGER cancel ON {table}")

@@ -1,7 +1,6 @@
 """An application of our own in this process, for tests that need no other database and no socket."""
 
 from collections.abc import Iterator
-from typing import Any
 
 import pytest
 from support.in_process import Client
@@ -15,12 +14,6 @@ def store() -> Iterator[Store]:
     """A store in memory, for one test."""
     with Store.open("sqlite://") as opened:
         yield opened
-
-
-@pytest.fixture
-def runs(store: Store) -> Any:
-    """The runs of a test's own store, whose steps workers carry out."""
-    return Parts(store, store.steps.announce).jobs["run"]
 
 
 @pytest.fixture(scope="module")

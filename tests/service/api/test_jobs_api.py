@@ -4,6 +4,7 @@ import asyncio
 import dataclasses
 import json
 import time
+from contextlib import closing
 from datetime import UTC, datetime, timedelta
 
 import anyio
@@ -11,6 +12,7 @@ import httpx2
 import pytest
 from fastapi.sse import ServerSentEvent
 from support.api import CANCEL, DELETE, file_at, job_at, posted, posted_set
+from support.claims import Claims
 from support.jobs import RUN, job_record, run_request, runs_of, stored_set
 from support.kinds import posted_job
 
@@ -301,6 +303,12 @@ def store(database_url):
         yield opened
 
 
+@pytest.fixture
+def claims(store, database_url):
+    with closing(Claims(store, database_url)) as queue:
+        yield queue
+
+
 class TestStore:
     @pytest.mark.parametrize("state", ["queued", "running"])
     def test_a_job_that_goes_on_stays(self, store, state):
@@ -343,7 +351,7 @@ class TestStore:
 class TestJobs:
     @pytest.fixture
     def runs(self, store):
-        return runs_of(store, store.steps.announce)
+        return runs_of(store, lambda _connection, _run_id: None)
 
     def test_a_run_is_cancelled_then_deleted_and_its_late_work_does_nothing(self, store, runs):
         run = runs.create(run_request(stored_set(store)), None)
@@ -359,11 +367,11 @@ class TestJobs:
         runs.records.restore(run.id)
         assert runs.records.get(run.id) == before
 
-    def test_the_janitor_removes_by_its_clock(self, store, runs):
+    def test_the_janitor_removes_by_its_clock(self, store, runs, claims):
         deleted, kept = (runs.create(run_request(stored_set(store), resampling=None), None) for _ in range(2))
         runs.records.delete(deleted.id)
         clock = [datetime.now(UTC) + KEEP_DELETED - timedelta(hours=1)]
-        recovery = Recovery(store, lambda _: runs, "alive", now=lambda: clock[0])
+        recovery = Recovery(store, lambda _: runs, claims, "alive", now=lambda: clock[0])
         recovery.look()
         runs.records.restore(deleted.id)
         runs.records.delete(deleted.id)
@@ -418,7 +426,7 @@ class TestInputs:
             with pytest.raises(NotFoundError):
                 sets.restore(odd)
 
-    def test_purged_from_the_jobs_to_the_robot_with_their_keys(self, store):
+    def test_purged_from_the_jobs_to_the_robot_with_their_keys(self, store, claims):
         key = IdempotencyKey("a key", "hash")
         store.robots.add(dataclasses.replace(ROBOT, id="r2"), key)
         store.jobs(RUN).add(JOB)
@@ -432,7 +440,7 @@ class TestInputs:
         assert store.robots.find(key) is None
         assert robots.purge(later + KEEP_DELETED, 9) == []  # the set refers to it
         now = later + timedelta(days=1)
-        recovery = Recovery(store, lambda _: runs_of(store), "alive", now=lambda: now)
+        recovery = Recovery(store, lambda _: runs_of(store), claims, "alive", now=lambda: now)
         recovery.look()
         for collection, identifier in ((store.sets, "s1"), (store.robots, "r1")):
             with pytest.raises(NotFoundError) as caught:

@@ -562,11 +562,7 @@ def enqueued():
 def runs(store, enqueued):
     """Runs whose long ones are left to workers, and listed."""
 
-    def enqueue(connection, run_id):
-        enqueued.append(run_id)
-        store.steps.announce(connection, run_id)
-
-    return runs_of(store, enqueue)
+    return runs_of(store, lambda _connection, run_id: enqueued.append(run_id))
 
 
 def test_steps_in_any_order_make_the_run_that_one_process_makes(store, runs, enqueued):
@@ -575,11 +571,10 @@ def test_steps_in_any_order_make_the_run_that_one_process_makes(store, runs, enq
     work = runs.work(run.id)
     spans = [(0, 1), (1, 170), (170, 300)]
     computed = {span: pack(work.compute(span)) for span in reversed(spans)}
-    runs.start(run.id)
     for _ in range(2):  # as two workers may
-        store.steps.share_out(run.id, spans)
-    for start, stop in [*reversed(spans), spans[1]]:  # one of them twice, as workers may
-        store.steps.keep(run.id, start, computed[start, stop])
+        runs.start(run.id)
+    for span in [*reversed(spans), spans[1]]:  # one of them twice, as workers may
+        store.steps.keep(run.id, span, computed[span])
     assert runs.current(run.id).state == "running"
     assert runs.current(run.id).progress.done == 300
     runs.conclude(run.id, store.steps.results(run.id))
@@ -591,8 +586,7 @@ def test_steps_in_any_order_make_the_run_that_one_process_makes(store, runs, enq
 
 def test_a_run_ends_once(store, runs):
     run = runs.create(run_request(stored_set(store)), None)
-    store.steps.share_out(run.id, [(0, 120), (120, 300)])
-    store.steps.keep(run.id, 0, b"")
+    store.steps.keep(run.id, (0, 120), b"")
     cancelled = runs.cancel(run.id)
     assert (cancelled.state, cancelled.progress.done) == ("cancelled", 120)
     work = runs.work(run.id)
@@ -634,8 +628,7 @@ def test_as_many_as_may_wait_and_no_more(store, runs, enqueued, monkeypatch):
 def test_progress_does_not_go_back_when_a_run_ends_while_it_is_read(store, runs, monkeypatch):
     """Its steps are gone then: the answer is that of the run as it ended, not one without progress."""
     run = runs.create(run_request(stored_set(store)), None)
-    store.steps.share_out(run.id, [(0, 120), (120, 300)])
-    store.steps.keep(run.id, 0, b"")
+    store.steps.keep(run.id, (0, 120), b"")
     before = runs.records.status
 
     def end_first(job_id):

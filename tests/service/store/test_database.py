@@ -13,16 +13,20 @@ from contextlib import closing
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
+from uuid import uuid4
 
 import psycopg
 import pytest
-from sqlalchemy import text
+from sqlalchemy import event, text
 from sqlalchemy.dialects import sqlite as sqlite_dialect
+from sqlalchemy.exc import DBAPIError
 from sqlalchemy.schema import CreateTable
+from support.claims import Claims
 from support.jobs import run_request, runs_of, stored_set
 
 from jointstiff.schemas.measurement import StoredMeasurementSet
 from jointstiff.schemas.robot import Robot
+from jointstiff.service.kinds.identification import ByJoints
 from jointstiff.service.kinds.registry import KINDS
 from jointstiff.service.kinds.work import pack
 from jointstiff.service.problems import StoreError, StoreUnavailableError
@@ -30,7 +34,7 @@ from jointstiff.service.store import database as database_module
 from jointstiff.service.store.database import Database
 from jointstiff.service.store.store import Store
 from jointstiff.service.store.tables import LAYOUT, RobotRecord, metadata
-from jointstiff.service.workers.worker import Recovery, carry_out_next
+from jointstiff.service.workers.worker import Recovery
 
 TIME = datetime(2026, 11, 20, tzinfo=UTC)
 
@@ -63,7 +67,7 @@ def test_other_tables_are_another_layout() -> None:
     """A change of the tables needs another `LAYOUT` in `service/store/tables.py`, and its hash here."""
     dialect = sqlite_dialect.dialect()
     tables = "".join(str(CreateTable(table).compile(dialect=dialect)) for table in metadata.sorted_tables)
-    assert (LAYOUT, hashlib.sha256(tables.encode()).hexdigest()[:16]) == ("0012_one_list", "9b80e66201a008a7")
+    assert (LAYOUT, hashlib.sha256(tables.encode()).hexdigest()[:16]) == ("0012_engine", "560590f752381771")
 
 
 def shape(schema: Any) -> Any:
@@ -89,7 +93,7 @@ def test_documents_of_another_shape_are_another_layout() -> None:
     documents = [Robot, StoredMeasurementSet, *(kind.message for kind in KINDS)]
     shapes = [shape(each.model_json_schema(mode="serialization")) for each in documents]
     digest = hashlib.sha256(json.dumps(shapes, sort_keys=True).encode()).hexdigest()[:16]
-    assert (LAYOUT, digest) == ("0012_one_list", "5c25076c1c66abd8")
+    assert (LAYOUT, digest) == ("0012_engine", "5c25076c1c66abd8")
 
 
 def test_tables_that_cannot_be_made_leave_nothing(database_url: str) -> None:
@@ -264,30 +268,100 @@ class TestPostgresql:
             store.robots.add(record)
             assert store.robots.get("r1").created_at.isoformat().endswith("+00:00")
 
+    def test_the_server_ends_what_takes_too_long(self, postgresql_url: str) -> None:
+        """Unless the URL says otherwise."""
+        names = ("lock_timeout", "statement_timeout", "idle_in_transaction_session_timeout")
+        for option, found in (
+            ("", ["3s", "5s", "15s"]),
+            ("&options=-c%20lock_timeout%3D7s", ["7s", "5s", "15s"]),
+        ):
+            with (
+                closing(Database.open(postgresql_url + option)) as database,
+                database.reading() as connection,
+            ):
+                assert [connection.exec_driver_sql(f"SHOW {name}").scalar_one() for name in names] == found
+                link = connection.connection.driver_connection.info.get_parameters()
+            assert {name: link[name] for name in link if "keepalives" in name or "timeout" in name} == {
+                "connect_timeout": "4",
+                "keepalives_idle": "10",
+                "keepalives_interval": "5",
+                "keepalives_count": "3",
+                "tcp_user_timeout": "10000",
+            }
 
-def test_an_unfinished_run_of_a_saved_file_goes_on_where_it_stood(tmp_path):
+    def test_a_server_that_gives_no_answer_is_given_up_and_left_alone_for_a_while(
+        self, postgresql_url: str, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        """Frozen as a whole, it keeps no limit of its own: all threads of the service waited for it."""
+        monkeypatch.setattr("jointstiff.service.store.postgresql.ANSWER_SECONDS", 0.3)
+        url = f"{postgresql_url}&options=-c%20statement_timeout%3D0"
+        with closing(Database.open(url)) as database:
+            with pytest.raises(StoreUnavailableError, match=r"no answer within 0\.3 s"):
+                database.rows(text("SELECT pg_sleep(60)"))
+            asked = []
+            event.listen(database._reader, "checkout", lambda *_: asked.append(1))
+            with pytest.raises(StoreUnavailableError, match="does not answer"):
+                database.rows(text("SELECT 1"))
+            assert asked == []
+            database._away_until = 0.0
+            assert database.rows(text("SELECT 1")) == [(1,)]
+
+    def test_who_waits_for_a_lock_in_vain_is_told(self, postgresql_url: str) -> None:
+        name = f"locked_{uuid4().hex}"
+        with psycopg.connect(postgresql_url) as other, closing(Database.open(postgresql_url)) as database:
+            other.execute(f"CREATE TABLE {name} (n int)")
+            other.commit()
+            other.execute(f"LOCK TABLE {name}")
+            with (
+                pytest.raises(StoreUnavailableError, match="lock timeout"),
+                database.writing(0.1) as connection,
+            ):
+                connection.exec_driver_sql(f"TABLE {name}")
+
+    def test_a_session_that_is_idle_inside_a_transaction_is_ended(self, postgresql_url: str) -> None:
+        url = f"{postgresql_url}&options=-c%20idle_in_transaction_session_timeout%3D100"
+        with closing(Database.open(url)) as database:
+
+            def pause_inside() -> None:
+                with database.writing() as connection:
+                    for _ in range(2):
+                        connection.execute(text("SELECT 1"))
+                        time.sleep(1.0)
+
+            with pytest.raises(StoreUnavailableError):
+                pause_inside()
+            assert database.rows(text("SELECT 1")) == [(1,)]
+
+
+@pytest.mark.parametrize("statement", ["SELECT * FROM no_such_table", "SELEC 1", "SELECT no_such_column"])
+def test_a_mistake_of_ours_is_no_outage(database_url: str, statement: str) -> None:
+    """Workers would repeat it for ever, and requests be told to come back."""
+    with closing(Database.open(database_url)) as database:
+        with pytest.raises(DBAPIError):
+            database.rows(text(statement))
+        assert database.rows(text("SELECT 1")) == [(1,)]
+
+
+def test_an_unfinished_run_of_a_saved_file_goes_on_where_it_stood(tmp_path, monkeypatch):
     """With what a worker had begun, which is not there any more: its numbers are those of one go."""
     source, saved = tmp_path / "source.db", tmp_path / "saved.db"
-    with Store.open(f"sqlite:///{source}") as store:
-        runs = runs_of(store, store.steps.announce)
+    spans = [(0, 100), (100, 200), (200, 300)]
+    monkeypatch.setattr(ByJoints, "steps", lambda _work: spans)
+    with Store.open(f"sqlite:///{source}") as store, closing(Claims(store, f"sqlite:///{source}")) as claims:
+        runs = runs_of(store, claims.enqueue)
         run = runs.create(run_request(stored_set(store)), None)
-        spans, work = [(0, 100), (100, 200), (200, 300)], runs.work(run.id)
+        assert claims.claim("gone").number == 0
         runs.start(run.id)
-        store.steps.share_out(run.id, spans)
-        store.heartbeats.beat("gone")
-        store.steps.keep(run.id, 0, pack(work.compute(spans[0])))
-        assert store.steps.take("gone").start == 100
+        store.steps.keep(run.id, spans[0], pack(runs.work(run.id).compute(spans[0])))
         with closing(sqlite3.connect(source)) as own, closing(sqlite3.connect(saved)) as other:
             own.backup(other)  # as `sqlite3 FILE '.backup SAVED'` does
         expected = runs_of(store).create(run_request(run.measurement_set_id), None)
         expected = runs_of(store).current(expected.id).result
-    with Store.open(f"sqlite:///{saved}") as store:
-        store.heartbeats.forget("gone")  # as after half a minute
-        runs = runs_of(store, store.steps.announce)
+    with Store.open(f"sqlite:///{saved}") as store, closing(Claims(store, f"sqlite:///{saved}")) as claims:
+        runs = runs_of(store, claims.enqueue)
         assert (runs.current(run.id).state, runs.current(run.id).progress.done) == ("running", 100)
-        Recovery(store, lambda _: runs, "another").look()
-        while carry_out_next(store, lambda _: runs, "another"):
-            pass
+        Recovery(store, lambda _: runs, claims, "another").look()
+        claims.work_all(lambda _: runs, "another")
         assert (runs.current(run.id).state, runs.current(run.id).result) == ("succeeded", expected)
 
 

@@ -1,10 +1,11 @@
-"""The store's contract on both databases: resources, jobs and their steps, sessions, links and journals."""
+"""The store's contract on both databases: resources, jobs and their parts, sessions, links and journals."""
 
 import dataclasses
 import itertools
 import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from types import SimpleNamespace
@@ -12,8 +13,12 @@ from typing import Any, TypeVar
 
 import pytest
 import sqlalchemy as sa
+from support.claims import Claims
 from support.jobs import RESOURCES, RUN, TIME, job_record, keeper, run_request, runs_of, stored_set
 
+from jointstiff.service.jobs import Part
+from jointstiff.service.kinds.identification import ByJoints
+from jointstiff.service.kinds.registry import KINDS
 from jointstiff.service.problems import (
     CursorError,
     IdempotencyConflictError,
@@ -31,7 +36,7 @@ from jointstiff.service.store.tables import (
     SessionRecord,
     job_steps,
 )
-from jointstiff.service.workers.worker import Recovery, carry_out_next
+from jointstiff.service.workers.worker import Recovery
 
 T = TypeVar("T")
 
@@ -50,6 +55,17 @@ HOSTILE = {
 def store(database_url: str) -> Iterator[Store]:
     with Store.open(database_url) as opened:
         yield opened
+
+
+@pytest.fixture
+def claims(store: Store, database_url: str) -> Iterator[Claims]:
+    with closing(Claims(store, database_url)) as queue:
+        yield queue
+
+
+@pytest.fixture
+def runs(store: Store, claims: Claims) -> Any:
+    return runs_of(store, claims.enqueue)
 
 
 def robot(identifier: str = "r1", **changes: Any) -> RobotRecord:
@@ -297,24 +313,52 @@ def test_who_has_waited_waits_for_the_file_as_long_as_is_left(left, before):
     assert said == [*before, "BEGIN IMMEDIATE", *after]
 
 
-SPANS = [(0, 100), (100, 200), (200, 300)]
-
-
 @pytest.fixture
-def in_three_steps(monkeypatch):
-    monkeypatch.setattr("jointstiff.service.kinds.identification.ByJoints.steps", lambda _work: SPANS)
+def three_parts(monkeypatch):
+    """Let runs have three parts of a step of 100 draws each."""
+    spans = [(0, 100), (100, 200), (200, 300)]
+    monkeypatch.setattr("jointstiff.service.jobs.STEPS_OF_A_PART", 1)
+    monkeypatch.setattr(ByJoints, "steps", lambda _work: spans)
 
 
-def steps_left(store):
+def results_left(store):
     return store._database.rows(sa.select(sa.func.count()).select_from(job_steps))[0][0]
+
+
+@pytest.mark.parametrize("fails", [True, False])
+def test_a_job_and_its_part_are_stored_together_or_not_at_all(store, claims, fails):
+    """Else a job that was answered 202 would have nobody to end it, or workers a part of no job."""
+
+    def enqueue(connection, job_id):
+        claims.enqueue(connection, job_id)
+        if fails:
+            raise KeyError("odd")
+
+    runs = runs_of(store, enqueue)
+    stored = stored_set(store)
+    try:
+        job_id = runs.create(run_request(stored), None).id
+    except KeyError:
+        assert store.open_jobs([kind.name for kind in KINDS]) == {}
+        assert claims.waiting() == []
+    else:
+        assert store.open_jobs([kind.name for kind in KINDS]) == {job_id: "run"}
+        assert claims.waiting() == [f"{job_id}-000000-0"]
+
+
+def test_a_part_is_left_once_however_often(runs, store, claims):
+    run = runs.create(run_request(stored_set(store)), None)
+    for _ in range(2):
+        claims.leave(run.id, [Part(run.id, 1, 0), Part(run.id, 2, 0)])
+    assert len(claims.waiting()) == 3
 
 
 class KilledError(BaseException):
     """The worker is no more."""
 
 
-def work_until_killed(store, runs, commits):
-    """Carry out steps until the worker dies at a commit, which is lost; return whether it did."""
+def work_until_killed(store, claims, runs, commits):
+    """Carry out parts until the worker dies at a commit, which is lost; return whether it did."""
     left = [commits]
 
     def count(_connection):
@@ -324,8 +368,7 @@ def work_until_killed(store, runs, commits):
 
     sa.event.listen(store._database._writer, "commit", count)
     try:
-        while carry_out_next(store, lambda _: runs, "dead"):
-            pass
+        claims.work_all(lambda _: runs, "dead")
     except KilledError:
         return True
     finally:
@@ -333,26 +376,25 @@ def work_until_killed(store, runs, commits):
     return False
 
 
-@pytest.mark.usefixtures("in_three_steps")
-def test_a_worker_that_dies_before_any_of_its_commits_loses_nothing(store, runs):
+@pytest.mark.usefixtures("three_parts")
+def test_a_worker_that_dies_before_any_of_its_commits_loses_nothing(store, claims, runs):
     """Whatever it was about to write: what another one goes on with are the same numbers."""
     stored = stored_set(store)
     expected = runs_of(store).current(runs_of(store).create(run_request(stored), None).id).result
     deaths = 0
     while True:
         run = runs.create(run_request(stored), None)
-        is_dead = work_until_killed(store, runs, deaths + 1)
+        is_dead = work_until_killed(store, claims, runs, deaths + 1)
         assert runs.current(run.id).progress.done in {0, 100, 200, 300}
-        Recovery(store, lambda _: runs, "alive").look()
-        while carry_out_next(store, lambda _: runs, "alive"):
-            pass
+        Recovery(store, lambda _: runs, claims, "alive").look()
+        claims.work_all(lambda _: runs, "alive")
         ended = runs.current(run.id)
         assert (ended.state, ended.progress.done, ended.result) == ("succeeded", 300, expected), deaths
-        assert steps_left(store) == 0
+        assert results_left(store) == 0
         if not is_dead:
             break
         deaths += 1
-    assert deaths == 11, "three of the first step, two of each other, two of the last"
+    assert deaths == 13, "five of the first part, three of the second, four of the last, one without a part"
 
 
 def cancelling(store, run_id, done):
@@ -363,12 +405,9 @@ def cancelling(store, run_id, done):
     return thread
 
 
-@pytest.mark.parametrize("step", ["first", "other"])
-def test_a_run_cancelled_while_its_steps_are_added_leaves_none(store, runs, step):
+def test_a_run_cancelled_while_a_result_is_added_leaves_none(store, runs):
     """PostgreSQL would not see rows that another transaction adds meanwhile, and they would stay for ever."""
     run = runs.create(run_request(stored_set(store)), None)
-    if step == "other":
-        store.steps.share_out(run.id, [(0, 300)])
     cancelled, threads = threading.Event(), []
 
     def cancel(_connection, _cursor, statement, *_rest):
@@ -376,48 +415,52 @@ def test_a_run_cancelled_while_its_steps_are_added_leaves_none(store, runs, step
             threads.append(cancelling(store, run.id, cancelled))
 
     sa.event.listen(store._database._writer, "before_cursor_execute", cancel)
-    if step == "first":
-        store.steps.share_out(run.id, SPANS)
-    else:
-        store.steps.keep(run.id, 0, b"computed")
+    store.steps.keep(run.id, (0, 100), b"computed")
     threads[0].join(20)
     assert cancelled.is_set()
     assert runs.current(run.id).state == "cancelled"
-    assert steps_left(store) == 0
+    assert results_left(store) == 0
 
 
-def test_the_last_step_follows_when_workers_keep_the_last_ones_at_the_same_time(store, runs):
-    run = runs.create(run_request(stored_set(store)), None)
-    spans = [(i, i + 1) for i in range(40)]
-    store.steps.share_out(run.id, spans)
-    gate = threading.Barrier(4)
+@pytest.mark.usefixtures("three_parts")
+def test_a_run_ends_once_when_workers_end_its_last_parts_at_the_same_time(store, claims, runs, monkeypatch):
+    run, gate, compute = (
+        runs.create(run_request(stored_set(store)), None),
+        threading.Barrier(2),
+        ByJoints.compute,
+    )
+    claims.work(lambda _: runs)
 
-    def keep(number):
+    def compute_together(work, span):
         gate.wait(20)
-        for start in range(number, 40, 4):
-            store.steps.keep(run.id, start, b"computed")
+        return compute(work, span)
 
-    with ThreadPoolExecutor(4) as pool:
-        list(pool.map(keep, range(4)))
-    last = store.steps.take("worker")
-    assert (last.start, last.is_last) == (40, True)
-    assert len(store.steps.results(run.id)) == 40
-    assert steps_left(store) == 41
+    monkeypatch.setattr(ByJoints, "compute", compute_together)
+    parts = [claims.claim(name) for name in "ab"]
+    with ThreadPoolExecutor(2) as pool:
+        list(pool.map(lambda part: runs.carry_out(part, claims.leave), parts))
+    assert (runs.current(run.id).state, runs.current(run.id).progress.done) == ("succeeded", 300)
+    assert results_left(store) == 0
 
 
-@pytest.mark.usefixtures("in_three_steps")
-def test_four_workers_end_all_runs_once_while_some_are_cancelled(store, runs):
+@pytest.mark.usefixtures("three_parts")
+def test_four_workers_end_all_runs_once_while_some_are_cancelled(store, claims, runs):
     stored = stored_set(store)
     ids = [runs.create(run_request(stored), None).id for _ in range(8)]
     cancelled, ended, end = ids[::3], [], runs.records.end
+    turns = threading.Lock()  # as DBOS locks the row that it claims
 
     def count_ends(job_id, *rest):
-        if end(job_id, *rest):
+        if is_ended := end(job_id, *rest):
             ended.append(job_id)
+        return is_ended
 
     def work(name):
         while any(map(runs.records.goes_on, ids)):
-            carry_out_next(store, lambda _: runs, name)
+            with turns:
+                part = claims.claim(name)
+            if part is not None:
+                runs.carry_out(part, claims.leave)
 
     runs.records.end = count_ends
     with ThreadPoolExecutor(5) as pool:
@@ -428,32 +471,27 @@ def test_four_workers_end_all_runs_once_while_some_are_cancelled(store, runs):
     states = runs.records.statuses(ids)
     assert {states[job_id].state for job_id in ids if job_id not in cancelled} == {"succeeded"}
     assert {states[job_id].state for job_id in cancelled} <= {"cancelled", "succeeded"}
-    assert steps_left(store) == 0
+    assert results_left(store) == 0
 
 
-def test_the_next_step_is_found_by_an_index_however_many_wait(store, runs):
-    """Reading them all took up to a minute and a half on PostgreSQL, with 1,000 jobs of 400 steps each."""
-    run = runs.create(run_request(stored_set(store)), None)
-    rows = [
-        {
-            "job_id": f"{number // 100:032d}",
-            "start": number % 100,
-            "units": 1,
-            "turn": 2,
-            "sequence": number // 100,
-        }
-        for number in range(20_000)
-    ]
-    with store._database.writing() as connection:
-        connection.execute(sa.insert(job_steps), rows)
-        connection.exec_driver_sql("ANALYZE")  # as the server does by itself within a minute
+def test_what_each_look_of_a_worker_reads_is_found_by_an_index(store):
+    """The leading worker read all runs ever stored, every five seconds."""
     explain = "EXPLAIN QUERY PLAN " if store._database.dialect == "sqlite" else "EXPLAIN "
+    plans = []
+
+    def show(connection, _cursor, statement, parameters, *_rest):
+        if "jobs" in statement and not statement.startswith("EXPLAIN"):
+            plans.append(connection.exec_driver_sql(explain + statement, parameters).all())
+
     with store._database.reading() as connection:
-        query = store.steps._next.params(executor="worker").compile(
-            connection.engine, compile_kwargs={"literal_binds": True}
-        )
-        plan = "\n".join(map(str, connection.exec_driver_sql(explain + str(query).replace("%", "%%")).all()))
-    assert "ix_job_steps_turn" in plan
-    assert "TEMP B-TREE" not in plan
-    assert "Sort" not in plan
-    assert store.steps.take("worker").job_id == run.id
+        if store._database.dialect == "postgresql":
+            connection.exec_driver_sql("SET enable_seqscan = off")  # of a table without rows
+        engine = connection.engine
+    sa.event.listen(engine, "before_cursor_execute", show)
+    store.open_jobs([kind.name for kind in KINDS])
+    store.going_on(["a", "b"])
+    assert len(plans) == 2
+    for plan in plans:
+        text = "\n".join(map(str, plan))
+        assert "SCAN jobs" not in text, text
+        assert "Index" in text or "USING INDEX" in text, text

@@ -7,9 +7,8 @@ import pickle
 import re
 import resource
 import signal
-import subprocess
 import sys
-import threading
+import time
 from contextlib import closing
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -18,20 +17,22 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import sqlalchemy as sa
+from support.claims import Claims
 from support.jobs import run_request, runs_of, stored_set
-from support.processes import Service, ready, until, working
+from support.processes import Service, ready, until, workers_of, working
 
-from jointstiff.service.jobs import Parts
+from jointstiff.service.jobs import PARTS_AT_ONCE, STEPS_OF_A_PART, Part, Parts
 from jointstiff.service.kinds.identification import ByJoints
 from jointstiff.service.library.client import Client
 from jointstiff.service.problems import StoreUnavailableError
 from jointstiff.service.store.database import Database
 from jointstiff.service.store.jobs import Heartbeats
 from jointstiff.service.store.store import Store
-from jointstiff.service.store.tables import job_steps, jobs
+from jointstiff.service.store.tables import jobs
 from jointstiff.service.workers import supervisor as supervisor_module
+from jointstiff.service.workers.engine import ATTEMPTS, UnknownKindError
 from jointstiff.service.workers.supervisor import Supervisor, pause_after
-from jointstiff.service.workers.worker import Recovery, _patiently, carry_out_next
+from jointstiff.service.workers.worker import FrozenError, Recovery, carry_out, patiently
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.solver.errors import SolverError
 
@@ -45,243 +46,355 @@ def store(either_database_url):
         yield opened
 
 
-SPANS = [(0, 100), (100, 200), (200, 300)]
+@pytest.fixture
+def claims(store, either_database_url):
+    with closing(Claims(store, either_database_url)) as queue:
+        yield queue
 
 
 @pytest.fixture
-def shared(store, runs):
-    """Call it for a run that was posted and cut into steps of 100 draws."""
+def runs(store, claims):
+    return runs_of(store, claims.enqueue)
 
-    def make():
-        run = runs.create(run_request(stored_set(store)), None)
-        runs.start(run.id)
-        store.steps.share_out(run.id, SPANS)
-        return run
+
+@pytest.fixture(autouse=True)
+def spans(monkeypatch):
+    """Steps of one draw; a test may change their number."""
+    spans = [(i, i + 1) for i in range(3 * STEPS_OF_A_PART)]
+    monkeypatch.setattr(ByJoints, "steps", lambda _work: spans)
+    return spans
+
+
+@pytest.fixture
+def post(store, runs):
+    """Call it for a run that was posted, of as many draws as there are steps."""
+
+    def make(repetitions=3 * STEPS_OF_A_PART):
+        request = run_request(stored_set(store), resampling={"size": 8, "repetitions": repetitions})
+        return runs.create(request, None)
 
     return make
 
 
-def recovery_of(store, runs, executor="alive"):
-    return Recovery(store, lambda _: runs, executor)
+def recovery_of(store, runs, claims, executor="alive"):
+    return Recovery(store, lambda _: runs, claims, executor)
 
 
-def all_done(store, runs, executor):
-    """Carry out all steps that are left, as a worker does."""
-    while carry_out_next(store, lambda _: runs, executor):
-        pass
-
-
-def test_a_run_is_cut_carried_out_and_put_together(store, runs):
-    run = runs.create(run_request(stored_set(store)), None)
+def test_a_run_is_cut_carried_out_and_put_together(store, runs, claims, post):
+    run = post()
     assert runs.current(run.id).state == "queued"
-    all_done(store, runs, "worker")
+    claims.work_all(lambda _: runs)
     ended = runs.current(run.id)
-    assert (ended.state, ended.progress.done) == ("succeeded", 300)
-    at_once = runs_of(store).create(run_request(run.measurement_set_id), None)
+    assert (ended.state, ended.progress.done) == ("succeeded", 24)
+    at_once = runs_of(store).create(ended.request, None)
     assert ended.result == runs_of(store).current(at_once.id).result
 
 
-def test_each_step_is_taken_by_one_worker_and_the_last_one_when_all_others_are_done(store, shared):
-    run = shared()
-    taken = [store.steps.take(name) for name in ("a", "b", "c")]
-    assert [(step.start, step.units) for step in taken] == [(0, 100), (100, 100), (200, 100)]
-    assert store.steps.take("d") is None
-    assert store.steps.take("b") == taken[1], "what it has begun and not done comes again"
-    for step in taken:
-        assert store.steps.take("d") is None
-        store.steps.keep(run.id, step.start, b"computed")
-    last = store.steps.take("d")
-    assert (last.start, last.is_last) == (300, True)
-    assert store.steps.take("a") is None
+def test_each_part_is_claimed_by_one_worker_and_the_one_that_finds_all_results_ends_the_run(
+    runs, claims, post
+):
+    run = post()
+    parts = [claims.claim("a")]
+    assert claims.claim("b") is None, "a run begins with its first part"
+    runs.start(run.id)
+    claims.leave(run.id, [Part(run.id, number, 0) for number in (1, 2)])
+    parts += [claims.claim(name) for name in "bc"]
+    assert [part.number for part in parts] == [0, 1, 2]
+    assert claims.claim("d") is None
+    for part in reversed(parts):
+        assert runs.current(run.id).state == "running"
+        runs.carry_out(part, claims.leave)
+    assert runs.current(run.id).state == "succeeded"
 
 
-def test_a_run_is_cut_when_its_turn_comes(store, runs):
+def test_each_part_leaves_the_one_that_follows(claims, runs, post, spans):
+    """So of a job of any size as many wait as may be carried out at once."""
+    spans[:] = [(i, i + 1) for i in range(STEPS_OF_A_PART * (PARTS_AT_ONCE + 2))]
+    run, waiting = post(len(spans)), []
+    while claims.work(lambda _: runs):
+        waiting.append(len(claims.waiting()))
+    assert waiting[:3] == [PARTS_AT_ONCE] * 2 + [PARTS_AT_ONCE - 1]
+    assert len(waiting) == PARTS_AT_ONCE + 2
+    assert runs.current(run.id).state == "succeeded"
+
+
+def test_a_part_that_takes_long_leaves_its_other_steps(claims, runs, post, monkeypatch):
+    monkeypatch.setattr("jointstiff.service.jobs.PART_SECONDS", 0.0)
+    run = post()
+    assert claims.work(lambda _: runs)
+    assert runs.records.status(run.id).done == 1, "it makes progress, however slow"
+    assert f"{run.id}-000000-1" in claims.waiting()
+    claims.work_all(lambda _: runs)
+    assert (runs.current(run.id).state, runs.current(run.id).progress.done) == ("succeeded", 24)
+
+
+def test_a_run_begins_when_its_turn_comes(runs, claims, post):
     """Of a thousand runs that wait, the first ones end before the last one is looked at."""
-    first, second = (runs.create(run_request(stored_set(store)), None) for _ in range(2))
-    while runs.current(first.id).state != "succeeded":
-        assert runs.current(second.id).state == "queued"
-        assert carry_out_next(store, lambda _: runs, "worker")
+    first, second = post(), post()
+    claims.work(lambda _: runs)
+    assert [runs.current(each.id).state for each in (first, second)] == ["running", "queued"]
 
 
-def test_small_runs_do_not_wait_for_the_rest_of_large_ones(store, runs):
-    large, small = (runs.create(run_request(stored_set(store)), None) for _ in range(2))
-    store.steps.share_out(large.id, [(i, i + 1) for i in range(300)])
-    store.steps.share_out(small.id, [(0, 300)])
-    names = (f"worker {i}" for i in range(300))
-    ids = [store.steps.take(next(names)).job_id for _ in range(6)]
-    assert ids == [large.id] * 2 + [small.id] + [large.id] * 3
+def test_small_runs_do_not_wait_for_the_rest_of_large_ones(runs, claims, post):
+    large = post()
+    claims.work(lambda _: runs)
+    small = post()
+    assert claims.claim("worker").job_id == small.id
+    assert claims.claim("worker").job_id == large.id
 
 
-def test_a_step_that_two_workers_carried_out_is_kept_once(store, runs, shared):
-    run = shared()
+def test_large_runs_go_on_however_many_small_ones_come(runs, claims, post, monkeypatch):
+    large = post()
+    claims.work(lambda _: runs)
+    later = time.time() + 25  # seconds, of which newer runs passed for 20
+    monkeypatch.setattr("jointstiff.service.workers.engine.time.time", lambda: later)
+    small = post()
+    assert [claims.claim("worker").job_id for _ in range(3)] == [large.id, large.id, small.id]
+
+
+def test_the_more_runs_have_begun_the_longer_newer_ones_pass(runs, claims, post, monkeypatch):
+    """So small runs do not wait for large ones however many these are."""
+    for _ in range(4):
+        post()
+        claims.work(lambda _: runs)
+    later = time.time() + 25
+    monkeypatch.setattr("jointstiff.service.workers.engine.time.time", lambda: later)
+    small = post()
+    ids = [claims.claim("worker").job_id for _ in range(3)]
+    assert small.id in ids, "before the parts of the other runs than the first"
+
+
+def test_a_step_that_two_workers_carried_out_is_kept_once(store, runs, post):
+    run = post()
     for result in (b"first", b"second"):
-        store.steps.keep(run.id, 0, result)
-    store.steps.share_out(run.id, [(0, 300)])
-    assert store.steps.results(run.id)[:1] == [b"first"]
-    assert runs.records.status(run.id).done == 100
+        assert store.steps.keep(run.id, (0, 1), result)
+    assert store.steps.results(run.id) == [b"first"]
+    assert runs.records.status(run.id).done == 1
 
 
-def test_the_steps_of_ended_runs_are_removed_and_their_results_stay(store, runs, shared):
-    ended, goes_on = shared(), shared()
+def test_the_results_of_ended_runs_are_removed_and_those_of_others_stay(store, runs, claims, post):
+    ended, goes_on = post(), post()
     for run in (ended, goes_on):
-        store.steps.keep(run.id, 0, b"computed")
-    step = store.steps.take("worker")
-    assert step.job_id == ended.id
+        store.steps.keep(run.id, (0, 1), b"computed")
     cancelled = runs.cancel(ended.id)
-    assert cancelled.progress.done == 100
-    store.steps.keep(ended.id, step.start, b"late")
-    store.steps.share_out(ended.id, SPANS)
+    assert cancelled.progress.done == 1
+    assert not store.steps.keep(ended.id, (1, 2), b"late")
     assert store.steps.results(ended.id) == []
-    assert [runs.records.status(each.id).done for each in (ended, goes_on)] == [0, 100]
-    assert store.steps.take("worker").job_id == goes_on.id
+    assert [runs.records.status(each.id).done for each in (ended, goes_on)] == [0, 1]
+    claims.work_all(lambda _: runs)
     assert runs.current(ended.id) == cancelled
 
 
-def test_a_run_that_is_cancelled_before_its_last_step_is_not_put_together(store, runs, shared, monkeypatch):
-    """Its results are gone: of some kinds the last step would compute them all again."""
+@pytest.mark.parametrize("moment", ["before the part", "before its end"])
+def test_a_cancelled_run_is_not_put_together(store, runs, claims, post, monkeypatch, moment):
+    """Its results are gone: of some kinds the end would compute them all again."""
     concluded = []
     monkeypatch.setattr(ByJoints, "conclude", lambda _work, parts: concluded.append(parts))
-    run = shared()
-    for start, _ in SPANS:
-        store.steps.keep(run.id, start, b"computed")
-    last = store.steps.take("worker")
-    cancelled = runs.cancel(run.id)
-    runs.carry_out(last)
-    assert runs.current(run.id) == cancelled
+    run, compute = post(), ByJoints.compute
+
+    def cancel_first(work, span):
+        runs.cancel(run.id)
+        return compute(work, span)
+
+    if moment == "before the part":
+        runs.cancel(run.id)
+    else:
+        monkeypatch.setattr(ByJoints, "compute", cancel_first)
+    claims.work_all(lambda _: runs)
+    assert runs.current(run.id).state == "cancelled"
     assert concluded == []
+    assert store.steps.results(run.id) == []
 
 
-def test_what_a_dead_worker_left_is_taken_by_others(store, runs, shared):
-    shared()
-    lost = store.steps.take("dead")
-    mine = store.steps.take("alive")
-    recovery_of(store, runs).look()
-    assert store.steps.take("another") == lost
-    assert store.steps.take("alive") == mine, "the living are left alone"
+def test_what_a_dead_worker_left_is_claimed_by_others(store, runs, claims, post):
+    post(), post()
+    lost, mine = claims.claim("dead"), claims.claim("alive")
+    recovery_of(store, runs, claims).look()
+    assert claims.claim("another") == lost
+    assert claims.pending()[claims.claimed[mine]] == "alive", "the living are left alone"
 
 
-def test_it_does_not_matter_who_noticed_first_and_died(store, runs, shared):
+def test_it_does_not_matter_who_noticed_first_and_died(store, runs, claims, post):
     """Nothing is forgotten on the way: whoever looks next finds the same."""
-    shared()
-    lost = store.steps.take("dead")
+    post()
+    lost = claims.claim("dead")
     store.heartbeats.forget("dead")
-    recovery_of(store, runs, "another").look()
-    assert store.steps.take("alive") == lost
+    recovery_of(store, runs, claims, "another").look()
+    assert claims.claim("alive") == lost
 
 
-def test_a_worker_that_ends_hands_its_work_over(store, runs, shared):
-    shared()
-    recovery = recovery_of(store, runs)
+def test_a_worker_that_ends_hands_its_work_over_and_nobody_died(store, runs, claims, post):
+    post(), post()
+    recovery = recovery_of(store, runs, claims)
+    left = claims.claim("alive")
+    for _ in range(ATTEMPTS + 1):
+        recovery.hand_over()
+        assert claims.claim("alive") == left
+    others = claims.claim("other")
+    store.heartbeats.beat("other")
     recovery.look()
-    left, others = store.steps.take("alive"), store.steps.take("other")
     recovery.hand_over()
-    assert store.steps.take("another") == left
-    assert store.steps.take("other") == others
-    assert store.heartbeats.living(SILENCE) == []
+    assert claims.claim("another") == left
+    assert claims.pending()[claims.claimed[others]] == "other"
+    assert store.heartbeats.living(SILENCE) == ["other"]
 
 
-def test_a_run_without_a_step_that_would_end_it_fails(store, runs):
+def test_a_run_without_a_part_that_would_end_it_fails(store, runs, claims, post):
     run = runs_of(store, lambda _connection, _run_id: None).create(run_request(stored_set(store)), None)
-    waiting = runs.create(run_request(stored_set(store)), None)
-    recovery_of(store, runs).look()
+    waiting = post()
+    recovery_of(store, runs, claims).look()
     ended = runs.current(run.id)
     assert (ended.state, ended.error.type) == ("failed", "urn:jointstiff:problem:worker-lost")
     assert "send it again" in ended.error.remedy
     assert runs.current(waiting.id).state == "queued"
 
 
-@pytest.mark.parametrize("step", ["first", "other", "last"])
-def test_a_run_that_too_many_workers_die_over_fails_and_others_do_not(store, runs, monkeypatch, step):
-    monkeypatch.setattr("jointstiff.service.workers.worker.ATTEMPTS", 3)
-    poison = runs.create(run_request(stored_set(store)), None)
-    if step != "first":
-        store.steps.share_out(poison.id, [(0, 300)])
-    if step == "last":
-        store.steps.keep(poison.id, 0, b"computed")
-    recovery = recovery_of(store, runs)
-    store.steps.take("dead-1")
-    waiting = runs.create(run_request(stored_set(store)), None)
-    assert store.steps.take("alive").job_id == waiting.id
-    recovery.look()
-    for name in ("dead-2", "dead-3"):
-        assert {runs.current(run.id).state for run in (poison, waiting)} == {"queued"}
-        assert store.steps.take(name).job_id == poison.id
+@pytest.mark.parametrize("part", ["first", "other", "end"])
+def test_a_run_that_too_many_workers_die_over_fails_and_others_do_not(store, runs, claims, post, part):
+    poison = post()
+    if part == "other":
+        claims.work(lambda _: runs)
+    if part == "end":
+        for i in range(24):
+            store.steps.keep(poison.id, (i, i + 1), b"computed")
+    recovery, waiting = recovery_of(store, runs, claims), post()
+    while claimed := claims.claim("alive"):
+        if claimed.job_id == poison.id:
+            claims.hand_over([claims.claimed[claimed]])
+            break
+    for death in range(ATTEMPTS):
+        claims.used = {f"{waiting.id}-000000-0": death}
+        assert claims.claim(f"dead-{death}").job_id == poison.id
+        assert runs.current(poison.id).state != "failed"
         recovery.look()
+    claims.claim("the one after")
+    claims.used = {f"{waiting.id}-000000-0": ATTEMPTS}
+    recovery.look()
     assert [runs.current(run.id).state for run in (poison, waiting)] == ["failed", "queued"]
+    assert "5 workers died over one step" in runs.current(poison.id).error.detail
 
 
-def test_a_worker_that_starts_again_counts_the_death_of_the_one_before(store, runs, monkeypatch):
-    """The only worker takes its own name again: nobody else would count."""
-    monkeypatch.setattr("jointstiff.service.workers.worker.ATTEMPTS", 3)
-    poison = runs.create(run_request(stored_set(store)), None)
-    for state in ("queued", "queued", "failed"):
-        store.steps.take("alive")
-        recovery = recovery_of(store, runs)
-        recovery.count_own_death()
-        for _ in range(3):  # it is counted once
+def test_deaths_are_counted_anew_once_a_step_is_kept(store, runs, claims, post, spans):
+    """Ten kills of innocent workers in a row were five deaths over one run."""
+    del spans[STEPS_OF_A_PART:]
+    run, recovery = post(STEPS_OF_A_PART), recovery_of(store, runs, claims)
+    for kept in range(1, STEPS_OF_A_PART):
+        for _ in range(ATTEMPTS - 1):
+            assert claims.claim("dead").kept == kept - 1
             recovery.look()
-            recovery.count_own_death()
-        assert runs.current(poison.id).state == state
+        store.steps.keep(run.id, (kept - 1, kept), b"by one that died then")
+        claims.work(lambda _: runs)
+        assert claims.waiting() == [f"{run.id}-000000-{kept}"]
+    assert runs.current(run.id).state == "running"
 
 
-def test_an_outage_is_no_death_of_workers_that_come_back(store, shared):
+def test_an_outage_is_no_death_of_workers_that_come_back(store, runs, claims, post):
     """After one longer than the silence of the dead, all workers but the first to be heard are silent."""
-    shared()
+    post(), post()
     time = [NOW]
     beats = Heartbeats(store._database, lambda _: time[-1])
-    recovery = Recovery(store, lambda _: None, "alive", heartbeats=beats)
-    others = [store.steps.take(name) for name in ("alive", "other")][-1]
-    deaths = sa.select(job_steps.c.deaths).order_by(job_steps.c.start)
+    recovery = Recovery(store, lambda _: runs, claims, "alive", heartbeats=beats)
+    mine, others = claims.claim("alive"), claims.claim("other")
 
-    def deaths_after(silence, *duties):
+    def owners_after(silence, *duties):
         time.append(time[-1] + silence)
         for duty in duties:
+            claims.used = {claims.claimed[mine]: len(time)}
             duty()
-        return [row.deaths for row in store._database.rows(deaths)]
+        pending = claims.pending()
+        return [pending.get(claims.claimed[part]) for part in (mine, others)]
 
     beat = functools.partial(beats.beat, "other")
-    assert deaths_after(0 * SILENCE, beat, recovery.look) == [0, 0, 0]
-    assert deaths_after(2 * SILENCE, recovery.look, beat, recovery.look) == [0, 0, 0]
-    assert store.steps.take("other") == others
-    assert deaths_after(2 * SILENCE, recovery.look) == [0, 0, 0]
-    assert deaths_after(SILENCE / 6, recovery.look) == [0, 1, 0], "the other one has not come back"
-    assert deaths_after(2 * SILENCE, recovery.count_own_death) == [1, 1, 0], "it started again by itself"
+    assert owners_after(0 * SILENCE, beat, recovery.look) == ["alive", "other"]
+    assert owners_after(2 * SILENCE, recovery.look, beat) == ["alive", "other"]
+    assert owners_after(SILENCE / 6, recovery.look) == ["alive", "other"]
+    assert owners_after(2 * SILENCE, recovery.look) == ["alive", "other"]
+    assert owners_after(SILENCE / 6, recovery.look) == ["alive", None], "the other one has not come back"
 
 
-def test_jobs_of_a_kind_of_another_version_are_left_alone(store, runs, monkeypatch):
-    monkeypatch.setattr("jointstiff.service.workers.worker.ATTEMPTS", 1)
-    unknown, lost, known = (runs.create(run_request(stored_set(store)), None) for _ in range(3))
+def test_a_part_that_dbos_says_is_carried_out_here_and_is_not_goes_back(store, runs, claims, post):
+    post()
+    idle, recovery = claims.claim("alive"), recovery_of(store, runs, claims)
+    recovery.look()
+    assert claims.claim("other") is None, "it may be about to begin"
+    recovery.look()
+    assert claims.claim("other") == idle
+
+
+def test_a_worker_whose_part_makes_no_progress_shows_no_sign_of_life_and_ends(store, runs, claims, post):
+    post()
+    recovery = recovery_of(store, runs, claims)
+    claims.used = {claims.claimed.setdefault(claims.claim("alive"), ""): 1.25}
+    recovery.look()
+    assert store.heartbeats.living(SILENCE) == ["alive"]
+    store.heartbeats.forget("alive")
+    for _ in range(3):
+        recovery.look()
+    assert store.heartbeats.living(SILENCE) == []
+    with pytest.raises(FrozenError):
+        recovery.look()
+
+
+def test_a_part_that_computes_is_progress_and_so_is_the_next_one(store, runs, claims):
+    recovery = recovery_of(store, runs, claims)
+    for used in ({"a": 1.0}, {"a": 1.1}, {"b": 1.1}, {}, {}, {"b": 1.1}, {"c": 0.0}) * 3:
+        claims.used = used
+        store.heartbeats.forget("alive")
+        recovery.look()
+        assert store.heartbeats.living(SILENCE) == ["alive"]
+
+
+def test_jobs_of_a_kind_of_another_version_are_left_alone(store, runs, claims, post):
+    unknown, lost, known = post(), post(), post()
     other = sa.update(jobs).where(jobs.c.id.in_([unknown.id, lost.id])).values(kind="oracle")
-    store._database.change(other, sa.delete(job_steps).where(job_steps.c.job_id == lost.id))
-    parts = Parts(store, store.steps.announce)
-    assert store.steps.take("dead").job_id == unknown.id
-    Recovery(store, parts.jobs_of, "alive").look()
-    while carry_out_next(store, parts.jobs_of, "alive"):
-        pass
+    store._database.change(other)
+    claims._client.delete_workflows([f"{lost.id}-000000-0"])
+    parts = Parts(store, claims.enqueue)
+    with pytest.raises(UnknownKindError):
+        carry_out(store, parts.jobs_of, claims.claim("dead"), claims.leave)
+    Recovery(store, parts.jobs_of, claims, "alive").look()
+    claims.claim("dead")
+    claims.work_all(parts.jobs_of)
     assert [runs.records.status(known.id).state, store.kind_of_job(unknown.id)] == ["succeeded", "oracle"]
     states = sa.select(jobs.c.state).where(jobs.c.kind == "oracle")
     assert [row.state for row in store._database.rows(states)] == ["queued", "queued"]
 
 
-def test_a_duty_that_fails_does_not_keep_the_janitor_from_the_others(store, runs, monkeypatch):
-    def refuse(_living):
+def test_a_part_of_a_job_that_was_removed_is_nothing(store, claims):
+    carry_out(store, None, Part("gone", 0, 0), claims.leave)
+
+
+def test_the_parts_of_ended_jobs_are_removed(store, runs, claims, post):
+    ended, goes_on = post(), post()
+    claims.work(lambda _: runs)
+    claims.work(lambda _: runs)
+    runs.cancel(ended.id)
+    recovery_of(store, runs, claims).look()
+    claims.work_all(lambda _: runs)  # of the cancelled run, too
+    assert {each.workflow_id for each in claims._listed()} >= {f"{goes_on.id}-000000-0"}
+    recovery_of(store, runs, claims).look()
+    assert claims._listed() == []
+
+
+def test_a_duty_that_fails_does_not_keep_the_janitor_from_the_others(store, runs, claims, monkeypatch):
+    def refuse(_dead):
         raise KeyError("odd")
 
-    monkeypatch.setattr(store.steps, "count_deaths", refuse)
+    monkeypatch.setattr(claims, "recover", refuse)
     run = runs_of(store, lambda _connection, _run_id: None).create(run_request(stored_set(store)), None)
     with pytest.raises(KeyError, match="odd"):
-        recovery_of(store, runs).look()
+        recovery_of(store, runs, claims).look()
     assert runs.current(run.id).state == "failed"
 
 
-def test_a_step_that_fails_ends_its_run_with_the_reason(store, runs, monkeypatch):
-    run = runs.create(run_request(stored_set(store)), None)
+def test_a_step_that_fails_ends_its_run_with_the_reason(runs, claims, post, monkeypatch):
+    run = post()
 
     def refuse(_self, _span):
         raise SolverError("no optimum", remedy="measure again")
 
     monkeypatch.setattr(ByJoints, "compute", refuse)
-    all_done(store, runs, "worker")
+    claims.work_all(lambda _: runs)
     ended = runs.current(run.id)
     assert (ended.state, ended.error.detail, ended.error.remedy) == ("failed", "no optimum", "measure again")
 
@@ -303,26 +416,26 @@ def in_an_archive(planted):
 
 
 @pytest.mark.parametrize("written", [pickle.dumps, in_an_archive])
-def test_a_pickle_planted_in_a_step_is_not_run_and_its_run_ends(store, runs, shared, tmp_path, written):
+def test_a_pickle_planted_in_a_step_is_not_run_and_its_run_ends(store, runs, claims, post, tmp_path, written):
     """Who can write the database, or hands over a backup, runs no code in the workers."""
-    run, other = shared(), runs.create(run_request(stored_set(store)), None)
-    for start, _ in SPANS:
-        store.steps.keep(run.id, start, written(Planted(tmp_path / "ran")))
-    all_done(store, runs, "worker")
+    run, other = post(), post()
+    for i in range(24):
+        store.steps.keep(run.id, (i, i + 1), written(Planted(tmp_path / "ran")))
+    claims.work_all(lambda _: runs)
     assert [runs.current(each.id).state for each in (run, other)] == ["failed", "succeeded"]
     assert not (tmp_path / "ran").exists()
 
 
-@pytest.mark.parametrize("step", ["first", "other"])
-def test_a_run_whose_document_is_damaged_fails_and_others_go_on(store, runs, step):
+@pytest.mark.parametrize("part", ["first", "other"])
+def test_a_run_whose_document_is_damaged_fails_and_others_go_on(store, runs, claims, post, part):
     """No worker may die over it again and again, nor over the news that it failed."""
-    damaged, other = (runs.create(run_request(stored_set(store)), None) for _ in range(2))
-    if step == "other":
-        assert carry_out_next(store, lambda _: runs, "worker")
+    damaged, other = post(), post()
+    if part == "other":
+        assert claims.work(lambda _: runs)
     broken = sa.update(jobs).where(jobs.c.id == damaged.id).values(document="{")
     store._database.change(broken)
     runs.work.cache_clear()  # as of a worker that starts
-    all_done(store, runs, "worker")
+    claims.work_all(lambda _: runs)
     assert runs.records.status(damaged.id).state == "failed"
     assert runs.records.get(damaged.id).summary["state"] == "failed"
     assert runs.current(other.id).state == "succeeded"
@@ -350,32 +463,33 @@ def test_the_living_are_counted_by_their_beats(beats_at):
     assert beats_at(NOW).living(SILENCE) == ["a", "b"], "a proof is no worker"
 
 
-def test_a_step_waits_for_the_database(monkeypatch):
+def test_a_part_waits_for_the_database(monkeypatch):
     """An outage is no result of a step."""
     monkeypatch.setattr("jointstiff.service.workers.worker.time.sleep", lambda _: None)
-    failures = iter([StoreUnavailableError("away", "wait")] * 50)
+    failures, ended = iter([StoreUnavailableError("away", "wait")] * 50), []
 
-    def step():
+    def part():
         for failure in failures:
             raise failure
-        return True
+        ended.append(True)
 
-    assert _patiently(step)
+    patiently(part)
+    assert ended == [True]
 
 
 @pytest.mark.parametrize("step", ["compute", "conclude"])
-def test_a_process_without_memory_ends_and_its_step_has_no_result(store, runs, monkeypatch, step):
+def test_a_process_without_memory_ends_and_its_step_has_no_result(runs, claims, post, monkeypatch, step):
     monkeypatch.setattr("os.kill", lambda pid, sign: sys.exit(f"{pid} {sign}"))
-    run = runs.create(run_request(stored_set(store)), None)
+    run = post()
 
     def exhaust(_self, _span):
         raise MemoryError
 
     monkeypatch.setattr(ByJoints, step, exhaust)
     with pytest.raises(SystemExit, match=f"^{os.getpid()} {signal.SIGKILL}$"):
-        _patiently(lambda: all_done(store, runs, "worker"))
+        claims.work_all(lambda _: runs)
     assert runs.current(run.id).state == "running"
-    assert runs.records.status(run.id).done == (300 if step == "conclude" else 0)
+    assert runs.records.status(run.id).done == (24 if step == "conclude" else 0)
 
 
 def test_pauses_double_up_to_a_minute():
@@ -408,20 +522,21 @@ def test_a_worker_is_started_again_after_pauses_that_double(monkeypatch):
     assert failing == [(1.0, 0), (59.0, 0), (60.0, 0), (5.0, 0)]
 
 
-def test_a_worker_is_ended_once_two_looks_in_a_row_find_it_silent():
-    """The first look comes after a minute, the others every 15 s."""
-    looks, pauses, ended = iter([True, False, True, True]), [], []
+def test_a_worker_is_ended_once_it_shows_no_sign_of_life(monkeypatch):
+    """It has two minutes for its start, and 45 s for each sign after that."""
+    signs, pauses, ended = iter([True, True, False]), [], []
 
-    def wait(pause):
+    def select(files, _writing, _failing, pause):
         pauses.append(pause)
-        if ended:
-            return -9
-        raise subprocess.TimeoutExpired("test-1", pause)
+        return (files if next(signs) else []), [], []
 
-    process = SimpleNamespace(wait=wait, kill=lambda: ended.append(len(pauses)))
-    supervisor = Supervisor("sqlite://", 0, "test", is_silent=lambda _: next(looks))
-    assert supervisor._end_of(process, "test-1") == -9
-    assert (pauses, ended) == ([60.0, 15.0, 15.0, 15.0, 15.0], [4])
+    monkeypatch.setattr(supervisor_module, "select", SimpleNamespace(select=select))
+    reading, writing = os.pipe()
+    os.write(writing, b".." * 4096)
+    with os.fdopen(reading, "rb") as output, os.fdopen(writing, "wb"):
+        process = SimpleNamespace(stdout=output, kill=lambda: ended.append(len(pauses)), wait=lambda: -9)
+        assert Supervisor("sqlite://", 0, "test")._end_of(process, "test-1-0") == -9
+    assert (pauses, ended) == ([120.0, 45.0, 45.0], [3])
 
 
 @pytest.mark.process
@@ -432,27 +547,22 @@ def test_a_worker_that_cannot_start_is_said_and_is_not_living(tmp_path, monkeypa
     with Supervisor(f"sqlite:///{tmp_path}", 1, "test", forgotten.append) as supervisor:
         assert supervisor.failing == 0
         until(lambda: supervisor.failing == 1)
-    assert set(forgotten) == {"test-1"}
-    assert len(forgotten) >= 2
+    assert len(set(forgotten)) == len(forgotten) >= 2, "no two processes have one name"
+    assert all(name.startswith("test-1-") for name in forgotten)
 
 
 @pytest.mark.process
-def test_a_worker_that_lives_and_shows_no_sign_of_it_is_replaced(tmp_path, caplog):
-    """Two looks in a row find it silent, the third would find another process of its name."""
-    replaced = threading.Event()
-    looks: list[str] = []
-
-    def is_silent(name: str) -> bool:
-        looks.append(name)
-        return len(looks) != 2  # one look alone is no proof
-
-    with Supervisor(
-        f"sqlite:///{tmp_path / 'x.db'}", 1, "test", lambda _: replaced.set(), is_silent, 0.2, 0.1
-    ):
-        assert replaced.wait(60)
-    assert len(looks) >= 4
-    assert set(looks) == {"test-1"}
-    assert "worker test-1 is silent; ending it" in caplog.text
+def test_a_worker_that_is_stopped_is_replaced(tmp_path, caplog):
+    """The signs that it lives do not come through the database, which it may have locked."""
+    url, forgotten = f"sqlite:///{tmp_path / 'x.db'}", []
+    with Store.open(url) as store, Supervisor(url, 1, "test", forgotten.append, silence=3.0):
+        beats = set()
+        until(lambda: beats.update(store.heartbeats.silent(-SILENCE).values()) or len(beats) > 2)
+        (stopped,), (name,) = workers_of(url), store.heartbeats.living(SILENCE)
+        os.kill(stopped, signal.SIGSTOP)
+        until(lambda: workers_of(url) not in ([], [stopped]))
+    assert forgotten[0] == name
+    assert f"worker {name} is silent; ending it" in caplog.text
 
 
 @pytest.mark.process

@@ -1,0 +1,208 @@
+"""DBOS as the workers use it, on both databases: what it claims, repeats, gives up and refuses."""
+
+import base64
+import pickle
+import threading
+from contextlib import closing, contextmanager
+
+import pytest
+import sqlalchemy as sa
+from support.jobs import run_request, runs_of, stored_set
+from support.processes import until
+
+from jointstiff.service.jobs import Part
+from jointstiff.service.kinds.identification import ByJoints
+from jointstiff.service.store.store import Store
+from jointstiff.service.workers import engine as module
+from jointstiff.service.workers.engine import ATTEMPTS, Engine, Queue, UnknownKindError
+from jointstiff.service.workers.worker import Recovery, carry_out
+
+
+@pytest.fixture
+def store(database_url):
+    with Store.open(database_url) as opened:
+        yield opened
+
+
+@pytest.fixture
+def queue(store, database_url):
+    with closing(Queue(store, database_url)) as opened:
+        yield opened
+
+
+@pytest.fixture
+def working(store, database_url):
+    """Call it for an engine that carries out parts as it is told, while a block lasts."""
+
+    @contextmanager
+    def start(carry_out_part, executor="alive"):
+        with closing(Engine(store, database_url, executor, carry_out_part)) as engine:
+            yield engine
+
+    return start
+
+
+def enqueued(store, queue, *job_ids):
+    with store.transaction() as connection:
+        for job_id in job_ids:
+            queue.enqueue(connection, job_id)
+
+
+def changed(store, sql, **values):
+    with store.transaction() as connection:
+        connection.execute(sa.text(sql), values)
+
+
+def rows(queue):
+    return {each.workflow_id: (each.status, each.recovery_attempts) for each in queue._listed()}
+
+
+def test_a_run_is_carried_out_and_ends_with_the_numbers_of_one_process(store, queue, working, monkeypatch):
+    monkeypatch.setattr(ByJoints, "steps", lambda _work: [(i, i + 20) for i in range(0, 300, 20)])
+    runs = runs_of(store, queue.enqueue)
+    run = runs.create(run_request(stored_set(store)), None)
+    leave = []
+    with working(lambda part: carry_out(store, lambda _: runs, part, leave[0])) as engine:
+        leave.append(engine.leave)
+        until(lambda: runs.current(run.id).state == "succeeded")
+        until(lambda: engine.pending() == {})
+        engine.forget(store.going_on)
+        assert rows(engine) == {}
+    at_once = runs_of(store).create(run_request(run.measurement_set_id), None)
+    assert runs.current(run.id).result == runs_of(store).current(at_once.id).result
+
+
+def test_a_part_of_a_dead_worker_begins_again_and_the_sixth_time_it_is_given_up(store, queue, working):
+    """DBOS counts the starts, and Recovery ends the job."""
+    enqueued(store, queue, "poison", "other")
+    changed(
+        store,
+        "UPDATE workflow_status SET status = 'PENDING', executor_id = 'dead', recovery_attempts = :n "
+        "WHERE workflow_uuid = 'poison-000000-0'",
+        n=ATTEMPTS - 1,
+    )
+    begun = []
+    with working(begun.append) as engine:
+        engine.recover([])
+        until(lambda: Part("other", 0, 0) in begun)
+        assert engine.pending()["poison-000000-0"] == "dead"
+        engine.recover(["dead", "nobody"])
+        until(lambda: rows(engine)["poison-000000-0"] == ("SUCCESS", ATTEMPTS))
+        assert begun.count(Part("poison", 0, 0)) == 1
+        changed(
+            store,
+            "UPDATE workflow_status SET status = 'PENDING', executor_id = 'dead' "
+            "WHERE workflow_uuid = 'poison-000000-0'",
+        )
+        engine.recover(["dead"])
+        until(lambda: engine.given_up() == {"poison": True})
+        assert begun.count(Part("poison", 0, 0)) == 1
+        assert engine.unknown(["poison", "other", "third"]) == {"third"}
+
+
+def test_a_part_that_was_handed_over_begins_with_no_death(store, queue, working):
+    enqueued(store, queue, "a")
+    changed(store, "UPDATE workflow_status SET status = 'PENDING', executor_id = 'x', recovery_attempts = 5")
+    queue.hand_over(["a-000000-0"])
+    begun = []
+    with working(begun.append) as engine:
+        until(lambda: rows(engine)["a-000000-0"] == ("SUCCESS", 1))
+    assert begun == [Part("a", 0, 0)]
+
+
+def test_a_zombie_that_ends_late_changes_nothing(store, queue, working):
+    """It was silent, its part was claimed by another one, and then it goes on."""
+    enqueued(store, queue, "a")
+    begun, go_on = threading.Event(), threading.Event()
+
+    def carry_out_part(_part):
+        begun.set()
+        assert go_on.wait(90)
+
+    with working(carry_out_part) as engine:
+        assert begun.wait(90)
+        changed(
+            store, "UPDATE workflow_status SET owner_xid = 'of another', executor_id = 'other'"
+        )  # as after its recovery
+        go_on.set()
+        until(lambda: engine.active() == {})
+        enqueued(store, queue, "b")
+        until(lambda: rows(engine).get("b-000000-0", ("", 0))[0] == "SUCCESS")
+        assert engine.pending() == {"a-000000-0": "other"}
+
+
+def test_a_worker_knows_what_it_carries_out_and_how_far_it_computes(store, queue, working):
+    enqueued(store, queue, "a")
+    go_on = threading.Event()
+    with working(lambda _part: go_on.wait(90)) as engine:
+        until(lambda: engine.active().keys() == {"a-000000-0"})
+        assert engine.pending() == {"a-000000-0": "alive"}
+        recovery = Recovery(store, lambda _: None, engine, "alive")
+        recovery.look()
+        recovery.look()
+        assert engine.pending() == {"a-000000-0": "alive"}, "it is not idle"
+        assert not recovery._stands_still() or engine.active() == recovery._active
+        go_on.set()
+        until(lambda: engine.active() == {})
+
+
+def test_a_part_of_an_unknown_kind_is_offered_again_later(store, queue, working, monkeypatch):
+    monkeypatch.setattr(module, "LATER_SECONDS", 0.5)
+    enqueued(store, queue, "a")
+    begun = []
+
+    def carry_out_part(part):
+        begun.append(part)
+        if len(begun) < 3:
+            raise UnknownKindError("oracle")
+
+    with working(carry_out_part) as engine:
+        until(lambda: len(begun) == 3)
+        assert set(begun) == {Part("a", 0, 0)}
+        assert engine.given_up() == {}
+
+
+def test_a_worker_that_stops_hands_over_what_it_carries_out_and_begins_nothing_more(store, queue, working):
+    enqueued(store, queue, "a")
+    begun, go_on = [], threading.Event()
+
+    def carry_out_part(part):
+        begun.append(part)
+        go_on.wait(90)
+
+    with working(carry_out_part) as engine:
+        until(lambda: len(begun) == 1)
+        engine.stop()
+        assert rows(engine) == {"a-000000-0": ("ENQUEUED", 0)}
+        enqueued(store, queue, "b")
+        go_on.set()
+        until(lambda: engine.active() == {})
+        until(lambda: engine.pending() != {})
+        engine.stop()
+        assert {status for status, _ in rows(engine).values()} == {"ENQUEUED"}
+        assert begun == [Part("a", 0, 0)]
+
+
+class Planted:
+    """Writes a file when it is unpickled."""
+
+    def __init__(self, path):
+        self.path = path
+
+    def __reduce__(self):
+        return open, (str(self.path), "w")
+
+
+def test_a_pickle_planted_in_the_queue_is_not_run_and_its_job_ends(store, queue, working, tmp_path):
+    """Who can write the database runs no code in the workers."""
+    runs = runs_of(store, queue.enqueue)
+    run = runs.create(run_request(stored_set(store)), None)
+    written = base64.b64encode(pickle.dumps(Planted(tmp_path / "ran"))).decode()
+    changed(store, "UPDATE workflow_input SET inputs = :written", written=written)
+    changed(store, "UPDATE workflow_status SET serialization = 'py_pickle'")
+    with working(lambda _part: None) as engine:
+        until(lambda: engine.given_up() == {run.id: False})
+        Recovery(store, lambda _: runs, engine, "alive").look()
+    assert runs.current(run.id).state == "failed"
+    assert "cannot be carried out" in runs.current(run.id).error.detail
+    assert not (tmp_path / "ran").exists()
