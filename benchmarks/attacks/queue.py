@@ -168,7 +168,7 @@ def _stopped(server: PostgresqlServer, folder: Path) -> Section:
         }.items()
     }
     return Section(
-        title="a worker is stopped inside a transaction; 2 workers, nine requests to cancel, looks each 0.2 s",
+        title="a worker is stopped inside a transaction; 2 workers, nine requests to cancel, looks meanwhile",
         columns=("database", "next step kept after", "looks", "slowest", "answers"),
         rows=tuple(
             (kind, f"{seconds:.1f} s", str(len(looks)), f"{max(s for _, s in looks):.1f} s", _counted(looks))
