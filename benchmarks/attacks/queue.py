@@ -32,7 +32,6 @@ from benchmarks.services import (
     post_campaign,
     postgresql,
     running,
-    size_of,
     undisturbed,
 )
 
@@ -313,27 +312,26 @@ def _shared(databases: Mapping[str, str], seconds: float) -> Section:
     found = {kind: _shared_on(database, seconds) for kind, database in databases.items()}
     return Section(
         title=f"one worker: a long run alone, behind it a short one, and beside {_WAITING} that always wait",
-        columns=("database", "share alone that computes", "short one waits", "share beside", "idle memory"),
+        columns=("database", "share alone that computes", "short one waits", "share beside"),
         rows=tuple(
-            (kind, f"{busy:.2f}", f"{wait:.2f} s", f"{share:.3f}", f"{memory:.0f} MB")
-            for kind, (busy, wait, share, memory) in found.items()
+            (kind, f"{busy:.2f}", f"{wait:.2f} s", f"{share:.3f}")
+            for kind, (busy, wait, share) in found.items()
         ),
         figures=tuple(
             figure
-            for kind, (busy, wait, share, memory) in found.items()
+            for kind, (busy, wait, share) in found.items()
             for figure in (
                 Figure(f"{kind}: share of its time that a worker alone computes", busy, "at least", 0.85),
                 Figure(f"{kind}: a short run behind a long one ends after", wait, "at most", 2, " s"),
                 Figure(f"{kind}: share of a long run at full load", share, "at least", 0.125),
-                Figure(f"{kind}: service and worker, idle (sum of RSS)", memory, "at most", 550, " MB"),
             )
         ),
         notes=("the share of a long run is its draws a second beside the others, over those alone",),
     )
 
 
-def _shared_on(database: str, seconds: float) -> tuple[float, float, float, float]:
-    """Return share of time that computes, wait of a short run [s], share at full load, memory [MB]."""
+def _shared_on(database: str, seconds: float) -> tuple[float, float, float]:
+    """Return share of time that computes, wait of a short run [s], share at full load."""
     with (
         Service(database, 1) as service,
         httpx2.Client(base_url=service.url, timeout=60) as client,
@@ -346,7 +344,6 @@ def _shared_on(database: str, seconds: float) -> tuple[float, float, float, floa
 
         ended(client, begin(short), _END_SECONDS)  # the worker has started
         (worker,) = service.workers()
-        memory = size_of(service.process.pid) + size_of(worker)
 
         address, used, began = begin(long), cpu(worker), time.monotonic()
         ended(client, address, _END_SECONDS)
@@ -371,4 +368,4 @@ def _shared_on(database: str, seconds: float) -> tuple[float, float, float, floa
             time.sleep(0.2)
             done = client.get(address).json()["progress"]["done"]
         share = done / (time.monotonic() - began) * alone / LONG["repetitions"]
-    return busy, wait, share, memory
+    return busy, wait, share
