@@ -53,7 +53,7 @@ _SESSION: Final = MappingProxyType(
 """What the PostgreSQL server ends by itself [ms]; options in the URL go first."""
 _LINK: Final = MappingProxyType(
     {
-        "connect_timeout": 4,  # s
+        "connect_timeout": 3,  # s
         "keepalives_idle": 10,  # s
         "keepalives_interval": 5,  # s
         "keepalives_count": 3,
