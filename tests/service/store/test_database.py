@@ -282,7 +282,7 @@ class TestPostgresql:
                 assert [connection.exec_driver_sql(f"SHOW {name}").scalar_one() for name in names] == found
                 link = connection.connection.driver_connection.info.get_parameters()
             assert {name: link[name] for name in link if "keepalives" in name or "timeout" in name} == {
-                "connect_timeout": "4",
+                "connect_timeout": "3",
                 "keepalives_idle": "10",
                 "keepalives_interval": "5",
                 "keepalives_count": "3",
