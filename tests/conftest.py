@@ -67,7 +67,7 @@ def postgresql_url(shared_folder: Path, worker_id: str) -> Iterator[str]:
             if os.geteuid() == 0:
                 shutil.chown(folder, "postgres", "postgres")
             run("initdb", "-U", "postgres", "-A", "trust", "-E", "UTF8", "--locale=C", "--no-sync")
-            options = f"-k {folder} -c listen_addresses='' -c lock_timeout=20s -c max_connections=300"
+            options = f"-k {folder} -c listen_addresses='' -c lock_timeout=80s -c max_connections=300"
             run("pg_ctl", "start", "-w", "-o", options)
         users.write_text(users.read_text() + f"{worker_id}\n")
     try:

@@ -132,7 +132,7 @@ def test_the_part_of_a_worker_that_is_stopped_inside_a_transaction_goes_on_elsew
             assert answer.status_code == 200
             with working(database, "other") as second:
                 ready(second)
-                until(lambda: client.get(address).json()["state"] not in OPEN)
+                until(lambda: client.get(address).json()["state"] not in OPEN, seconds=150)
             run = client.get(address).json()
             assert (run["state"], run["progress"]["done"]) == ("succeeded", 40_000)
         time.sleep(2.0)  # for whatever the zombie does late
