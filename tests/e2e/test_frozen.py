@@ -89,6 +89,13 @@ def post_run(client: httpx2.Client, repetitions: int = 40_000) -> str:
     return client.post("/v1/runs?wait=0", json=body).raise_for_status().headers["location"]
 
 
+def ended(client: httpx2.Client, address: str, seconds: float = 150) -> dict[str, Any]:
+    """Return a run once it has ended: that a worker is gone is known after 30 s and a look."""
+    until(lambda: client.get(address).json()["state"] not in OPEN, seconds)
+    run: dict[str, Any] = client.get(address).json()
+    return run
+
+
 def client_of(url: str) -> httpx2.Client:
     return httpx2.Client(base_url=url, timeout=60.0)
 
@@ -132,8 +139,7 @@ def test_the_part_of_a_worker_that_is_stopped_inside_a_transaction_goes_on_elsew
             assert answer.status_code == 200
             with working(database, "other") as second:
                 ready(second)
-                until(lambda: client.get(address).json()["state"] not in OPEN, seconds=150)
-            run = client.get(address).json()
+                run = ended(client, address)
             assert (run["state"], run["progress"]["done"]) == ("succeeded", 40_000)
         time.sleep(2.0)  # for whatever the zombie does late
         assert client.get(address).json() == run
@@ -169,8 +175,7 @@ def test_a_worker_of_the_service_that_is_stopped_inside_a_transaction_is_replace
     with serving(database, 1, free_port()) as service, client_of(ready(service).url) as client:
         address = post_run(client)
         pid = stopped(mark)
-        until(lambda: client.get(address).json()["state"] not in OPEN, seconds=150)
-        assert client.get(address).json()["state"] == "succeeded"
+        assert ended(client, address)["state"] == "succeeded"
         assert not Path(f"/proc/{pid}").exists()
 
 
@@ -190,8 +195,7 @@ def test_a_worker_whose_step_hangs_ends_and_the_step_goes_on_elsewhere(
         with working(database, "other") as second:
             ready(second)
             assert first.wait(LONGEST_SECONDS) == 70
-            until(lambda: client.get(address).json()["state"] not in OPEN)
-        assert client.get(address).json()["state"] == "succeeded"
+            assert ended(client, address)["state"] == "succeeded"
 
 
 def test_two_workers_of_one_name_are_two(database: str) -> None:
@@ -207,9 +211,8 @@ def test_two_workers_of_one_name_are_two(database: str) -> None:
         addresses = [post_run(client) for _ in range(3)]
         until(lambda: any(client.get(address).json()["progress"]["done"] for address in addresses))
         first.kill()
-        until(lambda: all(client.get(address).json()["state"] not in OPEN for address in addresses))
         for address in addresses:
-            run = client.get(address).json()
+            run = ended(client, address)
             assert (run["state"], run["progress"]["done"]) == ("succeeded", 40_000)
 
 
@@ -219,7 +222,6 @@ def test_a_run_over_which_every_worker_dies_fails(database: str, hooked: Callabl
     hooked("jointstiff.service.workers", DIES)
     with serving(database, 1, free_port()) as service, client_of(ready(service).url) as client:
         address = post_run(client)
-        until(lambda: client.get(address).json()["state"] not in OPEN, seconds=240)
-        run = client.get(address).json()
+        run = ended(client, address, seconds=240)
         assert (run["state"], run["error"]["type"]) == ("failed", "urn:jointstiff:problem:worker-lost")
         assert "5 workers died over one step" in run["error"]["detail"]
