@@ -244,9 +244,11 @@ def times(factor: float, value: Any) -> Any:  # noqa: ANN401 - JSON
 def worded(message: type[Message], text: str, forms: Forms = _PLAIN) -> str:
     """Return a text that names the command's options in place of the fields of a message."""
 
+    with_option = dict(field_options(message, forms))
+
     def option(named: re.Match[str]) -> str:
         name, value = named.groups()
-        if name not in message.model_fields:
+        if name not in with_option:
             return named[0]
         alone = value is None or _terminal(message.model_fields[name]).flag
         return f"`{flag_of(message, name, forms)}{'' if alone else f' {value}'}`"
