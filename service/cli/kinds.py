@@ -243,10 +243,11 @@ def times(factor: float, value: Any) -> Any:  # noqa: ANN401 - JSON
 
 def worded(message: type[Message], text: str, forms: Forms = _PLAIN) -> str:
     """Return a text that names the command's options in place of the fields of a message."""
+    with_option = dict(field_options(message, forms))
 
     def option(named: re.Match[str]) -> str:
         name, value = named.groups()
-        if name not in message.model_fields:
+        if name not in with_option:
             return named[0]
         alone = value is None or _terminal(message.model_fields[name]).flag
         return f"`{flag_of(message, name, forms)}{'' if alone else f' {value}'}`"
@@ -262,7 +263,9 @@ def in_options(message: type[Message], problem: Problem, forms: Forms = _PLAIN) 
     for item in problem.errors:
         remedy = item.remedy and worded(message, item.remedy, forms)
         if item.reason == MISSING and item.where in message.model_fields:
+            kind = _bare(message.model_fields[item.where].annotation)
             by_option = f"give `{flag_of(message, item.where, forms)}`"
+            by_option += f": one of {', '.join(get_args(kind))}" if get_origin(kind) is Literal else ""
             remedy = by_option if item.where in with_option else "state it in the JSON file of `--options`"
         changes = {"reason": worded(message, item.reason, forms), "remedy": remedy}
         items.append(item.model_copy(update=changes))
