@@ -15,8 +15,6 @@ needs to parse a message.
 
 from __future__ import annotations
 
-from functools import partial
-
 
 class JointstiffError(Exception):
     """A failure that says where it happened, why, and what to do about it."""
@@ -28,12 +26,16 @@ class JointstiffError(Exception):
         self.where = where
 
     def __reduce__(self) -> tuple[object, ...]:
-        """Survive the way from a worker process: the arguments are keywords, which pickle forgets."""
-        return partial(type(self), remedy=self.remedy, where=self.where), (self.reason,)
+        """Survive the way from another process with all attributes: pickle forgets keyword arguments."""
+        return _remade, (type(self), self.args), vars(self)
 
     def __str__(self) -> str:
         place = f"{self.where}: " if self.where else ""
         return f"{place}{self.reason}; {self.remedy}"
+
+
+def _remade(kind: type[JointstiffError], arguments: tuple[object, ...]) -> JointstiffError:
+    return kind.__new__(kind, *arguments)
 
 
 class InputError(JointstiffError):

@@ -417,11 +417,17 @@ class Motion(NamedTuple):
     )
 
 
+def nothing_stated(_: CommonUncertainty) -> tuple[float, ...]:
+    """Return no standard uncertainties."""
+    return ()
+
+
 @dataclass(frozen=True)
 class Term:
     """Something that can move a target.
 
     What a fit assumes, what a test suspects, what a budget lists and what a plan hedges against are terms.
+    They go to other processes with the readings, so their functions are those of modules.
     """
 
     name: str  #: name in budgets, tests and plans
@@ -429,7 +435,7 @@ class Term:
     #: motion by its unknowns at a compliance (n,) of the joints [rad/(N·m)]
     motion: Callable[[RegressorBlock, FloatArray], Motion]
     #: standard uncertainties of its unknowns as the readings state them, repeated over them; none without
-    prior: Callable[[CommonUncertainty], tuple[float, ...]] = lambda _: ()
+    prior: Callable[[CommonUncertainty], tuple[float, ...]] = nothing_stated
     suspected: bool = False  #: whether it is tested as a cause of what the joints leave unexplained
     #: measurements under the loads that its unknowns say; None for what moves the targets by itself
     under: Callable[[Robot, Measurements, FloatArray], Measurements] | None = None

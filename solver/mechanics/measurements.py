@@ -116,7 +116,8 @@ def whitener(covariance: FloatArray) -> FloatArray:
 
 def whitened(covariance: FloatArray, rows: FloatArray) -> FloatArray:
     """Return rows (..., 3, k) of readings with a covariance (3, 3) or (..., 3, 3), in units of sigma."""
-    if covariance is ISOTROPIC_DIFFERENCE:  # of most sets: one product instead of three
+    # Of most sets: one product instead of three. In another process it is an equal array, not the same one.
+    if np.array_equal(covariance, ISOTROPIC_DIFFERENCE):
         return np.asarray(rows / np.sqrt(2.0))
     return np.asarray(whitener(covariance) @ rows)
 

@@ -7,8 +7,9 @@ axes of joints, tracker and base.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Final
 
 import numpy as np
@@ -22,7 +23,7 @@ from jointstiff.solver.mechanics.block import (
     by_torque,
     unloaded_postures,
 )
-from jointstiff.solver.mechanics.measurements import Measurements
+from jointstiff.solver.mechanics.measurements import CommonUncertainty, Measurements
 from jointstiff.solver.mechanics.postures import skew
 from jointstiff.solver.mechanics.robot import Robot
 
@@ -63,24 +64,41 @@ def _load_zero(block: RegressorBlock, compliance: FloatArray) -> Motion:
     return by_torque(block, compliance, forces)
 
 
+def _stated(names: tuple[str, ...], common: CommonUncertainty) -> tuple[float, ...]:
+    return tuple(getattr(common, name) for name in names)
+
+
+def _with_load_point(_: Robot, part: Measurements, error: FloatArray) -> Measurements:
+    return replace(part, load_point=part.load_point + error)
+
+
+def _with_force(_: Robot, part: Measurements, force: FloatArray) -> Measurements:
+    return replace(part, force=part.force + force)
+
+
+def _with_flange_force(robot: Robot, part: Measurements, force: FloatArray) -> Measurements:
+    turned = unloaded_postures(robot, part).flange_rotation @ force
+    return replace(part, force=part.force + turned)
+
+
 LOAD_POINT = Term(
     "load_point",
     "m",
     _load_point,
-    lambda common: (common.load_point,),
+    partial(_stated, ("load_point",)),
     suspected=True,
-    under=lambda _, part, error: replace(part, load_point=part.load_point + error),
+    under=_with_load_point,
     words="every load point moved by {} in the flange frame",
     remedy="measure the load point on the flange",
 )
-FORCE_SCALE = Term("force_scale", "1", _force_scale, lambda common: (common.scale,))
-FORCE_DIRECTION = Term("force_direction", "rad", _force_direction, lambda common: (common.direction,))
+FORCE_SCALE = Term("force_scale", "1", _force_scale, partial(_stated, ("scale",)))
+FORCE_DIRECTION = Term("force_direction", "rad", _force_direction, partial(_stated, ("direction",)))
 CONSTANT_FORCE = Term(
     "constant_force",
     "N",
     _constant_force,
     suspected=True,
-    under=lambda _, part, force: replace(part, force=part.force + force),
+    under=_with_force,
     words="a constant force of {} (axes of R0) added to every load",
     remedy="check for a weight that hangs on the flange only while loaded, and the load cell's zero",
 )
@@ -89,35 +107,41 @@ LOAD_ZERO = Term(
     "N",
     _load_zero,
     suspected=True,
-    under=lambda robot, part, force: replace(
-        part, force=part.force + unloaded_postures(robot, part).flange_rotation @ force
-    ),
+    under=_with_flange_force,
     words="a constant force of {} (axes of the flange) added to every load",
     remedy="read the load cell without load in two postures",
 )
 
 
+Groups = tuple[tuple[str, ...], ...]
+"""Labels of observations, group by group."""
+
+
+def _members(groups: Groups, part: Measurements) -> FloatArray:
+    """Return which observations (N, g) are of which group, 1 or 0."""
+    return np.stack([np.isin(part.labels, list(group)) for group in groups], axis=1).astype(np.float64)
+
+
+def _group_scale(groups: Groups, block: RegressorBlock, compliance: FloatArray) -> Motion:
+    """Scale forces and moments of each group."""
+    torque = block.torque[..., None] * _members(groups, block.measurements)[:, None]
+    return by_torque(block, compliance, torque)
+
+
+def _with_scale(groups: Groups, _: Robot, part: Measurements, scale: FloatArray) -> Measurements:
+    factor = 1.0 + _members(groups, part) @ scale[:, None]
+    return replace(part, force=factor * part.force, moment=factor * part.moment)
+
+
 def load_scale(groups: Collection[Collection[str]]) -> Term:
     """Return the term of a scale of its own for each group of loads, by the labels of their observations."""
-
-    def members(part: Measurements) -> FloatArray:
-        return np.stack([np.isin(part.labels, list(group)) for group in groups], axis=1).astype(np.float64)
-
-    def motion(block: RegressorBlock, compliance: FloatArray) -> Motion:
-        """Scale forces and moments of each group."""
-        torque = block.torque[..., None] * members(block.measurements)[:, None]
-        return by_torque(block, compliance, torque)
-
-    def under(robot: Robot, part: Measurements, scale: FloatArray) -> Measurements:  # noqa: ARG001
-        factor = 1.0 + members(part) @ scale[:, None]
-        return replace(part, force=factor * part.force, moment=factor * part.moment)
-
+    listed = tuple(map(tuple, groups))
     return Term(
         "load_scale",
         "1",
-        motion,
+        partial(_group_scale, listed),
         suspected=True,
-        under=under,
+        under=partial(_with_scale, listed),
         words="the loads scaled by {}, one group after the other,",
         remedy="weigh the loads, or check the load cell against one of them",
     )
@@ -159,21 +183,33 @@ def _shift(block: RegressorBlock, compliance: FloatArray) -> Motion:  # noqa: AR
     return Motion(np.broadcast_to(np.eye(3), (*block.points.shape, 3)))
 
 
+def _turn(pivot: FloatArray, block: RegressorBlock, compliance: FloatArray) -> Motion:
+    """Shift what was read under load, and turn it about a pivot."""
+    turned = -skew(block.points - pivot)
+    return Motion(np.concatenate([_shift(block, compliance).targets, turned], axis=-1))
+
+
 def turn_about(pivot: FloatArray) -> Term:
     """Return the term of a shift and a turn, about a pivot (3,) in R0 [m], of what was read under load."""
-
-    def motion(block: RegressorBlock, compliance: FloatArray) -> Motion:
-        turned = -skew(block.points - pivot)
-        return Motion(np.concatenate([_shift(block, compliance).targets, turned], axis=-1))
-
     return Term(
         "turn",
         "m, rad",
-        motion,
+        partial(_turn, pivot),
         suspected=True,
         words="what was read under load moved by {}",
         remedy=_READ_AGAIN,
     )
+
+
+def _later(
+    labels: Sequence[str],
+    motion: Callable[[RegressorBlock, FloatArray], Motion],
+    block: RegressorBlock,
+    compliance: FloatArray,
+) -> Motion:
+    """Move the targets of the observations of some labels only."""
+    moved = np.isin(block.measurements.labels, labels)
+    return Motion(np.where(moved[:, None, None, None], motion(block, compliance).targets, 0.0))
 
 
 def since(term: Term, labels: Sequence[str], first: str) -> Term:
@@ -183,18 +219,17 @@ def since(term: Term, labels: Sequence[str], first: str) -> Term:
     """
     row = labels.index(first)
     later, label = labels[row:], first.replace("{", "{{").replace("}", "}}")  # words are a format
-
-    def motion(block: RegressorBlock, compliance: FloatArray) -> Motion:
-        moved = np.isin(block.measurements.labels, later)
-        return Motion(np.where(moved[:, None, None, None], term.motion(block, compliance).targets, 0.0))
-
     words = f"{term.words} since observation '{label}'"
-    own = load_scale([labels[:row], later]) if term.name == "load_scale" else replace(term, motion=motion)
+    own = (
+        load_scale([labels[:row], later])
+        if term.name == "load_scale"
+        else replace(term, motion=partial(_later, later, term.motion))
+    )
     return replace(own, name=f"{term.name} since {first}", words=words)
 
 
-TARGET_PLACES = Term("target_places", "m", _target_places, lambda common: (common.target_places,))
-AXES = Term("axes", "m, rad", _axes, lambda common: (common.axis_position, common.axis_direction))
+TARGET_PLACES = Term("target_places", "m", _target_places, partial(_stated, ("target_places",)))
+AXES = Term("axes", "m, rad", _axes, partial(_stated, ("axis_position", "axis_direction")))
 PLAY = Term(
     "play",
     "rad",
