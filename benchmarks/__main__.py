@@ -45,6 +45,7 @@ BENCHMARKS = {
     "width": Benchmark("performance.width", "1,000 campaigns on two processes beside one; 10 minutes"),
     "plan": Benchmark("performance.plan", "optimal designs beside cvxpy"),
     "maps": Benchmark("performance.maps", "beside a loop of Pinocchio calls"),
+    "year": Benchmark("performance.year", "lists, searches and trends of 100,000 runs; 10 minutes"),
     "exactness": Benchmark("studies.exactness", "against exact rational arithmetic", always=True),
     "coverage": Benchmark("studies.coverage", "how often intervals hold the truth; some minutes"),
     "prismatic": Benchmark("studies.prismatic", "a SCARA and an arm on a rail beside exact springs"),

@@ -132,10 +132,13 @@ class ResourceChange(Message):
 
 
 class Page(Message, Generic[Item]):
-    """One page of a listing, newest first."""
+    """One page of a listing."""
 
-    items: list[Item] = Field(description="The resources on this page, newest first.")
+    items: list[Item] = Field(description="The resources on this page.")
     next: str | None = Field(description="Value of `cursor` for the following page; null on the last page.")
+    total: int | None = Field(
+        default=None, description="Number of resources on all pages; null after the first page."
+    )
 
 
 def validated(kind: type[Item], documents: Sequence[dict[str, Any]]) -> list[Item]:

@@ -97,6 +97,11 @@ class JobSummary(ResultSummary):
     second_set_id: Identifier | None = Field(
         default=None, description="Measurement set of the second side of a comparison."
     )
+    robot_name: Name | None = Field(default=None, description="Name of the robot.")
+    measurement_set_name: Name | None = Field(default=None, description="Name of the measurement set.")
+    serial_number: str | None = Field(
+        default=None, description="Serial number of the robot that the measurement set states."
+    )
     run_id: Identifier | None = Field(default=None, description="Run of a map or a program.")
     method: Method | None = None
     weighting: Weighting | None = None

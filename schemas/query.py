@@ -29,23 +29,34 @@ class PageQuery(Message):
         default=None, description="`next` of the previous page; omit it for the first page."
     )
 
-    def listing(self) -> dict[str, Any]:
-        """Return the page, whether it is of deleted ones, and `filters` by exact values."""
-        chosen = self.model_dump(exclude_none=True)
-        whole = {name: chosen.pop(name) for name in ("limit", "cursor", "deleted") if name in chosen}
-        return whole | {"filters": {name: str(value) for name, value in chosen.items()}}
 
+class ListQuery(PageQuery):
+    """Search, order and filters of resources that can be deleted."""
 
-class DeletableQuery(PageQuery):
-    """Filters of resources that can be deleted."""
-
+    q: ExactName | None = Field(
+        default=None,
+        description="Words, each part of a name that the list shows (its own, that of its robot or set, a "
+        "serial number); upper and lower case are the same.",
+    )
+    sort: Literal["created_at", "-created_at", "name", "-name"] = Field(
+        default="-created_at",
+        description="Order by time or by name; `-` reverses it: the newest come first. A run has the name of "
+        "its set.",
+    )
     deleted: bool = Field(
         default=False,
         description="True: only deleted resources, which can be restored; false: only the others.",
     )
 
+    def listing(self) -> dict[str, Any]:
+        """Return the page, its order and search, and `filters` by exact values."""
+        chosen = self.model_dump(exclude_none=True)
+        whole = {name: chosen.pop(name) for name in ListQuery.model_fields if name in chosen}
+        filters = {name: str(value) for name, value in chosen.items()}
+        return whole | {"filters": filters, "counted": True}
 
-class JobQuery(DeletableQuery):
+
+class JobQuery(ListQuery):
     """Filters of jobs."""
 
     kind: Reference | None = Field(default=None, description="Filter by kind.")
@@ -84,7 +95,7 @@ class FileQuery(AcceptingOptions):
     )
 
 
-class RobotQuery(DeletableQuery):
+class RobotQuery(ListQuery):
     """Filters of robots."""
 
     name: ExactName | None = Field(default=None, description="Filter by name (exact).")
@@ -93,14 +104,24 @@ class RobotQuery(DeletableQuery):
     )
 
 
-class SetQuery(DeletableQuery):
+class OpenSetQuery(ListQuery):
+    """Filters of sets that are measured live."""
+
+    robot_id: Reference | None = Field(default=None, description="Filter by robot.")
+
+    @classmethod
+    def of(cls, query: SetQuery) -> OpenSetQuery:
+        """Return the filters that a query of sets has in common with it."""
+        return cls(**{name: getattr(query, name) for name in cls.model_fields})
+
+
+class SetQuery(OpenSetQuery):
     """Filters of measurement sets."""
 
     open: bool = Field(
         default=False,
-        description="True: only sets that are measured live, which other filters do not narrow.",
+        description="True: only sets that are measured live; `robot_id` narrows them, no other filter.",
     )
-    robot_id: Reference | None = Field(default=None, description="Filter by robot.")
     name: ExactName | None = Field(default=None, description="Filter by name (exact).")
     encoders: Literal["motor", "secondary"] | None = Field(default=None, description="Filter by encoders.")
     serial_number: ExactName | None = Field(default=None, description="Filter by the robot's serial number.")
@@ -129,5 +150,6 @@ class SetQuery(DeletableQuery):
         listing = super().listing()
         for name in ("measured_from", "measured_to"):
             listing["filters"].pop(name, None)
-        asked = self.measured_from is not None or self.measured_to is not None
-        return listing | {"spans": {"measured_at": (self.measured_from, self.measured_to)} if asked else {}}
+        spans = {"measured_at": (self.measured_from, self.measured_to)}
+        has_span = self.measured_from is not None or self.measured_to is not None
+        return listing | {"spans": spans if has_span else {}}

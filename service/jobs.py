@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from datetime import UTC, datetime
 from functools import lru_cache
 from types import MappingProxyType
@@ -18,9 +18,10 @@ from jointstiff.schemas.fields import Message, Page
 from jointstiff.schemas.finding import ResultSummary
 from jointstiff.schemas.job import Job, JobState, JobSummary, Result
 from jointstiff.schemas.query import JobQuery
+from jointstiff.schemas.run import Run
 from jointstiff.service.kinds.kind import AnyKind
 from jointstiff.service.kinds.registry import KINDS
-from jointstiff.service.kinds.trend import Trends
+from jointstiff.service.kinds.trend import Trends, numbers_of_trend
 from jointstiff.service.kinds.work import (
     Work,
     carry_out,
@@ -38,7 +39,7 @@ from jointstiff.service.resources.stored import Resources
 from jointstiff.service.store.database import BUSY_SECONDS
 from jointstiff.service.store.jobs import JOB
 from jointstiff.service.store.store import Store
-from jointstiff.service.store.tables import OPEN_STATES, AccessKey, IdempotencyKey, JobRecord
+from jointstiff.service.store.tables import OPEN_STATES, AccessKey, IdempotencyKey, JobEntry, JobRecord
 from jointstiff.solver.errors import JointstiffError, RequestError
 
 MAX_OPEN: Final = 1_000
@@ -53,7 +54,9 @@ _COLUMNS: Final = (
     "verdict",
 )
 """Columns of the store that have the values of the summary's fields."""
-_CHANGING: Final = ("state", "summary", "document", "elasticity", "verdict")
+_OF_ROW: Final = frozenset(field.name for field in fields(JobEntry)) - {"summary"}
+"""Fields of a job in a listing that are columns of its row."""
+_CHANGING: Final = ("state", "summary", "trend", "document", "elasticity", "verdict")
 """Columns that change until a job ends."""
 STEPS_OF_A_PART: Final = 8
 """Steps that one worker carries out before it looks for the part whose turn it is."""
@@ -260,7 +263,7 @@ class Jobs:
                 job = self._read(before)
             except ValidationError:
                 # Its document is damaged: it must not keep workers busy
-                return {"state": state, "summary": {**before.summary, "state": state}}
+                return {"state": state}
             began = job.provenance.started_at or job.provenance.created_at
             last = {"ended_at": max(datetime.now(UTC), began), **provenance}  # clocks may be set back
             always = {
@@ -281,15 +284,16 @@ def record_of(kind: AnyKind, job: Job, robot_id: str | None) -> JobRecord:
         kind=kind.name,
         state=job.state,
         created_at=job.provenance.created_at,
-        summary=summary,
+        summary=summary.model_dump(mode="json", exclude_defaults=True, exclude=set(_OF_ROW)),
         robot_id=robot_id,
+        trend=numbers_of_trend(job) if isinstance(job, Run) else None,
         document=job.model_dump_json(),
-        **{name: summary.get(name) for name in _COLUMNS},
+        **{name: getattr(summary, name) for name in _COLUMNS},
     )
 
 
-def summary_of(job: Job, robot_id: str | None) -> dict[str, Any]:
-    """Return a job as it is listed, as JSON."""
+def summary_of(job: Job, robot_id: str | None) -> JobSummary:
+    """Return a job as it is listed, without the names of its robot and its set."""
     result = job.result.summary if isinstance(job.result, Result) else ResultSummary()
     sources = (job, job.request, job.provenance, result)
     fields = {
@@ -297,9 +301,13 @@ def summary_of(job: Job, robot_id: str | None) -> dict[str, Any]:
         for name in JobSummary.model_fields
         if any(hasattr(source, name) for source in sources)
     }
-    listed = JobSummary.model_validate(fields | {"robot_id": robot_id})
-    summary: dict[str, Any] = listed.model_dump(mode="json")
-    return summary
+    return JobSummary.model_validate(fields | {"robot_id": robot_id})
+
+
+def listed(entry: JobEntry) -> JobSummary:
+    """Return a job as it is listed, from its row."""
+    columns = {name: getattr(entry, name) for name in _OF_ROW}
+    return JobSummary.model_validate(entry.summary | columns)
 
 
 class Parts(Resources):
@@ -335,11 +343,10 @@ class Parts(Resources):
         return self.jobs[record.kind].answered(record)
 
     def page(self, query: JobQuery) -> Page[JobSummary]:
-        """Return one page of the jobs of all kinds, newest first.
+        """Return one page of the jobs of all kinds, in the order of the query.
 
         Raises:
             CursorError: no page gave this cursor.
         """
         page = self._records.page(**query.listing())
-        items = [JobSummary.model_validate(entry.summary) for entry in page.records]
-        return Page(items=items, next=page.next)
+        return Page(items=[listed(entry) for entry in page.records], next=page.next, total=page.total)

@@ -10,6 +10,7 @@ ServiceError                   something outside of a request is in the way: see
 ├── ExecutorError              the caller's executor failed: see its own error
 └── StoreError                 a database that this software cannot work with
     ├── StoreUnavailableError  the database does not answer: try again, or look at the server
+    ├── DamagedError           a document that cannot be read: delete it, or restore a copy
     ├── NotFoundError          no such record: check the id
     │   └── DeletedError       it was deleted: restore it
     ├── NotEndedError          a job that goes on cannot be deleted: cancel it first
@@ -194,6 +195,16 @@ class StoreUnavailableError(StoreError):
         super().__init__(reason, remedy)
         # The reason without names of hosts and users, for those who ask over the network
         self.public_reason = reason if public_reason is None else public_reason
+
+
+class DamagedError(StoreError):
+    """A document in the database cannot be read."""
+
+    def __init__(self) -> None:
+        super().__init__(
+            "a document in the database is damaged",
+            "delete the resource, or restore the database from a copy",
+        )
 
 
 class NotFoundError(StoreError):

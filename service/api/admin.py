@@ -131,8 +131,9 @@ def list_audit(
     if query.format == "csv":
         headers = {"Content-Disposition": 'attachment; filename="audit.csv"'}
         return StreamingResponse(_table(parts.store, query.key_id), media_type="text/csv", headers=headers)
-    page = parts.store.audit.page(query.limit, query.cursor, key_id=query.key_id)
-    return Page(items=[access.AuditItem(**asdict(entry)) for entry in page.records], next=page.next)
+    page = parts.store.audit.page(query.limit, query.cursor, counted=True, key_id=query.key_id)
+    items = [access.AuditItem(**asdict(entry)) for entry in page.records]
+    return Page(items=items, next=page.next, total=page.total)
 
 
 def _table(store: Store, key_id: str | None) -> Iterator[str]:

@@ -164,6 +164,8 @@ def _share(document: Node) -> None:
     """State once, among the components, each problem, and each parameter that two operations have."""
     shared: dict[str, Node] = {"parameters": {}, "responses": {}}
     every = list(_operations(document))
+    for stated in (one for *_, each in every for one in each.get("parameters", ())):
+        stated["schema"].pop("description", None)  # FastAPI writes it with the parameter, too
     used = Counter(
         json.dumps(one, sort_keys=True) for *_, each in every for one in each.get("parameters", ())
     )

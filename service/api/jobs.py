@@ -284,7 +284,7 @@ _Listed = create_model("JobSummary", __base__=JobSummary, kind=(_Kind, ...))
 
 @router.get("", dependencies=[VIEWER], response_model=Page[_Listed])
 def list_jobs(parts: answers.PartsOf, query: Annotated[_Listing, Query()]) -> Page[JobSummary]:
-    """List jobs of all kinds, or of one, without their results, newest first."""
+    """List jobs of all kinds, or of one, without their results."""
     return parts.page(query)
 
 

@@ -63,17 +63,20 @@ def create_robot(
 
 @robots.get("/v1/robots", dependencies=[VIEWER], response_model=Page[RobotSummary])
 def list_robots(parts: answers.PartsOf, query: Annotated[RobotQuery, Query()]) -> Page[RobotSummary]:
-    """List robots, newest first."""
+    """List robots, with the last campaign of each."""
     page = parts.store.robots.page(**query.listing())
-    latest = parts.trends.last_campaigns([record.id for record in page.records])
     items = [
-        RobotSummary.model_validate(
-            described(record).model_copy(update={"last_campaign": latest.get(record.id)}),
-            from_attributes=True,
+        RobotSummary(
+            id=entry.id,
+            name=entry.name,
+            content_hash=entry.content_hash,
+            created_at=entry.created_at,
+            last_campaign=parts.trends.last_campaign(entry),
+            **entry.summary,
         )
-        for record in page.records
+        for entry in page.records
     ]
-    return Page(items=items, next=page.next)
+    return Page(items=items, next=page.next, total=page.total)
 
 
 @robots.get(
@@ -85,7 +88,7 @@ def list_robots(parts: answers.PartsOf, query: Annotated[RobotQuery, Query()]) -
 def get_robot(request: Request, parts: answers.PartsOf, robot_id: RobotId) -> Response:
     """Get a robot, with its kinematics as they were understood, and its last campaign."""
     robot = described(parts.store.robots.get(robot_id))
-    latest = parts.trends.last_campaigns([robot_id]).get(robot_id)
+    latest = parts.trends.last_campaign(parts.store.robots.entry(robot_id))
     return answers.unchanging(request, robot.model_copy(update={"last_campaign": latest}).model_dump_json())
 
 
@@ -167,12 +170,12 @@ def create_measurement_set(
 def list_measurement_sets(
     parts: answers.PartsOf, query: Annotated[SetQuery, Query()]
 ) -> Page[MeasurementSetSummary]:
-    """List measurement sets without their observations, newest first; or those that are measured live."""
+    """List measurement sets without their observations; or those that are measured live."""
     if query.open:
-        return parts.live.page(query.limit, query.cursor, query.robot_id)
+        return parts.live.page(query)
     page = parts.store.sets.page(**query.model_copy(update={"open": None}).listing())
     items = [MeasurementSetSummary.model_validate(entry, from_attributes=True) for entry in page.records]
-    return Page(items=items, next=page.next)
+    return Page(items=items, next=page.next, total=page.total)
 
 
 @sets.get(

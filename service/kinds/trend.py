@@ -2,50 +2,106 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from datetime import datetime
 from functools import cached_property, lru_cache
 from math import hypot, inf
-from typing import Any, Final
+from typing import Annotated, Any, Final, Literal
 
-from pydantic import BaseModel, ConfigDict
+from pydantic import BaseModel, BeforeValidator, ConfigDict
 
 from jointstiff.schemas import trend as messages
-from jointstiff.schemas.finding import Assessment
+from jointstiff.schemas.finding import Assessment, Verdict
+from jointstiff.schemas.joints import StatedKind
+from jointstiff.schemas.options import Method, Weighting
 from jointstiff.schemas.robot import ChangedJoint, Estimate, LastCampaign
-from jointstiff.schemas.run import Budget, JointResult, Run, RunRequest
-from jointstiff.service.problems import NotFoundError, Resource
+from jointstiff.schemas.run import Run, RunRequest
+from jointstiff.service.problems import StoreUnavailableError
 from jointstiff.service.resources.stored import described
 from jointstiff.service.store.store import Store
-from jointstiff.service.store.tables import JobEntry, MeasurementSetEntry
+from jointstiff.service.store.tables import MeasurementSetEntry, RobotEntry
 from jointstiff.solver.compare.campaigns import CHANGED_LEVEL, Change, log_stiffness
 
-_RUNS: Final = Resource(Run.kind_name(), Run.collection)
-_AT_ONCE: Final = 200
 _MOST_RUNS: Final = 2_000
 _REMEMBERED: Final = 2_000
 _OPEN_INTERVAL = "the stiffness has no upper limit, or its uncertainty exceeds a quarter of it"
 
 
-class _Part(BaseModel):
-    """Part of a stored document; the rest of it is not looked at."""
+Stated = Annotated[bool, BeforeValidator(bool)]
+"""Whether a field has a value, or has parts."""
 
-    model_config = ConfigDict(extra="ignore", frozen=True)
+
+class _Part(BaseModel):
+    """Part of a run; the rest of it is not kept."""
+
+    model_config = ConfigDict(extra="ignore", frozen=True, from_attributes=True)
+
+
+class _Options(_Part):
+    method: Method = RunRequest.model_fields["method"].default
+    weighting: Weighting = RunRequest.model_fields["weighting"].default
+    positive: bool = RunRequest.model_fields["positive"].default
+    complementary_stiffness: Literal["neglected", "included"] = RunRequest.model_fields[
+        "complementary_stiffness"
+    ].default
+    weight: Stated = False
+    priors: Stated = False
+    stiffness_bounds: Stated = False
+    stiffness_order: Stated = False
+
+
+class _Joint(_Part):
+    name: str
+    kind: StatedKind = "revolute"
+    status: str = "identified"
+    verdict: Verdict = "use"
+    compliance: float | None = None
+    standard_uncertainty: float | None = None
+    stiffness: float | None = None
+    stiffness_interval: tuple[float, float | None] | None = None
+    reason: str | None = None
+
+
+class _Component(_Part):
+    source: str
+    included: bool = True
+    degrees_of_freedom: float | None = None
+    contributions: list[float]
+
+
+class _Budget(_Part):
+    joints: list[str]
+    components: list[_Component]
+
+    def included_in(self, joint: str) -> dict[str, float]:
+        """Return the included contributions to a joint's standard uncertainty by source; none without one."""
+        if joint not in self.joints:
+            return {}
+        place = self.joints.index(joint)
+        return {part.source: part.contributions[place] for part in self.components if part.included}
 
 
 class _Numbers(_Part):
-    joints: list[JointResult]
+    joints: list[_Joint]
     assessment: Assessment
-    links: dict[str, object] | None
-    budget: Budget | None
+    links: Stated = False
+    budget: _Budget | None = None
 
 
 class ReadRun(_Part):
-    """Part of a run that a trend reads."""
+    """Part of a run that a trend reads, as the run's row keeps it."""
 
-    request: RunRequest
+    request: _Options = _Options()
     result: _Numbers
+
+
+def numbers_of_trend(run: Run) -> str | None:
+    """Return what a trend reads of a run as JSON; None if the run has no result."""
+    if run.result is None:
+        return None
+    return ReadRun.model_validate(run).model_dump_json(exclude_defaults=True)
 
 
 @dataclass(frozen=True)
@@ -63,7 +119,7 @@ class Campaign:
         return self.measured.measured_at or self.measured.created_at
 
     @cached_property
-    def joints(self) -> Mapping[str, JointResult]:
+    def joints(self) -> Mapping[str, _Joint]:
         """Results of the run by the joints' names."""
         return {joint.name: joint for joint in self.run.result.joints}
 
@@ -264,9 +320,9 @@ def _unfit(candidate: Campaign) -> str | None:
     if verdict.verdict == "do_not_use":
         why = f" ({verdict.reasons[0].message})" if verdict.reasons else ""
         return f"its assessment is: do not use{why}"
-    if result.links is not None:
+    if result.links:
         return "it has elastic links or coupling, so its joint stiffnesses are effective values"
-    if request.weight is not None:
+    if request.weight:
         return "it is by own weight, so that an error of the masses shifts all stiffnesses"
     for name, value in (
         ("priors", request.priors),
@@ -317,8 +373,9 @@ class Trends:
 
     def __init__(self, store: Store) -> None:
         self._store = store
-        self._read = lru_cache(_REMEMBERED)(self._parse)  # a run never changes once it has ended
-        self._last = lru_cache(_REMEMBERED)(self._derive)  # by what the trend is made of
+        self._read = lru_cache(_REMEMBERED)(
+            ReadRun.model_validate_json
+        )  # a run never changes once it has ended
 
     def trend(self, robot_id: str, query: messages.TrendQuery) -> messages.Trend:
         """Return the trend of a robot.
@@ -327,7 +384,7 @@ class Trends:
             NotFoundError: there is no such robot.
         """
         names = [joint.name for joint in described(self._store.robots.get(robot_id)).joints]
-        sets = list(self._sets(robot_id))
+        sets = self._store.sets_of(robot_id)
         runs = self._candidates(robot_id, sets)
         selection = selection_of(runs.values(), query)
         entering, left_out = sorted_out(sets, runs, selection)
@@ -339,14 +396,25 @@ class Trends:
             **trend_of(names, entering),
         )
 
-    def last_campaigns(self, robot_ids: Collection[str]) -> dict[str, LastCampaign]:
-        """Return the latest campaign of each robot that has one, and the joints that changed."""
-        marks = self._store.trend_marks(robot_ids)
-        found = {robot_id: self._last(robot_id, mark) for robot_id, mark in marks.items()}
-        return {robot_id: one for robot_id, one in found.items() if one is not None}
+    def last_campaign(self, entry: RobotEntry) -> LastCampaign | None:
+        """Return the latest campaign of a robot if it has one, and the joints that changed.
 
-    def _derive(self, robot_id: str, _mark: str) -> LastCampaign | None:
-        sets = list(self._sets(robot_id))
+        The robot's row has it. If runs or sets changed since then, it is derived anew, and kept.
+        """
+        if entry.is_current:
+            return None if entry.campaign is None else LastCampaign.model_validate(entry.campaign)
+        found = self._derive(entry.id)
+        with suppress(StoreUnavailableError):  # of a database that cannot be written now
+            self._store.robots.derive(entry, None if found is None else found.model_dump(mode="json"))
+        return found
+
+    def derive_due(self, most: int) -> None:
+        """Derive the last campaigns of some robots whose runs or sets changed, before anyone lists them."""
+        for entry in self._store.robots.due(most):
+            self.last_campaign(entry)
+
+    def _derive(self, robot_id: str) -> LastCampaign | None:
+        sets = self._store.sets_of(robot_id)
         runs = self._candidates(robot_id, sets)
         if not runs:
             return None
@@ -387,38 +455,12 @@ class Trends:
             key=lambda each: (each.serial_number != newest, each.serial_number or "", order[each.joint]),
         )
 
-    def _sets(self, robot_id: str) -> Iterator[MeasurementSetEntry]:
-        filters, cursor = {"robot_id": robot_id}, None
-        while True:
-            page = self._store.sets.page(limit=_AT_ONCE, cursor=cursor, filters=filters)
-            yield from page.records
-            cursor = page.next
-            if cursor is None:
-                return
-
     def _candidates(self, robot_id: str, sets: Iterable[MeasurementSetEntry]) -> dict[str, list[Campaign]]:
         """Return the runs with numbers, newest first, by their sets."""
         known = {one.id: one for one in sets}
         candidates: dict[str, list[Campaign]] = {}
-        for entry in self._entries(robot_id):
-            set_id = str(entry.summary["measurement_set_id"])
-            if set_id in known and (run := self._read(entry.id)) is not None:
-                candidates.setdefault(set_id, []).append(
-                    Campaign(entry.id, entry.created_at, run, known[set_id])
-                )
+        for entry in self._store.runs_with_numbers(robot_id, _MOST_RUNS):
+            if (measured := known.get(entry.measurement_set_id)) is not None:
+                one = Campaign(entry.id, entry.created_at, self._read(entry.trend), measured)
+                candidates.setdefault(measured.id, []).append(one)
         return candidates
-
-    def _entries(self, robot_id: str) -> Iterator[JobEntry]:
-        filters, cursor = {"robot_id": robot_id, "state": "succeeded"}, None
-        for _ in range(_MOST_RUNS // _AT_ONCE):
-            page = self._store.jobs(_RUNS).page(limit=_AT_ONCE, cursor=cursor, filters=filters)
-            yield from page.records
-            cursor = page.next
-            if cursor is None:
-                return
-
-    def _parse(self, run_id: str) -> ReadRun | None:
-        try:
-            return ReadRun.model_validate_json(self._store.jobs(_RUNS).get(run_id).document)
-        except NotFoundError:  # deleted meanwhile
-            return None

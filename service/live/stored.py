@@ -24,6 +24,7 @@ from jointstiff.schemas.measurement import (
     SetChange,
 )
 from jointstiff.schemas.plan import AnyDirection, DeadWeight, Plan, PlanResult, ReadingOptions
+from jointstiff.schemas.query import OpenSetQuery, SetQuery
 from jointstiff.schemas.run import RunRequest
 from jointstiff.service.conversion.prepared import placed
 from jointstiff.service.live.campaign import Declared, Entry, LiveCampaign
@@ -161,12 +162,10 @@ class OpenSets:
             live=self.state(set_id),
         )
 
-    def page(self, limit: int, cursor: str | None, robot_id: str | None) -> Page[MeasurementSetSummary]:
-        """List the sets that are still measured, newest first."""
-        filters = {} if robot_id is None else {"robot_id": robot_id}
-        page = self._store.open_sets.page(limit=limit, cursor=cursor, filters=filters)
-        items = [self.summary(record) for record in page.records if not self._campaign(record.id).closed]
-        return Page(items=items, next=page.next)
+    def page(self, query: SetQuery) -> Page[MeasurementSetSummary]:
+        """List the sets that are still measured; only some filters of a query narrow them."""
+        page = self._store.open_sets.page(**OpenSetQuery.of(query).listing())
+        return Page(items=[self.summary(each) for each in page.records], next=page.next, total=page.total)
 
     def summary(self, record: OpenSetRecord) -> MeasurementSetSummary:
         """Return a set as it is listed."""

@@ -48,6 +48,7 @@ from jointstiff.service.store.tables import (
     MeasurementSetEntry,
     MeasurementSetRecord,
     Record,
+    RobotEntry,
     RobotRecord,
 )
 from jointstiff.solver.errors import MeasurementError, RequestError
@@ -108,7 +109,7 @@ class Kept(Generic[Record, Entry, Prepared]):
         self.ready.cache_clear()
 
 
-class Robots(Kept[RobotRecord, RobotRecord, tuple[Robot, str]]):
+class Robots(Kept[RobotRecord, RobotEntry, tuple[Robot, str]]):
     """Create and load the robots of a store."""
 
     def __init__(self, store: Store) -> None:
@@ -145,6 +146,7 @@ class Robots(Kept[RobotRecord, RobotRecord, tuple[Robot, str]]):
             name=stored.name,
             created_at=created_at,
             content_hash=stored.content_hash,
+            summary=stored.model_dump(mode="json", include={"joints", "nominal_arm"}),
             document=stored.model_dump_json(exclude={"last_campaign"}),
         )
         return self._store.robots.add(record, key)
@@ -363,7 +365,7 @@ class Resources:
         jobs, cursor = self.store.jobs(Resource(message.kind_name(), message.collection)), None
         for _ in range(10):
             page = jobs.page(limit=100, cursor=cursor, filters={"robot_id": robot_id})
-            yield from (record.summary for record in page.records)
+            yield from ({"id": record.id, **record.summary} for record in page.records)
             if (cursor := page.next) is None:
                 return
 

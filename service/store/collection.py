@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict
 from datetime import UTC, datetime, timedelta
 from functools import cache
@@ -15,7 +15,9 @@ from sqlalchemy.exc import IntegrityError
 
 from jointstiff.service import problems
 from jointstiff.service.store.database import Database, Quota
+from jointstiff.service.store.listing import Order, is_indexable, page_of, words_of
 from jointstiff.service.store.tables import (
+    DUE,
     AuditEntry,
     Entry,
     IdempotencyKey,
@@ -25,9 +27,12 @@ from jointstiff.service.store.tables import (
     OpenSetRecord,
     Record,
     RecordPage,
-    Row,
+    RobotEntry,
+    RobotRecord,
+    RobotRow,
     idempotency_keys,
     jobs,
+    last_campaigns,
     live_entries,
     measurement_sets,
     of_records,
@@ -42,9 +47,6 @@ PARENTS: Final[Mapping[sa.Table, problems.Resource]] = MappingProxyType(
 )
 """Tables whose records others name."""
 
-LAST_SEQUENCE: Final = 2**63 - 1
-_MAX_INDEXED: Final = 500
-"""Characters of an id or a name: PostgreSQL indexes up to 2704 bytes, schemas allow 200."""
 _NO_FILTERS: Final[Mapping[str, str]] = MappingProxyType({})
 _NO_SPANS: Final[Mapping[str, tuple[datetime | None, datetime | None]]] = MappingProxyType({})
 _KEY: Final = sa.insert(idempotency_keys)
@@ -53,42 +55,13 @@ KEEP_DELETED: Final = timedelta(days=30)
 _NAMED: Final = 5  # resources that a refusal to delete names
 
 
-def page_of(
-    database: Database,
-    table: sa.Table,
-    record: type[Row],
-    where: Iterable[sa.ColumnElement[bool]],
-    limit: int,
-    cursor: str | None,
-) -> RecordPage[Row]:
-    """Return one page of a table, newest first. Records that are added meanwhile do not disturb the next one.
-
-    Args:
-        database: of the table.
-        table: with a column `sequence`.
-        record: dataclass of the columns that are read.
-        where: conditions of the listing.
-        limit: how many records at most, one or more.
-        cursor: `next` of the page before; none for the first page.
-
-    Raises:
-        CursorError: no page gave this cursor.
-    """
-    sequence = table.c.sequence
-    before = LAST_SEQUENCE if cursor is None else parse_cursor(cursor)
-    query = of_records(table, record).add_columns(sequence).where(sequence < before, *where)
-    ordered = query.order_by(sequence.desc()).limit(sa.bindparam("limit", limit + 1, type_=sa.Integer))
-    rows = [dict(row._mapping) for row in database.rows(ordered)]
-    numbers = [row.pop("sequence") for row in rows]
-    records = tuple(record(**row) for row in rows[:limit])
-    return RecordPage(records, str(numbers[limit - 1]) if len(rows) > limit else None)
-
-
 class Collection(Generic[Record, Entry]):
     """The records of one kind. Safe to use from several threads."""
 
     _ended: ClassVar[Sequence[sa.ColumnElement[bool]]] = ()
     """Conditions on which a record can be deleted."""
+    _listed: ClassVar[Sequence[sa.ColumnElement[bool]]] = ()
+    """Further conditions on which a record is listed."""
 
     def __init__(
         self,
@@ -120,6 +93,7 @@ class Collection(Generic[Record, Entry]):
             if each.references(shown.id)
         ]
         columns = of_records(table, record).selected_columns
+        self._entries = self._rows_listed()
         self._visible, self._hidden = shown.deleted_at.is_(None), shown.deleted_at.is_not(None)
         self._exists = sa.select(shown.id).where(shown.id == sa.bindparam("id"), *self._mine)
         self._by_id_or_hidden = self._exists.with_only_columns(*columns)
@@ -153,19 +127,20 @@ class Collection(Generic[Record, Entry]):
             QuotaError: the database has the size that it may have.
         """
         self._quota.refuse_full()
-        for _, parent, identifier in self._parents(record):
+        for _, table, identifier in self._parents(record):
             if not is_indexable(identifier):
-                raise problems.NotFoundError(parent, identifier)
+                raise problems.NotFoundError(PARENTS[table], identifier)
         try:
             with self._database.writing() as connection:
                 if key is not None:  # first, as the loser of a race waits here
                     own = {"resource": self.resource.collection, "key_hash": _hash(key.key)}
                     of_record = {"resource_id": record.id, "created_at": record.created_at}
                     connection.execute(_KEY, {**own, **of_record, "body_hash": key.body_hash})
-                self._hold_parents(connection, record)
-                connection.execute(self._insert, asdict(record))
+                named = self._hold_parents(connection, record)
+                connection.execute(self._insert, asdict(record) | self._copied(record, named))
                 if also is not None:
                     also(connection)
+                self._touch(connection, record.id)
         except IntegrityError as error:
             return self._not_added(record, key, error)
         return record
@@ -215,10 +190,11 @@ class Collection(Generic[Record, Entry]):
             DeletedError: it was deleted.
         """
         if values and is_indexable(identifier):
-            mine = sa.update(self._table).where(
-                self._table.c.id == identifier, sa.true() if hidden else self._visible
-            )
-            self._database.change(mine.values(**values))
+            mine = [self._table.c.id == identifier, sa.true() if hidden else self._visible]
+            with self._database.writing() as connection:
+                if connection.execute(sa.update(self._table).where(*mine).values(**values)).rowcount:
+                    self._rename(connection, identifier)
+                    self._touch(connection, identifier)
         return self.get(identifier, hidden=hidden)
 
     def page(
@@ -229,29 +205,36 @@ class Collection(Generic[Record, Entry]):
         filters: Mapping[str, str] = _NO_FILTERS,
         spans: Mapping[str, tuple[datetime | None, datetime | None]] = _NO_SPANS,
         deleted: bool = False,
+        q: str | None = None,
+        sort: str = "-created_at",
+        counted: bool = False,
     ) -> RecordPage[Entry]:
-        """Return one page, newest first, as `page_of` does.
+        """Return one page as `page_of` does.
 
         Args:
             limit: how many at most, one or more.
             cursor: `next` of the page before; none for the first page.
-            filters: column, or field of the summary of a job → value that it must have.
+            filters: column → value that it must have.
             spans: column → first time that it may have, and the first that it may not have again.
             deleted: only deleted ones instead of the others.
+            q: words, each of which is part of a name that the listing shows.
+            sort: `created_at` or `name`; with a minus downwards.
+            counted: whether to count the records on all pages, at the first one.
 
         Raises:
             CursorError: no page gave this cursor.
         """
         if limit < 1 or not all(map(self._narrows, [*filters, *spans])):
             raise ValueError(f"no page of {limit} {self.resource.collection} by {', '.join(filters)}")
-        if not all(map(is_indexable, filters.values())):
-            return RecordPage((), None)
+        if not all(map(is_indexable, [*filters.values(), q or ""])):
+            return RecordPage((), None, 0)
         columns = self._table.c
-        where = [*self._mine, self._hidden if deleted else self._visible]
+        where = [*self._mine, *self._listed, self._hidden if deleted else self._visible]
         where += [columns[name] == value for name, value in sorted(filters.items())]
         where += [columns[name] >= first for name, (first, _) in spans.items() if first is not None]
         where += [columns[name] < end for name, (_, end) in spans.items() if end is not None]
-        return page_of(self._database, self._table, self._entry, where, limit, cursor)
+        order = Order(limit, cursor, q, sort, counted)
+        return page_of(self._database, self._table, self._entries, self._entry, where, order)
 
     def delete(self, identifier: str, now: datetime | None = None) -> None:
         """Hide a resource; of one that is hidden the time of the first deletion stays.
@@ -272,6 +255,7 @@ class Collection(Generic[Record, Entry]):
             if connection.execute(hide.values(deleted_at=now)).rowcount == 1:
                 self._refuse_referenced(connection, identifier)  # none comes from now on
                 self._follow(connection, identifier, now)
+                self._touch(connection, identifier)
                 return
             hidden = sa.select(self._hidden).where(*self._is(identifier))
             record = connection.execute(hidden).scalar_one_or_none()
@@ -296,6 +280,7 @@ class Collection(Generic[Record, Entry]):
                 raise problems.NotFoundError(self.resource, identifier)
             self._hold_parents(connection, row)
             self._follow(connection, identifier, None)
+            self._touch(connection, identifier)
 
     def refuse_deleted(self, identifier: str) -> None:
         """Do nothing, unless a resource is hidden.
@@ -337,34 +322,60 @@ class Collection(Generic[Record, Entry]):
     def _follow(self, connection: sa.Connection, identifier: str, deleted_at: datetime | None) -> None:
         """Hide what else is kept of a record that is hidden, or bring it back."""
 
+    def _rows_listed(self) -> sa.Select[Any]:
+        """Return the query of what a listing shows."""
+        return of_records(self._table, self._entry)
+
+    def _copied(self, record: Record, named: Mapping[str, Any]) -> dict[str, str | None]:  # noqa: ARG002 - for those who copy
+        """Return columns that are copies of names, for listings: of the record, and of what it names.
+
+        Args:
+            record: which is about to be stored.
+            named: column → row of what it names.
+        """
+        return _names_of_robot(record.name or "")
+
+    def _rename(self, connection: sa.Connection, identifier: str) -> None:
+        """Copy names once more, after a change of a record."""
+
+    def _touch(self, connection: sa.Connection, identifier: str) -> None:
+        """Note that what is derived of a record is to be derived anew: the last act of a transaction."""
+
     def _forget(self, connection: sa.Connection, gone: Sequence[str]) -> None:
         """Remove what else is kept of records that are no more."""
 
     def _narrows(self, name: str) -> bool:
-        """Return whether a listing can be narrowed by a column: only by one with an index."""
-        return any(name in index.columns and "sequence" in index.columns for index in self._table.indexes)
+        """Return whether a listing can be narrowed by a column: only by one of an index."""
+        return any(name in index.columns for index in self._table.indexes)
 
-    def _parents(self, record: object) -> Iterator[tuple[sa.Table, problems.Resource, str]]:
-        """Yield the records that this one, or its row, names: table, resource, id."""
+    def _parents(self, record: object) -> Iterator[tuple[sa.Column[Any], sa.Table, str]]:
+        """Yield the records that this one, or its row, names: column, table, id."""
         for column, parent in self._references:
             if (identifier := getattr(record, column.name)) is not None:
-                yield parent, PARENTS[parent], identifier
+                yield column, parent, identifier
 
-    def _hold_parents(self, connection: sa.Connection, record: object) -> None:
-        """Keep what this one names from being deleted until it is stored; refuse it if it was."""
-        for table, parent, identifier in self._parents(record):
+    def _hold_parents(self, connection: sa.Connection, record: object) -> dict[str, Any]:
+        """Keep what this one names from being changed until it is stored; refuse it if that was deleted.
+
+        Returns:
+            Column → row of what it names.
+        """
+        named = {}
+        for column, table, identifier in self._parents(record):
             row = connection.execute(_held(table), {"id": identifier}).one_or_none()
             if row is not None and row.deleted_at is not None:
-                raise problems.DeletedError(parent, identifier)
+                raise problems.DeletedError(PARENTS[table], identifier)
+            named[column.name] = row
+        return named
 
     def _not_added(self, record: Record, key: IdempotencyKey | None, error: IntegrityError) -> Record:
         """Find out which constraint the record broke: its key came before, or a parent is missing."""
         earlier = None if key is None else self.find(key)
         if earlier is not None:
             return earlier
-        for table, parent, identifier in self._parents(record):
+        for _, table, identifier in self._parents(record):
             if not self._finds(sa.select(table.c.id).where(table.c.id == sa.bindparam("id")), identifier):
-                raise problems.NotFoundError(parent, identifier) from error
+                raise problems.NotFoundError(PARENTS[table], identifier) from error
         raise problems.StoreError(
             f"a {self.resource.name} {record.id} already exists", "give each record a unique id"
         ) from error
@@ -392,6 +403,56 @@ class Collection(Generic[Record, Entry]):
         return bool(self._database.rows(query, {"id": identifier}))
 
 
+class Robots(Collection[RobotRecord, RobotEntry]):
+    """The robots. A listing shows the last campaign of each as it was derived."""
+
+    def __init__(self, database: Database, quota: Quota) -> None:
+        super().__init__(database, ROBOT, robots, RobotRecord, RobotEntry, quota)
+
+    def entry(self, identifier: str) -> RobotEntry:
+        """Return a robot as it is listed.
+
+        Raises:
+            NotFoundError: there is none.
+        """
+        for row in self._database.rows(self._entries.where(robots.c.id == identifier)):
+            return RobotEntry(**row._mapping)
+        raise problems.NotFoundError(ROBOT, identifier)
+
+    def due(self, most: int) -> list[RobotEntry]:
+        """Return some robots whose last campaign is to be derived anew."""
+        named = sa.select(last_campaigns.c.robot_id).where(sa.text(DUE)).limit(most)
+        rows = self._database.rows(self._entries.where(robots.c.id.in_(named)))
+        return [RobotEntry(**row._mapping) for row in rows]
+
+    def derive(self, entry: RobotEntry, campaign: dict[str, Any] | None) -> None:
+        """Keep the last campaign of a robot, derived from its runs and sets after the entry was read.
+
+        If they changed since then, the entry read next says so.
+        """
+        mine = [last_campaigns.c.robot_id == entry.id, last_campaigns.c.changes >= entry.changes]
+        older = sa.func.coalesce(last_campaigns.c.derived, 0) < entry.changes
+        keep = sa.update(last_campaigns).where(*mine, older)
+        self._database.change(keep.values(derived=entry.changes, campaign=campaign))
+
+    def _rows_listed(self) -> sa.Select[Any]:
+        derived = last_campaigns.c
+        return (
+            of_records(robots, RobotRow)
+            .add_columns(derived.changes, derived.derived, derived.campaign)
+            .outerjoin_from(robots, last_campaigns, derived.robot_id == robots.c.id)
+        )
+
+    def _rename(self, connection: sa.Connection, identifier: str) -> None:
+        _copy_names(connection, robots.c.id, identifier)
+        # Sets before jobs, as those who rename a set do: else two could wait for each other.
+        for table in (measurement_sets, open_sets, jobs):
+            _copy_names(connection, table.c.robot_id, identifier)
+
+    def _forget(self, connection: sa.Connection, gone: Sequence[str]) -> None:
+        connection.execute(sa.delete(last_campaigns).where(last_campaigns.c.robot_id.in_(gone)))
+
+
 class MeasurementSets(Collection[MeasurementSetRecord, MeasurementSetEntry]):
     """The ordinary measurement sets. The record of one that was measured live goes and returns with it."""
 
@@ -399,46 +460,115 @@ class MeasurementSets(Collection[MeasurementSetRecord, MeasurementSetEntry]):
         own = sa.update(open_sets).where(open_sets.c.id == identifier)
         connection.execute(own.values(deleted_at=deleted_at))
 
+    def _copied(self, record: MeasurementSetRecord, named: Mapping[str, Any]) -> dict[str, str | None]:
+        return _names_of_set(record.name, name_of(named, "robot_id"), record.serial_number)
+
+    def _rename(self, connection: sa.Connection, identifier: str) -> None:
+        _copy_names(connection, measurement_sets.c.id, identifier)
+        _copy_names(connection, jobs.c.measurement_set_id, identifier)
+
+    def _touch(self, connection: sa.Connection, identifier: str) -> None:
+        robot_of = sa.select(measurement_sets.c.robot_id).where(measurement_sets.c.id == identifier)
+        derive_anew(connection, last_campaigns.c.robot_id.in_(robot_of))
+
 
 class OpenSets(Collection[OpenSetRecord, OpenSetRecord]):
-    """The sets that are measured live, or were."""
+    """The sets that are measured live, or were. Those that still are can be listed."""
+
+    _listed = (
+        ~sa.exists().where(live_entries.c.set_id == open_sets.c.id, live_entries.c.change == "closed"),
+    )
+
+    def _copied(self, record: OpenSetRecord, named: Mapping[str, Any]) -> dict[str, str | None]:
+        return _names_of_set(record.name, name_of(named, "robot_id"), None)
 
     def _forget(self, connection: sa.Connection, gone: Sequence[str]) -> None:
         connection.execute(sa.delete(live_entries).where(live_entries.c.set_id.in_(gone)))
 
 
-def parse_cursor(cursor: str) -> int:
-    """Return the number in the cursor of a page.
+def name_of(named: Mapping[str, Any], column: str, name: str = "name") -> str | None:
+    """Return a name of what a record names in a column; None if it names nothing there."""
+    row = named.get(column)
+    return None if row is None else getattr(row, name)
 
-    Raises:
-        CursorError: no page gave this cursor.
+
+def _names_of_robot(name: str) -> dict[str, str | None]:
+    return {"words": words_of(name)}
+
+
+def _names_of_set(name: str, robot: str | None, serial_number: str | None) -> dict[str, str | None]:
+    return {"robot_name": robot, "words": words_of(name, robot, serial_number)}
+
+
+def names_of_job(
+    name: str | None, robot: str | None, measurement_set: str | None, serial_number: str | None
+) -> dict[str, str | None]:
+    """Return the copied columns of a job by its names; one without a name is sorted by that of its set."""
+    return {
+        "robot_name": robot,
+        "measurement_set_name": measurement_set,
+        "serial_number": serial_number,
+        "words": words_of(name or measurement_set, robot, serial_number, name and measurement_set),
+    }
+
+
+def _of_robot(table: sa.Table, serial_number: sa.ColumnElement[Any]) -> sa.Select[Any]:
+    """Return the query of the names of sets."""
+    names = sa.select(table.c.sequence, table.c.name, robots.c.name, serial_number)
+    return names.join_from(table, robots, robots.c.id == table.c.robot_id)
+
+
+_NAMES: Final[Mapping[sa.Table, tuple[sa.Select[Any], Callable[..., dict[str, str | None]]]]] = (
+    MappingProxyType(
+        {
+            robots: (sa.select(robots.c.sequence, robots.c.name), _names_of_robot),
+            measurement_sets: (_of_robot(measurement_sets, measurement_sets.c.serial_number), _names_of_set),
+            open_sets: (_of_robot(open_sets, sa.null()), _names_of_set),
+            jobs: (
+                sa.select(
+                    jobs.c.sequence,
+                    jobs.c.name,
+                    robots.c.name,
+                    measurement_sets.c.name,
+                    measurement_sets.c.serial_number,
+                )
+                .outerjoin_from(jobs, robots, robots.c.id == jobs.c.robot_id)
+                .outerjoin(measurement_sets, measurement_sets.c.id == jobs.c.measurement_set_id),
+                names_of_job,
+            ),
+        }
+    )
+)
+"""Names of the records of each table, and the columns that are made of them."""
+
+
+def _copy_names(connection: sa.Connection, column: sa.Column[Any], identifier: str) -> None:
+    """Copy the names of the records with an id in a column once more, after one of the names changed."""
+    table = column.table
+    names, copied = _NAMES[table]
+    found = connection.execute(names.where(column == identifier)).all()
+    if changes := [{"own": number, **copied(*row)} for number, *row in found]:
+        connection.execute(sa.update(table).where(table.c.sequence == sa.bindparam("own")), changes)
+
+
+def derive_anew(connection: sa.Connection, where: sa.ColumnElement[bool]) -> bool:
+    """Note that last campaigns are to be derived anew; return whether there are such.
+
+    It is the last act of a transaction, as others who change runs of the robot wait for its end.
     """
-    if cursor.isascii() and cursor.isdecimal() and len(cursor) <= len(str(LAST_SEQUENCE)):
-        sequence = int(cursor)
-        if 0 < sequence <= LAST_SEQUENCE:
-            return sequence
-    raise problems.CursorError(cursor)
+    more = sa.update(last_campaigns).where(where).values(changes=last_campaigns.c.changes + 1)
+    return connection.execute(more).rowcount > 0
 
 
 @cache
 def _held(table: sa.Table) -> sa.Select[Any]:
-    """Return the query of when a record was deleted; none is from then until the transaction ends."""
-    return sa.select(table.c.deleted_at).where(table.c.id == sa.bindparam("id")).with_for_update(read=True)
+    """Return the query of a record's names and deletion; they stay until the transaction ends."""
+    named = [table.c[name] for name in ("deleted_at", "name", "serial_number") if name in table.c]
+    return sa.select(*named).where(table.c.id == sa.bindparam("id")).with_for_update(read=True)
 
 
 def _hash(key: str) -> str:
     return hashlib.sha256(key.encode("utf-8", "surrogatepass")).hexdigest()
-
-
-def is_indexable(text: str) -> bool:
-    """Return whether both databases can hold a text in an index; what they cannot hold is not there."""
-    if len(text) > _MAX_INDEXED or "\x00" in text:
-        return False
-    try:
-        text.encode()
-    except UnicodeEncodeError:
-        return False
-    return True
 
 
 Noted = TypeVar("Noted", AuditEntry, LiveEntry)
@@ -471,10 +601,13 @@ class Journal(Generic[Noted]):
         query = self._all.filter_by(**values).order_by(self._table.c.sequence)
         return [self._record(*row) for row in self._database.rows(query)]
 
-    def page(self, limit: int, cursor: str | None = None, **values: str | None) -> RecordPage[Noted]:
+    def page(
+        self, limit: int, cursor: str | None = None, *, counted: bool = False, **values: str | None
+    ) -> RecordPage[Noted]:
         """Return one page as `page_of` does, of records with these values in these columns; None for any."""
         where = [self._table.c[name] == value for name, value in values.items() if value is not None]
-        return page_of(self._database, self._table, self._record, where, limit, cursor)
+        order = Order(limit, cursor, counted=counted)
+        return page_of(self._database, self._table, self._all, self._record, where, order)
 
     def _insert(self, connection: sa.Connection, record: Noted) -> Noted:
         connection.execute(sa.insert(self._table).values(asdict(record)))

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 from typing import Any, Final
 
 import sqlalchemy as sa
 
-from jointstiff.service.problems import Resource
-from jointstiff.service.store.collection import Collection
+from jointstiff.service.problems import DamagedError, Resource
+from jointstiff.service.store.collection import Collection, derive_anew, name_of, names_of_job
 from jointstiff.service.store.database import BUSY_SECONDS, Database, Quota, inserting
 from jointstiff.service.store.tables import (
     OPEN_STATES,
@@ -19,6 +20,7 @@ from jointstiff.service.store.tables import (
     heartbeats,
     job_steps,
     jobs,
+    last_campaigns,
     of_records,
 )
 
@@ -34,7 +36,8 @@ _done: Final = (
     .scalar_subquery()
     .label("done")
 )
-_open: Final = jobs.c.state.in_(OPEN_STATES)
+is_open: Final = jobs.c.state.in_([sa.literal_column(repr(state)) for state in OPEN_STATES])
+"""Whether a job has not ended: in the words of the index of such jobs, which has no parameters."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +56,7 @@ class JobStatus:
 class JobRecords(Collection[JobRecord, JobEntry]):
     """The jobs of one kind, or of all. Every change of one until it ends is safe to repeat."""
 
-    _ended = (~_open,)
+    _ended = (~is_open,)
 
     def __init__(self, database: Database, resource: Resource, quota: Quota) -> None:
         self._kind = sa.true() if resource == JOB else jobs.c.kind == resource.name
@@ -78,7 +81,7 @@ class JobRecords(Collection[JobRecord, JobEntry]):
 
     def open_jobs(self) -> list[str]:
         """Return the ids of the jobs that have not ended."""
-        return [str(row.id) for row in self._database.rows(sa.select(jobs.c.id).where(self._kind, _open))]
+        return [str(row.id) for row in self._database.rows(sa.select(jobs.c.id).where(self._kind, is_open))]
 
     def start(self, job_id: str, changes: JobChanges) -> None:
         """Write that a queued job is running."""
@@ -109,13 +112,31 @@ class JobRecords(Collection[JobRecord, JobEntry]):
         mine = self._is(job_id)
         last = of_records(jobs, JobRecord).add_columns(_done).where(*mine)
         with self._database.writing(at_most) as connection:
-            ended = connection.execute(sa.update(jobs).where(*mine, _open).values(state=state)).rowcount == 1
+            end = sa.update(jobs).where(*mine, is_open).values(state=state)
+            ended = connection.execute(end).rowcount == 1
             if ended:  # no one else can end or start it any more
-                *before, done = connection.execute(last).one()
-                final = changes(JobRecord(*before), int(done))
-                connection.execute(sa.update(jobs).where(*mine).values(**final))
+                with suppress(DamagedError):  # it must not keep workers busy
+                    before = dict(connection.execute(last).one()._mapping)
+                    done = int(before.pop("done"))
+                    final = changes(JobRecord(**before), done)
+                    connection.execute(sa.update(jobs).where(*mine).values(**final))
                 connection.execute(sa.delete(job_steps).where(job_steps.c.job_id == job_id))
+                self._touch(connection, job_id)
         return ended
+
+    def _copied(self, record: JobRecord, named: Mapping[str, Any]) -> dict[str, str | None]:
+        measured = "measurement_set_id"
+        serial_number = name_of(named, measured, "serial_number")
+        return names_of_job(record.name, name_of(named, "robot_id"), name_of(named, measured), serial_number)
+
+    def _touch(self, connection: sa.Connection, identifier: str) -> None:
+        numbers = sa.select(jobs.c.robot_id).where(*self._is(identifier), jobs.c.trend.is_not(None))
+        for (robot_id,) in connection.execute(numbers):
+            mine = last_campaigns.c.robot_id == robot_id
+            if not derive_anew(connection, mine):
+                first = inserting(connection, last_campaigns).values(robot_id=robot_id, changes=1)
+                if connection.execute(first).rowcount == 0:  # another one was faster
+                    derive_anew(connection, mine)
 
 
 class Steps:
@@ -140,7 +161,7 @@ class Steps:
             Whether the job goes on.
         """
         # The lock keeps the job from ending until the row is there: the end would not remove it.
-        goes_on = sa.select(jobs.c.id).where(jobs.c.id == job_id, _open).with_for_update()
+        goes_on = sa.select(jobs.c.id).where(jobs.c.id == job_id, is_open).with_for_update()
         row = {"job_id": job_id, "start": span[0], "units": span[1] - span[0], "result": result}
         with self._database.writing() as connection:
             if connection.execute(goes_on).first() is None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Callable
 from collections.abc import Collection as Ids
 from contextlib import AbstractContextManager
@@ -16,29 +15,28 @@ from jointstiff.service.problems import Resource
 from jointstiff.service.store.access import AccessKeys, Sessions, WrongKeys
 from jointstiff.service.store.collection import (
     MEASUREMENT_SET,
-    ROBOT,
-    Collection,
     Journal,
     LiveEntries,
     MeasurementSets,
     OpenSets,
-    is_indexable,
+    Robots,
 )
 from jointstiff.service.store.database import Database, Dialect, Quota
-from jointstiff.service.store.jobs import Heartbeats, JobRecords, Steps
+from jointstiff.service.store.jobs import Heartbeats, JobRecords, Steps, is_open
+from jointstiff.service.store.listing import is_indexable
 from jointstiff.service.store.tables import (
-    OPEN_STATES,
     AuditEntry,
     LiveEntry,
     MeasurementSetEntry,
     MeasurementSetRecord,
     OpenSetRecord,
-    RobotRecord,
+    TrendEntry,
     audit,
     jobs,
     live_entries,
     make_tables,
     measurement_sets,
+    of_records,
     open_sets,
     robots,
 )
@@ -58,7 +56,7 @@ class Store:
     def __init__(self, database: Database, most_bytes: int | None = None) -> None:
         self._database = database
         self.quota = Quota(database, most_bytes)  # size that the database may have
-        self.robots = Collection(database, ROBOT, robots, RobotRecord, RobotRecord, self.quota)  # the robots
+        self.robots = Robots(database, self.quota)  # the robots
         # the measurement sets
         self.sets = MeasurementSets(
             database, MEASUREMENT_SET, measurement_sets, MeasurementSetRecord, MeasurementSetEntry, self.quota
@@ -121,13 +119,26 @@ class Store:
 
     def open_jobs(self, kinds: Ids[str]) -> dict[str, str]:
         """Return the jobs of some kinds that have not ended: id → name of the kind."""
-        going = sa.select(jobs.c.id, jobs.c.kind).where(jobs.c.kind.in_(kinds), jobs.c.state.in_(OPEN_STATES))
+        going = sa.select(jobs.c.id, jobs.c.kind).where(jobs.c.kind.in_(kinds), is_open)
         return {str(row.id): str(row.kind) for row in self._database.rows(going)}
 
     def going_on(self, job_ids: Ids[str]) -> set[str]:
         """Return the ids of those of some jobs that have not ended, of whatever kind."""
-        going = sa.select(jobs.c.id).where(jobs.c.id.in_(job_ids), jobs.c.state.in_(OPEN_STATES))
+        going = sa.select(jobs.c.id).where(jobs.c.id.in_(job_ids), is_open)
         return {str(row.id) for row in self._database.rows(going)}
+
+    def runs_with_numbers(self, robot_id: str, most: int) -> list[TrendEntry]:
+        """Return the newest runs of a robot that a trend may read, newest first."""
+        mine = [jobs.c.robot_id == robot_id, jobs.c.trend.is_not(None), jobs.c.deleted_at.is_(None)]
+        newest = of_records(jobs, TrendEntry).where(*mine).order_by(jobs.c.sequence.desc()).limit(most)
+        return [TrendEntry(*row) for row in self._database.rows(newest)]
+
+    def sets_of(self, robot_id: str) -> list[MeasurementSetEntry]:
+        """Return the sets of a robot, newest first."""
+        sets = measurement_sets.c
+        mine = of_records(measurement_sets, MeasurementSetEntry).where(sets.robot_id == robot_id)
+        shown = mine.where(sets.deleted_at.is_(None)).order_by(sets.sequence.desc())
+        return [MeasurementSetEntry(**row._mapping) for row in self._database.rows(shown)]
 
     def transaction(self) -> AbstractContextManager[sa.Connection]:
         """Return one transaction, for what the store and the engine write together."""
@@ -138,25 +149,6 @@ class Store:
         if self._database.dialect == "sqlite":
             return None
         return str(self._database.rows(sa.select(sa.func.current_schema()))[0][0])
-
-    def trend_marks(self, robot_ids: Ids[str]) -> dict[str, str]:
-        """Return a hash of what the trends of robots with runs are made of, by two queries for all."""
-        runs, sets = jobs.c, measurement_sets.c
-        shown = sa.case((runs.deleted_at.is_(None), runs.sequence))
-        counted = (
-            sa.select(runs.robot_id, sa.func.count(shown), sa.func.sum(shown), sa.func.max(runs.deleted_at))
-            .where(runs.kind == "run", runs.state == "succeeded", runs.robot_id.in_(robot_ids))
-            .group_by(runs.robot_id)
-            .having(sa.func.count(shown) > 0)
-        )
-        with self._database.reading() as connection:
-            marks = {str(row[0]): [str(row)] for row in connection.execute(counted)}
-            measured = sa.select(
-                sets.robot_id, sets.id, sets.measured_at, sets.serial_number, sets.instrument
-            ).where(sets.robot_id.in_(marks), sets.deleted_at.is_(None))
-            for row in connection.execute(measured.order_by(sets.sequence)):
-                marks[str(row[0])].append(str(row))
-        return {robot: hashlib.sha256("".join(rows).encode()).hexdigest() for robot, rows in marks.items()}
 
     def ping(self) -> Dialect:
         """Ask the database for something of ours.

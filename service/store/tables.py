@@ -1,7 +1,7 @@
 """Records of the store, one frozen dataclass a table; and the tables, made of their fields.
 
-An *entry* is what a listing shows; a *record* is an entry with its contents, documents as JSON text. Indexes
-and references are those of the tables.
+An *entry* is what a listing shows, all of it columns that are short; a *record* has the contents, too,
+documents as JSON text. Indexes and references are those of the tables.
 """
 
 from __future__ import annotations
@@ -15,22 +15,56 @@ from typing import Any, Final, Generic, TypeVar, get_args, get_type_hints
 
 import sqlalchemy as sa
 from sqlalchemy.exc import DBAPIError
+from sqlalchemy.schema import CreateIndex, CreateTable
 from sqlalchemy.types import TypeEngine
 
 from jointstiff.service.problems import StoreError, StoreUnavailableError
 from jointstiff.service.store.database import Database
+from jointstiff.service.store.packing import Content, Document, PackedBytes, PackedText
 
 
 @dataclass(frozen=True, slots=True)
-class RobotRecord:
-    """A robot. Its document is small, so that a listing shows the record itself."""
+class RobotRow:
+    """A robot without its contents."""
 
     id: str
     name: str
     created_at: datetime  # aware, UTC, to the microsecond; so are all times of this module
     content_hash: str
-    document: str
+    summary: dict[str, Any] = field(default_factory=dict, kw_only=True)
+    """What a listing shows that is no column."""
+
+
+@dataclass(frozen=True, slots=True)
+class RobotEntry(RobotRow):
+    """A robot in a listing, with its last campaign as it was derived; none before its first run."""
+
+    changes: int | None
+    derived: int | None
+    campaign: dict[str, Any] | None
+
+    @property
+    def is_current(self) -> bool:
+        """Return whether the last campaign was derived after the last change of its runs and sets."""
+        return self.changes == self.derived
+
+
+@dataclass(frozen=True, slots=True)
+class RobotRecord(RobotRow):
+    """A robot."""
+
+    document: Document
     """JSON text of `jointstiff.schemas.robot.Robot`; `name` is that of the column."""
+
+
+@dataclass(frozen=True, slots=True)
+class LastCampaignRecord:
+    """The last campaign of a robot with runs, derived from them and their sets once it is listed."""
+
+    robot_id: str
+    changes: int  # of the robot's runs and their sets, counted
+    derived: int | None  # number of changes when the campaign was derived; none if it was not yet
+    campaign: dict[str, Any] | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,9 +92,9 @@ class MeasurementSetEntry:
 class MeasurementSetRecord(MeasurementSetEntry):
     """A measurement set with its readings."""
 
-    document: str
+    document: Document
     """JSON text of everything but the observations; what is a column, too, is that of the column."""
-    arrays: bytes  # the observations' numbers (npz), which the store does not look into
+    arrays: Content  # the observations' numbers (npz), which the store does not look into
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,7 +105,7 @@ class OpenSetRecord:
     robot_id: str
     name: str
     created_at: datetime
-    document: str  # JSON text of what was declared
+    document: Document  # JSON text of what was declared
     resolved: str | None  # JSON text of what its frame means
     warnings: str  # JSON list of what was noticed about the frame
 
@@ -89,21 +123,13 @@ class LiveEntry:
 
 
 @dataclass(frozen=True, slots=True)
-class JobEntry:
-    """A job of any kind in a listing."""
+class JobRow:
+    """A job of any kind without its contents."""
 
     id: str
     kind: str
     state: str
     created_at: datetime
-    summary: dict[str, Any]
-    """The message of the job in a listing; fields that are columns of the table stand there, too."""
-
-
-@dataclass(frozen=True, slots=True)
-class JobRecord(JobEntry):
-    """A job with its result."""
-
     robot_id: str | None
     measurement_set_id: str | None
     second_set_id: str | None
@@ -112,7 +138,36 @@ class JobRecord(JobEntry):
     weighting: str | None
     elasticity: str | None
     verdict: str | None
-    document: str  # JSON text of the kind's message
+    summary: dict[str, Any]
+    """What a listing shows that is no column."""
+
+
+@dataclass(frozen=True, slots=True)
+class JobEntry(JobRow):
+    """A job in a listing, with names that are now those of its robot and of its first set."""
+
+    robot_name: str | None
+    measurement_set_name: str | None
+    serial_number: str | None
+
+
+@dataclass(frozen=True, slots=True)
+class JobRecord(JobRow):
+    """A job with its result."""
+
+    # What a trend reads of a run that has succeeded; JSON text.
+    trend: Document | None = field(default=None, kw_only=True)
+    document: Document  # JSON text of the kind's message
+
+
+@dataclass(frozen=True, slots=True)
+class TrendEntry:
+    """A run that has numbers, as a trend reads it."""
+
+    id: str
+    created_at: datetime
+    measurement_set_id: str
+    trend: Document  # JSON text
 
 
 @dataclass(frozen=True, slots=True)
@@ -171,7 +226,7 @@ OPEN_STATES: Final = ("queued", "running")
 
 
 Record = TypeVar("Record", RobotRecord, MeasurementSetRecord, OpenSetRecord, JobRecord)
-Entry = TypeVar("Entry", RobotRecord, MeasurementSetEntry, OpenSetRecord, JobEntry)
+Entry = TypeVar("Entry", RobotEntry, MeasurementSetEntry, OpenSetRecord, JobEntry)
 
 
 Row = TypeVar("Row")
@@ -179,13 +234,14 @@ Row = TypeVar("Row")
 
 @dataclass(frozen=True, slots=True)
 class RecordPage(Generic[Row]):
-    """One page of a listing, newest first."""
+    """One page of a listing."""
 
     records: tuple[Row, ...]
     next: str | None  # cursor of the following page; none on the last one
+    total: int | None  # number of records on all pages; none if it was not counted
 
 
-LAYOUT: Final = "0012_engine"
+LAYOUT: Final = "0013_year"
 """Name of the tables as they are here, and of what the documents in them hold; another one with each change.
 
 Nothing was released: one layout is made and read, and all others are refused.
@@ -195,7 +251,6 @@ _TURN_SECONDS: Final = 60.0  # for other processes that make the tables
 
 metadata = sa.MetaData(
     naming_convention={
-        "ix": "ix_%(table_name)s_%(column_0_N_name)s",
         "uq": "uq_%(table_name)s_%(column_0_N_name)s",
         "fk": "fk_%(table_name)s_%(column_0_N_name)s",
         "pk": "pk_%(table_name)s",
@@ -224,7 +279,7 @@ class UtcDateTime(sa.TypeDecorator[datetime]):
         return value.astimezone(UTC) if value.tzinfo else value.replace(tzinfo=UTC)
 
 
-_TYPES: Final[Mapping[Any, type[TypeEngine[Any]]]] = MappingProxyType(
+_TYPES: Final[Mapping[Any, type[TypeEngine[Any]] | TypeEngine[Any]]] = MappingProxyType(
     {
         str: sa.String,
         str | None: sa.String,
@@ -232,8 +287,12 @@ _TYPES: Final[Mapping[Any, type[TypeEngine[Any]]]] = MappingProxyType(
         bool: sa.Boolean,
         datetime: UtcDateTime,
         datetime | None: UtcDateTime,
-        bytes: sa.LargeBinary,
+        int | None: sa.Integer,
         dict[str, Any]: sa.JSON,
+        dict[str, Any] | None: sa.JSON(none_as_null=True),
+        Document: PackedText,
+        Document | None: PackedText,
+        Content: PackedBytes,
     }
 )
 
@@ -246,7 +305,7 @@ def _columns(record: type, references: Mapping[str, str], key: str | None = None
         references: column → column of another table.
         key: the primary key, if it is a field.
     """
-    hints = get_type_hints(record)
+    hints = get_type_hints(record, include_extras=True)
     return [
         sa.Column(
             field.name,
@@ -266,17 +325,20 @@ def _numbered(
     record: type,
     *further: sa.Column[Any],
     references: Mapping[str, str] = MappingProxyType({}),
-    filters: Iterable[str | tuple[str, ...]],
+    indexes: Iterable[sa.Index],
 ) -> sa.Table:
     """Make a table of records in the order of `sequence`.
+
+    Documents are the last columns: SQLite walks through a document to what comes after it.
 
     Args:
         name: of the table.
         record: dataclass whose fields are its columns.
         further: columns that are not shown.
         references: column → column of another table.
-        filters: columns, or groups of them, by which a listing is narrowed.
+        indexes: of the table.
     """
+    columns = [*_columns(record, references), *further]
     return sa.Table(
         name,
         metadata,
@@ -286,68 +348,114 @@ def _numbered(
             sa.Identity(always=True),
             primary_key=True,
         ),
-        *_columns(record, references),
-        *further,
-        *(sa.Index(None, *((group,) if isinstance(group, str) else group), "sequence") for group in filters),
+        *sorted(columns, key=lambda column: isinstance(column.type, PackedText | PackedBytes)),
+        *indexes,
     )
 
 
-def _deleted_at() -> sa.Column[Any]:
-    return sa.Column("deleted_at", UtcDateTime, nullable=True)  # hidden from then on, removed later
+def _index(name: str, *columns: str, where: str | None = None) -> sa.Index:
+    """Return an index of rows on some condition: by some columns, then in the order of `sequence`."""
+    condition = None if where is None else sa.text(where)
+    ordered = columns if "sequence" in columns else (*columns, "sequence")
+    return sa.Index(f"ix_{name}", *ordered, sqlite_where=condition, postgresql_where=condition)
 
 
-robots = _numbered("robots", RobotRecord, _deleted_at(), filters=["name", "content_hash"])
+def _listed(name: str, *columns: str, covering: Iterable[str]) -> list[sa.Index]:
+    """Return the indexes of all listings.
+
+    Args:
+        name: of the table.
+        columns: which narrow most listings.
+        covering: columns that a listing may be narrowed by, found without a look at the rows.
+    """
+    # SQLite looks at the row for a column of the condition that the index does not have.
+    return [
+        _index(f"{name}_listed", *columns, "sequence", *covering, "words", "deleted_at", where=VISIBLE),
+        _index(f"{name}_words", *columns, "words", "sequence", *covering, "deleted_at", where=VISIBLE),
+        _index(f"{name}_deleted_at", "deleted_at", where="deleted_at IS NOT NULL"),
+    ]
+
+
+def _further(*columns: sa.Column[Any]) -> list[sa.Column[Any]]:
+    return [
+        *columns,
+        sa.Column("words", NAMES, nullable=False),  # names that a search looks through, and the order by name
+        sa.Column("deleted_at", UtcDateTime, nullable=True),  # hidden from then on, removed later
+    ]
+
+
+VISIBLE: Final = "deleted_at IS NULL"
+"""Condition of the rows that listings show; indexes with it serve queries that state it in these words."""
+OPEN: Final = f"state IN ({', '.join(map(repr, OPEN_STATES))})"
+"""Condition of jobs that have not ended, in the words of its index."""
+NAMES: Final = sa.String().with_variant(sa.String(collation="C"), "postgresql")
+"""Text in the order of its characters, on both databases."""
+
+robots = _numbered(
+    "robots",
+    RobotRecord,
+    *_further(),
+    indexes=[
+        *_listed("robots", covering=()),
+        _index("robots_name", "name", where=VISIBLE),
+        _index("robots_content_hash", "content_hash", where=VISIBLE),
+    ],
+)
+
+DUE: Final = "derived IS NULL OR derived < changes"
+"""Condition of last campaigns that are to be derived anew, in the words of their index."""
+
+last_campaigns = sa.Table("last_campaigns", metadata, *_columns(LastCampaignRecord, {}, key="robot_id"))
+sa.Index(
+    "ix_last_campaigns_due",
+    last_campaigns.c.robot_id,
+    sqlite_where=sa.text(DUE),
+    postgresql_where=sa.text(DUE),
+)
 
 measurement_sets = _numbered(
     "measurement_sets",
     MeasurementSetRecord,
-    _deleted_at(),
+    *_further(sa.Column("robot_name", sa.String)),
     references={"robot_id": "robots.id"},
-    filters=[
-        "robot_id",
-        "name",
-        "encoders",
-        "content_hash",
-        "serial_number",
-        "operator",
-        "instrument",
-        "measured_at",
+    indexes=[
+        *_listed("measurement_sets", covering=["encoders"]),
+        _index("measurement_sets_robot_id", "robot_id"),
+        *(
+            _index(f"measurement_sets_{column}", column, where=VISIBLE)
+            for column in ("name", "content_hash", "serial_number", "operator", "instrument", "measured_at")
+        ),
     ],
 )
 
 open_sets = _numbered(
     "open_sets",
     OpenSetRecord,
-    _deleted_at(),
+    *_further(sa.Column("robot_name", sa.String)),
     references={"robot_id": "robots.id"},
-    filters=["robot_id"],
+    indexes=[*_listed("open_sets", covering=()), _index("open_sets_robot_id", "robot_id")],
 )
 
 jobs = _numbered(
     "jobs",
     JobRecord,
-    _deleted_at(),
+    *_further(
+        *(sa.Column(name, sa.String) for name in ("robot_name", "measurement_set_name", "serial_number"))
+    ),
     references={
         "measurement_set_id": "measurement_sets.id",
         "second_set_id": "measurement_sets.id",
         "robot_id": "robots.id",
     },
-    filters=[
-        "kind",
-        ("kind", "state"),
-        ("kind", "robot_id"),
-        ("kind", "name"),
-        "measurement_set_id",
-        "second_set_id",
-        "method",
-        "weighting",
-        "elasticity",
-        ("kind", "verdict"),
+    indexes=[
+        *_listed("jobs", "kind", covering=["state", "verdict", "method", "weighting", "elasticity"]),
+        _index("jobs_open", "kind", where=OPEN),
+        _index("jobs_robot_id", "robot_id", "kind"),
+        _index("jobs_measurement_set_id", "measurement_set_id"),
+        _index("jobs_second_set_id", "second_set_id"),
+        _index("jobs_name", "kind", "name", where=VISIBLE),
     ],
 )
-for _table in (robots, measurement_sets, open_sets, jobs):
-    _deleted = _table.c.deleted_at.is_not(None)
-    sa.Index(None, _table.c.deleted_at, sqlite_where=_deleted, postgresql_where=_deleted)
 
 idempotency_keys = sa.Table(
     "idempotency_keys",
@@ -399,9 +507,10 @@ access_links = sa.Table(
 )
 
 # Journals refer to nothing: they outlive the robots and the runs that they name.
-audit = _numbered("audit", AuditEntry, filters=["key_id"])
-live_entries = _numbered("live_entries", LiveEntry, filters=["set_id"])
-sa.Index(None, live_entries.c.set_id, live_entries.c.change, live_entries.c.label, unique=True)
+audit = _numbered("audit", AuditEntry, indexes=[_index("audit_key_id", "key_id")])
+live_entries = _numbered("live_entries", LiveEntry, indexes=[_index("live_entries_set_id", "set_id")])
+_once = [live_entries.c[name] for name in ("set_id", "change", "label")]
+sa.Index("ix_live_entries_once", *_once, unique=True)
 
 
 def of_records(table: sa.Table, record: type) -> sa.Select[Any]:
@@ -428,13 +537,60 @@ def make_tables(database: Database) -> None:
             _wait_for_turn(connection)
         if not has_tables(connection):
             try:
-                metadata.create_all(connection, checkfirst=False)
+                for table in metadata.sorted_tables:
+                    connection.execute(CreateTable(table))
+                    # `Table.indexes` has no order, and the order decides which of two SQLite prefers.
+                    for index in sorted(table.indexes, key=lambda index: str(index.name)):
+                        connection.execute(CreateIndex(index))
+                if database.dialect == "sqlite":
+                    _state_statistics(connection)
             except DBAPIError as error:
                 raise StoreUnavailableError(
                     f"the tables cannot be made ({str(error.orig).strip().splitlines()[0][:200]})",
                     "give a database without tables of other programs, and its user the right to make tables",
                 ) from error
             connection.execute(sa.insert(layouts).values(version_num=LAYOUT))
+
+
+_ROWS: Final = 100_000  # of each table, as its statistics say
+_VALUES: Final[Mapping[str, int]] = MappingProxyType(
+    {
+        **dict.fromkeys(("kind", "state", "verdict", "method", "weighting", "elasticity", "encoders"), 4),
+        **dict.fromkeys(("operator", "instrument", "key_id"), 30),
+        **dict.fromkeys(("robot_id", "name", "serial_number", "second_set_id", "set_id"), 1_000),
+        **dict.fromkeys(("measurement_set_id", "content_hash"), 50_000),
+    }
+)
+"""Number of values of columns; all others have another value in each row."""
+_FEW: Final = MappingProxyType(
+    {
+        "ix_jobs_open": 100,
+        "ix_last_campaigns_due": 100,
+        **{f"ix_{name}_deleted_at": 1_000 for name in ("robots", "measurement_sets", "open_sets", "jobs")},
+    }
+)
+"""Rows of the indexes of few rows."""
+
+
+def _state_statistics(connection: sa.Connection) -> None:
+    """State how selective each index is in a store of some size.
+
+    SQLite chooses among indexes by such statistics. If each file had those of its own content, or none, each
+    would be read in its own way.
+    """
+    connection.exec_driver_sql("ANALYZE")  # makes the table of statistics
+    for table in metadata.sorted_tables:
+        for index in table.indexes:
+            rows = _FEW.get(str(index.name), _ROWS)
+            alike, left = [], float(rows)
+            for column in index.columns:
+                left = max(1.0, left / _VALUES.get(column.name, rows))
+                alike.append(round(left))
+            stated = " ".join(map(str, [rows, *alike]))
+            connection.exec_driver_sql(
+                "INSERT INTO sqlite_stat1 (tbl, idx, stat) VALUES (?, ?, ?)", (table.name, index.name, stated)
+            )
+    connection.exec_driver_sql("ANALYZE sqlite_schema")  # reads it
 
 
 def _wait_for_turn(connection: sa.Connection) -> None:

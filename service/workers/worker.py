@@ -19,6 +19,7 @@ from typing import Final
 
 from jointstiff.service.jobs import Jobs, Leave, Part, Parts
 from jointstiff.service.kinds.registry import KINDS
+from jointstiff.service.kinds.trend import Trends
 from jointstiff.service.problems import StoreUnavailableError, WorkerLostError
 from jointstiff.service.store.collection import KEEP_DELETED
 from jointstiff.service.store.database import refuse_in_memory
@@ -29,6 +30,7 @@ from jointstiff.service.workers.engine import ATTEMPTS, Engine, UnknownKindError
 
 _KNOWN: Final = [kind.name for kind in KINDS]  # jobs of other kinds are left to other versions
 _REMOVED: Final = 20  # deleted records of each kind that are removed at a look
+_DERIVED: Final = 20  # last campaigns of robots that are derived at a look
 _FIRST_PAUSE: Final = 0.1
 _LONGEST_PAUSE: Final = 5.0
 _STILL_LOOKS: Final = 4
@@ -65,6 +67,7 @@ class Recovery:
         self._store, self._jobs, self._engine, self._executor = store, jobs, engine, executor
         self._heartbeats = heartbeats or store.heartbeats
         self._now = now
+        self._trends = Trends(store)
         self._silent: dict[str, datetime] = {}
         self._active: dict[str, float] = {}
         self._idle: set[str] = set()
@@ -100,6 +103,7 @@ class Recovery:
             self._fail_given_up,
             lambda: self._engine.forget(self._store.going_on),
             lambda: purge(self._store, self._now() - KEEP_DELETED),
+            lambda: self._trends.derive_due(_DERIVED),
         ]
         for duty in duties:
             try:

@@ -20,17 +20,19 @@ import pytest
 from sqlalchemy import event, text
 from sqlalchemy.dialects import sqlite as sqlite_dialect
 from sqlalchemy.exc import DBAPIError
-from sqlalchemy.schema import CreateTable
+from sqlalchemy.schema import CreateIndex, CreateTable
 from support.claims import Claims
 from support.jobs import run_request, runs_of, stored_set
 
 from jointstiff.schemas.measurement import StoredMeasurementSet
-from jointstiff.schemas.robot import Robot
+from jointstiff.schemas.robot import LastCampaign, Robot
 from jointstiff.service.kinds.identification import ByJoints
 from jointstiff.service.kinds.registry import KINDS
+from jointstiff.service.kinds.trend import ReadRun
 from jointstiff.service.kinds.work import pack
 from jointstiff.service.problems import StoreError, StoreUnavailableError
 from jointstiff.service.store import database as database_module
+from jointstiff.service.store import packing
 from jointstiff.service.store.database import Database
 from jointstiff.service.store.store import Store
 from jointstiff.service.store.tables import LAYOUT, RobotRecord, metadata
@@ -64,10 +66,18 @@ def test_a_database_of_another_layout_is_refused_and_left_alone(database_url: st
 
 
 def test_other_tables_are_another_layout() -> None:
-    """A change of the tables needs another `LAYOUT` in `service/store/tables.py`, and its hash here."""
+    """A change of the tables needs another `LAYOUT` in `service/store/tables.py`, and its hash here.
+
+    So does another dictionary of the packed documents.
+    """
     dialect = sqlite_dialect.dialect()
-    tables = "".join(str(CreateTable(table).compile(dialect=dialect)) for table in metadata.sorted_tables)
-    assert (LAYOUT, hashlib.sha256(tables.encode()).hexdigest()[:16]) == ("0012_engine", "560590f752381771")
+    made = [
+        str(each.compile(dialect=dialect))
+        for table in metadata.sorted_tables
+        for each in (CreateTable(table), *map(CreateIndex, sorted(table.indexes, key=lambda one: one.name)))
+    ]
+    digest = hashlib.sha256("".join([*made, packing._dictionary().decode()]).encode()).hexdigest()[:16]
+    assert (LAYOUT, digest) == ("0013_year", "6cff616746fee9dc")
 
 
 def shape(schema: Any) -> Any:
@@ -90,10 +100,10 @@ def shape(schema: Any) -> Any:
 
 def test_documents_of_another_shape_are_another_layout() -> None:
     """As they would not be read: another `LAYOUT` in `service/store/tables.py`, and it and its hash here."""
-    documents = [Robot, StoredMeasurementSet, *(kind.message for kind in KINDS)]
+    documents = [Robot, StoredMeasurementSet, ReadRun, LastCampaign, *(kind.message for kind in KINDS)]
     shapes = [shape(each.model_json_schema(mode="serialization")) for each in documents]
     digest = hashlib.sha256(json.dumps(shapes, sort_keys=True).encode()).hexdigest()[:16]
-    assert (LAYOUT, digest) == ("0012_engine", "5c25076c1c66abd8")
+    assert (LAYOUT, digest) == ("0013_year", "e8dd5b37517d772b")
 
 
 def test_tables_that_cannot_be_made_leave_nothing(database_url: str) -> None:

@@ -1,0 +1,144 @@
+"""Listings of a table: searched, sorted, counted and cut into pages by the database."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any, Final
+
+import sqlalchemy as sa
+
+from jointstiff.service import problems
+from jointstiff.service.store.database import Database
+from jointstiff.service.store.tables import RecordPage, Row
+
+LAST_SEQUENCE: Final = 2**63 - 1
+_MAX_INDEXED: Final = 500
+"""Characters of an id or a name: PostgreSQL indexes up to 2704 bytes, schemas allow 200."""
+_MAX_WORD: Final = 150  # characters of a name that a search looks through, so that four of them are indexable
+_BETWEEN: Final = "\x1f"  # two names; no name has it
+
+
+@dataclass(frozen=True, slots=True)
+class Order:
+    """Order of a listing, and what it is searched for."""
+
+    limit: int  # how many records at most, one or more
+    cursor: str | None = None  # `next` of the page before; none for the first page
+    q: str | None = None  # words, each of which is part of a name
+    sort: str = "-created_at"  # `created_at` or `name`; with a minus downwards
+    counted: bool = False  # whether to count the records on all pages, at the first one
+
+    @property
+    def is_descending(self) -> bool:
+        """Return whether the last ones come first."""
+        return self.sort.startswith("-")
+
+    @property
+    def is_by_name(self) -> bool:
+        """Return whether records are sorted by their names."""
+        return self.sort.removeprefix("-") == "name"
+
+
+def page_of(
+    database: Database,
+    table: sa.Table,
+    rows: sa.Select[Any],
+    record: type[Row],
+    where: Iterable[sa.ColumnElement[bool]],
+    order: Order,
+) -> RecordPage[Row]:
+    """Return one page of a table. Records that are added meanwhile do not disturb the next one.
+
+    The page is found first, by columns that an index covers, and only its rows are read then.
+
+    Args:
+        database: of the table.
+        table: with a column `sequence`, and `words` if it can be searched or sorted by name.
+        rows: query of what is shown.
+        record: dataclass of what `rows` returns.
+        where: conditions of the listing.
+        order: of the listing.
+
+    Raises:
+        CursorError: no page gave this cursor.
+    """
+    sequence, conditions = table.c.sequence, [*where]
+    if order.q is not None:
+        conditions += _found(database, table.c.words, order.q)
+    ordered = [table.c.words, sequence] if order.is_by_name else [sequence]
+    page = sa.select(sequence).where(*conditions)
+    if order.cursor is not None:
+        page = page.where(_behind(order, ordered, _last_of(database, table, order)))
+    directed = [column.desc() if order.is_descending else column for column in ordered]
+    page = page.order_by(*directed).limit(sa.bindparam("limit", order.limit + 1, type_=sa.Integer))
+    places = [column.label(f"place_{number}") for number, column in enumerate(ordered)]
+    query = rows.add_columns(*places).where(sequence.in_(page)).order_by(*directed)
+    shown = [dict(row._mapping) for row in database.rows(query)]
+    at = [tuple(row.pop(place.name) for place in places) for row in shown]
+    is_last = len(shown) <= order.limit
+    total = None
+    if order.counted and order.cursor is None:
+        total = len(shown)
+        if not is_last:  # what comes before was seen by the search for the page
+            rest = sa.select(sa.func.count()).select_from(table).where(*conditions)
+            total += int(database.rows(rest.where(_behind(order, ordered, at[-1])))[0][0])
+    records = tuple(record(**row) for row in shown[: order.limit])
+    return RecordPage(records, None if is_last else str(at[order.limit - 1][-1]), total)
+
+
+def _found(database: Database, words: sa.Column[Any], q: str) -> list[sa.ColumnElement[bool]]:
+    """Return the conditions of a search: the longest word first, which the fewest records have."""
+    find = sa.func.instr if database.dialect == "sqlite" else sa.func.strpos
+    wanted = sorted(set(_folded(q).split()), key=lambda word: (-len(word), word))
+    return [find(words, word) > 0 for word in wanted]
+
+
+def words_of(*names: str | None) -> str:
+    """Return what a search for names looks through; the first of them decides the order by name."""
+    return _BETWEEN.join(_folded(name or "")[:_MAX_WORD] for name in names)
+
+
+def _folded(text: str) -> str:
+    return text.casefold()
+
+
+def _behind(order: Order, ordered: list[sa.Column[Any]], last: tuple[object, ...]) -> sa.ColumnElement[bool]:
+    """Return the condition of what comes after a record, given its values in the columns of the order."""
+    columns, place = sa.tuple_(*ordered), sa.tuple_(*last)
+    return columns < place if order.is_descending else columns > place
+
+
+def _last_of(database: Database, table: sa.Table, order: Order) -> tuple[object, ...]:
+    """Return the values of the last record of the page before, in the columns of the order."""
+    cursor = order.cursor or ""
+    sequence = parse_cursor(cursor)
+    if not order.is_by_name:
+        return (sequence,)
+    for row in database.rows(sa.select(table.c.words).where(table.c.sequence == sequence)):
+        return (row.words, sequence)
+    raise problems.CursorError(cursor)
+
+
+def parse_cursor(cursor: str) -> int:
+    """Return the number in the cursor of a page.
+
+    Raises:
+        CursorError: no page gave this cursor.
+    """
+    if cursor.isascii() and cursor.isdecimal() and len(cursor) <= len(str(LAST_SEQUENCE)):
+        sequence = int(cursor)
+        if 0 < sequence <= LAST_SEQUENCE:
+            return sequence
+    raise problems.CursorError(cursor)
+
+
+def is_indexable(text: str) -> bool:
+    """Return whether both databases can hold a text in an index; what they cannot hold is not there."""
+    if len(text) > _MAX_INDEXED or "\x00" in text:
+        return False
+    try:
+        text.encode()
+    except UnicodeEncodeError:
+        return False
+    return True

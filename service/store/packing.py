@@ -1,0 +1,125 @@
+"""Documents as the store keeps them: compressed, the numbers of a text in eight bytes each."""
+
+from __future__ import annotations
+
+import re
+import struct
+import zlib
+from functools import cache
+from pathlib import Path
+from typing import Annotated, Any, Final
+
+import sqlalchemy as sa
+from pydantic_core import to_json
+
+from jointstiff.service.problems import DamagedError
+
+MOST_BYTES: Final = 512 * 1024 * 1024
+"""Size of what is unpacked, at most; no request is half as large."""
+_NUMBER: Final = re.compile(r"(?<=[\[,:])(-?\d+(?:\.\d+(?:e-?\d+)?|e-?\d+))(?=[\],}])", re.ASCII)
+_PLACE: Final = "\x00"  # of a number; JSON texts have none
+_LEVEL: Final = 6
+
+
+def pack_text(text: str) -> bytes:
+    """Compress a text; that of a run to a quarter, as two thirds of it are digits at random.
+
+    Numbers of JSON become IEEE doubles in a stream of their own, if a double is written as the same digits.
+    The words of runs, field names for the most part, are known in advance (`dictionary.txt`).
+    """
+    pieces = _NUMBER.split(text)  # every second one is a number
+    numbers = list(map(float, pieces[1::2]))
+    if _PLACE in text or _written(numbers) != pieces[1::2]:
+        return _pack_words(text)
+    doubles = struct.pack(f"<{len(numbers)}d", *numbers)
+    return _pack_words(_PLACE.join(pieces[::2])) + zlib.compress(doubles, _LEVEL)
+
+
+def unpack_text(packed: bytes) -> str:
+    """Return the text that `pack_text` compressed.
+
+    Raises:
+        DamagedError: it is damaged, or larger than any text of ours.
+    """
+    words, packed_doubles = _unpack_first(packed)
+    if not packed_doubles:
+        return words.decode()
+    pieces, doubles = words.decode().split(_PLACE), unpack_bytes(packed_doubles)
+    if len(doubles) != 8 * (len(pieces) - 1):
+        raise DamagedError
+    numbers = _written(list(struct.unpack(f"<{len(pieces) - 1}d", doubles)))
+    return "".join(piece for pair in zip(pieces, [*numbers, ""], strict=True) for piece in pair)
+
+
+def unpack_bytes(packed: bytes) -> bytes:
+    """Return the bytes that were compressed.
+
+    Raises:
+        DamagedError: they are damaged, or more than `MOST_BYTES`.
+    """
+    return _unpack_first(packed)[0]
+
+
+def _pack_words(words: str) -> bytes:
+    stream = zlib.compressobj(_LEVEL, zdict=_dictionary())
+    return stream.compress(words.encode()) + stream.flush()
+
+
+@cache
+def _dictionary() -> bytes:
+    """Return the words of runs, which packed texts refer to; another dictionary is another layout."""
+    lines = Path(__file__).with_name("dictionary.txt").read_text(encoding="utf-8").splitlines()
+    return "".join(lines).replace("#", _PLACE).encode()
+
+
+def _unpack_first(packed: bytes) -> tuple[bytes, bytes]:
+    """Return what the first stream has, and the streams behind it."""
+    stream = zlib.decompressobj(zdict=_dictionary())
+    try:
+        content = stream.decompress(packed, MOST_BYTES)
+    except zlib.error as error:
+        raise DamagedError from error
+    if not stream.eof:
+        raise DamagedError
+    return content, stream.unused_data
+
+
+def _written(numbers: list[float]) -> list[str]:
+    """Return numbers as pydantic writes them, which wrote all documents."""
+    return to_json(numbers)[1:-1].decode().split(",") if numbers else []
+
+
+class PackedText(sa.TypeDecorator[str]):
+    """A text, compressed."""
+
+    impl = sa.LargeBinary
+    cache_ok = True
+
+    def process_bind_param(self, value: str | None, _: sa.Dialect) -> bytes | None:
+        """Compress a text."""
+        return None if value is None else pack_text(value)
+
+    def process_result_value(self, value: Any | None, _: sa.Dialect) -> str | None:  # noqa: ANN401 - of either driver
+        """Read it back."""
+        return None if value is None else unpack_text(bytes(value))
+
+
+class PackedBytes(sa.TypeDecorator[bytes]):
+    """Bytes, compressed."""
+
+    impl = sa.LargeBinary
+    cache_ok = True
+
+    def process_bind_param(self, value: bytes | None, _: sa.Dialect) -> bytes | None:
+        """Compress them."""
+        return None if value is None else zlib.compress(value, _LEVEL)
+
+    def process_result_value(self, value: Any | None, _: sa.Dialect) -> bytes | None:  # noqa: ANN401 - of either driver
+        """Read them back."""
+        return None if value is None else unpack_bytes(bytes(value))
+
+
+Document = Annotated[str, PackedText()]
+"""A field with a text that no list shows; its column is compressed, and comes after all others."""
+Content = Annotated[bytes, PackedBytes()]
+"""A field with bytes that no list shows."""
