@@ -120,6 +120,9 @@ def test_it_has_an_end_files_and_a_place_in_the_terminal(client, job, kind):
     assert client.get(f"{job_at(job)}x/events").status_code == 404
     for file in kind.files:
         answer = client.get(file_at(job, file.name))
+        if file.name == "ratios.csv":  # of two sets, and this comparison is of one
+            assert answer.status_code == 404
+            continue
         assert answer.status_code == 200, answer.text
         assert answer.headers["content-type"].startswith(file.media_type), file.name
         assert job["id"] in answer.headers["content-disposition"] or kind.name == "program", file.name
