@@ -7,6 +7,7 @@ ServiceError                   something outside of a request is in the way: see
 ├── KeysFileError              a file of keys cannot be read or written (security/keys.py)
 ├── SettingsError              a laboratory's settings cannot be used (reports/laboratory.py)
 ├── MissingExtraError          a library of an extra is not installed: install the extra
+├── ExecutorError              the caller's executor failed: see its own error
 └── StoreError                 a database that this software cannot work with
     ├── StoreUnavailableError  the database does not answer: try again, or look at the server
     ├── NotFoundError          no such record: check the id
@@ -139,7 +140,14 @@ EXTRAS: Final[Mapping[str, str]] = MappingProxyType(
         ),
         "service",
     )
-    | {"httpx2": "client", "matplotlib": "plot", "openpyxl": "excel", "pandas": "frames", "polars": "frames"}
+    | {
+        "distributed": "cluster",
+        "httpx2": "client",
+        "matplotlib": "plot",
+        "openpyxl": "excel",
+        "pandas": "frames",
+        "polars": "frames",
+    }
 )
 """Libraries that come with an extra of this package, and the extra."""
 
@@ -163,6 +171,16 @@ def missing_extra(what: str, error: ImportError) -> ImportError:
     """
     extra = EXTRAS.get((error.name or "").partition(".")[0])
     return error if extra is None else MissingExtraError(what, extra)
+
+
+class ExecutorError(ServiceError):
+    """An executor of the caller failed; its own error is the cause."""
+
+    def __init__(self, error: Exception) -> None:
+        super().__init__(
+            f"the executor failed: {type(error).__name__}: {error}",
+            "start the executor again; without `executor` the work is done in this process",
+        )
 
 
 class StoreError(ServiceError):

@@ -13,13 +13,18 @@ import logging
 import os
 import platform
 import re
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from datetime import UTC, datetime
 from enum import StrEnum
 from functools import cache
+from threading import Lock
 from types import MappingProxyType
-from typing import Final
+from typing import TYPE_CHECKING, Any, Final
+
+if TYPE_CHECKING:
+    from threadpoolctl import ThreadpoolController
 
 _SETTINGS: Final = {
     "MALLOC_TRIM_THRESHOLD_": (-1, 4 * 1024 * 1024),
@@ -47,6 +52,54 @@ def collect_rarely() -> None:
 def use_one_thread() -> None:
     """Limit this process and those that it starts; call it before numpy is imported."""
     os.environ.update(ONE_THREAD)
+
+
+class _Limit:
+    """The limit of linear algebra to one thread, for as long as any computation of this process goes on."""
+
+    def __init__(self) -> None:
+        self._lock, self._inside = Lock(), 0
+        self._limiter: Any = None  # restores the threads of before
+
+    def enter(self) -> None:
+        """Limit the libraries, unless another computation has done so."""
+        with self._lock:
+            if not self._inside:
+                self._limiter = _libraries().limit(limits=1)
+            self._inside += 1
+
+    def leave(self) -> None:
+        """Restore the threads, unless another computation goes on."""
+        with self._lock:
+            self._inside -= 1
+            if not self._inside:
+                self._limiter.restore_original_limits()
+
+
+_LIMIT: Final = _Limit()
+
+
+@cache
+def _libraries() -> ThreadpoolController:
+    """Return what sets the threads of linear algebra, made once: it looks through all loaded libraries."""
+    import scipy.linalg  # noqa: F401 - loads the second library; numpy's is the first
+    from threadpoolctl import ThreadpoolController
+
+    return ThreadpoolController().select(user_api="blas")
+
+
+@contextmanager
+def one_thread() -> Iterator[None]:
+    """Compute with one thread of linear algebra, so that the last digits do not depend on the process.
+
+    Commands and workers set their environment before they import numpy; a program of the user does not.
+    The user's own computations have their threads back afterwards.
+    """
+    _LIMIT.enter()
+    try:
+        yield
+    finally:
+        _LIMIT.leave()
 
 
 def give_memory_back() -> None:

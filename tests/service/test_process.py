@@ -6,12 +6,14 @@ import re
 import subprocess
 import sys
 import tomllib
+from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
+from threadpoolctl import threadpool_info, threadpool_limits
 
 from jointstiff.service.problems import EXTRAS
-from jointstiff.service.process import ONE_THREAD
+from jointstiff.service.process import ONE_THREAD, one_thread
 
 PROGRAM = """
 import os, sys
@@ -34,6 +36,22 @@ def test_the_command_computes_with_one_thread():
         [sys.executable, "-c", PROGRAM], env=environment, capture_output=True, text=True, check=False
     )
     assert done.stdout.splitlines()[-1] == "1", done.stdout + done.stderr
+
+
+def blas_threads():
+    return {each["num_threads"] for each in threadpool_info() if each["user_api"] == "blas"}
+
+
+def test_a_computation_has_one_thread_of_linear_algebra_and_gives_the_others_back():
+    """Computations of several threads overlap; the last one gives the threads back."""
+    with ExitStack() as first, ExitStack() as second, threadpool_limits(2, user_api="blas"):
+        first.enter_context(one_thread())
+        second.enter_context(one_thread())
+        assert blas_threads() == {1}
+        first.close()
+        assert blas_threads() == {1}
+        second.close()
+        assert blas_threads() == {2}
 
 
 ROOT = Path(__file__).parents[2]
