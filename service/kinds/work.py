@@ -5,7 +5,8 @@ from __future__ import annotations
 import io
 import logging
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from concurrent.futures import Executor
+from contextlib import closing, contextmanager
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from types import MappingProxyType
@@ -18,7 +19,8 @@ import numpy.typing as npt
 from jointstiff.schemas.fields import Message
 from jointstiff.schemas.finding import Problem
 from jointstiff.schemas.job import Job, JobState, Progress, Provenance
-from jointstiff.service.problems import http_problem, problem_of
+from jointstiff.service.kinds.width import CancelledWorkError, computed
+from jointstiff.service.problems import ExecutorError, http_problem, problem_of
 from jointstiff.service.process import versions
 from jointstiff.solver.errors import InputError, JointstiffError, NotObservableError, RequestError
 
@@ -134,35 +136,39 @@ def new_job(message: type[AnyJob], request: Message, work: Work, key: AccessKey 
     )
 
 
-class _CancelledError(BaseException):
-    """The caller wants no result."""
-
-
 def carry_out(
     job: AnyJob,
     work: Work,
     on_progress: OnProgress | None = None,
-    cancelled: Callable[[], bool] = lambda: False,
+    cancelled: Callable[[], object] = lambda: False,
+    executor: Executor | None = None,
 ) -> AnyJob:
-    """Return a job carried out here and now; cancelled between two steps if the caller wants no more.
+    """Return a job carried out now; cancelled between two steps if the caller wants no more.
+
+    Args:
+        job: to be carried out.
+        work: of its request.
+        on_progress: called after each step.
+        cancelled: asked between the steps.
+        executor: carries out the steps; without it they are carried out here.
 
     Raises:
         RequestError: the request is refused.
+        ExecutorError: the executor failed.
     """
 
     def compute() -> Message:
-        parts = []
-        for span in work.steps():
-            if cancelled():
-                raise _CancelledError
-            parts.append(work.compute(span))
-            if on_progress is not None and job.progress is not None:
-                on_progress(job.progress.model_copy(update={"done": span[1]}))
+        parts, steps = [], work.steps()
+        with closing(computed(work, steps, executor, cancelled)) as computing:
+            for span, part in zip(steps, computing, strict=True):
+                parts.append(part)
+                if on_progress is not None and job.progress is not None:
+                    on_progress(job.progress.model_copy(update={"done": span[1]}))
         return work.conclude(parts)
 
     try:
-        result, error = outcome_of(compute)
-    except _CancelledError:
+        result, error = outcome_of(compute, (RequestError, ExecutorError))
+    except CancelledWorkError:
         return job.model_copy(update={"state": "cancelled"})
     progress = job.progress and job.progress.model_copy(update={"done": job.progress.total})
     times = {

@@ -39,12 +39,22 @@ from jointstiff.service.library.files import (
     parse_document,
 )
 from jointstiff.service.library.results import Prediction, RobotTrend, TabledRun, shown
-from jointstiff.service.library.verbs import Cancel, Follow, OnProgress, Verb, options_of, verb_of
+from jointstiff.service.library.verbs import (
+    Cancel,
+    Follow,
+    OnProgress,
+    Verb,
+    options_of,
+    refuse_executor,
+    verb_of,
+)
 from jointstiff.service.problems import AwayError, RefusedError, http_problem
 from jointstiff.service.tables.table import Sheet
 from jointstiff.solver.errors import RequestError
 
 if TYPE_CHECKING:
+    from concurrent.futures import Executor
+
     from jointstiff.schemas.comparison import Comparison
     from jointstiff.schemas.deflection import Map
     from jointstiff.schemas.geometry import Geometry
@@ -98,6 +108,7 @@ class Client(Verbs):
     if the service refuses or does not answer. Used as a context manager, it closes its connections.
     """
 
+    has_workers = True
     # a kind of work has its collection without a line here, which is for editors and mypy
     runs: Jobs[TabledRun]
     comparisons: Jobs[Comparison]
@@ -209,9 +220,15 @@ class Client(Verbs):
         *,
         on_progress: OnProgress | None = None,
         cancel: Cancel | None = None,
+        executor: Executor | None = None,
         **fields: Unpack[IdentifyFields],
     ) -> TabledRun:
-        """Post a campaign; return its run once it has ended; arguments as of `jointstiff.identify`."""
+        """Post a campaign; return its run once it has ended; arguments as of `jointstiff.identify`.
+
+        Raises:
+            TypeError: an executor is given: the service has its own workers.
+        """
+        refuse_executor(executor)
         if isinstance(campaign, Run):
             again: Verb[TabledRun] = verb_of(kind_of("run"), lambda: self)
             return again(campaign, options=options, on_progress=on_progress, cancel=cancel, **fields)
@@ -253,7 +270,7 @@ class Client(Verbs):
         campaign = campaign_of(source)
         return self.post(campaign, once=True).request.measurement_set_id, campaign.run
 
-    def identified(self, source: Any) -> str:  # noqa: ANN401 - a run, or a campaign
+    def identified(self, source: Any, executor: Executor | None = None) -> str:  # noqa: ANN401, ARG002
         """Return the id of a stored run, or of a campaign, which is posted once and identified."""
         source = self._brought(source)
         run: Run = source if isinstance(source, Run) else self.identify(source)

@@ -4,6 +4,7 @@
 
     run = jointstiff.identify("campaign.json")               # in this process; a table in a notebook
     run.joints["joint_2"].stiffness                          # [N·m/rad]
+    runs = jointstiff.identify_many(files, executor=pool)    # by processes or a cluster
     jointstiff.predict(run, "postures.csv")                  # plan, map, compensate, compare, geometry
 
     with jointstiff.Client("http://127.0.0.1:8000") as client:   # the same names against a service
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
     from jointstiff.schemas.robot import RobotDocument
     from jointstiff.service.library.campaigns import Campaign
     from jointstiff.service.library.client import AsyncClient, Client
+    from jointstiff.service.library.many import identify_many
     from jointstiff.service.library.measure import measure
     from jointstiff.service.library.results import Prediction, TabledRun
     from jointstiff.service.library.robots import robot
@@ -64,6 +66,7 @@ _HOMES = {
     "RunOptions": "schemas.options",
     "TabledRun": "service.library.results",
     "Units": "schemas.measurement",
+    "identify_many": "service.library.many",
     "import_files": "service.library.here",
     "measure": "service.library.measure",
     "predict": "service.library.here",
@@ -94,6 +97,7 @@ __all__ = [
     "compensate",
     "geometry",
     "identify",
+    "identify_many",
     "import_files",
     "map",
     "measure",

@@ -49,6 +49,16 @@ def read_document(path: Path, message: type[Document], section: str | None = Non
     Raises:
         CampaignError: the file is too large, or not such a document.
     """
+    return parse_content(read_content(path), message, path, section)
+
+
+def read_content(path: Path) -> bytes:
+    """Read a file that is to be parsed, perhaps by another process.
+
+    Raises:
+        CampaignError: the file is too large, or empty.
+        OSError: it cannot be read.
+    """
     with path.open("rb") as file:  # which may be a pipe, of no size
         content = file.read(MAX_SET_BYTES + 1)
     if len(content) > MAX_SET_BYTES:
@@ -56,6 +66,17 @@ def read_document(path: Path, message: type[Document], section: str | None = Non
         raise CampaignError(http_problem(413, f"{path} exceeds {limit}", "split it into several sets"))
     if not content.strip():
         raise CampaignError(http_problem(422, f"{path} is empty", "give a file that was written to its end"))
+    return content
+
+
+def parse_content(
+    content: bytes, message: type[Document], path: Path | None = None, section: str | None = None
+) -> Document:
+    """Return what the content of a file is; arguments as of `read_document`.
+
+    Raises:
+        CampaignError: it is not such a document.
+    """
     return _parsed(message, content.removeprefix(BOM_UTF8), section, path)
 
 
@@ -78,14 +99,22 @@ def parse_document(document: Mapping[str, Any], message: type[Document]) -> Docu
     Raises:
         CampaignError: it is not such a document, or holds what is no JSON.
     """
+    return _parsed(message, document_content(document))
+
+
+def document_content(document: Mapping[str, Any]) -> bytes:
+    """Return a document that was read already as JSON.
+
+    Raises:
+        CampaignError: it holds what is no JSON.
+    """
     try:
-        content = json_text(document).encode()
+        return json_text(document).encode()
     except (TypeError, ValueError) as error:
         remedy = "use only strings, numbers, lists, arrays and dictionaries"
         raise CampaignError(
             http_problem(422, f"the document cannot be written as JSON: {error}", remedy)
         ) from None
-    return _parsed(message, content)
 
 
 def json_text(document: object) -> str:

@@ -6,9 +6,10 @@ from collections.abc import Mapping
 from functools import cache
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Unpack, cast
+from typing import TYPE_CHECKING, Any, TypeVar, Unpack, cast
 
 from jointstiff.schemas import run as messages
+from jointstiff.schemas.finding import Problem
 from jointstiff.schemas.job import Job
 from jointstiff.schemas.robot import RobotDocument
 from jointstiff.schemas.run import CampaignRun, Run, RunRequest
@@ -30,6 +31,7 @@ from jointstiff.service.library.results import Prediction, TabledRun, shown
 from jointstiff.service.library.robots import prepared_robot
 from jointstiff.service.library.verbs import Follow, Verb, options_of, verb_of
 from jointstiff.service.problems import CampaignError, http_problem, problem_of
+from jointstiff.service.process import one_thread
 from jointstiff.service.reports.job import job_sheet
 from jointstiff.service.resources.inputs import FromFile
 from jointstiff.service.tables.files import written
@@ -37,10 +39,15 @@ from jointstiff.service.tables.table import Sheet
 from jointstiff.solver.errors import RequestError
 
 if TYPE_CHECKING:
+    from concurrent.futures import Executor
+
     from jointstiff.schemas.imports import ImportAnswer
     from jointstiff.service.library.campaigns import Numbers
     from jointstiff.service.library.typed import ImportFields, PredictFields
     from jointstiff.service.reports.exports import ExportedModel
+
+
+ARun = TypeVar("ARun", bound=Run)
 
 
 @cache
@@ -53,10 +60,13 @@ def function_of(command: str) -> Verb[Any]:
 class Here:
     """This process: what requests are made of is prepared from files, and computed here and now."""
 
+    has_workers = False
+
     def __init__(self, campaign: messages.Campaign | None = None) -> None:
         """Begin without inputs; with the campaign of a run that was identified before."""
         self.inputs, self.campaign = FromFile(), campaign
 
+    @one_thread()
     def measured(self, source: Any, place: str = "") -> tuple[str, CampaignRun]:  # noqa: ANN401 - campaign or run
         """Prepare a campaign; return the id of its measurement set, and the options of its run.
 
@@ -71,13 +81,15 @@ class Here:
         with as_campaign_error(f"{place}measurement_set"):
             return self.inputs.add_set(campaign.measurement_set, robot), campaign.run
 
-    def identified(self, source: Any) -> str:  # noqa: ANN401 - a run, or a campaign
+    def identified(self, source: Any, executor: Executor | None = None) -> str:  # noqa: ANN401 - run or campaign
         """Prepare a run, which is identified now from a campaign; return its id.
 
         Raises:
             CampaignError: it has failed, or is not of its campaign by this version.
         """
-        run: TabledRun = source if isinstance(source, TabledRun) else function_of("identify")(source)
+        run: TabledRun = (
+            source if isinstance(source, TabledRun) else function_of("identify")(source, executor=executor)
+        )
         if run.error is not None:
             raise CampaignError(run.error)
         set_id, _ = self.measured(run.campaign)
@@ -105,17 +117,17 @@ class Here:
         except CampaignError as refused:
             if not dispensable or not refused.problem.type.endswith(":unsupported-method"):
                 raise
-            nothing = QuickWork(lambda: request, input_hash="", robot_id=None)
-            failed = {"state": "failed", "error": refused.problem}
-            run = new_job(Run, request, nothing).model_copy(update=failed)
+            run = refused_run(Run, request, refused.problem)
         self.inputs.add_run(run, request.measurement_set_id)
         return run
 
+    @one_thread()
     def described(self, robot: RobotDocument) -> str:
         """Prepare a robot; return its id."""
         with as_campaign_error("robot"):
             return self.inputs.add_robot(prepared_robot(robot))
 
+    @one_thread()
     def done(
         self,
         kind: Kind[AnyJob, Any],
@@ -139,9 +151,10 @@ class Here:
         with as_campaign_error("" if {"readings", "files"} & set(kind.sources) else kind.name):
             work = kind.compute(self.inputs, message)
             new = new_job(shown(kind), message, work)
-            job: AnyJob = carry_out(new, work, follow, lambda: follow.cancelled)
+            job: AnyJob = carry_out(new, work, follow, lambda: follow.cancelled, follow.executor)
         return results.of(job, self)
 
+    @one_thread()
     def file(
         self, job: Job, name: str, query: Mapping[str, str] | None = None, laboratory: Path | None = None
     ) -> bytes:
@@ -166,6 +179,7 @@ class Here:
         file = next(file for file in kind.files if file.name == name)
         return written(self.sheet(job, file), suffix)
 
+    @one_thread()
     def sheet(self, job: Job, file: File) -> Sheet:
         """Return the table of a file of a job; one that the result does not hold is computed again."""
         kind = kind_of(job.kind)
@@ -175,6 +189,7 @@ class Here:
         """Return the campaign that was prepared; None if there is none."""
         return self.campaign
 
+    @one_thread()
     def predict(
         self,
         run: Any,  # noqa: ANN401 - a run, or a campaign
@@ -216,6 +231,7 @@ class Here:
         with as_campaign_error("report"):
             return report_pdf(document) if suffix == "pdf" else report_page(document)
 
+    @one_thread()
     def apply(self, run: TabledRun, action: str) -> TabledRun:
         """Apply an action that a reason of a run advises, and identify what it changes.
 
@@ -228,6 +244,13 @@ class Here:
         with as_campaign_error(""):
             campaign = mended(campaign, advised(cast("Any", run.result).assessment, action))
         return cast("TabledRun", function_of("identify")(campaign))
+
+
+def refused_run(message: type[ARun], request: RunRequest, problem: Problem) -> ARun:
+    """Return a run in state failed, of readings that cannot be used or do not support its options."""
+    nothing = QuickWork(lambda: request, input_hash="", robot_id=None)
+    failed = {"state": "failed", "error": problem}
+    return new_job(message, request, nothing).model_copy(update=failed)
 
 
 def _exported(run: Job) -> ExportedModel:
@@ -283,6 +306,7 @@ def predict(
     return Here().predict(run, postures, forces, **options)
 
 
+@one_thread()
 def import_files(
     *files: str | PathLike[str],
     robot: Any = None,  # noqa: ANN401 - as of a campaign

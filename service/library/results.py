@@ -30,6 +30,8 @@ from jointstiff.solver.errors import RequestError
 from jointstiff.solver.text import figure
 
 if TYPE_CHECKING:
+    from concurrent.futures import Executor
+
     from matplotlib.figure import Figure
 
     from jointstiff.schemas import run as messages
@@ -50,13 +52,15 @@ _MODELS = {"csv", "xlsx", "mjcf", "xml"}
 class Door(Protocol):
     """This process or a service: it knows what requests are made of by ids, and does the work."""
 
+    has_workers: bool  # whether it computes by its own workers, so that it takes no executor
+
     def campaign_of(self, run: Run) -> messages.Campaign | None:
         """Return the campaign of a run; None if it is not known."""
 
     def measured(self, source: Any, _place: str = "") -> tuple[str, CampaignRun | None]:  # noqa: ANN401
         """Return the id of a campaign's measurement set, and the options of its run if they are known."""
 
-    def identified(self, source: Any) -> str:  # noqa: ANN401 - a run, or a campaign
+    def identified(self, source: Any, executor: Executor | None = None) -> str:  # noqa: ANN401 - run or campaign
         """Return the id of a run, which is identified now from a campaign."""
 
     def described(self, robot: RobotDocument) -> str:

@@ -1,6 +1,7 @@
 # Verbs with the types of their options, for type checkers. tests/support/typed_verbs.py writes it.
 
 from collections.abc import Mapping, Sequence
+from concurrent.futures import Executor
 from os import PathLike
 from typing import Any, Literal, TypedDict, Unpack
 
@@ -219,6 +220,7 @@ class Verbs:
         *,
         on_progress: OnProgress | None = None,
         cancel: Cancel | None = None,
+        executor: Executor | None = None,
         **fields: Unpack[IdentifyFields],
     ) -> TabledRun: ...
     def compare(
@@ -230,6 +232,7 @@ class Verbs:
         *,
         on_progress: OnProgress | None = None,
         cancel: Cancel | None = None,
+        executor: Executor | None = None,
         **fields: Unpack[CompareFields],
     ) -> Comparison: ...
     def geometry(
@@ -240,6 +243,7 @@ class Verbs:
         *,
         on_progress: OnProgress | None = None,
         cancel: Cancel | None = None,
+        executor: Executor | None = None,
         **fields: Unpack[GeometryFields],
     ) -> Geometry: ...
     def plan(
@@ -250,6 +254,7 @@ class Verbs:
         *,
         on_progress: OnProgress | None = None,
         cancel: Cancel | None = None,
+        executor: Executor | None = None,
         **fields: Unpack[PlanFields],
     ) -> Plan: ...
     def map(
@@ -260,6 +265,7 @@ class Verbs:
         *,
         on_progress: OnProgress | None = None,
         cancel: Cancel | None = None,
+        executor: Executor | None = None,
         **fields: Unpack[MapFields],
     ) -> Map: ...
     def compensate(
@@ -270,6 +276,7 @@ class Verbs:
         options: ProgramOptions | None = None,
         on_progress: OnProgress | None = None,
         cancel: Cancel | None = None,
+        executor: Executor | None = None,
         **fields: Unpack[CompensateFields],
     ) -> Program: ...
     def predict(

@@ -6,6 +6,7 @@ import inspect
 import sys
 import time
 from collections.abc import Callable, Mapping
+from concurrent.futures import Executor
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
@@ -36,9 +37,20 @@ SHOWN_AFTER: Final = 2.0
 class Follow:
     """Follow a job to its end: by the functions of the caller, or by a bar where someone looks."""
 
-    def __init__(self, on_progress: OnProgress | None = None, cancel: Cancel | None = None) -> None:
-        """Follow by these; without `on_progress` by a bar, where someone looks and the work takes long."""
-        self._on_progress, self._cancel = on_progress, cancel
+    def __init__(
+        self,
+        on_progress: OnProgress | None = None,
+        cancel: Cancel | None = None,
+        executor: Executor | None = None,
+    ) -> None:
+        """Follow by these; without `on_progress` by a bar, where someone looks and the work takes long.
+
+        Args:
+            on_progress: called with the progress.
+            cancel: asked whether the caller wants no more.
+            executor: carries out the steps of work in this process; None if they are carried out here.
+        """
+        self._on_progress, self._cancel, self.executor = on_progress, cancel, executor
         self._began, self._bar, self._task = time.monotonic(), None, None
 
     def __enter__(self) -> Self:
@@ -92,6 +104,7 @@ class Verb(Protocol[AJob]):
         options: Message | None = None,
         on_progress: OnProgress | None = None,
         cancel: Cancel | None = None,
+        executor: Executor | None = None,
         **fields: Any,  # noqa: ANN401 - fields of the options
     ) -> AJob:
         """Do the work; return the job once it has ended."""
@@ -122,14 +135,17 @@ def verb_of(kind: AnyKind, door: Callable[[], Door]) -> Verb[Any]:
         options: Message | None = None,
         on_progress: OnProgress | None = None,
         cancel: Cancel | None = None,
+        executor: Executor | None = None,
         **fields: Any,  # noqa: ANN401 - of the options
     ) -> Job:
         waiting = list(sources)
         if options is None and waiting and isinstance(waiting[-1], kind.options):
             options = waiting.pop()
         fields = _in_words(fields)
-        with Follow(on_progress, cancel) as follow:
+        with Follow(on_progress, cancel, executor) as follow:
             call = _Call(kind, door(), waiting, options, fields, follow)
+            if call.door.has_workers:
+                refuse_executor(executor)
             parts: dict[str, Any] = {}
             for source in kind.sources:
                 parts |= _TAKE[source](call)
@@ -147,6 +163,19 @@ def verb_of(kind: AnyKind, door: Callable[[], Door]) -> Verb[Any]:
     verb.__doc__ = _explained(kind)
     verb.__signature__ = _signature(kind)  # type: ignore[attr-defined]
     return verb
+
+
+def refuse_executor(executor: Executor | None) -> None:
+    """Refuse an executor where a service computes.
+
+    Raises:
+        TypeError: there is one.
+    """
+    if executor is not None:
+        raise TypeError(
+            "a service computes by its own workers: give `executor` to the verbs of `import jointstiff`, or "
+            "start more workers with `jointstiff worker`"
+        )
 
 
 def _in_words(fields: dict[str, Any]) -> dict[str, Any]:
@@ -176,6 +205,7 @@ def _signature(kind: AnyKind) -> inspect.Signature:
         "options",
         "on_progress",
         "cancel",
+        "executor",
         *(name for name in kind.options.model_fields if name != "options"),
     ]
     keywords = [inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=None) for name in others]
@@ -191,6 +221,8 @@ def _explained(kind: AnyKind) -> str:
         "a notebook, if it takes more than 2 s.",
         "cancel": "asked between steps, such as `threading.Event().is_set`; if true, the job ends as "
         "`cancelled`.",
+        "executor": "carries out the steps, such as a `concurrent.futures.ProcessPoolExecutor()` or a Dask "
+        "client's `get_executor()`; the numbers have the same bits. Refused by a `Client`.",
     }
     for name, field in kind.options.model_fields.items():
         extra = field.json_schema_extra
@@ -297,7 +329,7 @@ def _take_files(call: _Call) -> dict[str, Any]:
 
 _TAKE: Final[Mapping[str, Callable[[_Call], dict[str, Any]]]] = {
     "measurement_set": _take_campaign,
-    "run": lambda call: {"run_id": call.door.identified(call.waiting.pop(0))},
+    "run": lambda call: {"run_id": call.door.identified(call.waiting.pop(0), call.follow.executor)},
     "campaigns": _take_campaigns,
     "robot_or_set": _take_robot_or_campaign,
     "readings": _take_readings,

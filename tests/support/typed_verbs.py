@@ -40,6 +40,7 @@ EXTRAS = {
 HEAD = """# Verbs with the types of their options, for type checkers. tests/support/typed_verbs.py writes it.
 
 from collections.abc import Mapping, Sequence
+from concurrent.futures import Executor
 from datetime import datetime
 from os import PathLike
 from typing import Any, Literal, TypedDict, Unpack
@@ -123,9 +124,10 @@ def method(types: Types, kind: AnyKind, awaited: str) -> str:
         stated = ""
     else:
         stated = f"options: {options} | None = None, "
+    width = "" if awaited else "executor: Executor | None = None, "
     return (
         f"    {awaited}def {verb}(self, {positional}, {stated}on_progress: OnProgress | None = None, "
-        f"cancel: Cancel | None = None, **fields: Unpack[{verb.title()}Fields]) -> {result}: ...\n"
+        f"cancel: Cancel | None = None, {width}**fields: Unpack[{verb.title()}Fields]) -> {result}: ...\n"
     )
 
 
