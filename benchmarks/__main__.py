@@ -42,7 +42,7 @@ BENCHMARKS = {
     "memory": Benchmark("performance.memory", "up to 1,000,000 configurations", always=True),
     "start": Benchmark("performance.start", "commands beside bare imports, idle memory", always=True),
     "large": Benchmark("performance.large", "100,000 configurations", always=True),
-    "width": Benchmark("performance.width", "1,000 campaigns on two processes beside one; 5 minutes"),
+    "width": Benchmark("performance.width", "1,000 campaigns on two processes beside one; 10 minutes"),
     "plan": Benchmark("performance.plan", "optimal designs beside cvxpy"),
     "maps": Benchmark("performance.maps", "beside a loop of Pinocchio calls"),
     "exactness": Benchmark("studies.exactness", "against exact rational arithmetic", always=True),
