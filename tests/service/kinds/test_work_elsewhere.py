@@ -11,9 +11,11 @@ from support.kinds import posted_job
 from jointstiff.service.kinds.registry import KINDS
 from jointstiff.service.kinds.work import QuickWork
 from jointstiff.simulator import default_arm, simulate_campaign
+from jointstiff.solver.mechanics import terms
 
 RESAMPLING = {"size": 8, "repetitions": 30, "seed": 4}
 CHANGES = {"run": {"resampling": RESAMPLING}}
+CAUSES = {"causes": [{"name": name} for name in ("load_point", "play", "turn")]}
 LINKS = {"elasticity": "joints_and_links", "cross_validation": {"folds": 3, "draws": 1}}
 
 
@@ -25,8 +27,8 @@ def runs(local):
 
 @pytest.fixture(
     scope="module",
-    params=[*((kind.name, CHANGES.get(kind.name, {})) for kind in KINDS), ("run", LINKS)],
-    ids=lambda param: param[0] + ("_of_links" if param[1] is LINKS else ""),
+    params=[*((kind.name, CHANGES.get(kind.name, {})) for kind in KINDS), ("run", LINKS), ("run", CAUSES)],
+    ids=[*(kind.name for kind in KINDS), "run of links", "run with causes"],
 )
 def work(request, local, parts, runs):
     """The work of a kind; what is done at once stays where it was requested."""
@@ -56,6 +58,16 @@ def test_work_keeps_arrays_whose_layout_survives_pickling(work):
     layouts = Layouts()
     layouts.dump(work)
     assert layouts.changed == []
+
+
+LABELS = ["a", "b", "c"]
+MADE = [terms.load_scale([{"a"}, ("b", "c")]), terms.turn_about(np.zeros(3))]
+MADE += [terms.since(term, LABELS, "b") for term in (*MADE, terms.SHIFT)]
+
+
+@pytest.mark.parametrize("term", [*terms.TERMS.values(), *MADE], ids=lambda term: term.name)
+def test_a_term_goes_to_another_process_with_the_readings(term):
+    assert pickle.loads(pickle.dumps(term)).name == term.name
 
 
 def test_work_that_is_cut_into_steps_has_the_same_bits_elsewhere(work):
