@@ -414,6 +414,23 @@ def problem_of(error: JointstiffError | StoreError) -> Problem:
     return _fitted(problem)
 
 
+def place_in(section: str, where: str | None) -> str | None:
+    """Return the place of an error in a document of several sections, such as a campaign.
+
+    Observations are in the measurement set, whatever work refuses them.
+
+    Args:
+        section: whose work refuses; empty for a document of one section.
+        where: place in what that work was given.
+    """
+    in_set = re.match(r"observations\b", where or "") is not None
+    if section and where == "measurement_set_id":
+        return "measurement_set"
+    if section and in_set and not section.endswith("measurement_set"):
+        section = "measurement_set"
+    return ".".join(part for part in (section, where) if part) or None
+
+
 def http_problem(status: int, detail: str, remedy: str | None = None) -> Problem:
     """Problem details of a plain HTTP status."""
     phrase = HTTPStatus(status).phrase

@@ -44,7 +44,7 @@ from jointstiff.service.kinds.deflection import predict_by_run
 from jointstiff.service.kinds.mending import mended
 from jointstiff.service.kinds.program import PROGRAM
 from jointstiff.service.kinds.program_work import packed
-from jointstiff.service.problems import NotFoundError
+from jointstiff.service.problems import NotFoundError, place_in
 from jointstiff.service.resources.imports import import_files
 from jointstiff.service.resources.stored import described, stored_job
 from jointstiff.service.security.access import OPERATOR
@@ -232,7 +232,7 @@ def _in_section(section: str) -> Iterator[None]:
     try:
         yield
     except JointstiffError as error:
-        error.where = ".".join(part for part in (section, error.where) if part)
+        error.where = place_in(section, error.where)
         raise
 
 

@@ -243,7 +243,6 @@ def times(factor: float, value: Any) -> Any:  # noqa: ANN401 - JSON
 
 def worded(message: type[Message], text: str, forms: Forms = _PLAIN) -> str:
     """Return a text that names the command's options in place of the fields of a message."""
-
     with_option = dict(field_options(message, forms))
 
     def option(named: re.Match[str]) -> str:

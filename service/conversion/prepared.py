@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Sequence
+import re
+from collections.abc import Collection, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -213,16 +215,28 @@ class PreparedSet:
         """Return the set, if all of its readings are deflections by loads.
 
         Raises:
-            RequestError: there are positions without a load.
+            MeasurementError: some positions are without load; with the first of them.
+            RequestError: all positions are without load.
         """
-        if self.measurements.unloaded_only is not None:
+        m = self.measurements
+        if m.unloaded_only is None:
+            return self
+        by_weight = "give the robot's masses (`bodies`), and `weight` in the run"
+        if self.is_unloaded:
             raise RequestError(
-                "the set has positions without load, which show no deflection",
+                "the set has only positions without load, which show no deflection",
                 where="measurement_set_id",
-                remedy="identify it by the robot's own weight: give the robot's masses (`bodies`), and "
-                "`weight` in the run",
+                remedy=f"identify it by the robot's own weight: {by_weight}",
             )
-        return self
+        i, t = np.argwhere(m.unloaded_only)[0].tolist()
+        missing, present = int(m.unloaded_only.sum()), int(m.present.sum())
+        raise MeasurementError(
+            f"{m.place(i)}, target {m.targets[t]}: `loaded` is missing ({missing} of "
+            f"{missing + present} readings)",
+            where=f"observations[{i}].readings",
+            remedy="give the position under load, or omit the reading; if positions without load are to "
+            f"count by the robot's own weight, {by_weight}",
+        )
 
     def beside(self, causes: Sequence[NamedCause]) -> PreparedSet:
         """Return the set without what causes moved, fitted beside the joints; their uncertainty goes along.
@@ -319,12 +333,27 @@ def check_set(
     Raises:
         MeasurementError: the set cannot be used; with the place and the remedy.
     """
-    readings = ReadingArrays.from_observations(document.observations)
-    measurements = to_measurements(*in_base(document, readings, resolved), robot)
+    with _naming_the_observation(document.observations):
+        readings = ReadingArrays.from_observations(document.observations)
+        measurements = to_measurements(*in_base(document, readings, resolved), robot)
     findings = list(noticed)
     if measurements.unloaded_only is None:  # without a load there is no deflection to inspect
         findings += inspect(robot, measurements, degrees=document.units.angle == "deg", others=others)
     return CheckedSet(readings, measurements, findings, content_hash(document, readings, resolved))
+
+
+@contextmanager
+def _naming_the_observation(observations: Sequence[Observation]) -> Iterator[None]:
+    """Name the observation by its label in an error that gives only its number."""
+    try:
+        yield
+    except MeasurementError as error:
+        found = re.match(r"observations\[(\d+)\]", error.where or "")
+        label = "" if found is None else observations[int(found[1])].label
+        if not label or f"'{label}'" in error.reason:
+            raise
+        reason = f"observation '{label}': {error.reason}"
+        raise MeasurementError(reason, where=error.where, remedy=error.remedy) from error
 
 
 def prepare_set(

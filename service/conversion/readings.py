@@ -253,7 +253,7 @@ def _refuse_gaps(stated: list[bool], observations: list[int]) -> None:
         return
     i = observations[stated.index(False)]
     raise MeasurementError(
-        "some readings give their own noise, but this observation has one that does not",
+        "some readings give their own noise, but one of this observation gives none",
         where=f"observations[{i}].readings",
         remedy="give every reading its `sigma` or its covariances, or none and `noise` for the set",
     )
@@ -551,7 +551,8 @@ def _refuse_unlike_observations(observations: list[Observation]) -> None:
     for i, observation in enumerate(observations):
         if len(observation.joints) != length:
             raise MeasurementError(
-                f"the observation has {len(observation.joints)} joint angles, the first one {length}",
+                f"observation '{observation.label}' has {len(observation.joints)} joint angles, the first "
+                f"one {length}",
                 where=f"observations[{i}].joints",
                 remedy="give one angle for each joint of the robot in every observation",
             )
@@ -674,7 +675,8 @@ def _moment_factor(units: Units, readings: ReadingArrays) -> float:
         return FORCE[units.force]
     first = int(np.flatnonzero(readings.moment.any(axis=1))[0])
     raise MeasurementError(
-        f"observations[{first}] has a moment, whose unit is ambiguous when lengths are in mm",
+        f"observation '{readings.labels[first]}' has a moment, whose unit is ambiguous when lengths are in "
+        "mm",
         where="units.moment",
         remedy=f"give `units.moment`, one of {', '.join(MOMENT)}",
     )

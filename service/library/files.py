@@ -16,7 +16,7 @@ from jointstiff.schemas.finding import Problem
 from jointstiff.schemas.robot import RobotDocument
 from jointstiff.schemas.run import Campaign
 from jointstiff.service.conversion.parsing import MAX_SET_BYTES, NOT_JSON, MalformedError, parse
-from jointstiff.service.problems import CampaignError, http_problem, invalid_request, problem_of
+from jointstiff.service.problems import CampaignError, http_problem, invalid_request, place_in, problem_of
 from jointstiff.solver.errors import JointstiffError, RequestError
 
 Document = TypeVar("Document", bound=BaseModel)
@@ -160,8 +160,7 @@ def as_campaign_error(section: str) -> Iterator[None]:
         yield
     except JointstiffError as error:
         problem = problem_of(error)
-        where = ".".join(part for part in (section, problem.where) if part)
-        raise CampaignError(problem.model_copy(update={"where": where or None})) from error
+        raise CampaignError(problem.model_copy(update={"where": place_in(section, problem.where)})) from error
 
 
 def read_robot(text: str) -> RobotDocument:

@@ -351,7 +351,7 @@ def refuse_unless_posed(measurements: Measurements) -> None:
     if len(poor):
         first = int(poor[0])
         raise UnsupportedMethodError(
-            f"the pose of the flange needs {MIN_TARGETS} targets, but this observation has "
+            f"the pose of the flange needs {MIN_TARGETS} targets, but {measurements.place(first)} has "
             f"{counts[first]} ({len(poor)} of {len(counts)} observations have too few)",
             where=f"observations[{first}].readings",
             remedy="use method partial_pose, or read three targets in every observation",
