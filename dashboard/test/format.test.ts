@@ -56,6 +56,6 @@ describe("numbers as text", () => {
     [1e-9, "< 0.001\u00a0%"],
   ])("a share of %f", (share, shown) => expect(percent(share)).toBe(shown));
   it("keeps p values short", () =>
-    expect([pValue(1e-9), pValue(0.0314), pValue(0.4465)]).toEqual(["< 0.001", "0.031", "0.45"]));
+    expect([pValue(1e-9), pValue(0.0314), pValue(0.4465)]).toEqual(["p < 0.001", "p = 0.031", "p = 0.45"]));
   it("clips by characters, not by halves of them", () => expect(clip("🤖🤖🤖🤖", 3)).toBe("🤖🤖…"));
 });

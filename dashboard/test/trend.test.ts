@@ -1,6 +1,6 @@
 import { describe, expect, it } from "vitest";
 import type { Trend, TrendJoint } from "../src/api/types";
-import { changeText, pointsOf, worstFirst } from "../src/lib/trend";
+import { changeText, comparedText, pointsOf, whenTexts, worstFirst } from "../src/lib/trend";
 
 const joint = (part: Partial<TrendJoint>): TrendJoint => ({
   name: "joint_1",
@@ -27,6 +27,25 @@ describe("a trend", () => {
       joint({ name: "young" }),
     ];
     expect(worstFirst(joints).map(({ name }) => name)).toEqual(["changed", "moving", "still", "young"]);
+  });
+
+  it("names the campaigns that a test compares where they are not the first and the latest", () => {
+    const at = (day: number) => ({ name: `set ${day}`, at: `2026-01-0${day}T12:00:00Z` });
+    const campaigns = [1, 2, 3, 4].map(at) as Trend["campaigns"];
+    const withNumbers = (...known: number[]) =>
+      joint({
+        points: campaigns.map((_, i) => ({ stiffness: 1, interval: null, reason: known.includes(i) ? null : "wide" })),
+      });
+    expect(comparedText(campaigns, withNumbers(0, 1, 3))).toBe("from the first campaign to the latest");
+    expect(comparedText(campaigns, withNumbers(0, 2))).toBe("from the first campaign to “set 3” (3 Jan 2026)");
+    expect(comparedText(campaigns, withNumbers(1, 3))).toBe("from “set 2” (2 Jan 2026) to the latest");
+  });
+
+  it("labels campaigns of one day by their times, of one minute by their numbers", () => {
+    const day = (time: string) => `2026-01-0${time}:00Z`;
+    expect(whenTexts([day("1T12:00"), day("2T12:00")])).toEqual(["1 Jan 2026", "2 Jan 2026"]);
+    expect(new Set(whenTexts([day("1T12:00"), day("1T12:30"), day("2T12:00")])).size).toBe(3);
+    expect(whenTexts([day("1T12:00"), day("1T12:00")]).map((label) => label.slice(-3))).toEqual(["(1)", "(2)"]);
   });
 
   it("has a point for each campaign, also where there is no number", () => {

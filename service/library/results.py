@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cache, partial
 from io import StringIO
 from os import PathLike
@@ -493,8 +493,27 @@ class RobotTrend(Presented, Trend):
                 shown = f"{figure(100 * change.value, '.2g')}{known} %"
             p_value = NO_NUMBER if joint.p_value is None else figure(joint.p_value, ".2g")
             rows.append([joint.name, "changed" if joint.changed else "", shown, p_value])
-        lines = [Line(head), *([Line(self.note)] if self.note else [])]
+        lines = [Line(head), *map(Line, self._other_pairs()), *([Line(self.note)] if self.note else [])]
         return [*lines, text_table(["joint", "", "change, ± u", "p-value"], rows, texts=[0, 1])]
+
+    def _other_pairs(self) -> Iterator[str]:
+        """Yield which campaigns a joint's test compares, where these are not the first and the latest."""
+        whens = self._whens()
+        for joint in self.joints:
+            compared = [i for i, point in enumerate(joint.points) if point.reason is None]
+            if joint.change is None or (compared[0] == 0 and compared[-1] == len(whens) - 1):
+                continue
+            first, latest = (f"'{self.campaigns[i].name}' ({whens[i]})" for i in (compared[0], compared[-1]))
+            yield f"{joint.name}: compared from {first} to {latest}, as others give no number to compare"
+
+    def _whens(self) -> list[str]:
+        """Return when the campaigns were: by day; by time, or by time and number, where labels repeat."""
+        times = [campaign.at for campaign in self.campaigns]
+        days, minutes = ([f"{at:{form}}" for at in times] for form in ("%Y-%m-%d", "%Y-%m-%d %H:%M"))
+        if len(set(days)) == len(times):
+            return days
+        unlike = len(set(minutes)) == len(times)
+        return minutes if unlike else [f"{minute} ({i})" for i, minute in enumerate(minutes, 1)]
 
     def _sheets(self) -> Mapping[str, Callable[[], Sheet]]:
         return {"points": self._points}
@@ -521,7 +540,7 @@ class RobotTrend(Presented, Trend):
     def _figure(self) -> Figure:
         from jointstiff.service.reports.plots import figure_of
 
-        names = [f"{campaign.at:%Y-%m-%d}" for campaign in self.campaigns]
+        names = self._whens()
         charts = []
         for joint in self.joints:
             unit = UNITS[DEFAULT_UNIT].of(joint.kind)

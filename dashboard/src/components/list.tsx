@@ -16,7 +16,7 @@ export function ChangedJoints({ of }: { of: LastCampaign | null }) {
   if (!first) return null;
   return (
     <>
-      <span class="state changed">{later.trend.changed}</span>
+      <span class="state changed">{later.trend.changed}</span>{" "}
       <small>
         <Name>{first.joint}</Name> {changeText(first.change)}
         {first.serial_number !== of?.serial_number && (

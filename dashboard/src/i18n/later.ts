@@ -615,14 +615,18 @@ export const later = {
     said: (note: string) => `${note.charAt(0).toUpperCase()}${note.slice(1)}.`,
     changed: "Changed",
     test: (level: number) =>
-      `Test of the latest campaign against the first: at most ${100 * level} % that any joint is said to have changed if none has. `,
+      `Each joint is tested in its latest campaign with a number against its first: at most ${100 * level} % that any joint is said to have changed if none has. `,
     axes: "Bars: intervals of the runs. Logarithmic axis.",
     joint: (name: string) => `Stiffness of ${name} over its campaigns`,
     reason: "Not compared because",
     verdict: (word: string) => `Verdict on its run: ${word}`,
     stored: (day: string) => `stored ${day}; the set has no date of measurement`,
-    pair: (changed: boolean, change: string, p: string) =>
-      `${changed ? "Changed" : "No change beyond chance"}: ${change} from the first campaign to the latest, p = ${p}`,
+    first: "the first campaign",
+    latest: "the latest",
+    named: (name: string, when: string) => `“${name}” (${when})`,
+    compared: (first: string, latest: string) => `from ${first} to ${latest}`,
+    pair: (changed: boolean, change: string, compared: string, p: string) =>
+      `${changed ? "Changed" : "No change beyond chance"}: ${change} ${compared}, ${p}`,
     untested: "Fewer than two campaigns to compare",
     leftOut: (count: number) => `${plural(count, "campaign", "campaigns")} left out`,
   },

@@ -50,9 +50,9 @@ export function percent(share: number): string {
   return `${fixed(value, size >= 99 && size < 100 ? 1 : 0)}\u00a0%`;
 }
 
-/** A p value, which no one needs to ten digits. */
+/** A p value as a relation, which no one needs to ten digits. */
 export function pValue(p: number): string {
-  return p < 0.001 ? "< 0.001" : fixed(p, p < 0.1 ? 3 : 2);
+  return p < 0.001 ? "p < 0.001" : `p = ${fixed(p, p < 0.1 ? 3 : 2)}`;
 }
 
 /** Text cut to a length, for places that cannot wrap. */

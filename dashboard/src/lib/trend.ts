@@ -1,7 +1,8 @@
 /** A trend as the page says it: changes with their uncertainty, and what the charts draw. */
-import type { Estimate, Trend, TrendJoint } from "../api/types";
+import type { Estimate, Trend, TrendCampaign, TrendJoint } from "../api/types";
+import { later } from "../i18n/later";
 import type { TrendPoint } from "../views/trend";
-import { decimalsFor, fixed } from "./format";
+import { dayText, decimalsFor, fixed, timeText } from "./format";
 import { intervalIn, maybeInUnit, type StiffnessUnit } from "./stiffness";
 
 /** A relative change as per cent with its standard uncertainty. */
@@ -9,6 +10,26 @@ export function changeText({ value: relative, standard_uncertainty }: Estimate):
   const u = standard_uncertainty ?? 0;
   const decimals = Math.max(0, decimalsFor(100 * u));
   return `${relative > 0 ? "+" : ""}${fixed(100 * relative, decimals)} ± ${fixed(100 * u, decimals)}\u00a0%`;
+}
+
+/** When campaigns were, as labels that differ: by day, by time where a day repeats, by number where a time does. */
+export function whenTexts(times: string[]): string[] {
+  const unlike = (labels: string[]) => new Set(labels).size === labels.length;
+  const labels = [times.map(dayText), times.map(timeText)];
+  return labels.find(unlike) ?? times.map((time, i) => `${timeText(time)} (${i + 1})`);
+}
+
+/** The two campaigns that the test of a joint compares: those with a number; each in words. */
+export function comparedText(campaigns: TrendCampaign[], { points }: TrendJoint): string {
+  const words = later.trend;
+  const compared = points.flatMap(({ reason }, i) => (reason === null ? [i] : []));
+  const [first = 0, latest = campaigns.length - 1] = [compared[0], compared.at(-1)];
+  const when = whenTexts(campaigns.map(({ at }) => at));
+  const named = (i: number) => words.named(campaigns[i]?.name ?? "", when[i] ?? "");
+  return words.compared(
+    first === 0 ? words.first : named(first),
+    latest === campaigns.length - 1 ? words.latest : named(latest),
+  );
 }
 
 const sizeOf = ({ change }: TrendJoint): number =>

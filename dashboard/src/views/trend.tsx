@@ -7,7 +7,7 @@ import { useState } from "preact/hooks";
 import { api } from "../api/client";
 import type { Method, Trend as Found, TrendJoint } from "../api/types";
 import { Select } from "../components/fields";
-import { changeText, pointsOf, worstFirst } from "../lib/trend";
+import { changeText, comparedText, pointsOf, whenTexts, worstFirst } from "../lib/trend";
 import { useLoad, useNames, valueOf } from "../state/load";
 import { later } from "../i18n/later";
 import { alike } from "../components/table";
@@ -70,14 +70,20 @@ function TrendChart({ points, width, label, unit }: ChartProps) {
       })}
       <g class="axis">
         {points.length > 0 &&
-          [...new Set(times.map(dayText))].map((day, i) => (
+          endsOf(times).map((when, i) => (
             <text x={i ? right : left} y={bottom + 22} text-anchor={i ? "end" : "start"}>
-              {day}
+              {when}
             </text>
           ))}
       </g>
     </Chart>
   );
+}
+
+/** Labels of both ends of the axis: days, or times of one day; one label for one time. */
+function endsOf(times: [number, number]): string[] {
+  const ends = times.map((time) => new Date(time).toISOString());
+  return times[0] === times[1] ? [dayText(times[0])] : whenTexts(ends);
 }
 
 /** By time, but evenly where all are so close that they would cover each other. */
@@ -181,9 +187,10 @@ function Charts({ trend }: { trend: Found }) {
   const changed = trend.joints.filter((joint) => joint.changed);
   return (
     <>
-      {changed.map(({ name, change }) => (
-        <p key={name} class="note bad">
-          <b class="state changed">{words.changed}</b> <Name>{name}</Name> {change && changeText(change)}
+      {changed.map((joint) => (
+        <p key={joint.name} class="note bad">
+          <b class="state changed">{words.changed}</b> <Name>{joint.name}</Name>{" "}
+          {joint.change && `${changeText(joint.change)} ${comparedText(trend.campaigns, joint)}`}
         </p>
       ))}
       {trend.note !== null && <p class="note warn">{words.said(trend.note)}</p>}
@@ -219,7 +226,7 @@ function JointTrend({ joint, trend }: { joint: TrendJoint; trend: Found }) {
   return (
     <Figure
       title={joint.name}
-      note={noteOf(joint)}
+      note={noteOf(joint, trend)}
       table={{
         columns: [
           text.sets.kind,
@@ -255,15 +262,18 @@ function JointTrend({ joint, trend }: { joint: TrendJoint; trend: Found }) {
 const sayer = (joint: TrendJoint, trend: Found) => (index: number) => {
   const [campaign, point] = [trend.campaigns[index], joint.points[index]];
   if (!campaign || !point) return [];
-  const day = dayText(campaign.at);
+  const when = whenTexts(trend.campaigns.map(({ at }) => at))[index] ?? "";
   return [
     campaign.name,
-    campaign.time_source === "measured_at" ? day : words.stored(day),
+    campaign.time_source === "measured_at" ? when : words.stored(when),
     ...(point.reason === null ? [] : [point.reason]),
     ...(campaign.assessment.verdict === "use" ? [] : [words.verdict(text.usability[campaign.assessment.verdict])]),
   ];
 };
 
-/** The test of a joint in words: its change from the first campaign to the latest. */
-const noteOf = ({ change, p_value: p, changed }: TrendJoint): string =>
-  change && p !== null ? words.pair(changed, changeText(change), pValue(p)) : words.untested;
+/** The test of a joint in words: its change between two campaigns. */
+const noteOf = (joint: TrendJoint, { campaigns }: Found): string => {
+  const { change, p_value: p, changed } = joint;
+  if (!change || p === null) return words.untested;
+  return words.pair(changed, changeText(change), comparedText(campaigns, joint), pValue(p));
+};

@@ -11,6 +11,7 @@ from support.in_process import Client
 import jointstiff as js
 from jointstiff.schemas.run import JointResult
 from jointstiff.service.kinds.trend import Campaign, ReadRun, _degrees_of_freedom, trend_of
+from jointstiff.service.library.results import RobotTrend
 from jointstiff.service.store.store import Store
 from jointstiff.service.store.tables import MeasurementSetEntry
 from jointstiff.simulator import default_arm, simulate_campaign
@@ -244,3 +245,33 @@ def test_what_is_assumed_is_that_of_one_hook_and_one_load_cell(source):
     *_, stated = campaigns(["cell 7"] * 4 + ["cell 8"], source=source)
     assert last.joints["joint_1"].compliance == stated.joints["joint_1"].compliance
     assert uncertainty_among([*others, stated]) > 2.0 * assumed  # it has one of its own
+
+
+def shown_trend(measured):
+    fields = trend_of(["joint_1"], measured)
+    return RobotTrend(robot_id="r", selection=None, serial_numbers=[], left_out=[], **fields)
+
+
+def vague(campaign):
+    """The campaign with a joint that is too uncertain to be compared."""
+    (joint,) = campaign.run.result.joints
+    wide = joint.model_copy(update={"standard_uncertainty": 0.5 * joint.compliance})
+    result = campaign.run.result.model_copy(update={"joints": [wide]})
+    return replace(campaign, run=campaign.run.model_copy(update={"result": result}))
+
+
+def test_a_trend_names_the_campaigns_that_it_compares_if_others_are_later():
+    measured = list(campaigns([None] * 4))
+    assert "compared" not in shown_trend(measured).summary() + str(shown_trend(measured))
+    shown = str(shown_trend([*measured[:3], vague(measured[3])]))
+    assert "joint_1: compared from 'c' (2026-01-01) to 'c' (2026-01-03)" in " ".join(shown.split())
+
+
+def test_campaigns_of_one_day_are_labelled_by_their_times():
+    at = [START, START + timedelta(hours=1), START + timedelta(hours=1)]
+    measured = [
+        replace(one, measured=replace(one.measured, measured_at=time))
+        for one, time in zip(campaigns([None] * 3), at, strict=True)
+    ]
+    assert shown_trend(measured[:2])._whens() == ["2026-01-01 00:00", "2026-01-01 01:00"]
+    assert shown_trend(measured)._whens()[2] == "2026-01-01 01:00 (3)"
