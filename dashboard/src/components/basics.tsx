@@ -202,19 +202,21 @@ export function Button({ look, acts, disabled, ...rest }: Looks & { acts?: boole
   return <button type="button" class={classOf(look)} disabled={Boolean(disabled) || forbidden} {...rest} {...why} />;
 }
 
+interface ActionProps extends Omit<ComponentProps<typeof Button>, "action"> {
+  action: Action<[]>;
+  going?: string;
+  /** What must be done before it can begin; null if nothing. */
+  lacking?: string | null;
+}
+
 /** The button of an action: it waits while the action goes on, below what went wrong the last time. */
-export const ActionButton = ({
-  action,
-  going,
-  disabled,
-  children,
-  ...rest
-}: Omit<ComponentProps<typeof Button>, "action"> & { action: Action<[]>; going?: string }) => (
+export const ActionButton = ({ action, going, disabled, lacking = null, children, ...rest }: ActionProps) => (
   <>
     {action.problem && <ProblemNote problem={action.problem} />}
-    <Button acts disabled={action.busy || Boolean(disabled)} onClick={action.run} {...rest}>
+    <Button acts disabled={action.busy || Boolean(disabled) || lacking !== null} onClick={action.run} {...rest}>
       {action.busy && going ? going : children}
     </Button>
+    {lacking !== null && <span class="soft">{lacking}</span>}
     {action.busy && <Waiting took={action.took ?? null} />}
   </>
 );

@@ -4,7 +4,7 @@ import { changeText } from "../lib/trend";
 import { useAction, useDeletion } from "../state/action";
 import { text } from "../i18n";
 import { later } from "../i18n/later";
-import { Name, Button, ProblemNote, Folded, When } from "./basics";
+import { Name, Button, Icon, ProblemNote, Folded, When } from "./basics";
 import { namesChanged, type Names, robotOptions } from "../state/load";
 import type { ComponentChildren } from "preact";
 import { useState } from "preact/hooks";
@@ -30,6 +30,13 @@ export function ChangedJoints({ of }: { of: LastCampaign | null }) {
     </>
   );
 }
+
+/** Deletes a row at once; its toast offers to undo that. */
+export const DeleteButton = ({ name, remove }: { name: string; remove: () => void }) => (
+  <Button acts look="quiet icon" aria-label={words.delete(name)} title={text.run.delete} onClick={remove}>
+    <Icon d="M5 7h14M10 7V5h4v2M7 7l1 12h8l1-12M10.5 11v5M13.5 11v5" />
+  </Button>
+);
 
 interface Change {
   name: string;

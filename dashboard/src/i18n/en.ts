@@ -337,7 +337,7 @@ export const en = {
     down: "straight down",
     gain: "uncertainty",
     unknown: "undetermined",
-    below: (stiffness: string) => `determined below ${stiffness}`,
+    below: (stiffness: string) => `determined, if the joint is softer than ${stiffness}`,
     copy: "Copy angles",
     copied: "Angles copied",
     other: "Alternative",

@@ -63,7 +63,7 @@ export const later = {
       limit: "Limit of the deflection",
       force: "Force there, axes of R0 (optional: that of the load)",
     },
-    noise: "Uncertainty of the load (optional)",
+    noise: "Errors of load and load point, if they are known",
     begin: "Begin",
     beginning: "Preparing the postures…",
     notReady: "State robot, load, targets, load point and goal",
@@ -124,10 +124,15 @@ export const later = {
     stiffness: "Joint stiffness so far",
     unknown: "not yet",
     undetermined: "not determined",
-    record: "Record",
+    record: (count: number, withdrawn: number) =>
+      withdrawn > 0 ? `Record (${count}, ${withdrawn} of them withdrawn)` : `Record (${count})`,
     states: { counts: "counts", kept: "counts, kept", doubtful: "doubtful", withdrawn: "withdrawn" },
     apart: (distance: string) => `${distance} from its prediction`,
-    inBall: (inside: boolean) => (inside ? "held out, inside its 90 % ball" : "held out, outside its 90 % ball"),
+    asPredicted: (near: boolean) =>
+      near
+        ? "held out: as near to its prediction as 90 % of good readings"
+        : "held out: further from its prediction than 90 % of good readings",
+    nothingNext: "No reading is suggested: close the campaign, or take one of your own.",
     withdraw: "Withdraw",
     why_withdrawn: (label: string) => `Why is ${label} withdrawn?`,
     close: "Close and identify",
@@ -188,7 +193,7 @@ export const later = {
     labels: {
       encoders: "Position loop closed by",
       force: "Force on the robot, x, y, z, axes of R0",
-      load_point: "Load point, x, y, z",
+      load_point: "Load point, x, y, z, flange frame",
       flange_targets: "Positions of the targets in the flange frame: name, x, y, z, one per line",
       accept_unusual: "These values are correct",
       name: "Name of the set",
@@ -248,6 +253,15 @@ export const later = {
     unread: (typed: string) => `“${typed.trim()}” is not understood: write numbers separated by blanks.`,
     understood: (value: string, unit: string) => `Understood as ${value} ${unit}`.trim(),
     lastForce: (force: string) => `Use ${force} N, the force of last time`,
+    /** What a form needs before its button works. */
+    lacking: {
+      joints: "Give the joints",
+      force_there: "Give the force",
+      load_point: "Give the load point",
+      program: "Choose the program",
+      accuracy_option: "Choose the accuracy option of the controller",
+      force: "Give the process force",
+    },
     ends: ["Minimum", "Maximum"],
     add: "Add a row",
     removeLast: "Remove last",
@@ -297,8 +311,8 @@ export const later = {
       force: "Uncertainty of the load",
       "force.scale": "Scale of the force",
       "force.direction": "Direction of the force",
-      load_point: "Position of the load point",
-      target_places: "Positions of the targets",
+      load_point: "Uncertainty of the load point",
+      target_places: "Uncertainty of the targets’ positions",
       encoder_sigma: "Secondary encoder",
     },
   },

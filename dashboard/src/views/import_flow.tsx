@@ -370,14 +370,14 @@ function lengthOfFiles(answer: ImportAnswer | null): string | null {
 }
 
 /** Why it cannot be identified yet. */
-function lackOf(answer: ImportAnswer | null, robot: string): string | null {
+export function lackOf(answer: ImportAnswer | null, robot: string): string | null {
   if (!answer) return null;
   if (answer.files.some(({ columns }) => columns.some(({ meaning }) => meaning === UNKNOWN))) {
     return words.columnsFirst;
   }
   if (answer.faults.length > 0) return words.faultsFirst(answer.faults.length);
-  const [first] = answer.missing_fields;
-  if (first !== undefined) return words.missing[first];
+  const missing = [...new Set(answer.missing_fields)];
+  if (missing.length > 0) return missing.map((field) => words.missing[field]).join(". ");
   return robot === "" ? text.start.robotFirst : null;
 }
 

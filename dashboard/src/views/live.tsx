@@ -175,7 +175,7 @@ function Campaign({ set, robot, first }: { set: OpenSet; robot: Robot; first: Li
                 {waiting.length > 0 && away && <p>{words.waitsForNext}</p>}
                 {waiting.length === 0 && (
                   <>
-                    <p class={reached ? "note good" : "note"}>{sentence(state.message)}</p>
+                    <p class={reached ? "note good" : "note"}>{words.nothingNext}</p>
                     <div class="go">{closing(true)}</div>
                   </>
                 )}
@@ -673,7 +673,7 @@ function Record({ state, withdraw }: { state: LiveState; withdraw: (label: strin
   const about = ({ distance, ball_ratio: ratio, reason }: LiveState["readings"][number]): string =>
     [
       reason,
-      ratio === null ? null : words.inBall(ratio <= 1),
+      ratio === null ? null : words.asPredicted(ratio <= 1),
       distance === null ? null : words.apart(`${fixed(distance * 1e6, 0)} ${text.units.micrometre}`),
     ]
       .filter(Boolean)
@@ -686,7 +686,7 @@ function Record({ state, withdraw }: { state: LiveState; withdraw: (label: strin
     <section class="card record">
       <details>
         <summary>
-          {words.record} ({state.readings.length})
+          {words.record(state.readings.length, state.readings.filter((one) => one.state === "withdrawn").length)}
         </summary>
         <Rows
           rows={state.readings.map((one) => ({

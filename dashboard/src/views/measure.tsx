@@ -1,13 +1,13 @@
 /** Where live campaigns begin: a goal, loads, targets and noise, declared before the first reading; or one that goes on. */
 import { useEffect, useState } from "preact/hooks";
-import { api } from "../api/client";
+import { api, problemOf } from "../api/client";
 import type { Plan } from "../api/types";
 import { ActionButton, Choice, Head, Name, Show } from "../components/basics";
 import { RequestFields as Form, Select, TextField } from "../components/fields";
 import { SchemaFields, type Terms } from "../components/schema_form";
 import { freshKey, type Fields, unreadIn } from "../lib/json";
 import * as live from "../lib/live";
-import { useAction, go, link } from "../state/action";
+import { useAction, go, link, toast } from "../state/action";
 import { useLoad, valueOf, type Names, namesChanged, robotOptions, useNames } from "../state/load";
 import { factors } from "../lib/stiffness";
 import { text } from "../i18n";
@@ -15,7 +15,7 @@ import { later } from "../i18n/later";
 import { NOISE } from "./flow";
 import { EQUIPMENT, Equipment, START, equippedSet } from "./plans";
 import { NoRobots } from "./robots";
-import { Rows } from "../components/list";
+import { DeleteButton, Rows } from "../components/list";
 
 const words = later.measure;
 
@@ -38,8 +38,16 @@ export function MeasureView({ query }: { query: URLSearchParams }) {
 
 /** Campaigns that are still measured, on this device or another. */
 export function OpenCampaigns() {
-  const open = valueOf(useLoad((signal) => api.openSets.list({ open: "true", limit: 20 }, signal), []));
+  const loaded = useLoad((signal) => api.openSets.list({ open: "true", limit: 20 }, signal), []);
+  const open = valueOf(loaded);
   if (!open || open.items.length === 0) return null;
+  const failed = (error: unknown) => toast(problemOf(error).detail);
+  const remove = (id: string, name: string) =>
+    void api.openSets.delete(id).then(() => {
+      loaded.reload();
+      const restore = () => void api.openSets.restore(id).then(loaded.reload, failed);
+      toast(text.deletion.done(name), { label: text.runs.undo, run: restore });
+    }, failed);
   return (
     <section class="card" aria-labelledby="open-campaigns">
       <h2 id="open-campaigns">{words.goOn}</h2>
@@ -49,6 +57,7 @@ export function OpenCampaigns() {
           name,
           href: link(["measure", id]),
           how: words.opened(count),
+          actions: <DeleteButton name={name} remove={() => remove(id, name)} />,
         }))}
       />
     </section>

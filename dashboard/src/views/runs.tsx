@@ -3,13 +3,12 @@ import type { ComponentChildren } from "preact";
 import { useEffect, useRef, useState, useCallback } from "preact/hooks";
 import { api, problemOf, type Collection, follow, goesOn, type Standing } from "../api/client";
 import type { JobSummary, Page, Problem, RunSummary } from "../api/types";
-import { chosen, type Filter, FilterBar, type Row, Rows, unusual, useFilter } from "../components/list";
+import { chosen, DeleteButton, type Filter, FilterBar, type Row, Rows, unusual, useFilter } from "../components/list";
 import {
   Badge,
   Busy,
   Button,
   Empty,
-  Icon,
   MeasureLink,
   Name,
   ProblemNote,
@@ -124,17 +123,7 @@ export function JobList<Of extends Collection>(props: ListProps<Of>) {
       );
       return { ...row, href: undefined, actions };
     }
-    const actions = !goesOn(item.state) && (
-      <Button
-        acts
-        look="quiet icon"
-        aria-label={words.delete(row.name)}
-        title={text.run.delete}
-        onClick={() => remove(item, row.name)}
-      >
-        <Icon d="M5 7h14M10 7V5h4v2M7 7l1 12h8l1-12M10.5 11v5M13.5 11v5" />
-      </Button>
-    );
+    const actions = !goesOn(item.state) && <DeleteButton name={row.name} remove={() => remove(item, row.name)} />;
     return { ...row, actions, pick: pick?.(item, row.name) };
   });
   const found = chosen(rows, filter);

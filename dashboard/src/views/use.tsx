@@ -21,6 +21,14 @@ import { recalled, remember, useDraft } from "../state/session";
 
 const words = later.predict;
 
+/** What must be done first: what is not understood is written again, then what is missing is given, in order. */
+function lackOf(asked: Fields, needed: Partial<Record<keyof typeof later.form.lacking, unknown>>): string | null {
+  const typed = unreadIn(asked);
+  if (typed !== null) return later.form.unread(typed);
+  const missing = Object.entries(needed).find(([, value]) => !value)?.[0];
+  return missing === undefined ? null : later.form.lacking[missing as keyof typeof later.form.lacking];
+}
+
 export function PredictPart(props: PartProps) {
   const postures = usePostures(props.context.set, props.context.robot);
   return postures ? <Form {...props} postures={postures} /> : <Busy />;
@@ -98,7 +106,11 @@ function Form({ context: { run, set, robot }, result, postures }: PartProps & { 
         <ActionButton
           look="primary"
           action={predict}
-          disabled={unreadIn(asked) !== null || !asked["joints"] || !asked["force"] || !asked["load_point"]}
+          lacking={lackOf(asked, {
+            joints: asked["joints"],
+            force_there: asked["force"],
+            load_point: asked["load_point"],
+          })}
         >
           {text.run.views.predict}
         </ActionButton>
@@ -219,7 +231,7 @@ function AskMap({ context: { run, set }, postures }: { context: RunContext; post
           ...set.observations.map(({ label }, i) => ({ value: String(i), label: mapWords.nearestTo(label) })),
         ]}
       />
-      <ActionButton look="primary" action={make} disabled={unreadIn(asked) !== null || !asked["force"]}>
+      <ActionButton look="primary" action={make} lacking={lackOf(asked, { force: asked["force"] })}>
         {mapWords.make}
       </ActionButton>
     </RequestFields>
@@ -353,7 +365,7 @@ export function ProgramForm({ context: { run } }: { context: RunContext }) {
       <ActionButton
         look="primary"
         action={make}
-        disabled={files.length === 0 || !asked["accuracy_option"] || !force || unreadIn(asked) !== null}
+        lacking={lackOf(asked, { program: files.length > 0, accuracy_option: asked["accuracy_option"], force })}
       >
         {programWords.make}
       </ActionButton>
