@@ -6,7 +6,7 @@ import inspect
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, get_args, get_type_hints
 
 import typer
 
@@ -107,9 +107,25 @@ ServerAddress = Annotated[
 
 
 Units = Literal["MNm/rad", "kNm/deg", "Nm/arcmin", "Nm/rad", "urad/Nm"]
+
+
+def _unit_of(text: str) -> str:
+    """Return a unit in its own spelling, however its letters were typed."""
+    words: tuple[str, ...] = get_args(Units)
+    unit = next((word for word in words if word.lower() == text.lower()), None)
+    if unit is None:
+        raise typer.BadParameter(f"{text!r} is not one of {', '.join(map(repr, words))}.")
+    return unit
+
+
 Unit = Annotated[
     Units,
-    typer.Option(case_sensitive=False, help="Unit of the tables: 10⁶ N·m/rad, kN·m/°, …, or µrad/(N·m)."),
+    typer.Option(
+        parser=_unit_of,
+        metavar=f"<{'|'.join(get_args(Units))}>",
+        autocompletion=lambda: list(get_args(Units)),
+        help="Unit of the tables: 10⁶ N·m/rad, kN·m/°, …, or µrad/(N·m).",
+    ),
 ]
 
 

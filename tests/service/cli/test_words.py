@@ -8,6 +8,7 @@ from jointstiff.schemas.options import METHODS_IN_SHORT
 from jointstiff.service.cli.app import app
 from jointstiff.service.cli.imports import _cells, _with_cells
 from jointstiff.service.cli.kinds import _one_of
+from jointstiff.service.cli.options import _unit_of
 from jointstiff.service.importing.reading import SourceFile
 from jointstiff.simulator import default_arm, simulate_campaign
 
@@ -61,3 +62,15 @@ def test_a_header_of_an_import_is_split_as_its_file_is(tmp_path):
     command = ["import", str(tmp_path / "points.txt"), "--header", "a;b,c;d,e;f"]
     shown = " ".join(CliRunner().invoke(app, command).output.split())
     assert all(f"unknown column header '{name}'" in shown for name in ("a;b", "c;d", "e;f")), shown
+
+
+@pytest.mark.parametrize("command", ["identify", "compare", "post"])
+def test_units_are_shown_as_they_are_spelt(command):
+    shown = CliRunner().invoke(app, [command, "--help"], env={"COLUMNS": "100"}).output
+    assert "--unit <MNm/rad|kNm/deg|Nm/arcmin|Nm/rad|urad/Nm>" in shown
+    refused = CliRunner().invoke(app, [command, __file__, "--unit", "furlong"]).output
+    assert "'MNm/rad', 'kNm/deg'" in " ".join(refused.split())
+
+
+def test_a_unit_is_understood_in_any_case():
+    assert _unit_of("mnm/RAD") == "MNm/rad"
