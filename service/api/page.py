@@ -43,13 +43,29 @@ _NO_DOCS = """<!doctype html>
 <h1>The documentation is not built</h1>
 <p>The packages of releases hold it, this one does not. Read it on
 <a href="https://github.com/jointstiff/jointstiff/tree/main/docs">GitHub</a>; in a checkout
-<code>scripts/docs</code> builds it.
-The API is described at <a href="../openapi.json">openapi.json</a>. <a href="../">Back to the page</a></p>
+<code>scripts/docs</code> builds it; the service then shows it at once.
+The API is described at <a href="{root}openapi.json">openapi.json</a>.
+<a href="{root}">Back to the page</a></p>
 </html>
 """
 
 
-class _Assets(StaticFiles):
+def _no_docs(root: str) -> str:
+    """Return the page that says how to build the documentation; `root` is the way from it to /."""
+    return _NO_DOCS.format(root=root)
+
+
+class _Files(StaticFiles):
+    """Files of a folder that may be built, or built again, while it is served."""
+
+    def __init__(self, folder: Path) -> None:
+        super().__init__(directory=folder, check_dir=False)
+
+    async def check_config(self) -> None:
+        """Do nothing: the folder may come later."""
+
+
+class _Assets(_Files):
     """Files with a hash in their names, which never change; the build has packed each as `NAME.gz`, too."""
 
     async def get_response(self, path: str, scope: Scope) -> Response:
@@ -69,8 +85,15 @@ class _Assets(StaticFiles):
         return response
 
 
-class _Docs(StaticFiles):
+class _Docs(_Files):
     """Files of the documentation, which each installation may change."""
+
+    async def get_response(self, path: str, scope: Scope) -> Response:
+        """Return a file; while none is built, say how to build them."""
+        if (await run_sync(self.lookup_path, "index.html"))[1] is None:
+            depth = path.count("/")
+            return HTMLResponse(_no_docs(f"../{'../' * depth}"), 404, headers=SECURITY_HEADERS)
+        return await super().get_response(path, scope)
 
     def file_response(self, *args: object, **kwargs: object) -> Response:
         response = super().file_response(*args, **kwargs)  # type: ignore[arg-type]
@@ -95,8 +118,7 @@ def install_page(app: FastAPI, bundle: Path = BUNDLE, docs: Path = DOCS) -> None
     _add(app, "/", page)
     _add(app, "/notices.txt", notices)
     _add(app, "/favicon.svg", icon)
-    if (bundle / "assets").is_dir():
-        app.mount("/assets", _Assets(directory=bundle / "assets"), name="assets")
+    app.mount("/assets", _Assets(bundle / "assets"), name="assets")
     _install_docs(app, docs)
 
 
@@ -112,13 +134,12 @@ def _install_docs(app: FastAPI, docs: Path) -> None:
 
     def index() -> Response:
         if not (docs / "index.html").is_file():
-            return HTMLResponse(_NO_DOCS, 404, headers=SECURITY_HEADERS)
+            return HTMLResponse(_no_docs("../"), 404, headers=SECURITY_HEADERS)
         return FileResponse(docs / "index.html", headers=DOCS_HEADERS)
 
     _add(app, "/docs", enter)
     _add(app, "/docs/", index)
-    if docs.is_dir():
-        app.mount("/docs", _Docs(directory=docs), name="docs")
+    app.mount("/docs", _Docs(docs), name="docs")
 
 
 def install_description(app: FastAPI) -> None:

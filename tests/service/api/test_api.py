@@ -160,6 +160,28 @@ def test_a_page_and_documentation_that_were_not_built_say_so(tmp_path):
     assert 'href="../openapi.json"' in docs.text
 
 
+def test_what_is_built_while_the_service_runs_is_served(tmp_path):
+    app = FastAPI()
+    install_page(app, tmp_path, tmp_path / "docs")
+    pages = ("/docs/", "/docs/reference/http.html", "/assets/page.js")
+
+    async def ask():
+        async with httpx2.AsyncClient(transport=httpx2.ASGITransport(app), base_url="http://page") as client:
+            return [await client.get(path) for path in pages]
+
+    with ThreadPoolExecutor(1) as own_loop:
+        before = own_loop.submit(lambda: asyncio.run(ask())).result()
+        (tmp_path / "docs" / "reference").mkdir(parents=True)
+        (tmp_path / "assets").mkdir()
+        for path in ("docs/index.html", "docs/reference/http.html", "assets/page.js"):
+            (tmp_path / path).write_text("built")
+        after = own_loop.submit(lambda: asyncio.run(ask())).result()
+    assert [answer.status_code for answer in before] == [404, 404, 404]
+    assert all("scripts/docs" in answer.text for answer in before[:2])
+    assert 'href="../../openapi.json"' in before[1].text
+    assert [(answer.status_code, answer.text) for answer in after] == [(200, "built")] * 3
+
+
 def test_files_of_the_page_are_packed_for_browsers_that_take_it(client):
     file = re.findall(r"src=\"\./(assets/[^\"]+)\"", client.get("/").text)[0]
     with client.stream("GET", f"/{file}", headers={"Accept-Encoding": "gzip"}) as answer:
