@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import signal
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import typer
 
@@ -130,17 +130,26 @@ def _tour(address: str, *, once: bool) -> int:
     Each is posted once: of two demonstrations, one after the other or at the same time, both show what the
     first stored.
     """
+    from jointstiff.schemas.fields import content_key
     from jointstiff.service.kinds.comparison import COMPARISON
     from jointstiff.service.kinds.run import RUN
     from jointstiff.service.library.client import Client
+    from jointstiff.service.library.files import json_text
     from jointstiff.service.problems import RefusedError
     from jointstiff.service.reports.job import job_parts
     from jointstiff.service.tables.table import Line
     from jointstiff.service.tables.terminal import console, printed, problem_text
     from jointstiff.simulator import default_arm, simulate_campaign
 
+    class Once(Client):
+        """A client whose comparisons have a key of their content, as its runs have."""
+
+        def done(self, kind: Any, request: Any, files: Any, follow: Any) -> Any:  # noqa: ANN401 - a job
+            text, jobs = json_text(request), getattr(self, kind.collection)
+            return jobs.wait(jobs.create(text, key=content_key(text), files=files), follow)
+
     try:
-        with Client(address) as client:
+        with Once(address) as client:
             client.ping()
             campaign = simulate_campaign(default_arm(), load="dead_weight", force=400.0, seed=1)
             run = client.runs.wait(client.post(campaign, once=True))

@@ -4,10 +4,11 @@ import json
 import os
 import re
 import signal
+import sqlite3
 import subprocess
 import sys
 import time
-from contextlib import suppress
+from contextlib import closing, suppress
 from pathlib import Path
 
 import pytest
@@ -135,7 +136,9 @@ def test_it_shows_the_whole_path_and_adds_nothing_twice(demonstrated):
     assert "Open the page" not in first, "its address ends with the service"
     assert first.splitlines()[2] == second.splitlines()[2], "robot and set of the first"
     assert not (folder / "mine.db").exists()
-    assert (folder / "jointstiff-demo.db").exists()
+    with closing(sqlite3.connect(folder / "jointstiff-demo.db")) as database:
+        counted = database.execute("SELECT count(*) FROM jobs WHERE kind = 'comparison'").fetchone()
+    assert counted == (1,)
 
 
 def test_it_prints_the_lines_of_the_readme(demonstrated):
