@@ -105,7 +105,8 @@ def reading_line(state: LiveState, reading: LiveReading) -> str:
     elif reading.p_value is not None:
         parts.append(f"as expected with p {reading.p_value:.2g},")
     if reading.ball_ratio is not None:
-        parts.append(f"held out: {'inside' if reading.ball_ratio <= 1.0 else 'outside'} its ball,")
+        near, than = ("as near to", "as") if reading.ball_ratio <= 1.0 else ("further from", "than")
+        parts.append(f"held out: {near} its prediction {than} 90 % of good readings,")
     needed = state.still_needed
     still = "" if needed is None else f"about {needed} more" if needed else "reached"
     parts.append(still or "how many are still needed is not known")

@@ -533,8 +533,10 @@ class LiveCampaign:
     def _checked(self, read: str) -> tuple[Literal["measuring", "reached"], str]:
         """Return where a campaign stands whose goal is met: a held-out reading decides."""
         if self.check is not None and self.check.inside:
-            return "reached", f"reached after {read}{self._assumed()}; the held-out one lies in its 90 % ball"
-        failed = "" if self.check is None else f"held-out {self.check.label} lies outside its ball; "
+            near = "the held-out one is as near to its prediction as 90 % of good readings"
+            return "reached", f"reached after {read}{self._assumed()}; {near}"
+        far = "is further from its prediction than 90 % of good readings"
+        failed = "" if self.check is None else f"held-out {self.check.label} {far}; "
         return "measuring", f"{failed}the goal is met; one held-out reading checks it"
 
     def _assumed(self) -> str:
@@ -584,7 +586,8 @@ class LiveCampaign:
         if self.check is not None:
             lines.append(
                 f"Held-out reading {self.check.label}: {length_text(self.check.distance)} from its "
-                f"prediction, {self.check.ball_ratio:.2f} of the radius of its 90 % ball."
+                f"prediction, {self.check.ball_ratio:.2f} of the distance within which 90 % of good readings "
+                "lie."
             )
         for standing, words in _OF_PRIORS.items():
             named = [name for name, each in self.standings.items() if each == standing]

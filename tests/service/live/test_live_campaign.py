@@ -111,7 +111,7 @@ def test_a_campaign_is_measured_until_its_goal_is_met_and_becomes_an_ordinary_se
     stored = service.get(address).json()
     assert len(stored["observations"]) == len(state["readings"])
     assert "± 15 %" in stored["notes"]
-    assert "90 % ball" in stored["notes"]
+    assert "90 % of good readings" in stored["notes"]
     run = service.get(f"/v1/jobs/{closed['run_id']}").json()
     assert run["state"] == "succeeded"
     first = {name: stored["observations"][0][name] for name in ("joints", "force")}
