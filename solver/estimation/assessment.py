@@ -187,7 +187,8 @@ def _notes(measurements: Measurements, estimate: Estimate) -> Iterator[str]:
     if estimate.common is not None and estimate.common.of("assumed_load_point").any():
         yield (
             f"Load point: ±{1e3 * ASSUMED_LOAD_POINT:g} mm assumed. Measure where the force acts on the "
-            "flange, and enter its uncertainty (on the page: Advanced, Position of the load point)."
+            "flange, and enter its uncertainty (`noise.load_point`; on the page: Advanced, Uncertainty of "
+            "the load point)."
         )
     if estimate.common is not None and estimate.common.of("assumed_force_scale").any():
         yield (

@@ -1,6 +1,7 @@
 """Verdicts: of every kind of job, along with what is made of a run, and mended by the advised action."""
 
 import math
+import re
 from copy import deepcopy
 
 import numpy as np
@@ -388,3 +389,11 @@ def test_the_greatest_deflection_and_the_farthest_point_decide(run):
     assert "times the greatest of the campaign" in said["prediction_implausible"]
     (reason,) = of_points([POINT, (0.9, 1.2, 0.1), None])
     assert "1.5 m from the flange" in reason.message
+
+
+def test_a_note_on_what_is_assumed_names_the_field_of_a_file_and_the_entry_of_the_page(clean):
+    notes = " ".join(js.identify(clean).result.assessment.notes)
+    named = re.findall(r"\(`noise\.([\w.]+)`; on the page: Advanced, ([^)]+)\)", notes)
+    assert [field for field, _ in named] == ["load_point", "force.scale"]
+    words = (ROOT / "dashboard" / "src" / "i18n" / "later.ts").read_text(encoding="utf-8")
+    assert all(f'"{entry}"' in words for _, entry in named)
