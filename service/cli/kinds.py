@@ -263,7 +263,9 @@ def in_options(message: type[Message], problem: Problem, forms: Forms = _PLAIN) 
     for item in problem.errors:
         remedy = item.remedy and worded(message, item.remedy, forms)
         if item.reason == MISSING and item.where in message.model_fields:
+            kind = _bare(message.model_fields[item.where].annotation)
             by_option = f"give `{flag_of(message, item.where, forms)}`"
+            by_option += f": one of {', '.join(get_args(kind))}" if get_origin(kind) is Literal else ""
             remedy = by_option if item.where in with_option else "state it in the JSON file of `--options`"
         changes = {"reason": worded(message, item.reason, forms), "remedy": remedy}
         items.append(item.model_copy(update=changes))

@@ -4,6 +4,7 @@ import re
 from pathlib import Path
 
 import pytest
+from support.terminal import terminal
 from typer.main import get_command
 
 import jointstiff
@@ -51,3 +52,12 @@ def test_a_field_becomes_an_option_only_where_the_command_has_it(kind):
     options = OPTIONS[f"{command} {command}"]
     for field in message.model_fields:
         assert set(NAMED.findall(worded(message, f"give `{field}` or `{field}: value`"))) <= options, field
+
+
+def test_a_missing_word_is_named_with_those_that_are_accepted(tmp_path):
+    campaign, program = tmp_path / "campaign.json", tmp_path / "pocket.src"
+    assert terminal("simulate", campaign).exit_code == 0
+    program.write_text("DEF pocket()\nEND\n")
+    shown = terminal("compensate", campaign, program, "-o", tmp_path / "x.src", width=200)
+    assert shown.exit_code == 2
+    assert "give `--accuracy-option`: one of off, same_as_measured, compensates_load" in shown.stderr
