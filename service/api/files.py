@@ -83,7 +83,7 @@ def content_of(
 
     Raises:
         NotFoundError: there is no such job.
-        HTTPException: there is no such file (404), or no result (409).
+        HTTPException: there is no such file, or nothing to put into it (404), or no result (409).
         RequestError: the program has no file of that name.
     """
     make = _files(jobs.kind).get(name)
@@ -140,6 +140,8 @@ def _lines(parts: Sequence[Part]) -> list[str]:
 def _sheet(file: File, wanted: _Wanted) -> Content:
     kind, job = wanted.jobs.kind, wanted.job
     sheet = job_sheet(file, job, lambda: wanted.jobs.work(job.id))
+    if not sheet.columns:
+        raise HTTPException(404, f"this {kind.name} has nothing to put into {file.name}: {file.description}")
     body = csv_parts(sheet) if file.suffix == "csv" else written(sheet, file.suffix)
     return Content(body, file.media_type, _saved(f"{kind.name}-{job.id}.{file.suffix}"))
 

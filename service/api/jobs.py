@@ -189,7 +189,7 @@ def _event(name: str, job: Job) -> ServerSentEvent:
     return ServerSentEvent(event=name, raw_data=job.model_dump_json(include={"id", "state", "progress"}))
 
 
-JobId = Annotated[str, Path(max_length=64)]
+JobId = Annotated[str, Path(max_length=64, description="Id of the job.")]
 AskedBy = Annotated[AccessKey | None, KeyOf]
 Wait = Annotated[WaitQuery, Query()]
 ANY_JOB: Final[Any] = Annotated[

@@ -21,7 +21,7 @@ from jointstiff.service.api.jobs import AskedBy
 from jointstiff.service.live.stored import OpenSets
 from jointstiff.service.security.access import OPERATOR, VIEWER, Gate, asked_of
 
-Id = Annotated[str, Path(max_length=64)]
+Id = Annotated[str, Path(max_length=64, description="Id of the set.")]
 LOOK_SECONDS: Final = 0.5
 """Pause between two looks at an open set that is followed."""
 LOOKS: Final = 10

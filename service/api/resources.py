@@ -32,7 +32,8 @@ from jointstiff.service.resources.stored import assembled, described
 from jointstiff.service.security.access import OPERATOR, VIEWER
 from jointstiff.solver.errors import RequestError
 
-Id = Annotated[str, Path(max_length=64)]
+RobotId = Annotated[str, Path(max_length=64, description="Id of the robot.")]
+SetId = Annotated[str, Path(max_length=64, description="Id of the set.")]
 
 robots = APIRouter(tags=["robots"], route_class=BodyRoute)
 sets = APIRouter(tags=["measurement sets"], route_class=BodyRoute)
@@ -53,7 +54,7 @@ def create_robot(
 
     The description is vetted: anything that a kinematics library would silently misread (mimic joints,
     unexpanded xacro, axes that are no unit vectors, …) is refused with its place. Only the chain of
-    revolute joints from `base` to `flange` is kept; meshes are never opened. Of a geometry the robot keeps
+    joints from `base` to `flange` is kept; meshes are never opened. Of a geometry the robot keeps
     the identified model, and the geometry's id.
     """
     record = parts.robots.create(body, key)
@@ -81,7 +82,7 @@ def list_robots(parts: answers.PartsOf, query: Annotated[RobotQuery, Query()]) -
     response_model=Robot,
     responses=answers.NOT_MODIFIED,
 )
-def get_robot(request: Request, parts: answers.PartsOf, robot_id: Id) -> Response:
+def get_robot(request: Request, parts: answers.PartsOf, robot_id: RobotId) -> Response:
     """Get a robot, with its kinematics as they were understood, and its last campaign."""
     robot = described(parts.store.robots.get(robot_id))
     latest = parts.trends.last_campaigns([robot_id]).get(robot_id)
@@ -91,7 +92,7 @@ def get_robot(request: Request, parts: answers.PartsOf, robot_id: Id) -> Respons
 @robots.patch("/v1/robots/{robot_id}", dependencies=[OPERATOR], response_model=Robot)
 def change_robot(
     parts: answers.PartsOf,
-    robot_id: Id,
+    robot_id: RobotId,
     body: Annotated[RobotChange, shown(EXAMPLES["robot_changes"])],
 ) -> Response:
     """Change a robot's name, delete it, or restore it.
@@ -180,7 +181,7 @@ def list_measurement_sets(
     response_model=MeasurementSet,
     responses=answers.NOT_MODIFIED,
 )
-def get_measurement_set(request: Request, parts: answers.PartsOf, set_id: Id) -> Response:
+def get_measurement_set(request: Request, parts: answers.PartsOf, set_id: SetId) -> Response:
     """Get a measurement set as it was posted, with what was noticed; or an open one, as far as it is read."""
     document = parts.live.document(set_id) if parts.live.is_open(set_id) else parts.sets.document(set_id)
     return answers.unchanging(request, document.model_dump_json())
@@ -189,7 +190,7 @@ def get_measurement_set(request: Request, parts: answers.PartsOf, set_id: Id) ->
 @sets.patch("/v1/measurement-sets/{set_id}", dependencies=[OPERATOR], response_model=MeasurementSetSummary)
 def change_measurement_set(
     parts: answers.PartsOf,
-    set_id: Id,
+    set_id: SetId,
     body: Annotated[SetChange, shown(EXAMPLES["set_changes"])],
     by: AskedBy,
 ) -> MeasurementSetSummary:
@@ -210,7 +211,7 @@ def change_measurement_set(
 
 @trends.get("/v1/robots/{robot_id}/trend", dependencies=[VIEWER], response_model=trend.Trend)
 def get_trend(
-    parts: answers.PartsOf, robot_id: Id, query: Annotated[trend.TrendQuery, Query()]
+    parts: answers.PartsOf, robot_id: RobotId, query: Annotated[trend.TrendQuery, Query()]
 ) -> trend.Trend:
     """Get the trend of a robot: each joint over its campaigns, and whether the latest differs from the first.
 

@@ -86,6 +86,11 @@ def test_each_message_has_one_shape(openapi):
     assert [name for name in names if name.endswith(("-Input", "-Output"))] == []
 
 
+@pytest.mark.parametrize("name", ["JobId", "RobotId", "SetId"])
+def test_an_id_in_an_address_says_of_what_it_is(openapi, name):
+    assert openapi["components"]["parameters"][name]["description"].startswith("Id of the ")
+
+
 def test_each_operation_has_a_sentence_for_its_summary(openapi):
     for path, method, operation in operations(openapi):
         assert re.fullmatch(r"[A-Z][^\n]+\.", operation["summary"]), (method, path)

@@ -10,7 +10,7 @@ import anyio
 import httpx2
 import pytest
 from fastapi.sse import ServerSentEvent
-from support.api import CANCEL, DELETE, file_at, job_at, posted, posted_set
+from support.api import CANCEL, DELETE, file_at, job_at, post, posted, posted_set
 from support.jobs import RUN, job_record, run_request, runs_of, stored_set
 from support.kinds import posted_job
 
@@ -63,6 +63,17 @@ def test_tables_wait_for_their_turn_and_leave_other_requests_theirs(memory, comp
             assert (await client.get(file_at(comparison, "tables.json"))).status_code == 200
 
     anyio.run(ask)
+
+
+def test_a_comparison_of_one_set_has_no_file_of_ratios(local, comparison):
+    campaign = simulate_campaign(default_arm(), load="pull", configurations=6, seed=1)
+    first, second = (posted(local, campaign, positive=positive)["id"] for positive in (True, False))
+    of_one = post(local, "/v1/comparisons", {"run_ids": [first, second]})
+    answer = local.get(file_at(of_one, "ratios.csv"))
+    assert answer.status_code == 404
+    assert "of two sets" in answer.json()["detail"]
+    assert local.get(file_at(of_one, "table.csv")).text.count("\n") > 6
+    assert local.get(file_at(comparison, "ratios.csv")).text.count("\n") > 6
 
 
 REQUEST = RunRequest(measurement_set_id="s")
