@@ -320,8 +320,9 @@ def prediction_parts(result: DeflectionResult) -> list[Part]:
             Column("model error", bounds, number(".3f", 1e3), "mm"),
             Column("stiffness", [each and each.lateral_free for each in along], number(".0f", 1e-3), "N/mm"),
         ],
-        title="Deflections in R0, with U from the readings only",
-        caption=f"U and model error at {percent}; stiffness along the force, free to move sideways",
+        title="Deflections in R0, with U without model error",
+        caption=f"U of readings, loads and places, and model error, at {percent}; stiffness along the force, "
+        "free to move sideways",
         plain=True,
     )
     remarks = [Line(f"{case.label}: {'; '.join(case.remarks)}") for case in cases if case.remarks]
