@@ -141,8 +141,9 @@ def _sheet(file: File, wanted: _Wanted) -> Content:
     kind, job = wanted.jobs.kind, wanted.job
     sheet = job_sheet(file, job, lambda: wanted.jobs.work(job.id))
     if not sheet.columns:
-        content = file.description.partition(";")[0]
-        raise HTTPException(404, f"this {kind.name} has no {file.name}, which has: {content}")
+        what = file.description.partition(",")[0]
+        reason = f"this {kind.name} has no rows for {file.name}, {what}"
+        raise HTTPException(404, f"{reason}; use tables.json, or another of its files")
     body = csv_parts(sheet) if file.suffix == "csv" else written(sheet, file.suffix)
     return Content(body, file.media_type, _saved(f"{kind.name}-{job.id}.{file.suffix}"))
 

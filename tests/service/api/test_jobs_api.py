@@ -73,7 +73,7 @@ def test_a_comparison_of_one_set_has_no_file_of_ratios(local, comparison):
     of_one = post(local, "/v1/comparisons", {"run_ids": [first, second]})
     answer = local.get(file_at(of_one, "ratios.csv"))
     assert answer.status_code == 404
-    assert "of two sets" in answer.json()["detail"]
+    assert answer.json()["detail"] == "this comparison has no rows for ratios.csv, the ratios of two sides"
     assert local.get(file_at(of_one, "table.csv")).text.count("\n") > 6
     assert local.get(file_at(comparison, "ratios.csv")).text.count("\n") > 6
 
