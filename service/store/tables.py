@@ -539,8 +539,7 @@ def make_tables(database: Database) -> None:
             try:
                 for table in metadata.sorted_tables:
                     connection.execute(CreateTable(table))
-                    # `Table.indexes` has no order, and the order decides which of two SQLite prefers.
-                    for index in sorted(table.indexes, key=lambda index: str(index.name)):
+                    for index in indexes_of(table):
                         connection.execute(CreateIndex(index))
                 if database.dialect == "sqlite":
                     _state_statistics(connection)
@@ -550,6 +549,11 @@ def make_tables(database: Database) -> None:
                     "give a database without tables of other programs, and its user the right to make tables",
                 ) from error
             connection.execute(sa.insert(layouts).values(version_num=LAYOUT))
+
+
+def indexes_of(table: sa.Table) -> list[sa.Index]:
+    """Return the indexes of a table by name: SQLAlchemy has them in no order, and SQLite heeds theirs."""
+    return sorted(table.indexes, key=lambda index: str(index.name))
 
 
 _ROWS: Final = 100_000  # of each table, as its statistics say
@@ -580,7 +584,7 @@ def _state_statistics(connection: sa.Connection) -> None:
     """
     connection.exec_driver_sql("ANALYZE")  # makes the table of statistics
     for table in metadata.sorted_tables:
-        for index in table.indexes:
+        for index in indexes_of(table):
             rows = _FEW.get(str(index.name), _ROWS)
             alike, left = [], float(rows)
             for column in index.columns:
