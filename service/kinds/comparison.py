@@ -485,7 +485,7 @@ COMPARISON: Final = Kind[Comparison, ComparisonRequest](
         )
         for name, sheet, words in (
             ("table", entries_sheet, "the runs, one row per run and joint"),
-            ("ratios", ratios_sheet, "of two sets, their ratios"),
+            ("ratios", ratios_sheet, "the ratios of two sides"),
             (
                 "configurations",
                 configurations_sheet,
