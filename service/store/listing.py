@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
@@ -91,10 +92,9 @@ def page_of(
 
 def _found(database: Database, words: sa.Column[Any], q: str) -> list[sa.ColumnElement[bool]]:
     """Return the conditions of a search: the longest word first, which the fewest records have."""
+    find = sa.func.instr if database.dialect == "sqlite" else sa.func.strpos
     wanted = sorted(set(_folded(q).split()), key=lambda word: (-len(word), word))
-    if database.dialect == "sqlite":  # whose LIKE knows of case, and takes longer
-        return [sa.func.instr(words, word) > 0 for word in wanted]
-    return [words.contains(word, autoescape=True) for word in wanted]
+    return [find(words, word) > 0 for word in wanted]
 
 
 def words_of(*names: str | None) -> str:
