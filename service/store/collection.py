@@ -275,10 +275,11 @@ class Collection(Generic[Record, Entry]):
         back = sa.update(self._table).where(*self._is(identifier)).values(deleted_at=None)
         named = [self._table.c.id, *(column for column, _ in self._references)]
         with self._database.writing() as connection:
-            row = connection.execute(back.returning(*named)).one_or_none()
-            if row is None:
+            row = connection.execute(sa.select(*named).where(*self._is(identifier))).one_or_none()
+            if row is not None:
+                self._hold_parents(connection, row)  # before its own row, as those who rename them do
+            if row is None or connection.execute(back).rowcount == 0:
                 raise problems.NotFoundError(self.resource, identifier)
-            self._hold_parents(connection, row)
             self._follow(connection, identifier, None)
             self._touch(connection, identifier)
 
@@ -546,7 +547,8 @@ def _copy_names(connection: sa.Connection, column: sa.Column[Any], identifier: s
     """Copy the names of the records with an id in a column once more, after one of the names changed."""
     table = column.table
     names, copied = _NAMES[table]
-    found = connection.execute(names.where(column == identifier)).all()
+    # In one order: else two who rename a robot and a set could wait for each other.
+    found = connection.execute(names.where(column == identifier).order_by(table.c.sequence)).all()
     if changes := [{"own": number, **copied(*row)} for number, *row in found]:
         connection.execute(sa.update(table).where(table.c.sequence == sa.bindparam("own")), changes)
 

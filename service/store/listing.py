@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -81,8 +81,10 @@ def page_of(
     if order.counted and order.cursor is None:
         total = len(shown)
         if not is_last:  # what comes before was seen by the search for the page
+            # On `sequence` alone SQLite would look for the rest among the rows; on a sum it takes an index.
+            summed = [*ordered[:-1], sequence + 0]
             rest = sa.select(sa.func.count()).select_from(table).where(*conditions)
-            total += int(database.rows(rest.where(_behind(order, ordered, at[-1])))[0][0])
+            total += int(database.rows(rest.where(_behind(order, summed, at[-1])))[0][0])
     records = tuple(record(**row) for row in shown[: order.limit])
     return RecordPage(records, None if is_last else str(at[order.limit - 1][-1]), total)
 
@@ -103,7 +105,9 @@ def _folded(text: str) -> str:
     return text.casefold()
 
 
-def _behind(order: Order, ordered: list[sa.Column[Any]], last: tuple[object, ...]) -> sa.ColumnElement[bool]:
+def _behind(
+    order: Order, ordered: Sequence[sa.ColumnElement[Any]], last: tuple[object, ...]
+) -> sa.ColumnElement[bool]:
     """Return the condition of what comes after a record, given its values in the columns of the order."""
     columns, place = sa.tuple_(*ordered), sa.tuple_(*last)
     return columns < place if order.is_descending else columns > place

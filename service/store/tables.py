@@ -360,20 +360,24 @@ def _index(name: str, *columns: str, where: str | None = None) -> sa.Index:
     return sa.Index(f"ix_{name}", *ordered, sqlite_where=condition, postgresql_where=condition)
 
 
-def _listed(name: str, *columns: str, covering: Iterable[str]) -> list[sa.Index]:
-    """Return the indexes of all listings.
+def _listed(name: str, *columns: str, covering: Iterable[str] = ()) -> list[sa.Index]:
+    """Return the indexes by which a page of a listing is found without the rows, by time and by name.
 
     Args:
-        name: of the table.
-        columns: which narrow most listings.
-        covering: columns that a listing may be narrowed by, found without a look at the rows.
+        name: of both indexes.
+        columns: which narrow the listing.
+        covering: columns by which it may be narrowed further.
     """
     # SQLite looks at the row for a column of the condition that the index does not have.
+    covered = [*covering, "deleted_at"]
     return [
-        _index(f"{name}_listed", *columns, "sequence", *covering, "words", "deleted_at", where=VISIBLE),
-        _index(f"{name}_words", *columns, "words", "sequence", *covering, "deleted_at", where=VISIBLE),
-        _index(f"{name}_deleted_at", "deleted_at", where="deleted_at IS NOT NULL"),
+        _index(f"{name}_listed", *columns, "sequence", *covered, "words", where=VISIBLE),
+        _index(f"{name}_words", *columns, "words", "sequence", *covered, where=VISIBLE),
     ]
+
+
+def _deleted(name: str) -> sa.Index:
+    return _index(f"{name}_deleted_at", "deleted_at", where="deleted_at IS NOT NULL")
 
 
 def _further(*columns: sa.Column[Any]) -> list[sa.Column[Any]]:
@@ -396,7 +400,8 @@ robots = _numbered(
     RobotRecord,
     *_further(),
     indexes=[
-        *_listed("robots", covering=()),
+        *_listed("robots"),
+        _deleted("robots"),
         _index("robots_name", "name", where=VISIBLE),
         _index("robots_content_hash", "content_hash", where=VISIBLE),
     ],
@@ -420,6 +425,7 @@ measurement_sets = _numbered(
     references={"robot_id": "robots.id"},
     indexes=[
         *_listed("measurement_sets", covering=["encoders"]),
+        _deleted("measurement_sets"),
         _index("measurement_sets_robot_id", "robot_id"),
         *(
             _index(f"measurement_sets_{column}", column, where=VISIBLE)
@@ -433,8 +439,11 @@ open_sets = _numbered(
     OpenSetRecord,
     *_further(sa.Column("robot_name", sa.String)),
     references={"robot_id": "robots.id"},
-    indexes=[*_listed("open_sets", covering=()), _index("open_sets_robot_id", "robot_id")],
+    indexes=[*_listed("open_sets"), _deleted("open_sets"), _index("open_sets_robot_id", "robot_id")],
 )
+
+_OF_JOBS: Final = ("state", "verdict", "method", "weighting", "elasticity")
+"""Columns with few values by which listings of jobs are narrowed."""
 
 jobs = _numbered(
     "jobs",
@@ -448,7 +457,10 @@ jobs = _numbered(
         "robot_id": "robots.id",
     },
     indexes=[
-        *_listed("jobs", "kind", covering=["state", "verdict", "method", "weighting", "elasticity"]),
+        *_listed("jobs", covering=["kind", *_OF_JOBS]),
+        # By kind, too: to list a kind of few jobs is not to take as long as to list all.
+        *_listed("jobs_kind", "kind", covering=_OF_JOBS),
+        _deleted("jobs"),
         _index("jobs_open", "kind", where=OPEN),
         _index("jobs_robot_id", "robot_id", "kind"),
         _index("jobs_measurement_set_id", "measurement_set_id"),

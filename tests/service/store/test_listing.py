@@ -1,6 +1,7 @@
 """Lists by the database: searched, sorted, counted, of rows alone, by the same plans on each file."""
 
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -9,6 +10,7 @@ import sqlalchemy as sa
 from support.jobs import RUN, TIME, job_record
 
 from jointstiff.service.problems import CursorError
+from jointstiff.service.store.jobs import JOB
 from jointstiff.service.store.store import Store
 from jointstiff.service.store.tables import MeasurementSetRecord, RobotRecord, robots
 
@@ -122,6 +124,30 @@ def test_a_search_goes_through_what_a_robot_and_its_set_are_called_now(store):
     assert found(store.sets, "new cell new day w-2") == ["s1"]
 
 
+def test_names_that_change_while_runs_come_are_those_of_all_rows(store):
+    """And nobody waits for another who waits for him."""
+    add_robot(store, "r1", "robot")
+    add_set(store, "s1", "set")
+
+    def work(number: int) -> None:
+        for step in range(5):
+            if number == 0:
+                store.robots.change("r1", {"name": f"robot {step}"})
+            elif number == 1:
+                store.sets.change("s1", {"name": f"set {step}"})
+            else:
+                add_run(store, f"u{number}_{step}", trend=TREND)
+                store.jobs(RUN).delete(f"u{number}_{step}")
+                store.jobs(RUN).restore(f"u{number}_{step}")
+
+    with ThreadPoolExecutor(6) as pool:
+        for each in [pool.submit(work, number) for number in range(6)]:
+            each.result()
+    entries = store.jobs(RUN).page(limit=99).records
+    assert {(entry.robot_name, entry.measurement_set_name) for entry in entries} == {("robot 4", "set 4")}
+    assert len(found(store.jobs(RUN), "robot 4 set 4")) == len(entries) == 20
+
+
 def test_the_first_page_counts_what_all_pages_have(store):
     add_robot(store, "r1", "robot")
     add_set(store, "s1", "set")
@@ -193,11 +219,12 @@ def statements(store) -> Iterator[list[tuple[str, object]]]:
 def list_everything(store):
     runs = store.jobs(RUN)
     for sort in ("-created_at", "name"):
-        for filters in ({}, {"kind": "run", "robot_id": "r1"}, {"state": "succeeded", "verdict": "use"}):
-            runs.page(limit=2, counted=True, sort=sort, q="e", filters=filters)
-            runs.page(limit=2, counted=True, sort=sort, filters=filters)
-        for records in (store.robots, store.sets):
-            records.page(limit=2, counted=True, sort=sort, q="e")
+        for filters in ({}, {"robot_id": "r1"}, {"state": "succeeded", "verdict": "use"}):
+            for records in (runs, store.jobs(JOB)):
+                records.page(limit=2, counted=True, sort=sort, q="e", filters=filters)
+                records.page(limit=2, counted=True, sort=sort, filters=filters)
+        store.robots.page(limit=2, counted=True, sort=sort, q="e")
+        store.sets.page(limit=2, counted=True, sort=sort, q="e")
 
 
 def test_a_list_reads_no_documents(store):
@@ -220,6 +247,10 @@ def test_robots_and_their_last_campaigns_are_one_query(store):
 def plans(path: Path) -> list[str]:
     """How SQLite finds what lists show, in a new file."""
     with Store.open(f"sqlite:///{path}") as store:
+        add_robot(store, "r1", "robot")
+        add_set(store, "s1", "set")
+        for number in range(5):  # more than a page, so that the others are counted
+            add_run(store, f"u{number}", verdict="use")
         with statements(store) as noted:
             list_everything(store)
             store.runs_with_numbers("r1", 9)
