@@ -120,8 +120,9 @@ def test_it_has_an_end_files_and_a_place_in_the_terminal(client, job, kind):
     assert client.get(f"{job_at(job)}x/events").status_code == 404
     for file in kind.files:
         answer = client.get(file_at(job, file.name))
-        if file.name == "ratios.csv":  # of two sets, and this comparison is of one
-            assert answer.status_code == 404
+        if answer.status_code == 404:
+            assert f"has no rows for {file.name}" in answer.json()["detail"]
+            assert file.name == "ratios.csv"  # of two sets only
             continue
         assert answer.status_code == 200, answer.text
         assert answer.headers["content-type"].startswith(file.media_type), file.name
