@@ -105,9 +105,14 @@ def _layout(value: object, indent: str = "") -> str:
 def _kinds(response: Node) -> str:
     """Return the messages of an answer, or the media types of what is none."""
     contents = response.get("content", {}).items()
-    return ", ".join(
-        _type(one["schema"]) if "$ref" in one.get("schema", ()) else f"`{kind}`" for kind, one in contents
-    )
+    return ", ".join(_kind(media, one.get("schema", {})) for media, one in contents)
+
+
+def _kind(media: str, schema: Node) -> str:
+    items = schema.get("properties", {}).get("items", {})
+    if "items" in items:  # a page, which is no message of its own
+        return f"page of {_type(items['items'])}"
+    return _type(schema) if "$ref" in schema else f"`{media}`"
 
 
 def _message(name: str, schema: Node) -> str:
@@ -146,6 +151,8 @@ def _type(schema: Node) -> str:
     """Return the type of a field in words, with its bounds."""
     if "$ref" in schema:
         return _link(schema["$ref"].rpartition("/")[2])
+    if isinstance(types := schema.get("type"), list):
+        return " or ".join(_type({**schema, "type": one}) if one != "null" else one for one in types)
     if alternatives := schema.get("anyOf") or schema.get("oneOf"):
         return " or ".join(dict.fromkeys(map(_type, alternatives)))
     if "const" in schema or "enum" in schema:

@@ -10,6 +10,7 @@ from typing import Any, Final
 
 from fastapi import FastAPI
 
+from jointstiff.schemas.fields import Page
 from jointstiff.schemas.finding import Problem
 from jointstiff.service.api.examples import ANSWERS
 
@@ -32,6 +33,8 @@ _OF_BODIES: Final = frozenset({400, 404, 413, 415})  # a body may name what is n
 _FULL: Final = 507
 _EVENTS: Final = "text/event-stream"
 _FORM: Final = "multipart/form-data"
+_PAGE: Final = f"{Page.__name__}_"  # Pydantic's names of pages, such as `Page_JobSummary_`
+_VALUES: Final = frozenset({"enum", "const"})  # all values of a type, among which null would have to be
 
 
 class DescribedApplication(FastAPI):
@@ -55,8 +58,9 @@ class DescribedApplication(FastAPI):
             _show_answers(document)
             _drop_unused(document)
             _require_all_of_answers(document)
+            _place_pages(document)
             _share(document)
-            self.openapi_schema = document
+            self.openapi_schema = _nullable(document)
         return self.openapi_schema
 
 
@@ -125,6 +129,31 @@ def _place_forms(document: Node) -> None:
         content = operation.get("requestBody", {}).get("content", {})
         if _FORM in content:
             content[_FORM]["schema"] = schemas.pop(content[_FORM]["schema"]["$ref"].rpartition("/")[2])
+
+
+def _place_pages(document: Node) -> None:
+    """State a page where it is answered: a listing has one, and clients know it by its operation."""
+    schemas = document["components"]["schemas"]
+    for *_, operation in _operations(document):
+        for answer in operation["responses"].values():
+            stated = answer.get("content", {}).get("application/json", {})
+            name = stated.get("schema", {}).get("$ref", "").rpartition("/")[2]
+            if name.startswith(_PAGE):
+                stated["schema"] = schemas.pop(name)
+
+
+def _nullable(node: Any) -> Any:  # noqa: ANN401 - any part of a JSON document
+    """Return a part of a description whose types name null among them, which `anyOf` says in more words."""
+    if isinstance(node, list):
+        return [_nullable(each) for each in node]
+    if not isinstance(node, dict):
+        return node
+    match node.get("anyOf"):
+        case [{"type": str(kind)} as one, {"type": "null"}] if not _VALUES & one.keys():
+            rest = {key: value for key, value in node.items() if key != "anyOf"}
+            if not one.keys() & rest.keys():
+                node = {**one, "type": [kind, "null"], **rest}
+    return {key: _nullable(value) for key, value in node.items()}
 
 
 def _show_answers(document: Node) -> None:

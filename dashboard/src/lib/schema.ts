@@ -37,7 +37,8 @@ export const sized = <Value>(value: Value, factor: number): Value =>
       : value) as Value;
 
 export interface Schema {
-  type?: string;
+  /** Several are one and null. */
+  type?: string | string[] | undefined;
   enum?: string[];
   const?: string;
   default?: unknown;
@@ -62,6 +63,7 @@ export type Schemas = Record<string, Schema>;
 /** A schema without references; of a value that may be null, that of the others. */
 export function plain(schema: Schema, all: Schemas): Schema {
   const { $ref, anyOf, ...own } = schema;
+  if (Array.isArray(own.type)) return { ...own, type: own.type.find((type) => type !== "null"), nullable: true };
   if ($ref) return { ...plain(all[$ref.split("/").at(-1) ?? ""] ?? {}, all), ...own };
   const [first, ...others] = (anyOf ?? []).filter(({ type }) => type !== "null");
   if (!first || others.length > 0) return schema;

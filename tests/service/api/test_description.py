@@ -64,6 +64,26 @@ def test_the_description_is_small(openapi):
     assert len(json.dumps(openapi, ensure_ascii=False, separators=(",", ":")).encode()) <= 300_000
 
 
+def test_a_value_that_may_be_null_names_null_in_its_type(openapi):
+    text = json.dumps(openapi)
+    assert not re.search(
+        r'"anyOf": \[\{"type": "(number|string|integer|boolean)"\}, \{"type": "null"\}\]', text
+    )
+    length = openapi["components"]["schemas"]["CampaignRun"]["properties"]["characteristic_length"]
+    assert (length["type"], length["minimum"]) == (["number", "null"], 0.001)
+
+
+def test_a_page_is_stated_where_it_is_answered(openapi):
+    answered = [
+        answer.get("content", {}).get("application/json", {}).get("schema", {})
+        for *_, operation in operations(openapi)
+        for answer in operation["responses"].values()
+    ]
+    pages = [each for each in answered if "next" in each.get("properties", ())]
+    assert [set(page["required"]) for page in pages] == [{"items", "next", "total"}] * 4
+    assert not [name for name in openapi["components"]["schemas"] if name.startswith("Page")]
+
+
 def test_examples_of_answers_are_answers(openapi):
     shown = {
         each["operationId"]: answer["content"]["application/json"]["example"]
