@@ -40,6 +40,9 @@ _ARGUMENTS: Final[Mapping[str, Mapping[str, Any]]] = {
             ),
         ],
     },
+    "sets": {
+        "files": Annotated[list[Path], cli.file_argument("FILES", "Campaigns, such as one of each robot.")]
+    },
     "robot_or_set": {
         "source": Annotated[
             str,

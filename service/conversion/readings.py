@@ -564,6 +564,12 @@ def _refuse_unlike_observations(observations: list[Observation]) -> None:
             )
 
 
+def has_loads(blob: bytes) -> bool:
+    """Return whether any of the readings that `ReadingArrays.pack` wrote was read under a load."""
+    with np.load(io.BytesIO(blob), allow_pickle=False) as archive:
+        return bool((archive["present"] & ~np.isnan(archive["loaded"][..., 0])).any())
+
+
 def hash_of(*texts: str) -> str:
     """Return the SHA-256 of some texts, separated by blanks."""
     return hashlib.sha256(" ".join(texts).encode()).hexdigest()

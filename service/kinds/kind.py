@@ -24,8 +24,9 @@ READINGS_BYTES: Final = 4 * 1024 * 1024
 
 MEDIA_TYPES: Final = {"csv": "text/csv", "json": "application/json", "npz": "application/octet-stream"}
 """Types of files, by the ending of the name."""
-Source = Literal["measurement_set", "run", "campaigns", "robot_or_set", "readings", "files"]
-"""What a request is made of: a campaign, a run of one, one campaign or two, a robot or a campaign, files."""
+Source = Literal["measurement_set", "run", "campaigns", "sets", "robot_or_set", "readings", "files"]
+"""What a request is made of: a campaign, a run of one, one campaign or two, many campaigns, a robot or a
+campaign, files."""
 
 AnyJob = TypeVar("AnyJob", bound=Job)
 AnyRequest = TypeVar("AnyRequest", bound=Message)

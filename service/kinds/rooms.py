@@ -27,6 +27,7 @@ ROOMS: Final[Mapping[str, Room]] = MappingProxyType(
         "geometry": Room("geometry", "Identify the geometry of a robot from sweeps or poses."),
         "plan": Room("plan", "Plan which postures and loads to measure."),
         "map": Room("map", "Map deflection and compliance over a work area."),
+        "fleet": Room("fleet", "Identify the campaigns of many robots in one job."),
         "program": Room("compensate", "Compensate a program for the deflection under load."),
     }
 )

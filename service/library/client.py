@@ -57,6 +57,7 @@ if TYPE_CHECKING:
 
     from jointstiff.schemas.comparison import Comparison
     from jointstiff.schemas.deflection import Map
+    from jointstiff.schemas.fleet import Fleet
     from jointstiff.schemas.geometry import Geometry
     from jointstiff.schemas.imports import ImportAnswer
     from jointstiff.schemas.options import RunOptions
@@ -115,6 +116,7 @@ class Client(Verbs):
     geometries: Jobs[Geometry]
     plans: Jobs[Plan]
     maps: Jobs[Map]
+    fleets: Jobs[Fleet]
     programs: Jobs[Program]
 
     def __init__(

@@ -42,6 +42,7 @@ if TYPE_CHECKING:
     compare = _here.compare
     geometry = _here.geometry
     plan = _here.plan
+    fleet = _here.fleet
     map = _here.map  # noqa: A001 - the kind's name
     compensate = _here.compensate
     predict = _here.predict
@@ -95,6 +96,7 @@ __all__ = [
     "Units",
     "compare",
     "compensate",
+    "fleet",
     "geometry",
     "identify",
     "identify_many",

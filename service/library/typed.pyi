@@ -12,6 +12,7 @@ from jointstiff.schemas.comparison import CampaignComparison, ComparedMethod, Co
 from jointstiff.schemas.deflection import LinkMass, Map, MapOptions
 from jointstiff.schemas.fields import Message
 from jointstiff.schemas.finding import NamedCause
+from jointstiff.schemas.fleet import Fleet, FleetOptions
 from jointstiff.schemas.geometry import (
     Geometry,
     GeometryNoise,
@@ -36,6 +37,7 @@ from jointstiff.schemas.plan import (
 )
 from jointstiff.schemas.program import ProcessLoad, Program, ProgramFrame, ProgramOptions
 from jointstiff.schemas.robot import JointMap, RobotDocument
+from jointstiff.schemas.run import CampaignRun
 from jointstiff.service.library.campaigns import Numbers
 from jointstiff.service.library.cases import AnyPostures
 from jointstiff.service.library.results import Prediction, TabledRun
@@ -146,6 +148,10 @@ class MapFields(TypedDict, total=False):
     limits: Mapping[str, Vector]
     near: Vector | None
     confidence: float
+
+class FleetFields(TypedDict, total=False):
+    name: str | None
+    run: CampaignRun | Mapping[str, Any]
 
 class CompensateFields(TypedDict, total=False):
     absolute: bool
@@ -268,6 +274,15 @@ class Verbs:
         executor: Executor | None = None,
         **fields: Unpack[MapFields],
     ) -> Map: ...
+    def fleet(
+        self,
+        *campaigns: Source,
+        options: FleetOptions | None = None,
+        on_progress: OnProgress | None = None,
+        cancel: Cancel | None = None,
+        executor: Executor | None = None,
+        **fields: Unpack[FleetFields],
+    ) -> Fleet: ...
     def compensate(
         self,
         run: Source,
@@ -346,6 +361,14 @@ class AsyncVerbs:
         cancel: Cancel | None = None,
         **fields: Unpack[MapFields],
     ) -> Map: ...
+    async def fleet(
+        self,
+        *campaigns: Source,
+        options: FleetOptions | None = None,
+        on_progress: OnProgress | None = None,
+        cancel: Cancel | None = None,
+        **fields: Unpack[FleetFields],
+    ) -> Fleet: ...
     async def compensate(
         self,
         run: Source,

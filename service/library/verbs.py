@@ -249,6 +249,10 @@ _SOURCES: Final[Mapping[str, Mapping[str, str]]] = {
         "second": "campaign or run such as with secondary encoders in the loop, or after a change; if "
         "absent, the methods are compared on the first.",
     },
+    "sets": {
+        "*campaigns": "campaigns or runs, which are identified with the options of `run`; of a service, none "
+        "for the last one of each stored robot."
+    },
     "robot_or_set": {
         "source": "the campaign to go on with; or, to begin one, a robot: a document, the name of a file, or "
         "of an arm of the catalogue."
@@ -295,6 +299,12 @@ def _take_campaigns(call: _Call) -> dict[str, Any]:
     return parts
 
 
+def _take_many(call: _Call) -> dict[str, Any]:
+    given = [call.door.measured(source, f"campaigns[{i}].")[0] for i, source in enumerate(call.waiting)]
+    call.waiting.clear()
+    return {"measurement_set_ids": given} if given else {}
+
+
 def _take_robot_or_campaign(call: _Call) -> dict[str, Any]:
     source = call.waiting[0]
     call.waiting[0] = source = read_planned(source)
@@ -331,6 +341,7 @@ _TAKE: Final[Mapping[str, Callable[[_Call], dict[str, Any]]]] = {
     "measurement_set": _take_campaign,
     "run": lambda call: {"run_id": call.door.identified(call.waiting.pop(0), call.follow.executor)},
     "campaigns": _take_campaigns,
+    "sets": _take_many,
     "robot_or_set": _take_robot_or_campaign,
     "readings": _take_readings,
     "files": _take_files,

@@ -27,6 +27,17 @@ class MeasuredRun:
     prepared: PreparedSet  # all observations of the set, those that the run left out included
 
 
+@dataclass(frozen=True)
+class NamedSet:
+    """A measurement set by its names, without its readings."""
+
+    id: str
+    name: str
+    robot_id: str
+    robot_name: str
+    content: str  # hash of robot and readings
+
+
 class Inputs(Protocol):
     """Source of inputs. Each method names the field of the request that holds the id, for messages."""
 
@@ -43,6 +54,18 @@ class Inputs(Protocol):
 
         Raises:
             RequestError: there is none, it has no such observation, or none remains.
+        """
+        ...
+
+    def named_sets(self, set_ids: Sequence[str] | None, where: str) -> list[NamedSet]:
+        """Return measurement sets in the order of their ids, deleted or not.
+
+        Args:
+            set_ids: None for the set with loads of each robot that was measured last.
+            where: the field of the request that holds the ids.
+
+        Raises:
+            RequestError: there is none of an id.
         """
         ...
 
@@ -105,6 +128,15 @@ class FromFile:
             return prepared
         kept = document.model_copy(update={"observations": without(document.observations, leave_out)})
         return prepare_set(kept, robot, prepared.robot_id, catalogue_robots())
+
+    def named_sets(self, set_ids: Sequence[str] | None, where: str) -> list[NamedSet]:
+        """Return measurement sets; without ids all of them, as each is of a robot of its own."""
+        named = []
+        for i, set_id in enumerate(self._sets if set_ids is None else set_ids):
+            content = self.measured(set_id, f"{where}[{i}]").content
+            document, robot, prepared = self._sets[set_id]
+            named.append(NamedSet(set_id, document.name, prepared.robot_id, robot.document.name, content))
+        return named
 
     def listed(self, *_: object) -> tuple[dict[str, Any], ...]:
         """Return no jobs: files hold none of a robot's past."""

@@ -34,13 +34,13 @@ from jointstiff.service.conversion.prepared import (
     to_resolved,
     without,
 )
-from jointstiff.service.conversion.readings import ReadingArrays, hash_of, to_measurements
+from jointstiff.service.conversion.readings import ReadingArrays, has_loads, hash_of, to_measurements
 from jointstiff.service.conversion.robots import describe_joints
 from jointstiff.service.conversion.units import LENGTH
 from jointstiff.service.problems import NotFoundError, Resource
-from jointstiff.service.resources.inputs import MeasuredRun
+from jointstiff.service.resources.inputs import MeasuredRun, NamedSet
 from jointstiff.service.resources.known_robots import catalogue_robots
-from jointstiff.service.store.collection import Collection
+from jointstiff.service.store.collection import MEASUREMENT_SET, Collection
 from jointstiff.service.store.store import Store
 from jointstiff.service.store.tables import (
     Entry,
@@ -359,6 +359,38 @@ class Resources:
         """Return a stored measurement set without the observations of some labels."""
         with _named_by(where):
             return self.sets.prepared(set_id, leave_out)
+
+    def named_sets(self, set_ids: Sequence[str] | None, where: str) -> list[NamedSet]:
+        """Return stored measurement sets by id, deleted or not; without ids the last of each robot."""
+        chosen = self._last_with_loads() if set_ids is None else set_ids
+        found = {row.id: row for row in self.store.sets.named(chosen)}
+        for i, set_id in enumerate(chosen):
+            if set_id not in found:
+                with _named_by(f"{where}[{i}]"):
+                    raise NotFoundError(MEASUREMENT_SET, set_id)
+        return [
+            NamedSet(
+                id=row.id,
+                name=row.name,
+                robot_id=row.robot_id,
+                robot_name=row.robot_name,
+                content=hash_of(row.robot_hash, row.content_hash),
+            )
+            for row in map(found.__getitem__, chosen)
+        ]
+
+    def _last_with_loads(self) -> list[str]:
+        """Return the id of the set with loads that was measured last, of each robot that has one."""
+        waiting, found = self.store.sets.last_of_robots(), dict[str, str]()
+        order = list(waiting)
+        while waiting:
+            newest = {sets[0]: robot_id for robot_id, sets in waiting.items()}
+            for set_id, arrays in self.store.sets.arrays(list(newest)):
+                if has_loads(arrays):
+                    found[newest[set_id]] = set_id
+            left = {robot_id: sets[1:] for robot_id, sets in waiting.items() if robot_id not in found}
+            waiting = {robot_id: sets for robot_id, sets in left.items() if sets}
+        return [found[robot_id] for robot_id in order if robot_id in found]
 
     def listed(self, message: type[Job], robot_id: str) -> Iterator[Mapping[str, Any]]:
         """Yield the summaries of the newest jobs of a kind and a robot, 1,000 at most."""

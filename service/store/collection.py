@@ -52,6 +52,7 @@ _NO_SPANS: Final[Mapping[str, tuple[datetime | None, datetime | None]]] = Mappin
 _KEY: Final = sa.insert(idempotency_keys)
 KEEP_DELETED: Final = timedelta(days=30)
 """Time for which a deleted resource can be restored."""
+_PORTION: Final = 500  # ids that one statement names
 _NAMED: Final = 5  # resources that a refusal to delete names
 
 
@@ -457,6 +458,43 @@ class Robots(Collection[RobotRecord, RobotEntry]):
 class MeasurementSets(Collection[MeasurementSetRecord, MeasurementSetEntry]):
     """The ordinary measurement sets. The record of one that was measured live goes and returns with it."""
 
+    def named(self, set_ids: Sequence[str]) -> list[Any]:
+        """Return rows of the names and hashes of some sets and of their robots, deleted or not."""
+        sets = measurement_sets.c
+        names = sa.select(
+            sets.id,
+            sets.name,
+            sets.robot_id,
+            sets.content_hash,
+            robots.c.name.label("robot_name"),
+            robots.c.content_hash.label("robot_hash"),
+        ).join_from(measurement_sets, robots, robots.c.id == sets.robot_id)
+        return [
+            row for ids in _portions(set_ids) for row in self._database.rows(names.where(sets.id.in_(ids)))
+        ]
+
+    def last_of_robots(self) -> dict[str, list[str]]:
+        """Return the ids of the sets of each robot, the one that was measured last first; none deleted."""
+        sets = measurement_sets.c
+        measured = sa.func.coalesce(sets.measured_at, sets.created_at)
+        listed = (
+            sa.select(sets.robot_id, sets.id)
+            .join_from(measurement_sets, robots, robots.c.id == sets.robot_id)
+            .where(sets.deleted_at.is_(None), robots.c.deleted_at.is_(None))
+            .order_by(robots.c.sequence, measured.desc(), sets.sequence.desc())
+        )
+        found = dict[str, list[str]]()
+        for row in self._database.rows(listed):
+            found.setdefault(str(row.robot_id), []).append(str(row.id))
+        return found
+
+    def arrays(self, set_ids: Sequence[str]) -> Iterator[tuple[str, bytes]]:
+        """Yield id and readings of some sets."""
+        query = sa.select(measurement_sets.c.id, measurement_sets.c.arrays)
+        for ids in _portions(set_ids):
+            for row in self._database.rows(query.where(measurement_sets.c.id.in_(ids))):
+                yield str(row.id), row.arrays
+
     def _follow(self, connection: sa.Connection, identifier: str, deleted_at: datetime | None) -> None:
         own = sa.update(open_sets).where(open_sets.c.id == identifier)
         connection.execute(own.values(deleted_at=deleted_at))
@@ -485,6 +523,13 @@ class OpenSets(Collection[OpenSetRecord, OpenSetRecord]):
 
     def _forget(self, connection: sa.Connection, gone: Sequence[str]) -> None:
         connection.execute(sa.delete(live_entries).where(live_entries.c.set_id.in_(gone)))
+
+
+def _portions(identifiers: Sequence[str]) -> Iterator[Sequence[str]]:
+    """Yield ids, a few hundred at a time: a database has a limit of what a statement names."""
+    known = [each for each in identifiers if is_indexable(each)]
+    for first in range(0, len(known), _PORTION):
+        yield known[first : first + _PORTION]
 
 
 def name_of(named: Mapping[str, Any], column: str, name: str = "name") -> str | None:

@@ -22,13 +22,14 @@ CHANGES: dict[str, dict[str, Any]] = {
     "geometry": {"fit": "one_by_one"},
     "plan": {"seed": 1},
     "map": {"turns": 3},
+    "fleet": {"run": {"positive": False}},
     "program": {"confidence": 0.9},
 }
 """For each kind a change of its request."""
 
 
 def posted_job(
-    client: Any, kind: str, run: dict[str, Any], other: str = "", headers: Any = None, **changes: Any
+    client: Any, kind: str, run: dict[str, Any], other: str = "", /, headers: Any = None, **changes: Any
 ) -> Any:
     """Post a job that is made of a run or its measurement set; a comparison is with the run `other`."""
     of_set = {"measurement_set_id": run["request"]["measurement_set_id"]}
@@ -43,5 +44,6 @@ def posted_job(
         "geometry": ("geometries", next(iter(GEOMETRY.examples.values()))),
         "plan": ("plans", PLAN | of_set),
         "map": ("maps", MAP | {"run_id": run["id"]}),
+        "fleet": ("fleets", {"measurement_set_ids": [of_set["measurement_set_id"]]}),
     }[kind]
     return client.request("POST", f"/v1/{collection}", json=body | changes, headers=headers)

@@ -25,6 +25,7 @@ SOURCES = {
     "measurement_set": "campaign: Source, /",
     "run": "run: Source, /",
     "campaigns": "first: Source, second: Source | None = None, /",
+    "sets": "*campaigns: Source",
     "robot_or_set": "source: Source | RobotDocument, /",
     "readings": "readings: File | Mapping[str, Any] | Message | None = None, /",
     "files": "*files: File",
@@ -119,7 +120,7 @@ def method(types: Types, kind: AnyKind, awaited: str) -> str:
     options, result = types.name(kind.options), kind.message.__name__
     result = "TabledRun" if result == "Run" else types.name(kind.message)
     positional = ", ".join(SOURCES[source] for source in kind.sources)
-    if "files" not in kind.sources:
+    if not {"files", "sets"} & set(kind.sources):
         positional += f", options: {options} | None = None, *"
         stated = ""
     else:

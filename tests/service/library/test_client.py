@@ -412,6 +412,10 @@ VERBS = {
         lambda door, source: door.map(source, area=AREA, grid=(2, 2, 1), place=(0, 0, 0.25), force=FORCE),
         lambda job: job.result,
     ),
+    "fleet": (
+        lambda door, source: door.fleet(source, run={"method": "complete_pose"}),
+        lambda job: [(row.verdict, row.stiffness, row.stiffness_interval) for row in job.result.rows],
+    ),
     "compensate": (
         lambda door, source: door.compensate(
             source, EXAMPLES / "pocket.src", accuracy_option="off", force=FORCE

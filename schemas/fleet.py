@@ -1,0 +1,79 @@
+"""A fleet: the campaigns of many robots, each identified by itself in one job."""
+
+from __future__ import annotations
+
+from typing import Annotated, ClassVar, Literal
+
+from pydantic import Field, field_validator
+
+from jointstiff.schemas.fields import Identifier, Message, Name, Stiffness
+from jointstiff.schemas.finding import Problem, Verdict
+from jointstiff.schemas.job import Job
+from jointstiff.schemas.joints import JointKind
+from jointstiff.schemas.run import CampaignRun
+
+MAX_SETS = 10_000
+"""Maximum number of measurement sets of a fleet."""
+
+FleetOutcome = Literal["use", "use_with_care", "do_not_use", "failed"]
+
+
+class FleetOptions(Message):
+    """Options of a fleet."""
+
+    name: Name | None = None
+    run: CampaignRun = Field(default_factory=CampaignRun, description="Options of all runs.")
+
+
+class FleetRequest(FleetOptions):
+    """A fleet as it is posted."""
+
+    measurement_set_ids: Annotated[list[Identifier], Field(min_length=1, max_length=MAX_SETS)] | None = Field(
+        default=None,
+        description="Sets to identify. Null or absent: of each robot that is not deleted the set with loads "
+        "that was measured last, as they are when the fleet is posted; the job names them.",
+    )
+
+    @field_validator("measurement_set_ids", mode="after")
+    @classmethod
+    def _each_once(cls, set_ids: list[str] | None) -> list[str] | None:
+        if set_ids is not None and len(set(set_ids)) < len(set_ids):
+            raise ValueError("must not contain duplicates")
+        return set_ids
+
+
+class FleetRow(Message):
+    """Outcome of one set; `error` in place of numbers if it could not be identified."""
+
+    measurement_set_id: Identifier
+    measurement_set_name: Name
+    robot_id: Identifier
+    robot_name: Name
+    verdict: Verdict | None
+    joint_kinds: dict[Name, JointKind] = Field(
+        description="Kinds of the joints in order, where one is prismatic; empty if all turn."
+    )
+    stiffness: Stiffness[dict[Name, float | None]] = Field(
+        description="Stiffness of each joint, as of a run."
+    )
+    stiffness_interval: Stiffness[dict[Name, tuple[float, float | None] | None]]
+    error: Problem | None
+
+
+class FleetResult(Message):
+    """Outcome of a fleet."""
+
+    counts: dict[FleetOutcome, int] = Field(
+        description="Number of sets by verdict, and of those that failed."
+    )
+    rows: list[FleetRow] = Field(description="One for each set, in the order of the request.")
+
+
+class Fleet(Job):
+    """A stored fleet. Once finished, it never changes."""
+
+    collection: ClassVar[str] = "fleets"
+
+    kind: Literal["fleet"] = "fleet"
+    request: FleetRequest
+    result: FleetResult | None = Field(description="Result; present if the job has succeeded.")

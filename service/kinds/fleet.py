@@ -1,0 +1,147 @@
+"""A fleet: the campaigns of many robots, each identified by itself in one job, and what people read of it."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+from jointstiff.schemas.fields import Message, Name, Stiffness
+from jointstiff.schemas.fleet import Fleet, FleetOptions, FleetOutcome, FleetRequest, FleetResult, FleetRow
+from jointstiff.schemas.joints import JointKind
+from jointstiff.service.kinds.kind import File, Kind
+from jointstiff.service.tables.report import VERDICTS, Report, View
+from jointstiff.service.tables.stiffness import StiffnessUnit
+from jointstiff.service.tables.table import NO_NUMBER, Column, Line, Part, Sheet, Style, Table
+
+if TYPE_CHECKING:
+    from jointstiff.service.kinds.work import Work
+    from jointstiff.service.resources.inputs import Inputs
+
+_REQUEST_BYTES: Final = 1024 * 1024
+"""Size of a request with the ids of all sets."""
+_SHOWN: Final = 500
+"""Sets in the table of a report: those that need attention come first."""
+_MOST_JOINTS: Final = 8
+"""Different names of joints that a table has columns for."""
+_OUTCOMES: Final[dict[FleetOutcome, tuple[str, Style]]] = {
+    "failed": ("failed", "bad"),
+    "do_not_use": (VERDICTS["do_not_use"], "bad"),
+    "use_with_care": (VERDICTS["use_with_care"], "care"),
+    "use": (VERDICTS["use"], "good"),
+}
+"""Words of the outcomes, in the order in which they need attention."""
+
+
+def outcome_of_row(row: FleetRow) -> FleetOutcome:
+    """Return the verdict of a set, or `failed`."""
+    return row.verdict or "failed"
+
+
+def _report(_job: Fleet, result: FleetResult, view: View) -> Report:
+    order = list(_OUTCOMES)
+    rows = sorted(result.rows, key=lambda row: order.index(outcome_of_row(row)))
+    counts = Table(
+        [
+            Column("outcome", [_OUTCOMES[outcome][0] for outcome in order], text=True),
+            Column("sets", [result.counts[outcome] for outcome in order]),
+        ],
+        title="Sets by verdict",
+    )
+    parts: list[Part] = [counts, _sets_table(rows[:_SHOWN], view.unit)]
+    if (hidden := len(rows) - _SHOWN) > 0:
+        parts.append(Line(f"and {hidden:,} more sets, whose verdicts are no worse: table.csv has all", "dim"))
+    return Report(parts)
+
+
+def _sets_table(rows: list[FleetRow], unit: StiffnessUnit) -> Table:
+    names = list(dict.fromkeys(name for row in rows for name in row.stiffness))
+    joints = names if len(names) <= _MOST_JOINTS else []
+    columns = [
+        Column("robot", [row.robot_name for row in rows], text=True),
+        Column("measurement set", [row.measurement_set_name for row in rows], text=True),
+        Column("verdict", rows, lambda row: Line(*_OUTCOMES[outcome_of_row(row)]), text=True),
+        *(Column(name, [_cell(row, name, unit) for row in rows]) for name in joints),
+    ]
+    if any(row.error for row in rows):
+        columns.append(Column("problem", [row.error and row.error.detail for row in rows], text=True))
+    return Table(
+        columns,
+        title="Sets",
+        caption=f"{unit.quantity} of the joints in {unit.label}; intervals are in table.csv",
+    )
+
+
+def _cell(row: FleetRow, joint: str, unit: StiffnessUnit) -> str:
+    stiffness = row.stiffness.get(joint)
+    if not stiffness:
+        return NO_NUMBER
+    return unit.bare(1.0 / stiffness, row.joint_kinds.get(joint, "revolute"))
+
+
+class _SheetRow(Message):
+    """A joint of a set, as a row of the table; a set that failed has no joint."""
+
+    set: FleetRow
+    detail: str | None
+    joint: Name | None = None
+    stiffness: Stiffness[float | None] = None
+    interval: Stiffness[tuple[float, float | None] | None] = None
+
+
+_COLUMNS: Final = {
+    "robot_id": "set.robot_id",
+    "robot": "set.robot_name",
+    "measurement_set_id": "set.measurement_set_id",
+    "measurement_set": "set.measurement_set_name",
+    "verdict": "set.verdict",
+    "joint": "joint",
+    "stiffness": "stiffness",
+    "stiffness_{low high}": "interval",
+    "error": "detail",
+}
+
+
+def sets_sheet(job: Fleet) -> Sheet:
+    """Return a row a set and joint. A set that failed has one row, with no joint, that says why."""
+    rows: list[_SheetRow] = []
+    kinds: list[JointKind | None] = []
+    for each in job.result.rows if job.result else ():
+        row = _SheetRow.model_construct(set=each, detail=None if each.error is None else each.error.detail)
+        numbers = [
+            {"joint": name, "stiffness": value, "interval": each.stiffness_interval[name]}
+            for name, value in each.stiffness.items()
+        ]
+        rows += [row.model_copy(update=of_joint) for of_joint in numbers or [{}]]
+        kinds += [each.joint_kinds.get(name, "revolute") for name in each.stiffness] or [None]
+    return Sheet.of_joints(Sheet.of_fields(rows, _COLUMNS), kinds)
+
+
+def _compute(inputs: Inputs, request: FleetRequest) -> Work:
+    from jointstiff.service.kinds.fleet_work import work
+
+    return work(inputs, request)
+
+
+FLEET: Final = Kind[Fleet, FleetRequest](
+    message=Fleet,
+    request=FleetRequest,
+    options=FleetOptions,
+    compute=_compute,
+    report=_report,
+    sources=("sets",),
+    title="Fleet",
+    stepped=True,
+    max_bytes=_REQUEST_BYTES,
+    examples={"stated sets": {"measurement_set_ids": ["ID_OF_A_STORED_SET"], "run": {"positive": False}}},
+    files=(
+        File(
+            name="table.csv",
+            description="a row a set and joint: stiffness with its interval, verdict; or why there is none.",
+            sheet=sets_sheet,
+            made_of="result",
+        ),
+    ),
+    description="""Identify the measurement sets of many robots in one job, such as after an update.
+
+Each set is identified as by a run with the same options, with the same numbers. A set that cannot be
+identified is a row with its `error`, not the end of the job. No runs are stored.""",
+)
