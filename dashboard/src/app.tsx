@@ -83,6 +83,8 @@ const RobotNewView = lazy(async () => (await import("./views/robot_new")).RobotN
 const SetView = lazy(async () => (await import("./views/robots")).SetView);
 const GeometriesView = lazy(async () => (await import("./views/geometries")).GeometriesView);
 const GeometryView = lazy(async () => (await import("./views/geometries")).GeometryView);
+const FleetsView = lazy(async () => (await import("./views/fleets")).FleetsView);
+const FleetView = lazy(async () => (await import("./views/fleets")).FleetView);
 const PlansView = lazy(async () => (await import("./views/plans")).PlansView);
 const PlanView = lazy(async () => (await import("./views/plans")).PlanView);
 const MeasureView = lazy(async () => (await import("./views/measure")).MeasureView);
@@ -158,6 +160,7 @@ const VIEWS = new Map<string, [FunctionComponent<Place>, FunctionComponent<Place
   ["maps", [RunsView, MapView, "runs"]],
   ["sets", [() => <RobotsView list="sets" />, SetView, "robots"]],
   ["geometries", [GeometriesView, GeometryView, "robots"]],
+  ["fleets", [FleetsView, FleetView, "robots"]],
   ["plans", [PlansView, PlanView, "robots"]],
   ["measure", [MeasureView, LiveView, ""]],
   ["robots", [() => <RobotsView list="robots" />, OneRobot]],

@@ -8,7 +8,7 @@ from jointstiff.schemas.fields import Message, Name, Stiffness
 from jointstiff.schemas.fleet import Fleet, FleetOptions, FleetOutcome, FleetRequest, FleetResult, FleetRow
 from jointstiff.schemas.joints import JointKind
 from jointstiff.service.kinds.kind import File, Kind
-from jointstiff.service.tables.report import VERDICTS, Report, View
+from jointstiff.service.tables.report import OVERALL, VERDICTS, Report, View
 from jointstiff.service.tables.stiffness import StiffnessUnit
 from jointstiff.service.tables.table import NO_NUMBER, Column, Line, Part, Sheet, Style, Table
 
@@ -46,10 +46,21 @@ def _report(_job: Fleet, result: FleetResult, view: View) -> Report:
         ],
         title="Sets by verdict",
     )
-    parts: list[Part] = [counts, _sets_table(rows[:_SHOWN], view.unit)]
+    parts: list[Part] = [_headline(result), counts, _sets_table(rows[:_SHOWN], view.unit)]
     if (hidden := len(rows) - _SHOWN) > 0:
         parts.append(Line(f"and {hidden:,} more sets, whose verdicts are no worse: table.csv has all", "dim"))
     return Report(parts)
+
+
+def _headline(result: FleetResult) -> Line:
+    """Return how many sets give nothing to use; without such a set that all do."""
+    total, unusable = len(result.rows), result.counts["do_not_use"]
+    failed = f"; {result.counts['failed']:,} failed" if result.counts["failed"] else ""
+    if unusable:
+        return Line(f"Do not use {unusable:,} of {total:,} sets{failed}", "verdict_not")
+    usable = result.counts["use"]
+    style: Style = "verdict_use" if usable == total else "verdict_care"
+    return Line(f"Use {usable:,} of {total:,} sets{failed}", style)
 
 
 def _sets_table(rows: list[FleetRow], unit: StiffnessUnit) -> Table:
@@ -92,7 +103,7 @@ _COLUMNS: Final = {
     "robot": "set.robot_name",
     "measurement_set_id": "set.measurement_set_id",
     "measurement_set": "set.measurement_set_name",
-    "verdict": "set.verdict",
+    OVERALL: "set.verdict",
     "joint": "joint",
     "stiffness": "stiffness",
     "stiffness_{low high}": "interval",

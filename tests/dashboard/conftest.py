@@ -150,8 +150,9 @@ def stored(api: httpx2.Client) -> Stored:
     made = post(api, "/v1/maps", work | tool)["id"]
     sweeps = json.loads((ROOT / "examples" / "sweeps.json").read_text(encoding="utf-8"))
     geometry = post(api, "/v1/geometries", {**sweeps, "name": "stored sweeps"})["id"]
+    fleet = post(api, "/v1/fleets", {"measurement_set_ids": [first, second], "name": "stored fleet"})["id"]
     program, live = compensated(api, run), opened(api, robot)
-    return Stored(robot, first, second, run, comparison, pair, plan, made, program, geometry, live)
+    return Stored(robot, first, second, run, comparison, pair, plan, made, program, geometry, live, fleet)
 
 
 def opened(api: httpx2.Client, robot: str) -> str:

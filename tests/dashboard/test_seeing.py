@@ -19,7 +19,7 @@ FIRST = 400
 """A phone shows the first number of a result within this height [px]."""
 ASKING = (
     *("/report", "}/map", "/program", "/predict", "/new", "plans?robot={robot}", "?set={set}"),
-    *("of-this-name", "compare/methods", "compare/pairs", "#/geometries"),
+    *("of-this-name", "compare/methods", "compare/pairs", "#/geometries", "#/fleets"),
 )
 """Views that ask, or hand out files: they have no number of their own to show first."""
 LONG = "an arm of the third cell beside the paint shop, refitted in the spring"

@@ -89,6 +89,7 @@ class Stored:
     program: str
     geometry: str
     live: str
+    fleet: str
 
 
 def file_of(name: str, content: Any) -> dict[str, Any]:

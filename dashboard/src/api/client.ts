@@ -167,6 +167,7 @@ export const api = {
   runs,
   predict: (body: unknown) => call<of.DeflectionResult>("POST", "/v1/deflections", { body }),
   comparisons: kind<of.Comparison>("comparison", "comparisons"),
+  fleets: kind<of.Fleet>("fleet", "fleets"),
   geometries: kind<of.Geometry>("geometry", "geometries"),
   plans: kind<of.Plan>("plan", "plans"),
   maps,
@@ -215,7 +216,7 @@ export interface Standing {
 }
 
 /** Kinds of work, as the API names them. */
-export type Collection = "runs" | "comparisons" | "geometries" | "plans" | "maps" | "programs";
+export type Collection = "runs" | "comparisons" | "fleets" | "geometries" | "plans" | "maps" | "programs";
 
 /**
  * Follow a job; `tell` hears every step, and `ended` true of the last; `away` hears when the service cannot be

@@ -237,7 +237,7 @@ export async function variantBy(run: Run, action: Action): Promise<Run> {
 }
 
 /** Kinds with a report for information; that of a run has a tab of its own, where it is signed. */
-const REPORTED: readonly Collection[] = ["comparisons", "plans", "maps", "programs"];
+const REPORTED: readonly Collection[] = ["comparisons", "fleets", "plans", "maps", "programs"];
 
 /** Made from a run, whose verdict they carry. */
 const CARRIED: readonly Collection[] = ["plans", "maps", "programs"];

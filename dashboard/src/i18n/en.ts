@@ -462,6 +462,8 @@ export const en = {
   },
   earlier: {
     comparisons: "Earlier comparisons",
+    fleets: "Earlier fleets",
+    fleet: "Fleet",
     geometries: "Earlier geometries",
     plans: "Earlier plans",
     maps: "Maps of this robot",

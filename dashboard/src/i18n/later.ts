@@ -6,6 +6,14 @@ import { causeNames, plural, some } from "./en";
 const waits = (count: number): string => plural(count, "reading waits", "readings wait");
 
 export const later = {
+  fleet: {
+    title: "Fleets",
+    intro:
+      "Identify the last measurement set with loads of each robot again in one job, such as after an update. The API takes a choice of sets, and options.",
+    start: "Identify all robots again",
+    going: "Looking for the sets…",
+    csv: "Table (CSV)",
+  },
   geometry: {
     title: "Geometry",
     intro:

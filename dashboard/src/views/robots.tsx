@@ -259,8 +259,8 @@ function useRunsOf(filter: { robot_id?: string; measurement_set_id?: string }) {
   return useLoad((signal) => every(api.runs.list, filter, 100, signal), [filter.robot_id, filter.measurement_set_id]);
 }
 
-/** Robots, their sets and their geometries: three lists of one section. */
-export function RobotTabs({ current }: { current: "robots" | "sets" | "geometries" }) {
+/** Robots, their sets, their geometries, and fleets of them: four lists of one section. */
+export function RobotTabs({ current }: { current: "robots" | "sets" | "geometries" | "fleets" }) {
   return (
     <Tabs
       label={words.tabs}
@@ -269,6 +269,7 @@ export function RobotTabs({ current }: { current: "robots" | "sets" | "geometrie
         { id: "robots", label: text.app.robots, href: "#/robots" },
         { id: "sets", label: words.sets, href: "#/sets" },
         { id: "geometries", label: later.geometry.title, href: "#/geometries" },
+        { id: "fleets", label: later.fleet.title, href: "#/fleets" },
       ]}
     />
   );

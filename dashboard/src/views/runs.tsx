@@ -40,6 +40,7 @@ const ABOUT: { [Of in Collection]: (item: Summary<Of>, names: Names | null) => A
   comparisons: ({ measurement_set_id: first, second_set_id: second }, names) => ({
     name: [first, second].flatMap((id) => (id ? [names?.set(id) ?? "…"] : [])).join(" → "),
   }),
+  fleets: ({ name }) => ({ name: name ?? text.earlier.fleet }),
   geometries: ({ name }) => ({ name: name ?? "…" }),
   plans: ({ measurement_set_id: set, robot_id: robot }, names) => ({
     name: (set ? names?.set(set) : robot && names?.robot(robot)) || "…",
