@@ -80,7 +80,7 @@ class Program:
         compiled = data[cp.settings.PARAM_PROB]
         self._P, self._q, self._A, self._b = (data.get(name) for name in ("P", "c", "A", "b"))
         self._P = csc_array((len(self._q),) * 2) if self._P is None else triu(self._P, format="csc")
-        self._cones = dims_to_solver_cones(data["dims"])
+        self._dims = data["dims"]  # not the cones: Clarabel's do not pickle
         first = int(data["dims"].zero) + int(data["dims"].nonneg)
         self._norms = slice(first, first + int(sum(data["dims"].soc)))
         self._columns = {each.name(): compiled.param_id_to_col[each.id] for each in problem.parameters()}
@@ -109,9 +109,10 @@ class Program:
         for name, value in SETTINGS.items():
             setattr(settings, name, value)
         q, A, b = self._at(data)
+        cones = dims_to_solver_cones(self._dims)
         for tolerance in tolerances:
             settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = tolerance
-            answer = clarabel.DefaultSolver(self._P, q, A, b, self._cones, settings).solve()
+            answer = clarabel.DefaultSolver(self._P, q, A, b, cones, settings).solve()
             x = np.asarray(answer.x[self._x], dtype=np.float64)
             if answer.status == clarabel.SolverStatus.Solved and np.isfinite(x).all():
                 return x, np.asarray(answer.z[self._norms], dtype=np.float64)

@@ -97,6 +97,7 @@ class Session:
         text = re.sub(r"(\.\w+: )[\d,]+ bytes", r"\1<size>", text)
         text = _ID.sub(lambda found: self._placeholder(found[0]), text)
         text = re.sub(r'("request_id": )"\w+"', r'\1"<request>"', text)
+        text = re.sub(r'("stored_bytes": )\d+', r"\1<size>", text)  # ids are packed with what names them
         text = _TIME.sub(_now_or_stated, text)
         text = _EXACT.sub(lambda found: number(float(found[0]), 6), text)
         text = re.sub(r"([━─═])\1{2,}", r"\1", re.sub(r"(?<=\S) {3,}", "  ", text))

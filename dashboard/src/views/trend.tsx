@@ -70,20 +70,14 @@ function TrendChart({ points, width, label, unit }: ChartProps) {
       })}
       <g class="axis">
         {points.length > 0 &&
-          endsOf(times).map((when, i) => (
+          [...new Set(times.map(dayText))].map((day, i) => (
             <text x={i ? right : left} y={bottom + 22} text-anchor={i ? "end" : "start"}>
-              {when}
+              {day}
             </text>
           ))}
       </g>
     </Chart>
   );
-}
-
-/** Labels of both ends of the axis: days, or times of one day; one label for one time. */
-function endsOf(times: [number, number]): string[] {
-  const ends = times.map((time) => new Date(time).toISOString());
-  return times[0] === times[1] ? [dayText(times[0])] : whenTexts(ends);
 }
 
 /** By time, but evenly where all are so close that they would cover each other. */

@@ -70,6 +70,13 @@ def test_a_term_goes_to_another_process_with_the_readings(term):
     assert pickle.loads(pickle.dumps(term)).name == term.name
 
 
+def test_work_that_has_computed_steps_still_pickles(work):
+    """What a step compiled for the next ones is kept with the work."""
+    for span in work.steps()[:2]:
+        work.compute(span)
+    pickle.dumps(work)
+
+
 def test_work_that_is_cut_into_steps_has_the_same_bits_elsewhere(work):
     same = pickle.loads(pickle.dumps(work))
     assert same.steps() == work.steps()
