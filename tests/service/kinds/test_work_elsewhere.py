@@ -30,14 +30,23 @@ def runs(local):
     params=[*((kind.name, CHANGES.get(kind.name, {})) for kind in KINDS), ("run", LINKS), ("run", CAUSES)],
     ids=[*(kind.name for kind in KINDS), "run of links", "run with causes"],
 )
-def work(request, local, parts, runs):
-    """The work of a kind; what is done at once stays where it was requested."""
+def made(request, local, parts, runs):
+    """Call it for the work of a kind that nobody has begun; what is done at once stays where it is."""
     (name, changes), (run, other) = request.param, runs
-    job = posted_job(local, name, run, other["id"], **changes).json()
-    made = parts.jobs[name].work(job["id"])
-    if isinstance(made, QuickWork):
+    job, jobs = posted_job(local, name, run, other["id"], **changes).json(), parts.jobs[name]
+
+    def make():
+        jobs.work.cache_clear()
+        return jobs.work(job["id"])
+
+    if isinstance(make(), QuickWork):
         pytest.skip("it is done at once")
-    return made
+    return make
+
+
+@pytest.fixture
+def work(made):
+    return made()
 
 
 class Layouts(pickle.Pickler):
