@@ -57,10 +57,7 @@ def in_order(
                 waiting.append(_by_executor(partial(executor.submit, _outcome, function, argument)))
             if not waiting:
                 return
-            while not waiting[0].done():
-                if cancelled():
-                    raise CancelledWorkError
-                wait([waiting[0]], _LOOK_SECONDS)
+            _wait_for(waiting[0], cancelled)
             answer, error = _by_executor(waiting.popleft().result)
             if error is not None:
                 raise error
@@ -68,6 +65,20 @@ def in_order(
     finally:
         for future in waiting:
             future.cancel()
+
+
+def _wait_for(call: Future[Any], cancelled: Callable[[], object]) -> None:
+    """Wait until a call has ended.
+
+    Raises:
+        CancelledWorkError: the caller wants no more; also where the answer is there.
+    """
+    while True:
+        if cancelled():
+            raise CancelledWorkError
+        if call.done():
+            return
+        wait([call], _LOOK_SECONDS)
 
 
 def _outcome(function: Callable[[_First], _Answer], argument: _First) -> _Outcome[_Answer]:

@@ -190,6 +190,19 @@ def test_calls_that_have_not_begun_are_cancelled_with_the_work():
     assert [future.cancelled() for future, _ in held.calls] == [True] * 5
 
 
+def test_work_is_cancelled_although_all_answers_are_there():
+    held, found = Held(), []
+
+    def enough():
+        held.begin()
+        return found
+
+    results = in_order(held, abs, range(5), enough)
+    found.append(next(results))
+    with pytest.raises(CancelledWorkError):
+        next(results)
+
+
 def test_calls_that_have_not_begun_are_cancelled_when_the_iteration_is_left():
     held = Held()
 
