@@ -43,6 +43,8 @@ CONFIGURATIONS, RESAMPLING = 200, {"size": 100, "repetitions": 8_000}
 LONG_CONFIGURATIONS, LONG = 400, {"size": 100, "repetitions": 100_000}
 """Of a long one: 25 steps."""
 _END_SECONDS: Final = 900.0
+_STOPPED_SECONDS: Final = 180.0
+"""After which a run beside a stopped worker is waited for no longer."""
 _FROZEN_SECONDS: Final = 45.0
 _ANSWER_SECONDS: Final = 10.0
 _SHARE_SECONDS: Final = 40.0
@@ -168,7 +170,7 @@ def _stopped(server: PostgresqlServer, folder: Path) -> Section:
     }
     return Section(
         title="a worker is stopped inside a transaction; 2 workers, nine requests to cancel, looks meanwhile",
-        columns=("database", "next step kept after", "looks", "slowest", "answers"),
+        columns=("database", "run ended elsewhere after", "looks", "slowest", "answers"),
         rows=tuple(
             (kind, f"{seconds:.1f} s", str(len(looks)), f"{max(s for _, s in looks):.1f} s", _counted(looks))
             for kind, (seconds, looks) in found.items()
@@ -177,7 +179,7 @@ def _stopped(server: PostgresqlServer, folder: Path) -> Section:
             figure
             for kind, (seconds, looks) in found.items()
             for figure in (
-                Figure(f"{kind}, stopped worker: its step goes on elsewhere", seconds, "at most", 60, " s"),
+                Figure(f"{kind}, stopped worker: its run ends elsewhere", seconds, "at most", 60, " s"),
                 Figure(
                     f"{kind}, stopped worker: slowest answer", max(s for _, s in looks), "at most", 10, " s"
                 ),
@@ -211,7 +213,7 @@ def _stopped_on(database: str, folder: Path) -> tuple[float, list[tuple[int, flo
             looks.append(look[:2])
             if look[2].get("state") not in {None, "queued", "running"}:
                 break
-            if time.monotonic() - began > 2 * _END_SECONDS / 10:
+            if time.monotonic() - began > _STOPPED_SECONDS:
                 break
             looks.append(_timed(client, "GET", "/v1/jobs")[:2])
             time.sleep(0.2)

@@ -127,9 +127,9 @@ def sets_sheet(job: Fleet) -> Sheet:
 
 
 def _compute(inputs: Inputs, request: FleetRequest) -> Work:
-    from jointstiff.service.kinds.fleet_work import work
+    from jointstiff.service.kinds.fleet_work import FleetWork
 
-    return work(inputs, request)
+    return FleetWork(inputs, request)
 
 
 FLEET: Final = Kind[Fleet, FleetRequest](

@@ -42,10 +42,8 @@ class FleetWork(Work):
         Raises:
             RequestError: a set is not there, or there is none at all, or there are too many.
         """
-        self._inputs, self._sets = (
-            inputs,
-            inputs.named_sets(request.measurement_set_ids, "measurement_set_ids"),
-        )
+        self._inputs = inputs
+        self._sets = inputs.named_sets(request.measurement_set_ids, "measurement_set_ids")
         _refuse_count(len(self._sets))
         run = request.run
         self._options = {name: getattr(run, name) for name in run.model_fields_set}
@@ -149,15 +147,6 @@ def _row_of(one: NamedSet, result: RunResult | None, error: Problem | None) -> F
         stiffness_interval={joint.name: joint.stiffness_interval for joint in joints},
         error=error,
     )
-
-
-def work(inputs: Inputs, request: FleetRequest) -> FleetWork:
-    """Return the work of a fleet.
-
-    Raises:
-        RequestError: as `FleetWork` does.
-    """
-    return FleetWork(inputs, request)
 
 
 def _refuse_count(count: int) -> None:

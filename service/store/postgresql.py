@@ -26,6 +26,6 @@ class PatientConnection(psycopg.Connection[Any]):
         """
         try:
             return super().wait(gen, interval, ANSWER_SECONDS if timeout is None else timeout)
-        except errors._WaitTimeout as error:
+        except errors._WaitTimeout as error:  # psycopg raises it from `wait`, and has no public name for it
             self.close()
             raise SilentServerError(f"no answer within {ANSWER_SECONDS:g} s") from error
