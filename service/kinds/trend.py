@@ -373,9 +373,8 @@ class Trends:
 
     def __init__(self, store: Store) -> None:
         self._store = store
-        self._read = lru_cache(_REMEMBERED)(
-            ReadRun.model_validate_json
-        )  # a run never changes once it has ended
+        # a run never changes once it has ended
+        self._read = lru_cache(_REMEMBERED)(ReadRun.model_validate_json)
 
     def trend(self, robot_id: str, query: messages.TrendQuery) -> messages.Trend:
         """Return the trend of a robot.
