@@ -196,7 +196,7 @@ def test_packages_that_are_not_permissive_are_named():
         one.name.lower().replace("_", "-") for one in distributions()
     }:  # of this system
         metadata = distribution(name).metadata
-        stated = " ".join([metadata["License-Expression"] or "", *(metadata.get_all("Classifier") or [])])
+        stated = " ".join([metadata.get("License-Expression", ""), *(metadata.get_all("Classifier") or [])])
         if re.search("GPL|GNU|MPL|Mozilla", stated):
             assert name in NOTICES, name
 
