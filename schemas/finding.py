@@ -69,6 +69,11 @@ class NamedCause(Message):
         default=None, description="Label of the first observation that it concerns; null for all."
     )
 
+    @property
+    def pair(self) -> tuple[str, str | None]:
+        """Name and label."""
+        return self.name, self.first
+
 
 class Action(Message):
     """Action that a program can offer; it changes only the named options or readings."""

@@ -72,6 +72,11 @@ def table(**columns: Sequence[Any] | np.ndarray[Any, Any]) -> list[dict[str, Any
     return [dict(zip(columns, row, strict=True)) for row in values]
 
 
+def finite(value: float | None) -> float | None:
+    """Return a number as messages take it; None where it is not finite."""
+    return None if value is None or not isfinite(value) else float(value)
+
+
 def point(vector: np.ndarray[Any, Any]) -> tuple[float, float, float]:
     """Return three components as messages take them."""
     x, y, z = vector.tolist()

@@ -15,13 +15,13 @@ import numpy as np
 from benchmarks.designs import SIGMA, Design
 from benchmarks.report import Figure, Part, Section
 from jointstiff.schemas.options import RunOptions
-from jointstiff.service.kinds.identification import to_settings
 from jointstiff.simulator import default_arm
 from jointstiff.simulator.campaign import TARGETS, SpringArm, plan_experiment
 from jointstiff.simulator.equilibrium import equilibrium
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.estimation.causes import fit_causes, screen_estimate
 from jointstiff.solver.estimation.identify import identify
+from jointstiff.solver.estimation.method import Settings
 from jointstiff.solver.mechanics.measurements import (
     CommonUncertainty,
     DifferenceNoise,
@@ -151,7 +151,7 @@ class _Outcome:
 
 def _outcome(arm: SpringArm, read: Measurements) -> _Outcome:
     robot = robot_of(arm)
-    settings = to_settings(RunOptions(), robot)
+    settings = Settings.of(RunOptions(), robot)
     estimate = identify(robot, read, settings)
     screening = screen_estimate(robot, read, estimate)
     named = [(cause.suspect.name, cause.suspect.first) for cause in screening.causes]

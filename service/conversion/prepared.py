@@ -13,7 +13,7 @@ import numpy.typing as npt
 import pinocchio as pin
 
 from jointstiff.schemas.fields import Vector3
-from jointstiff.schemas.finding import Finding, NamedCause
+from jointstiff.schemas.finding import Finding
 from jointstiff.schemas.measurement import (
     Frame,
     MeasurementSetDocument,
@@ -36,10 +36,7 @@ from jointstiff.service.conversion.readings import (
 from jointstiff.service.conversion.robots import dh_kinematics, robot_of_chain, to_bodies
 from jointstiff.service.conversion.units import LENGTH, to_instrument
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.errors import MeasurementError, RequestError, RobotError, SolverError
-from jointstiff.solver.estimation.assessment import gross_mistake
-from jointstiff.solver.estimation.causes import fit_causes
-from jointstiff.solver.estimation.estimate import Estimate
+from jointstiff.solver.errors import MeasurementError, RequestError, RobotError
 from jointstiff.solver.integrity import inspect
 from jointstiff.solver.integrity.other_robots import KnownRobot
 from jointstiff.solver.mechanics.chain import KinematicChain
@@ -205,59 +202,6 @@ class PreparedSet:
     warnings: list[Finding]  # what was noticed when the set was checked
     robot_id: str  # id of the stored robot
     content: str  # hash of robot and readings
-
-    @property
-    def is_unloaded(self) -> bool:
-        """Return whether all readings are positions without a load."""
-        return self.measurements.unloaded_only is not None and not self.measurements.present.any()
-
-    def with_loads(self) -> PreparedSet:
-        """Return the set, if all of its readings are deflections by loads.
-
-        Raises:
-            MeasurementError: some positions are without load; with the first of them.
-            RequestError: all positions are without load.
-        """
-        m = self.measurements
-        if m.unloaded_only is None:
-            return self
-        by_weight = "give the robot's masses (`bodies`), and `weight` in the run"
-        if self.is_unloaded:
-            raise RequestError(
-                "the set has only positions without load, which show no deflection",
-                where="measurement_set_id",
-                remedy=f"identify it by the robot's own weight: {by_weight}",
-            )
-        i, t = np.argwhere(m.unloaded_only)[0].tolist()
-        missing, present = int(m.unloaded_only.sum()), int(m.present.sum())
-        raise MeasurementError(
-            f"{m.place(i)}, target {m.targets[t]}: `loaded` is missing ({missing} of "
-            f"{missing + present} readings)",
-            where=f"observations[{i}].readings",
-            remedy="give the position under load, or omit the reading; if positions without load are to "
-            f"count by the robot's own weight, {by_weight}",
-        )
-
-    def beside(self, causes: Sequence[NamedCause]) -> PreparedSet:
-        """Return the set without what causes moved, fitted beside the joints; their uncertainty goes along.
-
-        Raises:
-            RequestError: the readings do not show such a cause, or it leads to loads that no arm balances.
-        """
-        if not causes:
-            return self
-        named = [(cause.name, cause.first) for cause in causes]
-        try:
-            return replace(self, measurements=fit_causes(self.robot, self.measurements, named))
-        except SolverError as error:
-            remedy = "omit the cause, and check the units of force and length"
-            raise RequestError(error.reason, where="causes", remedy=remedy) from error
-
-    def is_sound(self, estimate: Estimate) -> bool:
-        """Return whether no gross mistake shows, behind which tests of smaller effects say nothing."""
-        if any(finding.weight == "do_not_use" for finding in self.warnings):
-            return False
-        return gross_mistake(self.robot, self.measurements, estimate) is None
 
     def run_hash(self, request: RunRequest) -> str:
         """Return the SHA-256 of robot, readings and options, by which a run knows its campaign."""

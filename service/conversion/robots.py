@@ -154,18 +154,3 @@ def named_joints(robot: Robot) -> str:
     """Return the names of the joints, those of prismatic ones as lengths."""
     named = zip(robot.joint_names, robot.joint_kinds, strict=True)
     return ", ".join(f"{name} (length)" if kind == "prismatic" else name for name, kind in named)
-
-
-def joint_index(robot: Robot, name: str, where: str) -> int:
-    """Return the place of a joint that a field of the request names.
-
-    Raises:
-        RequestError: the robot has no such joint.
-    """
-    if name not in robot.joint_names:
-        raise RequestError(
-            f"the robot has no joint '{name}'",
-            where=where,
-            remedy=f"use one of {', '.join(robot.joint_names)}",
-        )
-    return robot.joint_names.index(name)

@@ -28,6 +28,7 @@ from jointstiff.service.resources.inputs import Inputs, MeasuredRun
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.compare.campaigns import FreeEstimate, Side, compare_sides, models_differ
 from jointstiff.solver.errors import RequestError
+from jointstiff.solver.estimation.causes import fit_causes
 from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.predict.answers import forward_model
 from jointstiff.solver.predict.models import JointModel
@@ -236,12 +237,13 @@ def _side(inputs: Inputs, leading: MeasuredRun, runs: Sequence[MeasuredRun]) -> 
     if run.request.leave_out:
         set_id = run.request.measurement_set_id
         prepared = inputs.measured(set_id, "run_ids", run.request.leave_out)
-    prepared = prepared.beside(run.request.causes)
+    causes = [cause.pair for cause in run.request.causes]
+    measurements = fit_causes(prepared.robot, prepared.measurements, causes)
     bent = run.result.complementary_stiffness if run.result else None
     model = _model(run, prepared.robot)
     return Side(
         robot=prepared.robot,
-        measurements=prepared.measurements,
+        measurements=measurements,
         compliance=model.compliance,
         constraints=model.constraints,
         complementary_stiffness=bent is not None and bent.included,

@@ -12,7 +12,7 @@ from jointstiff.schemas.deflection import MAX_PLACES, MAX_POSES, MapOptions, Map
 from jointstiff.schemas.finding import Finding
 from jointstiff.schemas.run import Run
 from jointstiff.service.conversion.readings import hash_of
-from jointstiff.service.conversion.robots import joint_index, kinds_of, refuse_far_point, refuse_other_angles
+from jointstiff.service.conversion.robots import kinds_of, refuse_far_point, refuse_other_angles
 from jointstiff.service.kinds.verdicts import (
     RunModel,
     accepted_run,
@@ -214,7 +214,7 @@ def map_task(request: MapOptions, robot: Robot) -> MapTask:
                 where=f"limits.{name}",
                 remedy="give the least angle first",
             )
-        limits[joint_index(robot, name, f"limits.{name}")] = least, greatest
+        limits[robot.joint_index(name, f"limits.{name}")] = least, greatest
     if request.near is not None:
         refuse_other_angles(robot, request.near, "near")
     rotation = tool_rotations(

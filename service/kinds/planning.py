@@ -16,10 +16,8 @@ from jointstiff.schemas.options import OwnWeight, RunOptions
 from jointstiff.schemas.plan import DecisionGoal, PlanResult
 from jointstiff.service.conversion.prepared import PreparedSet
 from jointstiff.service.conversion.readings import hash_of
-from jointstiff.service.conversion.robots import joint_index, kinds_of, refuse_far_point, refuse_other_angles
+from jointstiff.service.conversion.robots import kinds_of, refuse_far_point, refuse_other_angles
 from jointstiff.service.conversion.units import to_instrument
-from jointstiff.service.kinds.identification import identified, to_settings
-from jointstiff.service.kinds.own_weight import identified_by_weight
 from jointstiff.service.kinds.verdicts import judged, own_reason, refuse_unaccepted
 from jointstiff.service.kinds.work import QuickWork
 from jointstiff.service.resources.inputs import Inputs
@@ -28,14 +26,17 @@ from jointstiff.solver.design.candidates import Equipment, Loads, PlanRequest
 from jointstiff.solver.design.plan import CampaignPlan, plan_campaign
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.estimation.assessment import assess
-from jointstiff.solver.estimation.causes import screen_estimate
+from jointstiff.solver.estimation.causes import fit_causes
 from jointstiff.solver.estimation.estimate import predict
+from jointstiff.solver.estimation.joints import JointsAlone
+from jointstiff.solver.estimation.method import Settings
 from jointstiff.solver.mechanics.block import targets_in_flange
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.messages import message, rows
-from jointstiff.solver.predict.answers import to_assessment
+from jointstiff.solver.result import stated_assessment
 from jointstiff.solver.weight.identification import Burden, planned_rows
+from jointstiff.solver.weight.run import run_by_weight
 
 _LARGEST_RELATIVE: Final = 0.5
 """Relative uncertainty of a compliance above which it is no nominal value."""
@@ -81,7 +82,10 @@ def planning(inputs: Inputs, request: plans.PlanRequest) -> QuickWork:
         if request.load is None and not prepared.measurements.force.any():
             request = request.model_copy(update={"load": OwnWeight()})
         by_weight = isinstance(request.load, OwnWeight)
-        prepared = prepared if by_weight else prepared.with_loads().beside(request.causes)
+        if not by_weight:
+            causes = [cause.pair for cause in request.causes]
+            readings = fit_causes(prepared.robot, prepared.measurements.with_loads(), causes)
+            prepared = replace(prepared, measurements=readings)
         planned = Planned(prepared.robot, prepared.robot_id, prepared.content, prepared)
     options = request.model_dump_json(exclude={"robot_id", "measurement_set_id"})
     return QuickWork(
@@ -101,7 +105,8 @@ def _plan(planned: Planned, request: plans.PlanRequest) -> PlanResult:
     robot, prepared = planned.robot, planned.prepared
     nominal, sigma, unexplained, assessment = np.full(robot.n, np.nan), None, None, None
     if prepared is not None and isinstance(request.load, OwnWeight):
-        result = identified_by_weight(prepared, RunOptions(), request.load)
+        by_weight = RunOptions(weight=request.load)
+        result = run_by_weight(robot, prepared.measurements, by_weight, prepared.warnings)
         sigma, assessment = result.sigma, result.assessment
         nominal = np.array([joint.compliance or np.nan for joint in result.joints])
         refuse_unaccepted(
@@ -112,18 +117,17 @@ def _plan(planned: Planned, request: plans.PlanRequest) -> PlanResult:
             passed_over=_TOO_LITTLE,
         )
     elif prepared is not None:
-        settings, estimate = identified(prepared, to_settings(RunOptions(), robot))
+        settings = Settings.of(RunOptions(), robot)
+        joints = JointsAlone(robot, prepared.measurements, settings, prepared.warnings)
+        estimate, screening = joints.estimate, joints.screening
         sigma = estimate.sigma
         for j, joint in enumerate(estimate.joints):  # the compliances that the readings so far determine
             u = joint.standard_uncertainty
             if joint.compliance and u is not None and u < _LARGEST_RELATIVE * joint.compliance:
                 nominal[j] = joint.compliance
         prediction = predict(robot, prepared.measurements, estimate.compliance, balanced=estimate.balanced)
-        screening = screen_estimate(robot, prepared.measurements, estimate)
-        judgement = assess(
-            robot, prepared.measurements, settings, estimate, prediction, prepared.warnings, screening
-        )
-        assessment = to_assessment(judgement, estimate.joints)
+        judgement = assess(joints, estimate, prediction, screening)
+        assessment = stated_assessment(judgement, estimate.joints)
         refuse_unaccepted(
             assessment,
             request.accept_verdict,
@@ -201,10 +205,10 @@ def to_design_request(
     """
     nominal = nominal.copy()
     for name, stiffness in request.stiffness.items():
-        nominal[joint_index(robot, name, f"stiffness.{name}")] = 1.0 / stiffness
+        nominal[robot.joint_index(name, f"stiffness.{name}")] = 1.0 / stiffness
     prior = np.full(robot.n, np.inf)
     for name, known in request.priors.items():
-        j = joint_index(robot, name, f"priors.{name}")
+        j = robot.joint_index(name, f"priors.{name}")
         prior[j] = known.standard_uncertainty / known.stiffness**2
         nominal[j] = 1.0 / known.stiffness
     names, targets = named_targets(request, robot, so_far)
@@ -227,7 +231,7 @@ def to_design_request(
             where="load",
             remedy="leave `work_area`, `tracker` and `directions` out; `sigma` states the readings",
         )
-    wanted = [joint_index(robot, name, "joints") for name in request.joints]
+    wanted = [robot.joint_index(name, "joints") for name in request.joints]
     area, directions = request.work_area, _directions(request)
     lack_of_fit = unexplained is not None and _LACK_OF_FIT < unexplained < 1.0
     return PlanRequest(
@@ -362,7 +366,7 @@ def _loads(request: plans.PlanRequest, robot: Robot, so_far: Measurements | None
     """Return the loads; those of the campaign are a weight if all pull down, else of any direction."""
     limits = np.full(robot.n, np.inf)
     for name, limit in request.torque_limits.items():
-        limits[joint_index(robot, name, f"torque_limits.{name}")] = limit
+        limits[robot.joint_index(name, f"torque_limits.{name}")] = limit
     load = request.load
     if isinstance(load, OwnWeight):
         return Loads("dead_weight", 0.0, limits)

@@ -14,7 +14,6 @@ from jointstiff.schemas.finding import Assessment, Finding, FindingCode, Verdict
 from jointstiff.schemas.measurement import Units
 from jointstiff.schemas.program import ProgramOptions, ProgramRequest
 from jointstiff.schemas.run import Run, RunResult
-from jointstiff.service.conversion.robots import joint_index
 from jointstiff.service.conversion.units import FORCE, LENGTH, MOMENT
 from jointstiff.service.problems import VerdictError
 from jointstiff.service.resources.inputs import Inputs, MeasuredRun
@@ -169,7 +168,7 @@ def _own_weight(
         return None
     mass, centre = np.zeros(robot.n), np.zeros((robot.n, 3))
     for i, link in enumerate(stated):
-        j = joint_index(robot, link.joint, f"masses[{i}].joint")
+        j = robot.joint_index(link.joint, f"masses[{i}].joint")
         if link.joint in (other.joint for other in stated[:i]):
             raise RequestError(
                 f"'{link.joint}' has a mass already",

@@ -33,10 +33,7 @@ from jointstiff.schemas.plan import (
 )
 from jointstiff.schemas.run import Budget, Goodness, RunResult
 from jointstiff.service.conversion.prepared import CheckedSet, PreparedSet, check_set
-from jointstiff.service.conversion.robots import joint_index
 from jointstiff.service.conversion.units import LENGTH
-from jointstiff.service.kinds.identification import ByJoints, identified, to_settings
-from jointstiff.service.kinds.own_weight import identified_by_weight
 from jointstiff.service.kinds.planning import to_design_request
 from jointstiff.service.live.priors import Standing, standings
 from jointstiff.service.problems import TakenError
@@ -44,9 +41,12 @@ from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import JointstiffError, RequestError
 from jointstiff.solver.estimation.estimate import stiffness_interval
 from jointstiff.solver.estimation.fit import student_quantile
+from jointstiff.solver.estimation.joints import JointsAlone
+from jointstiff.solver.estimation.method import Settings
 from jointstiff.solver.live.ahead import Ahead, Known, Next, Share
 from jointstiff.solver.live.innovation import HeldOut, Innovation, held_out, innovation
 from jointstiff.solver.mechanics.robot import Robot
+from jointstiff.solver.run import run
 from jointstiff.solver.text import length_text
 
 FEWEST: Final = 5
@@ -112,7 +112,7 @@ class Declared:
             )
         stated = options.model_dump(include=set(ReadingOptions.model_fields) - {"priors"})
         for name in options.priors:
-            joint_index(self.robot, name, f"open.priors.{name}")
+            self.robot.joint_index(name, f"open.priors.{name}")
         if isinstance(options.load, OwnWeight) and options.priors:
             raise RequestError(
                 "readings by own weight take no priors",
@@ -243,7 +243,8 @@ class LiveCampaign:
         if self._prepared is None:
             return None
         try:
-            _, estimate = identified(self._prepared, to_settings(RunOptions(), self.declared.robot))
+            settings = Settings.of(RunOptions(), self.declared.robot)
+            estimate = JointsAlone(self.declared.robot, self._prepared.measurements, settings).estimate
         except JointstiffError:
             return None
         return np.maximum(estimate.compliance, 0.0)
@@ -263,9 +264,11 @@ class LiveCampaign:
             return None
         load = self.declared.options.load
         try:
+            options = RunOptions(elasticity="joints", priors=dict(priors))
             if isinstance(load, OwnWeight):
-                return identified_by_weight(self._prepared, RunOptions(weight=load), load)
-            return ByJoints(self._prepared, RunOptions(priors=dict(priors)), "").conclude([])
+                options = RunOptions(weight=load)
+            prepared = self._prepared
+            return run(prepared.robot, prepared.measurements, options, prepared.warnings)
         except JointstiffError as error:
             return error
 

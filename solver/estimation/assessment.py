@@ -23,8 +23,6 @@ from jointstiff.solver.estimation.causes import (
     BetterAlternative,
     Cause,
     Screening,
-    better_alternative,
-    screen_estimate,
 )
 from jointstiff.solver.estimation.estimate import (
     ComplementaryStiffness,
@@ -32,6 +30,7 @@ from jointstiff.solver.estimation.estimate import (
     JointCompliance,
     Prediction,
 )
+from jointstiff.solver.estimation.joints import JointsAlone, within_noise
 from jointstiff.solver.estimation.method import Settings
 from jointstiff.solver.estimation.triangle import nonnegative
 from jointstiff.solver.mechanics.block import STANDARD_GRAVITY, targets_in_flange
@@ -121,25 +120,19 @@ class Assessment:
 
 
 def assess(
-    robot: Robot,
-    measurements: Measurements,
-    settings: Settings,
-    estimate: Estimate,
-    prediction: Prediction,
-    findings: Sequence[Finding] = (),
-    screening: Screening | None = None,
+    joints: JointsAlone, estimate: Estimate, prediction: Prediction, screening: Screening | None
 ) -> Assessment:
     """Assess an identification.
 
     Args:
-        robot: n joints.
-        measurements: N observations.
-        settings: how it was identified.
-        estimate: of the joints.
+        joints: identified alone, from measurements with what the integrity checks found in them.
+        estimate: of the joints, alone or with what bends beside them.
         prediction: of these measurements by the estimate.
-        findings: of the integrity checks of these measurements.
-        screening: of an identification of joints alone; None to make it here.
+        screening: of what the joints alone leave unexplained, with the gain of held-out postures if models
+            were compared.
     """
+    robot, measurements, settings = joints.robot, joints.measurements, joints.settings
+    findings: Sequence[Finding] = joints.noticed
     notes = tuple(_notes(measurements, estimate))
     roots = _kinds([each for each in findings if each.code in ROOT_MISTAKES], "do_not_use")
     if roots:
@@ -148,15 +141,13 @@ def assess(
             choices = same[0].code == "another_robot_fits"
             reasons += same if choices else [_of_all(same, same[0].action)]
         return replace(assessed(estimate.joints, reasons), notes=notes)
-    better = gross_mistake(robot, measurements, estimate)
+    better = joints.gross_mistake(estimate)
     if better is not None:
         findings = [finding for finding in findings if finding.code not in _SAME_MISTAKES]
     # Behind a gross error tests of smaller ones say nothing.
     gross = any(finding.weight == "do_not_use" for finding in findings)
     if gross:
         screening = None
-    elif screening is None and prediction.contributions is not None:
-        screening = screen_estimate(robot, measurements, estimate)
     causes: Sequence[Cause] = () if screening is None else screening.causes
     if better is not None:
         if screening is not None and screening.proved and causes[0].ratio < LARGEST_RATIO * better.ratio:
@@ -200,17 +191,6 @@ def _notes(measurements: Measurements, estimate: Estimate) -> Iterator[str]:
             "The set has deflections and no positions, so the geometry of robot, frames and targets, and "
             "the joint angles, cannot be checked."
         )
-
-
-def gross_mistake(robot: Robot, measurements: Measurements, estimate: Estimate) -> BetterAlternative | None:
-    """Return the mistake that would explain the readings far better, where noise does not explain them."""
-    return None if within_noise(estimate) else better_alternative(robot, measurements)
-
-
-def within_noise(estimate: Estimate) -> bool:
-    """Tell whether the residuals leave nothing for another explanation."""
-    test = estimate.sigma_test
-    return test is not None and test.result != "residuals_too_large"
 
 
 def assessed(joints: Sequence[JointCompliance], findings: Iterable[Finding]) -> Assessment:

@@ -219,6 +219,23 @@ def fit_causes(
         named: name of each cause, and label of the first observation that it concerns; None for all.
 
     Raises:
+        RequestError: the readings do not show such a cause, or it leads to loads that no arm balances.
+    """
+    if not named:
+        return measurements
+    try:
+        return _beside(robot, measurements, named)
+    except SolverError as error:
+        remedy = "omit the cause, and check the units of force and length"
+        raise RequestError(error.reason, where="causes", remedy=remedy) from error
+
+
+def _beside(
+    robot: Robot, measurements: Measurements, named: Sequence[tuple[str, str | None]]
+) -> Measurements:
+    """Return the readings without what causes moved.
+
+    Raises:
         RequestError: the readings do not show such a cause.
         SolverError: it leads to loads that no arm balances.
     """

@@ -388,9 +388,6 @@ def sigma_test(chi_square: float, degrees_of_freedom: float) -> SigmaTest | None
     return SigmaTest(p_value, "residuals_too_large" if large else "residuals_too_small")
 
 
-DEFAULT_THRESHOLD = 2.8
-"""Default threshold in units of sigma: 95 % of good readings of three coordinates stay below (χ of three
-degrees: 2.796)."""
 SUSPICIOUS_NORM = float(np.sqrt(2.0 * special.gammaincinv(1.5, 0.999)))
 """Limit of a suspicious reading, 4.03 sigma: one good reading of three coordinates in a thousand exceeds
 it."""

@@ -87,6 +87,32 @@ def identify(robot: Robot, measurements: Measurements, settings: Settings) -> Es
     return replace(estimate, complementary_stiffness=size)
 
 
+def identify_balanced(
+    robot: Robot, measurements: Measurements, settings: Settings
+) -> tuple[Settings, Estimate]:
+    """Identify, and neglect K_c where the load has no balance with joints as soft as the readings say.
+
+    Readings in a wrong unit do that; the verdict on them says so, and that K_c is neglected.
+
+    Returns:
+        The settings that were used, and the estimate.
+
+    Raises:
+        JointstiffError: as `identify`.
+    """
+    try:
+        return settings, identify(robot, measurements, settings)
+    except SolverError as error:
+        if error.where != "complementary_stiffness":
+            raise
+        neglected = replace(settings, complementary_stiffness=False)
+        estimate = identify(robot, measurements, neglected)
+        if estimate.complementary_stiffness is None:
+            raise
+        size = replace(estimate.complementary_stiffness, obstacle=error.reason)
+        return neglected, replace(estimate, complementary_stiffness=size)
+
+
 def refuse_unsupported(robot: Robot, measurements: Measurements, settings: Settings) -> None:
     """Refuse what the readings or the robot cannot support, before any work is done.
 

@@ -17,17 +17,18 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal
+from itertools import pairwise
+from typing import Final, Literal
 
 import numpy as np
 from scipy.optimize import minimize_scalar
 
 from jointstiff.schemas.options import Method as MethodName
-from jointstiff.schemas.options import Weighting
+from jointstiff.schemas.options import RunOptions, Weighting
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import RequestError, UnsupportedMethodError
 from jointstiff.solver.estimation.observability import Excitation, Spectrum
-from jointstiff.solver.estimation.solution import Bounds, Constraints
+from jointstiff.solver.estimation.solution import Bounds, Constraints, Order
 from jointstiff.solver.estimation.triangle import Triangle
 from jointstiff.solver.mechanics.block import RegressorBlock, Rows, Term, whitened_rows
 from jointstiff.solver.mechanics.measurements import Measurements, whitener
@@ -36,6 +37,10 @@ from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.mechanics.springs import JOINTS
 
 Loss = Literal["squared", "huber"]
+
+DEFAULT_THRESHOLD: Final = 2.8
+"""Default threshold in units of sigma: 95 % of good readings of three coordinates stay below (χ of three
+degrees: 2.796)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,8 +100,43 @@ class Settings:
     #: what is known of the compliances beforehand; with weighting by covariance only
     prior: Prior | None = None
     loss: Loss = "squared"  #: loss of the norm of each target's whitened residual
-    huber_threshold: float = 2.8  #: for the loss `huber`, in units of sigma
+    huber_threshold: float = DEFAULT_THRESHOLD  #: for the loss `huber`, in units of sigma
     complementary_stiffness: bool = False  #: whether K_c is part of the model (method.md §2)
+
+    @classmethod
+    def of(cls, options: RunOptions, robot: Robot) -> Settings:
+        """Return how to identify, statements on stiffnesses turned into statements on compliances.
+
+        Raises:
+            RequestError: something about a joint that the robot does not have, or an order of the joints that
+                contradicts itself or the bounds.
+        """
+        pairs = (pair for chain in options.stiffness_order for pair in pairwise(chain))
+        order = tuple(
+            dict.fromkeys(
+                (
+                    robot.joint_index(first, f"stiffness_order.{first}"),
+                    robot.joint_index(second, f"stiffness_order.{second}"),
+                )
+                for first, second in pairs
+            )
+        )
+        # With links the loss belongs to the elastic model.
+        huber = options.loss == "huber" and options.elasticity in {"joints", "automatic"}
+        settings = cls(
+            method=options.method,
+            weighting=options.weighting,
+            characteristic_length=options.characteristic_length,
+            bounds=_bounds(options, robot, order),
+            confidence=options.confidence,
+            order=order,
+            prior=_prior(options, robot),
+            loss="huber" if huber else "squared",
+            huber_threshold=options.huber_threshold or DEFAULT_THRESHOLD,
+            complementary_stiffness=options.complementary_stiffness == "included",
+        )
+        _ = settings.constraints  # refuses contradictions before any work is done
+        return settings
 
     @cached_property
     def constraints(self) -> Constraints:
@@ -106,6 +146,31 @@ class Settings:
             RequestError: if order and bounds contradict each other.
         """
         return Constraints(self.bounds, self.order)
+
+
+def _bounds(options: RunOptions, robot: Robot, order: Order) -> Bounds:
+    """Return the bounds; joints with a bound, and those in an order, are positive in any case."""
+    bounds = Bounds.positive(robot.n) if options.positive else Bounds.unconstrained(robot.n)
+    lower, upper = bounds.lower.copy(), bounds.upper.copy()
+    for pair in order:
+        lower[list(pair)] = 0.0
+    for name, (least, greatest) in options.stiffness_bounds.items():
+        j = robot.joint_index(name, f"stiffness_bounds.{name}")
+        lower[j] = 0.0 if greatest is None else 1.0 / greatest
+        upper[j] = np.inf if least is None else 1.0 / least
+    return Bounds(lower, upper)
+
+
+def _prior(options: RunOptions, robot: Robot) -> Prior | None:
+    """Return the prior in compliance, to first order: c₀ = 1/k₀ and s₀ = u(k₀)/k₀²."""
+    if not options.priors:
+        return None
+    mean, uncertainty = np.full(robot.n, np.nan), np.full(robot.n, np.inf)
+    for name, known in options.priors.items():
+        j = robot.joint_index(name, f"priors.{name}")
+        mean[j] = 1.0 / known.stiffness
+        uncertainty[j] = known.standard_uncertainty / known.stiffness**2
+    return Prior(mean, uncertainty)
 
 
 MIN_TARGETS = 3

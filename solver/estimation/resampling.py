@@ -11,8 +11,10 @@ joints are left to einsum: BLAS groups them by the size of the matrix and the nu
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
+from typing import Final
 
 import numpy as np
 
@@ -20,8 +22,10 @@ from jointstiff.schemas.joints import JointKind
 from jointstiff.schemas.options import Resampling
 from jointstiff.schemas.run import ResampledJoint, ResamplingResult
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
-from jointstiff.solver.errors import UnsupportedMethodError
+from jointstiff.solver.errors import RequestError, UnsupportedMethodError
 from jointstiff.solver.estimation.estimate import Estimate
+from jointstiff.solver.estimation.identify import refuse_unsupported
+from jointstiff.solver.estimation.joints import JointsAlone
 from jointstiff.solver.estimation.method import Method, Settings
 from jointstiff.solver.estimation.observability import NULL_COLUMN, Excitation, Spectrum, analyse
 from jointstiff.solver.estimation.solution import Bounds, IdentificationProblem, solve_batch, solve_step
@@ -131,6 +135,73 @@ def gram_blocks(
         regressor=np.ascontiguousarray(np.concatenate(regressors).transpose(2, 1, 0)[visible]),
         deflection=np.ascontiguousarray(np.concatenate(deflections).T),
     )
+
+
+STEP_SECONDS: Final = 0.25
+_SECONDS_A_REPETITION: Final = 8e-6
+_SECONDS_A_READING: Final = 2.5e-8
+"""Measured on the developers' machine; they decide the size of a step and nothing else."""
+
+
+class Draws:
+    """The draws of a run of joints alone, in steps of about `STEP_SECONDS`."""
+
+    unit = "resamples"
+    activity = "resampling"
+
+    def __init__(self, joints: JointsAlone, plan: Resampling) -> None:
+        """Check that draws can be made.
+
+        Args:
+            joints: whose whole set the draws are parts of.
+            plan: what is drawn.
+
+        Raises:
+            UnsupportedMethodError: the readings cannot support the method, or it is not linear in them.
+            RequestError: a draw is larger than the set.
+        """
+        count = len(joints.measurements)
+        refuse_unsupported(joints.robot, joints.measurements, joints.stated)
+        refuse_nonlinear(joints.stated)
+        if plan.size > count:
+            raise RequestError(
+                f"a draw of {plan.size} configurations exceeds the set's {count}",
+                where="resampling.size",
+                remedy=f"set `size` to at most {count}",
+            )
+        self._joints, self._plan = joints, plan
+
+    @cached_property
+    def _blocks(self) -> GramBlocks:
+        joints = self._joints
+        return gram_blocks(joints.robot, joints.measurements, joints.settings, joints.estimate)
+
+    def steps(self) -> tuple[tuple[int, int], ...]:
+        """Return the first repetition of each step, and one past its last."""
+        readings = int(self._joints.measurements.present.sum())
+        seconds = _SECONDS_A_REPETITION + _SECONDS_A_READING * readings
+        size, count = max(1, int(STEP_SECONDS / seconds)), self._plan.repetitions
+        return tuple((start, min(start + size, count)) for start in range(0, count, size))
+
+    def compute(self, span: tuple[int, int]) -> dict[str, FloatArray]:
+        """Fit some of the draws.
+
+        Raises:
+            JointstiffError: as the identification of the whole set does.
+        """
+        found = resample(self._blocks, self._plan, self._joints.settings.bounds, *span)
+        return {"compliance": found.compliance, "compensation": found.compensation}
+
+    def statistics(self, parts: Sequence[Mapping[str, FloatArray]]) -> ResamplingResult:
+        """Return what the draws come to, of the joints that the whole set shows."""
+        found = self._joints.estimate.joints
+        return summarise(
+            Resamples.concatenate([Resamples(part["compliance"], part["compensation"]) for part in parts]),
+            [joint.name for joint in found],
+            kinds=[joint.kind for joint in found],
+            hidden=np.array([joint.status == "not_observable" for joint in found]),
+            confidence=self._joints.settings.confidence,
+        )
 
 
 def refuse_nonlinear(settings: Settings) -> None:

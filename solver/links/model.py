@@ -22,7 +22,7 @@ from typing import Final
 import numpy as np
 
 from jointstiff.schemas.options import ElasticModel as ModelName
-from jointstiff.schemas.options import Loss
+from jointstiff.schemas.options import Loss, RunOptions
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import UnsupportedMethodError
 from jointstiff.solver.estimation.conic import (
@@ -38,7 +38,8 @@ from jointstiff.solver.estimation.conic import (
     solve_cone,
     solve_robust,
 )
-from jointstiff.solver.estimation.fit import DEFAULT_THRESHOLD, MEDIAN_NORM
+from jointstiff.solver.estimation.fit import MEDIAN_NORM
+from jointstiff.solver.estimation.method import DEFAULT_THRESHOLD
 from jointstiff.solver.estimation.solution import Bounds, IdentificationProblem, solve_step
 from jointstiff.solver.estimation.triangle import Triangle, triangle_of
 from jointstiff.solver.mechanics.block import RegressorBlock, Term, regressor_blocks, rows_of
@@ -78,6 +79,17 @@ class ElasticColumns:
                 where="elasticity",
                 remedy="use elasticity joints",
             )
+
+    @classmethod
+    def of(cls, options: RunOptions, robot: Robot) -> ElasticColumns:
+        """Return the columns of the links that may bend.
+
+        Raises:
+            RequestError: the robot has no such joint.
+            UnsupportedMethodError: the robot has too many joints.
+        """
+        named = sorted({robot.joint_index(name, "links") for name in options.links})
+        return cls(robot.n, tuple(named or range(robot.n)))
 
     @property
     def width(self) -> int:

@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
-from jointstiff.solver.errors import MeasurementError
+from jointstiff.solver.errors import MeasurementError, RequestError
 from jointstiff.solver.mechanics.postures import Postures
 from jointstiff.solver.mechanics.robot import Robot
 
@@ -438,6 +438,37 @@ class Measurements:
     def place(self, row: int) -> str:
         """Return the place of an observation, as messages name it."""
         return f"observations[{row}] '{self.labels[row]}'"
+
+    @property
+    def is_unloaded(self) -> bool:
+        """Whether all readings are positions without a load."""
+        return self.unloaded_only is not None and not self.present.any()
+
+    def with_loads(self) -> Measurements:
+        """Return the readings, if all of them are deflections by loads.
+
+        Raises:
+            MeasurementError: some positions are without load; with the first of them.
+            RequestError: all positions are without load.
+        """
+        if self.unloaded_only is None:
+            return self
+        by_weight = "give the robot's masses (`bodies`), and `weight` in the run"
+        if self.is_unloaded:
+            raise RequestError(
+                "the set has only positions without load, which show no deflection",
+                where="measurement_set_id",
+                remedy=f"identify it by the robot's own weight: {by_weight}",
+            )
+        i, t = np.argwhere(self.unloaded_only)[0].tolist()
+        missing, present = int(self.unloaded_only.sum()), int(self.present.sum())
+        raise MeasurementError(
+            f"{self.place(i)}, target {self.targets[t]}: `loaded` is missing ({missing} of "
+            f"{missing + present} readings)",
+            where=f"observations[{i}].readings",
+            remedy="give the position under load, or omit the reading; if positions without load are to "
+            f"count by the robot's own weight, {by_weight}",
+        )
 
     def evenly(self, most: int) -> Measurements:
         """Return at most so many of the observations, evenly spread; the set itself if it has no more."""

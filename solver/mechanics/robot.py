@@ -12,7 +12,7 @@ import pinocchio as pin
 
 from jointstiff.schemas.joints import JointKind
 from jointstiff.solver.arrays import BoolArray, FloatArray
-from jointstiff.solver.errors import RobotError
+from jointstiff.solver.errors import RequestError, RobotError
 from jointstiff.solver.mechanics.chain import MAX_MOVING_JOINTS, UNLIMITED, ChainJoint, KinematicChain
 
 _ROUNDING: Final = 1e-9
@@ -199,6 +199,20 @@ class Robot:
         self.limits.setflags(write=False)
         self._flange_frame = frame = _flange_frame(model, flange)
         self.flange, self.flange_placement = frame.name, frame.placement
+
+    def joint_index(self, name: str, where: str) -> int:
+        """Return the index of a joint that a field of a request names.
+
+        Raises:
+            RequestError: there is no such joint.
+        """
+        if name not in self.joint_names:
+            raise RequestError(
+                f"the robot has no joint '{name}'",
+                where=where,
+                remedy=f"use one of {', '.join(self.joint_names)}",
+            )
+        return self.joint_names.index(name)
 
     @cached_property
     def chain(self) -> KinematicChain:

@@ -6,7 +6,7 @@ orientations, process wrench and limits, and so the postures that a place allows
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import hypot, isfinite
 from typing import Any, Final, TypeVar, get_args
@@ -16,28 +16,18 @@ import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
 from jointstiff.schemas import deflection as cases
-from jointstiff.schemas import finding, run
 from jointstiff.schemas import model as stored_as
 from jointstiff.schemas.fields import Message
-from jointstiff.schemas.finding import Finding
 from jointstiff.schemas.run import Budget
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray, cross
 from jointstiff.solver.errors import JointstiffError, RequestError
-from jointstiff.solver.estimation.assessment import Assessment
-from jointstiff.solver.estimation.estimate import (
-    Estimate,
-    JointCompliance,
-    Prediction,
-    UncertaintyBudget,
-)
 from jointstiff.solver.estimation.fit import Likelihood
 from jointstiff.solver.estimation.solution import Bounds, Constraints
 from jointstiff.solver.links.model import ElasticColumns
 from jointstiff.solver.mechanics.block import OwnWeight
 from jointstiff.solver.mechanics.inverse import InverseKinematics, apart, in_ranges
-from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.robot import Robot
-from jointstiff.solver.messages import document, documents, message, rows, stated_kinds, table
+from jointstiff.solver.messages import document, rows, table
 from jointstiff.solver.predict.forward import Deflection, ForwardModel, LoadCases, unit_vectors
 from jointstiff.solver.predict.models import (
     EXTRAPOLATED,
@@ -605,167 +595,3 @@ def map_numbers(table: DeflectionMap, places: FloatArray, tool: FloatArray) -> d
         "stiffest": ends[1],
         "extrapolated": int((table.extrapolation[reached] > EXTRAPOLATED).sum()),
     }
-
-
-MAX_SUSPICIOUS: Final = 100
-"""Readings that are listed; all are counted."""
-
-
-def _reason_of(joint: JointCompliance, assessment: Assessment) -> str | None:
-    """Return the reason of a joint; without its lower limit, which a model that is refuted does not give."""
-    if joint.reason is None or assessment.verdict != "do_not_use":
-        return joint.reason
-    return joint.reason.removeprefix(joint.limit)
-
-
-def run_result(
-    estimate: Estimate,
-    prediction: Prediction,
-    assessment: Assessment,
-    measurements: Measurements,
-    warnings: list[Finding],
-    advice: Sequence[run.Advice] = (),
-    budget: UncertaintyBudget | None = None,
-    **parts: object,
-) -> run.RunResult:
-    """Return the numbers of a run, with residuals by observation and target, and advice.
-
-    Warnings are of the set, then of the fit; `parts` are further fields of the result, null if they are left
-    out.
-    """
-    labels, targets = np.array(measurements.labels), np.array(measurements.targets)
-    names, kinds = [joint.name for joint in estimate.joints], [joint.kind for joint in estimate.joints]
-    suspicious = suspicious_readings(estimate, measurements)
-    judgement = to_assessment(assessment, estimate.joints)
-    whole_budget = to_budget(budget, names, assessment.reasons)
-    indices, test = estimate.observability_indices, estimate.sigma_test
-    i, t = np.nonzero(measurements.present)
-    absent = dict.fromkeys(("resampling", "model", "links", "choice", "weight"))
-    by_encoder, contributions = [], []
-    if measurements.encoders is not None and prediction.encoders is not None:
-        k, j = np.nonzero(measurements.encoders.present)
-        read, predicted = measurements.encoders.deflection[k, j], prediction.encoders[k, j]
-        by_encoder = table(
-            observation=labels[k],
-            joint=np.array(names)[j],
-            deflection=read,
-            predicted=predicted,
-            residual=read - predicted,
-        )
-    if prediction.contributions is not None:
-        contributions = table(joint=names, **vars(prediction.contributions))
-    return message(
-        run.RunResult,
-        estimate,
-        assessment=judgement,
-        joint_kinds=stated_kinds(names, kinds),
-        joints=documents(
-            run.JointResult,
-            estimate.joints,
-            verdict=assessment.joints,
-            reason=[_reason_of(joint, assessment) for joint in estimate.joints],
-        ),
-        compensation=prediction.compensation,
-        rms_residual=prediction.rms_residual,
-        goodness=document(
-            run.Goodness,
-            estimate,
-            p_value=None if test is None else test.p_value,
-            test=None if test is None else test.result,
-        ),
-        identifiability=document(
-            run.Identifiability,
-            estimate,
-            stages=estimate.identifiability,
-            observability=indices,
-            advice=advice,
-        ),
-        huber_threshold=None if estimate.robust is None else estimate.robust.threshold,
-        suspicious=suspicious,
-        suspicious_count=0 if estimate.robust is None else len(estimate.robust.suspicious),
-        contributions=contributions,
-        budget=whole_budget,
-        residuals=table(
-            observation=labels[i],
-            target=targets[t],
-            deflection=measurements.deflection[i, t],
-            predicted=prediction.predicted[i, t],
-            residual=prediction.residual[i, t],
-        ),
-        encoder_residuals=by_encoder,
-        warnings=warnings,
-        **{**absent, **parts},
-    )
-
-
-def suspicious_readings(estimate: Estimate, measurements: Measurements) -> list[run.SuspiciousReading]:
-    """Return the readings that the Huber loss suspects, worst first; none for the squared loss."""
-    robust = estimate.robust
-    if robust is None:
-        return []
-    i, t = robust.suspicious[:MAX_SUSPICIOUS].T
-    return rows(
-        run.SuspiciousReading,
-        observation=np.array(measurements.labels)[i],
-        target=np.array(measurements.targets)[t],
-        weight=robust.weight[i, t],
-        residual_norm=robust.residual_norm[i, t],
-    )
-
-
-_LACK_OF_FIT: Final = {
-    "lack_of_fit",
-    "links_bend_with_joints",
-    "base_bends",
-    "links_or_base",
-    "residuals_exceed_sigma",
-    "deflection_unexplained",
-    "alternative_explains_better",
-}
-"""Reasons of an assessment for which the joints alone are not all that bends, or not as stated."""
-
-
-def to_budget(
-    budget: UncertaintyBudget | None, names: Sequence[str], reasons: Iterable[Finding]
-) -> run.Budget | None:
-    """Return the budget of the joints that have an estimate; None for none."""
-    if budget is None:
-        return None
-    shown, factor, sources = (
-        budget.joints,
-        budget.coverage_factor,
-        [part.source for part in budget.components],
-    )
-    joints, spread = [names[j] for j in shown], budget.spread
-    lacks = any(each.code in _LACK_OF_FIT or each.weight == "do_not_use" for each in reasons)
-    uncertainty, correlation = spread.uncertainty[:, shown], spread.correlation[:, shown][..., shown]
-    return message(
-        run.Budget,
-        budget,
-        joints=joints,
-        components=documents(
-            run.BudgetComponent,
-            budget.components,
-            contributions=uncertainty[:-2],
-            correlation=correlation[:-2],
-        ),
-        standard_uncertainty=uncertainty[-2],
-        correlation=correlation[-2],
-        expanded_uncertainty=factor * uncertainty[-2],
-        missing=[
-            *([] if "model_error" in sources else ["model_error"]),
-            *(["lack_of_fit"] if lacks else []),
-        ],
-        expanded_with_model_error=factor * uncertainty[-1],
-    )
-
-
-def to_assessment(judgement: Assessment, joints: Sequence[JointCompliance]) -> finding.Assessment:
-    """Return verdict and reasons of an identification, and how many of its joints have a number."""
-    return message(
-        finding.Assessment,
-        judgement,
-        joints_identified=run.found_in(joints),
-        joint_count=len(joints),
-        headline=None,
-    )

@@ -36,9 +36,9 @@ def is_first():
     return True
 
 if {word!r} in sys.orig_argv:
-    from jointstiff.service.kinds.identification import ByJoints
+    from jointstiff.service.kinds.identification import RunWork
     from jointstiff.service.store import jobs
-    before, compute = jobs.inserting, ByJoints.compute
+    before, compute = jobs.inserting, RunWork.compute
 """
 STOPPED_INSIDE_A_TRANSACTION = """
     def inserting(connection, table):
@@ -52,12 +52,12 @@ HANGS = """
         if is_first():
             threading.Event().wait()
         return compute(work, span)
-    ByJoints.compute = hang
+    RunWork.compute = hang
 """
 DIES = """
     def die(work, span):
         os.kill(os.getpid(), signal.SIGKILL)
-    ByJoints.compute = die
+    RunWork.compute = die
 """
 
 

@@ -13,7 +13,6 @@ from jointstiff.schemas.robot import DhModel
 from jointstiff.schemas.run import Campaign
 from jointstiff.service.conversion.readings import ReadingArrays, to_measurements
 from jointstiff.service.conversion.robots import dh_kinematics, robot_of_chain
-from jointstiff.service.kinds.identification import to_settings
 from jointstiff.simulator import TARGETS, SpringArm, default_arm, simulate_campaign
 from jointstiff.simulator.equilibrium import deflections, linear_deflections
 from jointstiff.solver.arrays import BoolArray, FloatArray
@@ -65,7 +64,7 @@ def estimate(robot: Robot, measurements: Measurements, **options: Any) -> Estima
 
 def settings_of(robot: Robot, **options: Any) -> Settings:
     """Settings by the options of a run, K_c neglected as in the paper unless they say otherwise."""
-    return to_settings(RunOptions(**{"complementary_stiffness": "neglected"} | options), robot)
+    return Settings.of(RunOptions(**{"complementary_stiffness": "neglected"} | options), robot)
 
 
 def only_deflections(measurements: Measurements) -> Measurements:

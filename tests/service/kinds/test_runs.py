@@ -19,10 +19,9 @@ from jointstiff.schemas.options import RunOptions
 from jointstiff.schemas.run import Run, RunRequest
 from jointstiff.service import jobs as module
 from jointstiff.service.jobs import Parts
-from jointstiff.service.kinds import identification, program_path
+from jointstiff.service.kinds import program_path
 from jointstiff.service.kinds import run as run_module
 from jointstiff.service.kinds.deflection import predict_by_run
-from jointstiff.service.kinds.identification import ByLinks, to_choice_by_comparison
 from jointstiff.service.kinds.program_work import ProgramWork
 from jointstiff.service.kinds.run import RUN
 from jointstiff.service.kinds.work import carry_out, new_job, pack
@@ -40,10 +39,13 @@ from jointstiff.simulator.programs import program_text
 from jointstiff.solver.errors import RequestError, UnsupportedMethodError
 from jointstiff.solver.estimation.assessment import _links
 from jointstiff.solver.estimation.estimate import Prediction
+from jointstiff.solver.links import competition
 from jointstiff.solver.links.choice import LIMITS, WEIGHTS, HeldOut, Selection
+from jointstiff.solver.links.competition import Competition, Winner
 from jointstiff.solver.links.fit import EffectiveCompliances
 from jointstiff.solver.links.model import LINKS_ALONE
 from jointstiff.solver.predict.answers import forward_model
+from jointstiff.solver.result import choice_by_comparison
 
 VIEW = View(True, UNITS["MNm/rad"])
 OPTIONS = {"elasticity": "joints_and_links", "link_penalty": 1e-3, "cross_validation": {"folds": 3}}
@@ -346,38 +348,33 @@ def test_a_tied_model_without_a_certified_optimum_fails_no_run(monkeypatch, docu
         "joints_and_links": [[2.0, 6.0]],
     }
 
-    class Tied(ByLinks):
-        _options = RunOptions()
+    none = Prediction(np.zeros((1, 1, 3)), np.zeros((1, 1, 3)), None, 0.0, bending="base")
+    base = replace_in(SimpleNamespace(model=SimpleNamespace(name="joints_and_base")), prediction=none)
+
+    class Tied(Competition):
+        _asked = None
 
         def _fit(self, chosen, _):
             if chosen.model in uncertified:
                 raise UnsupportedMethodError("no certified optimum", where="link_penalty", remedy="")
-            return chosen.model
+            return base if chosen.model == "joints_and_base" else chosen.model
 
         def _effective(self, _, widest):
             name = widest if isinstance(widest, str) else "joints_and_base"
             return EffectiveCompliances(np.array([2.0]), np.array(places[name]), 2.0)
 
-    none = Prediction(np.zeros((1, 1, 3)), np.zeros((1, 1, 3)), None, 0.0, bending="base")
-    base = replace_in(SimpleNamespace(model=SimpleNamespace(name="joints_and_base")), prediction=none)
-    monkeypatch.setattr(identification, "replace", replace_in)
-    elastic, found, of_model = object.__new__(Tied)._ranges(base, TIE, {})
+    monkeypatch.setattr(competition, "replace", replace_in)
+    elastic = object.__new__(Tied)._whole_set(TIE.models[1], TIE, {})
     high = 3.0 if intervals is None else places[intervals][0][1]
-    assert (found.ends.tolist(), of_model) == ([[1.0, high]], "joints_and_base")
-    assert (elastic.prediction.bending, elastic.prediction.joined) == ("links_or_base", intervals is not None)
-    (finding,) = _links(elastic.prediction, None)
+    assert (elastic.effective.ends.tolist(), elastic.intervals) == ([[1.0, high]], "joints_and_base")
+    prediction = elastic.estimate.prediction
+    assert (prediction.bending, prediction.joined) == ("links_or_base", intervals is not None)
+    (finding,) = _links(prediction, None)
     assert finding.code == "links_or_base"
     assert finding.weight == "use_with_care"
     assert ("contain the values of both" in finding.message) == (intervals is not None)
     screening = SimpleNamespace(links_p_value=1e-9)
-    choice = to_choice_by_comparison(
-        TIE,
-        TIE.models[1],
-        screening,
-        given=False,
-        intervals=of_model,
-        joined=elastic.prediction.joined,
-    )
+    choice = choice_by_comparison(Winner(TIE, TIE.models[1], elastic, given=False), screening)
     assert ("contain both models' values" in choice.message) == (intervals is not None)
     assert ("are of joints and base alone" in choice.message) == (intervals is None)
 
@@ -395,7 +392,7 @@ def test_a_base_or_links_that_predict_alike_are_a_tie(monkeypatch, certified):
     """Intervals contain the values of both, if a model with links alone has a certified optimum."""
     pedestal = pedestal_campaign(default_arm(), 2e7, configurations=12, sigma=6e-5, seed=2)
     options = {"loss": "squared", "cross_validation": {"folds": 3, "draws": 1}}
-    fit = identification.first_certified
+    fit = competition.first_certified
 
     def only_of_a_base(folds, model, weights):
         if model.name in LINKS_ALONE:
@@ -407,7 +404,7 @@ def test_a_base_or_links_that_predict_alike_are_a_tie(monkeypatch, certified):
         for name in ("joints_and_base", "diagonal_links")
     }
     if not certified:
-        monkeypatch.setattr(identification, "first_certified", only_of_a_base)
+        monkeypatch.setattr(competition, "first_certified", only_of_a_base)
     result = jointstiff.identify(pedestal, **options).result
     assert (result.choice.elasticity, result.assessment.verdict) == ("joints_and_base", "use_with_care")
     (reason,) = (each for each in result.assessment.reasons if each.code == "links_or_base")

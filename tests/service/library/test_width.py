@@ -17,7 +17,7 @@ import jointstiff as js
 from jointstiff.schemas.run import RunRequest
 from jointstiff.service.jobs import Parts
 from jointstiff.service.kinds import width
-from jointstiff.service.kinds.identification import ByJoints
+from jointstiff.service.kinds.identification import RunWork
 from jointstiff.service.kinds.width import CancelledWorkError, in_order
 from jointstiff.service.library.client import Client
 from jointstiff.service.problems import ExecutorError, FilesError
@@ -131,7 +131,7 @@ def test_a_failing_step_is_the_failed_run_that_it_is_here(pool, monkeypatch):
     def fail(_work, _span):
         raise SolverError("no optimum")
 
-    monkeypatch.setattr(ByJoints, "compute", fail)
+    monkeypatch.setattr(RunWork, "compute", fail)
     errors = [js.identify(DOCUMENT, **RESAMPLED, executor=each).error for each in (None, pool)]
     assert errors[0] == errors[1]
     assert "no optimum" in errors[0].detail

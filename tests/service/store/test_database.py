@@ -26,7 +26,7 @@ from support.jobs import run_request, runs_of, stored_set
 
 from jointstiff.schemas.measurement import StoredMeasurementSet
 from jointstiff.schemas.robot import LastCampaign, Robot
-from jointstiff.service.kinds.identification import ByJoints
+from jointstiff.service.kinds.identification import RunWork
 from jointstiff.service.kinds.registry import KINDS
 from jointstiff.service.kinds.trend import ReadRun
 from jointstiff.service.kinds.work import pack
@@ -356,7 +356,7 @@ def test_an_unfinished_run_of_a_saved_file_goes_on_where_it_stood(tmp_path, monk
     """With what a worker had begun, which is not there any more: its numbers are those of one go."""
     source, saved = tmp_path / "source.db", tmp_path / "saved.db"
     spans = [(0, 100), (100, 200), (200, 300)]
-    monkeypatch.setattr(ByJoints, "steps", lambda _work: spans)
+    monkeypatch.setattr(RunWork, "steps", lambda _work: spans)
     with Store.open(f"sqlite:///{source}") as store, closing(Claims(store, f"sqlite:///{source}")) as claims:
         runs = runs_of(store, claims.enqueue)
         run = runs.create(run_request(stored_set(store)), None)

@@ -18,7 +18,7 @@ from support.claims import Claims
 from support.jobs import RESOURCES, RUN, TIME, job_record, keeper, run_request, runs_of, stored_set
 
 from jointstiff.service.jobs import Part
-from jointstiff.service.kinds.identification import ByJoints
+from jointstiff.service.kinds.identification import RunWork
 from jointstiff.service.kinds.registry import KINDS
 from jointstiff.service.problems import (
     CursorError,
@@ -319,7 +319,7 @@ def three_parts(monkeypatch):
     """Let runs have three parts of a step of 100 draws each."""
     spans = [(0, 100), (100, 200), (200, 300)]
     monkeypatch.setattr("jointstiff.service.jobs.STEPS_OF_A_PART", 1)
-    monkeypatch.setattr(ByJoints, "steps", lambda _work: spans)
+    monkeypatch.setattr(RunWork, "steps", lambda _work: spans)
 
 
 def results_left(store):
@@ -428,7 +428,7 @@ def test_a_run_ends_once_when_workers_end_its_last_parts_at_the_same_time(store,
     run, gate, compute = (
         runs.create(run_request(stored_set(store)), None),
         threading.Barrier(2),
-        ByJoints.compute,
+        RunWork.compute,
     )
     claims.work(lambda _: runs)
 
@@ -436,7 +436,7 @@ def test_a_run_ends_once_when_workers_end_its_last_parts_at_the_same_time(store,
         gate.wait(20)
         return compute(work, span)
 
-    monkeypatch.setattr(ByJoints, "compute", compute_together)
+    monkeypatch.setattr(RunWork, "compute", compute_together)
     parts = [claims.claim(name) for name in "ab"]
     with ThreadPoolExecutor(2) as pool:
         list(pool.map(lambda part: runs.carry_out(part, claims.leave), parts))

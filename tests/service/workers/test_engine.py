@@ -11,7 +11,7 @@ from support.jobs import run_request, runs_of, stored_set
 from support.processes import until
 
 from jointstiff.service.jobs import Part
-from jointstiff.service.kinds.identification import ByJoints
+from jointstiff.service.kinds.identification import RunWork
 from jointstiff.service.store.store import Store
 from jointstiff.service.workers import engine as module
 from jointstiff.service.workers.engine import ATTEMPTS, Engine, Queue, UnknownKindError
@@ -58,7 +58,7 @@ def rows(queue):
 
 
 def test_a_run_is_carried_out_and_ends_with_the_numbers_of_one_process(store, queue, working, monkeypatch):
-    monkeypatch.setattr(ByJoints, "steps", lambda _work: [(i, i + 20) for i in range(0, 300, 20)])
+    monkeypatch.setattr(RunWork, "steps", lambda _work: [(i, i + 20) for i in range(0, 300, 20)])
     runs = runs_of(store, queue.enqueue)
     run = runs.create(run_request(stored_set(store)), None)
     leave = []

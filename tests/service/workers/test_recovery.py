@@ -22,7 +22,7 @@ from support.jobs import run_request, runs_of, stored_set
 from support.processes import Service, ready, until, workers_of, working
 
 from jointstiff.service.jobs import PARTS_AT_ONCE, STEPS_OF_A_PART, Part, Parts
-from jointstiff.service.kinds.identification import ByJoints
+from jointstiff.service.kinds.identification import RunWork
 from jointstiff.service.library.client import Client
 from jointstiff.service.problems import StoreUnavailableError
 from jointstiff.service.store.database import Database
@@ -62,7 +62,7 @@ def runs(store, claims):
 def spans(monkeypatch):
     """Steps of one draw; a test may change their number."""
     spans = [(i, i + 1) for i in range(3 * STEPS_OF_A_PART)]
-    monkeypatch.setattr(ByJoints, "steps", lambda _work: spans)
+    monkeypatch.setattr(RunWork, "steps", lambda _work: spans)
     return spans
 
 
@@ -190,8 +190,8 @@ def test_the_results_of_ended_runs_are_removed_and_those_of_others_stay(store, r
 def test_a_cancelled_run_is_not_put_together(store, runs, claims, post, monkeypatch, moment):
     """Its results are gone: of some kinds the end would compute them all again."""
     concluded = []
-    monkeypatch.setattr(ByJoints, "conclude", lambda _work, parts: concluded.append(parts))
-    run, compute = post(), ByJoints.compute
+    monkeypatch.setattr(RunWork, "conclude", lambda _work, parts: concluded.append(parts))
+    run, compute = post(), RunWork.compute
 
     def cancel_first(work, span):
         runs.cancel(run.id)
@@ -200,7 +200,7 @@ def test_a_cancelled_run_is_not_put_together(store, runs, claims, post, monkeypa
     if moment == "before the part":
         runs.cancel(run.id)
     else:
-        monkeypatch.setattr(ByJoints, "compute", cancel_first)
+        monkeypatch.setattr(RunWork, "compute", cancel_first)
     claims.work_all(lambda _: runs)
     assert runs.current(run.id).state == "cancelled"
     assert concluded == []
@@ -394,7 +394,7 @@ def test_a_step_that_fails_ends_its_run_with_the_reason(runs, claims, post, monk
     def refuse(_self, _span):
         raise SolverError("no optimum", remedy="measure again")
 
-    monkeypatch.setattr(ByJoints, "compute", refuse)
+    monkeypatch.setattr(RunWork, "compute", refuse)
     claims.work_all(lambda _: runs)
     ended = runs.current(run.id)
     assert (ended.state, ended.error.detail, ended.error.remedy) == ("failed", "no optimum", "measure again")
@@ -487,7 +487,7 @@ def test_a_process_without_memory_ends_and_its_step_has_no_result(runs, claims, 
     def exhaust(_self, _span):
         raise MemoryError
 
-    monkeypatch.setattr(ByJoints, step, exhaust)
+    monkeypatch.setattr(RunWork, step, exhaust)
     with pytest.raises(SystemExit, match=f"^{os.getpid()} {signal.SIGKILL}$"):
         claims.work_all(lambda _: runs)
     assert runs.current(run.id).state == "running"

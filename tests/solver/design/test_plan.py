@@ -17,7 +17,6 @@ from support.springs import SpringCampaign, robot_of
 
 from jointstiff.schemas.options import RunOptions
 from jointstiff.schemas.plan import JointsGoal
-from jointstiff.service.kinds.identification import to_settings
 from jointstiff.simulator import LOAD_POINT, TARGETS, simulate_campaign
 from jointstiff.simulator.campaign import Experiment
 from jointstiff.simulator.equilibrium import deflections
@@ -43,6 +42,7 @@ from jointstiff.solver.design.optimum import (
 from jointstiff.solver.design.plan import Distinct, advise, exact_design, plan_campaign
 from jointstiff.solver.errors import SolverError
 from jointstiff.solver.estimation.identify import identify
+from jointstiff.solver.estimation.method import Settings
 from jointstiff.solver.mechanics.measurements import CommonUncertainty, Instrument
 from jointstiff.solver.mechanics.postures import Postures
 
@@ -84,7 +84,7 @@ class TestPromise:
         """The estimates scatter as promised, within the sampling error."""
         plan = plan_campaign(robot, request_of(equipment()))
         rng = np.random.default_rng(0)
-        settings = to_settings(RunOptions(positive=False, complementary_stiffness="included"), robot)
+        settings = Settings.of(RunOptions(positive=False, complementary_stiffness="included"), robot)
         readings = (read(plan, rng.standard_normal((2, 12, 3, 3))) for _ in range(draws))
         found = [identify(robot, each, settings) for each in readings]
         promised = plan.uncertainty * ARM.compliances

@@ -9,14 +9,14 @@ from support.shared_data import shared
 
 from jointstiff.schemas.finding import Finding
 from jointstiff.schemas.options import RunOptions
-from jointstiff.service.kinds.identification import to_settings
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.elastic_links import ElasticArm, beam_arm, elastic_campaign
 from jointstiff.simulator.equilibrium import equilibrium
 from jointstiff.solver.estimation.assessment import assess, implausible_joints
 from jointstiff.solver.estimation.causes import LINKS_LEVEL, MISTAKE_LEVEL, fit_causes, screen_estimate
 from jointstiff.solver.estimation.estimate import JointCompliance, predict
-from jointstiff.solver.estimation.identify import identify
+from jointstiff.solver.estimation.joints import JointsAlone
+from jointstiff.solver.estimation.method import Settings
 from jointstiff.solver.integrity import inspect
 from jointstiff.solver.mechanics.measurements import (
     CommonUncertainty,
@@ -58,12 +58,13 @@ def exchanged(measurements, columns):
 def assessed(robot, measurements, *, findings=None, prior=None, **options):
     """Inspect, identify, and assess with the options of a run; K_c included if nothing is said."""
     options = {"complementary_stiffness": "included"} | options
-    settings = replace(to_settings(RunOptions(**options), robot), prior=prior)
+    settings = replace(Settings.of(RunOptions(**options), robot), prior=prior)
     if findings is None:
         findings = tuple(inspect(robot, measurements, degrees=False))
-    found = identify(robot, measurements, settings)
+    joints = JointsAlone(robot, measurements, settings, findings)
+    found = joints.estimate
     prediction = predict(robot, measurements, found.compliance, balanced=found.balanced)
-    return assess(robot, measurements, settings, found, prediction, findings), found
+    return assess(joints, found, prediction, joints.screening), found
 
 
 def reason_of(assessment, code):

@@ -50,6 +50,7 @@ from jointstiff.solver.estimation.conic import (
     to_vector,
     weighed_ends,
 )
+from jointstiff.solver.estimation.method import DEFAULT_THRESHOLD
 from jointstiff.solver.mechanics.chain import ChainJoint, KinematicChain
 from jointstiff.solver.mechanics.measurements import EncoderReadings
 from jointstiff.solver.mechanics.robot import JointMap, Robot
@@ -534,7 +535,7 @@ class TestGrossErrors:
 
     def test_constants_are_quantiles_of_the_norm_of_a_good_residual(self):
         norm = stats.chi(3)
-        assert norm.cdf(robust.DEFAULT_THRESHOLD) == pytest.approx(0.95, abs=1e-3)
+        assert norm.cdf(DEFAULT_THRESHOLD) == pytest.approx(0.95, abs=1e-3)
         assert norm.cdf(robust.SUSPICIOUS_NORM) == pytest.approx(0.999)
 
 

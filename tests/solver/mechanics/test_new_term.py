@@ -15,7 +15,7 @@ from jointstiff.solver.mechanics.block import Term, by_torque
 from jointstiff.solver.mechanics.measurements import CommonUncertainty
 from jointstiff.solver.mechanics.postures import Postures
 from jointstiff.solver.mechanics.terms import TERMS
-from jointstiff.solver.predict.answers import to_budget
+from jointstiff.solver.result import stated_budget
 
 ARM, ZERO, UNCERTAINTY = default_arm(), np.array([150.0, -100.0, 80.0]), 20.0
 
@@ -81,7 +81,7 @@ def test_it_has_a_line_in_the_budget_and_a_name_in_the_api(campaign, cell_zero_t
     robot, measurements = campaign
     stated = replace(measurements, common_uncertainty=CommonUncertainty())
     budget = UncertaintyBudget.of(estimate(robot, stated), 0.95)
-    message = to_budget(budget, robot.joint_names, ())
+    message = stated_budget(budget, robot.joint_names, ())
     (part,) = (part for part in message.components if part.source == "cell_zero")
     assert all(0.0 < u < 0.1 / k for u, k in zip(part.contributions, ARM.stiffnesses, strict=True))
     # Neglecting K_c is a part of the whole budget alone.

@@ -1,33 +1,29 @@
-"""The work of a run by the robot's own weight: positions without load, and masses within bounds."""
+"""A run by the robot's own weight: positions without load, and masses within bounds (method.md §10)."""
 
 from __future__ import annotations
 
+import json
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, TypeVar
 
 import numpy as np
 
 from jointstiff.schemas import run as runs
+from jointstiff.schemas.finding import Finding
 from jointstiff.schemas.options import OwnWeight, RunOptions
-from jointstiff.schemas.run import (
-    Identifiability,
-    WeightResult,
-    WeightShare,
-)
-from jointstiff.service.conversion.prepared import PreparedSet
-from jointstiff.service.conversion.robots import joint_index
+from jointstiff.schemas.run import Identifiability, RunResult, WeightResult, WeightShare
 from jointstiff.solver.arrays import IndexArray
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.estimation.assessment import assessed, implausible_joints, refuted_noise
 from jointstiff.solver.estimation.fit import Likelihood, sigma_test
 from jointstiff.solver.estimation.solution import Bounds, Constraints, greatest_violations
+from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.robot import Robot
-from jointstiff.solver.messages import message, messages_of, rows
-from jointstiff.solver.predict.answers import (
-    stored_model,
-    to_assessment,
-)
+from jointstiff.solver.messages import point, rows
+from jointstiff.solver.predict.answers import stored_model
 from jointstiff.solver.predict.models import JointModel
+from jointstiff.solver.result import joint_results, stated_assessment
 
 if TYPE_CHECKING:
     from jointstiff.solver.weight.identification import WeightEstimate, WeightReadings
@@ -36,9 +32,30 @@ _NO_MODEL_ERROR: Final = RequestError(
     "stiffnesses are from the robot's own weight: no posture under load was left out", remedy="measure a load"
 )
 
+AnyOptions = TypeVar("AnyOptions", bound=RunOptions)
 
-def identified_by_weight(prepared: PreparedSet, options: RunOptions, weight: OwnWeight) -> runs.RunResult:
+
+def with_only_load(robot: Robot, measurements: Measurements, options: AnyOptions) -> AnyOptions:
+    """Return options by own weight where that is the only load; as they are, where they forbid that."""
+    if not (measurements.is_unloaded and robot.bodies):
+        return options
+    stated = options.model_dump(mode="json", exclude_unset=True)
+    try:
+        return type(options).model_validate_json(json.dumps({"weight": {}} | stated))
+    except ValueError:
+        return options
+
+
+def run_by_weight(
+    robot: Robot, m: Measurements, options: RunOptions, noticed: Sequence[Finding] = ()
+) -> RunResult:
     """Identify from positions and masses.
+
+    Args:
+        robot: n joints, with bodies.
+        m: N observations.
+        options: of the run; its weight, as by default where none is stated.
+        noticed: findings of the integrity checks of these measurements.
 
     Raises:
         RequestError: the robot has no bodies, or the set no positions.
@@ -46,12 +63,12 @@ def identified_by_weight(prepared: PreparedSet, options: RunOptions, weight: Own
     """
     from jointstiff.solver.weight.identification import identify_weight
 
-    readings, observation = _readings(prepared, weight)
-    m = prepared.measurements
+    weight = options.weight or OwnWeight()
+    readings, observation = _readings(robot, m, weight)
     by_loads = m.present & m.in_flange
     loaded = replace(m, present=by_loads, deflection=np.where(by_loads[..., None], m.deflection, 0.0))
     estimate = identify_weight(
-        prepared.robot,
+        robot,
         readings,
         confidence=options.confidence,
         free_gravity=weight.estimate_gravity,
@@ -68,11 +85,11 @@ def identified_by_weight(prepared: PreparedSet, options: RunOptions, weight: Own
     given = readings.poses.sigma is not None
     model = None
     if any(joint.compliance is not None for joint in joints):
-        model = stored_model(_model(prepared.robot, estimate), _NO_MODEL_ERROR)
+        model = stored_model(_model(robot, estimate), _NO_MODEL_ERROR)
     test = sigma_test(estimate.chi_square, estimate.degrees_of_freedom) if given else None
-    return runs.RunResult(
-        assessment=to_assessment(assessment, joints),
-        joints=messages_of(runs.JointResult, joints, verdict=assessment.joints),
+    return RunResult(
+        assessment=stated_assessment(assessment, joints),
+        joints=list(joint_results(assessment, joints)),
         compensation=float(1.0 - left.mean() / moved.mean()),
         rms_residual=float(np.sqrt(np.square(left).mean())),
         sigma=estimate.sigma,
@@ -108,16 +125,15 @@ def identified_by_weight(prepared: PreparedSet, options: RunOptions, weight: Own
         ),
         model=model,
         weight=_numbers(estimate),
-        warnings=[*prepared.warnings, *assessment.remarks],
+        warnings=[*noticed, *assessment.remarks],
     )
 
 
-def _readings(prepared: PreparedSet, weight: OwnWeight) -> tuple[WeightReadings, IndexArray]:
+def _readings(robot: Robot, m: Measurements, weight: OwnWeight) -> tuple[WeightReadings, IndexArray]:
     """Return all positions, those without a load first, and the observation (rows,) of each row."""
     from jointstiff.solver.geometry.poses import Poses
     from jointstiff.solver.weight.identification import Balancer, Burden, WeightReadings
 
-    m, robot = prepared.measurements, prepared.robot
     if not robot.bodies:
         raise RequestError(
             "the robot has no masses, so its own weight is unknown",
@@ -147,7 +163,7 @@ def _readings(prepared: PreparedSet, weight: OwnWeight) -> tuple[WeightReadings,
     )
     balancers = [
         Balancer(
-            joint_index(robot, balancer.joint, f"weight.balancers[{number}].joint"),
+            robot.joint_index(balancer.joint, f"weight.balancers[{number}].joint"),
             balancer.on_base,
             balancer.on_link,
             balancer.rate,
@@ -200,6 +216,10 @@ def _numbers(estimate: WeightEstimate) -> WeightResult:
         readings=estimate.shares,
         masses=1.0 - estimate.shares,
     )
-    return message(
-        WeightResult, estimate, joints=shares, gravity=estimate.fit.gravity, steps=estimate.fit.steps
+    return WeightResult(
+        joints=shares,
+        gravity=point(estimate.fit.gravity),
+        rms_without_sag=estimate.rms_without_sag,
+        rms_residual=estimate.rms_residual,
+        steps=estimate.fit.steps,
     )

@@ -1,0 +1,435 @@
+"""Results that people read of a run: filled field by field from estimate, prediction and assessment."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from jointstiff.schemas import run as runs
+from jointstiff.schemas.finding import Assessment as StatedAssessment
+from jointstiff.schemas.finding import Finding
+from jointstiff.schemas.model import IdentifiedModel, LinksResult, ScoredModel
+from jointstiff.schemas.options import Loss, RunOptions
+from jointstiff.schemas.run import ModelChoice, RunResult
+from jointstiff.solver.errors import JointstiffError
+from jointstiff.solver.estimation.assessment import Assessment, assess
+from jointstiff.solver.estimation.causes import LINKS_LEVEL, Screening
+from jointstiff.solver.estimation.estimate import (
+    ComplementaryStiffness,
+    Estimate,
+    JointCompliance,
+    Prediction,
+    UncertaintyBudget,
+    predict,
+)
+from jointstiff.solver.estimation.joints import JointsAlone
+from jointstiff.solver.links.choice import judge_losses, judge_penalty
+from jointstiff.solver.links.competition import Competition, Elastic, Winner
+from jointstiff.solver.links.fit import with_links
+from jointstiff.solver.mechanics.measurements import Measurements
+from jointstiff.solver.messages import finite, rows, stated_kinds
+from jointstiff.solver.predict.answers import stored_model
+from jointstiff.solver.predict.models import (
+    ElasticPredictor,
+    JointModel,
+    ModelError,
+    leave_folds_out,
+    leave_postures_out,
+)
+from jointstiff.solver.text import length_text
+
+MAX_SUSPICIOUS: Final = 100
+"""Readings that are listed; all are counted."""
+_OUTLYING: Final = frozenset({"residual_outlier", "deflection_unexplained"})
+"""Reasons that remain where links do not explain what joints alone did not."""
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """What bends, by one model: compliances with their intervals, and the evidence."""
+
+    estimate: Estimate  #: of the joints, or effective where links bend
+    prediction: Prediction  #: of the same readings, as the evidence supports it
+    assessment: Assessment
+    warnings: tuple[Finding, ...]  #: of the set, then of the fit
+    model: IdentifiedModel
+    choice: ModelChoice
+    screening: Screening
+    budget: UncertaintyBudget | None = None  #: None with links, or where sigma is unknown
+    links: LinksResult | None = None  #: None of joints alone
+
+
+def joints_alone(joints: JointsAlone, screening: Screening, choice: ModelChoice) -> Found:
+    """Report joints alone: where they do not fit, postures left out widen the intervals.
+
+    Args:
+        joints: identified alone.
+        screening: of what they leave unexplained, with the gain of held-out postures if models were compared.
+        choice: why nothing else bends.
+
+    Raises:
+        JointstiffError: as `JointsAlone.estimate` does.
+    """
+    robot, measurements, settings, estimate = (
+        joints.robot,
+        joints.measurements,
+        joints.settings,
+        joints.estimate,
+    )
+    model, left_out = JointModel.of(robot, estimate, settings.constraints), None
+    error: ModelError | JointstiffError
+    try:
+        error = leave_postures_out(robot, measurements, settings, estimate, model)
+        left_out = error.left_out
+    except JointstiffError as none:  # the run stands without it, and predictions say why
+        error = none
+    lacks = screening.lack_of_fit and joints.are_sound
+    budget = UncertaintyBudget.of(estimate, settings.confidence, left_out, lack_of_fit=lacks)
+    if budget is not None and lacks:
+        estimate = budget.widened(estimate, settings.bounds)
+    prediction = predict(
+        robot, measurements, estimate.compliance, balanced=estimate.balanced, estimated=estimate.estimated
+    )
+    assessment = assess(joints, estimate, prediction, screening)
+    return Found(
+        estimate,
+        assessment.supported(prediction),
+        assessment,
+        (*joints.noticed, *assessment.remarks),
+        stored_model(model, error),
+        choice,
+        screening,
+        budget,
+    )
+
+
+def beyond_joints(
+    joints: JointsAlone, competition: Competition, winner: Winner, elastic: Elastic, screening: Screening
+) -> Found:
+    """Report a model with more than joints, the winner of a competition, fitted to the whole set."""
+    robot, measurements, fitted = joints.robot, joints.measurements, elastic.estimate
+    estimate = with_links(joints.estimate, fitted, elastic.effective)
+    assessment = assess(joints, estimate, fitted.prediction, screening)
+    outlying = any(reason.code in _OUTLYING for reason in assessment.reasons)
+    warnings = [each for each in joints.noticed if outlying or each.code != "residual_outlier"]
+    warnings += assessment.remarks
+    if not competition.penalty_is_given:
+        warnings += judge_penalty(winner.held_out.penalty or fitted.penalty, fitted.penalty)
+        if competition.loss_is_automatic:
+            warnings += judge_losses(int(measurements.present.sum()))
+    error: ModelError | JointstiffError
+    try:
+        error = leave_folds_out(robot, measurements, fitted)
+    except JointstiffError as none:  # the run stands without it, and predictions say why
+        error = none
+    return Found(
+        estimate,
+        fitted.prediction,
+        assessment,
+        tuple(warnings),
+        stored_model(ElasticPredictor.of(robot, fitted), error),
+        choice_by_comparison(winner, screening),
+        screening,
+        links=LinksResult(
+            loss_source="cross_validation" if competition.loss_is_compared else "given",
+            penalty=fitted.penalty,
+            penalty_source="given" if competition.penalty_is_given else "cross_validation",
+            coupled_joints=None if fitted.coupled_joints is None else fitted.coupled_joints.tolist(),
+            links=list(fitted.links),
+            base=fitted.base,
+            elements=list(fitted.elements),
+            unexplained=fitted.unexplained,
+            effective_freedom=fitted.effective_freedom,
+            parameters=fitted.parameters,
+            certificate=fitted.certificate,
+        ),
+    )
+
+
+def choice_of_joints(options: RunOptions, screening: Screening, excluded: str | None) -> ModelChoice:
+    """Return the choice of joints alone without a comparison, with its reason.
+
+    Args:
+        options: of the run.
+        screening: of what joints alone leave unexplained.
+        excluded: option that keeps an automatic choice to joints alone; None where none does.
+    """
+    loss: Loss = "huber" if options.loss == "huber" else "squared"
+    p = f"F test of links beside joints: p = {screening.links_p_value:.1g}"
+    if options.elasticity != "automatic":
+        source, text = "given", f"Joints alone, as requested ({p})."
+    elif excluded is not None:
+        source, text = "options", f"Joints alone: elastic links exclude {excluded.replace('_', ' ')} ({p})."
+    elif screening.links_p_value < LINKS_LEVEL:
+        source, text = "screening", f"Joints alone: correct the mistake named in the reasons first ({p})."
+    else:
+        source, text = "screening", f"Joints alone: no sign that anything else bends ({p})."
+    return ModelChoice(
+        elasticity="joints",
+        loss=loss,
+        source=source,
+        links_p_value=screening.links_p_value,
+        message=text,
+    )
+
+
+def choice_by_comparison(winner: Winner, screening: Screening) -> ModelChoice:
+    """Return the choice among models that were compared on held-out postures."""
+    selection, chosen, elastic = winner.selection, winner.held_out, winner.elastic
+    intervals = None if elastic is None else elastic.intervals
+    name, gain = chosen.model.replace("_", " ").capitalize(), selection.gain
+    evidence = f"F test of links beside joints: p = {screening.links_p_value:.1g}"
+    if gain is not None:
+        evidence += (
+            f"; held-out postures are predicted to {length_text(chosen.mean_residual)}, by joints "
+            f"alone to {length_text(gain.error_of_joints)}"
+        )
+    remarks = "" if chosen.model == "joints" else " K_c is neglected."
+    tied = selection.tied is not None and not winner.given
+    if intervals == chosen.model and not tied:
+        remarks += " Intervals of stiffness are of this model."
+    elif tied:
+        remarks += " Held-out postures do not distinguish links from base: intervals "
+        remarks += (
+            "contain both models' values."
+            if elastic is None or elastic.estimate.prediction.joined or intervals is None
+            else f"are of {intervals.replace('_', ' ')} alone, as no optimum of links alone was certified."
+        )
+    elif intervals is not None:
+        richer = intervals.replace("_", " ")
+        remarks += f" Intervals of stiffness are of {richer}, the richest model compared."
+    return ModelChoice(
+        elasticity=chosen.model,
+        loss=chosen.loss,
+        source="given" if winner.given else "cross_validation",
+        links_p_value=screening.links_p_value,
+        message=f"{name}, loss {chosen.loss} ({evidence}).{remarks}",
+        models=[
+            ScoredModel(
+                model=each.model,
+                loss=each.loss,
+                penalty=each.penalty,
+                compensation=each.compensation,
+                standard_error=each.standard_error,
+                by_fold=each.by_fold.tolist(),
+                mean_residual=finite(each.mean_residual),
+            )
+            for each in selection.models
+        ],
+        losses={scored.model: selection.of(scored.model).loss for scored in selection.models},
+        best=selection.best,
+        simplest=selection.simplest,
+    )
+
+
+def run_result(
+    found: Found,
+    measurements: Measurements,
+    advice: Sequence[runs.Advice] = (),
+    resampling: runs.ResamplingResult | None = None,
+) -> RunResult:
+    """Return the numbers of a run, with residuals by observation and target, and advice."""
+    estimate, prediction, assessment = found.estimate, found.prediction, found.assessment
+    names, kinds = [joint.name for joint in estimate.joints], [joint.kind for joint in estimate.joints]
+    contributions: list[runs.Contribution] = []
+    if prediction.contributions is not None:
+        contributions = rows(runs.Contribution, joint=names, **vars(prediction.contributions))
+    robust = estimate.robust
+    return RunResult(
+        assessment=stated_assessment(assessment, estimate.joints),
+        joint_kinds=stated_kinds(names, kinds),
+        joints=list(joint_results(assessment, estimate.joints)),
+        compensation=prediction.compensation,
+        rms_residual=prediction.rms_residual,
+        sigma=estimate.sigma,
+        goodness=_goodness(estimate),
+        identifiability=_identifiability(estimate, advice),
+        certificate=estimate.certificate,
+        characteristic_length=estimate.characteristic_length,
+        complementary_stiffness=_complementary_stiffness(estimate.complementary_stiffness),
+        huber_threshold=None if robust is None else robust.threshold,
+        suspicious=suspicious_readings(estimate, measurements),
+        suspicious_count=0 if robust is None else len(robust.suspicious),
+        resampling=resampling,
+        links=found.links,
+        choice=found.choice,
+        causes=list(found.screening.tests),
+        residuals=_residuals(prediction, measurements),
+        contributions=contributions,
+        encoder_residuals=_encoder_residuals(prediction, measurements, names),
+        model=found.model,
+        budget=stated_budget(found.budget, names, assessment.reasons),
+        warnings=list(found.warnings),
+    )
+
+
+def joint_results(assessment: Assessment, joints: Sequence[JointCompliance]) -> Iterator[runs.JointResult]:
+    """Yield the result of each joint, without the lower limit that a model that is refuted does not give."""
+    for joint, verdict in zip(joints, assessment.joints, strict=True):
+        reason = joint.reason
+        if reason is not None and assessment.verdict == "do_not_use":
+            reason = reason.removeprefix(joint.limit)
+        yield runs.JointResult(
+            name=joint.name,
+            kind=joint.kind,
+            status=joint.status,
+            verdict=verdict,
+            compliance=joint.compliance,
+            stiffness=joint.stiffness,
+            standard_uncertainty=joint.standard_uncertainty,
+            compliance_interval=joint.compliance_interval,
+            stiffness_interval=joint.stiffness_interval,
+            stiffness_at_least=joint.stiffness_at_least,
+            prior_to_data=finite(joint.prior_to_data),
+            reason=reason,
+        )
+
+
+def stated_assessment(judgement: Assessment, joints: Sequence[JointCompliance]) -> StatedAssessment:
+    """Return verdict and reasons of an identification, and how many of its joints have a number."""
+    return StatedAssessment(
+        verdict=judgement.verdict,
+        reasons=list(judgement.reasons),
+        joints_identified=runs.found_in(joints),
+        joint_count=len(joints),
+        notes=list(judgement.notes),
+    )
+
+
+def _goodness(estimate: Estimate) -> runs.Goodness:
+    test = estimate.sigma_test
+    return runs.Goodness(
+        chi_square=estimate.chi_square,
+        degrees_of_freedom=estimate.degrees_of_freedom,
+        sigma_source=estimate.sigma_source,
+        p_value=None if test is None else test.p_value,
+        test=None if test is None else test.result,
+    )
+
+
+def _identifiability(estimate: Estimate, advice: Sequence[runs.Advice]) -> runs.Identifiability:
+    return runs.Identifiability(
+        parameters=estimate.parameters,
+        rank=estimate.rank,
+        condition_number=finite(estimate.condition_number),
+        combinations=estimate.combinations,
+        observability=estimate.observability_indices,
+        advice=list(advice),
+        weakest=estimate.weakest,
+        stages=[
+            runs.StageIdentifiability(
+                rank=stage.rank,
+                condition_number=finite(stage.condition_number),
+                singular_values=stage.singular_values.tolist(),
+            )
+            for stage in estimate.identifiability
+        ],
+    )
+
+
+def _complementary_stiffness(size: ComplementaryStiffness | None) -> runs.ComplementaryStiffness | None:
+    if size is None:
+        return None
+    return runs.ComplementaryStiffness(
+        included=size.included,
+        iterations=size.iterations,
+        largest_ratio=size.largest_ratio,
+        largest_shift=finite(size.largest_shift),
+    )
+
+
+def _residuals(prediction: Prediction, measurements: Measurements) -> list[runs.Residual]:
+    i, t = np.nonzero(measurements.present)
+    return rows(
+        runs.Residual,
+        observation=np.array(measurements.labels)[i],
+        target=np.array(measurements.targets)[t],
+        deflection=measurements.deflection[i, t],
+        predicted=prediction.predicted[i, t],
+        residual=prediction.residual[i, t],
+    )
+
+
+def _encoder_residuals(
+    prediction: Prediction, measurements: Measurements, names: Sequence[str]
+) -> list[runs.EncoderResidual]:
+    encoders = measurements.encoders
+    if encoders is None or prediction.encoders is None:
+        return []
+    k, j = np.nonzero(encoders.present)
+    read, predicted = encoders.deflection[k, j], prediction.encoders[k, j]
+    return rows(
+        runs.EncoderResidual,
+        observation=np.array(measurements.labels)[k],
+        joint=np.array(names)[j],
+        deflection=read,
+        predicted=predicted,
+        residual=read - predicted,
+    )
+
+
+def suspicious_readings(estimate: Estimate, measurements: Measurements) -> list[runs.SuspiciousReading]:
+    """Return the readings that the Huber loss suspects, worst first; none for the squared loss."""
+    robust = estimate.robust
+    if robust is None:
+        return []
+    i, t = robust.suspicious[:MAX_SUSPICIOUS].T
+    return rows(
+        runs.SuspiciousReading,
+        observation=np.array(measurements.labels)[i],
+        target=np.array(measurements.targets)[t],
+        weight=robust.weight[i, t],
+        residual_norm=robust.residual_norm[i, t],
+    )
+
+
+_LACK_OF_FIT: Final = {
+    "lack_of_fit",
+    "links_bend_with_joints",
+    "base_bends",
+    "links_or_base",
+    "residuals_exceed_sigma",
+    "deflection_unexplained",
+    "alternative_explains_better",
+}
+"""Reasons of an assessment for which the joints alone are not all that bends, or not as stated."""
+
+
+def stated_budget(
+    budget: UncertaintyBudget | None, names: Sequence[str], reasons: Iterable[Finding]
+) -> runs.Budget | None:
+    """Return the budget of the joints that have an estimate; None for none."""
+    if budget is None:
+        return None
+    shown, factor, spread = budget.joints, budget.coverage_factor, budget.spread
+    lacks = any(each.code in _LACK_OF_FIT or each.weight == "do_not_use" for each in reasons)
+    uncertainty, correlation = spread.uncertainty[:, shown], spread.correlation[:, shown][..., shown]
+    missing: list[runs.BudgetGap] = []
+    if all(part.source != "model_error" for part in budget.components):
+        missing.append("model_error")
+    if lacks:
+        missing.append("lack_of_fit")
+    return runs.Budget(
+        joints=[names[j] for j in shown],
+        components=[
+            runs.BudgetComponent(
+                source=part.source,
+                evaluation=part.evaluation,
+                included=part.included,
+                degrees_of_freedom=finite(part.degrees_of_freedom),
+                contributions=own.tolist(),
+                correlation=between.tolist(),
+            )
+            for part, own, between in zip(budget.components, uncertainty[:-2], correlation[:-2], strict=True)
+        ],
+        standard_uncertainty=uncertainty[-2].tolist(),
+        correlation=correlation[-2].tolist(),
+        probability=budget.probability,
+        coverage_factor=factor,
+        expanded_uncertainty=(factor * uncertainty[-2]).tolist(),
+        missing=missing,
+        expanded_with_model_error=(factor * uncertainty[-1]).tolist(),
+    )

@@ -1,0 +1,154 @@
+"""The story of a run: from readings and options to the result that people read.
+
+1. What is asked for is brought to the robot, or refused; causes that are named are fitted beside the joints.
+2. The joints are identified alone, once, and screened for what they leave unexplained.
+3. Models that the screening asks for compete with them on held-out postures.
+4. Postures that are left out show the model error, which widens intervals where joints alone do not fit.
+5. The model is assessed, and reported with what to do about it.
+
+A competition and draws of resampling take long: they are cut into steps.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from functools import cached_property
+from typing import Any, TypeAlias
+
+import numpy.typing as npt
+
+from jointstiff.schemas.finding import Finding
+from jointstiff.schemas.options import RunOptions
+from jointstiff.schemas.run import RunResult
+from jointstiff.solver.design.plan import advise
+from jointstiff.solver.errors import JointstiffError
+from jointstiff.solver.estimation.causes import fit_causes
+from jointstiff.solver.estimation.joints import JointsAlone
+from jointstiff.solver.estimation.method import Loss, Settings
+from jointstiff.solver.estimation.resampling import Draws
+from jointstiff.solver.links.competition import Competition, Winner, excluded_option
+from jointstiff.solver.mechanics.measurements import Measurements
+from jointstiff.solver.mechanics.robot import Robot
+from jointstiff.solver.result import (
+    Found,
+    beyond_joints,
+    choice_by_comparison,
+    choice_of_joints,
+    joints_alone,
+    run_result,
+)
+from jointstiff.solver.weight.run import run_by_weight
+
+Arrays: TypeAlias = Mapping[str, npt.NDArray[Any]]
+"""What a step computes, by name."""
+
+
+def run(
+    robot: Robot, measurements: Measurements, options: RunOptions, noticed: Sequence[Finding] = ()
+) -> RunResult:
+    """Identify the joint stiffnesses of a robot from a campaign, with intervals and a verdict.
+
+    Args:
+        robot: n joints.
+        measurements: N observations.
+        options: how to identify.
+        noticed: findings of the integrity checks of these measurements (`jointstiff.solver.integrity`).
+
+    Raises:
+        RequestError: the readings or the robot cannot support what is asked for.
+        JointstiffError: there is no result, and why.
+    """
+    work = Identification(robot, measurements, options, noticed)
+    long = work.long
+    return work.conclude([] if long is None else [long.compute(span) for span in long.steps()])
+
+
+class Identification:
+    """A run whose options go with its readings.
+
+    Attributes:
+        long: the part that takes long, whose steps any process may compute; None of a quick run.
+    """
+
+    def __init__(
+        self, robot: Robot, measurements: Measurements, options: RunOptions, noticed: Sequence[Finding] = ()
+    ) -> None:
+        """Check what is asked for; an automatic choice of models identifies the joints here.
+
+        Raises:
+            RequestError: as `run`.
+        """
+        self._robot, self._measurements, self._options = robot, measurements, options
+        self._noticed = tuple(noticed)
+        self.long: Draws | Competition | None = None
+        if options.weight is None:
+            causes = [cause.pair for cause in options.causes]
+            self._measurements = fit_causes(robot, measurements.with_loads(), causes)
+            self._settings = Settings.of(options, robot)
+            self.long = self._competition or self._draws
+
+    @cached_property
+    def _joints(self) -> JointsAlone:
+        return JointsAlone(self._robot, self._measurements, self._settings, self._noticed)
+
+    @property
+    def _draws(self) -> Draws | None:
+        return None if self._options.resampling is None else Draws(self._joints, self._options.resampling)
+
+    @cached_property
+    def _excluded(self) -> str | None:
+        """The option that keeps an automatic choice to joints alone, if one does."""
+        if self._options.elasticity != "automatic":
+            return None
+        return excluded_option(self._options, self._settings, self._robot, self._measurements)
+
+    @cached_property
+    def _competition(self) -> Competition | None:
+        """The models that are compared with joints alone; None where these are all that is asked for."""
+        options = self._options
+        if options.elasticity == "joints":
+            return None
+        if options.elasticity == "automatic" and (self._excluded is not None or not self._more_may_bend()):
+            return None
+        return Competition(self._joints, options)
+
+    def _more_may_bend(self) -> bool:
+        """Mistakes come before models: a gross one in the readings leaves patterns as links do."""
+        try:
+            screening = self._joints.screening
+            speaks = screening.links_speak or screening.base_speaks
+        except JointstiffError:  # the run fails when it is carried out, and says why
+            return False
+        return speaks and self._joints.are_sound
+
+    def conclude(self, parts: Sequence[Arrays]) -> RunResult:
+        """Return the result.
+
+        Args:
+            parts: what all steps of the long part computed, in order.
+
+        Raises:
+            JointstiffError: as `run`.
+        """
+        if self._options.weight is not None:
+            return run_by_weight(self._robot, self._measurements, self._options, self._noticed)
+        if isinstance(self.long, Competition):
+            found = self._after(self.long, self.long.winner(parts))
+        else:
+            screening = replace(self._joints.screening, comparable=self._excluded is None)
+            choice = choice_of_joints(self._options, screening, self._excluded)
+            found = joints_alone(self._joints, screening, choice)
+        # Behind a mistake what another reading would bring is not known, nor is it for more than joints.
+        usable = found.assessment.verdict != "do_not_use" and found.links is None
+        advice = advise(self._robot, self._measurements, found.estimate) if usable else ()
+        drawn = self.long.statistics(parts) if isinstance(self.long, Draws) else None
+        return run_result(found, self._measurements, advice, drawn)
+
+    def _after(self, competition: Competition, winner: Winner) -> Found:
+        """Report the model that won: joints alone by the loss that predicts better, or more than joints."""
+        screening = replace(competition.screening, gain=winner.selection.gain)
+        if winner.elastic is not None:
+            return beyond_joints(self._joints, competition, winner, winner.elastic, screening)
+        loss: Loss = "huber" if winner.held_out.loss == "huber" else "squared"
+        return joints_alone(self._joints.with_loss(loss), screening, choice_by_comparison(winner, screening))
