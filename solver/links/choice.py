@@ -32,6 +32,7 @@ from jointstiff.solver.links.model import (
     elastic_blocks,
     elastic_rows,
     formulate,
+    within,
 )
 from jointstiff.solver.mechanics.measurements import Measurements, first_equal
 from jointstiff.solver.mechanics.robot import Robot
@@ -141,9 +142,7 @@ class Folds:
     @cached_property
     def rows(self) -> tuple[ElasticRows, ...]:
         """Return the compressed rows of each fold."""
-        return tuple(
-            elastic_rows(self.robot, self.measurements[indices], self.columns) for indices in self.held_out
-        )
+        return elastic_rows(self.robot, self.measurements, self.columns, self.held_out)
 
     def training(self, fold: int | None) -> ElasticRows:
         """Return the compressed rows of all folds of a draw but one; of the whole set for None."""
@@ -362,20 +361,15 @@ def select_model(
     Raises:
         UnsupportedMethodError: that model has no weight with certified answers.
     """
-    robot, measurements, validation = folds.robot, folds.measurements, folds.validation
+    validation = folds.validation
     keys = [(name, loss) for name in MODELS for loss in LOSSES if (name, loss) in paths]
     answers = {key: bool(answered(paths[key].errors).any()) for key in keys}
     none = not any(answers[key] for key in keys if key[0] == asked)
     keys = [key for key in keys if answers[key] or (none and key[0] == asked)]
     places = {key: chosen_weight(paths[key].errors, validation.rule, validation.draws) for key in keys}
     chosen = np.array([paths[key].compliances[:, place] for key, place in places.items()])
-    predicted = [
-        _compensation(robot, measurements[indices], folds, chosen[:, number])
-        for number, indices in enumerate(folds.held_out)
-    ]
-    compensation = np.array([each for each, _ in predicted]).T
-    norms = np.concatenate([each for _, each in predicted], axis=1)
-    posture = np.unique(first_equal(measurements.joints), return_inverse=True)[1]
+    compensation, norms = _predicted(folds, chosen)
+    posture = np.unique(first_equal(folds.measurements.joints), return_inverse=True)[1]
     of_posture = posture[np.concatenate(folds.held_out)]
     by_posture = np.array([np.bincount(of_posture, row) for row in norms]) / np.bincount(of_posture)
     models = tuple(
@@ -436,25 +430,31 @@ def _gain(by_name: Sequence[HeldOut]) -> HeldOutGain | None:
     return HeldOutGain(best.model, best.mean_residual, joints.mean_residual, joints.behind(best)[1])
 
 
-def _compensation(
-    robot: Robot, measurements: Measurements, folds: Folds, compliances: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Predict some observations by the compliances (M, P) of M models.
+def _predicted(folds: Folds, compliances: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Predict each of the K folds by the compliances (M, K, P) of M models that were fitted without it.
 
     Returns:
-        (M,) compensation; (M, N) mean norm of the residuals of each observation's targets [m].
+        (M, K) compensation; (M, D N) mean norm of the residuals of each observation's targets [m], fold by
+        fold, D times the whole set for D draws.
     """
-    left, moved, norms = np.zeros(len(compliances)), 0.0, []
-    for block, rows in elastic_blocks(robot, measurements, folds.columns):
-        part = block.measurements
-        predicted = np.einsum("btip,mp->mbti", rows[..., :-1], compliances)
-        residual = np.linalg.norm(part.deflection - predicted, axis=-1)
-        count = np.maximum(part.present.sum(axis=1), 1)
-        norms.append(np.where(part.present, residual, 0.0).sum(axis=-1) / count)
-        left += residual[:, part.present].sum(axis=1)
-        moved += float(np.linalg.norm(part.deflection, axis=-1)[part.present].sum())
-    compensation = 1.0 - left / moved if moved > 0.0 else np.zeros(len(compliances))
-    return compensation, np.concatenate(norms, axis=1)
+    left, moved = np.zeros(compliances.shape[:2]), np.zeros(len(folds))
+    norms = [np.zeros((len(compliances), len(part))) for part in folds.held_out]
+    start = 0
+    for block, rows in elastic_blocks(folds.robot, folds.measurements, folds.columns):
+        read = block.measurements
+        for k, part in enumerate(folds.held_out):
+            own = within(part, start, start + len(read))
+            deflection, present = read.deflection[own], read.present[own]
+            predicted = np.einsum("btip,mp->mbti", rows[own, ..., :-1], compliances[:, k])
+            residual = np.linalg.norm(deflection - predicted, axis=-1)
+            count = np.maximum(present.sum(axis=1), 1)
+            first = int(np.searchsorted(part, start))
+            norms[k][:, first : first + len(own)] = np.where(present, residual, 0.0).sum(axis=-1) / count
+            left[:, k] += residual[:, present].sum(axis=1)
+            moved[k] += float(np.linalg.norm(deflection, axis=-1)[present].sum())
+        start += len(read)
+    share = np.divide(left, moved, out=np.ones_like(left), where=moved > 0.0)
+    return 1.0 - share, np.concatenate(norms, axis=1)
 
 
 def judge_penalty(chosen: float, used: float) -> Iterator[Finding]:

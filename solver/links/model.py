@@ -161,31 +161,54 @@ class ElasticRows:
         return replace(self, triangle=triangle_of(rows.reshape(-1, rows.shape[-1])))
 
 
-def elastic_rows(robot: Robot, measurements: Measurements, columns: ElasticColumns) -> ElasticRows:
-    """Compress observations, block by block: memory stays flat.
+def elastic_rows(
+    robot: Robot, measurements: Measurements, columns: ElasticColumns, parts: Sequence[IndexArray]
+) -> tuple[ElasticRows, ...]:
+    """Compress parts of a set, in one pass over its blocks: memory stays flat.
+
+    Args:
+        robot: n joints.
+        measurements: N observations.
+        columns: of the richest model.
+        parts: the observations of each part, ascending.
 
     Raises:
         MeasurementError: a covariance is not one.
     """
-    triangle, lever, each = Triangle(entries=columns.width), np.zeros(robot.n + 1), []
-    few = int(measurements.present.sum()) <= MOST_TARGETS
+    triangles = [Triangle(entries=columns.width) for _ in parts]
+    levers, each = np.zeros((len(parts), robot.n + 1)), [[np.zeros((0, 3, columns.width + 1))] for _ in parts]
+    few = [int(measurements.present[part].sum()) <= MOST_TARGETS for part in parts]
+    start = 0
     for block, rows in elastic_blocks(robot, measurements, columns):
-        part = block.measurements
-        in_sigma = whitened(part.covariance, rows)
-        triangle.add(in_sigma, count=3 * int(part.present.sum()))
-        each.append(in_sigma[part.present] if few else in_sigma[:0, 0])
-        lever += np.square(block.frames[2]).sum(axis=(0, 2))
-    return ElasticRows(
-        triangle=triangle.R,
-        configurations=len(measurements),
-        readings=triangle.rows,
-        targets=int(measurements.present.sum()),
-        force=float(np.square(measurements.force).sum()),
-        moment=float(np.square(measurements.moment).sum()),
-        lever=lever,
-        deflection=float(np.square(measurements.deflection).sum()),
-        each=np.concatenate(each),
+        present, in_sigma = block.measurements.present, whitened(block.measurements.covariance, rows)
+        lever = np.square(block.frames[2]).sum(axis=2)
+        for k, part in enumerate(parts):
+            own = within(part, start, start + len(present))
+            triangles[k].add(in_sigma[own], count=3 * int(present[own].sum()))
+            if few[k]:
+                each[k].append(in_sigma[own][present[own]])
+            levers[k] += lever[own].sum(axis=0)
+        start += len(present)
+    return tuple(
+        ElasticRows(
+            triangle=triangle.R,
+            configurations=len(part),
+            readings=triangle.rows,
+            targets=int(measurements.present[part].sum()),
+            force=float(np.square(measurements.force[part]).sum()),
+            moment=float(np.square(measurements.moment[part]).sum()),
+            lever=lever,
+            deflection=float(np.square(measurements.deflection[part]).sum()),
+            each=np.concatenate(listed),
+        )
+        for part, triangle, lever, listed in zip(parts, triangles, levers, each, strict=True)
     )
+
+
+def within(part: IndexArray, start: int, stop: int) -> IndexArray:
+    """Return which observations of a block, from start to stop, belong to an ascending part of the set."""
+    first, last = np.searchsorted(part, [start, stop])
+    return np.asarray(part[first:last] - start)
 
 
 def elastic_blocks(

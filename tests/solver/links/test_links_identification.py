@@ -73,6 +73,11 @@ def rows_of(robot, measurements):
     return np.concatenate([rows[..., :-1] for _, rows in elastic_blocks(robot, measurements, COLUMNS)])
 
 
+def whole_rows(robot, measurements):
+    (rows,) = elastic_rows(robot, measurements, COLUMNS, [np.arange(len(measurements))])
+    return rows
+
+
 def estimate(robot, measurements, name="joints_and_links", weight=1e-2, *, columns=COLUMNS, **options):
     """Estimate with options of the model (loss, threshold), of the folds (shares), and of what is visible."""
     shares = options.pop("shares", CrossValidation())
@@ -213,7 +218,7 @@ def test_errors_of_many_targets_are_those_of_their_coordinates(monkeypatch):
 
 
 def test_a_joint_that_a_part_sees_by_rounding_alone_is_no_unknown_of_it():
-    rows = elastic_rows(*rigid_pulled(6, 2), COLUMNS)
+    rows = whole_rows(*rigid_pulled(6, 2))
     triangle = rows.triangle * np.where(np.arange(COLUMNS.width + 1) == 2, 1e-12, 1.0)
     form = formulate(replace(rows, triangle=triangle), ElasticModel("joints", COLUMNS), VISIBLE)
     assert form.columns.tolist() == [0, 1, 3, 4, 5]
@@ -291,12 +296,12 @@ def test_residuals_that_vanish_leave_a_threshold_of_a_millionth_of_the_mean_defl
     (block,) = regressor_blocks(robot, measurements)
     exact = replace(measurements, deflection=block.A @ default_arm().compliances, sigma=None)
     model = ElasticModel("joints", COLUMNS, "huber")
-    _, threshold = formulate(elastic_rows(robot, exact, COLUMNS), model, VISIBLE).fit(model, 1.0, gap=1e-3)
+    _, threshold = formulate(whole_rows(robot, exact), model, VISIBLE).fit(model, 1.0, gap=1e-3)
     mean = np.linalg.norm(exact.deflection, axis=2).mean()
     assert threshold == pytest.approx(1e-6 * model.threshold * mean / np.sqrt(2.0), rel=1e-6)  # of a reading
     noise = np.random.default_rng(0).normal(0.0, np.sqrt(2.0) * 2e-5, exact.deflection.shape)
     noisy = replace(exact, deflection=exact.deflection + noise)
-    form = formulate(elastic_rows(robot, noisy, COLUMNS), model, VISIBLE)
+    form = formulate(whole_rows(robot, noisy), model, VISIBLE)
     _, threshold = form.fit(model, 1e3, gap=1e-3)
     assert threshold == pytest.approx(model.threshold * 2e-5, rel=0.25)
     absolute = form.compliances(form.absolute(1e3, 1e-3).x)
@@ -312,7 +317,7 @@ def test_the_squares_that_stand_for_a_robust_loss_have_its_optimum(elastic):
         replace(measurements, deflection=wrong),
         ElasticModel("joints_and_links", COLUMNS, "huber"),
     )
-    robust = formulate(elastic_rows(robot, spoilt, COLUMNS), model, VISIBLE, spoilt.sigma)
+    robust = formulate(whole_rows(robot, spoilt), model, VISIBLE, spoilt.sigma)
     solution, threshold = robust.fit(model, 1e-3, gap=1e-8)
     compliances = robust.compliances(solution.x)
     squares, weight = robust.companion(model, compliances, 1e-3, threshold)
@@ -423,7 +428,7 @@ def test_nothing_to_scale_the_penalty_by_is_refused(elastic):
     robot, measurements = elastic
     still = replace(measurements, deflection=np.zeros_like(measurements.deflection))
     with pytest.raises(UnsupportedMethodError, match="scale"):
-        formulate(elastic_rows(robot, still, COLUMNS), ElasticModel("joints_and_links", COLUMNS), VISIBLE)
+        formulate(whole_rows(robot, still), ElasticModel("joints_and_links", COLUMNS), VISIBLE)
     with pytest.raises(UnsupportedMethodError, match="13 joints"):
         ElasticColumns(13, ())
 
