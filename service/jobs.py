@@ -21,7 +21,6 @@ from jointstiff.schemas.query import JobQuery
 from jointstiff.schemas.run import Run
 from jointstiff.service.kinds.kind import AnyKind
 from jointstiff.service.kinds.registry import KINDS
-from jointstiff.service.kinds.trend import Trends, numbers_of_trend
 from jointstiff.service.kinds.work import (
     Work,
     carry_out,
@@ -36,6 +35,7 @@ from jointstiff.service.live.stored import OpenSets
 from jointstiff.service.problems import NotFoundError, TooManyJobsError, WorkerLostError, problem_of
 from jointstiff.service.process import versions
 from jointstiff.service.resources.stored import Resources
+from jointstiff.service.runs.trend import Trends, numbers_of_trend
 from jointstiff.service.store.database import BUSY_SECONDS
 from jointstiff.service.store.jobs import JOB
 from jointstiff.service.store.store import Store

@@ -14,7 +14,7 @@ from typing import Final
 import numpy as np
 
 from benchmarks.report import Figure, Part, Section
-from jointstiff.service.kinds.program_path import _from_table
+from jointstiff.service.kinds.program.path import _from_table
 from jointstiff.service.problems import FilesError
 from jointstiff.service.programs import fanuc, krl, rapid, ur
 from jointstiff.service.programs.language import Misread

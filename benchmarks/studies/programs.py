@@ -12,7 +12,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from benchmarks.report import Figure, Section
-from jointstiff.service.kinds.program_work import Corrections, points_sheet, rewritten, unpacked
+from jointstiff.service.kinds.program.work import Corrections, points_sheet, rewritten, unpacked
 from jointstiff.service.kinds.work import joined
 from jointstiff.service.programs.formats import read_program
 from jointstiff.service.tables.files import csv_text

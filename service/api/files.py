@@ -21,7 +21,7 @@ from jointstiff.schemas.robot import Robot
 from jointstiff.schemas.run import Run
 from jointstiff.service.jobs import Jobs, Parts
 from jointstiff.service.kinds.kind import AnyKind, File
-from jointstiff.service.kinds.program_work import unpacked
+from jointstiff.service.kinds.program.work import unpacked
 from jointstiff.service.kinds.registry import KINDS
 from jointstiff.service.reports.certificate import certificate
 from jointstiff.service.reports.document import Document

@@ -40,13 +40,13 @@ from jointstiff.service.api.examples import EXAMPLES
 from jointstiff.service.api.jobs import JobId, JobRoute, PostOf
 from jointstiff.service.importing.reading import SourceFile
 from jointstiff.service.jobs import Jobs, Parts
-from jointstiff.service.kinds.deflection import predict_by_run
-from jointstiff.service.kinds.mending import mended
-from jointstiff.service.kinds.program import PROGRAM
-from jointstiff.service.kinds.program_work import packed
+from jointstiff.service.kinds.program.kind import PROGRAM
+from jointstiff.service.kinds.program.work import packed
 from jointstiff.service.problems import NotFoundError, place_in
 from jointstiff.service.resources.imports import import_files
 from jointstiff.service.resources.stored import described, stored_job
+from jointstiff.service.runs.deflection import predict_by_run
+from jointstiff.service.runs.mending import mended
 from jointstiff.service.security.access import OPERATOR
 from jointstiff.service.store.collection import Collection
 from jointstiff.service.store.tables import IdempotencyKey, JobRecord

@@ -131,8 +131,8 @@ def _tour(address: str, *, once: bool) -> int:
     first stored.
     """
     from jointstiff.schemas.fields import content_key
-    from jointstiff.service.kinds.comparison import COMPARISON
-    from jointstiff.service.kinds.run import RUN
+    from jointstiff.service.kinds.comparison.kind import COMPARISON
+    from jointstiff.service.kinds.run.kind import RUN
     from jointstiff.service.library.client import Client
     from jointstiff.service.library.files import json_text
     from jointstiff.service.problems import RefusedError

@@ -158,8 +158,8 @@ def predict_command() -> Callable[..., None]:
     def command(file: Path, postures: Path, **values: Any) -> None:  # noqa: ANN401 - by the signature below
         """Predict deflections in given postures under given loads."""
         from jointstiff.service.cli.models import identified
-        from jointstiff.service.kinds.deflection import prediction_csv, prediction_parts
         from jointstiff.service.library import here
+        from jointstiff.service.runs.deflection import prediction_csv, prediction_parts
         from jointstiff.service.tables.terminal import console, printed
 
         if values["output"] is not None:
@@ -448,7 +448,7 @@ def _mended_file(values: _Values) -> Path | None:
 
 def _apply(job: Any, values: _Values, _sources: Sequence[Any]) -> Any:  # noqa: ANN401 - runs
     """Apply an action, write the mended campaign, print a table of both runs, and return the new one."""
-    from jointstiff.service.kinds.run import before_and_after
+    from jointstiff.service.kinds.run.kind import before_and_after
     from jointstiff.service.tables.stiffness import UNITS
     from jointstiff.service.tables.terminal import console, printed
 
@@ -471,7 +471,7 @@ def _write_robot(job: Any, values: _Values, _sources: Sequence[Any]) -> Any:  # 
 
 
 def _write_campaign(job: Any, values: _Values, sources: Sequence[Any]) -> Any:  # noqa: ANN401 - a Plan
-    from jointstiff.service.kinds.plan import campaign_to_fill_in
+    from jointstiff.service.kinds.plan.kind import campaign_to_fill_in
     from jointstiff.service.library.files import read_planned
 
     if values["campaign"] is not None:
@@ -515,7 +515,7 @@ def _explain(values: _Values, sources: Sequence[Any]) -> bool:
 
 
 def _write_program(job: Any, values: _Values, sources: Sequence[Any]) -> Any:  # noqa: ANN401 - a Program
-    from jointstiff.service.kinds.program_work import unpacked
+    from jointstiff.service.kinds.program.work import unpacked
 
     outputs = _outputs(values, sources)
     for each in job.result.files:

@@ -211,7 +211,7 @@ def _carry_out(campaign: LiveMeasurement, values: dict[str, Any], *, asks: bool)
         typer.Exit: the source has stopped, or the run has failed.
     """
     from jointstiff.service.cli.at_terminal import AtTerminal
-    from jointstiff.service.kinds.run import RUN
+    from jointstiff.service.kinds.run.kind import RUN
     from jointstiff.service.live.sources import SourceError
     from jointstiff.service.reports.job import job_report
     from jointstiff.service.tables.terminal import console

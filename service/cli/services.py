@@ -58,7 +58,7 @@ def post(
     A folder is posted once, however often it is given; so are the robot and the readings of a file. Where the
     service demands a key, the environment variable JOINTSTIFF_KEY has it.
     """
-    from jointstiff.service.kinds.run import RUN
+    from jointstiff.service.kinds.run.kind import RUN
     from jointstiff.service.library.client import Client
     from jointstiff.service.library.files import campaign_of
     from jointstiff.service.reports.job import job_report

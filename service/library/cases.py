@@ -47,7 +47,7 @@ def load_cases(
         CampaignError: the cases or the options cannot be used.
     """
     from jointstiff.service.conversion.arrays import units_of
-    from jointstiff.service.kinds.deflection import read_load_cases
+    from jointstiff.service.runs.deflection import read_load_cases
 
     fields = dict(options)
     if (point := fields.pop("at", None)) is not None:

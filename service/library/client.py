@@ -360,7 +360,7 @@ class Client(Verbs):
 
     def apply(self, run: TabledRun, action: str) -> TabledRun:
         """Apply an action that a reason of a run advises; return the ended run of what it changes."""
-        from jointstiff.service.kinds.mending import advised
+        from jointstiff.service.runs.mending import advised
 
         with as_campaign_error(""):
             chosen = advised(cast("Any", run.result).assessment, action)

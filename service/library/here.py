@@ -141,7 +141,7 @@ class Here:
             CampaignError: the request cannot be used.
         """
         if kind.is_form:
-            from jointstiff.service.kinds.program_work import packed
+            from jointstiff.service.kinds.program.work import packed
 
             if sum(map(len, files.values())) > kind.max_bytes:
                 raise CampaignError(http_problem(413, "the files exceed 16 MiB", "split the program"))
@@ -172,7 +172,7 @@ class Here:
             with as_campaign_error("export"):
                 return export_model(_exported(job), cast("Any", suffix), (query or {}).get("accept_verdict"))
         if name == "program":
-            from jointstiff.service.kinds.program_work import unpacked
+            from jointstiff.service.kinds.program.work import unpacked
 
             wanted = (query or {}).get("file")
             return next(unpacked(each) for each in cast("Any", job.result).files if each.name == wanted)
@@ -199,7 +199,7 @@ class Here:
         **options: Unpack[PredictFields],
     ) -> Prediction:
         """Predict deflections by a run; arguments as of the function below."""
-        from jointstiff.service.kinds.deflection import predict_by_run
+        from jointstiff.service.runs.deflection import predict_by_run
 
         known = self.inputs.run(self.identified(run), "run_id")
         with as_campaign_error("prediction"):
@@ -238,7 +238,7 @@ class Here:
         Raises:
             CampaignError: no reason advises the action, or it cannot be applied to this campaign.
         """
-        from jointstiff.service.kinds.mending import advised, mended
+        from jointstiff.service.runs.mending import advised, mended
 
         campaign: messages.Campaign = run.campaign.model_copy(update={"run": options_of(run)})
         with as_campaign_error(""):

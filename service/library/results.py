@@ -464,18 +464,18 @@ class Prediction(Presented, DeflectionResult):  # type: ignore[misc]  # `summary
         return np.array([getattr(case, field) or none for case in self.cases], dtype=np.float64)
 
     def _parts(self) -> Sequence[Part]:
-        from jointstiff.service.kinds.deflection import prediction_parts
+        from jointstiff.service.runs.deflection import prediction_parts
 
         return prediction_parts(self)
 
     def _sheets(self) -> Mapping[str, Callable[[], Sheet]]:
-        from jointstiff.service.kinds.deflection import prediction_sheet
+        from jointstiff.service.runs.deflection import prediction_sheet
 
         return {"cases": lambda: prediction_sheet(self)}
 
     def _figure(self) -> Figure:
-        from jointstiff.service.kinds.deflection import prediction_charts
         from jointstiff.service.reports.plots import figure_of
+        from jointstiff.service.runs.deflection import prediction_charts
 
         return figure_of(f"Predicted deflection: {self._headline()}", prediction_charts(self))
 

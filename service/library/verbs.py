@@ -278,7 +278,7 @@ def _take_campaign(call: _Call) -> dict[str, Any]:
 def _take_campaigns(call: _Call) -> dict[str, Any]:
     """Make the runs of one campaign or two, by each method and constraint, and compare them."""
     from jointstiff.schemas.comparison import CampaignComparison
-    from jointstiff.service.kinds.comparing import ComparedSet, comparison_of
+    from jointstiff.service.kinds.comparison.work import ComparedSet, comparison_of
 
     stated = {} if call.options is None else call.options.model_dump(mode="json", exclude_unset=True)
     chosen = parse_document({**stated, **call.fields}, CampaignComparison)

@@ -34,7 +34,7 @@ from jointstiff.schemas.plan import (
 from jointstiff.schemas.run import Budget, Goodness, RunResult
 from jointstiff.service.conversion.prepared import CheckedSet, PreparedSet, check_set
 from jointstiff.service.conversion.units import LENGTH
-from jointstiff.service.kinds.planning import to_design_request
+from jointstiff.service.kinds.plan.work import to_design_request
 from jointstiff.service.live.priors import Standing, standings
 from jointstiff.service.problems import TakenError
 from jointstiff.solver.arrays import FloatArray

@@ -11,7 +11,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from jointstiff.schemas.run import JointResult, Run, RunResult
-from jointstiff.service.kinds.verdicts import refuse_unaccepted, result_of
+from jointstiff.service.runs.verdicts import refuse_unaccepted, result_of
 from jointstiff.service.tables.files import csv_text, xlsx_bytes
 from jointstiff.service.tables.report import METHOD_NAMES, VERDICTS, judged
 from jointstiff.service.tables.stiffness import UNITS, lower_limit

@@ -16,9 +16,7 @@ from jointstiff.schemas.report import Laboratory
 from jointstiff.schemas.run import Budget, RunResult
 from jointstiff.service.conversion.robots import joint_factors
 from jointstiff.service.conversion.units import FORCE, LENGTH
-from jointstiff.service.kinds.deflection import predict_by_run
-from jointstiff.service.kinds.run import causes_tested
-from jointstiff.service.kinds.verdicts import refuse_unaccepted
+from jointstiff.service.kinds.run.kind import causes_tested
 from jointstiff.service.reports.document import (
     IDENTIFICATION,
     NOT_ISO_9283,
@@ -37,6 +35,8 @@ from jointstiff.service.reports.document import (
 from jointstiff.service.reports.exports import ExportedModel, joints_csv, why_no_stiffness
 from jointstiff.service.reports.laboratory import LaboratorySettings
 from jointstiff.service.reports.pictures import arm, before_and_after, intervals
+from jointstiff.service.runs.deflection import predict_by_run
+from jointstiff.service.runs.verdicts import refuse_unaccepted
 from jointstiff.service.tables.report import METHOD_NAMES, VERDICTS, requested, support
 from jointstiff.service.tables.stiffness import UNITS
 from jointstiff.service.tables.table import NO_NUMBER, rounded, text_table

@@ -19,8 +19,8 @@ from typing import Final
 
 from jointstiff.service.jobs import Jobs, Leave, Part, Parts
 from jointstiff.service.kinds.registry import KINDS
-from jointstiff.service.kinds.trend import Trends
 from jointstiff.service.problems import StoreUnavailableError, WorkerLostError
+from jointstiff.service.runs.trend import Trends
 from jointstiff.service.store.collection import KEEP_DELETED
 from jointstiff.service.store.database import refuse_in_memory
 from jointstiff.service.store.jobs import SILENT, Heartbeats

@@ -18,7 +18,7 @@ from support.wheel import run as carry_out
 from support.wheel import uv
 
 from jointstiff.service.api.examples import EXAMPLES
-from jointstiff.service.kinds.geometry import GEOMETRY
+from jointstiff.service.kinds.geometry.kind import GEOMETRY
 from jointstiff.service.kinds.registry import KINDS
 from jointstiff.simulator import default_arm, simulate_campaign
 

@@ -36,7 +36,7 @@ def is_first():
     return True
 
 if {word!r} in sys.orig_argv:
-    from jointstiff.service.kinds.identification import RunWork
+    from jointstiff.service.kinds.run.work import RunWork
     from jointstiff.service.store import jobs
     before, compute = jobs.inserting, RunWork.compute
 """

@@ -5,7 +5,7 @@ from typing import Any
 
 from support.programs import options, path, tool_poses
 
-from jointstiff.service.kinds.geometry import GEOMETRY
+from jointstiff.service.kinds.geometry.kind import GEOMETRY
 from jointstiff.simulator.programs import program_text
 
 MAP = {

@@ -10,7 +10,7 @@ import jointstiff
 from jointstiff.schemas.program import ProgramRequest, ProgramResult
 from jointstiff.schemas.run import Campaign, Run
 from jointstiff.service.conversion.prepared import prepare_robot
-from jointstiff.service.kinds.program_work import ProgramWork, packed
+from jointstiff.service.kinds.program.work import ProgramWork, packed
 from jointstiff.simulator import default_arm, equilibrium, simulate_campaign
 from jointstiff.simulator.programs import PROGRAM_FILES
 from jointstiff.solver.mechanics.robot import Robot

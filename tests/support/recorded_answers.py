@@ -31,8 +31,8 @@ from support.campaigns import prepare
 from support.live import positions
 
 import jointstiff as js
-from jointstiff.service.kinds.program_work import unpacked
-from jointstiff.service.kinds.trend import Campaign, ReadRun, trend_of
+from jointstiff.service.kinds.program.work import unpacked
+from jointstiff.service.runs.trend import Campaign, ReadRun, trend_of
 from jointstiff.service.store.tables import MeasurementSetEntry
 from jointstiff.simulator import default_arm
 from jointstiff.solver.integrity import inspect

@@ -10,8 +10,8 @@ from support.in_process import Client
 
 import jointstiff as js
 from jointstiff.schemas.run import JointResult
-from jointstiff.service.kinds.trend import Campaign, ReadRun, _degrees_of_freedom, trend_of
 from jointstiff.service.library.results import RobotTrend
+from jointstiff.service.runs.trend import Campaign, ReadRun, _degrees_of_freedom, trend_of
 from jointstiff.service.store.store import Store
 from jointstiff.service.store.tables import MeasurementSetEntry
 from jointstiff.simulator import default_arm, simulate_campaign

@@ -21,9 +21,9 @@ from jointstiff.schemas.measurement import MeasurementSetDocument, Observation, 
 from jointstiff.schemas.robot import RobotDocument
 from jointstiff.schemas.run import Campaign
 from jointstiff.service.conversion.readings import ReadingArrays
-from jointstiff.service.kinds.mending import mended
-from jointstiff.service.kinds.plan import campaign_to_fill_in, readings_sheet
+from jointstiff.service.kinds.plan.kind import campaign_to_fill_in, readings_sheet
 from jointstiff.service.resources.imports import ImportRefusedError, import_files
+from jointstiff.service.runs.mending import mended
 from jointstiff.service.tables.files import csv_text
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.solver.errors import MeasurementError

@@ -6,7 +6,7 @@ import json
 import pytest
 
 import jointstiff as js
-from jointstiff.service.kinds.comparison import charts
+from jointstiff.service.kinds.comparison.kind import charts
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.files import example_files
 

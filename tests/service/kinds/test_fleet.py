@@ -12,7 +12,7 @@ from jointstiff.schemas.fleet import MAX_SETS, FleetRequest
 from jointstiff.schemas.measurement import MeasurementSetRequest
 from jointstiff.schemas.run import RunRequest
 from jointstiff.service.jobs import Parts
-from jointstiff.service.kinds import fleet_work
+from jointstiff.service.kinds.fleet import work as fleet_work
 from jointstiff.service.kinds.work import pack
 from jointstiff.service.store.store import Store
 from jointstiff.simulator import default_arm, simulate_campaign

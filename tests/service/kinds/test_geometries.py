@@ -15,7 +15,7 @@ from jointstiff.schemas.measurement import MeasurementSetRequest
 from jointstiff.schemas.robot import RobotDocument
 from jointstiff.schemas.run import RunRequest
 from jointstiff.service.jobs import Parts
-from jointstiff.service.kinds.geometry import GEOMETRY
+from jointstiff.service.kinds.geometry.kind import GEOMETRY
 from jointstiff.service.problems import DeletedError
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.document import robot_document

@@ -13,8 +13,8 @@ from jointstiff.schemas.imports import ImportRequest
 from jointstiff.schemas.plan import Plan, PlanRequest, Surroundings
 from jointstiff.schemas.robot import RobotDocument
 from jointstiff.service.importing.reading import SourceFile
-from jointstiff.service.kinds.plan import _readings, readings_sheet
-from jointstiff.service.kinds.planning import _cell
+from jointstiff.service.kinds.plan.kind import _readings, readings_sheet
+from jointstiff.service.kinds.plan.work import _cell
 from jointstiff.service.resources.imports import import_files
 from jointstiff.service.tables.files import csv_text
 from jointstiff.simulator import TARGETS, default_arm, equilibrium, robot_document, simulate_campaign

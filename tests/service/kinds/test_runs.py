@@ -19,16 +19,16 @@ from jointstiff.schemas.options import RunOptions
 from jointstiff.schemas.run import Run, RunRequest
 from jointstiff.service import jobs as module
 from jointstiff.service.jobs import Parts
-from jointstiff.service.kinds import program_path
-from jointstiff.service.kinds import run as run_module
-from jointstiff.service.kinds.deflection import predict_by_run
-from jointstiff.service.kinds.program_work import ProgramWork
-from jointstiff.service.kinds.run import RUN
+from jointstiff.service.kinds.program import path as program_path
+from jointstiff.service.kinds.program.work import ProgramWork
+from jointstiff.service.kinds.run import kind as run_module
+from jointstiff.service.kinds.run.kind import RUN
 from jointstiff.service.kinds.work import carry_out, new_job, pack
 from jointstiff.service.problems import TooManyJobsError
 from jointstiff.service.programs.errors import ProgramError
 from jointstiff.service.reports.job import job_parts
 from jointstiff.service.resources.stored import Resources
+from jointstiff.service.runs.deflection import predict_by_run
 from jointstiff.service.store.store import Store
 from jointstiff.service.tables.report import View
 from jointstiff.service.tables.stiffness import UNITS

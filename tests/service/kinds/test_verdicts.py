@@ -12,8 +12,8 @@ from support.kinds import MAP, posted_job
 
 import jointstiff
 import jointstiff as js
-from jointstiff.service.kinds.verdicts import of_points
 from jointstiff.service.reports.exports import FORMATS
+from jointstiff.service.runs.verdicts import of_points
 from jointstiff.simulator import TARGETS, default_arm, simulate_campaign
 
 TRUTH = default_arm().compliances

@@ -15,7 +15,7 @@ from support.slides import arm_on_rail
 import jointstiff as js
 from jointstiff.schemas.run import Campaign
 from jointstiff.service.conversion.prepared import prepare_robot
-from jointstiff.service.kinds.program_work import ProgramWork, unpacked
+from jointstiff.service.kinds.program.work import ProgramWork, unpacked
 from jointstiff.service.programs.errors import ProgramError
 from jointstiff.simulator import TARGETS, default_arm, equilibrium, random_configurations, simulate_campaign
 from jointstiff.simulator.own_weight import default_bodies, sag, unloaded_campaign

@@ -17,7 +17,7 @@ import jointstiff as js
 from jointstiff.schemas.run import RunRequest
 from jointstiff.service.jobs import Parts
 from jointstiff.service.kinds import width
-from jointstiff.service.kinds.identification import RunWork
+from jointstiff.service.kinds.run.work import RunWork
 from jointstiff.service.kinds.width import CancelledWorkError, in_order
 from jointstiff.service.library.client import Client
 from jointstiff.service.problems import ExecutorError, FilesError
@@ -111,7 +111,7 @@ def test_each_way_of_computing_has_the_bits_of_a_worker(executor, by_workers, tm
 
 
 def test_steps_by_an_executor_have_the_numbers_and_the_progress_of_steps_here(pool, monkeypatch):
-    monkeypatch.setattr("jointstiff.service.kinds.map_work.POSES_A_STEP", 10)
+    monkeypatch.setattr("jointstiff.service.kinds.map.work.POSES_A_STEP", 10)
     run = js.identify(DOCUMENT)
     maps = {"grid": (4, 4, 2), **AREA}
     told = {None: [], pool: []}

@@ -14,7 +14,7 @@ from support.random_programs import LANGUAGES
 from support.written_programs import rewritten
 
 from jointstiff import schemas, service, solver
-from jointstiff.service.kinds.program_work import ProgramWork, packed, unpacked
+from jointstiff.service.kinds.program.work import ProgramWork, packed, unpacked
 from jointstiff.service.kinds.work import pack, unpack
 from jointstiff.service.problems import FilesError
 from jointstiff.service.programs import fanuc, krl, rapid, ur

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from support.examples import examples
 from support.programs import FORCE, START, compensated, tool_poses, work_of
 
-from jointstiff.service.kinds.program_path import _WORDS
-from jointstiff.service.kinds.program_work import unpacked
+from jointstiff.service.kinds.program.path import _WORDS
+from jointstiff.service.kinds.program.work import unpacked
 from jointstiff.service.programs.errors import ProgramError
 from jointstiff.service.programs.formats import read_program
 from jointstiff.simulator.programs import program_text

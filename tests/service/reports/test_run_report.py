@@ -29,7 +29,7 @@ from jointstiff.schemas.report import Laboratory, Party
 from jointstiff.schemas.run import Campaign, JointResult, Run
 from jointstiff.service import reports as service_reports
 from jointstiff.service.conversion.prepared import prepare_robot
-from jointstiff.service.kinds.map import area
+from jointstiff.service.kinds.map.kind import area
 from jointstiff.service.reports.certificate import NAMESPACES, certificate
 from jointstiff.service.reports.exports import ExportedModel, joints_csv
 from jointstiff.service.reports.laboratory import LaboratorySettings

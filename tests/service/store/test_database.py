@@ -26,11 +26,11 @@ from support.jobs import run_request, runs_of, stored_set
 
 from jointstiff.schemas.measurement import StoredMeasurementSet
 from jointstiff.schemas.robot import LastCampaign, Robot
-from jointstiff.service.kinds.identification import RunWork
 from jointstiff.service.kinds.registry import KINDS
-from jointstiff.service.kinds.trend import ReadRun
+from jointstiff.service.kinds.run.work import RunWork
 from jointstiff.service.kinds.work import pack
 from jointstiff.service.problems import StoreError, StoreUnavailableError
+from jointstiff.service.runs.trend import ReadRun
 from jointstiff.service.store import database as database_module
 from jointstiff.service.store import packing
 from jointstiff.service.store.database import Database

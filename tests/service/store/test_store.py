@@ -18,8 +18,8 @@ from support.claims import Claims
 from support.jobs import RESOURCES, RUN, TIME, job_record, keeper, run_request, runs_of, stored_set
 
 from jointstiff.service.jobs import Part
-from jointstiff.service.kinds.identification import RunWork
 from jointstiff.service.kinds.registry import KINDS
+from jointstiff.service.kinds.run.work import RunWork
 from jointstiff.service.problems import (
     CursorError,
     IdempotencyConflictError,

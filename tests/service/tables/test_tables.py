@@ -20,9 +20,9 @@ from jointstiff.schemas.options import RunOptions
 from jointstiff.schemas.run import Campaign, JointResult
 from jointstiff.service.cli.app import app
 from jointstiff.service.cli.options import Units
-from jointstiff.service.kinds.comparison import _by_interval
-from jointstiff.service.kinds.comparison import _interval as interval_text
-from jointstiff.service.kinds.run import RUN
+from jointstiff.service.kinds.comparison.kind import _by_interval
+from jointstiff.service.kinds.comparison.kind import _interval as interval_text
+from jointstiff.service.kinds.run.kind import RUN
 from jointstiff.service.reports.exports import why_no_stiffness
 from jointstiff.service.reports.job import job_report
 from jointstiff.service.tables import terminal

@@ -11,7 +11,7 @@ from support.jobs import run_request, runs_of, stored_set
 from support.processes import until
 
 from jointstiff.service.jobs import Part
-from jointstiff.service.kinds.identification import RunWork
+from jointstiff.service.kinds.run.work import RunWork
 from jointstiff.service.store.store import Store
 from jointstiff.service.workers import engine as module
 from jointstiff.service.workers.engine import ATTEMPTS, Engine, Queue, UnknownKindError

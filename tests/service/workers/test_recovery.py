@@ -22,7 +22,7 @@ from support.jobs import run_request, runs_of, stored_set
 from support.processes import Service, ready, until, workers_of, working
 
 from jointstiff.service.jobs import PARTS_AT_ONCE, STEPS_OF_A_PART, Part, Parts
-from jointstiff.service.kinds.identification import RunWork
+from jointstiff.service.kinds.run.work import RunWork
 from jointstiff.service.library.client import Client
 from jointstiff.service.problems import StoreUnavailableError
 from jointstiff.service.store.database import Database

@@ -3,13 +3,10 @@
 import json
 import sys
 from pathlib import Path
-from types import MappingProxyType
 
 import jointstiff.service.kinds
-from jointstiff.service.kinds import rooms
 
 jointstiff.service.kinds.__path__.append(str(Path(__file__).parent))
-rooms.ROOMS = MappingProxyType({**rooms.ROOMS, "small": rooms.Room("count", "Count the readings of a set.")})
 
 from fastapi.testclient import TestClient  # noqa: E402
 from typer.testing import CliRunner  # noqa: E402

@@ -23,7 +23,7 @@ from jointstiff.schemas.joints import JointKind
 from jointstiff.schemas.robot import Estimate
 from jointstiff.schemas.run import JointResult, ResampledJoint, ResamplingResult
 from jointstiff.service.kinds.kind import File, Kind
-from jointstiff.service.kinds.run import moments
+from jointstiff.service.kinds.run.kind import moments
 from jointstiff.service.tables.report import METHOD_NAMES, Report, View, joint_reason_lines
 from jointstiff.service.tables.stiffness import StiffnessUnit
 from jointstiff.service.tables.table import (
@@ -461,7 +461,7 @@ def configurations_sheet(job: Comparison) -> Sheet:
 
 
 def _compute(inputs: Inputs, request: ComparisonRequest) -> Work:
-    from jointstiff.service.kinds.comparing import work
+    from jointstiff.service.kinds.comparison.work import work
 
     return work(inputs, request)
 

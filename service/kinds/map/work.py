@@ -13,7 +13,9 @@ from jointstiff.schemas.finding import Finding
 from jointstiff.schemas.run import Run
 from jointstiff.service.conversion.readings import hash_of
 from jointstiff.service.conversion.robots import kinds_of, refuse_far_point, refuse_other_angles
-from jointstiff.service.kinds.verdicts import (
+from jointstiff.service.kinds.work import Arrays, Span, Work, joined, spans
+from jointstiff.service.resources.inputs import Inputs
+from jointstiff.service.runs.verdicts import (
     RunModel,
     accepted_run,
     judged,
@@ -22,8 +24,6 @@ from jointstiff.service.kinds.verdicts import (
     of_missing,
     of_points,
 )
-from jointstiff.service.kinds.work import Arrays, Span, Work, joined, spans
-from jointstiff.service.resources.inputs import Inputs
 from jointstiff.service.tables.table import Sheet
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import RequestError, RobotError

@@ -30,8 +30,14 @@ from jointstiff.schemas.run import Run
 from jointstiff.service.conversion.readings import hash_of
 from jointstiff.service.conversion.robots import kinds_of
 from jointstiff.service.conversion.units import ANGLE, LENGTH
-from jointstiff.service.kinds.program_path import ProgramPath, Visits, program_path, start_of
-from jointstiff.service.kinds.verdicts import (
+from jointstiff.service.kinds.program.path import ProgramPath, Visits, program_path, start_of
+from jointstiff.service.kinds.work import Arrays, Span, Work, as_request_errors, joined, spans
+from jointstiff.service.problems import VerdictError
+from jointstiff.service.programs.errors import ProgramError
+from jointstiff.service.programs.formats import marked, read_program
+from jointstiff.service.programs.program import BLOCK, NUMBERS, ExternalAxes, Rewriting
+from jointstiff.service.resources.inputs import Inputs
+from jointstiff.service.runs.verdicts import (
     RunModel,
     accepted_run,
     judged,
@@ -40,12 +46,6 @@ from jointstiff.service.kinds.verdicts import (
     of_points,
     own_reason,
 )
-from jointstiff.service.kinds.work import Arrays, Span, Work, as_request_errors, joined, spans
-from jointstiff.service.problems import VerdictError
-from jointstiff.service.programs.errors import ProgramError
-from jointstiff.service.programs.formats import marked, read_program
-from jointstiff.service.programs.program import BLOCK, NUMBERS, ExternalAxes, Rewriting
-from jointstiff.service.resources.inputs import Inputs
 from jointstiff.service.tables.table import Sheet
 from jointstiff.solver import messages
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray

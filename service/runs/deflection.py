@@ -23,7 +23,7 @@ from jointstiff.service.conversion.robots import (
     refuse_other_angles,
 )
 from jointstiff.service.conversion.units import ANGLE, FORCE, LENGTH, MOMENT
-from jointstiff.service.kinds.verdicts import (
+from jointstiff.service.runs.verdicts import (
     RunModel,
     judged,
     moment_factor,

@@ -13,14 +13,14 @@ import numpy as np
 from jointstiff.schemas.program import MAX_LINE, ProcessLoad, ProgramFrame, ProgramOptions
 from jointstiff.service.conversion.robots import joint_factors, refuse_far_point, refuse_other_angles
 from jointstiff.service.conversion.units import FORCE, LENGTH
-from jointstiff.service.kinds.deflection import vector_column
-from jointstiff.service.kinds.verdicts import moment_factor
 from jointstiff.service.kinds.work import as_request_errors
 from jointstiff.service.problems import FilesError
 from jointstiff.service.programs.errors import Fault, ProgramError, shown
 from jointstiff.service.programs.formats import frame_notation
 from jointstiff.service.programs.notation import Edit, Notation, Orientation
 from jointstiff.service.programs.program import BLOCK, NUMBERS, FrameName, Program
+from jointstiff.service.runs.deflection import vector_column
+from jointstiff.service.runs.verdicts import moment_factor
 from jointstiff.service.tables.files import rows_of
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import RequestError

@@ -22,9 +22,9 @@ from jointstiff.schemas.finding import Assessment, Finding, combined
 from jointstiff.schemas.options import RunOptions
 from jointstiff.schemas.run import Run, RunRequest
 from jointstiff.service.conversion.readings import hash_of
-from jointstiff.service.kinds.verdicts import judged, own_reason
 from jointstiff.service.kinds.work import QuickWork
 from jointstiff.service.resources.inputs import Inputs, MeasuredRun
+from jointstiff.service.runs.verdicts import judged, own_reason
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.compare.campaigns import FreeEstimate, Side, compare_sides, models_differ
 from jointstiff.solver.errors import RequestError

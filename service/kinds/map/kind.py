@@ -31,7 +31,7 @@ from jointstiff.service.tables.table import (
 from jointstiff.solver.text import figure, posture_text
 
 if TYPE_CHECKING:
-    from jointstiff.service.kinds.map_work import MapWork
+    from jointstiff.service.kinds.map.work import MapWork
     from jointstiff.service.kinds.work import Work
     from jointstiff.service.resources.inputs import Inputs
     from jointstiff.service.tables.table import Sheet
@@ -59,7 +59,7 @@ _EXAMPLES: Final[dict[str, Any]] = {
 
 
 def _compute(inputs: Inputs, request: MapRequest) -> Work:
-    from jointstiff.service.kinds.map_work import work
+    from jointstiff.service.kinds.map.work import work
 
     return work(inputs, request)
 

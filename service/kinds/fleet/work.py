@@ -14,8 +14,8 @@ from jointstiff.schemas.fleet import MAX_SETS, FleetOutcome, FleetRequest, Fleet
 from jointstiff.schemas.run import RunRequest, RunResult
 from jointstiff.service.conversion.prepared import PreparedSet
 from jointstiff.service.conversion.readings import hash_of
-from jointstiff.service.kinds.fleet import outcome_of_row
-from jointstiff.service.kinds.identification import identification
+from jointstiff.service.kinds.fleet.kind import outcome_of_row
+from jointstiff.service.kinds.run.work import identification
 from jointstiff.service.kinds.work import Arrays, Span, Work, joined, outcome_of, spans
 from jointstiff.service.problems import StoreUnavailableError
 from jointstiff.service.resources.inputs import Inputs, NamedSet

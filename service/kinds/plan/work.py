@@ -18,9 +18,9 @@ from jointstiff.service.conversion.prepared import PreparedSet
 from jointstiff.service.conversion.readings import hash_of
 from jointstiff.service.conversion.robots import kinds_of, refuse_far_point, refuse_other_angles
 from jointstiff.service.conversion.units import to_instrument
-from jointstiff.service.kinds.verdicts import judged, own_reason, refuse_unaccepted
 from jointstiff.service.kinds.work import QuickWork
 from jointstiff.service.resources.inputs import Inputs
+from jointstiff.service.runs.verdicts import judged, own_reason, refuse_unaccepted
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.design.candidates import Equipment, Loads, PlanRequest
 from jointstiff.solver.design.plan import CampaignPlan, plan_campaign

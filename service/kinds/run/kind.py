@@ -577,7 +577,7 @@ _EXAMPLES: Final[dict[str, Any]] = {
 
 def compute(inputs: Inputs, request: RunRequest) -> Work:
     """Return the work of a run."""
-    from jointstiff.service.kinds.identification import identification
+    from jointstiff.service.kinds.run.work import identification
 
     return identification(inputs, request)
 

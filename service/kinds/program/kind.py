@@ -41,13 +41,13 @@ _EXAMPLES: Final[dict[str, Any]] = {
 
 
 def _compute(inputs: Inputs, request: ProgramRequest) -> Work:
-    from jointstiff.service.kinds.program_work import work
+    from jointstiff.service.kinds.program.work import work
 
     return work(inputs, request)
 
 
 def _points(job: Program) -> Sheet:
-    from jointstiff.service.kinds.program_work import points_sheet, unpacked
+    from jointstiff.service.kinds.program.work import points_sheet, unpacked
 
     if job.result is None:
         raise ValueError("the program has no result")

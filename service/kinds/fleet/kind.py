@@ -127,7 +127,7 @@ def sets_sheet(job: Fleet) -> Sheet:
 
 
 def _compute(inputs: Inputs, request: FleetRequest) -> Work:
-    from jointstiff.service.kinds.fleet_work import FleetWork
+    from jointstiff.service.kinds.fleet.work import FleetWork
 
     return FleetWork(inputs, request)
 

@@ -282,7 +282,7 @@ _EXAMPLES: Final[dict[str, Any]] = {
 
 def compute(inputs: Inputs, request: PlanRequest) -> Work:
     """Return the work of a plan."""
-    from jointstiff.service.kinds.planning import planning
+    from jointstiff.service.kinds.plan.work import planning
 
     return planning(inputs, request)
 
