@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from jointstiff.solver.mechanics.chain import KinematicChain
     from jointstiff.solver.mechanics.measurements import Measurements
     from jointstiff.solver.mechanics.robot import Body, Robot
-    from jointstiff.solver.weight.identification import (
+    from jointstiff.solver.own_weight.identification import (
         Balancer,
         Burden,
         WeightEstimate,
@@ -47,9 +47,9 @@ __all__ = [
 ]
 
 _HOMES = {
-    "Balancer": "weight.identification",
+    "Balancer": "own_weight.identification",
     "Body": "mechanics.robot",
-    "Burden": "weight.identification",
+    "Burden": "own_weight.identification",
     "Estimate": "estimation.estimate",
     "JointstiffError": "errors",
     "KinematicChain": "mechanics.robot",
@@ -57,10 +57,10 @@ _HOMES = {
     "Poses": "geometry.poses",
     "Robot": "mechanics.robot",
     "Settings": "estimation.method",
-    "WeightEstimate": "weight.identification",
-    "WeightReadings": "weight.identification",
+    "WeightEstimate": "own_weight.identification",
+    "WeightReadings": "own_weight.identification",
     "identify": "estimation.identify",
-    "identify_weight": "weight.identification",
+    "identify_weight": "own_weight.identification",
 }
 
 

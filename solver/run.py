@@ -30,6 +30,7 @@ from jointstiff.solver.estimation.resampling import Draws
 from jointstiff.solver.links.competition import Competition, Winner, excluded_option
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.robot import Robot
+from jointstiff.solver.own_weight.run import run_by_weight
 from jointstiff.solver.result import (
     Found,
     beyond_joints,
@@ -38,7 +39,6 @@ from jointstiff.solver.result import (
     joints_alone,
     run_result,
 )
-from jointstiff.solver.weight.run import run_by_weight
 
 Arrays: TypeAlias = Mapping[str, npt.NDArray[Any]]
 """What a step computes, by name."""

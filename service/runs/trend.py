@@ -22,7 +22,7 @@ from jointstiff.service.problems import StoreUnavailableError
 from jointstiff.service.resources.stored import described
 from jointstiff.service.store.store import Store
 from jointstiff.service.store.tables import MeasurementSetEntry, RobotEntry
-from jointstiff.solver.compare.campaigns import CHANGED_LEVEL, Change, log_stiffness
+from jointstiff.solver.comparison.campaigns import CHANGED_LEVEL, Change, log_stiffness
 
 _MOST_RUNS: Final = 2_000
 _REMEMBERED: Final = 2_000

@@ -592,9 +592,9 @@ def _solve_held(
         return optimal_weights(criterion, problem.base, K, weights), None
     if isinstance(criterion, GOptimality):
         return worst_place_weights(criterion, problem.base, K, weights)
-    from jointstiff.solver.estimation import programs  # takes a second to import
+    from jointstiff.solver.estimation import convex  # takes a second to import
 
-    return programs.worst_direction(problem.base, K, criterion.metric)
+    return convex.worst_direction(problem.base, K, criterion.metric)
 
 
 def optimal_weights(

@@ -31,7 +31,7 @@ from jointstiff.solver.estimation.triangle import triangle_of
 from jointstiff.solver.mechanics.springs import entries, weights
 
 if TYPE_CHECKING:
-    from jointstiff.solver.estimation.programs import Program  # takes a second to import
+    from jointstiff.solver.estimation.convex import Program  # takes a second to import
 
 GAP: Final = 1e-8
 """Greatest excess of a loss over its optimum, with ‖b‖ = 1, that `solve_weighed` lets pass."""
@@ -198,11 +198,11 @@ class SemidefiniteProgram:
         Returns:
             (p,) a point near the optimum; None if Clarabel fails.
         """
-        from jointstiff.solver.estimation import programs  # takes a second to import
+        from jointstiff.solver.estimation import convex  # takes a second to import
 
         near = self.fit.near
         T, readings = self.fit.compressed
-        stated = programs.semidefinite(len(T), self.cone)
+        stated = convex.semidefinite(len(T), self.cone)
         data = {"T": T, "z": (readings - T @ near) / unit, "p": self.penalty / unit, "near": near / unit}
         moved = stated.solve(data, tolerance)
         return None if moved is None else near + unit * moved
@@ -219,9 +219,9 @@ class NormSum:
     @cached_property
     def program(self) -> Program:
         """Return the program for all penalties and thresholds."""
-        from jointstiff.solver.estimation import programs  # takes a second to import
+        from jointstiff.solver.estimation import convex  # takes a second to import
 
-        return programs.sum_of_norms(self.A, self.d, self.cone)
+        return convex.sum_of_norms(self.A, self.d, self.cone)
 
 
 @dataclass(frozen=True, eq=False)
@@ -416,11 +416,11 @@ def penalised_range(
     Returns:
         (K, 2); NaN where an end is not found.
     """
-    from jointstiff.solver.estimation import programs  # takes a second to import
+    from jointstiff.solver.estimation import convex  # takes a second to import
 
     T, z = program.fit.compressed
     limit = float(np.square(T @ x - z).sum() + program.penalty @ x) + rise
-    stated = programs.penalised_end(T, z, program.penalty, limit, program.cone)
+    stated = convex.penalised_end(T, z, program.penalty, limit, program.cone)
     ends = np.full((len(functions), 2), np.nan)
     for number, side in np.ndindex(ends.shape):
         a = functions[number]
@@ -665,10 +665,10 @@ def solve_weighed(A: FloatArray, b: FloatArray, cones: Cones) -> Weighed:
     Raises:
         SolverError: no answer is certified.
     """
-    from jointstiff.solver.estimation import programs  # takes a second to import
+    from jointstiff.solver.estimation import convex  # takes a second to import
 
     size = float(np.linalg.norm(b)) or 1.0
-    program = programs.weighed(len(b), cones.blocks)
+    program = convex.weighed(len(b), cones.blocks)
 
     def solutions() -> Iterator[Weighed]:
         for tolerance in _WEIGHED_LADDER:
@@ -701,10 +701,10 @@ def weighed_ends(A: FloatArray, b: FloatArray, optimum: Weighed, rise: float, co
     Returns:
         (n, 2) outer bounds on the least and greatest c; NaN where Clarabel has no answer.
     """
-    from jointstiff.solver.estimation import programs  # takes a second to import
+    from jointstiff.solver.estimation import convex  # takes a second to import
 
     radius = max(float(np.sqrt(optimum.loss + rise)), _LEAST_RADIUS * float(np.linalg.norm(b)))
-    program = programs.weighed_end(len(b), cones.blocks)
+    program = convex.weighed_end(len(b), cones.blocks)
     data = {"A": A, "b": (b - A @ optimum.x) / radius, "near": optimum.x / radius, "cap": cones.cap / radius}
     bounds, duals = np.full((len(cones.cap), 2), np.nan), {}
     for j, side in np.ndindex(bounds.shape):

@@ -624,10 +624,10 @@ def _minimise(problem: _HuberProblem) -> tuple[FloatArray, Certificate]:
     """
     stated = None
     if len(problem.rows) <= MOST_STATED:
-        from jointstiff.solver.estimation import programs  # takes a second to import
+        from jointstiff.solver.estimation import convex  # takes a second to import
 
         (A, d), (S, t) = ((rows[..., :-1], rows[..., -1]) for rows in (problem.rows, problem.squared))
-        stated = programs.huber(A, d, S, t, problem.least_squares())
+        stated = convex.huber(A, d, S, t, problem.least_squares())
     compliance = solve_step(problem.least_squares()).compliance if stated is None else stated
     damping = 1.0 if stated is None else _LEAST_DAMPING
     objective = problem.objective(compliance)

@@ -519,9 +519,9 @@ def _first_certified(
 
 def _by_clarabel(scaled: Scaled) -> Iterator[_Proposal]:
     """Yield the points of the supports that Clarabel's answer tells."""
-    from jointstiff.solver.estimation import programs  # takes a second to import
+    from jointstiff.solver.estimation import convex  # takes a second to import
 
-    near = programs.least_squares(scaled)
+    near = convex.least_squares(scaled)
     if near is None:
         return
     if len(scaled.d):  # the rows with a multiplier among those that the answer all but touches

@@ -26,7 +26,7 @@ from jointstiff.service.kinds.work import QuickWork
 from jointstiff.service.resources.inputs import Inputs, MeasuredRun
 from jointstiff.service.runs.verdicts import judged, own_reason
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.compare.campaigns import FreeEstimate, Side, compare_sides, models_differ
+from jointstiff.solver.comparison.campaigns import FreeEstimate, Side, compare_sides, models_differ
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.estimation.causes import fit_causes
 from jointstiff.solver.mechanics.robot import Robot

@@ -34,9 +34,9 @@ from jointstiff.solver.mechanics.block import targets_in_flange
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.messages import message, rows
+from jointstiff.solver.own_weight.identification import Burden, planned_rows
+from jointstiff.solver.own_weight.run import run_by_weight
 from jointstiff.solver.result import stated_assessment
-from jointstiff.solver.weight.identification import Burden, planned_rows
-from jointstiff.solver.weight.run import run_by_weight
 
 _LARGEST_RELATIVE: Final = 0.5
 """Relative uncertainty of a compliance above which it is no nominal value."""

@@ -8,8 +8,8 @@ from jointstiff.schemas.run import RunRequest, RunResult
 from jointstiff.service.conversion.prepared import PreparedSet
 from jointstiff.service.kinds.work import Arrays, Span, Work
 from jointstiff.service.resources.inputs import Inputs
+from jointstiff.solver.own_weight.run import with_only_load
 from jointstiff.solver.run import Identification
-from jointstiff.solver.weight.run import with_only_load
 
 
 class RunWork(Work):

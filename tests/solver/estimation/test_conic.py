@@ -27,8 +27,8 @@ from support.springs import readings_of
 
 from jointstiff.simulator.equilibrium import torques
 from jointstiff.solver.errors import SolverError
+from jointstiff.solver.estimation import convex
 from jointstiff.solver.estimation import fit as robust
-from jointstiff.solver.estimation import programs
 from jointstiff.solver.estimation.conic import (
     Block,
     Cone,
@@ -264,9 +264,9 @@ def test_the_optimum_is_that_of_another_solver(seed, rows):
 
 def test_a_point_that_is_not_the_optimum_is_not_certified(monkeypatch):
     A, b, _ = problem(2)
-    solve = programs.Program.solve
+    solve = convex.Program.solve
     monkeypatch.setattr(
-        programs.Program, "solve", lambda self, data, tolerance: 1.001 * solve(self, data, tolerance)
+        convex.Program, "solve", lambda self, data, tolerance: 1.001 * solve(self, data, tolerance)
     )
     for rows, right, cones in ((A, b, CONES), (np.eye(1), np.ones(1), Cones((Block(0),), np.full(1, 10.0)))):
         with pytest.raises(SolverError, match="its gap is"):
@@ -296,12 +296,12 @@ def test_ends_hold_all_points_near_the_optimum_and_no_more(seed):
     A, b, rng = problem(seed)
     optimum = solve_weighed(A, b, CONES)
     found = weighed_ends(A, b, optimum, 0.5, CONES)
-    program, radius = programs.weighed_end(SIZE, BLOCKS), np.sqrt(optimum.loss + 0.5)
+    program, radius = convex.weighed_end(SIZE, BLOCKS), np.sqrt(optimum.loss + 0.5)
     near, cap = optimum.x / radius, CONES.cap / radius
     ball = {"A": A, "b": b / radius - A @ near, "near": near, "cap": cap}
     for (j, side), end in np.ndenumerate(found):  # a point of the set is there, all but
         a = (1.0 - 2.0 * side) * np.eye(SIZE)[CONES.first[j]]
-        c = radius * (near + program.solve({"a": a, **ball}, programs.TOLERANCE))[CONES.first[j]]
+        c = radius * (near + program.solve({"a": a, **ball}, convex.TOLERANCE))[CONES.first[j]]
         assert abs(max(c, 0.0) - end) <= 1e-6 * np.ptp(found[j])
     for start in inside(rng, 200):  # towards each point, as far as the level set allows
         step = start - optimum.x
@@ -339,14 +339,14 @@ def test_a_semidefinite_program_finds_the_nearest_point_of_its_cone():
     wanted = near + z - 0.5 * p
     values, vectors = np.linalg.eigh(to_matrix(wanted[1:], 3))
     nearest = to_vector((vectors * np.maximum(values, 0.0)) @ vectors.T)
-    found = programs.semidefinite(7, Cone(1, (3,))).solve(data, 1e-9)
+    found = convex.semidefinite(7, Cone(1, (3,))).solve(data, 1e-9)
     np.testing.assert_allclose(near + found, [max(wanted[0], 0.0), *nearest], atol=1e-6)
 
 
 def test_the_design_for_the_worst_direction_is_solved_by_hand():
     """Two parameters, informed by 1 and 4 a reading: shares 0.8 and 0.2, none of what tells little."""
     K = np.array([np.diag([1.0, 0.0]), np.diag([0.0, 4.0]), 0.1 * np.eye(2)])
-    weights, dual = programs.worst_direction(np.zeros((2, 2)), K, np.ones(2))
+    weights, dual = convex.worst_direction(np.zeros((2, 2)), K, np.ones(2))
     np.testing.assert_allclose(weights, [0.8, 0.2, 0.0], atol=1e-6)
     assert weights[2] == 0.0
     np.testing.assert_allclose(dual, np.diag([0.8, 0.2]), atol=1e-6)

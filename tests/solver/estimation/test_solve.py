@@ -23,8 +23,8 @@ from support.examples import examples
 
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.solver.errors import RequestError, SolverError
+from jointstiff.solver.estimation import convex
 from jointstiff.solver.estimation import estimate as estimates
-from jointstiff.solver.estimation import programs
 from jointstiff.solver.estimation import solution as module
 from jointstiff.solver.estimation.estimate import profile_ends
 from jointstiff.solver.estimation.fit import Likelihood, rows_of
@@ -103,7 +103,7 @@ def test_a_wrong_support_is_never_certified(monkeypatch, wrong):
     problem = IdentificationProblem(A, b, Bounds(np.zeros(2), np.full(2, 10.0)))
     place = {0: 5.0, -1: 0.0, 1: 10.0}[wrong]
     monkeypatch.setattr(module, "MOST_PIVOTS", 0)
-    monkeypatch.setattr(programs, "least_squares", lambda _: np.full(2, place))
+    monkeypatch.setattr(convex, "least_squares", lambda _: np.full(2, place))
     found = solve(problem)
     assert found.certificate.solved_by == "active_set"
     np.testing.assert_allclose(found.compliance, [1.0, 0.0], rtol=1e-15)
@@ -114,12 +114,12 @@ def test_a_wrong_support_is_never_certified(monkeypatch, wrong):
 
 @pytest.mark.parametrize(
     ("name", "value"),
-    [("least_squares", lambda _: None), ("SETTINGS", {**programs.SETTINGS, "max_iter": 1})],
+    [("least_squares", lambda _: None), ("SETTINGS", {**convex.SETTINGS, "max_iter": 1})],
     ids=["no Clarabel", "it does not say optimal"],
 )
 def test_the_active_set_alone_solves(monkeypatch, name, value):
     """Without Clarabel, whose word alone is not believed, the active set agrees with exact arithmetic."""
-    monkeypatch.setattr(programs, name, value)
+    monkeypatch.setattr(convex, name, value)
     rng = np.random.default_rng(3)
     for _ in range(200):
         A, b = random_columns(rng)
@@ -235,7 +235,7 @@ class TestOrder:
 
     def test_wrong_rows_are_never_certified(self, monkeypatch):
         monkeypatch.setattr("scipy.optimize.nnls", lambda A, _: (np.zeros(A.shape[1]), 0.0))
-        monkeypatch.setattr(programs, "least_squares", lambda _: None)
+        monkeypatch.setattr(convex, "least_squares", lambda _: None)
         A, b = np.eye(2), np.array([1.0, 0.0])
         with pytest.raises(SolverError, match="no solution satisfies"):
             solve(IdentificationProblem(A, b, Bounds.positive(2), Inequalities(*LESS)))
@@ -276,7 +276,7 @@ def test_threads_share_the_programs():
         A, b = rng.standard_normal((n + 1, n)), rng.standard_normal(n + 1)
         problems.append(IdentificationProblem(A, b, Bounds.positive(n)))
     alone = [solve(problem).compliance for problem in problems]
-    programs._least_squares.cache_clear()
+    convex._least_squares.cache_clear()
     with ThreadPoolExecutor(8) as pool:
         together = [solution.compliance for solution in pool.map(solve, problems)]
     for one, other in zip(alone, together, strict=True):

@@ -23,7 +23,7 @@ from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.mechanics.robot import Body
 
 if TYPE_CHECKING:
-    from jointstiff.solver.weight.identification import Burden, Reduced
+    from jointstiff.solver.own_weight.identification import Burden, Reduced
 
 CONTRADICTED: Final = 9.0
 """Fall of χ² with one mass free that contradicts it: 2 % of 200 campaigns with right masses have one."""

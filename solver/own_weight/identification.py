@@ -61,9 +61,9 @@ from jointstiff.solver.mechanics.measurements import Measurements, check_array
 from jointstiff.solver.mechanics.postures import Postures
 from jointstiff.solver.mechanics.robot import Body, Robot
 from jointstiff.solver.mechanics.springs import JOINTS
+from jointstiff.solver.own_weight.masses import contradicted, contradiction, freed_masses, unchecked, widened
 from jointstiff.solver.predict.models import IdentifiedWeight
 from jointstiff.solver.text import figure, length_text
-from jointstiff.solver.weight.masses import contradicted, contradiction, freed_masses, unchecked, widened
 
 _UPRIGHT: Final = 1e-3
 """Weight torque, relative to the greatest of all, that counts as none."""

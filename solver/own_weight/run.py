@@ -26,7 +26,7 @@ from jointstiff.solver.predict.models import JointModel
 from jointstiff.solver.result import joint_results, stated_assessment
 
 if TYPE_CHECKING:
-    from jointstiff.solver.weight.identification import WeightEstimate, WeightReadings
+    from jointstiff.solver.own_weight.identification import WeightEstimate, WeightReadings
 
 _NO_MODEL_ERROR: Final = RequestError(
     "stiffnesses are from the robot's own weight: no posture under load was left out", remedy="measure a load"
@@ -61,7 +61,7 @@ def run_by_weight(
         RequestError: the robot has no bodies, or the set no positions.
         JointstiffError: as `identify_weight` does.
     """
-    from jointstiff.solver.weight.identification import identify_weight
+    from jointstiff.solver.own_weight.identification import identify_weight
 
     weight = options.weight or OwnWeight()
     readings, observation = _readings(robot, m, weight)
@@ -132,7 +132,7 @@ def run_by_weight(
 def _readings(robot: Robot, m: Measurements, weight: OwnWeight) -> tuple[WeightReadings, IndexArray]:
     """Return all positions, those without a load first, and the observation (rows,) of each row."""
     from jointstiff.solver.geometry.poses import Poses
-    from jointstiff.solver.weight.identification import Balancer, Burden, WeightReadings
+    from jointstiff.solver.own_weight.identification import Balancer, Burden, WeightReadings
 
     if not robot.bodies:
         raise RequestError(

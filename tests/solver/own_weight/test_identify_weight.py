@@ -29,10 +29,10 @@ from jointstiff.solver.geometry.poses import PoseState, chain_axes, transformed
 from jointstiff.solver.mechanics.block import OwnWeight
 from jointstiff.solver.mechanics.postures import Postures
 from jointstiff.solver.mechanics.robot import Body
+from jointstiff.solver.own_weight.identification import Burden, identify_weight, rows_at
+from jointstiff.solver.own_weight.masses import FreedMass, contradicted, freed_masses, unchecked, widened
 from jointstiff.solver.predict.forward import CorrectionLimits, LoadCases, compensate
 from jointstiff.solver.predict.models import JointModel
-from jointstiff.solver.weight.identification import Burden, identify_weight, rows_at
-from jointstiff.solver.weight.masses import FreedMass, contradicted, freed_masses, unchecked, widened
 
 
 def compliances(estimate):

@@ -17,7 +17,7 @@ from jointstiff.schemas.comparison import OrderedResult
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.campaign import deflections
 from jointstiff.simulator.document import experiment_of
-from jointstiff.solver.compare.campaigns import (
+from jointstiff.solver.comparison.campaigns import (
     Change,
     FreeEstimate,
     GaussianEstimate,
