@@ -21,13 +21,8 @@ if TYPE_CHECKING:
     from jointstiff.solver.mechanics.chain import KinematicChain
     from jointstiff.solver.mechanics.measurements import Measurements
     from jointstiff.solver.mechanics.robot import Body, Robot
-    from jointstiff.solver.own_weight.identification import (
-        Balancer,
-        Burden,
-        WeightEstimate,
-        WeightReadings,
-        identify_weight,
-    )
+    from jointstiff.solver.own_weight.identification import WeightEstimate, identify_weight
+    from jointstiff.solver.own_weight.rows import Balancer, Burden, WeightReadings
 
 __all__ = [
     "Balancer",
@@ -47,9 +42,9 @@ __all__ = [
 ]
 
 _HOMES = {
-    "Balancer": "own_weight.identification",
+    "Balancer": "own_weight.rows",
     "Body": "mechanics.robot",
-    "Burden": "own_weight.identification",
+    "Burden": "own_weight.rows",
     "Estimate": "estimation.estimate",
     "JointstiffError": "errors",
     "KinematicChain": "mechanics.robot",
@@ -58,7 +53,7 @@ _HOMES = {
     "Robot": "mechanics.robot",
     "Settings": "estimation.method",
     "WeightEstimate": "own_weight.identification",
-    "WeightReadings": "own_weight.identification",
+    "WeightReadings": "own_weight.rows",
     "identify": "estimation.identify",
     "identify_weight": "own_weight.identification",
 }

@@ -16,8 +16,8 @@ from jointstiff.schemas.options import Method, Resampling
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.estimation.identify import identify
 from jointstiff.solver.estimation.method import Settings
+from jointstiff.solver.estimation.problem import Bounds
 from jointstiff.solver.estimation.resampling import GramBlocks, Resamples, draws_of, gram_blocks, resample
-from jointstiff.solver.estimation.solution import Bounds
 
 __all__ = ["run"]
 

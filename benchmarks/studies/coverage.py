@@ -19,7 +19,7 @@ from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.estimation.estimate import Estimate, JointCompliance
 from jointstiff.solver.estimation.identify import identify
 from jointstiff.solver.estimation.method import Settings
-from jointstiff.solver.estimation.solution import Bounds
+from jointstiff.solver.estimation.problem import Bounds
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.robot import Robot
 from tests.support.springs import robot_of

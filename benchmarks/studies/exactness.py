@@ -13,7 +13,8 @@ from flint import fmpq
 from benchmarks.report import Figure, Section
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import SolverError
-from jointstiff.solver.estimation.solution import Bounds, IdentificationProblem, Solution, solve, solve_step
+from jointstiff.solver.estimation.problem import Bounds, IdentificationProblem
+from jointstiff.solver.estimation.solution import Solution, solve, solve_step
 from jointstiff.solver.estimation.triangle import triangle_of
 from tests.reference.exact_nnls import exact_nnls
 from tests.reference.exact_problems import (

@@ -35,9 +35,9 @@ from jointstiff.solver.links.model import (
     ElasticModel,
     elastic_blocks,
 )
+from jointstiff.solver.mechanics.cases import LoadCases
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.robot import Robot
-from jointstiff.solver.predict.forward import LoadCases
 from jointstiff.solver.predict.models import ElasticPredictor, leave_folds_out
 
 __all__ = ["held_out_compensation", "run"]

@@ -9,8 +9,8 @@ from jointstiff.simulator import SpringArm, equilibrium
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.estimation.identify import identify
 from jointstiff.solver.estimation.method import Settings
-from jointstiff.solver.estimation.solution import Bounds, Constraints
-from jointstiff.solver.predict.forward import LoadCases
+from jointstiff.solver.estimation.problem import Bounds, Constraints
+from jointstiff.solver.mechanics.cases import LoadCases
 from jointstiff.solver.predict.models import JointModel
 from tests.support.slides import arm_on_rail, scara
 from tests.support.springs import SIGMA, SpringCampaign, robot_of

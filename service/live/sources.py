@@ -27,10 +27,10 @@ import numpy as np
 from jointstiff.service.problems import ServiceError
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import JointstiffError, RequestError
-from jointstiff.solver.estimation.solution import Bounds, Constraints
+from jointstiff.solver.estimation.problem import Bounds, Constraints
+from jointstiff.solver.mechanics.cases import LoadCases
 from jointstiff.solver.mechanics.postures import Postures
 from jointstiff.solver.mechanics.robot import Robot
-from jointstiff.solver.predict.forward import LoadCases
 from jointstiff.solver.predict.models import JointModel
 
 Place = tuple[float, float, float]

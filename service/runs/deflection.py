@@ -38,9 +38,9 @@ from jointstiff.service.tables.report import verdict_lines
 from jointstiff.service.tables.table import NO_NUMBER, Chart, Column, Line, Part, Sheet, Table, number
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import RequestError
+from jointstiff.solver.mechanics.cases import LoadCases
 from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.predict.answers import case_results
-from jointstiff.solver.predict.forward import LoadCases
 from jointstiff.solver.predict.models import EXTRAPOLATED
 
 MAX_CASE_WORK: Final = 150_000

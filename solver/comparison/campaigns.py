@@ -36,7 +36,8 @@ from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.estimation.estimate import predict, profile_ends, stiffness_of
 from jointstiff.solver.estimation.fit import Likelihood, StageFit, rows_of, student_quantile
-from jointstiff.solver.estimation.solution import Bounds, Constraints, Order, greatest_violations
+from jointstiff.solver.estimation.problem import Bounds, Constraints, Order
+from jointstiff.solver.estimation.solution import greatest_violations
 from jointstiff.solver.mechanics.block import STANDARD_GRAVITY, regressor_blocks
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.postures import Postures

@@ -22,7 +22,7 @@ from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.design.optimum import Candidates
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.estimation.triangle import basis, unit_columns
-from jointstiff.solver.mechanics.block import regressor_blocks
+from jointstiff.solver.mechanics.block import fitted_errors, regressor_blocks
 from jointstiff.solver.mechanics.block import whitened_rows as term_rows
 from jointstiff.solver.mechanics.measurements import DifferenceNoise, Instrument, Measurements
 from jointstiff.solver.mechanics.postures import Postures
@@ -316,7 +316,7 @@ def whitened_rows(robot: Robot, request: PlanRequest, measurements: Measurements
     """
     hedged = [term for term in TERMS.values() if term.hedged]
     terms = [JOINTS, *([links_behind(tuple(range(robot.n)))] if request.links else hedged)]
-    fitted = measurements.common_uncertainty.fitted.terms
+    fitted = fitted_errors(measurements).terms
     parts = []
     for block in regressor_blocks(robot, measurements):
         columns, _, widths = term_rows(block, [*terms, *fitted], np.nan_to_num(request.nominal))

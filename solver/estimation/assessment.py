@@ -33,7 +33,7 @@ from jointstiff.solver.estimation.estimate import (
 from jointstiff.solver.estimation.joints import JointsAlone, within_noise
 from jointstiff.solver.estimation.method import Settings
 from jointstiff.solver.estimation.triangle import nonnegative
-from jointstiff.solver.mechanics.block import STANDARD_GRAVITY, targets_in_flange
+from jointstiff.solver.mechanics.block import STANDARD_GRAVITY, fitted_errors, targets_in_flange
 from jointstiff.solver.mechanics.measurements import (
     ASSUMED_FORCE_SCALE,
     ASSUMED_LOAD_POINT,
@@ -311,7 +311,7 @@ def causes_reason(causes: Sequence[Cause], estimate: Estimate) -> Finding:
 
 def fitted_reason(measurements: Measurements) -> Iterator[Finding]:
     """Report causes that were fitted beside the joints: what was stated is refuted."""
-    fitted, start = measurements.common_uncertainty.fitted, 0
+    fitted, start = fitted_errors(measurements), 0
     uncertainty = np.linalg.norm(fitted.root, axis=1)
     for term, values in zip(fitted.terms, fitted.unknowns, strict=True):
         half = 2.0 * uncertainty[start : start + len(values)]

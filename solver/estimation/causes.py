@@ -46,16 +46,19 @@ from jointstiff.solver.estimation.triangle import (
     unit_columns,
 )
 from jointstiff.solver.mechanics.block import (
+    BesideErrors,
+    FittedErrors,
     RegressorBlock,
     Rows,
     Term,
+    fitted_errors,
     regressor_blocks,
     rows_of,
     targets_in_flange,
     unloaded_block,
     whitened_rows,
 )
-from jointstiff.solver.mechanics.measurements import FittedErrors, Measurements
+from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.postures import Postures
 from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.mechanics.springs import DIAGONAL_BASE, DIAGONAL_LINKS, FULL_BASE, JOINTS
@@ -176,7 +179,7 @@ def screen_estimate(robot: Robot, measurements: Measurements, estimate: Estimate
         block = next(regressor_blocks(robot, part, balanced))
     except SolverError:  # no balance: other reasons say so
         return Screening(1.0, (), ())
-    before, seen = measurements.common_uncertainty.fitted.terms, ~estimate.observability.null
+    before, seen = fitted_errors(measurements).terms, ~estimate.observability.null
     suspects = _suspects(measurements, block, compliance, before)
     triangles = _Triangles(block, compliance, seen, before, [suspect.term for suspect in suspects])
     links = triangles.links_p_value()
@@ -255,10 +258,7 @@ def _beside(
             remedy=f"give one of: {', '.join(sorted({name for name, _ in known}))}",
         )
     fitted = _fit(robot, part, [known[each].term for each in named], compliance)
-    return replace(
-        _without(robot, measurements, fitted.errors, fitted.compliance),
-        common_uncertainty=replace(measurements.common_uncertainty, fitted=fitted.errors),
-    )
+    return BesideErrors.of(_without(robot, measurements, fitted.errors, fitted.compliance), fitted.errors)
 
 
 @dataclass(frozen=True, eq=False)
@@ -314,7 +314,7 @@ def _followed(
     Raises:
         SolverError: it leads to loads that no arm balances, or to a negative size of what has none.
     """
-    fitted = _fit(robot, part, [*part.common_uncertainty.fitted.terms, suspect.term], triangles.compliance)
+    fitted = _fit(robot, part, [*fitted_errors(part).terms, suspect.term], triangles.compliance)
     unknowns = fitted.errors.unknowns[-1]
     surest = unknowns / np.linalg.norm(fitted.errors.root, axis=1)[-len(unknowns) :]
     if suspect.term.nonnegative and surest[np.abs(surest).argmax()] < 0.0:

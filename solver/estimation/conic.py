@@ -5,9 +5,8 @@ Semidefinite programs with a penalty on traces (method.md §7), of two losses:
     minimise ‖R x − z‖² + pᵀx           subject to   x_j ≥ 0 for the first parameters, Mat(x_b) ⪰ 0
     minimise Σ_i ρ(‖A_i x − d_i‖) + pᵀx     for the blocks that follow, p = λ on traces and some scalars
 
-ρ(u) is u²/(2h) up to h and u − h/2 beyond; h = 0 leaves the sum of the norms. Symmetric matrices are vectors:
-the upper triangle column by column, off-diagonal entries times √2. Then least squares over cones of products
-c η of a compliance with unknowns in a box (method.md §14), see `Cones`.
+ρ(u) is u²/(2h) up to h and u − h/2 beyond; h = 0 leaves the sum of the norms. Then least squares over cones
+of products c η of a compliance with unknowns in a box (method.md §14), see `Cones`.
 
 Whatever led to an answer, it is made feasible exactly, and so is a point of the dual that its residual or
 Clarabel tells; the gap between the two is computed without cancellation, and only an answer whose gap is
@@ -26,9 +25,9 @@ import numpy as np
 
 from jointstiff.solver.arrays import FloatArray, IndexArray
 from jointstiff.solver.errors import SolverError
+from jointstiff.solver.estimation.cones import Block, Cone, to_matrix, to_vector
 from jointstiff.solver.estimation.solution import Certificate
 from jointstiff.solver.estimation.triangle import triangle_of
-from jointstiff.solver.mechanics.springs import entries, weights
 
 if TYPE_CHECKING:
     from jointstiff.solver.estimation.convex import Program  # takes a second to import
@@ -63,93 +62,6 @@ _OPEN: Final = 1e-6
 """Share of a function outside of what the readings see that is rounding."""
 _LEAST_RADIUS: Final = 1e-6
 """Radius of the ball of `weighed_ends`, beside ‖b‖, below which Clarabel's rounding shows: exact readings."""
-
-
-def diagonal(size: int) -> IndexArray:
-    """(size,) places of the diagonal entries in the vector."""
-    rows, columns = entries(size)
-    return np.flatnonzero(rows == columns)
-
-
-def to_matrix(vector: FloatArray, size: int) -> FloatArray:
-    """(..., size, size) of vectors (..., size (size + 1) / 2)."""
-    rows, columns = entries(size)
-    out = np.empty((*vector.shape[:-1], size, size))
-    out[..., rows, columns] = out[..., columns, rows] = vector / weights(size)
-    return out
-
-
-def to_vector(matrix: FloatArray) -> FloatArray:
-    """(..., size (size + 1) / 2) of symmetric matrices (..., size, size)."""
-    size = matrix.shape[-1]
-    rows, columns = entries(size)
-    return np.asarray(matrix[..., rows, columns] * weights(size))
-
-
-def raised(vector: FloatArray, size: int) -> FloatArray:
-    """A block with as much added to its diagonal as it takes for no computed eigenvalue to be negative.
-
-    It is rounding, of a few parts in 10¹⁶ of the greatest eigenvalue.
-    """
-    lift = np.finfo(float).eps * float(np.abs(vector).max(initial=0.0))
-    raised_vector = vector
-    while np.linalg.eigvalsh(to_matrix(raised_vector, size)).min() < 0.0:
-        raised_vector = vector.copy()
-        raised_vector[diagonal(size)] += lift
-        lift *= 2.0
-    return raised_vector
-
-
-@dataclass(frozen=True)
-class Cone:
-    """Layout of the parameters."""
-
-    nonnegative: int  #: how many of the first are zero or positive
-    sizes: tuple[int, ...] = ()  #: sizes of the blocks that follow, each a symmetric matrix as a vector
-    penalised: int = 0  #: how many of the scalars, the last ones, have a penalty as the blocks' traces have
-
-    @property
-    def dimension(self) -> int:
-        """Number of parameters."""
-        return self.nonnegative + sum(size * (size + 1) // 2 for size in self.sizes)
-
-    @property
-    def free(self) -> int:
-        """Number of the first scalars, those without a penalty."""
-        return self.nonnegative - self.penalised
-
-    def blocks(self) -> Iterator[tuple[int, slice]]:
-        """Size and place of each block."""
-        start = self.nonnegative
-        for size in self.sizes:
-            stop = start + size * (size + 1) // 2
-            yield size, slice(start, stop)
-            start = stop
-
-    def least(self, x: FloatArray) -> float:
-        """Least of the scalars and of the blocks' eigenvalues; inf of nothing."""
-        values = [
-            x[: self.nonnegative],
-            *(np.linalg.eigvalsh(to_matrix(x[place], size)) for size, place in self.blocks()),
-        ]
-        return float(min((value.min() for value in values if len(value)), default=np.inf))
-
-    def project(self, x: FloatArray) -> FloatArray:
-        """The nearest point of the cone, whose computed eigenvalues are not below zero either."""
-        out = np.maximum(x, 0.0)
-        for size, place in self.blocks():
-            eigenvalues, vectors = np.linalg.eigh(to_matrix(x[place], size))
-            kept = np.maximum(eigenvalues, 0.0)
-            out[place] = raised(to_vector((vectors * kept) @ vectors.T), size)
-        return out
-
-    def penalty(self, weight: float) -> FloatArray:
-        """(p,) the weight λ for the penalised scalars and on the diagonals of the blocks."""
-        out = np.zeros(self.dimension)
-        out[self.free : self.nonnegative] = weight
-        for size, place in self.blocks():
-            out[place][diagonal(size)] = weight
-        return out
 
 
 @dataclass(frozen=True, eq=False)
@@ -577,20 +489,6 @@ def effective_freedom(program: SemidefiniteProgram, x: FloatArray) -> FloatArray
     for block, coordinates in face.blocks:
         freedom[block.place.start] = shares[coordinates].sum()
     return freedom
-
-
-@dataclass(frozen=True)
-class Block:
-    """Unknowns of one joint: c, then the boxes' ζ, then three ν for each ball."""
-
-    boxes: int  #: number of ζ
-    #: for each ball: index of the ζ by which its radius grows, −1 for none, and by how much beside c
-    balls: tuple[tuple[int, float], ...] = ()
-
-    @property
-    def size(self) -> int:
-        """Return the number of unknowns."""
-        return 1 + self.boxes + 3 * len(self.balls)
 
 
 @dataclass(frozen=True, eq=False)

@@ -36,8 +36,8 @@ from scipy.sparse import csc_array, csr_array, triu
 
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import SolverError
-from jointstiff.solver.estimation.conic import Block, Cone, to_matrix
-from jointstiff.solver.estimation.solution import IdentificationProblem, Scaled
+from jointstiff.solver.estimation.cones import Block, Cone, to_matrix
+from jointstiff.solver.estimation.problem import IdentificationProblem, Scaled
 
 TOLERANCE: Final = 1e-10
 """Clarabel's default absolute gap of 1e-8 bounds the residual only by its square root."""

@@ -49,16 +49,8 @@ from jointstiff.solver.estimation.observability import (
     noise_reason,
     observability_indices,
 )
-from jointstiff.solver.estimation.solution import (
-    Bounds,
-    Certificate,
-    Constraints,
-    IdentificationProblem,
-    Inequalities,
-    greatest_violations,
-    solve_batch,
-    solve_step,
-)
+from jointstiff.solver.estimation.problem import Bounds, Constraints, IdentificationProblem, Inequalities
+from jointstiff.solver.estimation.solution import Certificate, greatest_violations, solve_batch, solve_step
 from jointstiff.solver.mechanics.block import regressor_blocks
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.robot import Robot

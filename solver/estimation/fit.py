@@ -31,16 +31,8 @@ from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray, Support
 from jointstiff.solver.errors import SolverError, UnsupportedMethodError
 from jointstiff.solver.estimation.method import MethodTriangles, Prior
 from jointstiff.solver.estimation.observability import Combination, Identifiability, Spectrum, analyse
-from jointstiff.solver.estimation.solution import (
-    Certificate,
-    Constraints,
-    IdentificationProblem,
-    Scaled,
-    Solution,
-    certify,
-    solve,
-    solve_step,
-)
+from jointstiff.solver.estimation.problem import Constraints, IdentificationProblem, Scaled
+from jointstiff.solver.estimation.solution import Certificate, Solution, certify, solve, solve_step
 from jointstiff.solver.estimation.triangle import Triangle, triangle_of
 from jointstiff.solver.mechanics.block import RegressorBlock, whitened_rows
 from jointstiff.solver.mechanics.measurements import Measurements

@@ -26,7 +26,7 @@ from jointstiff.solver.estimation.method import (
 )
 from jointstiff.solver.estimation.observability import Excitation, Observability
 from jointstiff.solver.estimation.solution import solve, solve_step
-from jointstiff.solver.mechanics.block import regressor_blocks
+from jointstiff.solver.mechanics.block import fitted_errors, regressor_blocks
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.mechanics.springs import NEGLECTED_STIFFNESS, complementary_stiffness
@@ -203,7 +203,7 @@ def _fit(
         for block in regressor_blocks(robot, measurements, compliance):
             triangles.add(block)
     # Each unknown that was fitted beside the joints takes a reading.
-    triangles.judged.rows -= measurements.common_uncertainty.fitted.told
+    triangles.judged.rows -= fitted_errors(measurements).told
     find = solve_step if before is None and settings.complementary_stiffness else solve
     fit = fit_method(triangles, observability.null, settings.constraints, find=find)
     if settings.prior is not None:
@@ -353,7 +353,8 @@ def _judged(robot: Robot, measurements: Measurements, settings: Settings, last: 
 def _common_errors(robot: Robot, settings: Settings, last: _Pass, sigma: float) -> CommonErrors | None:
     """Return what a standard uncertainty of each shared error moves in the estimate; None without errors."""
     common = last.measurements.common_uncertainty
-    fitted = common.fitted.terms
+    errors = fitted_errors(last.measurements)
+    fitted = errors.terms
     stated = {name: (common.source(name), term.prior(common)) for name, term in TERMS.items()}
     blocks = regressor_blocks(robot, last.measurements, last.balanced)
     told = {term.name for term in fitted}  # the readings take the place of a statement
@@ -372,7 +373,7 @@ def _common_errors(robot: Robot, settings: Settings, last: _Pass, sigma: float) 
         by_source[source] = np.resize(size, response.shape[1]) * response
     if fitted:
         moved = np.hstack([responses[term.name] for term in fitted])
-        by_source["fitted_causes"] = moved @ common.fitted.root
+        by_source["fitted_causes"] = moved @ errors.root
     return CommonErrors(by_source)
 
 

@@ -28,7 +28,7 @@ from jointstiff.schemas.options import RunOptions, Weighting
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import RequestError, UnsupportedMethodError
 from jointstiff.solver.estimation.observability import Excitation, Spectrum
-from jointstiff.solver.estimation.solution import Bounds, Constraints, Order
+from jointstiff.solver.estimation.problem import Bounds, Constraints, Order
 from jointstiff.solver.estimation.triangle import Triangle
 from jointstiff.solver.mechanics.block import RegressorBlock, Rows, Term, whitened_rows
 from jointstiff.solver.mechanics.measurements import Measurements, whitener

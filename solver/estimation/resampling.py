@@ -28,7 +28,8 @@ from jointstiff.solver.estimation.identify import refuse_unsupported
 from jointstiff.solver.estimation.joints import JointsAlone
 from jointstiff.solver.estimation.method import Method, Settings
 from jointstiff.solver.estimation.observability import NULL_COLUMN, Excitation, Spectrum, analyse
-from jointstiff.solver.estimation.solution import Bounds, IdentificationProblem, solve_batch, solve_step
+from jointstiff.solver.estimation.problem import Bounds, IdentificationProblem
+from jointstiff.solver.estimation.solution import solve_batch, solve_step
 from jointstiff.solver.estimation.triangle import triangle_of, unit_columns
 from jointstiff.solver.mechanics.block import regressor_blocks, whitened_rows
 from jointstiff.solver.mechanics.measurements import Measurements

@@ -25,14 +25,12 @@ from jointstiff.schemas.model import (
 )
 from jointstiff.solver.arrays import FloatArray, IndexArray, in_one_sense
 from jointstiff.solver.errors import SolverError, UnsupportedMethodError
+from jointstiff.solver.estimation.cones import diagonal, raised, to_matrix
 from jointstiff.solver.estimation.conic import (
-    diagonal,
     effective_freedom,
     penalised_range,
-    raised,
     range_of_squares,
     solve_cone,
-    to_matrix,
 )
 from jointstiff.solver.estimation.estimate import Estimate, JointCompliance, Prediction
 from jointstiff.solver.estimation.fit import student_quantile

@@ -25,8 +25,8 @@ from jointstiff.schemas.options import ElasticModel as ModelName
 from jointstiff.schemas.options import Loss, RunOptions
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import UnsupportedMethodError
+from jointstiff.solver.estimation.cones import Cone, diagonal
 from jointstiff.solver.estimation.conic import (
-    Cone,
     ConeSolution,
     LeastSquares,
     NormSum,
@@ -34,13 +34,13 @@ from jointstiff.solver.estimation.conic import (
     SemidefiniteProgram,
     certify_cone,
     certify_robust,
-    diagonal,
     solve_cone,
     solve_robust,
 )
 from jointstiff.solver.estimation.fit import MEDIAN_NORM
 from jointstiff.solver.estimation.method import DEFAULT_THRESHOLD
-from jointstiff.solver.estimation.solution import Bounds, IdentificationProblem, solve_step
+from jointstiff.solver.estimation.problem import Bounds, IdentificationProblem
+from jointstiff.solver.estimation.solution import solve_step
 from jointstiff.solver.estimation.triangle import Triangle, triangle_of
 from jointstiff.solver.mechanics.block import RegressorBlock, Term, regressor_blocks, rows_of
 from jointstiff.solver.mechanics.measurements import Measurements, whitened

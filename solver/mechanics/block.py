@@ -9,9 +9,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, ClassVar, Final, NamedTuple
+from typing import Any, ClassVar, Final, NamedTuple
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -19,12 +19,10 @@ import pinocchio as pin
 
 from jointstiff.solver.arrays import BoolArray, FloatArray, cross
 from jointstiff.solver.errors import RequestError, SolverError
+from jointstiff.solver.mechanics.cases import LoadCases
 from jointstiff.solver.mechanics.measurements import CommonUncertainty, Measurements, whitened
 from jointstiff.solver.mechanics.postures import Postures, skew
 from jointstiff.solver.mechanics.robot import Robot, in_configuration_space, with_weights
-
-if TYPE_CHECKING:
-    from jointstiff.solver.predict.forward import LoadCases
 
 _STEPS: Final = 20
 """Newton's; three suffice for the loads of machining."""
@@ -444,6 +442,38 @@ class Term:
     remedy: str = ""  #: what to check, or to read, to be certain of it
     #: standard uncertainty of its unknowns as a nuisance of plans under one load; 0 leaves it out
     hedged: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class FittedErrors:
+    """Errors that were fitted beside the joints and taken out of the readings: K unknowns."""
+
+    terms: tuple[Term, ...]  #: terms that they are of
+    unknowns: tuple[FloatArray, ...]  #: (k,) of each term, in its unit
+    root: FloatArray  #: (K, r); its product with the transpose is the covariance of all unknowns
+    told: int  #: number of combinations of the unknowns that the readings tell apart from the joints
+
+
+NOTHING_FITTED: Final = FittedErrors((), (), np.zeros((0, 0)), 0)
+
+
+@dataclass(frozen=True, eq=False)
+class BesideErrors(Measurements):
+    """Readings without what errors moved, which were fitted beside the joints."""
+
+    fitted: FittedErrors = NOTHING_FITTED
+
+    @classmethod
+    def of(cls, measurements: Measurements, fitted: FittedErrors) -> BesideErrors:
+        """Return readings whose errors were taken out."""
+        return cls(
+            **{each.name: getattr(measurements, each.name) for each in fields(Measurements)}, fitted=fitted
+        )
+
+
+def fitted_errors(measurements: Measurements) -> FittedErrors:
+    """Return the errors that were fitted beside the joints; none of readings as they were made."""
+    return measurements.fitted if isinstance(measurements, BesideErrors) else NOTHING_FITTED
 
 
 def by_torque(block: RegressorBlock, compliance: FloatArray, torque: FloatArray) -> Motion:

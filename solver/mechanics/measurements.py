@@ -10,7 +10,7 @@ of sight and grows with the distance.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
@@ -19,9 +19,6 @@ from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import MeasurementError, RequestError
 from jointstiff.solver.mechanics.postures import Postures
 from jointstiff.solver.mechanics.robot import Robot
-
-if TYPE_CHECKING:
-    from jointstiff.solver.mechanics.block import Term
 
 ISOTROPIC_DIFFERENCE: FloatArray = 2.0 * np.eye(3)
 """Covariance of a deflection in units of sigma²: it is a difference of two readings (method.md §3)."""
@@ -244,19 +241,6 @@ ASSUMED_FORCE_SCALE: Final = 0.01
 """Relative standard uncertainty of all forces and moments of which nothing is stated."""
 
 
-@dataclass(frozen=True, eq=False)
-class FittedErrors:
-    """Errors that were fitted beside the joints and taken out of the readings: K unknowns."""
-
-    terms: tuple[Term, ...]  #: terms that they are of
-    unknowns: tuple[FloatArray, ...]  #: (k,) of each term, in its unit
-    root: FloatArray  #: (K, r); its product with the transpose is the covariance of all unknowns
-    told: int  #: number of combinations of the unknowns that the readings tell apart from the joints
-
-
-NOTHING_FITTED: Final = FittedErrors((), (), np.zeros((0, 0)), 0)
-
-
 @dataclass(frozen=True)
 class CommonUncertainty:
     """Standard uncertainties, each fully correlated over the observations (method.md §8).
@@ -278,7 +262,6 @@ class CommonUncertainty:
     #: standard uncertainty of a joint axis's direction, about each direction across it [rad]
     axis_direction: float = 0.0
     assumed: frozenset[str] = frozenset()  #: terms whose uncertainty was not stated with the readings
-    fitted: FittedErrors = NOTHING_FITTED  #: errors fitted beside the joints
 
     @property
     def stated(self) -> CommonUncertainty:

@@ -10,25 +10,12 @@ until no prediction moves any more.
 An interval of c_j holds all values that some geometry and some masses within their bounds explain as well as
 chance allows: ``loss ≤ best + χ²``. As each joint has masses of its own in the program it is an outer bound,
 exact where all masses are exact.
-
-Bodies that joints carry, springs that balance them, and the rows of readings, linear in their parameters.
-
-A body of mass m whose centre of mass is at s + d, d unknown within a ball of radius R, twists joint j by
-``τ_j = m T_j(s) + (m d) · ∇T_j``, T_j the torque of a kilogram. With m = m₀ + ζ and ν = m d that is linear in
-(ζ, ν); a balancer of rate k and free length s₀ is linear in (k, k s₀). So each posture has torques of the
-nominal parameters, and of each unknown at its bound: Y.
-
-With θ the sag, ``p = f(q + θ; φ)`` and ``θ_j = c_j (τ_j + Σ_k Y_jk (π_k − π_k⁰))``, both torques taken in the
-posture that sags, so that at convergence the balance is exact. About (φ, θ):
-
-    p − f(q + θ; φ) + J_θ θ = J_φ δφ + Σ_j J_θj (τ_j c_j + Σ_k Y_jk η_jk),   η_jk = c_j (π_k − π_k⁰)
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field, replace
-from functools import cached_property
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -36,32 +23,36 @@ import pinocchio as pin
 from scipy import special
 
 from jointstiff.schemas.finding import Finding
-from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
-from jointstiff.solver.errors import MeasurementError, NotObservableError, RequestError
+from jointstiff.solver.arrays import BoolArray, FloatArray
+from jointstiff.solver.errors import MeasurementError, NotObservableError
 from jointstiff.solver.estimation.assessment import unidentified
-from jointstiff.solver.estimation.conic import Block, Cones, Weighed, solve_weighed, weighed_ends
+from jointstiff.solver.estimation.conic import Cones, Weighed, solve_weighed, weighed_ends
 from jointstiff.solver.estimation.estimate import JointCompliance
 from jointstiff.solver.estimation.fit import student_quantile
 from jointstiff.solver.estimation.solution import Certificate
 from jointstiff.solver.estimation.triangle import Triangle, triangle_of
 from jointstiff.solver.geometry.poses import (
     LinearFit,
-    Motion,
     PoseReadings,
-    Poses,
     PoseState,
-    arm_of,
     calibrate,
-    chain_axes,
     differences,
-    transformed,
 )
-from jointstiff.solver.mechanics.block import STANDARD_GRAVITY, regressor_blocks, whitened_rows
-from jointstiff.solver.mechanics.measurements import Measurements, check_array
-from jointstiff.solver.mechanics.postures import Postures
+from jointstiff.solver.mechanics.block import regressor_blocks, whitened_rows
+from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.robot import Body, Robot
 from jointstiff.solver.mechanics.springs import JOINTS
 from jointstiff.solver.own_weight.masses import contradicted, contradiction, freed_masses, unchecked, widened
+from jointstiff.solver.own_weight.rows import (
+    Burden,
+    Reduced,
+    Rows,
+    WeightReadings,
+    across,
+    base_motion,
+    rows_at,
+    torques_of,
+)
 from jointstiff.solver.predict.models import IdentifiedWeight
 from jointstiff.solver.text import figure, length_text
 
@@ -69,256 +60,6 @@ _UPRIGHT: Final = 1e-3
 """Weight torque, relative to the greatest of all, that counts as none."""
 _GEOMETRY: Final = 0.01
 """Standard uncertainty of axes and targets before any reading [m and rad]: a nominal arm is as good."""
-
-
-@dataclass(frozen=True)
-class Balancer:
-    """A spring between base and a link, pulled from its free length.
-
-    Raises:
-        RequestError: a pair of bounds is not in order.
-    """
-
-    joint: int  #: index of the joint that carries its further point
-    on_base: tuple[float, float, float]  #: point on the base, in R0 [m]
-    on_link: tuple[float, float, float]  #: point on the link, in the frame that moves with the joint [m]
-    rate: tuple[float, float]  #: bounds of k [N/m]
-    pull: tuple[float, float]  #: bounds of k s₀ [N], s₀ the free length
-
-    def __post_init__(self) -> None:
-        for low, high in (self.rate, self.pull):
-            if not (np.isfinite([low, high]).all() and 0.0 <= low <= high and high > 0.0):
-                raise RequestError(
-                    "the bounds of a balancer's spring are not in order",
-                    where="balancer",
-                    remedy="give the least, then the greatest rate in N/m, and rate times free length in N",
-                )
-
-
-@dataclass(frozen=True, eq=False)
-class Burden:
-    """Bodies that the joints carry, of which some hang on in some observations only, and balancers."""
-
-    bodies: tuple[Body, ...]  #: links, tool, payloads
-    balancers: tuple[Balancer, ...] = ()  #: springs between base and links
-    gravity: FloatArray = field(default_factory=lambda: STANDARD_GRAVITY)  #: (3,) in R0 [m/s²]
-
-    @cached_property
-    def unknown(self) -> tuple[list[tuple[int, FloatArray]], list[tuple[int, int, float]]]:
-        """Unknowns of the bodies, in the order of `Torques`, and uncertain centres of mass among them.
-
-        Each unknown is a body and an inertia (4,) [kg, kg·m] at its bound. Each centre is the index of the
-        first of its three moments, that of its body's mass or −1 if that is exact, and the share by which the
-        moments' bound grows with it.
-        """
-        unknown: list[tuple[int, FloatArray]] = []
-        balls = []
-        for number, body in enumerate(self.bodies):
-            mean, half, own = 0.5 * (body.most + body.least), 0.5 * (body.most - body.least), -1
-            if half > 0.0:
-                own = len(unknown)
-                unknown.append((number, half * np.array([1.0, *body.centre])))
-            if body.radius > 0.0:
-                balls.append((len(unknown), own, half / mean))
-                unknown += [(number, body.radius * mean * axis) for axis in np.eye(4)[1:]]
-        return unknown, balls
-
-    def block(self, acts: BoolArray) -> tuple[Block, list[int]]:
-        """Return the unknowns of a joint that some (K,) act on, and which of all they are."""
-        balls = [
-            (first, own, ratio) for first, own, ratio in self.unknown[1] if acts[first : first + 3].any()
-        ]
-        moments = [first + i for first, _, _ in self.unknown[1] for i in range(3)]
-        boxes = [k for k in np.flatnonzero(acts).tolist() if k not in moments]
-        places = tuple((boxes.index(own), ratio) if own in boxes else (-1, 0.0) for _, own, ratio in balls)
-        return Block(len(boxes), places), boxes + [first + i for first, _, _ in balls for i in range(3)]
-
-
-@dataclass(frozen=True, eq=False)
-class WeightReadings:
-    """N observations of absolute positions. Arrays are checked and made read-only.
-
-    Raises:
-        MeasurementError: shapes disagree, or a number is not finite.
-    """
-
-    poses: Poses  #: angles, and positions in R0
-    burden: Burden  #: links, tool, payloads, balancers
-    carried: FloatArray  #: (N, bodies) 1 where a body hangs on, else 0
-    force: FloatArray  #: (N, 3) known force on the robot [N]; zero without load
-    moment: FloatArray  #: (N, 3) known moment about the load point [N·m]
-    load_point: FloatArray  #: (N, 3) where the force acts, flange frame [m]
-
-    def __post_init__(self) -> None:
-        count = len(self.poses.angles)
-        check_array("carried", self.carried, (count, len(self.burden.bodies)))
-        for name in ("force", "moment", "load_point"):
-            check_array(name, getattr(self, name), (count, 3))
-        joints = [body.joint for body in self.burden.bodies]
-        joints += [balancer.joint for balancer in self.burden.balancers]
-        if not joints or not 0 <= min(joints) <= max(joints) < self.poses.joint_map.n:
-            raise MeasurementError(
-                f"no body is stated, or one is on none of the {self.poses.joint_map.n} joints",
-                where="masses",
-                remedy="state mass and centre of mass of each link, by the joint that carries it",
-            )
-
-
-@dataclass(frozen=True, eq=False)
-class Torques:
-    """Torques of B postures: those known, and those of each of K unknowns at its bound."""
-
-    known: FloatArray  #: (B, n) of loads and of the nominal parameters, the middles of their bounds [N·m]
-    unit: FloatArray  #: (B, n, K) of each deviation from them at its bound
-    by_gravity: FloatArray  #: (B, n, 3) derivative of those known by the vector of gravity [kg·m]
-    on_base: FloatArray  #: (B, 3) moment of nominal weights and loads about R0's origin [N·m]
-
-
-@dataclass(frozen=True, eq=False)
-class Rows:
-    """The linearised readings, whitened, in units of sigma²."""
-
-    residual: FloatArray  #: (m,) left side of the equation above [m]
-    geometry: FloatArray  #: (m, g) J_φ
-    joints: FloatArray  #: (m, n) J_θj τ_j, factors of c_j
-    products: FloatArray  #: (m, n, K) J_θj Y_jk, factors of η_jk
-    torques: Torques  #: torques of the N observations
-    gravity: FloatArray  #: (m, 2) derivative by gravity's direction, about two axes across it [m/rad]
-    base: FloatArray  #: (m, 3) tilt of the base about R0's origin: factors of C_xx, C_yy, C_xy [rad/(N·m)]
-    across: FloatArray  #: (n,) greatest torque of the same weights and loads across each axis [N·m]
-
-
-def rows_at(
-    robot: Robot,
-    readings: WeightReadings,
-    whitened: PoseReadings,
-    state: PoseState,
-    sag: FloatArray,
-    compliance: FloatArray,
-) -> Rows:
-    """Linearise the readings.
-
-    Args:
-        robot: nominal.
-        readings: N observations, gravity as it is taken to be.
-        whitened: the same positions with their weights.
-        state: geometry to linearise about.
-        sag: (N, n) θ [rad].
-        compliance: (n,) by which gravity's direction shows [rad/(N·m)].
-    """
-    motion = state.motion(replace(whitened, angles=whitened.angles + sag))
-    torques = torques_of(robot, readings, motion)
-    swings = motion.swings()
-    gap = whitened.points - motion.points + np.einsum("ktin,kn->kti", swings, sag)
-    weighted = (whitened.weight @ swings).reshape(*swings.shape[:1], -1, swings.shape[-1])
-    geometry = whitened.weight @ motion.jacobian()
-    m, gravity = gap.size, readings.burden.gravity
-    size = np.linalg.norm(gravity)
-    tilted = np.einsum("kij,kjg,j->kig", weighted, torques.by_gravity @ (across(gravity) * size), compliance)
-    return Rows(
-        residual=(whitened.weight @ gap[..., None]).reshape(m),
-        geometry=geometry.reshape(m, -1),
-        joints=(weighted * torques.known[:, None]).reshape(m, -1),
-        products=(weighted[..., None] * torques.unit[:, None]).reshape(m, *torques.unit.shape[1:]),
-        torques=torques,
-        gravity=tilted.reshape(m, 2),
-        base=(whitened.weight @ base_motion(torques, motion.points)).reshape(m, 3),
-        across=np.maximum(
-            np.abs(torques.known).max(axis=0),
-            size * np.linalg.norm(torques.by_gravity, axis=2).max(axis=0),
-        ),
-    )
-
-
-def base_motion(torques: Torques, places: FloatArray) -> FloatArray:
-    """Return the motion (B, T, 3, 3) of places (B, T, 3) by C_xx, C_yy, C_xy of a base that tilts.
-
-    It turns about R0's origin by ``φ = C M``, M the moment of weights and loads there, about x and y.
-    """
-    (x, y), none = torques.on_base[:, :2].T, np.zeros(len(places))
-    turns = np.array([[x, none, none], [none, y, none], [y, x, none]])  # (unknowns, 3, B)
-    return np.stack([np.cross(turn.T[:, None], places) for turn in turns], axis=-1)
-
-
-def across(vector: FloatArray) -> FloatArray:
-    """Return two unit vectors (3, 2) across a vector (3,)."""
-    return np.asarray(np.linalg.svd(vector[None])[2][1:].T)
-
-
-def torques_of(robot: Robot, readings: WeightReadings, motion: Motion) -> Torques:
-    """Return the torques of loads, bodies and balancers in the postures of a motion.
-
-    Frames that move with the joints, and the flange's, are the nominal robot's, laid on the fitted axes.
-    """
-    burden, axes = readings.burden, motion.axes
-    still = Postures(robot, np.zeros((1, robot.n)))
-    frames, nominal = (part[0] for part in still.joint_frames)
-    origins = [axis.nearest(origin) for axis, origin in zip(axes, nominal, strict=True)]
-    places = [pin.SE3(R, origin) for R, origin in zip(frames, origins, strict=True)]
-    to_flange = still.flange_translation[0] - nominal[-1]
-    arm = arm_of(axes, places, pin.SE3(still.flange_rotation[0], origins[-1] + to_flange))
-    at = Postures(arm, motion.angles)
-    rotation, origin = at.joint_frames
-    levers = at.weight_levers  # (B, n, n, 4, 3)
-
-    by_gravity, hangs = np.zeros(origin.shape), readings.carried.T[:, :, None, None]
-    on_base = readings.moment.copy()
-    for number, body in enumerate(burden.bodies):
-        centre = origin[:, body.joint] + rotation[:, body.joint] @ np.array(body.centre)
-        pull = 0.5 * (body.most + body.least) * readings.carried[:, number, None] * burden.gravity
-        on_base += np.cross(centre, pull)
-        kilogram = np.einsum("bjpi,p->bji", levers[:, :, body.joint], [1.0, *body.centre])
-        by_gravity += 0.5 * (body.most + body.least) * hangs[number] * kilogram
-    pulls = levers @ burden.gravity
-    unit = [
-        hangs[number, ..., 0] * (pulls[:, :, burden.bodies[number].joint] @ inertia)
-        for number, inertia in burden.unknown[0]
-    ]
-    known = by_gravity @ burden.gravity
-    for balancer in burden.balancers:
-        own, on_link = balancer.joint, np.array(balancer.on_link)
-        line = origin[:, own] + rotation[:, own] @ on_link - np.array(balancer.on_base)
-        length = np.linalg.norm(line, axis=1, keepdims=True)
-        lever = np.einsum("bjpi,p->bji", levers[:, :, own], [1.0, *on_link])
-        for pull, (low, high) in ((-line, balancer.rate), (line / length, balancer.pull)):
-            torque = np.einsum("bji,bi->bj", lever, pull)
-            known += 0.5 * (low + high) * torque
-            unit += [0.5 * (high - low) * torque] if high > low else []
-
-    known += at.load(readings.load_point, readings.force, readings.moment)[1]
-    loaded = at.to_base(readings.load_point[:, None])[:, 0]
-    on_base += np.cross(loaded, readings.force)
-    each = np.stack(unit, axis=-1) if unit else np.zeros((*known.shape, 0))
-    return Torques(known, each, by_gravity, on_base)
-
-
-def planned_rows(
-    robot: Robot, burden: Burden, targets: FloatArray, compliance: FloatArray, *, free_base: bool = False
-) -> Callable[[FloatArray], FloatArray]:
-    """Return a function from postures (N, n) to rows (N, 3 T, P) of a reading of targets (T, 3) [m].
-
-    The columns are those of the joints' compliances, then those of the geometry, of a base that tilts, and of
-    the masses, in units of what is known of each beforehand (method.md §10, §14). Errors of masses show by
-    compliances (n,) [rad/(N·m)].
-    """
-    axes, flange = chain_axes(robot.chain)
-    names = tuple(map(str, range(len(targets))))
-
-    def rows(joints: FloatArray) -> FloatArray:
-        angles = robot.joint_map.model_angles(joints)
-        count, shape = len(joints), (len(joints), *targets.shape)
-        places = Postures(robot, angles).to_base(np.broadcast_to(targets, shape))
-        poses = Poses(joints, places, np.ones(shape[:2], dtype=np.bool_), names, robot.joint_map)
-        nothing, carried = np.zeros((count, 3)), np.ones((count, len(burden.bodies)))
-        readings = WeightReadings(poses, burden, carried, nothing, nothing, nothing)
-        state = PoseState(axes, transformed(flange, targets), np.zeros(count))
-        found = rows_at(robot, readings, poses.whitened, state, np.zeros(angles.shape), compliance)
-        masses = np.einsum("mjk,j->mk", found.products, compliance)
-        base = _BASE * found.base[:, : 3 * free_base]
-        stacked = np.hstack([found.joints, _GEOMETRY * found.geometry, base, masses])
-        return stacked.reshape(count, 3 * len(targets), -1)
-
-    return rows
 
 
 _BASE: Final = 1e-6
@@ -349,35 +90,189 @@ _LEAST_SIGMA: Final = 1e-15
 """Rounding: no reading is better."""
 
 
-@dataclass(frozen=True, eq=False)
-class Reduced:
-    """The convex problem of one step: ``‖A x − b‖² + outside``, x in the cones."""
+MOST_STEPS: Final = 15
+_BASE_LEVEL: Final = 1e-5
+"""Probability of chance below which a base tilts."""
+_CONVERGED: Final = 1e-3
+"""Movement of the predictions, relative to the residuals, that ends the steps."""
+_EXACT: Final = 1e-7
+"""The same, relative to all that the convex program is to explain: exact readings leave no residuals."""
+LARGEST_SAG: Final = 0.1
+"""Sag of a joint [rad] at its greatest compliance: what sags more is no robot."""
+_CONSTANT: Final = 5e-3
+"""Variation of a joint's torque over the postures, relative to the torque by a weight across its axis, below
+which it counts as constant: gravity's direction and that of a vertical axis are not known so well."""
+_BEYOND_CHANCE: Final = 1e-3
+"""Probability of chance below which residuals or masses count as contradicted."""
+_RIGID: Final = 1e-6
+"""Compliance beside the end of its interval that is rounding of a rigid joint's."""
+_AT_CAP: Final = 0.5
+"""Share of the greatest compliance that counts as no bound at all."""
+_LEAST_NOISE: Final = 3e-6
+"""Residuals [m] below which nothing is left to explain: no instrument reads a place better."""
+_NOTHING: Final = 1e-10
+"""Singular value beside the greatest that is rounding of columns that depend on each other."""
+_LEAST_SIGMA: Final = 1e-15
+"""Rounding: no reading is better."""
 
-    A: FloatArray  #: (p, p) compressed, columns in the blocks' units
-    b: FloatArray  #: (p,)
-    outside: float  #: squares of the residuals that no x explains
-    rank: int  #: number of compliances and weights that the readings determine
-    cones: Cones  #: blocks of the joints seen
-    unit: FloatArray  #: (n_seen,) unit of the blocks' c [rad/(N·m)]
-    seen: IndexArray  #: (n_seen,) joints whose torque varies
-    unknowns: tuple[list[int], ...]  #: for each of them, which of all unknowns its block has
-    freedom: int  #: number of coordinates of positions less the geometry that they determine
 
-    @property
-    def blocks(self) -> Iterator[tuple[int, float, slice, list[int]]]:
-        """Yield joint, unit, place in x, and unknowns of each block."""
-        for j, unit, start, own in zip(
-            self.seen.tolist(), self.unit.tolist(), self.cones.first.tolist(), self.unknowns, strict=True
-        ):
-            yield j, unit, slice(start, start + 1 + len(own)), own
+_BASE_LEVEL: Final = 1e-5
+"""Probability of chance below which a base tilts."""
+_CONVERGED: Final = 1e-3
+"""Movement of the predictions, relative to the residuals, that ends the steps."""
+_EXACT: Final = 1e-7
+"""The same, relative to all that the convex program is to explain: exact readings leave no residuals."""
+LARGEST_SAG: Final = 0.1
+"""Sag of a joint [rad] at its greatest compliance: what sags more is no robot."""
+_CONSTANT: Final = 5e-3
+"""Variation of a joint's torque over the postures, relative to the torque by a weight across its axis, below
+which it counts as constant: gravity's direction and that of a vertical axis are not known so well."""
+_BEYOND_CHANCE: Final = 1e-3
+"""Probability of chance below which residuals or masses count as contradicted."""
+_RIGID: Final = 1e-6
+"""Compliance beside the end of its interval that is rounding of a rigid joint's."""
+_AT_CAP: Final = 0.5
+"""Share of the greatest compliance that counts as no bound at all."""
+_LEAST_NOISE: Final = 3e-6
+"""Residuals [m] below which nothing is left to explain: no instrument reads a place better."""
+_NOTHING: Final = 1e-10
+"""Singular value beside the greatest that is rounding of columns that depend on each other."""
+_LEAST_SIGMA: Final = 1e-15
+"""Rounding: no reading is better."""
 
-    def sag(self, torques: Torques, x: FloatArray) -> FloatArray:
-        """Return the sag (N, n) [rad] by torques and an x."""
-        sag = np.zeros(torques.known.shape)
-        for j, unit, place, own in self.blocks:
-            by_unknowns = torques.unit[:, j][:, own] @ x[place][1:]
-            sag[:, j] = unit * (torques.known[:, j] * x[place.start] + by_unknowns)
-        return sag
+
+_CONVERGED: Final = 1e-3
+"""Movement of the predictions, relative to the residuals, that ends the steps."""
+_EXACT: Final = 1e-7
+"""The same, relative to all that the convex program is to explain: exact readings leave no residuals."""
+LARGEST_SAG: Final = 0.1
+"""Sag of a joint [rad] at its greatest compliance: what sags more is no robot."""
+_CONSTANT: Final = 5e-3
+"""Variation of a joint's torque over the postures, relative to the torque by a weight across its axis, below
+which it counts as constant: gravity's direction and that of a vertical axis are not known so well."""
+_BEYOND_CHANCE: Final = 1e-3
+"""Probability of chance below which residuals or masses count as contradicted."""
+_RIGID: Final = 1e-6
+"""Compliance beside the end of its interval that is rounding of a rigid joint's."""
+_AT_CAP: Final = 0.5
+"""Share of the greatest compliance that counts as no bound at all."""
+_LEAST_NOISE: Final = 3e-6
+"""Residuals [m] below which nothing is left to explain: no instrument reads a place better."""
+_NOTHING: Final = 1e-10
+"""Singular value beside the greatest that is rounding of columns that depend on each other."""
+_LEAST_SIGMA: Final = 1e-15
+"""Rounding: no reading is better."""
+
+
+_EXACT: Final = 1e-7
+"""The same, relative to all that the convex program is to explain: exact readings leave no residuals."""
+LARGEST_SAG: Final = 0.1
+"""Sag of a joint [rad] at its greatest compliance: what sags more is no robot."""
+_CONSTANT: Final = 5e-3
+"""Variation of a joint's torque over the postures, relative to the torque by a weight across its axis, below
+which it counts as constant: gravity's direction and that of a vertical axis are not known so well."""
+_BEYOND_CHANCE: Final = 1e-3
+"""Probability of chance below which residuals or masses count as contradicted."""
+_RIGID: Final = 1e-6
+"""Compliance beside the end of its interval that is rounding of a rigid joint's."""
+_AT_CAP: Final = 0.5
+"""Share of the greatest compliance that counts as no bound at all."""
+_LEAST_NOISE: Final = 3e-6
+"""Residuals [m] below which nothing is left to explain: no instrument reads a place better."""
+_NOTHING: Final = 1e-10
+"""Singular value beside the greatest that is rounding of columns that depend on each other."""
+_LEAST_SIGMA: Final = 1e-15
+"""Rounding: no reading is better."""
+
+
+LARGEST_SAG: Final = 0.1
+"""Sag of a joint [rad] at its greatest compliance: what sags more is no robot."""
+_CONSTANT: Final = 5e-3
+"""Variation of a joint's torque over the postures, relative to the torque by a weight across its axis, below
+which it counts as constant: gravity's direction and that of a vertical axis are not known so well."""
+_BEYOND_CHANCE: Final = 1e-3
+"""Probability of chance below which residuals or masses count as contradicted."""
+_RIGID: Final = 1e-6
+"""Compliance beside the end of its interval that is rounding of a rigid joint's."""
+_AT_CAP: Final = 0.5
+"""Share of the greatest compliance that counts as no bound at all."""
+_LEAST_NOISE: Final = 3e-6
+"""Residuals [m] below which nothing is left to explain: no instrument reads a place better."""
+_NOTHING: Final = 1e-10
+"""Singular value beside the greatest that is rounding of columns that depend on each other."""
+_LEAST_SIGMA: Final = 1e-15
+"""Rounding: no reading is better."""
+
+
+_CONSTANT: Final = 5e-3
+"""Variation of a joint's torque over the postures, relative to the torque by a weight across its axis, below
+which it counts as constant: gravity's direction and that of a vertical axis are not known so well."""
+_BEYOND_CHANCE: Final = 1e-3
+"""Probability of chance below which residuals or masses count as contradicted."""
+_RIGID: Final = 1e-6
+"""Compliance beside the end of its interval that is rounding of a rigid joint's."""
+_AT_CAP: Final = 0.5
+"""Share of the greatest compliance that counts as no bound at all."""
+_LEAST_NOISE: Final = 3e-6
+"""Residuals [m] below which nothing is left to explain: no instrument reads a place better."""
+_NOTHING: Final = 1e-10
+"""Singular value beside the greatest that is rounding of columns that depend on each other."""
+_LEAST_SIGMA: Final = 1e-15
+"""Rounding: no reading is better."""
+
+
+_BEYOND_CHANCE: Final = 1e-3
+"""Probability of chance below which residuals or masses count as contradicted."""
+_RIGID: Final = 1e-6
+"""Compliance beside the end of its interval that is rounding of a rigid joint's."""
+_AT_CAP: Final = 0.5
+"""Share of the greatest compliance that counts as no bound at all."""
+_LEAST_NOISE: Final = 3e-6
+"""Residuals [m] below which nothing is left to explain: no instrument reads a place better."""
+_NOTHING: Final = 1e-10
+"""Singular value beside the greatest that is rounding of columns that depend on each other."""
+_LEAST_SIGMA: Final = 1e-15
+"""Rounding: no reading is better."""
+
+
+_RIGID: Final = 1e-6
+"""Compliance beside the end of its interval that is rounding of a rigid joint's."""
+_AT_CAP: Final = 0.5
+"""Share of the greatest compliance that counts as no bound at all."""
+_LEAST_NOISE: Final = 3e-6
+"""Residuals [m] below which nothing is left to explain: no instrument reads a place better."""
+_NOTHING: Final = 1e-10
+"""Singular value beside the greatest that is rounding of columns that depend on each other."""
+_LEAST_SIGMA: Final = 1e-15
+"""Rounding: no reading is better."""
+
+
+_AT_CAP: Final = 0.5
+"""Share of the greatest compliance that counts as no bound at all."""
+_LEAST_NOISE: Final = 3e-6
+"""Residuals [m] below which nothing is left to explain: no instrument reads a place better."""
+_NOTHING: Final = 1e-10
+"""Singular value beside the greatest that is rounding of columns that depend on each other."""
+_LEAST_SIGMA: Final = 1e-15
+"""Rounding: no reading is better."""
+
+
+_LEAST_NOISE: Final = 3e-6
+"""Residuals [m] below which nothing is left to explain: no instrument reads a place better."""
+_NOTHING: Final = 1e-10
+"""Singular value beside the greatest that is rounding of columns that depend on each other."""
+_LEAST_SIGMA: Final = 1e-15
+"""Rounding: no reading is better."""
+
+
+_NOTHING: Final = 1e-10
+"""Singular value beside the greatest that is rounding of columns that depend on each other."""
+_LEAST_SIGMA: Final = 1e-15
+"""Rounding: no reading is better."""
+
+
+_LEAST_SIGMA: Final = 1e-15
+"""Rounding: no reading is better."""
 
 
 @dataclass(frozen=True, eq=False)

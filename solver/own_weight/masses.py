@@ -14,16 +14,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
 
 from jointstiff.schemas.finding import Finding
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.mechanics.robot import Body
-
-if TYPE_CHECKING:
-    from jointstiff.solver.own_weight.identification import Burden, Reduced
+from jointstiff.solver.own_weight.rows import Burden, Reduced
 
 CONTRADICTED: Final = 9.0
 """Fall of χ² with one mass free that contradicts it: 2 % of 200 campaigns with right masses have one."""

@@ -17,7 +17,8 @@ from jointstiff.solver.arrays import IndexArray
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.estimation.assessment import assessed, implausible_joints, refuted_noise
 from jointstiff.solver.estimation.fit import Likelihood, sigma_test
-from jointstiff.solver.estimation.solution import Bounds, Constraints, greatest_violations
+from jointstiff.solver.estimation.problem import Bounds, Constraints
+from jointstiff.solver.estimation.solution import greatest_violations
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.messages import point, rows
@@ -26,7 +27,8 @@ from jointstiff.solver.predict.models import JointModel
 from jointstiff.solver.result import joint_results, stated_assessment
 
 if TYPE_CHECKING:
-    from jointstiff.solver.own_weight.identification import WeightEstimate, WeightReadings
+    from jointstiff.solver.own_weight.identification import WeightEstimate
+    from jointstiff.solver.own_weight.rows import WeightReadings
 
 _NO_MODEL_ERROR: Final = RequestError(
     "stiffnesses are from the robot's own weight: no posture under load was left out", remedy="measure a load"
@@ -132,7 +134,7 @@ def run_by_weight(
 def _readings(robot: Robot, m: Measurements, weight: OwnWeight) -> tuple[WeightReadings, IndexArray]:
     """Return all positions, those without a load first, and the observation (rows,) of each row."""
     from jointstiff.solver.geometry.poses import Poses
-    from jointstiff.solver.own_weight.identification import Balancer, Burden, WeightReadings
+    from jointstiff.solver.own_weight.rows import Balancer, Burden, WeightReadings
 
     if not robot.bodies:
         raise RequestError(

@@ -22,13 +22,14 @@ from jointstiff.schemas.run import Budget
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray, cross
 from jointstiff.solver.errors import JointstiffError, RequestError
 from jointstiff.solver.estimation.fit import Likelihood
-from jointstiff.solver.estimation.solution import Bounds, Constraints
+from jointstiff.solver.estimation.problem import Bounds, Constraints
 from jointstiff.solver.links.model import ElasticColumns
 from jointstiff.solver.mechanics.block import OwnWeight
+from jointstiff.solver.mechanics.cases import LoadCases
 from jointstiff.solver.mechanics.inverse import InverseKinematics, apart, in_ranges
 from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.messages import document, rows, table
-from jointstiff.solver.predict.forward import Deflection, ForwardModel, LoadCases, unit_vectors
+from jointstiff.solver.predict.forward import Deflection, ForwardModel, unit_vectors
 from jointstiff.solver.predict.models import (
     EXTRAPOLATED,
     ElasticPredictor,

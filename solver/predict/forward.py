@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import ClassVar, Final
 
@@ -19,13 +19,13 @@ import numpy as np
 from jointstiff.solver.arrays import (
     BoolArray,
     FloatArray,
-    IndexArray,
     cross,
     greatest_eigenvalue,
     in_one_sense,
 )
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.estimation.fit import student_quantile
+from jointstiff.solver.mechanics.cases import LoadCases
 from jointstiff.solver.mechanics.postures import Postures, rotation_vectors
 from jointstiff.solver.mechanics.robot import Robot
 
@@ -33,45 +33,6 @@ LARGEST_TURN: Final = 0.25
 """Greatest deflection of a joint, or rotation of the flange, under a load of a process [rad]."""
 _SINGULAR: Final = 1e-12
 """Eigenvalue beside the greatest, in equilibrated compliances, that is rounding."""
-
-
-@dataclass(frozen=True, eq=False)
-class LoadCases:
-    """B load cases: where the robot stands, what pulls where, and which place is asked about.
-
-    The wrench is dead: force and moment keep their size and direction in R0 while the load point moves with
-    the flange. Arrays are checked and made read-only.
-
-    Raises:
-        RequestError: shapes disagree, a number is not finite, or there is no case.
-    """
-
-    joints: FloatArray  #: (B, n) angles without the load, as the controller shows them [rad]
-    force: FloatArray  #: (B, 3) on the robot, axes of R0 [N]
-    moment: FloatArray  #: (B, 3) on the robot about the load point, axes of R0 [N·m]
-    load_point: FloatArray  #: (B, 3) where the force acts, flange frame [m]
-    place: FloatArray  #: (B, 3) whose deflection is asked for, flange frame [m]
-
-    def __post_init__(self) -> None:
-        count = len(self.joints)
-        for each in fields(self):
-            array: FloatArray = getattr(self, each.name)
-            width = array.shape[-1] if each.name == "joints" else 3
-            if count == 0 or array.shape != (count, width) or not np.isfinite(array).all():
-                raise RequestError(
-                    f"{each.name} needs finite numbers of shape {(count, width)}, but has shape "
-                    f"{array.shape}",
-                    where=f"cases.{each.name}",
-                    remedy="give at least one case, and the same fields for each",
-                )
-            array.setflags(write=False)
-
-    def __len__(self) -> int:
-        return len(self.joints)
-
-    def __getitem__(self, index: IndexArray | slice) -> LoadCases:
-        """Return some of the cases."""
-        return LoadCases(*(array[index].copy() for array in vars(self).values()))
 
 
 @dataclass(frozen=True, eq=False)

@@ -29,17 +29,18 @@ from scipy.spatial.transform import Rotation
 from jointstiff.schemas.options import CrossValidation
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import RequestError, SolverError
-from jointstiff.solver.estimation.conic import diagonal, to_matrix
+from jointstiff.solver.estimation.cones import diagonal, to_matrix
 from jointstiff.solver.estimation.estimate import Estimate, LeftOut, interval_ends
 from jointstiff.solver.estimation.fit import Likelihood
 from jointstiff.solver.estimation.method import Settings
 from jointstiff.solver.estimation.observability import Spectrum
+from jointstiff.solver.estimation.problem import Constraints
 from jointstiff.solver.estimation.resampling import fit_subsets, gram_blocks
-from jointstiff.solver.estimation.solution import Constraints
 from jointstiff.solver.links.choice import Folds, fit_fold
 from jointstiff.solver.links.fit import ElasticEstimate
 from jointstiff.solver.links.model import ElasticColumns, elastic_blocks
 from jointstiff.solver.mechanics.block import Balance, OwnWeight, balance, spring_frames, wrench_stiffness
+from jointstiff.solver.mechanics.cases import LoadCases
 from jointstiff.solver.mechanics.measurements import Measurements, whitened
 from jointstiff.solver.mechanics.postures import Postures, rotation_vectors, skew
 from jointstiff.solver.mechanics.robot import Robot
@@ -49,7 +50,6 @@ from jointstiff.solver.predict.forward import (
     CartesianCompliance,
     Deflection,
     ForwardModel,
-    LoadCases,
     greatest_deviation,
 )
 

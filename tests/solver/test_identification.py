@@ -31,7 +31,7 @@ from jointstiff.simulator import equilibrium, simulate_campaign, torques
 from jointstiff.simulator.own_weight import Bodies, sag
 from jointstiff.solver.errors import JointstiffError, MeasurementError, UnsupportedMethodError
 from jointstiff.solver.estimation.estimate import predict
-from jointstiff.solver.estimation.solution import Bounds, Constraints
+from jointstiff.solver.estimation.problem import Bounds, Constraints
 from jointstiff.solver.estimation.triangle import Triangle
 from jointstiff.solver.mechanics import block as regressor
 from jointstiff.solver.mechanics.block import OwnWeight, regressor_blocks, whole_block

@@ -22,7 +22,8 @@ from benchmarks.studies.links_fanuc import held_out_compensation
 from benchmarks.studies.own_weight import BOTH, KNOWN, WITHIN, WRONG, estimates, harmful, summary
 from jointstiff.simulator import TARGETS, default_arm, deflections, linear_deflections, torques
 from jointstiff.solver.errors import MeasurementError
-from jointstiff.solver.estimation.conic import GAP, Block, Cones, solve_weighed
+from jointstiff.solver.estimation.cones import Block
+from jointstiff.solver.estimation.conic import GAP, Cones, solve_weighed
 from jointstiff.solver.estimation.fit import Likelihood
 from jointstiff.solver.links.model import MODELS
 from jointstiff.solver.mechanics.measurements import CommonUncertainty, EncoderReadings

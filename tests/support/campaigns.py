@@ -19,8 +19,8 @@ from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.estimation.estimate import Estimate
 from jointstiff.solver.estimation.identify import identify
 from jointstiff.solver.estimation.method import Settings
+from jointstiff.solver.estimation.problem import Bounds
 from jointstiff.solver.estimation.resampling import GramBlocks, gram_blocks, refuse_nonlinear
-from jointstiff.solver.estimation.solution import Bounds
 from jointstiff.solver.mechanics.chain import KinematicChain
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.robot import Robot

@@ -10,10 +10,10 @@ import numpy.typing as npt
 from jointstiff.simulator import TARGETS, SpringArm, deflections
 from jointstiff.simulator.campaign import Experiment, plan_experiment
 from jointstiff.simulator.urdf import BASE_LINK, FLANGE_LINK, urdf_text
+from jointstiff.solver.mechanics.cases import LoadCases
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.mechanics.urdf import read_urdf
-from jointstiff.solver.predict.forward import LoadCases
 
 SIGMA = 2e-5
 """Standard uncertainty of one coordinate of one reading [m]."""

@@ -34,7 +34,7 @@ from jointstiff.solver.mechanics.block import targets_in_flange
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.messages import message, rows
-from jointstiff.solver.own_weight.identification import Burden, planned_rows
+from jointstiff.solver.own_weight.rows import Burden, planned_rows
 from jointstiff.solver.own_weight.run import run_by_weight
 from jointstiff.solver.result import stated_assessment
 

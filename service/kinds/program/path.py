@@ -24,10 +24,10 @@ from jointstiff.service.runs.verdicts import moment_factor
 from jointstiff.service.tables.files import rows_of
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import RequestError
+from jointstiff.solver.mechanics.cases import LoadCases
 from jointstiff.solver.mechanics.inverse import InverseKinematics, Unreached, choose_postures
 from jointstiff.solver.mechanics.postures import Postures
 from jointstiff.solver.mechanics.robot import Robot
-from jointstiff.solver.predict.forward import LoadCases
 
 _LEAST_SINE: Final = 1e-3
 """Sine of the angle between tool and x axis under which they count as parallel."""

@@ -34,7 +34,7 @@ from jointstiff.solver.comparison.campaigns import (
 from jointstiff.solver.estimation.estimate import Estimate
 from jointstiff.solver.estimation.identify import identify
 from jointstiff.solver.estimation.method import Settings
-from jointstiff.solver.estimation.solution import Bounds, Constraints
+from jointstiff.solver.estimation.problem import Bounds, Constraints
 from jointstiff.solver.mechanics.measurements import CommonUncertainty, Measurements
 from jointstiff.solver.mechanics.robot import Robot
 

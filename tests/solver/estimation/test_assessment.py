@@ -163,7 +163,7 @@ class TestFit:
         robot, measurements = springs(4, configurations=20)
         moved = replace(measurements, deflection=np.add(measurements.deflection, [1e-4, 0.0, 0.0]))
         beside = fit_causes(robot, moved, [("shift", None), ("turn", None)])
-        assert [term.name for term in beside.common_uncertainty.fitted.terms] == ["turn"]
+        assert [term.name for term in beside.fitted.terms] == ["turn"]
         found = estimate(robot, beside, complementary_stiffness="included")
         u = np.sqrt(np.diag(found.covariance))
         assert (np.abs(found.compliance - default_arm().compliances) < 3 * u).all()

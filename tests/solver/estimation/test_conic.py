@@ -29,9 +29,8 @@ from jointstiff.simulator.equilibrium import torques
 from jointstiff.solver.errors import SolverError
 from jointstiff.solver.estimation import convex
 from jointstiff.solver.estimation import fit as robust
+from jointstiff.solver.estimation.cones import Block, Cone, raised, to_matrix, to_vector
 from jointstiff.solver.estimation.conic import (
-    Block,
-    Cone,
     Cones,
     Face,
     LeastSquares,
@@ -42,12 +41,9 @@ from jointstiff.solver.estimation.conic import (
     certify_robust,
     effective_freedom,
     penalised_range,
-    raised,
     solve_cone,
     solve_robust,
     solve_weighed,
-    to_matrix,
-    to_vector,
     weighed_ends,
 )
 from jointstiff.solver.estimation.method import DEFAULT_THRESHOLD

@@ -40,6 +40,7 @@ from jointstiff.solver.estimation.fit import sigma_test
 from jointstiff.solver.estimation.identify import identify
 from jointstiff.solver.estimation.method import Prior, Settings
 from jointstiff.solver.estimation.observability import Observability, Spectrum, analyse, observability_indices
+from jointstiff.solver.estimation.problem import Bounds
 from jointstiff.solver.estimation.resampling import (
     GramBlocks,
     Resamples,
@@ -48,7 +49,6 @@ from jointstiff.solver.estimation.resampling import (
     resample,
     summarise,
 )
-from jointstiff.solver.estimation.solution import Bounds
 from jointstiff.solver.mechanics.block import regressor_blocks
 from jointstiff.solver.messages import message as message_of
 

@@ -28,13 +28,10 @@ from jointstiff.solver.estimation import estimate as estimates
 from jointstiff.solver.estimation import solution as module
 from jointstiff.solver.estimation.estimate import profile_ends
 from jointstiff.solver.estimation.fit import Likelihood, rows_of
+from jointstiff.solver.estimation.problem import Bounds, Constraints, IdentificationProblem, Inequalities
 from jointstiff.solver.estimation.solution import (
-    Bounds,
     Certificate,
-    Constraints,
     GramProblems,
-    IdentificationProblem,
-    Inequalities,
     greatest_violations,
     solve,
     solve_batch,

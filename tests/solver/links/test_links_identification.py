@@ -12,7 +12,8 @@ from jointstiff.schemas.options import CrossValidation
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.elastic_links import beam_arm, elastic_campaign
 from jointstiff.solver.errors import UnsupportedMethodError
-from jointstiff.solver.estimation.conic import LeastSquares, range_of_squares, to_vector
+from jointstiff.solver.estimation.cones import to_vector
+from jointstiff.solver.estimation.conic import LeastSquares, range_of_squares
 from jointstiff.solver.links import choice
 from jointstiff.solver.links.choice import (
     LIMITS,
@@ -51,10 +52,10 @@ from jointstiff.solver.links.model import (
     formulate,
 )
 from jointstiff.solver.mechanics.block import regressor_blocks
+from jointstiff.solver.mechanics.cases import LoadCases
 from jointstiff.solver.mechanics.postures import Postures
 from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.predict.answers import forward_model, stored_model
-from jointstiff.solver.predict.forward import LoadCases
 from jointstiff.solver.predict.models import ElasticPredictor, leave_folds_out
 
 COLUMNS = ElasticColumns(6, tuple(range(6)))

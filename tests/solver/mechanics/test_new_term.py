@@ -70,7 +70,7 @@ def test_it_is_fitted_beside_the_joints(campaign, cell_zero_term):
     screening = screen_estimate(robot, off, estimate(robot, off))
     assert [cause.suspect.name for cause in screening.causes] == ["cell_zero"]
     beside = fit_causes(robot, off, [("cell_zero", None)])
-    (zero,) = beside.common_uncertainty.fitted.unknowns
+    (zero,) = beside.fitted.unknowns
     np.testing.assert_allclose(zero, -ZERO, atol=10.0)
     found = estimate(robot, beside, complementary_stiffness="included")
     u = np.sqrt(np.diag(found.covariance))

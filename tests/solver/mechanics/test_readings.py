@@ -30,7 +30,7 @@ from jointstiff.simulator.equilibrium import deflections, torques
 from jointstiff.solver.errors import SolverError
 from jointstiff.solver.estimation import identify as iteration
 from jointstiff.solver.estimation.causes import LINKS_LEVEL, screen_estimate
-from jointstiff.solver.estimation.conic import to_vector
+from jointstiff.solver.estimation.cones import to_vector
 from jointstiff.solver.estimation.estimate import predict
 from jointstiff.solver.integrity import inspect
 from jointstiff.solver.links.choice import Folds, compared_models
@@ -38,10 +38,10 @@ from jointstiff.solver.links.fit import effective_compliances, effective_rows, e
 from jointstiff.solver.links.model import MODELS, WITH_BASE, ElasticColumns, ElasticModel, elastic_blocks
 from jointstiff.solver.mechanics import block as regressor
 from jointstiff.solver.mechanics.block import OwnWeight, regressor_blocks
+from jointstiff.solver.mechanics.cases import LoadCases
 from jointstiff.solver.mechanics.measurements import Instrument
 from jointstiff.solver.mechanics.postures import Postures
 from jointstiff.solver.mechanics.springs import BASE, NEGLECTED_STIFFNESS, complementary_stiffness
-from jointstiff.solver.predict.forward import LoadCases
 from jointstiff.solver.predict.models import ElasticPredictor
 
 ENCODER_SIGMA = 5e-6

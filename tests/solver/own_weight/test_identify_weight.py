@@ -23,15 +23,17 @@ from jointstiff.simulator.base import SPRINGS, on_pedestal, standing
 from jointstiff.simulator.imperfections import with_link_errors
 from jointstiff.simulator.own_weight import Bodies, sag
 from jointstiff.solver.errors import MeasurementError, RequestError
-from jointstiff.solver.estimation.conic import Block
-from jointstiff.solver.estimation.solution import Bounds, Constraints
+from jointstiff.solver.estimation.cones import Block
+from jointstiff.solver.estimation.problem import Bounds, Constraints
 from jointstiff.solver.geometry.poses import PoseState, chain_axes, transformed
 from jointstiff.solver.mechanics.block import OwnWeight
+from jointstiff.solver.mechanics.cases import LoadCases
 from jointstiff.solver.mechanics.postures import Postures
 from jointstiff.solver.mechanics.robot import Body
-from jointstiff.solver.own_weight.identification import Burden, identify_weight, rows_at
+from jointstiff.solver.own_weight.identification import identify_weight
 from jointstiff.solver.own_weight.masses import FreedMass, contradicted, freed_masses, unchecked, widened
-from jointstiff.solver.predict.forward import CorrectionLimits, LoadCases, compensate
+from jointstiff.solver.own_weight.rows import Burden, rows_at
+from jointstiff.solver.predict.forward import CorrectionLimits, compensate
 from jointstiff.solver.predict.models import JointModel
 
 

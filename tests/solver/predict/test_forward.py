@@ -16,18 +16,19 @@ from jointstiff.solver.errors import RequestError
 from jointstiff.solver.estimation.estimate import LeftOut, UncertaintyBudget
 from jointstiff.solver.estimation.identify import identify
 from jointstiff.solver.estimation.method import Settings
-from jointstiff.solver.estimation.solution import Bounds, Constraints
+from jointstiff.solver.estimation.problem import Bounds, Constraints
 from jointstiff.solver.links.choice import Folds
 from jointstiff.solver.links.fit import estimate_elastic
 from jointstiff.solver.links.model import ElasticColumns, ElasticModel
 from jointstiff.solver.mechanics.block import OwnWeight
+from jointstiff.solver.mechanics.cases import LoadCases
 from jointstiff.solver.mechanics.chain import dh_chain
 from jointstiff.solver.mechanics.inverse import InverseKinematics, flange_poses
 from jointstiff.solver.mechanics.postures import Postures
 from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.predict import models
 from jointstiff.solver.predict.answers import STATUSES, MapTask, map_places, tool_rotations
-from jointstiff.solver.predict.forward import CorrectionLimits, LoadCases, compensate, ramp_shares
+from jointstiff.solver.predict.forward import CorrectionLimits, compensate, ramp_shares
 from jointstiff.solver.predict.models import (
     MOST_STEPS,
     ElasticPredictor,

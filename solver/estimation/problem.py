@@ -1,0 +1,356 @@
+"""Identification problems as data: bounds, an order of the compliances, and equilibrated least squares."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Final
+
+import numpy as np
+
+from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray, Support
+from jointstiff.solver.errors import RequestError, SolverError
+
+FREE, LOWER, UPPER = 0, -1, 1
+
+TOLERANCE: Final = 1e-12
+"""Largest violation of an optimality condition, in equilibrated variables, that counts as rounding."""
+MOST_PIVOTS: Final = 8
+"""Maximum rounds of pivoting; nearly all problems settle in two or three."""
+_NO_DIRECTION: Final = 1e-13
+"""Relative singular value that counts as zero."""
+
+Order = tuple[tuple[int, int], ...]
+"""Pairs (i, j) with c_i ≤ c_j: joint i is at least as stiff as joint j."""
+
+
+@dataclass(frozen=True, eq=False)
+class Bounds:
+    """Bounds on the compliances [rad/(N·m)]; -inf and inf where there is none.
+
+    Raises:
+        RequestError: if a lower bound is not below its upper bound, or is NaN.
+    """
+
+    lower: FloatArray  #: (n,) least compliances
+    upper: FloatArray  #: (n,) greatest compliances
+
+    def __post_init__(self) -> None:
+        if not (self.lower < self.upper).all():
+            raise RequestError(
+                "a lower bound is not less than its upper bound",
+                where="stiffness_bounds",
+                remedy="give the minimum stiffness first, then the maximum",
+            )
+
+    @classmethod
+    def unconstrained(cls, n: int) -> Bounds:
+        """No bounds at all."""
+        return cls(np.full(n, -np.inf), np.full(n, np.inf))
+
+    @classmethod
+    def positive(cls, n: int) -> Bounds:
+        """Compliance zero or positive: no joint bends against its load."""
+        return cls(np.zeros(n), np.full(n, np.inf))
+
+    def select(self, columns: IndexArray) -> Bounds:
+        """The bounds of some of the parameters."""
+        return Bounds(self.lower[columns], self.upper[columns])
+
+    def in_units(self, unit: FloatArray) -> Bounds:
+        """Return the bounds of ``x = c / unit``; units (n,) or (K, n)."""
+        return Bounds(self.lower / unit, self.upper / unit)
+
+    def support_at(self, x: FloatArray) -> Support:
+        """Return the support of a point whose parameters lie exactly on their bounds or within them."""
+        return np.where(x == self.lower, LOWER, np.where(x == self.upper, UPPER, FREE)).astype(np.int8)
+
+    def held(self, active: Support) -> FloatArray:
+        """Return the bound of each parameter that one holds, and zero for those that are free."""
+        return np.where(active == LOWER, self.lower, np.where(active == UPPER, self.upper, 0.0))
+
+    def snap(self, x: FloatArray) -> FloatArray:
+        """Clip to the bounds and snap values within rounding of one; a certificate is computed afterwards."""
+        x = np.where(x - self.lower <= TOLERANCE, self.lower, x)
+        return np.where(self.upper - x <= TOLERANCE, self.upper, x)
+
+    def hold_exactly(self, c: FloatArray, active: Support) -> FloatArray:
+        """Undo the rounding of a scaling, so that a zero is a zero and no compliance is below it.
+
+        Args:
+            c: (n,) or (K, n) compliances [rad/(N·m)]; NaN stays NaN.
+            active: of the same shape: -1 at the lower bound, 1 at the upper one, else 0.
+        """
+        return np.clip(np.where(active == FREE, c, self.held(active)), self.lower, self.upper)
+
+    def pivot(self, active: Support, x: FloatArray, gradient: FloatArray) -> Support:
+        """Move all parameters that violate their condition: one round of block principal pivoting.
+
+        A free parameter outside its bounds goes to the bound, one at a bound with a multiplier of the wrong
+        sign is freed. Rounds may cycle, which the certificate detects (Portugal, Júdice & Vicente 1994).
+        """
+        pull = np.where(active == LOWER, gradient, np.where(active == UPPER, -gradient, 1.0))
+        moved = np.where(pull < 0, FREE, active)
+        return np.where(x < self.lower, LOWER, np.where(x > self.upper, UPPER, moved)).astype(np.int8)
+
+    def gradient_violation(self, x: FloatArray, gradient: FloatArray) -> FloatArray:
+        """Return the gradient's part of the wrong sign at a bound, and all of it off the bounds."""
+        at_upper_or_free = np.where(x >= self.upper, gradient, np.abs(gradient))
+        return np.asarray(np.where(x <= self.lower, -gradient, at_upper_or_free), dtype=np.float64)
+
+
+@dataclass(frozen=True, eq=False)
+class Inequalities:
+    """Linear inequalities ``matrix @ c ≥ least`` besides the bounds."""
+
+    matrix: FloatArray  #: (k, n), no row of zeros
+    least: FloatArray  #: (k,)
+
+
+@dataclass(frozen=True, eq=False)
+class Constraints:
+    """Bounds on the compliances and an order among them.
+
+    The bounds of what is constructed are tight: each is reached by some c that satisfies all constraints,
+    as ``c_i ≤ c_j`` hands the lower bound of i on to j, and the upper one of j to i.
+
+    Raises:
+        RequestError: if the order goes round in a circle, or contradicts the bounds.
+    """
+
+    bounds: Bounds  #: bounds of the n compliances [rad/(N·m)]
+    order: Order = ()  #: pairs (i, j) with c_i ≤ c_j: joint i is at least as stiff as joint j
+
+    def __post_init__(self) -> None:
+        if not self.order:
+            return
+        below = self._below()
+        if below.diagonal().any():
+            raise RequestError(
+                "`stiffness_order` contradicts itself: the chains of joints form a cycle",
+                where="stiffness_order",
+                remedy="name each joint once per chain, and let no two chains contradict each other",
+            )
+        before = below | np.eye(len(below), dtype=np.bool_)
+        lower = np.where(before, self.bounds.lower[:, None], -np.inf).max(axis=0)
+        upper = np.where(before, self.bounds.upper, np.inf).min(axis=1)
+        if not (lower < upper).all():
+            raise RequestError(
+                "the stiffness bounds contradict `stiffness_order`",
+                where="stiffness_order",
+                remedy="widen the bounds, or omit `stiffness_order`",
+            )
+        object.__setattr__(self, "bounds", Bounds(lower, upper))
+
+    @property
+    def inequalities(self) -> Inequalities | None:
+        """The order as rows ``c_j − c_i ≥ 0``; None if there is none."""
+        if not self.order:
+            return None
+        pairs = np.array(self.order)
+        identity = np.eye(len(self.bounds.lower))
+        return Inequalities(identity[pairs[:, 1]] - identity[pairs[:, 0]], np.zeros(len(pairs)))
+
+    def select(self, columns: IndexArray) -> Constraints:
+        """Return the constraints on some joints (p,), ascending, while the others are free."""
+        below = self._below()[np.ix_(columns, columns)]
+        below &= ~(below @ below)  # what follows from others is left out
+        order = tuple((int(i), int(j)) for i, j in np.argwhere(below))
+        return Constraints(self.bounds.select(columns), order)
+
+    def given(self, joints: IndexArray, compliance: FloatArray, others: IndexArray) -> Constraints:
+        """Return the constraints on other joints once some are known: the order becomes a bound.
+
+        Args:
+            joints: (q,) that are known.
+            compliance: (q,) of these joints [rad/(N·m)].
+            others: (p,) ascending.
+
+        Raises:
+            RequestError: if the known joints leave another no room.
+        """
+        below = self._below()
+        lower, upper = self.bounds.lower.copy(), self.bounds.upper.copy()
+        for joint, value in zip(joints.tolist(), compliance.tolist(), strict=True):
+            lower[below[joint]] = np.maximum(lower[below[joint]], value)
+            upper[below[:, joint]] = np.minimum(upper[below[:, joint]], value)
+        if not (lower[others] < upper[others]).all():
+            raise RequestError(
+                "the decoupled method fits the arm first, which leaves no feasible compliance for a wrist "
+                "joint between its bounds and the order",
+                where="stiffness_order",
+                remedy="use method partial_pose, which fits all joints at once",
+            )
+        return Constraints(Bounds(lower, upper), self.order).select(others)
+
+    def hold(self, compliance: FloatArray) -> BoolArray:
+        """Return whether compliances (..., n) satisfy them all: (...)."""
+        inside = ((self.bounds.lower <= compliance) & (compliance <= self.bounds.upper)).all(axis=-1)
+        for i, j in self.order:
+            inside &= compliance[..., i] <= compliance[..., j]
+        return np.asarray(inside)
+
+    def level(self, compliance: FloatArray, tied: BoolArray) -> FloatArray:
+        """Make the compliances of tied pairs equal to the last digit.
+
+        Args:
+            compliance: (n,) in which they are equal up to rounding [rad/(N·m)].
+            tied: (k,) which pairs of the order are.
+        """
+        value = compliance.copy()
+        pairs = [pair for pair, equal in zip(self.order, tied.tolist(), strict=True) if equal]
+        for _ in pairs:  # the least value reaches all that are tied to it in as many rounds as there are ties
+            for i, j in pairs:
+                value[i] = value[j] = min(value[i], value[j])
+        return np.clip(value, self.bounds.lower, self.bounds.upper)
+
+    def _below(self) -> BoolArray:
+        """(n, n) whether c_i ≤ c_j follows from the order."""
+        n = len(self.bounds.lower)
+        below = np.zeros((n, n), dtype=np.bool_)
+        for i, j in self.order:
+            below[i, j] = True
+        for k in range(n if self.order else 0):
+            below |= below[:, k, None] & below[k]
+        return below
+
+
+@dataclass(frozen=True, eq=False)
+class IdentificationProblem:
+    """minimise ‖R c − z‖² subject to lower ≤ c ≤ upper, and to linear inequalities if there are any.
+
+    Raises:
+        SolverError: if a number is not finite, or a column is zero.
+    """
+
+    R: FloatArray  #: (m, n) compressed, weighted regressor; every column has a positive norm
+    z: FloatArray  #: (m,) compressed, weighted deflections
+    bounds: Bounds  #: bounds of the n compliances
+    inequalities: Inequalities | None = None  #: inequalities that hold besides, or None
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.R).all() and np.isfinite(self.z).all()):
+            raise SolverError(
+                "the regressor contains numbers that are too large",
+                remedy="check the units and the magnitudes of the readings",
+            )
+        if not (self.column_norms > 0).all():
+            raise SolverError("a parameter has no effect on the readings")
+
+    @cached_property
+    def column_norms(self) -> FloatArray:
+        """(n,) norms of the columns of R, which equilibrate it."""
+        largest = np.abs(self.R).max(axis=0, initial=0.0)
+        # Scaled first: the squares of a column in other units may under- or overflow.
+        safe = np.where(largest > 0, largest, 1.0)
+        return np.asarray(np.linalg.norm(self.R / safe, axis=0) * largest)
+
+
+@dataclass(frozen=True, eq=False)
+class Scaled:
+    """minimise ‖A x − b‖² subject to lower ≤ x ≤ upper and B x ≥ d, all rows and columns of unit norm."""
+
+    A: FloatArray  #: (m, n) columns of unit norm
+    b: FloatArray  #: (m,) unit norm, or zero
+    bounds: Bounds  #: bounds of the n variables
+    B: FloatArray  #: (k, n) rows of unit norm; k = 0 without inequalities
+    d: FloatArray  #: (k,)
+    unit: FloatArray  #: (n,) units of the variables, ``c = unit · x`` [rad/(N·m)]
+
+    @classmethod
+    def of(cls, problem: IdentificationProblem) -> Scaled:
+        """Equilibrate a problem."""
+        size = float(np.linalg.norm(problem.z)) or 1.0
+        unit = size / problem.column_norms
+        B, d = np.zeros((0, len(unit))), np.zeros(0)
+        if problem.inequalities is not None:
+            B = problem.inequalities.matrix * unit
+            norms = np.linalg.norm(B, axis=1)
+            B, d = B / norms[:, None], problem.inequalities.least / norms
+        return cls(
+            problem.R / problem.column_norms, problem.z / size, problem.bounds.in_units(unit), B, d, unit
+        )
+
+    @cached_property
+    def rows(self) -> tuple[FloatArray, FloatArray]:
+        """``G x ≥ h``: rows (k, n) of unit norm for the bounds, then for the inequalities, and h (k,)."""
+        lower, upper = self.bounds.lower, self.bounds.upper
+        below, above = np.isfinite(lower), np.isfinite(upper)
+        identity = np.eye(len(lower))
+        return (
+            np.vstack([identity[below], -identity[above], self.B]),
+            np.concatenate([lower[below], -upper[above], self.d]),
+        )
+
+    def gradient(self, x: FloatArray) -> FloatArray:
+        """Return ``Aᵀ(A x − b)`` (n,), half the gradient of the objective."""
+        return np.asarray(self.A.T @ (self.A @ x - self.b))
+
+    def tight_rows(self, x: FloatArray, slack: float = TOLERANCE) -> BoolArray:
+        """Return which rows (k,) hold with equality up to a slack relative to the variables; to rounding."""
+        G, h = self.rows
+        return np.asarray(G @ x - h <= slack * max(1.0, float(np.abs(x).max())))
+
+    def multipliers_at(self, x: FloatArray, slack: float = TOLERANCE) -> FloatArray:
+        """Return the multipliers (k,) of the rows, none negative, that best balance the gradient.
+
+        Args:
+            x: (n,) a point.
+            slack: relative to the variables, beyond which a row has none; rounding if not given.
+        """
+        from scipy.optimize import nnls
+
+        G, h = self.rows
+        multipliers = np.zeros(len(h))
+        tight = self.tight_rows(x, slack)
+        if tight.any():
+            try:
+                multipliers[tight] = nnls(G[tight].T, self.gradient(x))[0]
+            except RuntimeError:  # it gave up: without multipliers nothing is certified
+                return multipliers
+        return multipliers
+
+    def polished(self, active: Support, near: FloatArray | None = None) -> FloatArray:
+        """Solve least squares on the support, the others at their bounds; nearest to `near`, or shortest."""
+        free = active == FREE
+        x = self.bounds.held(active)
+        if near is not None:
+            x[free] = near[free]
+        if free.any():
+            rhs = self.b - self.A @ x
+            x[free] += np.linalg.lstsq(self.A[:, free], rhs, rcond=_NO_DIRECTION)[0]
+        return x
+
+    def pivoted(self, active: Support) -> FloatArray:
+        """Return the polished point of a support that pivoting no longer changes, or of its last round."""
+        x = self.polished(active)
+        for _ in range(MOST_PIVOTS):
+            moved = self.bounds.pivot(active, x, self.gradient(x))
+            if (moved == active).all():
+                break
+            active = moved
+            x = self.polished(active)
+        return x
+
+    def polished_on_rows(self, active: BoolArray, near: FloatArray) -> FloatArray:
+        """Solve least squares on the face where the active rows hold with equality, nearest to a point.
+
+        Args:
+            active: (k,) rows that hold with equality.
+            near: (n,) decides where the optimum is not unique.
+        """
+        G, h = self.rows
+        rows, values = G[active], h[active]
+        x = near
+        along = np.eye(len(x))
+        if len(rows):
+            U, singular, Vt = np.linalg.svd(rows, full_matrices=True)
+            rank = int((singular > _NO_DIRECTION * singular[0]).sum())
+            x = x + Vt[:rank].T @ ((U[:, :rank].T @ (values - rows @ x)) / singular[:rank])
+            along = Vt[rank:].T
+        # Twice: rows that are nearly parallel may have taken x far away, and the first step leaves its
+        # rounding.
+        for _ in range(2 if along.shape[1] else 0):
+            step = np.linalg.lstsq(self.A @ along, self.b - self.A @ x, rcond=_NO_DIRECTION)[0]
+            x = x + along @ step
+        return np.asarray(x, dtype=np.float64)
