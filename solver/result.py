@@ -49,7 +49,7 @@ _OUTLYING: Final = frozenset({"residual_outlier", "deflection_unexplained"})
 
 @dataclass(frozen=True, eq=False)
 class Found:
-    """What bends, by one model: compliances with their intervals, and the evidence."""
+    """A model that was found: compliances with their intervals, and the evidence."""
 
     estimate: Estimate  #: of the joints, or effective where links bend
     prediction: Prediction  #: of the same readings, as the evidence supports it

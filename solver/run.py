@@ -98,7 +98,7 @@ class Identification:
 
     @cached_property
     def _excluded(self) -> str | None:
-        """The option that keeps an automatic choice to joints alone, if one does."""
+        """Option that keeps an automatic choice to joints alone, if one does."""
         if self._options.elasticity != "automatic":
             return None
         return excluded_option(self._options, self._settings, self._robot, self._measurements)

@@ -87,7 +87,9 @@ def predict_by_run(robot: Robot, run: Run, request: DeflectionOptions) -> Deflec
     Raises:
         RequestError: the run has no model of joints, or the request does not fit the robot.
     """
-    used, cases, confidence = RunModel.of(robot, run, request), load_cases(request, robot), request.confidence
+    length = LENGTH[request.units.length]
+    used = RunModel.of(robot, run, absolute=request.absolute, masses=request.masses, length=length)
+    cases, confidence = load_cases(request, robot), request.confidence
     bent = used.model.deflect(cases)
     bound = None if used.error is None else used.error.bound(cases, bent.leverage, confidence)
     wanted = [case.direction or force for case, force in zip(request.cases, cases.force, strict=True)]

@@ -9,12 +9,11 @@ from typing import Final
 
 import numpy as np
 
-from jointstiff.schemas.deflection import DeflectionOptions, MapOptions, MapRequest
+from jointstiff.schemas.deflection import LinkMass
 from jointstiff.schemas.finding import Assessment, Finding, FindingCode, Verdict, combined
 from jointstiff.schemas.measurement import Units
-from jointstiff.schemas.program import ProgramOptions, ProgramRequest
 from jointstiff.schemas.run import Run, RunResult
-from jointstiff.service.conversion.units import FORCE, LENGTH, MOMENT
+from jointstiff.service.conversion.units import FORCE, MOMENT
 from jointstiff.service.problems import VerdictError
 from jointstiff.service.resources.inputs import Inputs, MeasuredRun
 from jointstiff.service.tables.report import counted, support
@@ -28,15 +27,15 @@ from jointstiff.solver.predict.models import IdentifiedWeight, JointModel, Model
 from jointstiff.solver.text import figure
 
 
-def accepted_run(inputs: Inputs, request: MapRequest | ProgramRequest) -> MeasuredRun:
+def accepted_run(inputs: Inputs, run_id: str, accept_verdict: str | None) -> MeasuredRun:
     """Return the run that a request names.
 
     Raises:
         RequestError: there is no such run, or it is not to be used and the request does not accept that.
     """
-    run = inputs.run(request.run_id, "run_id")
+    run = inputs.run(run_id, "run_id")
     if run.run.result is not None:
-        refuse_unaccepted(run.run.result.assessment, request.accept_verdict, f"run '{run.run.id}'")
+        refuse_unaccepted(run.run.result.assessment, accept_verdict, f"run '{run.run.id}'")
     return run
 
 
@@ -87,14 +86,29 @@ class RunModel:
     error: ModelError | None  # None where no posture could be omitted
 
     @classmethod
-    def of(cls, robot: Robot, run: Run, request: DeflectionOptions | MapOptions | ProgramOptions) -> RunModel:
-        """Return the model of a run of this robot, with the own weight that a request wants.
+    def of(
+        cls,
+        robot: Robot,
+        run: Run,
+        *,
+        absolute: bool = False,
+        masses: Sequence[LinkMass] = (),
+        length: float = 1.0,
+    ) -> RunModel:
+        """Return the model of a run of this robot, with own weight where it counts.
+
+        Args:
+            robot: n joints.
+            run: of its campaign.
+            absolute: whether predictions include the sag by the own weight that the run identified.
+            masses: of the links; none leaves own weight out.
+            length: metres in the unit of the masses' centres.
 
         Raises:
             RequestError: the run has no model or is of another robot, or the own weight does not fit it.
         """
         result = result_of(run)
-        weight = _own_weight(request, robot, run)
+        weight = _own_weight(robot, run, absolute, masses, length)
         if result.model is None:
             raise RequestError(
                 f"run '{run.id}' has no model", where="run_id", remedy="choose a run that determines a joint"
@@ -147,35 +161,34 @@ class RunModel:
 
 
 def _own_weight(
-    request: DeflectionOptions | MapOptions | ProgramOptions, robot: Robot, run: Run
+    robot: Robot, run: Run, absolute: bool, masses: Sequence[LinkMass], length: float
 ) -> OwnWeight | None:
     """Return the own weight of the links: the run's for absolute positions, or of stated masses, or None."""
-    stated = [] if isinstance(request, MapOptions) else request.masses
-    if request.absolute:
+    if absolute:
         model = None if run.result is None else run.result.model
-        if model is None or model.weight is None or stated:
+        if model is None or model.weight is None or masses:
             raise RequestError(
                 f"sag takes the own weight of the run: '{run.id}' has none, or masses are stated, too",
                 where="absolute",
                 remedy="choose a run with `weight` and without balancers, and leave `masses` out",
             )
         part = model.weight
-        mass, centre, gravity, root = map(
+        weight, centre, gravity, root = map(
             np.array, (part.mass, part.centre, part.gravity, part.covariance_root)
         )
-        return IdentifiedWeight(mass, centre, gravity, root=root)
-    if isinstance(request, MapOptions) or not stated:
+        return IdentifiedWeight(weight, centre, gravity, root=root)
+    if not masses:
         return None
     mass, centre = np.zeros(robot.n), np.zeros((robot.n, 3))
-    for i, link in enumerate(stated):
+    for i, link in enumerate(masses):
         j = robot.joint_index(link.joint, f"masses[{i}].joint")
-        if link.joint in (other.joint for other in stated[:i]):
+        if link.joint in (other.joint for other in masses[:i]):
             raise RequestError(
                 f"'{link.joint}' has a mass already",
                 where=f"masses[{i}].joint",
                 remedy="give each joint one mass, at the common centre of what it carries",
             )
-        mass[j], centre[j] = link.mass, LENGTH[request.units.length] * np.array(link.centre)
+        mass[j], centre[j] = link.mass, length * np.array(link.centre)
     return OwnWeight(mass, centre)
 
 

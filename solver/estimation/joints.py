@@ -26,7 +26,7 @@ class JointsAlone:
     Attributes:
         robot: n joints.
         measurements: N observations.
-        stated: how to identify, as it was stated.
+        stated: settings as they were stated.
         noticed: findings of the integrity checks of the measurements.
     """
 
@@ -50,7 +50,7 @@ class JointsAlone:
 
     @property
     def settings(self) -> Settings:
-        """How they were identified: as it was stated, or without K_c; raises as `estimate`."""
+        """Settings that were used: as stated, or without K_c; raises as `estimate`."""
         return self._identified[0]
 
     @property
@@ -80,7 +80,7 @@ class JointsAlone:
 
     @property
     def are_sound(self) -> bool:
-        """Whether no gross mistake shows, behind which tests of smaller effects say nothing."""
+        """Tell whether no gross mistake shows, behind which tests of smaller effects say nothing."""
         if any(finding.weight == "do_not_use" for finding in self.noticed):
             return False
         return self.gross_mistake(self.estimate) is None

@@ -133,22 +133,22 @@ class Competition:
 
     @property
     def loss_is_compared(self) -> bool:
-        """Whether held-out postures choose the loss."""
+        """Tell whether held-out postures choose the loss."""
         return len(self._losses) > 1
 
     @property
     def loss_is_automatic(self) -> bool:
-        """Whether no loss was asked for."""
+        """Tell whether no loss was asked for."""
         return self._options.loss == "automatic"
 
     @property
     def penalty_is_given(self) -> bool:
-        """Whether held-out postures do not choose the penalty."""
+        """Tell whether the penalty was stated, so that held-out postures do not choose it."""
         return self._options.link_penalty is not None
 
     @property
     def screening(self) -> Screening:
-        """What joints alone leave unexplained by the squared loss."""
+        """Tests of what joints alone leave unexplained by the squared loss."""
         return self._joints.with_loss("squared").screening
 
     def steps(self) -> tuple[tuple[int, int], ...]:

@@ -424,7 +424,7 @@ class Measurements:
 
     @property
     def is_unloaded(self) -> bool:
-        """Whether all readings are positions without a load."""
+        """Tell whether all readings are positions without a load."""
         return self.unloaded_only is not None and not self.present.any()
 
     def with_loads(self) -> Measurements:

@@ -10,7 +10,10 @@ from collections.abc import Iterator
 from importlib.metadata import distribution, distributions
 from pathlib import Path
 
+import grimp
+import numpy as np
 import pytest
+from scipy.sparse.csgraph import connected_components
 from support.sources import nodes
 
 from jointstiff import solver
@@ -156,6 +159,19 @@ def test_only_terms_know_the_columns_of_a_term():
         if isinstance(node.value, ast.Name) and node.value.id.isupper()
     }
     assert not users
+
+
+def test_no_modules_of_the_solver_import_each_other_in_a_circle():
+    """Imports for types alone count: who reads one of them would have to read all."""
+    graph = grimp.build_graph("jointstiff", exclude_type_checking_imports=False)
+    modules = sorted(name for name in graph.modules if name.startswith("jointstiff.solver."))
+    imports = np.array(
+        [[graph.direct_import_exists(importer=a, imported=b) for b in modules] for a in modules]
+    )
+    _, circle = connected_components(imports, connection="strong")
+    shared = [name for name, c in zip(modules, circle, strict=True) if (circle == c).sum() > 1]
+    assert len(modules) > 50
+    assert not shared
 
 
 DOORS = {ROOT / "solver" / "__init__.py"}

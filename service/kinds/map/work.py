@@ -61,7 +61,7 @@ class MapWork(Work):
         self.robot, self.request = robot, request
         options = request.model_dump_json(exclude={"run_id", "name"})
         self.input_hash = hash_of(run.provenance.input_hash, options)
-        self._used = RunModel.of(robot, run, request)
+        self._used = RunModel.of(robot, run, absolute=request.absolute)
         self._task, self.places = map_task(request, robot), grid_of(request)
         try:
             self._inverse = InverseKinematics(robot, self._task.near)
@@ -152,7 +152,7 @@ def work(inputs: Inputs, request: MapRequest) -> MapWork:
     Raises:
         RequestError: there is no such run, it has no model that predicts, or the request does not fit it.
     """
-    run = accepted_run(inputs, request)
+    run = accepted_run(inputs, request.run_id, request.accept_verdict)
     return MapWork(run.prepared.robot, run.prepared.robot_id, run.run, request)
 
 

@@ -348,7 +348,10 @@ class ProgramWork(Work):
         contents = [each.content or "" for each in request.files]
         self.input_hash = hash_of(run.provenance.input_hash, options, *contents)
         with as_request_errors():
-            self._used = RunModel.of(robot, run, request)
+            length = LENGTH[request.units.length]
+            self._used = RunModel.of(
+                robot, run, absolute=request.absolute, masses=request.masses, length=length
+            )
         files = [(each.name, unpacked(each)) for each in request.files if each.name != request.loads]
         if request.loads is not None and len(files) == len(request.files):
             raise RequestError(
@@ -555,7 +558,7 @@ def work(inputs: Inputs, request: ProgramRequest) -> ProgramWork:
         RequestError: there is no such run, it has no model that predicts, or the request has no files or
             does not fit it.
     """
-    run = accepted_run(inputs, request)
+    run = accepted_run(inputs, request.run_id, request.accept_verdict)
     if not request.files:
         raise RequestError("no file was sent", where="files", remedy="send the program")
     sent = {hashlib.sha256(unpacked(file)).hexdigest() for file in request.files}
