@@ -9,7 +9,7 @@ from dataclasses import dataclass, fields
 from datetime import UTC, datetime
 from functools import lru_cache
 from types import MappingProxyType
-from typing import Any, Final
+from typing import Any, Final, Protocol
 
 from pydantic import ValidationError
 from sqlalchemy import Connection
@@ -58,10 +58,10 @@ _OF_ROW: Final = frozenset(field.name for field in fields(JobEntry)) - {"summary
 """Fields of a job in a listing that are columns of its row."""
 _CHANGING: Final = ("state", "summary", "trend", "document", "elasticity", "verdict")
 """Columns that change until a job ends."""
-STEPS_OF_A_PART: Final = 8
+STEPS_OF_A_PART: Final = 12
 """Steps that one worker carries out before it looks for the part whose turn it is."""
 PART_SECONDS: Final = 1.25
-"""Time after which a worker leaves the other steps of a part, and looks for the part whose turn it is [s]."""
+"""Time after which a worker leaves the other steps of a part, if other jobs wait for a worker [s]."""
 PARTS_AT_ONCE: Final = 8
 """Parts of a job that wait or are carried out at the same time; each leaves one that follows."""
 CANCEL_SECONDS: Final = 2.0
@@ -83,8 +83,15 @@ class Part:
     kept: int  # number of its steps whose results were kept when it was left to workers
 
 
-Leave = Callable[[str, Iterable[Part]], object]
-"""Leaves parts of a job that has begun, given its id, to workers; each once, however often it is left."""
+class PartQueue(Protocol):
+    """The queue of the parts, for who carries one out."""
+
+    def leave(self, job_id: str, parts: Iterable[Part]) -> object:
+        """Leave parts of a job that has begun to workers; each once, however often it is left."""
+
+    def others_wait(self, job_id: str) -> bool:
+        """Return whether parts of other jobs than this one wait for a worker."""
+        ...
 
 
 class Jobs:
@@ -165,7 +172,7 @@ class Jobs:
         job = job.model_copy(update={"state": "running", "provenance": started})
         self.records.start(job_id, self._changes(job, record.robot_id))
 
-    def carry_out(self, part: Part, leave: Leave) -> None:
+    def carry_out(self, part: Part, queue: PartQueue) -> None:
         """Carry out a part of a job that a worker claimed, and keep what each step computes.
 
         Anyone may do so again: steps whose results are kept are not computed once more. The part that finds
@@ -173,7 +180,7 @@ class Jobs:
 
         Args:
             part: the part.
-            leave: leaves others to workers.
+            queue: takes the parts that follow, and the other steps of this one if other jobs wait.
 
         Raises:
             JointstiffError: the job is to fail.
@@ -186,20 +193,23 @@ class Jobs:
         parts = [steps[first : first + STEPS_OF_A_PART] for first in range(0, len(steps), STEPS_OF_A_PART)]
         if number == part.kept == 0:
             self.start(job_id)
-            leave(job_id, [Part(job_id, other, 0) for other in range(1, min(PARTS_AT_ONCE, len(parts)))])
+            queue.leave(
+                job_id, [Part(job_id, other, 0) for other in range(1, min(PARTS_AT_ONCE, len(parts)))]
+            )
         done, mine = stored.done(job_id), parts[number] if parts else ()
         left = [span for span in mine if span[0] not in done]
         kept, end = len(mine) - len(left), time.monotonic() + PART_SECONDS
         for span in left:
             # Whoever died over the part kept steps of it: the deaths are counted anew.
-            if kept > part.kept and (span is left[0] or time.monotonic() >= end):
-                leave(job_id, [Part(job_id, number, kept)])
+            late = time.monotonic() >= end and queue.others_wait(job_id)
+            if kept > part.kept and (span is left[0] or late):
+                queue.leave(job_id, [Part(job_id, number, kept)])
                 return
             if not stored.keep(job_id, span, pack(self.work(job_id).compute(span))):
                 return  # the job has ended
             kept += 1
         if (following := number + PARTS_AT_ONCE) < len(parts):
-            leave(job_id, [Part(job_id, following, 0)])
+            queue.leave(job_id, [Part(job_id, following, 0)])
         if len(stored.done(job_id)) == len(steps):
             self.conclude(job_id, stored.results(job_id))
 

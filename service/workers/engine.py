@@ -21,7 +21,7 @@ from dbos._serialization import DBOSPortableJSONSerializer, DefaultSerializer
 from sqlalchemy import Connection
 from sqlalchemy.exc import SQLAlchemyError
 
-from jointstiff.service.jobs import Part
+from jointstiff.service.jobs import PARTS_AT_ONCE, Part
 from jointstiff.service.problems import StoreError
 from jointstiff.service.store.database import engine_of
 from jointstiff.service.store.store import Store
@@ -34,7 +34,7 @@ _APPLICATION: Final = "jointstiff"
 _QUEUE: Final = "jointstiff-jobs"
 _VERSION: Final = "1"  # DBOS's name for workers that may carry on what others began: all of one database
 _POLL_SECONDS: Final = 0.2  # between two looks for a part
-_PATIENCE_SECONDS: Final = 20  # for which newer jobs pass the next part of one that has begun
+_PATIENCE_SECONDS: Final = 10  # for which newer jobs pass the next part of one that has begun
 _EPOCH: Final = 1_760_000_000  # Unix time of priority 0 [s]: DBOS takes priorities below 2³¹
 _CONNECTIONS: Final = 6
 _LISTED: Final = 1_000  # rows of DBOS at a look
@@ -110,6 +110,11 @@ class Queue:
         with self._store.transaction() as connection:
             for part in parts:
                 self._add(connection, part, turn=turn)
+
+    def others_wait(self, job_id: str) -> bool:
+        """Return whether parts of other jobs than this one wait for a worker."""
+        waiting = self._listed(limit=PARTS_AT_ONCE + 1, status="ENQUEUED")
+        return any(job_of(each.workflow_id) != job_id for each in waiting)
 
     def pending(self) -> dict[str, str]:
         """Return the parts that workers have claimed and not ended: id → name of the worker."""

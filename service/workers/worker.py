@@ -17,7 +17,7 @@ from contextlib import suppress
 from datetime import UTC, datetime
 from typing import Final
 
-from jointstiff.service.jobs import Jobs, Leave, Part, Parts
+from jointstiff.service.jobs import Jobs, Part, PartQueue, Parts
 from jointstiff.service.kinds.registry import KINDS
 from jointstiff.service.problems import StoreUnavailableError, WorkerLostError
 from jointstiff.service.runs.trend import Trends
@@ -154,14 +154,14 @@ def purge(store: Store, before: datetime) -> None:
     store.robots.purge(before, _REMOVED)
 
 
-def carry_out(store: Store, jobs: Callable[[str], Jobs], part: Part, leave: Leave) -> None:
+def carry_out(store: Store, jobs: Callable[[str], Jobs], part: Part, queue: PartQueue) -> None:
     """Carry out a part of a job; a job fails where the part does.
 
     Args:
         store: with the job.
         jobs: those of the kind of a job, by its id.
         part: the part.
-        leave: leaves others to workers.
+        queue: takes what follows.
 
     Raises:
         UnknownKindError: another version of this software has to.
@@ -174,7 +174,7 @@ def carry_out(store: Store, jobs: Callable[[str], Jobs], part: Part, leave: Leav
         raise UnknownKindError(kind)
     mine = jobs(part.job_id)
     try:
-        mine.carry_out(part, leave)
+        mine.carry_out(part, queue)
     except (StoreUnavailableError, MemoryError):
         raise
     except Exception as failure:  # noqa: BLE001 - the boundary of a job
@@ -240,7 +240,7 @@ def run_worker(database: str, executor: str, parent: int | None = None, signs: i
             store,
             database,
             executor,
-            lambda part: patiently(lambda: carry_out(store, parts.jobs_of, part, engine.leave)),
+            lambda part: patiently(lambda: carry_out(store, parts.jobs_of, part, engine)),
         )
         recovery = Recovery(store, parts.jobs_of, engine, executor)
         keeper = threading.Thread(target=_look_after, args=(recovery, stop), daemon=True)

@@ -51,7 +51,7 @@ class Claims(Queue):
         part = self.claim(executor)
         if part is None:
             return False
-        patiently(lambda: carry_out(self._store, jobs, part, self.leave))
+        patiently(lambda: carry_out(self._store, jobs, part, self))
         self.end(part)
         return True
 

@@ -170,7 +170,7 @@ def test_after_a_death_the_sets_that_were_identified_are_kept(
     assert current(parts, job).progress.done == 2
     computed.clear()
     others = Parts(store, claims.enqueue)  # another worker
-    others.jobs["fleet"].carry_out(part, claims.leave)  # it counts the deaths over the part anew
+    others.jobs["fleet"].carry_out(part, claims)  # it counts the deaths over the part anew
     claims.work_all(others.jobs_of)
     assert (current(parts, job).state, computed) == ("succeeded", [(2, 4), (4, 5)])
     at_once = Parts(store).jobs["fleet"].create(FleetRequest(measurement_set_ids=sets, run=JOINTS), None)

@@ -439,7 +439,7 @@ def test_a_run_ends_once_when_workers_end_its_last_parts_at_the_same_time(store,
     monkeypatch.setattr(RunWork, "compute", compute_together)
     parts = [claims.claim(name) for name in "ab"]
     with ThreadPoolExecutor(2) as pool:
-        list(pool.map(lambda part: runs.carry_out(part, claims.leave), parts))
+        list(pool.map(lambda part: runs.carry_out(part, claims), parts))
     assert (runs.current(run.id).state, runs.current(run.id).progress.done) == ("succeeded", 300)
     assert results_left(store) == 0
 
@@ -461,7 +461,7 @@ def test_four_workers_end_all_runs_once_while_some_are_cancelled(store, claims, 
             with turns:
                 part = claims.claim(name)
             if part is not None:
-                runs.carry_out(part, claims.leave)
+                runs.carry_out(part, claims)
 
     runs.records.end = count_ends
     with ThreadPoolExecutor(5) as pool:

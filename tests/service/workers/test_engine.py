@@ -61,9 +61,9 @@ def test_a_run_is_carried_out_and_ends_with_the_numbers_of_one_process(store, qu
     monkeypatch.setattr(RunWork, "steps", lambda _work: [(i, i + 20) for i in range(0, 300, 20)])
     runs = runs_of(store, queue.enqueue)
     run = runs.create(run_request(stored_set(store)), None)
-    leave = []
-    with working(lambda part: carry_out(store, lambda _: runs, part, leave[0])) as engine:
-        leave.append(engine.leave)
+    engines = []
+    with working(lambda part: carry_out(store, lambda _: runs, part, engines[0])) as engine:
+        engines.append(engine)
         until(lambda: runs.current(run.id).state == "succeeded")
         until(lambda: engine.pending() == {})
         engine.forget(store.going_on)

@@ -86,7 +86,7 @@ def test_a_run_is_cut_carried_out_and_put_together(store, runs, claims, post):
     assert runs.current(run.id).state == "queued"
     claims.work_all(lambda _: runs)
     ended = runs.current(run.id)
-    assert (ended.state, ended.progress.done) == ("succeeded", 24)
+    assert (ended.state, ended.progress.done) == ("succeeded", 3 * STEPS_OF_A_PART)
     at_once = runs_of(store).create(ended.request, None)
     assert ended.result == runs_of(store).current(at_once.id).result
 
@@ -104,7 +104,7 @@ def test_each_part_is_claimed_by_one_worker_and_the_one_that_finds_all_results_e
     assert claims.claim("d") is None
     for part in reversed(parts):
         assert runs.current(run.id).state == "running"
-        runs.carry_out(part, claims.leave)
+        runs.carry_out(part, claims)
     assert runs.current(run.id).state == "succeeded"
 
 
@@ -121,12 +121,21 @@ def test_each_part_leaves_the_one_that_follows(claims, runs, post, spans):
 
 def test_a_part_that_takes_long_leaves_its_other_steps(claims, runs, post, monkeypatch):
     monkeypatch.setattr("jointstiff.service.jobs.PART_SECONDS", 0.0)
-    run = post()
+    run, _ = post(), post()
     assert claims.work(lambda _: runs)
     assert runs.records.status(run.id).done == 1, "it makes progress, however slow"
     assert f"{run.id}-000000-1" in claims.waiting()
     claims.work_all(lambda _: runs)
-    assert (runs.current(run.id).state, runs.current(run.id).progress.done) == ("succeeded", 24)
+    progress = runs.current(run.id).progress
+    assert (runs.current(run.id).state, progress.done) == ("succeeded", progress.total)
+
+
+def test_a_part_goes_on_while_no_other_run_waits(claims, runs, post, monkeypatch):
+    """Between two parts a worker does nothing for a moment, which nobody has asked for then."""
+    monkeypatch.setattr("jointstiff.service.jobs.PART_SECONDS", 0.0)
+    run = post()
+    assert claims.work(lambda _: runs)
+    assert runs.records.status(run.id).done == STEPS_OF_A_PART
 
 
 def test_a_run_begins_when_its_turn_comes(runs, claims, post):
@@ -147,7 +156,7 @@ def test_small_runs_do_not_wait_for_the_rest_of_large_ones(runs, claims, post):
 def test_large_runs_go_on_however_many_small_ones_come(runs, claims, post, monkeypatch):
     large = post()
     claims.work(lambda _: runs)
-    later = time.time() + 25  # seconds, of which newer runs passed for 20
+    later = time.time() + 15  # seconds, of which newer runs passed for 10
     monkeypatch.setattr("jointstiff.service.workers.engine.time.time", lambda: later)
     small = post()
     assert [claims.claim("worker").job_id for _ in range(3)] == [large.id, large.id, small.id]
@@ -158,7 +167,7 @@ def test_the_more_runs_have_begun_the_longer_newer_ones_pass(runs, claims, post,
     for _ in range(4):
         post()
         claims.work(lambda _: runs)
-    later = time.time() + 25
+    later = time.time() + 15
     monkeypatch.setattr("jointstiff.service.workers.engine.time.time", lambda: later)
     small = post()
     ids = [claims.claim("worker").job_id for _ in range(3)]
@@ -256,7 +265,7 @@ def test_a_run_that_too_many_workers_die_over_fails_and_others_do_not(store, run
     if part == "other":
         claims.work(lambda _: runs)
     if part == "end":
-        for i in range(24):
+        for i in range(3 * STEPS_OF_A_PART):
             store.steps.keep(poison.id, (i, i + 1), b"computed")
     recovery, waiting = recovery_of(store, runs, claims), post()
     while claimed := claims.claim("alive"):
@@ -352,7 +361,7 @@ def test_jobs_of_a_kind_of_another_version_are_left_alone(store, runs, claims, p
     claims._client.delete_workflows([f"{lost.id}-000000-0"])
     parts = Parts(store, claims.enqueue)
     with pytest.raises(UnknownKindError):
-        carry_out(store, parts.jobs_of, claims.claim("dead"), claims.leave)
+        carry_out(store, parts.jobs_of, claims.claim("dead"), claims)
     Recovery(store, parts.jobs_of, claims, "alive").look()
     claims.claim("dead")
     claims.work_all(parts.jobs_of)
@@ -362,7 +371,7 @@ def test_jobs_of_a_kind_of_another_version_are_left_alone(store, runs, claims, p
 
 
 def test_a_part_of_a_job_that_was_removed_is_nothing(store, claims):
-    carry_out(store, None, Part("gone", 0, 0), claims.leave)
+    carry_out(store, None, Part("gone", 0, 0), claims)
 
 
 def test_the_parts_of_ended_jobs_are_removed(store, runs, claims, post):
@@ -420,7 +429,7 @@ def in_an_archive(planted):
 def test_a_pickle_planted_in_a_step_is_not_run_and_its_run_ends(store, runs, claims, post, tmp_path, written):
     """Who can write the database, or hands over a backup, runs no code in the workers."""
     run, other = post(), post()
-    for i in range(24):
+    for i in range(3 * STEPS_OF_A_PART):
         store.steps.keep(run.id, (i, i + 1), written(Planted(tmp_path / "ran")))
     claims.work_all(lambda _: runs)
     assert [runs.current(each.id).state for each in (run, other)] == ["failed", "succeeded"]
@@ -491,7 +500,7 @@ def test_a_process_without_memory_ends_and_its_step_has_no_result(runs, claims, 
     with pytest.raises(SystemExit, match=f"^{os.getpid()} {signal.SIGKILL}$"):
         claims.work_all(lambda _: runs)
     assert runs.current(run.id).state == "running"
-    assert runs.records.status(run.id).done == (24 if step == "conclude" else 0)
+    assert runs.records.status(run.id).done == (3 * STEPS_OF_A_PART if step == "conclude" else 0)
 
 
 def test_pauses_double_up_to_a_minute():
