@@ -6,6 +6,8 @@ from typing import Any
 from support.programs import options, path, tool_poses
 
 from jointstiff.service.kinds.geometry.kind import GEOMETRY
+from jointstiff.service.kinds.kind import AnyKind
+from jointstiff.service.kinds.rooms import kind_of
 from jointstiff.simulator.programs import program_text
 
 MAP = {
@@ -25,7 +27,26 @@ CHANGES: dict[str, dict[str, Any]] = {
     "fleet": {"run": {"positive": False}},
     "program": {"confidence": 0.9},
 }
-"""For each kind a change of its request."""
+"""For each kind a change of its request; of others the second of its examples."""
+
+
+def change_of(kind: AnyKind, run: dict[str, Any], other: str = "") -> dict[str, Any]:
+    """Return fields by which another job of a kind differs."""
+    return CHANGES.get(kind.name) or _examples(kind, run, other)[1]
+
+
+def _examples(kind: AnyKind, run: dict[str, Any], other: str) -> list[dict[str, Any]]:
+    """Return the examples of a kind's requests, of a run and its measurement set."""
+    ids = {
+        "ID_OF_A_STORED_SET": run["request"]["measurement_set_id"],
+        "ID_OF_A_RUN": run["id"],
+        "ID_OF_ANOTHER": other,
+    }
+    text = json.dumps(list(kind.examples.values()))
+    for placeholder, own in ids.items():
+        text = text.replace(placeholder, own)
+    examples: list[dict[str, Any]] = json.loads(text)
+    return examples
 
 
 def posted_job(
@@ -38,12 +59,13 @@ def posted_job(
         files = [("files", ("cell.src", TEXT.encode("latin-1")))]
         form = {"files": files, "data": {"options": stated}}
         return client.request("POST", "/v1/programs", headers=headers, **form)
-    collection, body = {
+    known = {
         "run": ("runs", of_set),
         "comparison": ("comparisons", {"run_ids": [run["id"], other]}),
         "geometry": ("geometries", next(iter(GEOMETRY.examples.values()))),
         "plan": ("plans", PLAN | of_set),
         "map": ("maps", MAP | {"run_id": run["id"]}),
         "fleet": ("fleets", {"measurement_set_ids": [of_set["measurement_set_id"]]}),
-    }[kind]
+    }
+    collection, body = known.get(kind) or (kind_of(kind).collection, _examples(kind_of(kind), run, other)[0])
     return client.request("POST", f"/v1/{collection}", json=body | changes, headers=headers)

@@ -9,7 +9,7 @@ import pypdf
 import pytest
 from rich.console import Console
 from support.api import BOTH_DATABASES, CANCEL, RESTORE, file_at, job_at, posted
-from support.kinds import CHANGES, posted_job
+from support.kinds import change_of, posted_job
 
 from jointstiff.schemas.finding import Problem
 from jointstiff.schemas.job import JobSummary
@@ -64,7 +64,9 @@ def job(kind, service, made, post):
 
 
 @kinds
-def test_it_is_made_once_and_the_same_input_gives_the_same_numbers(client, post, kind):
+def test_it_is_made_once_and_the_same_input_gives_the_same_numbers(client, post, runs, kind):
+    run, other_run = runs
+    change = change_of(kind, run, other_run["id"])
     key = {"Idempotency-Key": uuid.uuid4().hex}
     answer = post(kind, headers=key)
     assert answer.status_code == 201, answer.text
@@ -73,11 +75,9 @@ def test_it_is_made_once_and_the_same_input_gives_the_same_numbers(client, post,
     assert answer.headers["location"] == f"/v1/jobs/{job.id}"
     assert client.get(answer.headers["location"]).content == answer.content
     assert post(kind, headers=key).content == answer.content
-    other = post(kind, headers=key, **CHANGES[kind.name])
+    other = post(kind, headers=key, **change)
     assert (other.status_code, other.json()["type"][-20:]) == (422, "idempotency-conflict")
-    again, changed = (
-        kind.message.model_validate(post(kind, **more).json()) for more in ({}, CHANGES[kind.name])
-    )
+    again, changed = (kind.message.model_validate(post(kind, **more).json()) for more in ({}, change))
     assert (again.id != job.id, again.result) == (True, job.result)
     hashes = [each.provenance.input_hash for each in (job, again, changed)]
     assert hashes[0] == hashes[1] != hashes[2]
