@@ -10,7 +10,7 @@ import pickle
 import traceback
 from collections import deque
 from collections.abc import Callable, Generator, Iterable, Sequence
-from concurrent.futures import Executor, Future, wait
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
 from functools import lru_cache, partial
 from itertools import islice
 from typing import TYPE_CHECKING, Any, Final, TypeVar
@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 
 IN_FLIGHT: Final = 256
 """Calls that an executor has at the same time: enough for a cluster, and few enough for the memory."""
+MOST_WAITING: Final = 4_096
+"""Calls that wait for their turn, those with an answer among them: one that takes long holds up no other."""
 _LOOK_SECONDS: Final = 0.1
 """Time between two questions whether the caller wants no more."""
 _First = TypeVar("_First")
@@ -40,9 +42,10 @@ def in_order(
     arguments: Iterable[_First],
     cancelled: Callable[[], object],
 ) -> Generator[_Answer]:
-    """Yield what a function answers for each argument, in order; only so many are taken as are in flight.
+    """Yield what a function answers for each argument, in order.
 
-    Whatever ends the iteration cancels the calls that have not begun.
+    No more arguments are taken than are in flight, or wait behind a call that takes longer. Whatever ends the
+    iteration cancels the calls that have not begun.
 
     Raises:
         CancelledWorkError: the caller wants no more.
@@ -51,13 +54,23 @@ def in_order(
     """
     waiting: deque[Future[_Outcome[_Answer]]] = deque()
     left = iter(arguments)
+    open_calls: list[Future[_Outcome[_Answer]]] = []
+
+    def submit() -> None:
+        open_calls[:] = [call for call in open_calls if not call.done()]
+        for argument in islice(left, min(IN_FLIGHT - len(open_calls), MOST_WAITING - len(waiting))):
+            call = _by_executor(partial(executor.submit, _outcome, function, argument))
+            waiting.append(call)
+            open_calls.append(call)
+
     try:
         while True:
-            for argument in islice(left, IN_FLIGHT - len(waiting)):
-                waiting.append(_by_executor(partial(executor.submit, _outcome, function, argument)))
+            submit()
             if not waiting:
                 return
-            _wait_for(waiting[0], cancelled)
+            while not _has_ended(waiting[0], cancelled):
+                wait(open_calls, _LOOK_SECONDS, return_when=FIRST_COMPLETED)
+                submit()
             answer, error = _by_executor(waiting.popleft().result)
             if error is not None:
                 raise error
@@ -67,18 +80,15 @@ def in_order(
             future.cancel()
 
 
-def _wait_for(call: Future[Any], cancelled: Callable[[], object]) -> None:
-    """Wait until a call has ended.
+def _has_ended(call: Future[Any], cancelled: Callable[[], object]) -> bool:
+    """Return whether a call has ended.
 
     Raises:
         CancelledWorkError: the caller wants no more; also where the answer is there.
     """
-    while True:
-        if cancelled():
-            raise CancelledWorkError
-        if call.done():
-            return
-        wait([call], _LOOK_SECONDS)
+    if cancelled():
+        raise CancelledWorkError
+    return call.done()
 
 
 def _outcome(function: Callable[[_First], _Answer], argument: _First) -> _Outcome[_Answer]:

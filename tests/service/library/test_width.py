@@ -5,6 +5,7 @@ import os
 import pickle
 import subprocess
 import sys
+import threading
 from collections.abc import Iterator
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from functools import partial
@@ -174,13 +175,34 @@ class Held(Executor):
 
 def test_only_so_many_calls_are_in_flight_and_the_rest_is_not_read(monkeypatch):
     monkeypatch.setattr(width, "IN_FLIGHT", 3)
-    read, held = [], Held()
-    results = in_order(held, abs, (read.append(i) or -i for i in range(10)), lambda: held.begin())
+    monkeypatch.setattr(width, "MOST_WAITING", 5)
+    read, held, in_flight = [], Held(), []
+
+    def begin():
+        in_flight.append(len(held.calls))
+        held.begin()
+
     found = []
-    for each in results:
+    for each in in_order(held, abs, (read.append(i) or -i for i in range(10)), begin):
         found.append(each)
-        assert len(read) <= len(found) + 2
+        assert len(read) <= len(found) + 4
     assert found == list(range(10))
+    assert max(in_flight) == 3
+
+
+def test_a_call_that_takes_long_holds_up_no_other(monkeypatch):
+    """Behind a campaign of 15 s a process did nothing after 256 of 0.02 s."""
+    monkeypatch.setattr(width, "IN_FLIGHT", 2)
+    others = threading.Semaphore(0)
+
+    def identified(number):
+        if number:
+            others.release()
+            return number
+        return all(others.acquire(timeout=20) for _ in range(50))
+
+    with ThreadPoolExecutor(2) as two:
+        assert list(in_order(two, identified, range(51), lambda: False)) == [True, *range(1, 51)]
 
 
 def test_calls_that_have_not_begun_are_cancelled_with_the_work():
