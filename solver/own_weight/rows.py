@@ -41,62 +41,8 @@ from jointstiff.solver.mechanics.robot import Body, Robot
 
 _GEOMETRY: Final = 0.01
 """Standard uncertainty of axes and targets before any reading [m and rad]: a nominal arm is as good."""
-
-
 _BASE: Final = 1e-6
 """Standard uncertainty of the base's compliances before any reading [rad/(N·m)]: as soft as a joint."""
-MOST_STEPS: Final = 15
-_BASE_LEVEL: Final = 1e-5
-"""Probability of chance below which a base tilts."""
-_CONVERGED: Final = 1e-3
-"""Movement of the predictions, relative to the residuals, that ends the steps."""
-_EXACT: Final = 1e-7
-"""The same, relative to all that the convex program is to explain: exact readings leave no residuals."""
-LARGEST_SAG: Final = 0.1
-"""Sag of a joint [rad] at its greatest compliance: what sags more is no robot."""
-_CONSTANT: Final = 5e-3
-"""Variation of a joint's torque over the postures, relative to the torque by a weight across its axis, below
-which it counts as constant: gravity's direction and that of a vertical axis are not known so well."""
-_BEYOND_CHANCE: Final = 1e-3
-"""Probability of chance below which residuals or masses count as contradicted."""
-_RIGID: Final = 1e-6
-"""Compliance beside the end of its interval that is rounding of a rigid joint's."""
-_AT_CAP: Final = 0.5
-"""Share of the greatest compliance that counts as no bound at all."""
-_LEAST_NOISE: Final = 3e-6
-"""Residuals [m] below which nothing is left to explain: no instrument reads a place better."""
-_NOTHING: Final = 1e-10
-"""Singular value beside the greatest that is rounding of columns that depend on each other."""
-_LEAST_SIGMA: Final = 1e-15
-"""Rounding: no reading is better."""
-
-
-_BASE: Final = 1e-6
-"""Standard uncertainty of the base's compliances before any reading [rad/(N·m)]: as soft as a joint."""
-MOST_STEPS: Final = 15
-_BASE_LEVEL: Final = 1e-5
-"""Probability of chance below which a base tilts."""
-_CONVERGED: Final = 1e-3
-"""Movement of the predictions, relative to the residuals, that ends the steps."""
-_EXACT: Final = 1e-7
-"""The same, relative to all that the convex program is to explain: exact readings leave no residuals."""
-LARGEST_SAG: Final = 0.1
-"""Sag of a joint [rad] at its greatest compliance: what sags more is no robot."""
-_CONSTANT: Final = 5e-3
-"""Variation of a joint's torque over the postures, relative to the torque by a weight across its axis, below
-which it counts as constant: gravity's direction and that of a vertical axis are not known so well."""
-_BEYOND_CHANCE: Final = 1e-3
-"""Probability of chance below which residuals or masses count as contradicted."""
-_RIGID: Final = 1e-6
-"""Compliance beside the end of its interval that is rounding of a rigid joint's."""
-_AT_CAP: Final = 0.5
-"""Share of the greatest compliance that counts as no bound at all."""
-_LEAST_NOISE: Final = 3e-6
-"""Residuals [m] below which nothing is left to explain: no instrument reads a place better."""
-_NOTHING: Final = 1e-10
-"""Singular value beside the greatest that is rounding of columns that depend on each other."""
-_LEAST_SIGMA: Final = 1e-15
-"""Rounding: no reading is better."""
 
 
 @dataclass(frozen=True)
