@@ -25,7 +25,6 @@ from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.solver.errors import RequestError, SolverError
 from jointstiff.solver.estimation import convex
 from jointstiff.solver.estimation import estimate as estimates
-from jointstiff.solver.estimation import problem as problems
 from jointstiff.solver.estimation import solution as module
 from jointstiff.solver.estimation.estimate import profile_ends
 from jointstiff.solver.estimation.fit import Likelihood, rows_of
@@ -100,7 +99,7 @@ def test_a_wrong_support_is_never_certified(monkeypatch, wrong):
     A, b = np.array([[1.0, 0.8], [0.0, 0.6]]), np.array([1.0, -1.0])
     problem = IdentificationProblem(A, b, Bounds(np.zeros(2), np.full(2, 10.0)))
     place = {0: 5.0, -1: 0.0, 1: 10.0}[wrong]
-    monkeypatch.setattr(problems, "MOST_PIVOTS", 0)
+    monkeypatch.setattr("jointstiff.solver.estimation.problem.MOST_PIVOTS", 0)
     monkeypatch.setattr(convex, "least_squares", lambda _: np.full(2, place))
     found = solve(problem)
     assert found.certificate.solved_by == "active_set"
