@@ -63,7 +63,7 @@ class Found:
 
 
 def joints_alone(joints: JointsAlone, screening: Screening, choice: ModelChoice) -> Found:
-    """Report joints alone: where they do not fit, postures left out widen the intervals.
+    """Report joints alone: where they do not fit, held-out postures widen the intervals.
 
     Args:
         joints: identified alone.

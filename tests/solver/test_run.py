@@ -1,0 +1,52 @@
+"""A whole run of arrays: the story that services, files and notebooks tell with messages."""
+
+import numpy as np
+import pytest
+from support.campaigns import ARM, prepare, simulated
+
+from jointstiff.schemas.options import CrossValidation, Resampling, RunOptions
+from jointstiff.simulator.elastic_links import beam_arm, elastic_campaign
+from jointstiff.solver.errors import RequestError
+from jointstiff.solver.estimation import joints
+from jointstiff.solver.run import Identification, run
+
+
+def test_arrays_give_true_stiffnesses_with_a_verdict():
+    result = run(*simulated(load="pull", seed=4), RunOptions())
+    assert result.assessment.verdict == "use"
+    assert result.choice.elasticity == "joints"
+    within = [
+        low <= truth <= (np.inf if high is None else high)
+        for (low, high), truth in zip(
+            (joint.stiffness_interval for joint in result.joints), ARM.stiffnesses, strict=True
+        )
+    ]
+    assert sum(within) >= 5  # of six intervals at 95 %
+
+
+def test_joints_are_identified_once_however_many_models_compete(monkeypatch):
+    robot, measurements = prepare(elastic_campaign(beam_arm(ARM), configurations=16, seed=5))
+    identified, identify = [], joints.identify_balanced
+    monkeypatch.setattr(
+        joints, "identify_balanced", lambda *given: identified.append(given) or identify(*given)
+    )
+    options = RunOptions(cross_validation=CrossValidation(folds=2, draws=1), links=["joint_2"])
+    result = run(robot, measurements, options)
+    assert {each.model for each in result.choice.models} > {"joints", "diagonal_links"}
+    assert len(identified) == 1
+
+
+def test_steps_of_the_long_part_come_to_the_same_as_a_whole_run():
+    robot, measurements = simulated(load="pull", seed=4)
+    options = RunOptions(resampling=Resampling(size=10, repetitions=50, seed=1))
+    story = Identification(robot, measurements, options)
+    halves = [story.long.compute(span) for span in ((0, 20), (20, 50))]
+    assert story.conclude(halves) == run(robot, measurements, options)
+
+
+def test_options_that_do_not_go_with_the_readings_are_refused_before_any_work():
+    robot, measurements = simulated(load="pull", seed=4)
+    with pytest.raises(RequestError, match="exceeds the set's"):
+        Identification(robot, measurements, RunOptions(resampling=Resampling(size=1000)))
+    with pytest.raises(RequestError, match="has no joint 'elbow'"):
+        Identification(robot, measurements, RunOptions(stiffness_bounds={"elbow": (1e6, None)}))
