@@ -77,3 +77,8 @@ class Fleet(Job):
     kind: Literal["fleet"] = "fleet"
     request: FleetRequest
     result: FleetResult | None = Field(description="Result; present if the job has succeeded.")
+
+    @property
+    def failed_parts(self) -> int:
+        """Number of sets that have failed."""
+        return 0 if self.result is None else self.result.counts["failed"]

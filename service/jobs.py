@@ -32,7 +32,13 @@ from jointstiff.service.kinds.work import (
     unpack,
 )
 from jointstiff.service.live.stored import OpenSets
-from jointstiff.service.problems import NotFoundError, TooManyJobsError, WorkerLostError, problem_of
+from jointstiff.service.problems import (
+    NotFoundError,
+    StoreUnavailableError,
+    TooManyJobsError,
+    WorkerLostError,
+    problem_of,
+)
 from jointstiff.service.process import versions
 from jointstiff.service.resources.stored import Resources
 from jointstiff.service.runs.trend import Trends, numbers_of_trend
@@ -210,8 +216,9 @@ class Jobs:
             kept += 1
         if (following := number + PARTS_AT_ONCE) < len(parts):
             queue.leave(job_id, [Part(job_id, following, 0)])
-        if len(stored.done(job_id)) == len(steps):
-            self.conclude(job_id, stored.results(job_id))
+        # Whoever ends the job removes the results.
+        if len(stored.done(job_id)) == len(steps) == len(results := stored.results(job_id)):
+            self.conclude(job_id, results)
 
     def conclude(self, job_id: str, computed: Sequence[bytes]) -> None:
         """Put a job together from the results of all its steps, in order, and end it.
@@ -221,7 +228,8 @@ class Jobs:
         """
         work = self.work(job_id)
         result, error = outcome_of(
-            lambda: work.conclude([unpack(content) for content in computed]), (RequestError, MemoryError)
+            lambda: work.conclude([unpack(content) for content in computed]),
+            (RequestError, MemoryError, StoreUnavailableError),
         )
         provenance = {"versions": dict(versions())}
         self._end(job_id, final_state(error), {"result": result, "error": error}, provenance)

@@ -285,7 +285,7 @@ def _show(kind: AnyKind, job: Any, values: _Values) -> None:  # noqa: ANN401 - a
     """Print a job.
 
     Raises:
-        typer.Exit: it has failed.
+        typer.Exit: it has failed, or a set of a fleet has.
     """
     from jointstiff.service.reports.job import job_report
     from jointstiff.service.tables.terminal import console
@@ -301,7 +301,7 @@ def _show(kind: AnyKind, job: Any, values: _Values) -> None:  # noqa: ANN401 - a
         console().print(
             job_report(kind, job, details=values["details"], unit=values["unit"], applies=applies)
         )
-    if job.state != "succeeded":
+    if job.state != "succeeded" or job.failed_parts:
         raise typer.Exit(1)
 
 

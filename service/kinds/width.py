@@ -9,11 +9,11 @@ from __future__ import annotations
 import pickle
 import traceback
 from collections import deque
-from collections.abc import Callable, Generator, Iterable, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
-from functools import lru_cache, partial
+from functools import cache, lru_cache, partial
 from itertools import islice
-from typing import TYPE_CHECKING, Any, Final, TypeVar
+from typing import TYPE_CHECKING, Any, Final, Generic, TypeVar
 
 from jointstiff.service.problems import ExecutorError
 from jointstiff.service.process import one_thread
@@ -23,8 +23,8 @@ if TYPE_CHECKING:
 
 IN_FLIGHT: Final = 256
 """Calls that an executor has at the same time: enough for a cluster, and few enough for the memory."""
-MOST_WAITING: Final = 4_096
-"""Calls that wait for their turn, those with an answer among them: one that takes long holds up no other."""
+MOST_WAITING: Final = 1_024
+"""Calls that wait behind one that takes long, those with an answer among them."""
 _LOOK_SECONDS: Final = 0.1
 """Time between two questions whether the caller wants no more."""
 _First = TypeVar("_First")
@@ -44,51 +44,63 @@ def in_order(
 ) -> Generator[_Answer]:
     """Yield what a function answers for each argument, in order.
 
-    No more arguments are taken than are in flight, or wait behind a call that takes longer. Whatever ends the
-    iteration cancels the calls that have not begun.
+    At most `IN_FLIGHT` arguments are taken beyond the answers, and up to `MOST_WAITING` while the call whose
+    turn it is takes longer than others. Whatever ends the iteration cancels the calls that have not begun.
 
     Raises:
         CancelledWorkError: the caller wants no more.
         ExecutorError: the executor failed, rather than the function.
         Exception: what the function raised.
     """
-    waiting: deque[Future[_Outcome[_Answer]]] = deque()
+    calls = _Calls(executor, function, cancelled)
     left = iter(arguments)
-    open_calls: list[Future[_Outcome[_Answer]]] = []
-
-    def submit() -> None:
-        open_calls[:] = [call for call in open_calls if not call.done()]
-        for argument in islice(left, min(IN_FLIGHT - len(open_calls), MOST_WAITING - len(waiting))):
-            call = _by_executor(partial(executor.submit, _outcome, function, argument))
-            waiting.append(call)
-            open_calls.append(call)
-
     try:
         while True:
-            submit()
-            if not waiting:
+            calls.submit(left, IN_FLIGHT)
+            if not calls.waiting:
                 return
-            while not _has_ended(waiting[0], cancelled):
-                wait(open_calls, _LOOK_SECONDS, return_when=FIRST_COMPLETED)
-                submit()
-            answer, error = _by_executor(waiting.popleft().result)
+            while not calls.next_has_ended():
+                wait(calls.unanswered, _LOOK_SECONDS, return_when=FIRST_COMPLETED)
+                calls.submit(left, MOST_WAITING)
+            answer, error = _by_executor(calls.waiting.popleft().result)
             if error is not None:
                 raise error
             yield answer
     finally:
-        for future in waiting:
-            future.cancel()
+        for call in calls.waiting:
+            call.cancel()
 
 
-def _has_ended(call: Future[Any], cancelled: Callable[[], object]) -> bool:
-    """Return whether a call has ended.
+class _Calls(Generic[_First, _Answer]):
+    """Calls of an executor that were submitted and not answered to the caller, in order."""
 
-    Raises:
-        CancelledWorkError: the caller wants no more; also where the answer is there.
-    """
-    if cancelled():
-        raise CancelledWorkError
-    return call.done()
+    def __init__(
+        self, executor: Executor, function: Callable[[_First], _Answer], cancelled: Callable[[], object]
+    ) -> None:
+        self._executor, self._function, self._cancelled = executor, function, cancelled
+        self.waiting: deque[Future[_Outcome[_Answer]]] = deque()
+        self.unanswered: list[Future[_Outcome[_Answer]]] = []  # at the last look
+
+    def submit(self, left: Iterator[_First], most: int) -> None:
+        """Keep the executor busy, with so many calls that wait; an answer that is due comes first."""
+        self.unanswered = [call for call in self.unanswered if not call.done()]
+        room = min(IN_FLIGHT - len(self.unanswered), most - len(self.waiting))
+        for argument in islice(left, max(0, room)):
+            call = _by_executor(partial(self._executor.submit, _outcome, self._function, argument))
+            self.waiting.append(call)
+            self.unanswered.append(call)
+            if self.next_has_ended():
+                return
+
+    def next_has_ended(self) -> bool:
+        """Return whether the call has ended whose turn it is.
+
+        Raises:
+            CancelledWorkError: the caller wants no more; also where the answer is there.
+        """
+        if self._cancelled():
+            raise CancelledWorkError
+        return self.waiting[0].done()
 
 
 def _outcome(function: Callable[[_First], _Answer], argument: _First) -> _Outcome[_Answer]:
@@ -119,8 +131,13 @@ def computed(
         JointstiffError: as `Work.compute` does.
     """
     if executor is not None and spans:
-        content = pickle.dumps(work)
-        yield from in_order(executor, partial(_compute, content), spans, cancelled)
+        whole = cache(partial(pickle.dumps, work))
+
+        def task(span: Span) -> tuple[bytes, Span]:
+            part = work.alone(span)
+            return whole() if part is work else pickle.dumps(part), span
+
+        yield from in_order(executor, _compute, map(task, spans), cancelled)
         return
     for span in spans:
         if cancelled():
@@ -128,7 +145,8 @@ def computed(
         yield work.compute(span)
 
 
-def _compute(content: bytes, span: Span) -> Arrays:
+def _compute(task: tuple[bytes, Span]) -> Arrays:
+    content, span = task
     return _work(content).compute(span)
 
 

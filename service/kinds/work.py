@@ -20,7 +20,7 @@ from jointstiff.schemas.fields import Message
 from jointstiff.schemas.finding import Problem
 from jointstiff.schemas.job import Job, JobState, Progress, Provenance
 from jointstiff.service.kinds.width import CancelledWorkError, computed
-from jointstiff.service.problems import ExecutorError, http_problem, problem_of
+from jointstiff.service.problems import ExecutorError, StoreUnavailableError, http_problem, problem_of
 from jointstiff.service.process import versions
 from jointstiff.solver.errors import InputError, JointstiffError, NotObservableError, RequestError
 
@@ -51,6 +51,10 @@ class Work:
     def steps(self) -> Sequence[Span]:
         """Return all units in order, cut into steps of a fraction of a second; the same for every caller."""
         return ()
+
+    def alone(self, _span: Span) -> Work:
+        """Return the work with what a step needs, for another process."""
+        return self
 
     def compute(self, span: Span) -> Arrays:
         """Carry out a step; its numbers do not depend on the worker.
@@ -155,6 +159,7 @@ def carry_out(
     Raises:
         RequestError: the request is refused.
         ExecutorError: the executor failed.
+        StoreUnavailableError: the database does not answer.
     """
 
     def compute() -> Message:
@@ -167,7 +172,7 @@ def carry_out(
         return work.conclude(parts)
 
     try:
-        result, error = outcome_of(compute, (RequestError, ExecutorError))
+        result, error = outcome_of(compute, (RequestError, ExecutorError, StoreUnavailableError))
     except CancelledWorkError:
         return job.model_copy(update={"state": "cancelled"})
     progress = job.progress and job.progress.model_copy(update={"done": job.progress.total})

@@ -50,7 +50,7 @@ def identify_many(
 
     Args:
         campaigns: files, documents that were read from JSON, `Campaign` objects, or runs. An iterator is
-            read as the work goes on: 256 campaigns are in flight at most.
+            read as the work goes on: 256 campaigns beyond the runs so far, up to 1,024 behind a slow one.
         options: of every run; the options below replace its fields. Without them each campaign has its own.
         executor: identifies whole campaigns, such as a `concurrent.futures.ProcessPoolExecutor()` or a Dask
             client's `get_executor()`; the numbers have the same bits.
@@ -65,9 +65,11 @@ def identify_many(
         its place, such as `campaigns[3]`, or the name of its file.
 
     Raises:
-        TypeError: there is no such option.
+        TypeError: there is no such option, or one campaign is given in place of several.
         ExecutorError: the executor failed.
     """
+    if isinstance(campaigns, str | bytes | PathLike | Mapping | Campaign | TabledRun):
+        raise TypeError("identify_many() takes several campaigns: give a list, or call identify()")
     if unknown := sorted(set(fields) - _OPTIONS):
         raise TypeError(
             f"identify_many() has no option '{unknown[0]}'; `help(jointstiff.identify)` lists them"
@@ -147,6 +149,9 @@ def _task(number: int, source: Any, shared: _Shared) -> _Task:  # noqa: ANN401 -
             content = read_content(path)
     except CampaignError as error:
         content = error.problem
+    except TypeError:
+        reason = f"a {type(source).__name__} is no campaign"
+        content = http_problem(422, reason, "give a file, a document, a `Campaign` or a run")
     except OSError as error:
         reason = f"{path} cannot be read: {error.strerror}"
         content = http_problem(422, reason, "give the name of a file that can be read")

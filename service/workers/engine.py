@@ -12,7 +12,7 @@ from __future__ import annotations
 import logging
 import threading
 import time
-from collections.abc import Callable, Collection, Iterable
+from collections.abc import Callable, Collection, Iterable, Iterator
 from contextlib import suppress
 from typing import Any, Final, NoReturn
 
@@ -37,7 +37,8 @@ _POLL_SECONDS: Final = 0.2  # between two looks for a part
 _PATIENCE_SECONDS: Final = 10  # for which newer jobs pass the next part of one that has begun
 _EPOCH: Final = 1_760_000_000  # Unix time of priority 0 [s]: DBOS takes priorities below 2³¹
 _CONNECTIONS: Final = 6
-_LISTED: Final = 1_000  # rows of DBOS at a look
+_LISTED: Final = 1_000  # rows of DBOS in a page
+_PAGES: Final = 20  # pages at a look: parts of jobs that go on stay, and may fill some
 _GIVEN_UP: Final = ["MAX_RECOVERY_ATTEMPTS_EXCEEDED", "ERROR", "CANCELLED"]
 
 
@@ -51,10 +52,6 @@ DefaultSerializer.deserialize = _refuse_pickle  # type: ignore[method-assign]
 # DBOS logs what it retries, and at each start that a cloud service exists.
 logging.getLogger("dbos").setLevel(logging.CRITICAL)
 _logger = logging.getLogger(__name__)
-
-
-class UnknownKindError(Exception):
-    """The job is of a kind that only another version of this software knows."""
 
 
 class Queue:
@@ -111,9 +108,17 @@ class Queue:
             for part in parts:
                 self._add(connection, part, turn=turn)
 
+    def offer_later(self, part: Part) -> None:
+        """Leave a part of a job of another version's kind to whoever claims it after `LATER_SECONDS`."""
+        with self._store.transaction() as connection:
+            self._add(connection, part, turn=_now(), later=LATER_SECONDS)
+
     def others_wait(self, job_id: str) -> bool:
-        """Return whether parts of other jobs than this one wait for a worker."""
-        waiting = self._listed(limit=PARTS_AT_ONCE + 1, status="ENQUEUED")
+        """Return whether parts of other jobs than this one wait for a worker; true where nobody can say."""
+        try:
+            waiting = self._listed(limit=PARTS_AT_ONCE + 1, status="ENQUEUED")
+        except SQLAlchemyError:
+            return True
         return any(job_of(each.workflow_id) != job_id for each in waiting)
 
     def pending(self) -> dict[str, str]:
@@ -127,8 +132,8 @@ class Queue:
 
     def given_up(self) -> dict[str, bool]:
         """Return jobs that have a part which will not be offered again: id → whether workers died over it."""
-        found = self._listed(status=_GIVEN_UP)
-        return {job_of(each.workflow_id): each.status == _GIVEN_UP[0] for each in found}
+        found = self._pages(status=_GIVEN_UP)
+        return {job_of(each.workflow_id): each.status == _GIVEN_UP[0] for page in found for each in page}
 
     def unknown(self, job_ids: Collection[str]) -> set[str]:
         """Return those of some jobs that were never left to workers, or whose parts were removed by hand."""
@@ -144,10 +149,11 @@ class Queue:
         Args:
             going_on: returns the ids of those of some jobs that have not ended.
         """
-        ended = [each.workflow_id for each in self._listed(status=["SUCCESS", *_GIVEN_UP])]
-        open_jobs = going_on({job_of(part) for part in ended})
-        if over := [part for part in ended if job_of(part) not in open_jobs]:
-            self._client.delete_workflows(over)
+        for page in list(self._pages(status=["SUCCESS", *_GIVEN_UP])):
+            ended = [each.workflow_id for each in page]
+            open_jobs = going_on({job_of(part) for part in ended})
+            if over := [part for part in ended if job_of(part) not in open_jobs]:
+                self._client.delete_workflows(over)
 
     def _add(self, connection: Connection, part: Part, *, turn: int, later: float | None = None) -> None:
         """Add a part to the queue.
@@ -169,6 +175,14 @@ class Queue:
             options |= {"workflow_id": f"{_name(part)}-{time.time_ns()}", "delay_seconds": later}
         self._client.enqueue_in_transaction(connection, options, part.job_id, part.number, part.kept)
 
+    def _pages(self, **which: Any) -> Iterator[list[Any]]:  # noqa: ANN401 - what DBOS takes
+        """Yield rows of DBOS in pages, oldest first."""
+        for number in range(_PAGES):
+            page = self._listed(offset=number * _LISTED, **which)
+            yield page
+            if len(page) < _LISTED:
+                return
+
     def _listed(self, limit: int = _LISTED, **which: Any) -> list[Any]:  # noqa: ANN401 - what DBOS takes
         """Return rows of DBOS, oldest first."""
         return self._client.list_workflows(limit=limit, load_input=False, load_output=False, **which)
@@ -186,7 +200,7 @@ class Engine(Queue):
             store: which stays the caller's to close.
             database: its URL.
             executor: name of this worker, which no other process has or had.
-            carry_out: carries out a part; it raises `UnknownKindError` alone.
+            carry_out: carries out a part, and raises nothing.
 
         Raises:
             StoreError: the tables cannot be made or used.
@@ -218,9 +232,6 @@ class Engine(Queue):
             self._clocks[name] = _clock_of_thread()
             try:
                 carry_out(part)
-            except UnknownKindError:
-                with self._store.transaction() as connection:
-                    self._add(connection, part, turn=_now(), later=LATER_SECONDS)
             except Exception:
                 _logger.exception("a part of job %s cannot be carried out", job_id)
                 raise

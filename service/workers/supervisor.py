@@ -71,6 +71,7 @@ class Supervisor:
         self._forget = forget
         self._start, self._silence = start, silence
         self._short_lives: dict[str, int] = {}
+        self._alive_since: dict[str, float] = {}
         self._stopping = threading.Event()
         self._processes: dict[str, subprocess.Popen[bytes]] = {}
         self._watchers = [
@@ -96,21 +97,24 @@ class Supervisor:
     @property
     def failing(self) -> int:
         """Return the number of workers that end soon after each start."""
-        return sum(lives >= _FAILING for lives in list(self._short_lives.values()))
+        now, alive_since = time.monotonic(), dict(self._alive_since)
+        return sum(
+            lives >= _FAILING and now - alive_since.get(name, now) < _SHORT_LIFE_SECONDS
+            for name, lives in list(self._short_lives.items())
+        )
 
     def _keep(self, database: str, name: str) -> None:
         """Keep a worker of this name running."""
         while not self._stopping.is_set():
-            began = time.monotonic()
-            alive = threading.Timer(_SHORT_LIFE_SECONDS, self._short_lives.pop, (name, 0))
-            alive.daemon = True
-            alive.start()
+            began = self._alive_since[name] = time.monotonic()
             try:
                 self._watch(database, name)
-            except OSError:
+            except Exception:  # such as no memory, no thread: whatever it is, the worker is needed
                 _logger.warning("cannot start worker %s; trying again", name, exc_info=True)
-            alive.cancel()
-            if time.monotonic() - began < _SHORT_LIFE_SECONDS:
+            self._alive_since.pop(name)
+            if time.monotonic() - began >= _SHORT_LIFE_SECONDS:
+                self._short_lives.pop(name, 0)
+            else:
                 self._short_lives[name] = self._short_lives.get(name, 0) + 1
                 self._stopping.wait(pause_after(self._short_lives[name]))
 

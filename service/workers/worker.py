@@ -17,7 +17,7 @@ from contextlib import suppress
 from datetime import UTC, datetime
 from typing import Final
 
-from jointstiff.service.jobs import Jobs, Part, PartQueue, Parts
+from jointstiff.service.jobs import Jobs, Part, Parts
 from jointstiff.service.kinds.registry import KINDS
 from jointstiff.service.problems import StoreUnavailableError, WorkerLostError
 from jointstiff.service.runs.trend import Trends
@@ -26,7 +26,7 @@ from jointstiff.service.store.database import refuse_in_memory
 from jointstiff.service.store.jobs import SILENT, Heartbeats
 from jointstiff.service.store.store import Store
 from jointstiff.service.tables.terminal import console
-from jointstiff.service.workers.engine import ATTEMPTS, Engine, UnknownKindError
+from jointstiff.service.workers.engine import ATTEMPTS, Engine, Queue
 
 _KNOWN: Final = [kind.name for kind in KINDS]  # jobs of other kinds are left to other versions
 _REMOVED: Final = 20  # deleted records of each kind that are removed at a look
@@ -88,8 +88,8 @@ class Recovery:
         self._looked_at = time.monotonic()
         if self._stands_still():
             return
+        pending = self._engine.pending()  # whoever claimed one of these has shown a sign of life
         living = self._heartbeats.beat(self._executor)
-        pending = self._engine.pending()
         self._take_up_idle(pending)
         if not living or living[0] != self._executor:  # one of the living is enough
             return
@@ -154,8 +154,10 @@ def purge(store: Store, before: datetime) -> None:
     store.robots.purge(before, _REMOVED)
 
 
-def carry_out(store: Store, jobs: Callable[[str], Jobs], part: Part, queue: PartQueue) -> None:
+def carry_out(store: Store, jobs: Callable[[str], Jobs], part: Part, queue: Queue) -> None:
     """Carry out a part of a job; a job fails where the part does.
+
+    A job of another version's kind is left to that version.
 
     Args:
         store: with the job.
@@ -164,14 +166,14 @@ def carry_out(store: Store, jobs: Callable[[str], Jobs], part: Part, queue: Part
         queue: takes what follows.
 
     Raises:
-        UnknownKindError: another version of this software has to.
         StoreUnavailableError: the database does not answer; carry out the part again then.
     """
     kind = store.kind_of_job(part.job_id)
     if kind is None:  # it was removed
         return
     if kind not in _KNOWN:
-        raise UnknownKindError(kind)
+        queue.offer_later(part)
+        return
     mine = jobs(part.job_id)
     try:
         mine.carry_out(part, queue)

@@ -36,13 +36,14 @@ class JointsAlone:
         """Keep what the joints are identified from."""
         self.robot, self.measurements, self.stated = robot, measurements, stated
         self.noticed = tuple(noticed)
+        self._by_loss: dict[Loss, JointsAlone] = {stated.loss: self}
 
     def with_loss(self, loss: Loss) -> JointsAlone:
         """Return the joints by another loss; the same object by its own."""
-        if loss == self.stated.loss:
-            return self
-        stated = replace(self.stated, loss=loss)
-        return JointsAlone(self.robot, self.measurements, stated, self.noticed)
+        if loss not in self._by_loss:
+            stated = replace(self.stated, loss=loss)
+            self._by_loss[loss] = JointsAlone(self.robot, self.measurements, stated, self.noticed)
+        return self._by_loss[loss]
 
     @cached_property
     def _identified(self) -> tuple[Settings, Estimate]:

@@ -23,7 +23,7 @@ from jointstiff.solver.errors import JointstiffError, RequestError
 
 SETS_A_STEP: Final = 10
 """Sets that are identified by joints in a quarter of a second."""
-_AUTOMATIC: Final = 4
+_AUTOMATIC: Final = 1
 """Sets of a step where any may turn out to need links, which takes seconds."""
 _ELSEWHERE: Final = (StoreUnavailableError, MemoryError)
 """Errors that say nothing of a set: its step is carried out again, here or by another worker."""
@@ -42,7 +42,7 @@ class FleetWork(Work):
         Raises:
             RequestError: a set is not there, or there is none at all, or there are too many.
         """
-        self._inputs = inputs
+        self._inputs, self._first = inputs, 0
         self._sets = inputs.named_sets(request.measurement_set_ids, "measurement_set_ids")
         _refuse_count(len(self._sets))
         run = request.run
@@ -65,7 +65,8 @@ class FleetWork(Work):
         Raises:
             StoreUnavailableError: the database does not answer.
         """
-        rows = [self._row(each).model_dump_json().encode() for each in self._sets[slice(*span)]]
+        sets = self._sets[span[0] - self._first : span[1] - self._first]
+        rows = [self._row(each).model_dump_json().encode() for each in sets]
         return {
             "rows": np.frombuffer(b"".join(rows), np.uint8),
             "sizes": np.array([len(row) for row in rows]),
@@ -80,9 +81,13 @@ class FleetWork(Work):
         counts = Counter(map(outcome_of_row, rows))
         return FleetResult(counts={name: counts[name] for name in get_args(FleetOutcome)}, rows=rows)
 
-    def __getstate__(self) -> dict[str, Any]:
-        """Return the work with the sets themselves, for another process: a store does not go there."""
-        return vars(self) | {"_inputs": _Held.of(self._inputs, self._sets, self._options)}
+    def alone(self, span: Span) -> FleetWork:
+        """Return the work with the sets of a step themselves: a store does not go to another process."""
+        part: FleetWork = object.__new__(FleetWork)
+        sets = self._sets[slice(*span)]
+        held = _Held.of(self._inputs, sets, self._options)
+        vars(part).update(vars(self) | {"_inputs": held, "_sets": sets, "_first": span[0], "details": {}})
+        return part
 
     @cached_property
     def _is_quick(self) -> bool:

@@ -1,12 +1,15 @@
 """A fleet: many sets in one job, each as a run of its own."""
 
 import csv
+import json
+import pickle
 from contextlib import closing
 
 import pytest
 from support.claims import Claims
 from support.in_process import Client
 from support.jobs import set_of
+from support.terminal import terminal
 
 from jointstiff.schemas.fleet import MAX_SETS, FleetRequest
 from jointstiff.schemas.measurement import MeasurementSetRequest
@@ -14,6 +17,7 @@ from jointstiff.schemas.run import RunRequest
 from jointstiff.service.jobs import Parts
 from jointstiff.service.kinds.fleet import work as fleet_work
 from jointstiff.service.kinds.work import pack
+from jointstiff.service.problems import StoreUnavailableError
 from jointstiff.service.store.store import Store
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.solver.errors import RequestError
@@ -135,6 +139,43 @@ def test_an_unexpected_fault_in_one_set_is_a_row(parts, claims, sets, two_a_step
     claims.work_all(parts.jobs_of)
     rows = current(parts, job).result.rows
     assert [row.error and row.error.status for row in rows] == [None, None, None, 500, None]
+
+
+def test_another_process_gets_the_sets_of_its_step_alone(parts, sets, two_a_step):
+    """Of 10,000 sets all of them went with each of 1,000 calls."""
+    job = posted(parts, measurement_set_ids=sets)
+    work = parts.jobs["fleet"].work(job)
+    sizes = [len(pickle.dumps(work.alone(span))) for span in work.steps()]
+    assert len(sizes) == 3
+    assert sizes[2] < 0.75 * sizes[0], "one set in place of two"
+
+
+def test_a_database_that_does_not_answer_is_no_failed_fleet(parts, sets, monkeypatch):
+    """A quick fleet reads its sets at its end; whoever posts it gets a 503, and posts it again."""
+
+    def away(*_):
+        raise StoreUnavailableError("no answer", "try again")
+
+    monkeypatch.setattr(fleet_work, "identification", away)
+    with pytest.raises(StoreUnavailableError):
+        Parts(parts.store).jobs["fleet"].create(FleetRequest(measurement_set_ids=sets[:1], run=JOINTS), None)
+
+
+def test_the_terminal_says_that_a_set_has_failed(tmp_path):
+    """Complete pose needs three targets, of which one campaign has one."""
+    few = campaign(1)
+    for observation in few["measurement_set"]["observations"]:
+        observation["readings"] = observation["readings"][:1]
+    for name, document in {
+        "all": campaign(0),
+        "few": few,
+        "options": {"run": {"method": "complete_pose"}},
+    }.items():
+        (tmp_path / f"{name}.json").write_text(json.dumps(document))
+    options = ("--options", tmp_path / "options.json")
+    assert terminal("fleet", tmp_path / "all.json", *options).exit_code == 0
+    both = terminal("fleet", tmp_path / "all.json", tmp_path / "few.json", *options)
+    assert (both.exit_code, "failed" in both.stdout) == (1, True)
 
 
 def test_it_is_cancelled_between_steps(parts, claims, sets, two_a_step, monkeypatch):

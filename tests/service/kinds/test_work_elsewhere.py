@@ -63,9 +63,12 @@ class Layouts(pickle.Pickler):
             self.changed.append((value.shape, value.strides))
 
 
+ANY_STEP = (0, 1)
+
+
 def test_work_keeps_arrays_whose_layout_survives_pickling(work):
     layouts = Layouts()
-    layouts.dump(work)
+    layouts.dump(work.alone(ANY_STEP))
     assert layouts.changed == []
 
 
@@ -83,16 +86,15 @@ def test_work_that_has_computed_steps_still_pickles(work):
     """What a step compiled for the next ones is kept with the work."""
     for span in work.steps()[:2]:
         work.compute(span)
-    pickle.dumps(work)
+    pickle.dumps(work.alone(ANY_STEP))
 
 
 def test_work_that_is_cut_into_steps_has_the_same_bits_elsewhere(work):
-    same = pickle.loads(pickle.dumps(work))
-    assert same.steps() == work.steps()
     for span in work.steps()[:8]:
-        expected, found = work.compute(span), same.compute(span)
+        expected, found = work.compute(span), pickle.loads(pickle.dumps(work.alone(span))).compute(span)
         assert found.keys() == expected.keys()
         for name in expected:
             np.testing.assert_array_equal(found[name], expected[name])
     if not work.steps():
+        same = pickle.loads(pickle.dumps(work.alone(ANY_STEP)))
         assert same.conclude([]).model_dump(mode="json") == work.conclude([]).model_dump(mode="json")

@@ -6,6 +6,7 @@ import pickle
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Iterator
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from functools import partial
@@ -152,6 +153,19 @@ def test_a_service_refuses_an_executor(pool):
                 verb(DOCUMENT, executor=pool)
 
 
+def test_one_campaign_in_place_of_several_is_refused():
+    """Each letter of a file's name became a failed run."""
+    for one in ("campaign.json", DOCUMENT, js.identify(DOCUMENT)):
+        with pytest.raises(TypeError, match="give a list"):
+            js.identify_many(one)
+
+
+def test_what_is_no_campaign_is_a_failed_run_among_others(pool):
+    runs = list(js.identify_many([DOCUMENT, None, DOCUMENT], executor=pool, elasticity="joints"))
+    assert [run.state for run in runs] == ["succeeded", "failed", "succeeded"]
+    assert runs[1].error.detail.startswith("a NoneType is no campaign")
+
+
 # ---- an executor's calls
 
 
@@ -180,7 +194,8 @@ def test_only_so_many_calls_are_in_flight_and_the_rest_is_not_read(monkeypatch):
 
     def begin():
         in_flight.append(len(held.calls))
-        held.begin()
+        if len(held.calls) == 3 or len(read) == 10:
+            held.begin()
 
     found = []
     for each in in_order(held, abs, (read.append(i) or -i for i in range(10)), begin):
@@ -188,6 +203,23 @@ def test_only_so_many_calls_are_in_flight_and_the_rest_is_not_read(monkeypatch):
         assert len(read) <= len(found) + 4
     assert found == list(range(10))
     assert max(in_flight) == 3
+
+
+def test_an_answer_that_is_due_comes_before_further_arguments():
+    """Files on a network disk are read one by one: the first run waited for 256 of them."""
+    read = []
+
+    def arguments():
+        for i in range(100):
+            read.append(i)
+            time.sleep(0.02)
+            yield i
+
+    with ThreadPoolExecutor(1) as one:
+        answers = in_order(one, abs, arguments(), lambda: False)
+        assert next(answers) == 0
+        assert len(read) < 20
+        answers.close()
 
 
 def test_a_call_that_takes_long_holds_up_no_other(monkeypatch):
@@ -208,7 +240,7 @@ def test_a_call_that_takes_long_holds_up_no_other(monkeypatch):
 def test_calls_that_have_not_begun_are_cancelled_with_the_work():
     held = Held()
     with pytest.raises(CancelledWorkError):
-        next(in_order(held, abs, range(5), lambda: True))
+        next(in_order(held, abs, range(5), lambda: len(held.calls) == 5))
     assert [future.cancelled() for future, _ in held.calls] == [True] * 5
 
 
@@ -229,9 +261,10 @@ def test_calls_that_have_not_begun_are_cancelled_when_the_iteration_is_left():
     held = Held()
 
     def begin_the_first():
-        later, held.calls = held.calls[1:], held.calls[:1]
-        held.begin()
-        held.calls = later
+        if len(held.calls) == 5:
+            later, held.calls = held.calls[1:], held.calls[:1]
+            held.begin()
+            held.calls = later
 
     results = in_order(held, abs, range(5), begin_the_first)
     assert next(results) == 0

@@ -14,7 +14,7 @@ from jointstiff.service.jobs import Part
 from jointstiff.service.kinds.run.work import RunWork
 from jointstiff.service.store.store import Store
 from jointstiff.service.workers import engine as module
-from jointstiff.service.workers.engine import ATTEMPTS, Engine, Queue, UnknownKindError
+from jointstiff.service.workers.engine import ATTEMPTS, Engine, Queue
 from jointstiff.service.workers.worker import Recovery, carry_out
 
 
@@ -133,17 +133,40 @@ def test_a_zombie_that_ends_late_changes_nothing(store, queue, working):
 
 def test_a_worker_knows_what_it_carries_out_and_how_far_it_computes(store, queue, working):
     enqueued(store, queue, "a")
-    go_on = threading.Event()
-    with working(lambda _part: go_on.wait(90)) as engine:
+    computes, go_on = threading.Event(), threading.Event()
+
+    def carry_out_part(_part):
+        while not computes.is_set():
+            pass
+        go_on.wait(90)
+
+    with working(carry_out_part) as engine:
         until(lambda: engine.active().keys() == {"a-000000-0"})
+        early = engine.active()["a-000000-0"]
+        until(lambda: engine.active()["a-000000-0"] > early + 0.2)
+        computes.set()
+        used = engine.active()["a-000000-0"]
+        assert not go_on.wait(0.5)
+        assert engine.active()["a-000000-0"] < used + 0.1, "it waits, and computes nothing"
         assert engine.pending() == {"a-000000-0": "alive"}
         recovery = Recovery(store, lambda _: None, engine, "alive")
         recovery.look()
         recovery.look()
         assert engine.pending() == {"a-000000-0": "alive"}, "it is not idle"
-        assert not recovery._stands_still() or engine.active() == recovery._active
         go_on.set()
         until(lambda: engine.active() == {})
+
+
+class Away(Queue):
+    """A queue whose database does not answer."""
+
+    def _listed(self, *_, **__):
+        raise sa.exc.OperationalError("SELECT", {}, Exception("the server closed the connection"))
+
+
+def test_a_database_that_does_not_answer_fails_no_job_that_asks_whether_others_wait(store, database_url):
+    with closing(Away(store, database_url)) as away:
+        assert away.others_wait("a"), "the part leaves its other steps, and loses nothing"
 
 
 def test_a_part_of_an_unknown_kind_is_offered_again_later(store, queue, working, monkeypatch):
@@ -154,7 +177,7 @@ def test_a_part_of_an_unknown_kind_is_offered_again_later(store, queue, working,
     def carry_out_part(part):
         begun.append(part)
         if len(begun) < 3:
-            raise UnknownKindError("oracle")
+            queue.offer_later(part)
 
     with working(carry_out_part) as engine:
         until(lambda: len(begun) == 3)

@@ -31,7 +31,7 @@ from jointstiff.service.store.packing import pack_text
 from jointstiff.service.store.store import Store
 from jointstiff.service.store.tables import jobs
 from jointstiff.service.workers import supervisor as supervisor_module
-from jointstiff.service.workers.engine import ATTEMPTS, UnknownKindError
+from jointstiff.service.workers.engine import ATTEMPTS
 from jointstiff.service.workers.supervisor import Supervisor, pause_after
 from jointstiff.service.workers.worker import FrozenError, Recovery, carry_out, patiently
 from jointstiff.simulator import default_arm, simulate_campaign
@@ -195,7 +195,7 @@ def test_the_results_of_ended_runs_are_removed_and_those_of_others_stay(store, r
     assert runs.current(ended.id) == cancelled
 
 
-@pytest.mark.parametrize("moment", ["before the part", "before its end"])
+@pytest.mark.parametrize("moment", ["before the part", "before its end", "at its end"])
 def test_a_cancelled_run_is_not_put_together(store, runs, claims, post, monkeypatch, moment):
     """Its results are gone: of some kinds the end would compute them all again."""
     concluded = []
@@ -206,10 +206,17 @@ def test_a_cancelled_run_is_not_put_together(store, runs, claims, post, monkeypa
         runs.cancel(run.id)
         return compute(work, span)
 
+    def cancel_last(steps, job_id):
+        runs.cancel(run.id)
+        return results(steps, job_id)
+
+    results = type(store.steps).results
     if moment == "before the part":
         runs.cancel(run.id)
-    else:
+    elif moment == "before its end":
         monkeypatch.setattr(RunWork, "compute", cancel_first)
+    else:
+        monkeypatch.setattr(type(store.steps), "results", cancel_last)
     claims.work_all(lambda _: runs)
     assert runs.current(run.id).state == "cancelled"
     assert concluded == []
@@ -360,8 +367,10 @@ def test_jobs_of_a_kind_of_another_version_are_left_alone(store, runs, claims, p
     store._database.change(other)
     claims._client.delete_workflows([f"{lost.id}-000000-0"])
     parts = Parts(store, claims.enqueue)
-    with pytest.raises(UnknownKindError):
-        carry_out(store, parts.jobs_of, claims.claim("dead"), claims)
+    part = claims.claim("dead")
+    carry_out(store, parts.jobs_of, part, claims)
+    (later,) = claims._listed(status="DELAYED")
+    assert later.workflow_id.startswith(unknown.id)
     Recovery(store, parts.jobs_of, claims, "alive").look()
     claims.claim("dead")
     claims.work_all(parts.jobs_of)
@@ -512,20 +521,12 @@ def test_a_worker_is_started_again_after_pauses_that_double(monkeypatch):
     lives, pauses, failing, now = [1.0, 59.0, 60.0, 5.0], [], [], 0.0
     supervisor = Supervisor("sqlite://", 0, "test")
 
-    def timer(seconds, forget, arguments):
-        def start():
-            if lives[0] >= seconds:
-                forget(*arguments)
-
-        return SimpleNamespace(start=start, cancel=lambda: None)
-
     def watch(*_):
         nonlocal now
-        failing.append((lives[0], supervisor.failing))
-        now += lives.pop(0)
+        now += lives[0]
+        failing.append((lives.pop(0), supervisor.failing))
 
     monkeypatch.setattr(supervisor_module, "time", SimpleNamespace(monotonic=lambda: now))
-    monkeypatch.setattr(supervisor_module, "threading", SimpleNamespace(Timer=timer))
     supervisor._stopping = SimpleNamespace(is_set=lambda: not lives, wait=pauses.append)
     supervisor._watch = watch
     supervisor._keep("sqlite://", "test-1")
