@@ -301,7 +301,7 @@ class HeldOut:
     def behind(self, other: HeldOut) -> tuple[float, float]:
         """Return by how much it predicts worse, the mean over the postures, and its standard error [m]."""
         worse = self.by_posture - other.by_posture
-        return float(worse.mean()), float(worse.std(ddof=1)) / np.sqrt(len(worse))
+        return float(worse.mean()), float(worse.std(ddof=1) / np.sqrt(len(worse)))
 
 
 @dataclass(frozen=True, eq=False)

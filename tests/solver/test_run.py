@@ -36,6 +36,16 @@ def test_joints_are_identified_once_however_many_models_compete(monkeypatch):
     assert len(identified) == 1
 
 
+def test_joints_alone_that_win_a_comparison_are_reported_with_their_budget():
+    """One of 250 arms without links has readings by chance that ask for the comparison."""
+    robot, measurements = simulated(load="pull", configurations=20, force=1500.0, sigma=2e-5, seed=729)
+    options = RunOptions(cross_validation=CrossValidation(folds=2, draws=1), links=["joint_2"])
+    result = run(robot, measurements, options)
+    assert (result.choice.source, result.choice.elasticity) == ("cross_validation", "joints")
+    assert result.budget is not None
+    assert result.assessment.verdict == "use"
+
+
 def test_steps_of_the_long_part_come_to_the_same_as_a_whole_run():
     robot, measurements = simulated(load="pull", seed=4)
     options = RunOptions(resampling=Resampling(size=10, repetitions=50, seed=1))
