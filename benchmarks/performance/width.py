@@ -33,6 +33,7 @@ class _Candidate:
     processes: list[int]  # ids of its processes
     seconds: float = 0.0
     results: list[str] = field(default_factory=list)
+    failed: int = 0
     here: float = 0.0  # processor time of this process [s]
     elsewhere: float = 0.0  # processor time of its processes [s]
 
@@ -43,6 +44,7 @@ class _Candidate:
         self.seconds = time.perf_counter() - start
         self.here = time.process_time() - processor
         self.elsewhere = self._used() - before
+        self.failed = sum(run.state != "succeeded" for run in runs)
         self.results = [run.model_dump_json(include={"result"}) for run in runs]
 
     @property
@@ -86,6 +88,7 @@ def _section(candidates: dict[str, _Candidate], count: int) -> Section:
         )
         for name, candidate in candidates.items()
     )
+    failed = sum(candidate.failed for candidate in candidates.values())
     differing = sum(
         one != other
         for candidate in candidates.values()
@@ -106,6 +109,7 @@ def _section(candidates: dict[str, _Candidate], count: int) -> Section:
                 "×",
             ),
             Figure.none("results of campaigns whose bits differ between the ways", differing),
+            Figure.none("campaigns that have failed", failed),
         ),
         notes=(
             f"{os.cpu_count()} processors, load {os.getloadavg()[0]:.1f} at the end",

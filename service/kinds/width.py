@@ -10,9 +10,11 @@ import pickle
 import traceback
 from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
+from concurrent.futures import Executor, Future
+from contextlib import suppress
 from functools import cache, lru_cache, partial
 from itertools import islice
+from queue import Empty, SimpleQueue
 from typing import TYPE_CHECKING, Any, Final, Generic, TypeVar
 
 from jointstiff.service.problems import ExecutorError
@@ -60,7 +62,7 @@ def in_order(
             if not calls.waiting:
                 return
             while not calls.next_has_ended():
-                wait(calls.unanswered, _LOOK_SECONDS, return_when=FIRST_COMPLETED)
+                calls.wait()
                 calls.submit(left, MOST_WAITING)
             answer, error = _by_executor(calls.waiting.popleft().result)
             if error is not None:
@@ -79,18 +81,27 @@ class _Calls(Generic[_First, _Answer]):
     ) -> None:
         self._executor, self._function, self._cancelled = executor, function, cancelled
         self.waiting: deque[Future[_Outcome[_Answer]]] = deque()
-        self.unanswered: list[Future[_Outcome[_Answer]]] = []  # at the last look
+        self._ended = SimpleQueue[Future[_Outcome[_Answer]]]()  # calls that are counted as open yet
+        self._open = 0
 
     def submit(self, left: Iterator[_First], most: int) -> None:
         """Keep the executor busy, with so many calls that wait; an answer that is due comes first."""
-        self.unanswered = [call for call in self.unanswered if not call.done()]
-        room = min(IN_FLIGHT - len(self.unanswered), most - len(self.waiting))
+        while not self._ended.empty():
+            self.wait()
+        room = min(IN_FLIGHT - self._open, most - len(self.waiting))
         for argument in islice(left, max(0, room)):
             call = _by_executor(partial(self._executor.submit, _outcome, self._function, argument))
             self.waiting.append(call)
-            self.unanswered.append(call)
+            self._open += 1
+            call.add_done_callback(self._ended.put)
             if self.next_has_ended():
                 return
+
+    def wait(self) -> None:
+        """Wait until some call has ended, or for a moment."""
+        with suppress(Empty):
+            self._ended.get(timeout=_LOOK_SECONDS)
+            self._open -= 1
 
     def next_has_ended(self) -> bool:
         """Return whether the call has ended whose turn it is.

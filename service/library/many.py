@@ -113,7 +113,7 @@ def _runs(
         runs = (
             _one_by_one(tasks(), follow)
             if executor is None
-            else in_order(executor, _identified, tasks(), lambda: follow.cancelled)
+            else _by_executor(executor, tasks(), lambda: follow.cancelled)
         )
         with closing(runs), suppress(CancelledWorkError):
             for done, run in enumerate(runs, 1):
@@ -121,6 +121,13 @@ def _runs(
                 total = len(campaigns) if isinstance(campaigns, Sized) else done + len(sources)
                 follow(Progress(done=done, total=total, unit="campaigns", activity="identifying"))
                 yield run
+
+
+def _by_executor(
+    executor: Executor, tasks: Iterable[_Task], cancelled: Callable[[], bool]
+) -> Generator[TabledRun]:
+    with closing(in_order(executor, _as_json, tasks, cancelled)) as answers:
+        yield from map(TabledRun.model_validate_json, answers)
 
 
 def _one_by_one(tasks: Iterable[_Task], follow: Follow) -> Generator[TabledRun]:
@@ -174,6 +181,11 @@ def _identified(task: _Task, follow: Follow | None = None) -> TabledRun:
         run = refused_run(TabledRun, request, _placed(error.problem, task))
     run._origin = None  # it holds the prepared readings, which are not sent back
     return run
+
+
+def _as_json(task: _Task) -> str:
+    """Identify a campaign; return the run as JSON, which is read in a quarter of the time of a pickle."""
+    return _identified(task).model_dump_json()
 
 
 def _campaign(task: _Task) -> Campaign:
