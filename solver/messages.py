@@ -1,4 +1,4 @@
-"""Results of `schemas` filled from attributes of objects, and from arrays."""
+"""Results of `schemas` filled from arrays."""
 
 from __future__ import annotations
 
@@ -7,58 +7,13 @@ from math import isfinite
 from typing import Any, TypeVar
 
 import numpy as np
+import pinocchio as pin
 
 from jointstiff.schemas.fields import Message, validated
 from jointstiff.schemas.joints import JointKind
+from jointstiff.schemas.measurement import Rigid
 
 Built = TypeVar("Built", bound=Message)
-
-
-class _View:
-    """Show an object's attributes as messages take them; an attribute that is missing is an error."""
-
-    __slots__ = ("_source",)
-
-    def __init__(self, source: object) -> None:
-        self._source = source
-
-    def __getattr__(self, name: str) -> object:
-        try:
-            return _plain(getattr(self._source, name))
-        except AttributeError as error:  # which pydantic would take for a field to be left at its default
-            raise TypeError(str(error)) from error
-
-
-def message(kind: type[Built], source: object, /, **stated: object) -> Built:
-    """Build a message from an object, as `document` says."""
-    return kind.model_validate(document(kind, source, **stated), from_attributes=True)
-
-
-def document(kind: type[Message], source: object, /, **stated: object) -> dict[str, object]:
-    """Return the fields of a message of an object, to be validated with the message that they are part of.
-
-    Args:
-        kind: class of the message.
-        source: has an attribute for each field that is not stated, objects for nested messages. Arrays
-            become lists; numbers, arrays and pairs that are not finite become null.
-        stated: fields whose values are given here.
-    """
-    fields = {name: getattr(source, name) for name in kind.model_fields if name not in stated}
-    return {name: _plain(value) for name, value in (fields | stated).items()}
-
-
-def messages_of(kind: type[Built], sources: Sequence[object], /, **stated: Sequence[Any]) -> list[Built]:
-    """Build one message for each object, as `message` does, with columns of fields whose values are given."""
-    return validated(kind, documents(kind, sources, **stated))
-
-
-def documents(
-    kind: type[Message], sources: Sequence[object], /, **stated: Sequence[Any] | np.ndarray[Any, Any]
-) -> list[dict[str, Any]]:
-    """Return the fields of such messages, as `document` does."""
-    names, count = [name for name in kind.model_fields if name not in stated], len(sources)
-    values = [getattr(source, name) for name in names for source in sources]
-    return table(**{name: values[k * count : (k + 1) * count] for k, name in enumerate(names)}, **stated)
 
 
 def rows(kind: type[Built], /, **columns: Sequence[Any] | np.ndarray[Any, Any]) -> list[Built]:
@@ -67,7 +22,7 @@ def rows(kind: type[Built], /, **columns: Sequence[Any] | np.ndarray[Any, Any]) 
 
 
 def table(**columns: Sequence[Any] | np.ndarray[Any, Any]) -> list[dict[str, Any]]:
-    """Return the fields of such messages, as `document` does."""
+    """Return the fields of such messages: arrays become lists; what is not finite becomes null."""
     values = zip(*map(_column, columns.values()), strict=True)
     return [dict(zip(columns, row, strict=True)) for row in values]
 
@@ -75,6 +30,11 @@ def table(**columns: Sequence[Any] | np.ndarray[Any, Any]) -> list[dict[str, Any
 def finite(value: float | None) -> float | None:
     """Return a number as messages take it; None where it is not finite."""
     return None if value is None or not isfinite(value) else float(value)
+
+
+def to_rigid(transform: pin.SE3) -> Rigid:
+    """Return a transform as messages take it."""
+    return Rigid(rotation=transform.rotation.tolist(), translation=point(transform.translation))
 
 
 def point(vector: np.ndarray[Any, Any]) -> tuple[float, float, float]:
@@ -100,7 +60,7 @@ def _plain(value: object) -> object:
         return value.item()
     if isinstance(value, tuple | list) and not hasattr(value, "_fields"):
         return [_plain(item) for item in value]
-    return _View(value)
+    raise TypeError(f"{type(value).__name__} is no part of a message")
 
 
 def stated_kinds(names: Iterable[str], kinds: Iterable[JointKind]) -> dict[str, JointKind]:

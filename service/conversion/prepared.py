@@ -43,7 +43,7 @@ from jointstiff.solver.mechanics.chain import KinematicChain
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.mechanics.urdf import read_inertials, read_urdf, write_urdf
-from jointstiff.solver.messages import message
+from jointstiff.solver.messages import to_rigid
 
 if TYPE_CHECKING:
     from jointstiff.schemas.geometry import GeometryRequest
@@ -71,7 +71,10 @@ def stated_transform(frame: Frame, length: float) -> pin.SE3:
 
 def to_resolved(transform: pin.SE3, flange_targets: dict[str, Vector3] | None = None) -> ResolvedFrame:
     """Return what a frame means, to be stored with its set."""
-    return message(ResolvedFrame, transform, flange_targets=flange_targets or {})
+    rigid = to_rigid(transform)
+    return ResolvedFrame(
+        rotation=rigid.rotation, translation=rigid.translation, flange_targets=flange_targets or {}
+    )
 
 
 def placed(resolved: ResolvedFrame | None) -> dict[str, Any]:

@@ -63,7 +63,6 @@ from jointstiff.solver.mechanics.postures import Postures
 from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.mechanics.springs import DIAGONAL_BASE, DIAGONAL_LINKS, FULL_BASE, JOINTS
 from jointstiff.solver.mechanics.terms import FORCE_SCALE, SHIFT, TERMS, load_scale, since, turn_about
-from jointstiff.solver.messages import messages_of
 
 MISTAKE_LEVEL: Final = 1e-5
 """Probability that noise alone makes any cause of a set, or a base, speak."""
@@ -197,7 +196,7 @@ def screen_estimate(robot: Robot, measurements: Measurements, estimate: Estimate
     named = tuple(cause for cause in reversed(of_name.values()) if cause.criterion <= best + AS_WELL)
     if links < LINKS_LEVEL and triangles.links_criterion() < best - AS_WELL:
         named = tuple(cause for cause in named if cause.proved)
-    told = tuple(messages_of(CauseTest, ordered, p_value=[tests[suspect] for suspect in ordered]))
+    told = tuple(CauseTest(name=each.name, first=each.first, p_value=tests[each]) for each in ordered)
     if base >= MISTAKE_LEVEL:
         return Screening(links, told, named, base_p_value=base)
     with_base = _Triangles(block, compliance, seen, before, [FULL_BASE])

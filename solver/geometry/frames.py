@@ -60,7 +60,6 @@ from jointstiff.schemas.geometry import (
     WristDistance,
     WristResult,
 )
-from jointstiff.schemas.measurement import Rigid
 from jointstiff.schemas.robot import DhRow
 from jointstiff.solver.arrays import BoolArray, FloatArray, cross
 from jointstiff.solver.errors import MeasurementError, RobotError
@@ -78,7 +77,7 @@ from jointstiff.solver.geometry.sweeps import STILL, SweptAxes
 from jointstiff.solver.mechanics.chain import ChainJoint, Convention, KinematicChain
 from jointstiff.solver.mechanics.measurements import whitener
 from jointstiff.solver.mechanics.postures import WRIST_JOINTS, Wrist
-from jointstiff.solver.messages import message, point, rows
+from jointstiff.solver.messages import point, rows, to_rigid
 
 LEAST_SINE = 0.1
 """Sine of the angle between two axes below which the foot of their common perpendicular is unreliable."""
@@ -235,7 +234,7 @@ class BaseTargets:
             if special.chdtrc(3, gain) * len(before) < SIGNIFICANCE:
                 moved.append((gain, self.names[target]))
         return Drift(
-            transform_after_to_before=message(Rigid, motion.inverse()),
+            transform_after_to_before=to_rigid(motion.inverse()),
             displacement=point(transformed(motion, at) - at),
             displacement_covariance=(S @ linear.covariance @ S.T).tolist(),
             rotation=point(Rotation.from_matrix(motion.rotation).as_rotvec()),
@@ -837,8 +836,8 @@ def dh_table(
     table = IdentifiedDh(
         convention=convention,
         rows=rows(DhRow, a=a, alpha=alpha, d=geometry.d, theta=geometry.theta, lower=lower, upper=upper),
-        base=message(Rigid, geometry.base),
-        tool=message(Rigid, geometry.tool),
+        base=to_rigid(geometry.base),
+        tool=to_rigid(geometry.tool),
         deviation=float(np.linalg.norm(places[0] - places[1], axis=-1).max()),
     )
     return table, pairs

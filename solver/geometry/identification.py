@@ -25,7 +25,6 @@ from scipy import special
 from jointstiff.schemas import geometry as results
 from jointstiff.schemas.finding import Assessment, Finding, FindingCode, Verdict, combined
 from jointstiff.schemas.geometry import LinkComparison, SweepEvidence
-from jointstiff.schemas.measurement import Rigid
 from jointstiff.schemas.robot import JointMap as StoredJointMap
 from jointstiff.schemas.robot import RobotDocument, UrdfModel
 from jointstiff.solver.arrays import BoolArray, FloatArray
@@ -59,7 +58,7 @@ from jointstiff.solver.mechanics.chain import Convention, KinematicChain
 from jointstiff.solver.mechanics.postures import WRIST_JOINTS, skew
 from jointstiff.solver.mechanics.robot import JointMap
 from jointstiff.solver.mechanics.urdf import write_urdf
-from jointstiff.solver.messages import message, rows
+from jointstiff.solver.messages import rows, to_rigid
 from jointstiff.solver.text import length_text
 
 AnomalyCode = Literal["tracker_bumped", "position_suspect", "reading_suspect"]
@@ -592,7 +591,7 @@ def _result(
         agreement_probability=None,
         controller_probability=None,
         base=conventions.base,
-        transform_tracker_to_base=message(Rigid, base.transform_tracker_to_base),
+        transform_tracker_to_base=to_rigid(base.transform_tracker_to_base),
         transform_covariance=identified.covariances(base.jacobian, 6)[0],
         wrist=wrist,
         no_wrist=no_wrist,
@@ -643,9 +642,8 @@ def _placed_axes(base: BaseFrame, names: Sequence[str]) -> list[results.Identifi
 def _robot(name: str, chain: KinematicChain, joint_map: JointMap) -> RobotDocument:
     model = UrdfModel(format="urdf", urdf=write_urdf(chain), base=chain.base, flange=chain.flange)
     plain = np.array_equal(joint_map.matrix, np.eye(joint_map.n)) and not joint_map.offset.any()
-    return RobotDocument(
-        name=name, model=model, joint_map=None if plain else message(StoredJointMap, joint_map)
-    )
+    stored = StoredJointMap(matrix=joint_map.matrix.tolist(), offset=joint_map.offset.tolist())
+    return RobotDocument(name=name, model=model, joint_map=None if plain else stored)
 
 
 def _widened(identified: SweptAxes, columns: FloatArray) -> SweptAxes:

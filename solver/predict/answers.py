@@ -28,7 +28,7 @@ from jointstiff.solver.mechanics.block import OwnWeight
 from jointstiff.solver.mechanics.cases import LoadCases
 from jointstiff.solver.mechanics.inverse import InverseKinematics, apart, in_ranges
 from jointstiff.solver.mechanics.robot import Robot
-from jointstiff.solver.messages import document, rows, table
+from jointstiff.solver.messages import point, rows
 from jointstiff.solver.predict.forward import Deflection, ForwardModel, unit_vectors
 from jointstiff.solver.predict.models import (
     EXTRAPOLATED,
@@ -310,8 +310,15 @@ def stored_model(
         "error": None,
     }
     if isinstance(error, ModelError):
-        steps = table(score=error.score, share=error.share)
-        stored["error"] = document(stored_as.ModelError, error, steps=steps)
+        stored["error"] = stored_as.ModelError(
+            postures=error.postures,
+            steps=rows(stored_as.ScoreStep, score=error.score, share=error.share),
+            force=error.force,
+            moment=error.moment,
+            least_load=error.least_load,
+            leverage=error.leverage,
+            noise=error.noise,
+        )
     else:
         stored["no_error"] = error.reason
     return stored_as.IdentifiedModel.model_validate(stored)
@@ -325,8 +332,12 @@ def _joint_part(model: JointModel) -> dict[str, Any]:
         None,
     )
     if isinstance(model.weight, IdentifiedWeight):
-        root = [_rounded(row) for row in model.weight.root]
-        weight = document(stored_as.WeightPart, model.weight, covariance_root=root)
+        weight = stored_as.WeightPart(
+            gravity=point(model.weight.gravity),
+            mass=model.weight.mass.tolist(),
+            centre=model.weight.centre.tolist(),
+            covariance_root=[_rounded(row) for row in model.weight.root],
+        )
     given = None if likelihood is None else likelihood.given_rows
     return {
         "compliance": model.compliance.tolist(),

@@ -33,7 +33,7 @@ from jointstiff.solver.estimation.method import Settings
 from jointstiff.solver.mechanics.block import targets_in_flange
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.robot import Robot
-from jointstiff.solver.messages import message, rows
+from jointstiff.solver.messages import rows
 from jointstiff.solver.own_weight.rows import Burden, planned_rows
 from jointstiff.solver.own_weight.run import run_by_weight
 from jointstiff.solver.result import stated_assessment
@@ -283,9 +283,10 @@ def to_plan_result(
     chosen = parameters.joints
     c, known = parameters.nominal[chosen], parameters.known[chosen]
     digits = len(str(len(plan.joints)))
-    return message(
-        plans.PlanResult,
-        plan,
+    return plans.PlanResult(
+        efficiency=plan.efficiency,
+        efficiencies=dict(plan.efficiencies),
+        goal_share=plan.goal_share,
         assessment=assessment,
         joint_kinds=kinds_of(robot),
         readings=rows(

@@ -1,7 +1,6 @@
 """Messages to the solver's data and back: readings along directions, encoders, places."""
 
 import json
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,7 +13,6 @@ from support.importing_samples import MM, sources_of
 from support.readings import by_gauges, triads
 
 from jointstiff import identify, plan
-from jointstiff.schemas.fields import Message
 from jointstiff.schemas.finding import Action
 from jointstiff.schemas.imports import ImportRequest
 from jointstiff.schemas.measurement import MeasurementSetDocument, Observation, Reading
@@ -27,7 +25,6 @@ from jointstiff.service.runs.mending import mended
 from jointstiff.service.tables.files import csv_text
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.solver.errors import MeasurementError
-from jointstiff.solver.messages import message
 
 ARM = default_arm()
 
@@ -380,20 +377,3 @@ def test_units_do_not_matter(length, angle, force, readings):
     # Readings are rounded in their own unit when the campaign is written, to a hundredth of sigma.
     np.testing.assert_allclose(found.compliance, expected.compliance, rtol=1e-3)
     assert found.sigma == pytest.approx(expected.sigma)
-
-
-class Inner(Message):
-    value: float | None
-    pair: tuple[float, float | None] | None = None
-
-
-class Outer(Message):
-    inner: list[Inner]
-
-
-def test_a_missing_attribute_is_an_error_although_the_field_has_a_default():
-    bare = SimpleNamespace(value=1.0)
-    for kind, source in ((Inner, bare), (Outer, SimpleNamespace(inner=[bare]))):
-        with pytest.raises((AttributeError, TypeError, ValueError), match="pair"):
-            message(kind, source)
-    assert message(Inner, bare, pair=None) == Inner(value=1.0)
