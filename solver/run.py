@@ -5,8 +5,6 @@
 3. Models that the screening asks for compete with them on held-out postures.
 4. Postures that are left out show the model error, which widens intervals where joints alone do not fit.
 5. The model is assessed, and reported with what to do about it.
-
-A competition and draws of resampling take long: they are cut into steps.
 """
 
 from __future__ import annotations
@@ -86,15 +84,13 @@ class Identification:
             causes = [cause.pair for cause in options.causes]
             self._measurements = fit_causes(robot, measurements.with_loads(), causes)
             self._settings = Settings.of(options, robot)
-            self.long = self._competition or self._draws
+            self.long = self._competition
+            if self.long is None and options.resampling is not None:
+                self.long = Draws(self._joints, options.resampling)
 
     @cached_property
     def _joints(self) -> JointsAlone:
         return JointsAlone(self._robot, self._measurements, self._settings, self._noticed)
-
-    @property
-    def _draws(self) -> Draws | None:
-        return None if self._options.resampling is None else Draws(self._joints, self._options.resampling)
 
     @cached_property
     def _excluded(self) -> str | None:

@@ -29,12 +29,11 @@ from support.examples import examples
 from support.shared_data import shared
 
 from jointstiff.schemas.options import Resampling
-from jointstiff.schemas.run import JointResult
 from jointstiff.simulator.campaign import torques
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.estimation import resampling as module
 from jointstiff.solver.estimation import solution
-from jointstiff.solver.estimation.assessment import judge
+from jointstiff.solver.estimation.assessment import Assessment, judge
 from jointstiff.solver.estimation.estimate import predict
 from jointstiff.solver.estimation.fit import sigma_test
 from jointstiff.solver.estimation.identify import identify
@@ -50,7 +49,7 @@ from jointstiff.solver.estimation.resampling import (
     summarise,
 )
 from jointstiff.solver.mechanics.block import regressor_blocks
-from jointstiff.solver.messages import message as message_of
+from jointstiff.solver.result import joint_results
 
 POSITIVE, FREE = Bounds.positive(6), Bounds.unconstrained(6)
 BOXED = Bounds(np.full(6, 3e-7), np.array([np.inf, 6e-7, 1e-6, 5e-6, 5e-6, 2e-5]))
@@ -302,7 +301,8 @@ def test_a_combination_that_the_prior_tells_apart():
     assert [joint.status for joint in found.joints[:2]] == ["identified"] * 2
     np.testing.assert_allclose(found.compliance[:2], [whole.compliance[0] - 1e-7, 1e-7], rtol=1e-6)
     assert found.joints[1].prior_to_data == np.inf
-    message = message_of(JointResult, found.joints[1], verdict="use")
+    verdicts = Assessment("use", (), ("use",) * len(found.joints))
+    message = list(joint_results(verdicts, found.joints))[1]
     assert message.prior_to_data is None
     assert "only its prior separates them" in message.reason
     assert found.identifiability[0].rank == 6  # of the readings, whatever the prior adds
