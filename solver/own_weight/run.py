@@ -1,4 +1,4 @@
-"""A run by the robot's own weight: positions without load, and masses within bounds (method.md §10)."""
+"""A run by the robot's own weight: positions without load, and masses within bounds (method.md §14)."""
 
 from __future__ import annotations
 

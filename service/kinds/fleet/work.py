@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
+from copy import copy
 from functools import cached_property, partial
 from typing import Any, Final, get_args
 
@@ -83,10 +84,9 @@ class FleetWork(Work):
 
     def alone(self, span: Span) -> FleetWork:
         """Return the work with the sets of a step themselves: a store does not go to another process."""
-        part: FleetWork = object.__new__(FleetWork)
-        sets = self._sets[slice(*span)]
+        part, sets = copy(self), self._sets[slice(*span)]
         held = _Held.of(self._inputs, sets, self._options)
-        vars(part).update(vars(self) | {"_inputs": held, "_sets": sets, "_first": span[0], "details": {}})
+        vars(part).update(_inputs=held, _sets=sets, _first=span[0], details={})
         return part
 
     @cached_property

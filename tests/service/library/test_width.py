@@ -207,16 +207,20 @@ def test_only_so_many_calls_are_in_flight_and_the_rest_is_not_read(monkeypatch):
 
 def test_an_answer_that_is_due_comes_before_further_arguments():
     """Files on a network disk are read one by one: the first run waited for 256 of them."""
-    read = []
+    read, first = [], threading.Event()
 
     def arguments():
         for i in range(100):
+            if i:
+                assert first.wait(20)
+                time.sleep(0.02)
             read.append(i)
-            time.sleep(0.02)
             yield i
 
     with ThreadPoolExecutor(1) as one:
-        answers = in_order(one, abs, arguments(), lambda: False)
+        answers = in_order(
+            one, lambda i: i if first.is_set() else first.set() or i, arguments(), lambda: False
+        )
         assert next(answers) == 0
         assert len(read) < 20
         answers.close()
