@@ -217,10 +217,12 @@ def test_an_answer_that_is_due_comes_before_further_arguments():
             read.append(i)
             yield i
 
+    def answered(number):
+        first.set()
+        return number
+
     with ThreadPoolExecutor(1) as one:
-        answers = in_order(
-            one, lambda i: i if first.is_set() else first.set() or i, arguments(), lambda: False
-        )
+        answers = in_order(one, answered, arguments(), lambda: False)
         assert next(answers) == 0
         assert len(read) < 20
         answers.close()
