@@ -17,7 +17,7 @@ from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.estimation.identify import identify
 from jointstiff.solver.estimation.method import Settings
 from jointstiff.solver.estimation.problem import Bounds
-from jointstiff.solver.estimation.resampling import GramBlocks, Resamples, draws_of, gram_blocks, resample
+from jointstiff.solver.estimation.resampling import MethodStacks, Resamples, draws_of, method_stacks, resample
 
 __all__ = ["run"]
 
@@ -104,11 +104,11 @@ def _resampled(campaign: Campaign, settings: Settings, plan: Resampling) -> Resa
     return resample(_blocks(campaign, settings), plan, settings.bounds)
 
 
-def _blocks(campaign: Campaign, settings: Settings) -> GramBlocks:
+def _blocks(campaign: Campaign, settings: Settings) -> MethodStacks:
     """Return the blocks for resampling, after the identification of the full set without bounds."""
     whole = replace(settings, bounds=Bounds.unconstrained(campaign.robot.n))
     estimate = identify(campaign.robot, campaign.measurements, whole)
-    return gram_blocks(campaign.robot, campaign.measurements, whole, estimate)
+    return method_stacks(campaign.robot, campaign.measurements, whole, estimate)
 
 
 def _one_by_one(
@@ -125,13 +125,13 @@ def _one_by_one(
     return found
 
 
-def _subsets(blocks: GramBlocks, plan: Resampling) -> list[list[_Rows]]:
+def _subsets(blocks: MethodStacks, plan: Resampling) -> list[list[_Rows]]:
     """Ready-made rows of every subset, stage by stage: the solver's own, equilibrated, as peers like them."""
     found = []
     for drawn in draws_of(plan, len(blocks), 0, plan.repetitions):
         stages: list[_Rows] = []
         for stage in blocks.stages:
-            rows, p = stage.rows[drawn].reshape(-1, stage.rows.shape[2]), len(stage.joints)
+            rows, p = stage.stack[drawn].flat, len(stage.joints)
             earlier = None
             if len(stage.known):  # in the scaled parameters of the stage before
                 earlier = rows[:, p:-1] * (blocks.stages[0].unit / stage.unit[p:])
@@ -140,7 +140,7 @@ def _subsets(blocks: GramBlocks, plan: Resampling) -> list[list[_Rows]]:
     return found
 
 
-def _differences(times: Times, blocks: GramBlocks) -> dict[str, str]:
+def _differences(times: Times, blocks: MethodStacks) -> dict[str, str]:
     ours: FloatArray = times.results[OURS].compliance[:, blocks.visible]
     unit = np.concatenate([stage.unit[: len(stage.joints)] for stage in blocks.stages])
     peers = {who: np.array([np.concatenate(x) for x in times.results[who]]) * unit for who in (NNLS, NAIVE)}

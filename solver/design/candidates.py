@@ -21,9 +21,8 @@ from jointstiff.schemas.plan import DeflectionGoal, JointsGoal, PlanCriterion, S
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.design.optimum import Candidates
 from jointstiff.solver.errors import RequestError
-from jointstiff.solver.estimation.triangle import basis, unit_columns
+from jointstiff.solver.estimation.stack import Stack
 from jointstiff.solver.mechanics.block import fitted_errors, regressor_blocks
-from jointstiff.solver.mechanics.block import whitened_rows as term_rows
 from jointstiff.solver.mechanics.measurements import DifferenceNoise, Instrument, Measurements
 from jointstiff.solver.mechanics.postures import Postures
 from jointstiff.solver.mechanics.robot import Robot
@@ -303,8 +302,8 @@ class PlanRequest:
     goal: JointsGoal | DeflectionGoal | None = None  #: in place of a number of readings
 
 
-def whitened_rows(robot: Robot, request: PlanRequest, measurements: Measurements) -> FloatArray:
-    """Return the rows of readings: the columns of the joints' compliances, then those of the nuisance.
+def stack_of(robot: Robot, request: PlanRequest, measurements: Measurements) -> Stack:
+    """Return the rows of readings: the joints, and what else moves, in units of what is known of it.
 
     Args:
         robot: n joints.
@@ -312,33 +311,23 @@ def whitened_rows(robot: Robot, request: PlanRequest, measurements: Measurements
         measurements: N readings of T targets.
 
     Returns:
-        (N, 3 T, P) in units of sigma; of readings beside which causes were fitted, what these leave.
+        P columns; of readings with which causes were fitted, what these leave.
     """
     hedged = [term for term in TERMS.values() if term.hedged]
     terms = [JOINTS, *([links_behind(tuple(range(robot.n)))] if request.links else hedged)]
     fitted = fitted_errors(measurements).terms
-    parts = []
-    for block in regressor_blocks(robot, measurements):
-        columns, _, widths = term_rows(block, [*terms, *fitted], np.nan_to_num(request.nominal))
-        unit = np.repeat([term.hedged or 1.0 for term in (*terms, *fitted)], list(widths.values()))
-        parts.append(columns[..., :-1] * unit)
-    rows = np.concatenate(parts)
-    rows = rows.reshape(len(rows), -1, rows.shape[-1])
-    if not fitted:
-        return rows
-    kept = sum(widths[term.name] for term in terms)
-    flat = rows.reshape(-1, rows.shape[-1])
-    moved, left = basis(unit_columns(flat[:, kept:])[0]), flat[:, :kept]
-    return np.asarray(left - moved @ (moved.T @ left)).reshape(*rows.shape[:2], kept)
+    blocks, compliance = regressor_blocks(robot, measurements), np.nan_to_num(request.nominal)
+    stack = Stack.of(blocks, [*terms, *fitted], compliance)
+    stack = stack.in_units({term.name: term.hedged for term in terms if term.hedged})
+    return stack.left_by([term.name for term in fitted]) if fitted else stack
 
 
 def known_rows(robot: Robot, request: PlanRequest, so_far: Measurements) -> FloatArray:
     """Return the rows (3 N T, P) of readings that were taken, in units of sigma."""
     if request.by_weight is None:
-        rows = whitened_rows(robot, request, so_far)
-    else:
-        taken = np.repeat(so_far.present & ~so_far.in_flange, 3, axis=1)[..., None]
-        rows = request.by_weight(so_far.joints) * taken
+        return stack_of(robot, request, so_far).flat[:, :-1]
+    taken = np.repeat(so_far.present & ~so_far.in_flange, 3, axis=1)[..., None]
+    rows = request.by_weight(so_far.joints) * taken
     return rows.reshape(-1, rows.shape[-1])
 
 
@@ -365,7 +354,7 @@ class Readings:
             equipment.measurements(robot, self.joints, self.forces[:, a], self.along)
             for a in range(self.forces.shape[1])
         ]
-        return np.stack([whitened_rows(robot, request, each) for each in loaded], axis=1)
+        return np.stack([stack_of(robot, request, each).rows[..., :-1] for each in loaded], axis=1)
 
 
 @dataclass(frozen=True, eq=False)

@@ -42,10 +42,12 @@ from jointstiff.solver.design.optimum import (
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.estimation.estimate import Estimate
 from jointstiff.solver.estimation.observability import Spectrum
-from jointstiff.solver.mechanics.block import targets_in_flange
-from jointstiff.solver.mechanics.measurements import Measurements, shown_along, whitened
+from jointstiff.solver.estimation.stack import Stack
+from jointstiff.solver.mechanics.block import targets_in_flange, unloaded_block
+from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.postures import Postures
 from jointstiff.solver.mechanics.robot import Robot
+from jointstiff.solver.mechanics.springs import TURNS
 from jointstiff.solver.text import figure, posture_text, stiffness_text
 
 _LINKS_GAP, _OTHERS_GAP = 1e-2, 1e-4
@@ -597,7 +599,7 @@ class ReadablePostures:
     joints: FloatArray  #: (M, n) angles as the controller shows them [rad]
     observation: IndexArray  #: (M,) the observation that has this posture; -1 for a new one
     load_jacobian: FloatArray  #: (M, 3, n) J_v at the load point [m/rad]
-    target_jacobian: FloatArray  #: (M, 3 T, n) J_v at the targets, whitened in units of sigma
+    turns: Stack  #: (M,) motion of the targets by a turn of each joint
 
     @classmethod
     def of(
@@ -607,31 +609,26 @@ class ReadablePostures:
 
         A posture of the set has its own load point, a new one that of the strongest force.
         """
-        count = len(joints)
         strongest = int(np.argmax(np.linalg.norm(measurements.force, axis=1)))
         richest = int(np.argmax(measurements.coordinates.sum(axis=1)))
-        present, covariance = measurements.present[richest], measurements.covariance
-        places = targets_in_flange(robot, measurements[richest : richest + 1])[present]
-        targets = np.broadcast_to(places, (count, *places.shape))
-        load_point = measurements.load_point[np.where(observation < 0, strongest, observation)]
-        direction = None
-        if measurements.direction is not None:
-            direction = np.broadcast_to(measurements.direction[richest, present], targets.shape)
-        now = Postures(robot, robot.joint_map.model_angles(joints))
-        covariance = covariance if covariance.ndim == 2 else covariance[richest, present]
-        jacobian = whitened(covariance, shown_along(direction, now.jacobian_at(now.to_base(targets))))
-        return cls(
-            joints,
-            observation,
-            now.jacobian_at(now.to_base(load_point[:, None]))[:, 0],
-            jacobian.reshape(count, 3 * len(places), robot.n),
+        again = measurements[np.full(len(joints), richest)]
+        places = targets_in_flange(robot, measurements[richest : richest + 1])
+        readable = replace(
+            again,
+            joints=joints,
+            position=np.broadcast_to(places, again.position.shape),
+            in_flange=np.ones_like(again.present),
+            load_point=measurements.load_point[np.where(observation < 0, strongest, observation)],
         )
+        block = unloaded_block(robot, Postures(robot, robot.joint_map.model_angles(joints)), readable)
+        turns = Stack.of([block], [TURNS], np.zeros(robot.n))
+        return cls(joints, observation, block.load_jacobian, turns)
 
     def __len__(self) -> int:
         return len(self.joints)
 
     def __getitem__(self, rows: slice) -> ReadablePostures:
-        return ReadablePostures(**{name: array[rows] for name, array in vars(self).items()})
+        return ReadablePostures(**{name: part[rows] for name, part in vars(self).items()})
 
     def information(self, force: FloatArray) -> FloatArray:
         """Return ``diag(τ) (Σ_t J_tᵀ Σ_t⁻¹ J_t) diag(τ)`` of a reading under each force (M, D, 3) [N].
@@ -639,9 +636,8 @@ class ReadablePostures:
         Returns:
             (M, D, n, n) in units of sigma⁻².
         """
-        motion = self.target_jacobian.transpose(0, 2, 1) @ self.target_jacobian
         torque = force @ self.load_jacobian
-        return np.asarray(motion[:, None] * torque[..., :, None] * torque[..., None, :])
+        return np.asarray(self.turns.grams[:, None, :-1, :-1] * torque[..., :, None] * torque[..., None, :])
 
 
 def advise(robot: Robot, measurements: Measurements, estimate: Estimate) -> tuple[Advice, ...]:
@@ -676,6 +672,8 @@ def advise(robot: Robot, measurements: Measurements, estimate: Estimate) -> tupl
     search = _NextReading(robot, measurements, estimate, own, one_direction=weights)
     all_joints = np.concatenate([measurements.joints[spread], new])
     observation = np.concatenate([spread, np.full(len(new), -1, dtype=np.intp)])
+    if not len(all_joints):
+        return ()
     postures = ReadablePostures.of(robot, measurements, all_joints, observation)
     of_set, unseen = postures[: len(spread)], postures[len(spread) :]
     advice: list[dict[str, Any]] = []
@@ -790,7 +788,7 @@ class _NextReading:
     def _advice(self, joint: int, postures: ReadablePostures, m: int, force: FloatArray) -> Candidate | None:
         """Put a candidate into numbers and words, by a decomposition of all readings with it."""
         torque = force @ postures.load_jacobian[m]
-        added = postures.target_jacobian[m] * torque
+        added = postures.turns.rows[m, :, :-1] * torque
         before = self._spectrum.deviation(joint)
         after = Spectrum(np.vstack([self._regressor, added])).deviation(joint)
         if after is None or abs(torque[joint]) <= _LEAST_LEVER * self._strength:

@@ -36,6 +36,7 @@ from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import RequestError, SolverError
 from jointstiff.solver.estimation.estimate import Estimate
 from jointstiff.solver.estimation.observability import Excitation
+from jointstiff.solver.estimation.stack import Stack
 from jointstiff.solver.estimation.triangle import (
     INDEPENDENT,
     Triangle,
@@ -43,7 +44,6 @@ from jointstiff.solver.estimation.triangle import (
     nonnegative,
     side_by_side,
     triangle_of,
-    unit_columns,
 )
 from jointstiff.solver.mechanics.block import (
     BesideErrors,
@@ -243,7 +243,7 @@ def _beside(
     """
     part = measurements.evenly(_TESTED)
     block = next(regressor_blocks(robot, part))
-    rows = whitened_rows(block, [JOINTS], np.zeros(robot.n)).targets.reshape(-1, robot.n + 1)
+    rows = Stack.of([block], [JOINTS], np.zeros(robot.n)).flat
     compliance, _ = nonnegative(rows[:, :-1], rows[:, -1])
     named = [(name, first) for name, first in named if name != "shift" or ("turn", first) not in named]
     firsts = [first for _, first in named if first is not None]
@@ -384,7 +384,8 @@ def _suspects(
         found += [Suspect(t.name, since(t, labels, first), first) for t in later.values() for first in known]
     else:
         terms = [*(each.term for each in found), FORCE_SCALE]
-        parts = _Parts(block, terms, compliance, before)
+        stack = Stack.of([block], [JOINTS, *before, *terms], compliance)
+        parts = _Since(stack, [term.name for term in terms], [term.name for term in (JOINTS, *before)])
         least = parts.least_p(np.zeros(len(terms), np.intp))
         found = [replace(each, least_p=p) for each, p in zip(found, least.tolist(), strict=False)]
         if tried > 0:
@@ -407,29 +408,36 @@ def _distinct_loads(measurements: Measurements) -> list[list[str]]:
     return [[measurements.labels[i] for i in group.tolist()] for group in groups]
 
 
-class _Parts:
-    """Parts that S terms explain of each of N observations, each beside the joints and other terms."""
+class _Since:
+    """What S terms explain from each of N observations on, each together with the joints and other terms.
 
-    def __init__(
-        self, block: RegressorBlock, terms: Sequence[Term], compliance: FloatArray, before: Sequence[Term]
-    ) -> None:
-        """Project whitened readings and columns of unit length; sums run from the last observation on."""
-        rows = whitened_rows(block, [JOINTS, *before, *terms], compliance)
-        self._coordinates, count = block.measurements.coordinates.sum(axis=1), len(rows.targets)
-        flat = rows.targets.reshape(-1, rows.targets.shape[-1])
-        ends = np.cumsum(list(rows.widths.values()))[:-1]
-        split = dict(zip(rows.widths, np.split(unit_columns(flat[:, :-1])[0], ends, axis=1), strict=True))
-        known = basis(np.hstack(list(split.values())[: 1 + len(before)]))
-        left = flat[:, -1] - known @ (known.T @ flat[:, -1])
-        self._width = np.array([rows.widths[term.name] for term in terms])
-        columns = side_by_side([split[term.name] for term in terms])
-        self._X = columns.reshape(len(terms), count, -1, columns.shape[-1])  # (S, N, 3 T, k)
-        self._known, self._left = known.reshape(count, -1, known.shape[1]), left.reshape(count, -1, 1)
-        turned = self._X.mT
-        shared = _after(self._known.transpose(0, 2, 1) @ self._X)
-        alone = _after(turned @ self._X) - shared.mT @ shared
-        self._moment = _after(turned @ self._left)
-        self._unknowns = np.linalg.solve(alone + INDEPENDENT * np.eye(alone.shape[-1]), self._moment)
+    Columns have unit length over all observations.
+    """
+
+    def __init__(self, stack: Stack, names: Sequence[str], known: Sequence[str]) -> None:
+        """Fit each term from each observation on.
+
+        Args:
+            stack: N observations.
+            names: of the S terms.
+            known: terms that are fitted in any case.
+        """
+        flat = stack.of_unit_columns()[0].flat
+        there = basis(flat[:, np.concatenate([stack.span[name] for name in known])])
+        left = stack.flat[:, -1] - there @ (there.T @ stack.flat[:, -1])
+        columns = [flat[:, stack.span[name]] for name in names]
+        q, self._width = there.shape[1], np.array([each.shape[1] for each in columns])
+        X = side_by_side(columns)  # (S, N m, k)
+        shape, k = (len(stack), -1), X.shape[-1]
+        rows = np.concatenate([there, left[:, None], *X], axis=1).reshape(*shape, q + 1 + len(names) * k)
+        since = Stack(rows, stack.read, {"known": q, "left": 1, "terms": len(names) * k}).grams_since
+        own = (q + 1 + np.arange(len(names) * k)).reshape(len(names), k)
+        shared = since[:, :q][:, :, own].transpose(2, 0, 1, 3)  # (S, N, q, k)
+        alone = since[:, own[:, :, None], own[:, None]].transpose(1, 0, 2, 3) - shared.mT @ shared
+        self._moment = since[:, own, q, None].transpose(1, 0, 2, 3)  # (S, N, k, 1)
+        self._unknowns = np.linalg.solve(alone + INDEPENDENT * np.eye(k), self._moment)
+        self._read, self._X = stack.read, X.reshape(len(names), *shape, k)
+        self._known, self._left = there.reshape(*shape, q), left.reshape(*shape, 1)
 
     def came_about(self) -> IndexArray:
         """Return the observation (S,) since which a term explains most, with enough before and after."""
@@ -439,24 +447,19 @@ class _Parts:
 
     def least_p(self, first: IndexArray) -> FloatArray:
         """Return the p-value (S,) of the terms since observations (S,), without the one they explain most."""
-        count = len(self._coordinates)
+        count = len(self._read)
         moved = self._X @ self._unknowns[np.arange(len(first)), first][:, None]
         moved = np.where(np.arange(count)[:, None, None] >= first[:, None, None, None], moved, 0.0)
         through = self._known @ np.einsum("brk,sbrl->skl", self._known, moved)[:, None]
         before, after = np.square(self._left), np.square(self._left - moved + through)
         before, gain = before.sum(axis=(1, 2)), (before - after).sum(axis=(2, 3))
         others = np.arange(count) != np.argmax(gain, axis=1)[:, None]
-        freedom = (others * self._coordinates).sum(axis=1) - self._known.shape[-1] - self._width
+        freedom = (others * self._read).sum(axis=1) - self._known.shape[-1] - self._width
         explained = np.maximum((others * gain).sum(axis=1), 0.0)
         left = np.maximum((others * before).sum(axis=1) - explained, 1e-300)
         sure = np.maximum(freedom, 1)
         p = special.fdtrc(self._width, sure, explained / self._width / (left / sure))
         return np.where(freedom < 1, 1.0, p)
-
-
-def _after(products: FloatArray) -> FloatArray:
-    """Sum products (..., N, k, l) over each observation and all after it."""
-    return np.cumsum(products[..., ::-1, :, :], axis=-3)[..., ::-1, :, :]
 
 
 class _Triangles:
@@ -485,11 +488,8 @@ class _Triangles:
     def _equal(self) -> Triangle:
         return self._triangle(rows_of)
 
-    def _triangle(self, make: Callable[..., Rows]) -> Triangle:
-        rows = make(self._block, self._terms, self.compliance)
-        count = int(self._block.measurements.coordinates.sum())
-        triangle = Triangle(**rows.widths)
-        triangle.add(rows.targets, count=count)
+    def _triangle(self, weigh: Callable[..., Rows]) -> Triangle:
+        triangle = Stack.of([self._block], self._terms, self.compliance, weigh).triangle()
         triangle.span[JOINTS.name] = np.flatnonzero(self._seen)
         return triangle
 
@@ -698,7 +698,7 @@ def _rows(robot: Robot, given: Measurements, alternatives: Sequence[Alternative]
     block = unloaded_block(
         robot, at, replace(stacked, joints=joints, load_point=load_point, position=position)
     )
-    return whitened_rows(block, [JOINTS], np.zeros(robot.n)).targets.reshape(times, -1, robot.n + 1)
+    return Stack.of([block], [JOINTS], np.zeros(robot.n)).rows.reshape(times, -1, robot.n + 1)
 
 
 def _least_sums(rows: FloatArray) -> FloatArray:

@@ -30,7 +30,7 @@ from jointstiff.solver.estimation.method import Method, Settings
 from jointstiff.solver.estimation.observability import NULL_COLUMN, Excitation, Spectrum, analyse
 from jointstiff.solver.estimation.problem import Bounds, IdentificationProblem
 from jointstiff.solver.estimation.solution import solve_batch, solve_step
-from jointstiff.solver.estimation.triangle import triangle_of, unit_columns
+from jointstiff.solver.estimation.stack import Stack
 from jointstiff.solver.mechanics.block import regressor_blocks, whitened_rows
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.robot import Robot
@@ -46,31 +46,29 @@ _TILE_WEIGHTS = 2**22
 
 
 @dataclass(frozen=True, eq=False)
-class StageBlocks:
+class StageStack:
     """One least-squares problem of a method, configuration by configuration.
 
     Columns are divided by their norms over the full set, so that no square under- or overflows, and a
-    diagonal entry of a sum of `gram` is the share of the full set's information on that column.
+    diagonal entry of a sum of Gram matrices is the share of the full set's information on that column.
     """
 
     joints: IndexArray  #: (p,) the joints that it estimates
     known: IndexArray  #: (q,) joints that an earlier stage has estimated; their deflection is subtracted
-    #: (N, r, p + q + 1) weighted rows [A_joints A_known d]; zeros where a target was not read
-    rows: FloatArray
-    gram: FloatArray  #: (N, p + q + 1, p + q + 1) Gram matrix of each configuration's rows
+    stack: Stack  #: N configurations, p + q columns of unit length
     unit: FloatArray  #: (p + q,) unit of the scaled parameters x, ``c = unit · x`` [rad/(N·m)]
 
     def total(self, weights: FloatArray) -> FloatArray:
-        """``Σ_i w_ki gram_i`` (K, p + q + 1, p + q + 1) for the weights (K, N)."""
-        return np.asarray(np.einsum("kn,nij->kij", weights, self.gram))
+        """``Σ_i w_ki M_iᵀM_i`` (K, p + q + 1, p + q + 1) for the weights (K, N)."""
+        return np.asarray(np.einsum("kn,nij->kij", weights, self.stack.grams))
 
 
 @dataclass(frozen=True, eq=False)
-class GramBlocks:
+class MethodStacks:
     """A method on a measurement set, ready to be fitted to any of its N configurations."""
 
     parameters: int  #: n, number of joints
-    stages: tuple[StageBlocks, ...]  #: stages of the method, in the order in which they are solved
+    stages: tuple[StageStack, ...]  #: stages of the method, in the order in which they are solved
     visible: IndexArray  #: (v,) the joints that leave a trace in the full set
     #: (v, 3, M) regressor of the M readings of all targets in all configurations, axes of R0 [m/(rad/(N·m))];
     #: compensation is judged on these whatever a method fits
@@ -78,7 +76,7 @@ class GramBlocks:
     deflection: FloatArray  #: (3, M) deflection of the same readings, axes of R0 [m]
 
     def __len__(self) -> int:
-        return len(self.stages[0].rows)
+        return len(self.stages[0].stack)
 
     def compensation(self, compliance: FloatArray) -> FloatArray:
         """``1 − mean‖δp − δp̂‖ / mean‖δp‖`` over all readings (method.md §6).
@@ -100,9 +98,9 @@ class GramBlocks:
         return shares
 
 
-def gram_blocks(
+def method_stacks(
     robot: Robot, measurements: Measurements, settings: Settings, estimate: Estimate
-) -> GramBlocks:
+) -> MethodStacks:
     """Compute the blocks of a method on a set that was identified by it.
 
     Args:
@@ -129,7 +127,7 @@ def gram_blocks(
         for stage, rows in zip(method.stages, zip(*fitted, strict=True), strict=True)
         if seen[stage.joints].any()
     )
-    return GramBlocks(
+    return MethodStacks(
         parameters=robot.n,
         stages=tuple(stages),
         visible=visible,
@@ -173,9 +171,9 @@ class Draws:
         self._joints, self._plan = joints, plan
 
     @cached_property
-    def _blocks(self) -> GramBlocks:
+    def _blocks(self) -> MethodStacks:
         joints = self._joints
-        return gram_blocks(joints.robot, joints.measurements, joints.settings, joints.estimate)
+        return method_stacks(joints.robot, joints.measurements, joints.settings, joints.estimate)
 
     def steps(self) -> tuple[tuple[int, int], ...]:
         """Return the first repetition of each step, and one past its last."""
@@ -225,12 +223,11 @@ def refuse_nonlinear(settings: Settings) -> None:
         )
 
 
-def _stage(rows: FloatArray, joints: IndexArray, known: IndexArray) -> StageBlocks:
+def _stage(rows: FloatArray, joints: IndexArray, known: IndexArray) -> StageStack:
     chosen = rows[..., [*joints, *known, -1]]
-    unit, norms = unit_columns(chosen.reshape(-1, chosen.shape[-1]))
-    scaled = unit.reshape(chosen.shape)
-    gram = np.swapaxes(scaled, 1, 2) @ scaled
-    return StageBlocks(joints, known, scaled, gram, norms[-1] / norms[:-1])
+    read = np.full(len(rows), rows.shape[1])
+    stack, norms = Stack(chosen, read, {"joints": len(joints), "known": len(known)}).of_unit_columns()
+    return StageStack(joints, known, stack, norms[-1] / norms[:-1])
 
 
 def draws_of(plan: Resampling, configurations: int, start: int, stop: int) -> IndexArray:
@@ -279,7 +276,7 @@ class Resamples:
 
 
 def resample(
-    blocks: GramBlocks, plan: Resampling, bounds: Bounds, start: int = 0, stop: int | None = None
+    blocks: MethodStacks, plan: Resampling, bounds: Bounds, start: int = 0, stop: int | None = None
 ) -> Resamples:
     """Fit the repetitions from start to stop.
 
@@ -310,7 +307,7 @@ def resample(
     return Resamples.concatenate(parts)
 
 
-def fit_subsets(blocks: GramBlocks, weights: FloatArray, bounds: Bounds) -> FloatArray:
+def fit_subsets(blocks: MethodStacks, weights: FloatArray, bounds: Bounds) -> FloatArray:
     """Fit subsets of the configurations, stage by stage.
 
     Args:
@@ -331,7 +328,7 @@ def fit_subsets(blocks: GramBlocks, weights: FloatArray, bounds: Bounds) -> Floa
     return compliance
 
 
-def _solve_stage(stage: StageBlocks, weights: FloatArray, known: FloatArray, bounds: Bounds) -> FloatArray:
+def _solve_stage(stage: StageStack, weights: FloatArray, known: FloatArray, bounds: Bounds) -> FloatArray:
     """Compliances (K, p) of a stage's joints, given those that are known (K, q) [rad/(N·m)].
 
     ``h = A_jᵀ d − A_jᵀ A_k c_k``, with A_j the columns of the joints and A_k those of the known ones.
@@ -355,7 +352,7 @@ def _solve_stage(stage: StageBlocks, weights: FloatArray, known: FloatArray, bou
     return bounds.hold_exactly(x * unit, box.support_at(x))
 
 
-def _solve_rows(stage: StageBlocks, drawn: IndexArray, offset: FloatArray, box: Bounds) -> FloatArray:
+def _solve_rows(stage: StageStack, drawn: IndexArray, offset: FloatArray, box: Bounds) -> FloatArray:
     """One repetition from its rows, as `solver.estimation.fit` would: QR, rank, `solve_step`.
 
     Returns:
@@ -363,7 +360,7 @@ def _solve_rows(stage: StageBlocks, drawn: IndexArray, offset: FloatArray, box: 
     """
     p = len(stage.joints)
     x = np.full(p, np.nan)
-    triangle = triangle_of(stage.rows[drawn].reshape(-1, stage.rows.shape[2]))
+    triangle = stage.stack[drawn].triangle().R
     null = np.linalg.norm(triangle, axis=0) <= NULL_COLUMN
     # What is not known of an earlier joint does no harm where that joint leaves no trace, either.
     offset = np.where(null[p:-1] & np.isnan(offset), 0.0, offset)

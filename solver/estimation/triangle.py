@@ -130,6 +130,56 @@ class Triangle:
         ratio = explained / np.maximum(width, 1) / noise
         return np.where(testable, special.fdtrc(np.maximum(width, 1), np.maximum(freedom, 1), ratio), 1.0)
 
+    def rank(self, names: Sequence[str], least: float) -> int:
+        """Return how many combinations of terms the readings show by more than a singular value."""
+        return int(basis(self.unit_columns(names), least).shape[1])
+
+    def left_by(self, names: Sequence[str], least: float) -> Triangle:
+        """Project some terms out of the others and of the readings; the columns of these terms go.
+
+        Args:
+            names: terms that are projected out.
+            least: singular value of their unit columns above which a combination counts.
+        """
+        known = basis(self.unit_columns(names), least)
+        others = {name: len(columns) for name, columns in self.span.items() if name not in names}
+        left = self.R[:, np.concatenate([*(self.span[name] for name in others), [self.R.shape[1] - 1]])]
+        triangle = Triangle(**others)
+        triangle.add(left - known @ (known.T @ left), count=self.rows)
+        return triangle
+
+    def fit(self, names: Sequence[str], others: FloatArray, least: float) -> FloatArray:
+        """Fit terms by least squares while the unknowns of the others are known.
+
+        Args:
+            names: terms that are fitted, k unknowns together.
+            others: (K,) unknowns of all terms; those of the fitted ones are zero.
+            least: singular value of unit columns above which a combination counts; the others stay zero.
+
+        Returns:
+            (k,) unknowns.
+        """
+        unit, length = unit_columns(self.R[:, np.concatenate([self.span[name] for name in names])])
+        U, s, Vt = np.linalg.svd(unit, full_matrices=False)
+        seen = s > least
+        along = U[:, seen].T @ (self.rhs - self.matrix @ others)
+        return np.asarray(Vt[seen].T @ (along / s[seen]) / length)
+
+    def given(self, deviation: FloatArray, variance: float) -> Given:
+        """Fit all terms together with what is known of their unknowns before any reading.
+
+        What is known is a row of its own: unknown k, in units of its standard uncertainty, was read as zero.
+
+        Args:
+            deviation: (K,) standard uncertainty of each unknown; one of 0 stays zero.
+            variance: of a reading, in the unit of the rows.
+        """
+        M = np.vstack([self.matrix * deviation, np.sqrt(variance) * np.eye(len(deviation))])
+        x, *_ = np.linalg.lstsq(M, np.concatenate([self.rhs, np.zeros(len(deviation))]), rcond=None)
+        inverse = np.linalg.solve(np.linalg.qr(M, mode="r"), np.eye(len(deviation)))
+        left = float(np.square(self.matrix @ (deviation * x) - self.rhs).sum())
+        return Given(deviation * x, np.sqrt(variance) * deviation[:, None] * inverse, left)
+
     def fit_beside(self, names: Sequence[str], known: str = "joints") -> Beside:
         """Fit terms beside one that is known to be there by least squares, without bounds.
 
@@ -146,6 +196,14 @@ class Triangle:
         fitted = np.linalg.lstsq(known_unit, d - unit @ step, rcond=INDEPENDENT)[0]
         hidden = Vt[~distinct].T / length[:, None]
         return Beside(fitted / scale, step / length, root / length[:, None], hidden)
+
+
+class Given(NamedTuple):
+    """Least squares of K unknowns of stated uncertainty."""
+
+    unknowns: FloatArray  #: (K,)
+    root: FloatArray  #: (K, K); its product with the transpose is their covariance
+    squares: float  #: sum of the squared residuals of the readings
 
 
 class Beside(NamedTuple):

@@ -18,8 +18,9 @@ from scipy import special
 
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import SolverError
+from jointstiff.solver.estimation.stack import Stack
 from jointstiff.solver.integrity.values import View
-from jointstiff.solver.mechanics.block import Term, regressor_blocks, whitened_rows
+from jointstiff.solver.mechanics.block import Term, regressor_blocks
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.mechanics.springs import JOINTS
@@ -100,36 +101,32 @@ class Expectation:
         errors = [(term, term.prior(common)) for term in TERMS.values()]
         errors = [(term, prior) for term, prior in errors if prior and max(prior) > 0.0]
         terms = (JOINTS, *(term for term, _ in errors))
-        rows, widths = _rows(robot, others, terms, compliance)
-        A, d = rows[:, :-1], rows[:, -1]
-        size = np.sqrt(np.square(A[:, : robot.n]).sum(axis=0))
+        stack = _stack(robot, others, terms, compliance)
+        triangle, read = stack.triangle(), int(stack.read.sum())
+        moved = float(np.square(triangle.rhs).sum())
+        size = np.linalg.norm(triangle.matrix[:, triangle.span[JOINTS.name]], axis=0)
         alike = np.where(size > 1e-9 * size.max(), size, np.inf)
-        length = float(np.sqrt(np.square(d).mean())) or 1.0
-        deviation = [_VAGUE * length * np.sqrt(len(d)) / alike]
+        deviation = [_VAGUE * np.sqrt(moved or len(stack.flat)) / alike]
         for term, prior in errors:
-            deviation.append(np.resize(np.array(prior), widths[term.name]))
+            deviation.append(np.resize(np.array(prior), stack.widths[term.name]))
         unit = np.concatenate(deviation)
-        read = int(others.coordinates.sum())
         stated = None if others.sigma is None else others.sigma**2
-        variance, freedom = stated or length**2, np.inf
+        variance, freedom = stated or moved / len(stack.flat) or 1.0, np.inf
         for _ in range(1 if stated is None and read <= robot.n else 3):  # the prior's weight depends on it
-            M = np.vstack([A * unit, np.sqrt(variance) * np.eye(len(unit))])
-            x, *_ = np.linalg.lstsq(M, np.concatenate([d, np.zeros(len(unit))]), rcond=None)
-            squares = float(np.square(A @ (unit * x) - d).sum())
+            fit, used = triangle.given(unit, variance), variance
             left = read - int(np.isfinite(alike).sum())
             if left < 1:
                 break
-            by_readings = squares / left
-            known = stated is not None and special.chdtrc(left, squares / stated) > _EXPLAINED
+            by_readings = fit.squares / left
+            known = stated is not None and special.chdtrc(left, fit.squares / stated) > _EXPLAINED
             variance, freedom = (stated or 0.0, np.inf) if known else (max(by_readings, 1e-24), left)
         if stated is None and not np.isfinite(freedom):
             return None
-        R = np.linalg.qr(M, mode="reduced")[1]
-        root = np.sqrt(variance) * unit[:, None] * np.linalg.solve(R, np.eye(len(unit)))
+        root = np.sqrt(variance / used) * fit.root
         places, spread = _places(robot, others)
         noise = variance if stated is None else stated
-        misfit = (variance - noise) / float(np.square(d).sum() / read)
-        return cls(robot, terms, compliance, unit * x, root, noise, misfit, freedom, places, spread)
+        misfit = (variance - noise) / (moved / read)
+        return cls(robot, terms, compliance, fit.unknowns, root, noise, misfit, freedom, places, spread)
 
     def distance(
         self, reading: Measurements, *, free: Term | None = None, usual: float = 0.0
@@ -144,19 +141,19 @@ class Expectation:
         Raises:
             SolverError: its load finds no balance.
         """
-        rows, _ = _rows(self.robot, reading, self.terms, self.compliance)
+        rows = _stack(self.robot, reading, self.terms, self.compliance).flat
         count = int(reading.coordinates.sum())
         own, moved = rows[:, :-1] @ self.root, rows[:, :-1] @ self.best
         variance = self.noise + self.misfit * float(np.square(moved).sum()) / count
         covariance = variance * np.eye(len(own)) + own @ own.T
         if usual**2 > self.misfit:
-            shift = _rows(self.robot, reading, (SHIFT,), self.compliance)[0][:, :-1]
+            shift = _stack(self.robot, reading, (SHIFT,), self.compliance).flat[:, :-1]
             size = (usual**2 - self.misfit) * np.square(moved).sum() / np.square(shift).sum()
             covariance += size * shift @ shift.T
         factor = np.linalg.cholesky(covariance)
         e = np.linalg.solve(factor, rows[:, -1] - moved)
         if free is not None:
-            more, _ = _rows(self.robot, reading, (free,), self.compliance)
+            more = _stack(self.robot, reading, (free,), self.compliance).flat
             C = np.linalg.solve(factor, more[:, :-1])
             e = e - C @ np.linalg.lstsq(C, e, rcond=None)[0]
             count -= C.shape[1]
@@ -165,7 +162,7 @@ class Expectation:
 
     def off(self, reading: Measurements) -> float:
         """Return the greatest distance of a target of one reading from its prediction [m]."""
-        rows, _ = _rows(self.robot, replace(reading, covariance=np.eye(3)), self.terms, self.compliance)
+        rows = _stack(self.robot, replace(reading, covariance=np.eye(3)), self.terms, self.compliance).flat
         left = (rows[:, -1] - rows[:, :-1] @ self.best).reshape(-1, 3)
         return float(np.linalg.norm(left, axis=1).max())
 
@@ -360,16 +357,10 @@ def _exchanges(reading: Measurements) -> Iterator[tuple[str, Measurements]]:
             yield words + state, replace(reading, position=start, deflection=end - start)
 
 
-def _rows(
+def _stack(
     robot: Robot, measurements: Measurements, terms: tuple[Term, ...], compliance: FloatArray
-) -> tuple[FloatArray, dict[str, int]]:
-    """Return whitened rows (3 N T, K + 1) [m], and the number of columns of each term."""
-    parts, widths = [], {}
-    for block in regressor_blocks(robot, measurements, compliance):
-        rows = whitened_rows(block, terms, compliance)
-        parts.append(rows.targets.reshape(-1, rows.targets.shape[-1]))
-        widths = rows.widths
-    return np.concatenate(parts), widths
+) -> Stack:
+    return Stack.of(regressor_blocks(robot, measurements, compliance), terms, compliance)
 
 
 def _places(robot: Robot, others: Measurements) -> tuple[FloatArray, float]:

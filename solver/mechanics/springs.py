@@ -29,7 +29,14 @@ def _joints(block: RegressorBlock, compliance: FloatArray) -> Motion:  # noqa: A
     return Motion(block.A, block.torque[..., None] * np.eye(block.torque.shape[1]))
 
 
+def _turns(block: RegressorBlock, compliance: FloatArray) -> Motion:  # noqa: ARG001  # kinematics
+    """Return J, whatever the load."""
+    return Motion(block.jacobian)
+
+
 JOINTS = Term("joints", "rad/(N·m)", _joints)
+TURNS = Term("turns", "rad", _turns)
+"""A turn of each joint: the motion that a torque makes a deflection of."""
 
 
 BASE: Final = -1

@@ -14,7 +14,7 @@ exact where all masses are exact.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -23,7 +23,7 @@ import pinocchio as pin
 from scipy import special
 
 from jointstiff.schemas.finding import Finding
-from jointstiff.solver.arrays import BoolArray, FloatArray
+from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import MeasurementError, NotObservableError
 from jointstiff.solver.estimation.assessment import unidentified
 from jointstiff.solver.estimation.conic import Cones, Weighed, solve_weighed, weighed_ends
@@ -32,7 +32,6 @@ from jointstiff.solver.estimation.fit import student_quantile
 from jointstiff.solver.estimation.solution import Certificate
 from jointstiff.solver.estimation.triangle import Triangle, triangle_of
 from jointstiff.solver.geometry.poses import (
-    LinearFit,
     PoseReadings,
     PoseState,
     calibrate,
@@ -46,8 +45,8 @@ from jointstiff.solver.own_weight.masses import contradicted, contradiction, fre
 from jointstiff.solver.own_weight.rows import (
     Burden,
     Reduced,
-    Rows,
     WeightReadings,
+    WeightRows,
     across,
     base_motion,
     rows_at,
@@ -67,9 +66,8 @@ _EXACT: Final = 1e-7
 """The same, relative to all that the convex program is to explain: exact readings leave no residuals."""
 LARGEST_SAG: Final = 0.1
 """Sag of a joint [rad] at its greatest compliance: what sags more is no robot."""
-_CONSTANT: Final = 5e-3
-"""Variation of a joint's torque over the postures, relative to the torque by a weight across its axis, below
-which it counts as constant: gravity's direction and that of a vertical axis are not known so well."""
+RANK: Final = 1e-10
+"""Singular value of unit columns of the geometry that is rounding."""
 _BEYOND_CHANCE: Final = 1e-3
 """Probability of chance below which residuals or masses count as contradicted."""
 _RIGID: Final = 1e-6
@@ -93,7 +91,7 @@ class WeightFit:
     sag: FloatArray  #: (N, n) θ [rad]
     base: FloatArray  #: (3,) C_xx, C_yy, C_xy of the base [rad/(N·m)]; zero of a rigid one
     compliance: FloatArray  #: (n,) [rad/(N·m)]; zero where unseen
-    rows: Rows  #: rows of the last step
+    rows: WeightRows  #: rows of the last step
     reduced: Reduced  #: the problem of the last step
     optimum: Weighed  #: its solution
     steps: int  #: number of steps of Gauss and Newton
@@ -158,18 +156,18 @@ def fit_weight(
     for step in range(1, MOST_STEPS + 1):
         tilted = replace(readings, burden=replace(burden, gravity=gravity))
         rows = rows_at(robot, tilted, whitened, state, sag, c)
-        parts = [rows.geometry, rows.base[:, : 3 * free_base], rows.gravity[:, : 2 * free_gravity]]
-        nuisance, after = np.column_stack(parts), rows.geometry.shape[1]
-        linear, by_loads = LinearFit.of(rows.residual, nuisance), Triangle(joints=robot.n)
+        triangle, by_loads = rows.stack.triangle(), Triangle(joints=robot.n)
+        nuisance = ["geometry", *(["base"] if free_base else []), *(["gravity"] if free_gravity else [])]
         for block in [] if loaded is None else regressor_blocks(robot, loaded, c):
             read = whitened_rows(block, [JOINTS], c)
             for part in (read.targets, read.encoders):
                 if part is not None:
                     by_loads.add(part)
         others = by_loads.R[: by_loads.rows] / (1.0 if loaded is None else loaded.sigma or 1.0)
-        reduced, columns = reduce(rows, linear, burden, others)
+        reduced = reduce(rows, triangle, nuisance, burden, others)
         optimum = solve_weighed(reduced.A, reduced.b, reduced.cones)
-        move = linear.inverse @ (linear.left.T @ (rows.residual - columns @ optimum.x))
+        move = triangle.fit(nuisance, reduced.unknowns_of(rows, optimum.x), RANK)
+        after = rows.stack.widths["geometry"]
         before, sag = sag, reduced.sag(rows.torques, optimum.x)
         state = state.displaced(move[:after])
         if free_base:  # its columns are linear, and no reading is predicted with it
@@ -178,7 +176,8 @@ def fit_weight(
             turned = gravity + np.linalg.norm(gravity) * across(gravity) @ move[-2:]
             gravity = turned * np.linalg.norm(gravity) / np.linalg.norm(turned)
         c[reduced.seen] = reduced.unit * optimum.x[reduced.cones.first]
-        moved = np.linalg.norm(nuisance @ move) + weight * np.abs(sag - before).max()
+        own = np.concatenate([triangle.span[name] for name in nuisance])
+        moved = np.linalg.norm(triangle.matrix[:, own] @ move) + weight * np.abs(sag - before).max()
         small = _CONVERGED * np.sqrt(optimum.loss + reduced.outside) + _EXACT * np.linalg.norm(reduced.b)
         if moved <= small:
             return WeightFit(state, gravity, sag, base, c, rows, reduced, optimum, step)
@@ -189,23 +188,22 @@ def fit_weight(
     )
 
 
-def reduce(rows: Rows, linear: LinearFit, burden: Burden, others: FloatArray) -> tuple[Reduced, FloatArray]:
+def reduce(
+    rows: WeightRows, triangle: Triangle, nuisance: Sequence[str], burden: Burden, others: FloatArray
+) -> Reduced:
     """Project out the geometry, and compress.
 
     Args:
         rows: m readings.
-        linear: the columns of the geometry, factorised.
+        triangle: of these rows.
+        nuisance: terms of the geometry, which are projected out.
         burden: bodies and springs.
         others: (k, n + 1) rows in which no geometry shows: of the compliances, and their readings.
-
-    Returns:
-        The convex problem, and the columns (m, p) of its x in `rows`, geometry still in them.
 
     Raises:
         NotObservableError: no joint's torque varies.
     """
-    torque = rows.torques.known
-    varies: BoolArray = np.greater(np.ptp(torque, axis=0), _CONSTANT * rows.across)
+    torque, varies = rows.torques.known, rows.varies
     seen = np.flatnonzero(varies | others[:, :-1].any(axis=0))
     if not len(seen):
         raise NotObservableError(
@@ -213,29 +211,29 @@ def reduce(rows: Rows, linear: LinearFit, burden: Burden, others: FloatArray) ->
             where="observations",
             remedy="read postures in which the arm is stretched out and folded, wrist up and down",
         )
+    left = triangle.left_by(nuisance, RANK)
+    products = left.span["products"].reshape(rows.torques.unit.shape[1:])
     parts, below, blocks, units, unknowns = [], [], [], [], []
     for j in seen.tolist():
-        own = rows.joints[:, j] if varies[j] else np.zeros(len(rows.joints))
-        left = own - linear.left @ (linear.left.T @ own)
-        unit = 1.0 / float(np.hypot(np.linalg.norm(left), np.linalg.norm(others[:, j])))
+        own = left.R[:, left.span["joints"][j]] * varies[j]
+        unit = 1.0 / float(np.hypot(np.linalg.norm(own), np.linalg.norm(others[:, j])))
         block, which = burden.block(varies[j] & rows.torques.unit[:, j].any(axis=0))
-        parts.append(unit * np.column_stack([own, rows.products[:, j, which]]))
+        parts.append(unit * np.column_stack([own, left.R[:, products[j, which]]]))
         below.append(np.pad(unit * others[:, j, None], ((0, 0), (0, len(which)))))
         blocks.append(block)
         units.append(unit)
         unknowns.append(which)
-    columns, unit_of = np.concatenate(parts, axis=1), np.array(units)
-    both = np.column_stack([columns, rows.residual])
-    both = both - linear.left @ (linear.left.T @ both)
-    R = triangle_of(np.vstack([both, np.column_stack([*below, others[:, -1:]])]))
-    p = columns.shape[1]
+    unit_of = np.array(units)
+    by_weight = np.column_stack([*parts, left.rhs])
+    R = triangle_of(np.vstack([by_weight, np.column_stack([*below, others[:, -1]])]))
+    p = R.shape[1] - 1
     A, b = R[:p, :p], R[:p, p]
-    left, singular, _ = np.linalg.svd(A)
-    nothing = left[:, singular <= _NOTHING * singular[0]]  # rounding, which no x explains
+    rotation, singular, _ = np.linalg.svd(A)
+    nothing = rotation[:, singular <= _NOTHING * singular[0]]  # rounding, which no x explains
     beyond = nothing @ (nothing.T @ b)
     scale = np.where(varies, np.abs(torque).max(axis=0), rows.across)
     scale = np.maximum(scale, _UPRIGHT * scale.max())[seen]  # one that carries nothing may be pulled
-    reduced = Reduced(
+    return Reduced(
         A=A,
         b=b - beyond,
         outside=float(beyond @ beyond) + (float(R[p, p] ** 2) if len(R) > p else 0.0),
@@ -244,9 +242,8 @@ def reduce(rows: Rows, linear: LinearFit, burden: Burden, others: FloatArray) ->
         unit=unit_of,
         seen=seen,
         unknowns=tuple(unknowns),
-        freedom=int(rows.geometry.any(axis=1).sum()) - linear.rank,
+        freedom=triangle.rows - triangle.rank(nuisance, RANK),
     )
-    return reduced, columns
 
 
 def identified_weight(

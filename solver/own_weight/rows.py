@@ -25,6 +25,7 @@ from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import MeasurementError, RequestError
 from jointstiff.solver.estimation.cones import Block
 from jointstiff.solver.estimation.conic import Cones
+from jointstiff.solver.estimation.stack import Stack
 from jointstiff.solver.geometry.poses import (
     Motion,
     PoseReadings,
@@ -41,6 +42,9 @@ from jointstiff.solver.mechanics.robot import Body, Robot
 
 _GEOMETRY: Final = 0.01
 """Standard uncertainty of axes and targets before any reading [m and rad]: a nominal arm is as good."""
+_CONSTANT: Final = 5e-3
+"""Variation of a joint's torque over the postures, relative to the torque by a weight across its axis, below
+which it counts as constant: gravity's direction and that of a vertical axis are not known so well."""
 _BASE: Final = 1e-6
 """Standard uncertainty of the base's compliances before any reading [rad/(N·m)]: as soft as a joint."""
 
@@ -149,17 +153,22 @@ class Torques:
 
 
 @dataclass(frozen=True, eq=False)
-class Rows:
-    """The linearised readings, whitened, in units of sigma²."""
+class WeightRows:
+    """The linearised readings of N observations.
 
-    residual: FloatArray  #: (m,) left side of the equation above [m]
-    geometry: FloatArray  #: (m, g) J_φ
-    joints: FloatArray  #: (m, n) J_θj τ_j, factors of c_j
-    products: FloatArray  #: (m, n, K) J_θj Y_jk, factors of η_jk
+    The terms of the stack are those of the equation above: `geometry` J_φ; `base`, its tilt about R0's origin
+    by C_xx, C_yy, C_xy [rad/(N·m)]; `gravity`, its direction about two axes across it [rad]; `joints`,
+    J_θj τ_j by c_j; `products`, J_θj Y_jk by η_jk, joint by joint.
+    """
+
+    stack: Stack  #: in units of sigma²
     torques: Torques  #: torques of the N observations
-    gravity: FloatArray  #: (m, 2) derivative by gravity's direction, about two axes across it [m/rad]
-    base: FloatArray  #: (m, 3) tilt of the base about R0's origin: factors of C_xx, C_yy, C_xy [rad/(N·m)]
     across: FloatArray  #: (n,) greatest torque of the same weights and loads across each axis [N·m]
+
+    @property
+    def varies(self) -> BoolArray:
+        """Return the joints (n,) whose torque varies over the postures."""
+        return np.asarray(np.ptp(self.torques.known, axis=0) > _CONSTANT * self.across)
 
 
 def rows_at(
@@ -169,7 +178,7 @@ def rows_at(
     state: PoseState,
     sag: FloatArray,
     compliance: FloatArray,
-) -> Rows:
+) -> WeightRows:
     """Linearise the readings.
 
     Args:
@@ -186,17 +195,22 @@ def rows_at(
     gap = whitened.points - motion.points + np.einsum("ktin,kn->kti", swings, sag)
     weighted = (whitened.weight @ swings).reshape(*swings.shape[:1], -1, swings.shape[-1])
     geometry = whitened.weight @ motion.jacobian()
-    m, gravity = gap.size, readings.burden.gravity
+    gravity, count = readings.burden.gravity, len(gap)
     size = np.linalg.norm(gravity)
     tilted = np.einsum("kij,kjg,j->kig", weighted, torques.by_gravity @ (across(gravity) * size), compliance)
-    return Rows(
-        residual=(whitened.weight @ gap[..., None]).reshape(m),
-        geometry=geometry.reshape(m, -1),
-        joints=(weighted * torques.known[:, None]).reshape(m, -1),
-        products=(weighted[..., None] * torques.unit[:, None]).reshape(m, *torques.unit.shape[1:]),
+    terms = {
+        "geometry": geometry.reshape(count, weighted.shape[1], -1),
+        "base": (whitened.weight @ base_motion(torques, motion.points)).reshape(count, -1, 3),
+        "gravity": tilted,
+        "joints": weighted * torques.known[:, None],
+        "products": (weighted[..., None] * torques.unit[:, None]).reshape(*weighted.shape[:2], -1),
+    }
+    left = (whitened.weight @ gap[..., None]).reshape(count, -1, 1)
+    read = terms["geometry"].any(axis=2).sum(axis=1)
+    rows = np.concatenate([*terms.values(), left], axis=-1)
+    return WeightRows(
+        stack=Stack(rows, read, {name: columns.shape[-1] for name, columns in terms.items()}),
         torques=torques,
-        gravity=tilted.reshape(m, 2),
-        base=(whitened.weight @ base_motion(torques, motion.points)).reshape(m, 3),
         across=np.maximum(
             np.abs(torques.known).max(axis=0),
             size * np.linalg.norm(torques.by_gravity, axis=2).max(axis=0),
@@ -287,10 +301,12 @@ def planned_rows(
         readings = WeightReadings(poses, burden, carried, nothing, nothing, nothing)
         state = PoseState(axes, transformed(flange, targets), np.zeros(count))
         found = rows_at(robot, readings, poses.whitened, state, np.zeros(angles.shape), compliance)
-        masses = np.einsum("mjk,j->mk", found.products, compliance)
-        base = _BASE * found.base[:, : 3 * free_base]
-        stacked = np.hstack([found.joints, _GEOMETRY * found.geometry, base, masses])
-        return stacked.reshape(count, 3 * len(targets), -1)
+        stack = found.stack.in_units({"geometry": _GEOMETRY, "base": _BASE})
+        part = {name: stack.rows[..., columns] for name, columns in stack.span.items()}
+        products = part["products"].reshape(*stack.rows.shape[:2], *found.torques.unit.shape[1:])
+        masses = np.einsum("kmjp,j->kmp", products, compliance)
+        base = part["base"][..., : 3 * free_base]
+        return np.concatenate([part["joints"], part["geometry"], base, masses], axis=-1)
 
     return rows
 
@@ -316,6 +332,15 @@ class Reduced:
             self.seen.tolist(), self.unit.tolist(), self.cones.first.tolist(), self.unknowns, strict=True
         ):
             yield j, unit, slice(start, start + 1 + len(own)), own
+
+    def unknowns_of(self, rows: WeightRows, x: FloatArray) -> FloatArray:
+        """Return the unknowns (K,) of all terms of the rows by an x; zero of what is not in the problem."""
+        unknowns = np.zeros(sum(rows.stack.widths.values()))
+        products = rows.stack.span["products"].reshape(rows.torques.unit.shape[1:])
+        for j, unit, place, own in self.blocks:
+            unknowns[rows.stack.span["joints"][j]] = unit * x[place.start] * rows.varies[j]
+            unknowns[products[j, own]] = unit * x[place][1:]
+        return unknowns
 
     def sag(self, torques: Torques, x: FloatArray) -> FloatArray:
         """Return the sag (N, n) [rad] by torques and an x."""

@@ -35,7 +35,7 @@ from jointstiff.solver.estimation.fit import Likelihood
 from jointstiff.solver.estimation.method import Settings
 from jointstiff.solver.estimation.observability import Spectrum
 from jointstiff.solver.estimation.problem import Constraints
-from jointstiff.solver.estimation.resampling import fit_subsets, gram_blocks
+from jointstiff.solver.estimation.resampling import fit_subsets, method_stacks
 from jointstiff.solver.links.choice import Folds, fit_fold
 from jointstiff.solver.links.fit import ElasticEstimate
 from jointstiff.solver.links.model import ElasticColumns, elastic_blocks
@@ -640,7 +640,7 @@ def leave_postures_out(
     if estimate.robust is not None:
         measurements = estimate.robust.weigh(measurements)
     plain = replace(settings, loss="squared", prior=None, order=())
-    blocks = gram_blocks(robot, measurements, plain, estimate)
+    blocks = method_stacks(robot, measurements, plain, estimate)
     fits = fit_subsets(blocks, (posture != groups[:, None]).astype(np.float64), plain.bounds)
     of_reading = posture[np.nonzero(measurements.present)[0]]
     left_out = np.isin(of_reading, groups)

@@ -20,7 +20,7 @@ from jointstiff.solver.estimation.estimate import Estimate
 from jointstiff.solver.estimation.identify import identify
 from jointstiff.solver.estimation.method import Settings
 from jointstiff.solver.estimation.problem import Bounds
-from jointstiff.solver.estimation.resampling import GramBlocks, gram_blocks, refuse_nonlinear
+from jointstiff.solver.estimation.resampling import MethodStacks, method_stacks, refuse_nonlinear
 from jointstiff.solver.mechanics.chain import KinematicChain
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.robot import Robot
@@ -151,9 +151,9 @@ def held(joints: Iterable[Any], truth: Iterable[float]) -> list[bool]:
     return [j.compliance_interval[0] <= c <= j.compliance_interval[1] for j, c in pairs]
 
 
-def blocks_of_set(robot: Robot, measurements: Measurements, settings: Settings) -> GramBlocks:
+def blocks_of_set(robot: Robot, measurements: Measurements, settings: Settings) -> MethodStacks:
     """Return the blocks of a method for resampling, after the identification of the full set."""
     refuse_nonlinear(settings)
     if not settings.complementary_stiffness:
         settings = replace(settings, bounds=Bounds.unconstrained(robot.n))
-    return gram_blocks(robot, measurements, settings, identify(robot, measurements, settings))
+    return method_stacks(robot, measurements, settings, identify(robot, measurements, settings))

@@ -41,13 +41,14 @@ from jointstiff.solver.estimation.method import Prior, Settings
 from jointstiff.solver.estimation.observability import Observability, Spectrum, analyse, observability_indices
 from jointstiff.solver.estimation.problem import Bounds
 from jointstiff.solver.estimation.resampling import (
-    GramBlocks,
+    MethodStacks,
     Resamples,
-    StageBlocks,
+    StageStack,
     draws_of,
     resample,
     summarise,
 )
+from jointstiff.solver.estimation.stack import Stack
 from jointstiff.solver.mechanics.block import regressor_blocks
 from jointstiff.solver.result import joint_results
 
@@ -148,7 +149,7 @@ class TestUndetermined:
             targets[:, :, 2] = 0.0
         arm, wrist = np.arange(3), np.array([3, 4])
         stages = (_stage(centre, arm, arm[:0]), _stage(targets, wrist, arm))
-        blocks = GramBlocks(5, stages, np.arange(5), rng.standard_normal((5, 3, 6)), np.ones((3, 6)))
+        blocks = MethodStacks(5, stages, np.arange(5), rng.standard_normal((5, 3, 6)), np.ones((3, 6)))
         found = resample(blocks, plan_of(1, 1, 0), Bounds.unconstrained(5))
         unknown = {"combined": [0, 1, 3, 4], "null": [0, 3, 4], "null_at_targets": [0], "determined": []}
         np.testing.assert_array_equal(np.flatnonzero(np.isnan(found.compliance[0])), unknown[case])
@@ -254,7 +255,9 @@ def _held(resamples, bounds):
 
 
 def _stage(rows, joints, known):
-    return StageBlocks(joints, known, rows, np.swapaxes(rows, 1, 2) @ rows, np.ones(len(joints) + len(known)))
+    read = np.full(len(rows), rows.shape[1])
+    stack = Stack(rows, read, {"joints": len(joints), "known": len(known)})
+    return StageStack(joints, known, stack, np.ones(len(joints) + len(known)))
 
 
 STIFFNESS = {"joint_5": (4e5, 4e4), "joint_2": (3e6, 1e6)}

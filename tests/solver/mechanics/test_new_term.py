@@ -8,7 +8,7 @@ from support.campaigns import estimate, prepare
 
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.equilibrium import deflections
-from jointstiff.solver.design.candidates import Equipment, Loads, PlanRequest, whitened_rows
+from jointstiff.solver.design.candidates import Equipment, Loads, PlanRequest, stack_of
 from jointstiff.solver.estimation.causes import fit_causes, screen_estimate
 from jointstiff.solver.estimation.estimate import UncertaintyBudget
 from jointstiff.solver.mechanics.block import Term, by_torque
@@ -101,7 +101,7 @@ def test_it_is_a_nuisance_of_plans(campaign, cell_zero_term):
     loads = Loads("any_direction", 1500.0, np.full(6, np.inf))
     equipment = Equipment(np.zeros((3, 3)), measurements.load_point[0], loads, 1e-5)
     request = PlanRequest(equipment, 6, 1.0 / ARM.stiffnesses, np.full(6, np.inf))
-    rows = whitened_rows(robot, request, measurements)
-    twice = whitened_rows(robot, replace(request, nominal=2.0 * request.nominal), measurements)
+    rows = stack_of(robot, request, measurements).rows[..., :-1]
+    twice = stack_of(robot, replace(request, nominal=2.0 * request.nominal), measurements).rows[..., :-1]
     assert rows.shape == (24, 9, 6 + 3)
     np.testing.assert_allclose(twice[..., 6:], 2.0 * rows[..., 6:])

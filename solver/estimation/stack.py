@@ -1,0 +1,110 @@
+"""Stack: whitened readings and columns of terms, posture by posture.
+
+The rows M_i = [A_i d_i] of each observation stay apart, so that some can be left out, weighted, or counted
+from one of them on; a triangle compresses whatever part is asked for.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import accumulate, pairwise
+
+import numpy as np
+
+from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
+from jointstiff.solver.estimation.triangle import Triangle, basis, unit_columns
+from jointstiff.solver.mechanics.block import RegressorBlock, Rows, Term, whitened_rows
+
+
+@dataclass(frozen=True, eq=False)
+class Stack:
+    """Rows of N observations, their columns by the names of their terms, K together."""
+
+    #: (N, m, K + 1) [A d] in units of sigma, the readings' own column last; zero where nothing was read
+    rows: FloatArray
+    read: IndexArray  #: (N,) number of coordinates that were read
+    widths: dict[str, int]  #: number of columns of each term, in their order
+
+    @classmethod
+    def of(
+        cls,
+        blocks: Iterable[RegressorBlock],
+        terms: Sequence[Term],
+        compliance: FloatArray,
+        weigh: Callable[..., Rows] = whitened_rows,
+    ) -> Stack:
+        """Collect the rows of the targets.
+
+        Args:
+            blocks: N observations of T targets.
+            terms: what may have moved the targets.
+            compliance: (n,) of the joints, at which errors show [rad/(N·m)].
+            weigh: `whitened_rows`, or `rows_of` for equal weights.
+        """
+        parts, read, widths = [], [], dict[str, int]()
+        for block in blocks:
+            rows = weigh(block, terms, compliance)
+            parts.append(rows.targets.reshape(len(rows.targets), -1, rows.targets.shape[-1]))
+            read.append(block.measurements.coordinates.sum(axis=1))
+            widths = rows.widths
+        return cls(np.concatenate(parts), np.concatenate(read), widths)
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    def __getitem__(self, part: IndexArray | BoolArray | slice) -> Stack:
+        """Return some observations, in the given order; one may be given several times."""
+        return replace(self, rows=self.rows[part], read=self.read[part])
+
+    def without(self, observation: int) -> Stack:
+        """Return all observations but one."""
+        return self[np.delete(np.arange(len(self)), observation)]
+
+    @property
+    def flat(self) -> FloatArray:
+        """(N m, K + 1) rows of all observations."""
+        return self.rows.reshape(-1, self.rows.shape[-1])
+
+    @property
+    def span(self) -> dict[str, IndexArray]:
+        """Return the columns of each term."""
+        ends = accumulate(self.widths.values(), initial=0)
+        return {name: np.arange(*part) for name, part in zip(self.widths, pairwise(ends), strict=True)}
+
+    @cached_property
+    def grams(self) -> FloatArray:
+        """(N, K + 1, K + 1) ``M_iᵀ M_i``: what each observation tells."""
+        return np.asarray(self.rows.mT @ self.rows)
+
+    @property
+    def grams_since(self) -> FloatArray:
+        """(N, K + 1, K + 1) sums of the Gram matrices of each observation and all after it."""
+        return np.asarray(np.cumsum(self.grams[::-1], axis=0)[::-1])
+
+    def triangle(self) -> Triangle:
+        """Compress all rows."""
+        triangle = Triangle(**self.widths)
+        triangle.add(self.rows, count=int(self.read.sum()))
+        return triangle
+
+    def of_unit_columns(self) -> tuple[Stack, FloatArray]:
+        """Return the stack with columns of unit length over all observations, and their lengths (K + 1,)."""
+        unit, length = unit_columns(self.flat)
+        return replace(self, rows=unit.reshape(self.rows.shape)), length
+
+    def in_units(self, units: Mapping[str, float]) -> Stack:
+        """Return the stack with the unknowns of some terms in other units."""
+        unit = np.ones(self.rows.shape[-1])
+        for name, size in units.items():
+            unit[self.span[name]] = size
+        return replace(self, rows=self.rows * unit)
+
+    def left_by(self, names: Sequence[str]) -> Stack:
+        """Project some terms out of the others and of the readings; the columns of these terms go."""
+        chosen = np.concatenate([self.span[name] for name in names])
+        known, left = basis(unit_columns(self.flat[:, chosen])[0]), np.delete(self.flat, chosen, axis=1)
+        left = left - known @ (known.T @ left)
+        widths = {name: width for name, width in self.widths.items() if name not in names}
+        return replace(self, rows=left.reshape(*self.rows.shape[:2], -1), widths=widths)
