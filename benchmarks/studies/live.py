@@ -136,9 +136,9 @@ def measured(reader: Reader) -> tuple[LiveCampaign, LiveState, int]:
     campaign, doubts = reader.declared(), 0
     while True:
         state = campaign.state()
-        if campaign.doubtful:
+        if campaign.progress.doubtful:
             doubts += 1
-            campaign = campaign.with_entry(Entry("kept", campaign.doubtful[-1]))
+            campaign = campaign.with_entry(Entry("kept", campaign.progress.doubtful[-1]))
             continue
         if state.state != "measuring" or state.next is None or len(campaign.observations) >= _MOST:
             return campaign, state, doubts
@@ -161,7 +161,7 @@ def needed(reader: Reader, joints: FloatArray, forces: FloatArray) -> int:
     low, high = 2, len(joints)
     while high - low > 1:
         middle = (low + high) // 2
-        met = replace(whole, entries=whole.entries[:middle]).met
+        met = replace(whole, entries=whole.entries[:middle]).progress.met
         low, high = (low, middle) if met else (middle, high)
     return high
 
@@ -195,7 +195,7 @@ def other_lists(reader: Reader) -> Lists:
     return Lists(
         fixed=fixed_list(reader),
         whole=len(whole.joints),
-        whole_meets=_read_all(reader, whole.joints[fitted], whole.force[fitted]).met,
+        whole_meets=_read_all(reader, whole.joints[fitted], whole.force[fitted]).progress.met,
         in_order=_in_order(reader, plan),
     )
 
@@ -221,7 +221,7 @@ def covered(reader: Reader, campaign: LiveCampaign, state: LiveState) -> tuple[i
         ends = [(each.interval, k) for each, k in zip(state.joints, reader.arm.stiffnesses, strict=True)]
         known = [(each, k) for each, k in ends if each is not None]
         return int(sum(low <= k <= (high or np.inf) for (low, high), k in known)), len(known)
-    known_, places = campaign.known, campaign.declared.ahead.places
+    known_, places = campaign.progress.known, campaign.declared.ahead.places
     moved = places @ known_.compliance
     half = known_.factor * np.sqrt(np.einsum("...j,jk,...k->...", places, known_.covariance, places))
     true = places @ (1.0 / reader.arm.stiffnesses)

@@ -16,10 +16,11 @@ from jointstiff.schemas.options import StiffnessPrior
 from jointstiff.service.api import live
 from jointstiff.service.app import create_app
 from jointstiff.service.live.campaign import LiveCampaign
-from jointstiff.service.live.priors import standings
 from jointstiff.service.store.store import Store
 from jointstiff.simulator import LOAD_POINT, TARGETS, default_arm, robot_document
 from jointstiff.solver.live.ahead import Known
+from jointstiff.solver.live.priors import standings
+from jointstiff.solver.live.progress import Progress
 
 ARM, SIGMA = default_arm(), 2e-5
 EXACT = {"sigma": SIGMA, "load_point": 1e-4, "force": {"scale": 1e-3}}  # next to exact
@@ -234,9 +235,6 @@ def test_a_prior_waits_until_the_own_readings_know_as_much(compliance, uncertain
     assert standings(["joint_1"], known, priors) == {"joint_1": standing}
 
 
-INSIDE, OUTSIDE = SimpleNamespace(inside=True), SimpleNamespace(inside=False)
-
-
 @pytest.mark.parametrize(
     ("awaits", "readings", "missing", "state"),
     [
@@ -246,13 +244,14 @@ INSIDE, OUTSIDE = SimpleNamespace(inside=True), SimpleNamespace(inside=False)
         (False, 5, 1, {"doubtful": ["m02"]}),
         (False, 10, 1, {"fewest": 10}),
         (True, 5, 2, {"_is_small": True, "met": True}),
-        (True, 5, 1, {"_is_small": True, "met": True, "check": OUTSIDE}),
-        (False, 5, 1, {"_is_small": True, "met": True, "check": INSIDE}),
+        (True, 5, 1, {"_is_small": True, "met": True, "is_checked": False}),
+        (False, 5, 1, {"_is_small": True, "met": True, "is_checked": True}),
         (False, 5, 1, {"_is_small": True}),  # a mistake is kept
     ],
 )
 def test_a_reading_is_held_out_when_the_goal_is_met_or_one_away(awaits, readings, missing, state):
-    usual = {"fewest": 5, "doubtful": [], "_is_small": False, "met": False, "check": None}
-    ahead, observations = SimpleNamespace(missing=missing), [None] * readings
-    campaign = SimpleNamespace(**usual | {"ahead": ahead, "observations": observations} | state)
-    assert LiveCampaign.awaits_held_out.fget(campaign) is awaits
+    usual = {"fewest": 5, "doubtful": [], "_is_small": False, "met": False, "is_checked": False}
+    progress = SimpleNamespace(
+        **usual | {"next": SimpleNamespace(missing=missing), "count": readings} | state
+    )
+    assert Progress.awaits_held_out.fget(progress) is awaits

@@ -1,0 +1,383 @@
+"""Progress of a live campaign: what its readings say so far, whether they suffice, and what comes next.
+
+A goal is met by enough readings, none of them doubtful or mistaken, whose uncertainty is that of the goal; a
+reading that was held out then lies in the ball of its prediction.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Final, Literal
+
+import numpy as np
+from scipy import special
+
+from jointstiff.schemas.finding import Finding
+from jointstiff.schemas.joints import JOINT_UNITS
+from jointstiff.schemas.live import LiveJoint
+from jointstiff.schemas.options import OwnWeight, RunOptions, StiffnessPrior
+from jointstiff.schemas.plan import Goal, JointsGoal
+from jointstiff.schemas.run import Budget, Goodness, RunResult
+from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.errors import JointstiffError
+from jointstiff.solver.estimation.estimate import stiffness_interval
+from jointstiff.solver.estimation.fit import student_quantile
+from jointstiff.solver.estimation.joints import JointsAlone
+from jointstiff.solver.estimation.method import Settings
+from jointstiff.solver.live.ahead import Ahead, Known, Next, Share
+from jointstiff.solver.live.innovation import HeldOut, Innovation, held_out, innovation
+from jointstiff.solver.live.priors import Standing, standings
+from jointstiff.solver.mechanics.measurements import Measurements
+from jointstiff.solver.run import run
+from jointstiff.solver.text import length_text
+
+FEWEST: Final = 5
+"""Number of readings before a goal can be met."""
+FEWEST_WITH_MODEL_ERROR: Final = 10
+"""The same where residuals may be more than noise: a ball of 90 % about a prediction needs nine postures."""
+_FEWEST_THAT_TELL: Final = 3
+"""Number of readings from which on they show a mistake in one of them."""
+ENOUGH_TO_SAY: Final = 10
+"""Number of readings from which on it is said that a goal will not be met."""
+_SHOWS: Final = 0.2
+"""Probability of residuals as great as these by stated noise alone, above which nothing shows that joints
+and loads explain too little."""
+
+
+@dataclass(frozen=True, eq=False)
+class Taken:
+    """Readings of a campaign, and what became of them."""
+
+    measurements: Measurements | None = None  #: readings that count; None before the first
+    noticed: tuple[Finding, ...] = ()  #: findings of the integrity checks of these
+    judged: Mapping[str, Innovation] = field(
+        default_factory=dict
+    )  #: each reading when it came, by its label; withdrawn ones, too
+    withdrawn: frozenset[str] = frozenset()  #: labels
+    kept: frozenset[str] = frozenset()  #: labels of doubtful readings that were kept
+    skipped: tuple[tuple[float, ...], ...] = ()  #: postures that were left out [rad or m]
+    check: HeldOut | None = None  #: the last reading that counts, if it was held out
+
+
+@dataclass(frozen=True, eq=False)
+class Progress:
+    """A campaign's readings compared with its goal."""
+
+    ahead: Ahead  #: candidates of the readings to come, and the robot
+    goal: Goal  #: declared before the first reading
+    taken: Taken  #: readings so far
+    priors: Mapping[str, StiffnessPrior]  #: of joints, as declared
+    weight: OwnWeight | None = None  #: by which the arm is identified without a load
+
+    @property
+    def count(self) -> int:
+        """Return the number of readings that count."""
+        return 0 if self.taken.measurements is None else len(self.taken.measurements)
+
+    def judge(self, readings: Measurements) -> tuple[Innovation | None, HeldOut | None]:
+        """Compare a new reading with those so far, and with its ball where one is held out.
+
+        Args:
+            readings: those so far, and the new one last.
+        """
+        compliance, robot = self._compliance, self.ahead.robot
+        if self.weight is not None or readings.direction is not None or compliance is None:
+            return None, None
+        found = innovation(robot, readings, compliance)
+        if not self.awaits_held_out or found.doubtful:
+            return found, None
+        return found, held_out(robot, readings, compliance, len(readings) - 1)
+
+    @cached_property
+    def _compliance(self) -> FloatArray | None:
+        """Compliances by the readings that count; None if they cannot be identified."""
+        robot, measurements = self.ahead.robot, self.taken.measurements
+        if measurements is None:
+            return None
+        try:
+            estimate = JointsAlone(robot, measurements, Settings.of(RunOptions(), robot)).estimate
+        except JointstiffError:
+            return None
+        return np.maximum(estimate.compliance, 0.0)
+
+    @cached_property
+    def result(self) -> RunResult | JointstiffError | None:
+        """The ordinary result of the readings so far, or why there is none; None before the first reading."""
+        counting = self.counting_priors
+        return self._result(counting) if counting else self._own_result
+
+    @cached_property
+    def _own_result(self) -> RunResult | JointstiffError | None:
+        return self._result({})
+
+    def _result(self, priors: Mapping[str, StiffnessPrior]) -> RunResult | JointstiffError | None:
+        if self.taken.measurements is None:
+            return None
+        try:
+            options = RunOptions(elasticity="joints", priors=dict(priors))
+            if self.weight is not None:
+                options = RunOptions(weight=self.weight)
+            return run(self.ahead.robot, self.taken.measurements, options, self.taken.noticed)
+        except JointstiffError as error:
+            return error
+
+    @cached_property
+    def standings(self) -> dict[str, Standing]:
+        """Standing of the prior of each joint that has one."""
+        if not self.priors or self.weight is not None:
+            return {}
+        own = self._known(self._own_result, assumed=True)
+        return standings(self.ahead.robot.joint_names, own, self.priors)
+
+    @property
+    def counting_priors(self) -> dict[str, StiffnessPrior]:
+        """Return the priors that count."""
+        return {name: self.priors[name] for name, each in self.standings.items() if each == "counts"}
+
+    @cached_property
+    def known(self) -> Known:
+        """Compliances by the readings so far, with the stated errors."""
+        return self._known(self.result, assumed=False)
+
+    def _known(self, result: RunResult | JointstiffError | None, *, assumed: bool) -> Known:
+        """Return what is known by a result, with or without errors of which nothing was stated."""
+        robot = self.ahead.robot
+        if not isinstance(result, RunResult):
+            return Known.nothing(robot.n)
+        compliance = np.array([joint.compliance or np.nan for joint in result.joints], dtype=np.float64)
+        if result.budget is not None:
+            left_out = set() if _lacks(result.goodness) else {"model_error"}
+            if not assumed:
+                left_out |= {part.source for part in result.budget.components if "assumed" in part.source}
+            covariance, factor = _spread(result.budget, robot.joint_names, left_out)
+        else:
+            u = np.array([joint.standard_uncertainty or np.nan for joint in result.joints], dtype=np.float64)
+            covariance, factor = np.diag(np.square(np.nan_to_num(u))), student_quantile(0.975, None)
+        known = np.diagonal(covariance) > 0.0
+        return Known(np.where(known, compliance, np.nan), covariance, factor)
+
+    @cached_property
+    def share(self) -> Share:
+        """Uncertainty so far compared with that of the goal."""
+        return self.ahead.reached(self.goal, self.known)
+
+    @property
+    def doubtful(self) -> list[str]:
+        """Labels of doubtful readings that were neither withdrawn nor kept."""
+        settled = self.taken.withdrawn | self.taken.kept
+        return [label for label in self.taken.judged if label not in settled and self.found(label).doubtful]
+
+    def found(self, label: str) -> Innovation:
+        """Return what a reading was when it came, or the mistake that all of them show in it by now."""
+        found, mistake = self.taken.judged[label], self.mistake
+        if mistake is None or mistake.observation != label or found.doubtful:
+            return found
+        return replace(found, doubtful=True, causes=[], message=f"{mistake.message}; {mistake.remedy}")
+
+    @cached_property
+    def mistake(self) -> Finding | None:
+        """The finding for which an observation is not to be used; None without one.
+
+        Of two readings that disagree nobody knows which one is wrong. Other findings, such as links that
+        bend, are no mistake of a reading: the model error counts them.
+        """
+        if self.count < _FEWEST_THAT_TELL or not isinstance(self.result, RunResult):
+            return None
+        kept = self.taken.kept
+        wrong = [
+            each
+            for each in self.result.assessment.reasons
+            if each.weight == "do_not_use" and each.observation
+        ]
+        if kept:  # a reason stands for all findings of its kind
+            kinds = {each.code for each in wrong}
+            found = [each for each in self.taken.noticed if each.weight == "do_not_use"]
+            wrong = [each for each in found if each.observation and each.code in kinds] + wrong
+        return min(wrong, key=lambda each: each.observation in kept, default=None)
+
+    @property
+    def fewest(self) -> int:
+        """Number of readings before the goal can be met."""
+        result = self.result
+        lacks = isinstance(result, RunResult) and _lacks(result.goodness)
+        return FEWEST_WITH_MODEL_ERROR if lacks else FEWEST
+
+    @property
+    def met(self) -> bool:
+        """True if the goal is met by enough readings that can be used, none of them in doubt."""
+        return self._is_small and self.mistake is None
+
+    @property
+    def _is_small(self) -> bool:
+        """True if the uncertainty is that of the goal by enough readings, none of them in doubt."""
+        return self.count >= self.fewest and not self.doubtful and self.share.greatest_share <= 1.0
+
+    @property
+    def is_checked(self) -> bool:
+        """True if the last reading was held out and lies in its ball."""
+        return self.taken.check is not None and self.taken.check.inside
+
+    @property
+    def awaits_held_out(self) -> bool:
+        """True if the next reading is held out: the goal is met, or is expected to be met with it."""
+        if self.count < self.fewest or self.doubtful:
+            return False
+        if self._is_small:
+            return self.met and not self.is_checked
+        # Where the model errs, the goal is met before: its interval is less certain.
+        return self.fewest == FEWEST and self.next is not None and self.next.missing == 1
+
+    @cached_property
+    def next(self) -> Next | None:
+        """The next reading; None if no candidate is left."""
+        m = self.taken.measurements
+        taken = np.array(self.taken.skipped, dtype=np.float64).reshape(-1, self.ahead.robot.n)
+        if m is not None:
+            taken = np.concatenate([taken, m.joints])
+        return self.ahead.next(self.goal, self.known, m, taken, None if m is None else m.joints[-1])
+
+    @property
+    def still_needed(self) -> int | None:
+        """Number of readings that are missing, the held-out one among them; None if unknown."""
+        if self.met:
+            return 0 if self.is_checked else 1
+        if self.mistake is not None:  # it has to be mended
+            return None
+        missing = self.next.missing if self.next is not None and self.count else None
+        if missing is None:
+            return None
+        left = self.fewest - self.count
+        return max(missing, left + 1) if self.fewest == FEWEST else max(missing, left) + 1
+
+    @property
+    def reason_of_next(self) -> str:
+        """Return in words why the next reading is taken."""
+        joint = self.share.joint
+        if self.awaits_held_out:
+            return "it is held out, and checks what the others say"
+        if joint is not None:
+            return f"it tells most of {self.ahead.robot.joint_names[joint]}, which is farthest from the goal"
+        if isinstance(self.goal, JointsGoal):
+            return "it tells most of the joints"
+        return "it tells most of the deflection in the work area"
+
+    def state(self) -> tuple[Literal["measuring", "reached", "cannot"], str]:
+        """Return the state of the campaign, and where it is in words."""
+        read = "1 reading" if self.count == 1 else f"{self.count} readings"
+        if self.doubtful:
+            label = self.doubtful[-1]
+            return "measuring", f"{label} is doubtful: {self.found(label).message or ''}"
+        if self.met:
+            return self._checked(read)
+        if self.mistake is not None:
+            return self._mistaken(self.mistake)
+        missing = self.still_needed
+        if self.count >= ENOUGH_TO_SAY and missing is None:
+            return "cannot", f"the goal will not be met: {self._obstacle()}"
+        if isinstance(self.result, JointstiffError):
+            does = "does" if self.count == 1 else "do"
+            return "measuring", f"{read} {does} not tell yet: {self.result.reason}"
+        left = "" if missing is None else f"; about {missing} more"
+        if 0 < self.count < self.fewest and self.share.greatest_share <= 1.0:
+            left = f": the goal takes {self.fewest} and a held-out one to be sure of{left}"
+        return "measuring", f"{read}{left}"
+
+    def _mistaken(self, wrong: Finding) -> tuple[Literal["measuring", "cannot"], str]:
+        """Return the state of a campaign in which a mistake is kept."""
+        words = f"{wrong.observation}: {wrong.message}; {wrong.remedy}"
+        if self.count >= ENOUGH_TO_SAY:
+            return "cannot", f"the goal will not be met by these readings: {words}"
+        return "measuring", f"do not use these readings yet: {words}"
+
+    def _checked(self, read: str) -> tuple[Literal["measuring", "reached"], str]:
+        """Return the state of a campaign whose goal is met: a held-out reading decides."""
+        if self.is_checked:
+            near = "the held-out one is as near to its prediction as 90 % of good readings"
+            return "reached", f"reached after {read}{self._assumed()}; {near}"
+        far, check = "is further from its prediction than 90 % of good readings", self.taken.check
+        failed = "" if check is None else f"held-out {check.label} {far}; "
+        return "measuring", f"{failed}the goal is met; one held-out reading checks it"
+
+    def _assumed(self) -> str:
+        """Return what the goal's joints are known to with assumed errors, if that is beyond the goal."""
+        if not isinstance(self.goal, JointsGoal):
+            return ""
+        whole = self._known(self.result, assumed=True)
+        half = whole.factor * np.sqrt(np.diagonal(whole.covariance)) / whole.compliance
+        greatest = float(np.max(half, initial=0.0, where=self.known.relative <= self.goal.relative))
+        if not greatest > self.goal.relative:
+            return ""
+        return f", without the assumed errors of load point and force (with them ± {100 * greatest:.0f} %)"
+
+    def _obstacle(self) -> str:
+        """Return what keeps the goal from being met, by joint or by place."""
+        share, result, names = self.share, self.result, self.ahead.robot.joint_names
+        if share.joint is None:
+            reached = "unknown" if share.uncertainty is None else length_text(share.uncertainty)
+            return f"the deflection in the work area is known to {reached}, and readings add little"
+        parts = {part.joint: part for part in result.contributions} if isinstance(result, RunResult) else {}
+        own = parts.get(names[share.joint])
+        carries = "" if own is None else f" carries {100 * own.mean:.1f} % of the deflection, and"
+        return f"{names[share.joint]}{carries} will not be known well enough"
+
+    def joints(self) -> list[LiveJoint]:
+        """Return what is known of each joint: without errors that are only assumed, and with them."""
+        whole, robot, joints = self._known(self.result, assumed=True), self.ahead.robot, []
+        half = whole.factor * np.sqrt(np.diagonal(whole.covariance))
+        for j, (name, kind) in enumerate(zip(robot.joint_names, robot.joint_kinds, strict=True)):
+            c, h, prior = float(self.known.compliance[j]), float(half[j]), self.standings.get(name)
+            if not np.isfinite(c):
+                nothing = LiveJoint(name=name, kind=kind, stiffness=None, interval=None, relative=None)
+                reason = None if j in self.ahead.wanted else f"the load never {JOINT_UNITS[kind].loads} it"
+                joints.append(nothing.model_copy(update={"prior": prior, "reason": reason}))
+                continue
+            joints.append(
+                LiveJoint(
+                    name=name,
+                    kind=kind,
+                    stiffness=1.0 / c,
+                    interval=stiffness_interval((max(c - h, 0.0), c + h)),
+                    relative=float(self.known.relative[j]),
+                    relative_with_assumed=h / c,
+                    prior=prior,
+                )
+            )
+        return joints
+
+
+def _lacks(goodness: Goodness) -> bool:
+    """Return whether residuals may be more than noise: the dispersion over postures is model error then."""
+    if goodness.sigma_source == "residuals":
+        return True
+    return float(special.chdtrc(goodness.degrees_of_freedom, goodness.chi_square)) < _SHOWS
+
+
+def _spread(budget: Budget, names: Sequence[str], left_out: Collection[str]) -> tuple[FloatArray, float]:
+    """Return covariance (n, n) of the compliances with the model error, and coverage factor of 95 %.
+
+    The factor is Student's at the effective degrees of freedom (Welch and Satterthwaite, GUM G.4) of the
+    joint whose are least.
+
+    Args:
+        budget: of a run.
+        names: of the n joints.
+        left_out: sources of uncertainty that do not count.
+    """
+    shown = [names.index(name) for name in budget.joints]
+    total, by_freedom = np.zeros((len(shown), len(shown))), np.zeros(len(shown))
+    for part in budget.components:
+        counts = part.included or part.source == "model_error"
+        if not counts or part.source in left_out:
+            continue
+        u = np.array(part.contributions)
+        total += np.array(part.correlation) * np.outer(u, u)
+        if part.degrees_of_freedom is not None:
+            by_freedom += u**4 / part.degrees_of_freedom
+    whole = np.square(np.diagonal(total))
+    effective = np.where(by_freedom > 0.0, whole / np.where(by_freedom > 0.0, by_freedom, 1.0), np.inf)
+    covariance = np.zeros((len(names), len(names)))
+    covariance[np.ix_(shown, shown)] = total
+    least = float(effective.min()) if len(shown) else np.inf
+    return covariance, student_quantile(0.975, least if np.isfinite(least) else None)
