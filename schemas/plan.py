@@ -90,8 +90,8 @@ _WORDS: Final = re.compile(
 _METRES: Final = {"um": 1e-6, "µm": 1e-6, "μm": 1e-6, "mm": 1e-3, "m": 1.0}
 
 
-def goal_in_words(text: str) -> dict[str, Any]:
-    """Return the goal of `15 %` (every joint), `6 um` (the deflection in a box), or `below 0.5 mm`.
+def parse_goal(text: str) -> dict[str, Any]:
+    """Parse a goal: `15 %` (every joint), `6 um` (the deflection in a box), or `below 0.5 mm`.
 
     Raises:
         ValueError: the text is no goal.
@@ -282,7 +282,7 @@ class PlanOptions(AcceptingOptions, ReadingOptions):
         Terminal(
             "--goal",
             "GOAL",
-            goal_in_words,
+            parse_goal,
             text='Goal in place of a number of readings: "15 %" of every joint, or "6 um" of the deflection '
             "in the work area (95 %).",
         ),

@@ -39,7 +39,8 @@ ProblemError                   a problem document as an exception, for programs 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from difflib import get_close_matches
 from functools import cache
 from http import HTTPStatus
@@ -607,3 +608,13 @@ class RefusedError(ProblemError):
 
 class AwayError(RefusedError):
     """The service does not answer now, and may later."""
+
+
+@contextmanager
+def as_campaign_error(section: str) -> Iterator[None]:
+    """Turn errors of the input into one that says in which section of the file."""
+    try:
+        yield
+    except JointstiffError as error:
+        problem = problem_of(error)
+        raise CampaignError(problem.model_copy(update={"where": place_in(section, problem.where)})) from error

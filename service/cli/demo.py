@@ -134,9 +134,9 @@ def _tour(address: str, *, once: bool) -> int:
     from jointstiff.service.kinds.comparison.kind import COMPARISON
     from jointstiff.service.kinds.run.kind import RUN
     from jointstiff.service.library.client import Client
-    from jointstiff.service.library.files import json_text
     from jointstiff.service.problems import RefusedError
     from jointstiff.service.reports.job import job_parts
+    from jointstiff.service.resources.documents import json_text
     from jointstiff.service.tables.table import Line
     from jointstiff.service.tables.terminal import console, printed, problem_text
     from jointstiff.simulator import default_arm, simulate_campaign

@@ -187,7 +187,7 @@ def import_command() -> Callable[..., None]:
 
 
 def _import(files: Sequence[Path], chosen: Options, values: Mapping[str, Any]) -> None:
-    from jointstiff.service.library.files import read_robot
+    from jointstiff.service.resources.documents import read_robot
 
     notes = _notes(values["about"] or [])
     known = {} if values["template"] is None else _read_template(values["template"])
@@ -247,7 +247,7 @@ def _understood(
     files: Sequence[Path], stated: Options, robot: RobotDocument | None, *, asking: bool
 ) -> tuple[ImportAnswer, Options]:
     """Return what the files say, in words of options, and all options with those that a person answers."""
-    from jointstiff.service.library.files import parse_document
+    from jointstiff.service.resources.documents import parse_document
     from jointstiff.service.resources.imports import import_files
 
     sources, asked, measured = _read(files), set[str](), None
@@ -326,8 +326,8 @@ def _notes(texts: Sequence[str]) -> dict[str, Any]:
     Raises:
         CampaignError: a key or a value is none.
     """
-    from jointstiff.service.library.files import parse_document
     from jointstiff.service.problems import CampaignError
+    from jointstiff.service.resources.documents import parse_document
 
     pairs = (text.partition("=") for text in texts)
     try:
@@ -339,7 +339,7 @@ def _notes(texts: Sequence[str]) -> dict[str, Any]:
 
 
 def _read_template(path: Path) -> Options:
-    from jointstiff.service.library.files import read_document
+    from jointstiff.service.resources.documents import read_document
 
     known: Options = read_document(path, ImportRequest).model_dump(mode="json", exclude_defaults=True)
     if "length_unit" not in known and (known.get("units") or {}).get("length") == "m":

@@ -187,9 +187,9 @@ def predict_command() -> Callable[..., None]:
 def _done(kind: AnyKind, sources: list[Any], stated: dict[str, Any], values: _Values) -> Job:
     """Carry the work out, as `import jointstiff` does."""
     from jointstiff.schemas.run import Run
-    from jointstiff.service.library.files import campaign_of, read_document, read_object
-    from jointstiff.service.library.here import function_of, run_of
+    from jointstiff.service.library.here import Here, run_of
     from jointstiff.service.problems import CampaignError
+    from jointstiff.service.resources.documents import campaign_of, read_document, read_object
     from jointstiff.service.tables.terminal import progress_bar
 
     if values["options"] is not None:
@@ -198,7 +198,7 @@ def _done(kind: AnyKind, sources: list[Any], stated: dict[str, Any], values: _Va
     if values.get("run") is not None:
         sources = [run_of(read_document(values["run"], Run), campaign_of(sources[0])), *sources[1:]]
     given = [each for source in sources for each in (source if isinstance(source, list) else [source])]
-    do = function_of(ROOMS[kind.name].command)
+    do = getattr(Here(), ROOMS[kind.name].command)
     try:
         stepped = kind.stepped or "campaigns" in kind.sources
         with progress_bar(shown=stepped) as tell:
@@ -472,7 +472,7 @@ def _write_robot(job: Any, values: _Values, _sources: Sequence[Any]) -> Any:  # 
 
 def _write_campaign(job: Any, values: _Values, sources: Sequence[Any]) -> Any:  # noqa: ANN401 - a Plan
     from jointstiff.service.kinds.plan.kind import campaign_to_fill_in
-    from jointstiff.service.library.files import read_planned
+    from jointstiff.service.resources.documents import read_planned
 
     if values["campaign"] is not None:
         campaign = campaign_to_fill_in(read_planned(sources[0]), job)

@@ -164,8 +164,8 @@ def measure_command() -> Callable[..., None]:
 
 
 def _measure(source: str, stated: dict[str, Any], values: dict[str, Any]) -> None:
-    from jointstiff.service.library.files import read_object
     from jointstiff.service.library.measure import measure
+    from jointstiff.service.resources.documents import read_object
 
     if values["options"] is not None:
         stated = read_object(values["options"]) | stated

@@ -77,12 +77,12 @@ def report(
 def identified(file: Path, run: Path | None) -> TabledRun:
     """Return the run of a campaign from its file; identified now without one."""
     from jointstiff.schemas.run import Run
-    from jointstiff.service.library.files import campaign_of, read_document
-    from jointstiff.service.library.here import function_of, run_of
+    from jointstiff.service.library.here import Here, run_of
+    from jointstiff.service.resources.documents import campaign_of, read_document
 
     if run is not None:
         return run_of(read_document(run, Run), campaign_of(file))
-    identified: TabledRun = function_of("identify")(file)
+    identified: TabledRun = Here().identify(file)
     return identified
 
 

@@ -60,8 +60,8 @@ def post(
     """
     from jointstiff.service.kinds.run.kind import RUN
     from jointstiff.service.library.client import Client
-    from jointstiff.service.library.files import campaign_of
     from jointstiff.service.reports.job import job_report
+    from jointstiff.service.resources.documents import campaign_of
     from jointstiff.service.tables.terminal import console, progress_bar
 
     server = server.rstrip("/")
@@ -88,8 +88,8 @@ def post(
 
 def _post_all(client: Client, folder: Path) -> int:
     """Post the campaigns and robots of a folder, each once; return the exit status."""
-    from jointstiff.service.library.files import read_object
     from jointstiff.service.problems import ProblemError
+    from jointstiff.service.resources.documents import read_object
 
     refused = 0
     for path in sorted(folder.glob("*.json")):

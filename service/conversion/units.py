@@ -1,11 +1,13 @@
-"""SI units in the units that messages may have."""
+"""Units and goals as people write them, in SI units."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+from jointstiff.schemas.plan import parse_goal
+from jointstiff.solver.errors import RequestError
 from jointstiff.solver.mechanics.measurements import Instrument
 
 if TYPE_CHECKING:
@@ -30,3 +32,16 @@ def to_instrument(sheet: StatedInstrument, length: float) -> Instrument:
         transverse_constant=length * sheet.transverse.constant,
         transverse_per_distance=sheet.transverse.per_distance,
     )
+
+
+def goal_of_text(text: str) -> dict[str, Any]:
+    """Parse a goal in words, as `jointstiff.schemas.plan.parse_goal` does.
+
+    Raises:
+        RequestError: the text is no goal.
+    """
+    try:
+        return parse_goal(text)
+    except ValueError as error:
+        reason, _, remedy = str(error).partition(": ")
+        raise RequestError(reason, where="goal", remedy=remedy) from None

@@ -10,9 +10,11 @@ from typing import TYPE_CHECKING, Any
 from jointstiff.schemas import run as messages
 from jointstiff.schemas.measurement import MeasurementSetDocument
 from jointstiff.schemas.options import RunOptions
+from jointstiff.schemas.run import CampaignRun, Run
 from jointstiff.service.library import robots
-from jointstiff.service.library.files import as_campaign_error, campaign_of, parse_document
 from jointstiff.service.library.robots import AnyUnits, plain_fields
+from jointstiff.service.problems import as_campaign_error
+from jointstiff.service.resources.documents import campaign_of, parse_document
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -145,3 +147,9 @@ class Campaign(messages.Campaign):
         )
 
     __str__ = __repr__
+
+
+def options_of(run: Run) -> CampaignRun:
+    """Return the options of a run as a campaign file has them."""
+    options = run.request.model_dump(exclude={"measurement_set_id", "variant_of"}, exclude_unset=True)
+    return CampaignRun.model_validate(options)

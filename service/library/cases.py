@@ -6,16 +6,18 @@ from collections.abc import Mapping, Sequence
 from math import pi
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, TypedDict
 
 from jointstiff.schemas.deflection import DeflectionOptions
 from jointstiff.schemas.fields import Message
 from jointstiff.schemas.joints import JointKind
 from jointstiff.schemas.measurement import Units
-from jointstiff.service.library.files import parse_document
+from jointstiff.service.resources.documents import parse_document
 from jointstiff.solver.errors import RequestError
 
 if TYPE_CHECKING:
+    from jointstiff.schemas.deflection import LinkMass
+    from jointstiff.service.kinds.verb import Vector
     from jointstiff.service.library.campaigns import Numbers
 
 AnyPostures = Any
@@ -24,6 +26,19 @@ ARRAY_UNITS: Final = "m, deg, N"
 """Units of arrays of postures and forces, unless others are stated."""
 _TURNS: Final = 4 * pi
 """Angle that no joint of an arm reaches [rad]."""
+
+
+class PredictFields(TypedDict, total=False):
+    """Options of `predict`."""
+
+    absolute: bool
+    masses: Sequence[LinkMass | Mapping[str, Any]]
+    confidence: float
+    units: str | Units | Mapping[str, Any]
+    load_point: Vector | None
+    place: Vector | None
+    at: Vector
+    moments: Numbers
 
 
 def load_cases(

@@ -7,11 +7,11 @@ import json
 import os
 import threading
 import time
-from collections.abc import AsyncIterator, Callable, Iterator, Mapping
+from collections.abc import AsyncIterator, Callable, Coroutine, Iterator, Mapping
 from os import PathLike
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, Final, Generic, TypeVar, Unpack, cast
+from typing import TYPE_CHECKING, Any, Concatenate, Final, Generic, ParamSpec, TypeVar, Unpack, cast
 from urllib.parse import quote
 from uuid import uuid4
 
@@ -28,27 +28,19 @@ from jointstiff.schemas.run import CampaignRun, Run, RunRequest
 from jointstiff.service.kinds.kind import AnyJob, File, Kind
 from jointstiff.service.kinds.registry import KINDS
 from jointstiff.service.kinds.rooms import ROOMS, kind_of
+from jointstiff.service.kinds.verb import Cancel, Follow, OnProgress, verb_of
 from jointstiff.service.library import results
-from jointstiff.service.library.campaigns import Campaign
+from jointstiff.service.library.campaigns import Campaign, options_of
 from jointstiff.service.library.cases import AnyPostures, load_cases
-from jointstiff.service.library.files import (
+from jointstiff.service.library.results import Prediction, RobotTrend, TabledRun, shown
+from jointstiff.service.library.verbs import Verbs
+from jointstiff.service.problems import AwayError, RefusedError, as_campaign_error, http_problem
+from jointstiff.service.resources.documents import (
     AnyCampaign,
-    as_campaign_error,
     campaign_of,
     json_text,
     parse_document,
 )
-from jointstiff.service.library.results import Prediction, RobotTrend, TabledRun, shown
-from jointstiff.service.library.verbs import (
-    Cancel,
-    Follow,
-    OnProgress,
-    Verb,
-    options_of,
-    refuse_executor,
-    verb_of,
-)
-from jointstiff.service.problems import AwayError, RefusedError, http_problem
 from jointstiff.service.tables.table import Sheet
 from jointstiff.solver.errors import RequestError
 
@@ -63,7 +55,10 @@ if TYPE_CHECKING:
     from jointstiff.schemas.options import RunOptions
     from jointstiff.schemas.plan import Plan
     from jointstiff.schemas.program import Program
+    from jointstiff.service.kinds.run.verb import IdentifyFields
     from jointstiff.service.library.campaigns import Numbers
+    from jointstiff.service.library.cases import PredictFields
+    from jointstiff.service.library.here import ImportFields
     from jointstiff.service.library.measure import LiveMeasurement
 
 PATIENCE_SECONDS: Final = 60.0
@@ -86,18 +81,6 @@ def plain(document: Document) -> dict[str, Any]:
     return dict(document)
 
 
-if TYPE_CHECKING:
-    from jointstiff.service.library.typed import (
-        AsyncVerbs,
-        IdentifyFields,
-        ImportFields,
-        PredictFields,
-        Verbs,
-    )
-else:
-    Verbs = AsyncVerbs = object
-
-
 class Client(Verbs):
     """A service, with its resources by kind, such as `client.runs.get(id)`.
 
@@ -109,7 +92,6 @@ class Client(Verbs):
     if the service refuses or does not answer. Used as a context manager, it closes its connections.
     """
 
-    has_workers = True
     # a kind of work has its collection without a line here, which is for editors and mypy
     runs: Jobs[TabledRun]
     comparisons: Jobs[Comparison]
@@ -158,8 +140,6 @@ class Client(Verbs):
         self.measurement_sets = Collection(self, "measurement-sets", MeasurementSet, MeasurementSetSummary)
         for kind in KINDS:
             setattr(self, kind.collection, Jobs(self, kind))
-            if not hasattr(self, ROOMS[kind.name].command):
-                setattr(self, ROOMS[kind.name].command, verb_of(kind, lambda: self))
 
     def __enter__(self) -> Client:
         return self
@@ -230,13 +210,16 @@ class Client(Verbs):
         Raises:
             TypeError: an executor is given: the service has its own workers.
         """
-        refuse_executor(executor)
         if isinstance(campaign, Run):
-            again: Verb[TabledRun] = verb_of(kind_of("run"), lambda: self)
-            return again(campaign, options=options, on_progress=on_progress, cancel=cancel, **fields)
-        read = campaign_of(campaign)
-        run = {"leave_out": read.run.leave_out, **plain(read.run if options is None else options), **fields}
-        with Follow(on_progress, cancel) as follow:
+            again: Callable[..., TabledRun] = verb_of("run")
+            return again(
+                self, campaign, options, on_progress=on_progress, cancel=cancel, executor=executor, **fields
+            )
+        with Follow(on_progress, cancel, executor) as follow:
+            self.begun(follow)
+            read = campaign_of(campaign)
+            own = plain(read.run if options is None else options)
+            run = {"leave_out": read.run.leave_out, **own, **fields}
             return self.runs.wait(self.post(plain(read) | {"run": run}), follow)
 
     def trend(self, robot: Robot | RobotSummary | str, **filters: str) -> RobotTrend:
@@ -263,6 +246,19 @@ class Client(Verbs):
         )  # the same content in the same order
         key = content_key(text) if once else None
         return self.runs.found_in(self.send("POST", "/v1/campaigns", _WAIT, text, key))
+
+    def begun(self, follow: Follow) -> Client:
+        """Return this client, whose service computes by workers of its own.
+
+        Raises:
+            TypeError: there is an executor.
+        """
+        if follow.executor is not None:
+            raise TypeError(
+                "a service computes by its own workers: give `executor` to the verbs of `import jointstiff`, "
+                "or start more workers with `jointstiff worker`"
+            )
+        return self
 
     def measured(self, source: Any, _place: str = "") -> tuple[str, CampaignRun | None]:  # noqa: ANN401
         """Return the id of the measurement set of a stored run, or of a campaign, which is posted once."""
@@ -590,7 +586,16 @@ def _printable(value: Any) -> Any:  # noqa: ANN401 - any JSON
     return value
 
 
-class AsyncClient(AsyncVerbs):
+if TYPE_CHECKING:
+    Arguments = ParamSpec("Arguments")
+
+    def _awaited(
+        verb: Callable[Concatenate[Client, Arguments], Value],
+    ) -> Callable[Concatenate[AsyncClient, Arguments], Coroutine[Any, Any, Value]]:
+        """Return a method of a client as one that is awaited, for type checkers."""
+
+
+class AsyncClient:
     """A service whose verbs and collections are awaited: `run = await client.identify("campaign.json")`.
 
     Its arguments and methods are those of `Client`; `list` of a collection is iterated by `async for`. Where
@@ -602,6 +607,17 @@ class AsyncClient(AsyncVerbs):
     def __init__(self, url: str, key: str | None = None, **options: Any) -> None:  # noqa: ANN401 - of Client
         """Make a client; arguments as of `Client`."""
         self._client = Client(url, key, **options)
+
+    if TYPE_CHECKING:  # by __getattr__
+        identify = _awaited(Client.identify)
+        compare = _awaited(Client.compare)
+        geometry = _awaited(Client.geometry)
+        plan = _awaited(Client.plan)
+        map = _awaited(Client.map)
+        fleet = _awaited(Client.fleet)
+        compensate = _awaited(Client.compensate)
+        predict = _awaited(Client.predict)
+        import_files = _awaited(Client.import_files)
 
     async def __aenter__(self) -> AsyncClient:
         return self
@@ -624,7 +640,7 @@ class AsyncClient(AsyncVerbs):
         if isinstance(value, Collection):
             return _AsyncCollection(value)
         stepped = any(room.command == name for room in ROOMS.values())
-        return _awaited(value, stepped=stepped) if callable(value) else value
+        return _in_thread(value, stepped=stepped) if callable(value) else value
 
 
 class _AsyncCollection:
@@ -640,10 +656,10 @@ class _AsyncCollection:
             yield summary
 
     def __getattr__(self, name: str) -> Any:  # noqa: ANN401 - of the collection
-        return _awaited(getattr(self._collection, name), stepped=False)
+        return _in_thread(getattr(self._collection, name), stepped=False)
 
 
-def _awaited(function: Callable[..., Any], *, stepped: bool) -> Callable[..., Any]:
+def _in_thread(function: Callable[..., Any], *, stepped: bool) -> Callable[..., Any]:
     """Return a function that is awaited; one that takes steps ends if its task is cancelled."""
 
     async def call(*arguments: Any, **options: Any) -> Any:  # noqa: ANN401 - of the function

@@ -30,23 +30,21 @@ if TYPE_CHECKING:
     from jointstiff.schemas.robot import RobotDocument
     from jointstiff.service.library.campaigns import Campaign
     from jointstiff.service.library.client import AsyncClient, Client
+    from jointstiff.service.library.here import Here, import_files, predict
     from jointstiff.service.library.many import identify_many
     from jointstiff.service.library.measure import measure
     from jointstiff.service.library.results import Prediction, TabledRun
     from jointstiff.service.library.robots import robot
-    from jointstiff.service.library.typed import Verbs
     from jointstiff.service.problems import CampaignError, RefusedError
 
-    _here = Verbs()
+    _here = Here()
     identify = _here.identify
     compare = _here.compare
     geometry = _here.geometry
     plan = _here.plan
     fleet = _here.fleet
-    map = _here.map  # noqa: A001 - the kind's name
+    map = _here.map  # noqa: A001 - the command's name
     compensate = _here.compensate
-    predict = _here.predict
-    import_files = _here.import_files
 
 _HOMES = {
     "AsyncClient": "service.library.client",
@@ -121,7 +119,7 @@ def __getattr__(name: str) -> object:
     from jointstiff.service.kinds.rooms import ROOMS
 
     if any(room.command == name for room in ROOMS.values()):
-        return import_module("jointstiff.service.library.here").function_of(name)
+        return getattr(import_module("jointstiff.service.library.here").Here(), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 

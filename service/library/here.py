@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from functools import cache
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar, Unpack, cast
+from typing import TYPE_CHECKING, Any, Literal, TypedDict, TypeVar, Unpack, cast
 
 from jointstiff.schemas import run as messages
 from jointstiff.schemas.finding import Problem
@@ -15,56 +14,84 @@ from jointstiff.schemas.robot import RobotDocument
 from jointstiff.schemas.run import CampaignRun, Run, RunRequest
 from jointstiff.service.conversion.prepared import prepare_robot
 from jointstiff.service.kinds.kind import AnyJob, AnyKind, File, Kind
-from jointstiff.service.kinds.rooms import ROOMS, kind_of
+from jointstiff.service.kinds.rooms import kind_of
+from jointstiff.service.kinds.verb import Follow
 from jointstiff.service.kinds.work import QuickWork, carry_out, new_job
 from jointstiff.service.library import results
+from jointstiff.service.library.campaigns import options_of
 from jointstiff.service.library.cases import AnyPostures, load_cases
-from jointstiff.service.library.files import (
+from jointstiff.service.library.results import Prediction, TabledRun, shown
+from jointstiff.service.library.robots import prepared_robot
+from jointstiff.service.library.verbs import Verbs
+from jointstiff.service.problems import CampaignError, as_campaign_error, http_problem, problem_of
+from jointstiff.service.process import one_thread
+from jointstiff.service.reports.job import job_sheet
+from jointstiff.service.resources.documents import (
     AnyCampaign,
-    as_campaign_error,
     campaign_of,
     parse_document,
     read_document,
     read_robot,
 )
-from jointstiff.service.library.results import Prediction, TabledRun, shown
-from jointstiff.service.library.robots import prepared_robot
-from jointstiff.service.library.verbs import Follow, Verb, options_of, verb_of
-from jointstiff.service.problems import CampaignError, http_problem, problem_of
-from jointstiff.service.process import one_thread
-from jointstiff.service.reports.job import job_sheet
 from jointstiff.service.resources.inputs import FromFile
 from jointstiff.service.tables.files import written
 from jointstiff.service.tables.table import Sheet
 from jointstiff.solver.errors import RequestError
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
     from concurrent.futures import Executor
 
-    from jointstiff.schemas.imports import ImportAnswer
+    from jointstiff.schemas.imports import ImportAnswer, ImportUnits
+    from jointstiff.schemas.measurement import Noise
+    from jointstiff.service.kinds.verb import Vector
     from jointstiff.service.library.campaigns import Numbers
-    from jointstiff.service.library.typed import ImportFields, PredictFields
+    from jointstiff.service.library.cases import PredictFields
     from jointstiff.service.reports.exports import ExportedModel
 
 
 ARun = TypeVar("ARun", bound=Run)
 
 
-@cache
-def function_of(command: str) -> Verb[Any]:
-    """Return a verb in this process, such as `identify`."""
-    name = next(name for name, room in ROOMS.items() if room.command == command)
-    return verb_of(kind_of(name), Here)
+class ImportFields(TypedDict, total=False):
+    """Options of `import_files`."""
+
+    units: str | ImportUnits | Mapping[str, Any] | None
+    columns: Mapping[str, str]
+    layouts: Sequence[Sequence[str]]
+    delimiter: Literal["comma", "semicolon", "tab", "whitespace"] | None
+    decimal_mark: Literal["point", "comma"] | None
+    header: Sequence[str] | None
+    ignore: Sequence[str]
+    sheet: str | None
+    point_name: str | None
+    file_name: str | None
+    state_words: Mapping[str, Literal["unloaded", "loaded", "deflection"]]
+    state: Literal["unloaded", "loaded", "deflection"] | None
+    by_order: bool
+    allow_missing: bool
+    name: str | None
+    encoders: Literal["motor", "secondary"] | None
+    noise: Noise | Mapping[str, Any] | None
+    flange_targets: Mapping[str, Vector]
+    load_point: Vector | None
+    length_unit: Literal["m", "mm"] | None
+    accept_unusual: bool
+    force: Vector | None
+    robot_id: str | None
+    show_faults: bool
 
 
-class Here:
+class Here(Verbs):
     """This process: what requests are made of is prepared from files, and computed here and now."""
-
-    has_workers = False
 
     def __init__(self, campaign: messages.Campaign | None = None) -> None:
         """Begin without inputs; with the campaign of a run that was identified before."""
         self.inputs, self.campaign = FromFile(), campaign
+
+    def begun(self, follow: Follow) -> Here:  # noqa: ARG002 - takes any
+        """Return another one, whose inputs end with the verb's result."""
+        return Here()
 
     @one_thread()
     def measured(self, source: Any, place: str = "") -> tuple[str, CampaignRun]:  # noqa: ANN401 - campaign or run
@@ -87,9 +114,7 @@ class Here:
         Raises:
             CampaignError: it has failed, or is not of its campaign by this version.
         """
-        run: TabledRun = (
-            source if isinstance(source, TabledRun) else function_of("identify")(source, executor=executor)
-        )
+        run: TabledRun = source if isinstance(source, TabledRun) else self.identify(source, executor=executor)
         if run.error is not None:
             raise CampaignError(run.error)
         set_id, _ = self.measured(run.campaign)
@@ -243,7 +268,7 @@ class Here:
         campaign: messages.Campaign = run.campaign.model_copy(update={"run": options_of(run)})
         with as_campaign_error(""):
             campaign = mended(campaign, advised(cast("Any", run.result).assessment, action))
-        return cast("TabledRun", function_of("identify")(campaign))
+        return self.identify(campaign)
 
 
 def refused_run(message: type[ARun], request: RunRequest, problem: Problem) -> ARun:

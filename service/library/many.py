@@ -17,21 +17,22 @@ from jointstiff.schemas.finding import Problem
 from jointstiff.schemas.job import Progress
 from jointstiff.schemas.options import RunOptions
 from jointstiff.schemas.run import Campaign, CampaignRun, Run, RunRequest
+from jointstiff.service.kinds.verb import Cancel, Follow, OnProgress
 from jointstiff.service.kinds.width import CancelledWorkError, in_order
-from jointstiff.service.library.files import (
+from jointstiff.service.library.campaigns import options_of
+from jointstiff.service.library.here import Here, refused_run
+from jointstiff.service.library.results import TabledRun
+from jointstiff.service.problems import CampaignError, http_problem
+from jointstiff.service.resources.documents import (
     AnyCampaign,
     campaign_of,
     document_content,
     parse_content,
     read_content,
 )
-from jointstiff.service.library.here import Here, function_of, refused_run
-from jointstiff.service.library.results import TabledRun
-from jointstiff.service.library.verbs import Cancel, Follow, OnProgress, options_of
-from jointstiff.service.problems import CampaignError, http_problem
 
 if TYPE_CHECKING:
-    from jointstiff.service.library.typed import IdentifyFields
+    from jointstiff.service.kinds.run.verb import IdentifyFields
 
 _OPTIONS = frozenset(CampaignRun.model_fields)
 
@@ -169,7 +170,7 @@ def _identified(task: _Task, follow: Follow | None = None) -> TabledRun:
     """Identify a campaign; one that cannot be used is a failed run, whose error names it."""
     shared = task.shared
     try:
-        run: TabledRun = function_of("identify")(
+        run: TabledRun = Here().identify(
             _campaign(task),
             options=shared.options,
             on_progress=_silently,  # one bar shows all campaigns

@@ -31,7 +31,6 @@ from jointstiff.service.conversion.prepared import (
     stated_transform,
 )
 from jointstiff.service.library.campaigns import Campaign
-from jointstiff.service.library.files import as_campaign_error, parse_document, read_planned
 from jointstiff.service.live.campaign import MOST_READINGS, Declared, Entry, LiveCampaign
 from jointstiff.service.live.declaration import Scales, declared, goal_of
 from jointstiff.service.live.sources import (
@@ -44,7 +43,14 @@ from jointstiff.service.live.sources import (
     Stand,
     source_of,
 )
-from jointstiff.service.problems import AwayError, CampaignError, ProblemError, http_problem
+from jointstiff.service.problems import (
+    AwayError,
+    CampaignError,
+    ProblemError,
+    as_campaign_error,
+    http_problem,
+)
+from jointstiff.service.resources.documents import parse_document, read_planned
 from jointstiff.solver.errors import RequestError
 
 if TYPE_CHECKING:
@@ -119,7 +125,7 @@ class _Here:
         return self.state()
 
     def close(self) -> tuple[TabledRun, LiveState]:
-        from jointstiff.service.library.here import function_of
+        from jointstiff.service.library.here import Here
 
         with as_campaign_error(""):
             fields = self._campaign.closing()
@@ -131,7 +137,7 @@ class _Here:
         campaign = Campaign(
             robot=self._document, measurement_set=MeasurementSetDocument.model_validate(kept), run=run
         )
-        return cast("TabledRun", function_of("identify")(campaign)), self.state()
+        return Here().identify(campaign), self.state()
 
 
 class _There:

@@ -17,8 +17,9 @@ from rich.console import Console
 from jointstiff.schemas.deflection import DeflectionResult
 from jointstiff.schemas.fields import Message
 from jointstiff.schemas.job import Job
-from jointstiff.schemas.run import JointResult, Run, RunRequest, RunResult
+from jointstiff.schemas.run import JointResult, Run, RunResult
 from jointstiff.schemas.trend import Trend
+from jointstiff.service.kinds import verb
 from jointstiff.service.kinds.kind import AnyJob, File, Kind
 from jointstiff.service.kinds.rooms import kind_of
 from jointstiff.service.library.campaigns import Campaign
@@ -30,17 +31,11 @@ from jointstiff.solver.errors import RequestError
 from jointstiff.solver.text import figure
 
 if TYPE_CHECKING:
-    from concurrent.futures import Executor
-
     from matplotlib.figure import Figure
 
     from jointstiff.schemas import run as messages
-    from jointstiff.schemas.robot import RobotDocument
-    from jointstiff.schemas.run import CampaignRun
     from jointstiff.service.library.campaigns import Numbers
-    from jointstiff.service.library.cases import AnyPostures
-    from jointstiff.service.library.typed import PredictFields
-    from jointstiff.service.library.verbs import Follow
+    from jointstiff.service.library.cases import AnyPostures, PredictFields
     from jointstiff.solver.arrays import FloatArray
     from jointstiff.solver.mechanics.robot import Robot
 
@@ -49,34 +44,11 @@ _REPORTS = {"pdf", "html"}
 _MODELS = {"csv", "xlsx", "mjcf", "xml"}
 
 
-class Door(Protocol):
-    """This process or a service: it knows what requests are made of by ids, and does the work."""
-
-    has_workers: bool  # whether it computes by its own workers, so that it takes no executor
+class Door(verb.Door, Protocol):
+    """A door that also gives what follows from a job."""
 
     def campaign_of(self, run: Run) -> messages.Campaign | None:
         """Return the campaign of a run; None if it is not known."""
-
-    def measured(self, source: Any, _place: str = "") -> tuple[str, CampaignRun | None]:  # noqa: ANN401
-        """Return the id of a campaign's measurement set, and the options of its run if they are known."""
-
-    def identified(self, source: Any, executor: Executor | None = None) -> str:  # noqa: ANN401 - run or campaign
-        """Return the id of a run, which is identified now from a campaign."""
-
-    def described(self, robot: RobotDocument) -> str:
-        """Return the id of a robot."""
-
-    def run(self, request: RunRequest, follow: Follow, dispensable: bool) -> Run | None:
-        """Identify a measurement set; a dispensable run may fail or be none if it is not supported."""
-
-    def done(
-        self,
-        kind: Kind[AnyJob, Any],
-        request: dict[str, Any],
-        files: Mapping[str, bytes],
-        follow: Follow,
-    ) -> AnyJob:
-        """Do the work of a request, and of files where it takes some; return the job once it has ended."""
 
     def file(
         self, job: Job, name: str, query: Mapping[str, str] | None = None, laboratory: Path | None = None

@@ -14,7 +14,8 @@ from pydantic import PrivateAttr
 from jointstiff.schemas.fields import Message
 from jointstiff.schemas.measurement import Units
 from jointstiff.schemas.robot import JointMap, RobotDocument
-from jointstiff.service.library.files import as_campaign_error, parse_document, read_robot
+from jointstiff.service.problems import as_campaign_error
+from jointstiff.service.resources.documents import parse_document, read_robot
 
 if TYPE_CHECKING:
     from jointstiff.service.conversion.prepared import PreparedRobot

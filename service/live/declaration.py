@@ -19,12 +19,10 @@ from jointstiff.schemas.plan import (
     Goal,
     JointsGoal,
     PlannedLoad,
-    goal_in_words,
 )
 from jointstiff.service.conversion.prepared import PreparedRobot, prepare_set
-from jointstiff.service.conversion.units import ANGLE, FORCE, LENGTH
+from jointstiff.service.conversion.units import ANGLE, FORCE, LENGTH, goal_of_text
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.errors import RequestError
 from jointstiff.solver.mechanics.block import targets_in_flange
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.postures import Postures
@@ -48,18 +46,10 @@ def goal_of(goal: str | Goal | Mapping[str, Any], force: Vector3 | None = None) 
     """
     if isinstance(goal, Message):
         return goal
-    document = dict(goal) if isinstance(goal, Mapping) else _in_words(goal)
+    document = dict(goal) if isinstance(goal, Mapping) else goal_of_text(goal)
     if force is not None and document.get("kind") != "joints":
         document.setdefault("force", force)
     return LiveOptions.model_validate({"goal": document}).goal
-
-
-def _in_words(text: str) -> dict[str, Any]:
-    try:
-        return goal_in_words(text)
-    except ValueError as error:
-        reason, _, remedy = str(error).partition(": ")
-        raise RequestError(reason, where="goal", remedy=remedy) from None
 
 
 @dataclass(frozen=True)

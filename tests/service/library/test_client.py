@@ -1,5 +1,7 @@
 """The client of the library: jobs, waiting and refusals, what passes over the wire, types of verbs."""
 
+import importlib
+import inspect
 import json
 import subprocess
 import sys
@@ -15,7 +17,6 @@ import numpy as np
 import pytest
 from anyio.from_thread import start_blocking_portal
 from support.guide_files import ROOT
-from support.typed_verbs import FILE, formatted
 
 import jointstiff
 import jointstiff as js
@@ -23,6 +24,7 @@ from jointstiff.schemas.finding import Problem
 from jointstiff.schemas.measurement import SetChange
 from jointstiff.schemas.run import Campaign
 from jointstiff.service.kinds.rooms import ROOMS, kind_of
+from jointstiff.service.kinds.verb import verb_of
 from jointstiff.service.library import client as module
 from jointstiff.service.library.client import Client
 from jointstiff.service.problems import RefusedError
@@ -559,10 +561,17 @@ MISTAKES = {"wrong_1": 'metod="complete_pose"', "wrong_2": 'readings="six"', "wr
 RIGHT = {"wrong_1": 'method="complete_pose"', "wrong_2": "readings=6", "wrong_3": "grid=(3, 3, 1)"}
 
 
-@pytest.mark.process
-def test_the_stub_is_made_of_the_messages():
-    """After a change of a message: `python tests/support/typed_verbs.py --write`."""
-    assert FILE.read_text(encoding="utf-8") == formatted()
+MORE_FIELDS = {"run": {"leave_out"}, "geometry": {"robot"}, "program": {"force"}}
+"""Fields of a verb that are no options of its kind."""
+
+
+@pytest.mark.parametrize("kind", ROOMS)
+def test_a_verb_names_each_option_of_its_kind(kind):
+    hints = inspect.signature(verb_of(kind)).parameters["fields"].annotation
+    home = importlib.import_module(verb_of(kind).__module__)
+    fields = getattr(home, hints.removeprefix("Unpack[").removesuffix("]"))
+    assert set(fields.__annotations__) == {*kind_of(kind).options.model_fields, *MORE_FIELDS.get(kind, ())}
+    assert all(f"    {name}: " in verb_of(kind).__doc__ for name in kind_of(kind).options.model_fields)
 
 
 @pytest.mark.process
@@ -571,7 +580,7 @@ def test_a_type_checker_finds_a_wrong_name_and_a_wrong_value(tmp_path):
     for name, arguments in (("wrong", MISTAKES), ("right", RIGHT)):
         files[name].write_text(WRONG.format(**arguments))
     command = [sys.executable, "-m", "mypy", *map(str, files.values())]  # shares what scripts/check has found
-    done = subprocess.run(command, capture_output=True, text=True, cwd=FILE.parents[2], check=False)
+    done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT, check=False)
     errors = [line for line in done.stdout.splitlines() if ": error:" in line]
     found = {name: [line for line in errors if file.name in line] for name, file in files.items()}
     assert found["right"] == []

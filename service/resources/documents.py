@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import json
 from codecs import BOM_UTF8, BOM_UTF16_BE, BOM_UTF16_LE
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from os import PathLike
 from pathlib import Path
 from typing import Any, Final, TypeVar
@@ -16,8 +15,8 @@ from jointstiff.schemas.finding import Problem
 from jointstiff.schemas.robot import RobotDocument
 from jointstiff.schemas.run import Campaign
 from jointstiff.service.conversion.parsing import MAX_SET_BYTES, NOT_JSON, MalformedError, parse
-from jointstiff.service.problems import CampaignError, http_problem, invalid_request, place_in, problem_of
-from jointstiff.solver.errors import JointstiffError, RequestError
+from jointstiff.service.problems import CampaignError, http_problem, invalid_request, problem_of
+from jointstiff.solver.errors import RequestError
 
 Document = TypeVar("Document", bound=BaseModel)
 AnyCampaign = Campaign | Mapping[str, Any] | str | PathLike[str]
@@ -180,16 +179,6 @@ _OTHERS: Final = (
     ({"sweeps"}, "a set of sweeps", "use `jointstiff geometry FILE`"),
     ({"robot", "measurement_set"}, "a campaign", "use `jointstiff identify FILE`"),
 )
-
-
-@contextmanager
-def as_campaign_error(section: str) -> Iterator[None]:
-    """Turn errors of the input into one that says in which section of the file."""
-    try:
-        yield
-    except JointstiffError as error:
-        problem = problem_of(error)
-        raise CampaignError(problem.model_copy(update={"where": place_in(section, problem.where)})) from error
 
 
 def read_robot(text: str) -> RobotDocument:

@@ -1,0 +1,85 @@
+"""The verb of comparisons."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Literal, TypedDict, Unpack
+
+from jointstiff.schemas.comparison import CampaignComparison
+from jointstiff.schemas.run import CampaignRun, Run
+from jointstiff.service.kinds.comparison.kind import COMPARISON
+from jointstiff.service.kinds.verb import Door, Follow, describe_fields, stated
+from jointstiff.service.resources.documents import parse_document
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+    from concurrent.futures import Executor
+
+    from jointstiff.schemas.comparison import ComparedMethod, Comparison
+    from jointstiff.schemas.options import Resampling, RunOptions
+    from jointstiff.service.kinds.verb import Cancel, OnProgress, Source
+
+
+class CompareFields(TypedDict, total=False):
+    """Options of `compare`."""
+
+    ordered: bool
+    confidence: float | None
+    methods: Sequence[ComparedMethod | Mapping[str, Any]]
+    constraints: Sequence[Literal["unconstrained", "positive"]]
+    resampling: Resampling | Mapping[str, Any] | None
+    run: RunOptions | Mapping[str, Any] | None
+
+
+def compare(
+    door: Door,
+    first: Source,
+    second: Source | None = None,
+    /,
+    options: CampaignComparison | None = None,
+    *,
+    on_progress: OnProgress | None = None,
+    cancel: Cancel | None = None,
+    executor: Executor | None = None,
+    **fields: Unpack[CompareFields],
+) -> Comparison:
+    """Compare methods on a campaign, or two campaigns of one robot.
+
+    Args:
+        door: whose method this is: where the work is done.
+        first: campaign or run; of two such as with the motors' encoders in the loop, or before a change.
+        second: campaign or run such as with secondary encoders in the loop, or after a change; if absent,
+            the methods are compared on the first.
+        options: a `CampaignComparison`; fields by name replace its own.
+        on_progress: called with the progress of a job that takes steps; default: a bar in a terminal or a
+            notebook, if it takes more than 2 s.
+        cancel: asked between steps, such as `threading.Event().is_set`; if true, the job ends as
+            `cancelled`.
+        executor: carries out the steps, such as a `concurrent.futures.ProcessPoolExecutor()` or a Dask
+            client's `get_executor()`; the numbers have the same bits. Refused by a `Client`.
+        fields: fields of `CampaignComparison`.
+
+    Returns:
+        The Comparison, with its result in SI units. A failure of the computation is one in state `failed`.
+
+    Raises:
+        CampaignError: a source or an option cannot be used; its `problem` says what, where and what to do.
+        RefusedError: the service refuses it.
+        OSError: a file cannot be read.
+    """
+    from jointstiff.service.kinds.comparison.work import ComparedSet, comparison_of
+
+    with Follow(on_progress, cancel, executor) as follow:
+        door = door.begun(follow)
+        chosen = parse_document(stated(CampaignComparison, options, fields), CampaignComparison)
+        given = [first] if second is None else [first, second]
+        sets: list[ComparedSet] = []
+        for source, place in zip(given, ("first.", "second."), strict=False):
+            set_id, own = door.measured(source, place if len(given) > 1 else "")
+            own = own or CampaignRun()
+            shared = own if isinstance(source, Run) or not sets else sets[0].options
+            sets.append(ComparedSet(set_id, own.leave_out, chosen.run or shared))
+        request = comparison_of(sets, chosen, lambda run, dispensable: door.run(run, follow, dispensable))
+        return door.done(COMPARISON, request.model_dump(mode="json", exclude_unset=True), {}, follow)
+
+
+describe_fields(compare, CampaignComparison)

@@ -1,0 +1,66 @@
+"""The verb of fleets."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, TypedDict, Unpack
+
+from jointstiff.schemas.fleet import FleetOptions
+from jointstiff.service.kinds.fleet.kind import FLEET
+from jointstiff.service.kinds.verb import Door, Follow, describe_fields, stated
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from concurrent.futures import Executor
+
+    from jointstiff.schemas.fleet import Fleet
+    from jointstiff.schemas.run import CampaignRun
+    from jointstiff.service.kinds.verb import Cancel, OnProgress, Source
+
+
+class FleetFields(TypedDict, total=False):
+    """Options of `fleet`."""
+
+    name: str | None
+    run: CampaignRun | Mapping[str, Any]
+
+
+def fleet(
+    door: Door,
+    *campaigns: Source,
+    options: FleetOptions | None = None,
+    on_progress: OnProgress | None = None,
+    cancel: Cancel | None = None,
+    executor: Executor | None = None,
+    **fields: Unpack[FleetFields],
+) -> Fleet:
+    """Identify the campaigns of many robots in one job.
+
+    Args:
+        door: whose method this is: where the work is done.
+        campaigns: campaigns or runs, which are identified with the options of `run`; of a service, none for
+            the last one of each stored robot.
+        options: a `FleetOptions`; fields by name replace its own.
+        on_progress: called with the progress of a job that takes steps; default: a bar in a terminal or a
+            notebook, if it takes more than 2 s.
+        cancel: asked between steps, such as `threading.Event().is_set`; if true, the job ends as
+            `cancelled`.
+        executor: carries out the steps, such as a `concurrent.futures.ProcessPoolExecutor()` or a Dask
+            client's `get_executor()`; the numbers have the same bits. Refused by a `Client`.
+        fields: fields of `FleetOptions`.
+
+    Returns:
+        The Fleet, with its result in SI units. A failure of the computation is one in state `failed`.
+
+    Raises:
+        CampaignError: a source or an option cannot be used; its `problem` says what, where and what to do.
+        RefusedError: the service refuses it.
+        OSError: a file cannot be read.
+    """
+    with Follow(on_progress, cancel, executor) as follow:
+        door = door.begun(follow)
+        sets = [door.measured(source, f"campaigns[{i}].")[0] for i, source in enumerate(campaigns)]
+        request = {"measurement_set_ids": sets} if sets else {}
+        return door.done(FLEET, request | stated(FleetOptions, options, fields), {}, follow)
+
+
+describe_fields(fleet, FleetOptions)

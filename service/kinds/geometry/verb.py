@@ -1,0 +1,97 @@
+"""The verb of geometries."""
+
+from __future__ import annotations
+
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal, TypedDict, Unpack
+
+from jointstiff.schemas.fields import Message
+from jointstiff.schemas.geometry import GeometryRequest
+from jointstiff.service.kinds.geometry.kind import GEOMETRY
+from jointstiff.service.kinds.verb import Door, Follow, describe_fields, stated
+from jointstiff.service.resources.documents import read_object, read_robot
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+    from concurrent.futures import Executor
+
+    from jointstiff.schemas.geometry import (
+        Geometry,
+        GeometryNoise,
+        GeometryUnits,
+        JointSweep,
+        TrackedPosition,
+    )
+    from jointstiff.schemas.robot import JointMap, RobotDocument
+    from jointstiff.service.kinds.verb import Cancel, File, OnProgress, Vector
+
+
+class GeometryFields(TypedDict, total=False):
+    """Options of `geometry`."""
+
+    name: str
+    units: str | GeometryUnits | Mapping[str, Any]
+    robot_id: str | None
+    robot: File | RobotDocument | Mapping[str, Any]
+    joint_map: JointMap | Mapping[str, Any] | None
+    noise: GeometryNoise | Mapping[str, Any] | None
+    sweeps: Sequence[JointSweep | Mapping[str, Any]] | None
+    poses: Sequence[TrackedPosition | Mapping[str, Any]] | None
+    fit: Literal["one_by_one", "together"]
+    angles: Literal["free", "controller"]
+    base: Literal["nominal", "axes"] | None
+    base_height: float
+    flange: Literal["nominal", "axes", "targets"] | None
+    flange_targets: Sequence[str] | None
+    base_targets_before: Mapping[str, Vector] | None
+    base_targets_after: Mapping[str, Vector] | None
+
+
+def geometry(
+    door: Door,
+    readings: File | Mapping[str, Any] | Message | None = None,
+    /,
+    options: GeometryRequest | None = None,
+    *,
+    on_progress: OnProgress | None = None,
+    cancel: Cancel | None = None,
+    executor: Executor | None = None,
+    **fields: Unpack[GeometryFields],
+) -> Geometry:
+    """Identify the geometry of a robot from sweeps or poses.
+
+    Args:
+        door: whose method this is: where the work is done.
+        readings: a file, a document, or the message of the request.
+        options: a `GeometryRequest`; fields by name replace its own.
+        on_progress: called with the progress of a job that takes steps; default: a bar in a terminal or a
+            notebook, if it takes more than 2 s.
+        cancel: asked between steps, such as `threading.Event().is_set`; if true, the job ends as
+            `cancelled`.
+        executor: carries out the steps, such as a `concurrent.futures.ProcessPoolExecutor()` or a Dask
+            client's `get_executor()`; the numbers have the same bits. Refused by a `Client`.
+        fields: fields of `GeometryRequest`.
+
+    Returns:
+        The Geometry, with its result in SI units. A failure of the computation is one in state `failed`.
+
+    Raises:
+        CampaignError: a source or an option cannot be used; its `problem` says what, where and what to do.
+        RefusedError: the service refuses it.
+        OSError: a file cannot be read.
+    """
+    with Follow(on_progress, cancel, executor) as follow:
+        door, given = door.begun(follow), dict[str, Any](fields)
+        if isinstance(readings, str | PathLike):
+            request = read_object(Path(readings))
+        else:
+            request = {} if readings is None else dict(readings)
+        robot = given.get("robot")
+        robot = read_robot(robot) if isinstance(robot, str) else robot
+        if isinstance(robot, Message):
+            given |= {"robot": robot.model_dump(mode="json"), "robot_id": None}
+        return door.done(GEOMETRY, request | stated(GeometryRequest, options, given), {}, follow)
+
+
+describe_fields(geometry, GeometryRequest)

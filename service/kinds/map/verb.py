@@ -1,0 +1,80 @@
+"""The verb of maps."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Literal, TypedDict, Unpack
+
+from jointstiff.schemas.deflection import MapOptions
+from jointstiff.service.kinds.map.kind import MAP
+from jointstiff.service.kinds.verb import Door, Follow, describe_fields, stated
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+    from concurrent.futures import Executor
+
+    from jointstiff.schemas.deflection import Map
+    from jointstiff.service.kinds.verb import Cancel, Matrix, OnProgress, Source, Vector
+
+
+class MapFields(TypedDict, total=False):
+    """Options of `map`."""
+
+    absolute: bool
+    accept_verdict: Literal["do_not_use"] | None
+    name: str | None
+    area: Matrix
+    grid: Sequence[int]
+    place: Vector
+    load_point: Vector | None
+    tool_axis: Vector
+    directions: Matrix
+    turns: int
+    force: Vector
+    moment: Vector | None
+    axes: Literal["base", "flange"]
+    direction: Vector | None
+    limits: Mapping[str, Vector]
+    near: Vector | None
+    confidence: float
+
+
+def map(  # noqa: A001 - the name of the command
+    door: Door,
+    run: Source,
+    /,
+    options: MapOptions | None = None,
+    *,
+    on_progress: OnProgress | None = None,
+    cancel: Cancel | None = None,
+    executor: Executor | None = None,
+    **fields: Unpack[MapFields],
+) -> Map:
+    """Map deflection and compliance over a work area.
+
+    Args:
+        door: whose method this is: where the work is done.
+        run: what `identify` returned, or a campaign, which is identified now.
+        options: a `MapOptions`; fields by name replace its own.
+        on_progress: called with the progress of a job that takes steps; default: a bar in a terminal or a
+            notebook, if it takes more than 2 s.
+        cancel: asked between steps, such as `threading.Event().is_set`; if true, the job ends as
+            `cancelled`.
+        executor: carries out the steps, such as a `concurrent.futures.ProcessPoolExecutor()` or a Dask
+            client's `get_executor()`; the numbers have the same bits. Refused by a `Client`.
+        fields: fields of `MapOptions`.
+
+    Returns:
+        The Map, with its result in SI units. A failure of the computation is one in state `failed`.
+
+    Raises:
+        CampaignError: a source or an option cannot be used; its `problem` says what, where and what to do.
+        RefusedError: the service refuses it.
+        OSError: a file cannot be read.
+    """
+    with Follow(on_progress, cancel, executor) as follow:
+        door = door.begun(follow)
+        request = {"run_id": door.identified(run, executor)}
+        return door.done(MAP, request | stated(MapOptions, options, fields), {}, follow)
+
+
+describe_fields(map, MapOptions)

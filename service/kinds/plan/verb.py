@@ -1,0 +1,108 @@
+"""The verb of plans."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Literal, TypedDict, Unpack
+
+from jointstiff.schemas.plan import PlanOptions
+from jointstiff.schemas.robot import RobotDocument
+from jointstiff.service.kinds.plan.kind import PLAN
+from jointstiff.service.kinds.verb import Door, Follow, describe_fields, stated
+from jointstiff.service.resources.documents import read_planned
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+    from concurrent.futures import Executor
+
+    from jointstiff.schemas.finding import NamedCause
+    from jointstiff.schemas.measurement import Instrument
+    from jointstiff.schemas.options import OwnWeight, StiffnessPrior
+    from jointstiff.schemas.plan import (
+        AnyDirection,
+        Cable,
+        DeadWeight,
+        DecisionGoal,
+        DeflectionGoal,
+        JointsGoal,
+        Plan,
+        Surroundings,
+    )
+    from jointstiff.service.kinds.verb import Cancel, Matrix, OnProgress, Source, Vector
+
+
+class PlanFields(TypedDict, total=False):
+    """Options of `plan`."""
+
+    work_area: Matrix | None
+    load: DeadWeight | Mapping[str, Any] | AnyDirection | Cable | OwnWeight | None
+    targets: Mapping[str, Vector]
+    directions: Matrix
+    load_point: Vector | None
+    sigma: float | None
+    tracker: Instrument | Mapping[str, Any] | None
+    torque_limits: Mapping[str, float]
+    stiffness: Mapping[str, float]
+    priors: Mapping[str, StiffnessPrior | Mapping[str, Any]]
+    joints: Sequence[str]
+    candidates: int
+    postures: Matrix
+    surroundings: Surroundings | Mapping[str, Any]
+    distinct_angle: float
+    elastic_links: bool | None
+    seed: int
+    accept_verdict: Literal["do_not_use"] | None
+    readings: int
+    goal: str | JointsGoal | Mapping[str, Any] | DeflectionGoal | DecisionGoal | None
+    criterion: Literal["relative_a", "work_area", "d", "e", "worst_place"] | None
+    causes: Sequence[NamedCause | Mapping[str, Any]]
+    leave_out: Sequence[str]
+    validation: float
+
+
+def plan(
+    door: Door,
+    source: Source | RobotDocument,
+    /,
+    options: PlanOptions | None = None,
+    *,
+    on_progress: OnProgress | None = None,
+    cancel: Cancel | None = None,
+    executor: Executor | None = None,
+    **fields: Unpack[PlanFields],
+) -> Plan:
+    """Plan which postures and loads to measure.
+
+    Args:
+        door: whose method this is: where the work is done.
+        source: the campaign to go on with; or, to begin one, a robot: a document, the name of a file, or of
+            an arm of the catalogue.
+        options: a `PlanOptions`; fields by name replace its own.
+        on_progress: called with the progress of a job that takes steps; default: a bar in a terminal or a
+            notebook, if it takes more than 2 s.
+        cancel: asked between steps, such as `threading.Event().is_set`; if true, the job ends as
+            `cancelled`.
+        executor: carries out the steps, such as a `concurrent.futures.ProcessPoolExecutor()` or a Dask
+            client's `get_executor()`; the numbers have the same bits. Refused by a `Client`.
+        fields: fields of `PlanOptions`.
+
+    Returns:
+        The Plan, with its result in SI units. A failure of the computation is one in state `failed`.
+
+    Raises:
+        CampaignError: a source or an option cannot be used; its `problem` says what, where and what to do.
+        RefusedError: the service refuses it.
+        OSError: a file cannot be read.
+    """
+    with Follow(on_progress, cancel, executor) as follow:
+        door = door.begun(follow)
+        planned = read_planned(source)
+        if isinstance(planned, RobotDocument):
+            request: dict[str, Any] = {"robot_id": door.described(planned)}
+        else:
+            set_id, own = door.measured(planned)
+            chosen = {} if own is None else own.model_dump(mode="json", include={"causes", "leave_out"})
+            request = {"measurement_set_id": set_id, **{name: each for name, each in chosen.items() if each}}
+        return door.done(PLAN, request | stated(PlanOptions, options, fields), {}, follow)
+
+
+describe_fields(plan, PlanOptions)

@@ -1,0 +1,102 @@
+"""The verb of programs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal, TypedDict, Unpack
+
+from jointstiff.schemas.program import ProgramOptions
+from jointstiff.service.kinds.program.kind import PROGRAM
+from jointstiff.service.kinds.verb import Door, Follow, describe_fields, stated
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+    from concurrent.futures import Executor
+
+    from jointstiff.schemas.deflection import LinkMass
+    from jointstiff.schemas.measurement import Units
+    from jointstiff.schemas.program import ProcessLoad, Program, ProgramFrame
+    from jointstiff.service.kinds.verb import Cancel, File, OnProgress, Source, Vector
+
+
+class CompensateFields(TypedDict, total=False):
+    """Options of `compensate`."""
+
+    absolute: bool
+    masses: Sequence[LinkMass | Mapping[str, Any]]
+    confidence: float
+    accept_verdict: Literal["do_not_use"] | None
+    units: str | Units | Mapping[str, Any]
+    accuracy_option: Literal["off", "same_as_measured", "compensates_load"]
+    load: ProcessLoad | Mapping[str, Any] | None
+    segments: Sequence[ProcessLoad | Mapping[str, Any]]
+    loads: File | None
+    axes: Literal["robot", "tool", "base"]
+    load_point: Vector | None
+    tools: Sequence[ProgramFrame | Mapping[str, Any]]
+    bases: Sequence[ProgramFrame | Mapping[str, Any]]
+    world: Vector | None
+    flange: Vector | None
+    tool_x: Vector | None
+    start: Vector | None
+    max_displacement: float | None
+    max_rotation: float | None
+    ramp_length: float
+    leave_alone: Sequence[str]
+    leave_others: bool
+    external_axes: Literal["carry_nothing"] | None
+    format: Literal["csv", "krl", "fanuc", "rapid", "ur"] | None
+    mark: bool
+    force: Vector
+
+
+def compensate(
+    door: Door,
+    run: Source,
+    /,
+    *files: File,
+    options: ProgramOptions | None = None,
+    on_progress: OnProgress | None = None,
+    cancel: Cancel | None = None,
+    executor: Executor | None = None,
+    **fields: Unpack[CompensateFields],
+) -> Program:
+    """Compensate a program for the deflection under load.
+
+    Args:
+        door: whose method this is: where the work is done.
+        run: what `identify` returned, or a campaign, which is identified now.
+        files: the program, a .src with its .dat; and the table of loads, if `loads` names one.
+        options: a `ProgramOptions`; fields by name replace its own.
+        on_progress: called with the progress of a job that takes steps; default: a bar in a terminal or a
+            notebook, if it takes more than 2 s.
+        cancel: asked between steps, such as `threading.Event().is_set`; if true, the job ends as
+            `cancelled`.
+        executor: carries out the steps, such as a `concurrent.futures.ProcessPoolExecutor()` or a Dask
+            client's `get_executor()`; the numbers have the same bits. Refused by a `Client`.
+        fields: fields of `ProgramOptions`, and `force`, short for `load`.
+
+    Returns:
+        The Program, with its result in SI units. A failure of the computation is one in state `failed`.
+
+    Raises:
+        CampaignError: a source or an option cannot be used; its `problem` says what, where and what to do.
+        RefusedError: the service refuses it.
+        OSError: a file cannot be read.
+    """
+    with Follow(on_progress, cancel, executor) as follow:
+        door, given, paths = door.begun(follow), dict[str, Any](fields), list(map(Path, files))
+        request: dict[str, Any] = {"run_id": door.identified(run, executor)}
+        if options is None:
+            request["units"] = {"length": "m", "angle": "deg", "force": "N"}
+        if "force" in given:
+            given["load"] = {"force": given.pop("force")}
+        table = given.get("loads")
+        if table is not None and Path(table).is_file():
+            given["loads"] = Path(table).name
+            paths.append(Path(table))
+        contents = {path.name: path.read_bytes() for path in paths}
+        return door.done(PROGRAM, request | stated(ProgramOptions, options, given), contents, follow)
+
+
+describe_fields(compensate, ProgramOptions)

@@ -1,0 +1,96 @@
+"""The verb of runs."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Literal, TypedDict, Unpack, cast
+
+from jointstiff.schemas.options import RunOptions
+from jointstiff.service.kinds.run.kind import RUN
+from jointstiff.service.kinds.verb import Door, Follow, describe_fields, stated
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+    from concurrent.futures import Executor
+
+    from jointstiff.schemas.finding import NamedCause
+    from jointstiff.schemas.options import CrossValidation, OwnWeight, Resampling, StiffnessPrior
+    from jointstiff.service.kinds.verb import Cancel, OnProgress, Source
+    from jointstiff.service.library.results import TabledRun
+
+
+class IdentifyFields(TypedDict, total=False):
+    """Options of `identify`."""
+
+    method: Literal["complete_pose", "partial_pose", "decoupled_partial_pose"]
+    weighting: Literal["covariance", "characteristic_length", "uniform"]
+    characteristic_length: float | None
+    positive: bool
+    stiffness_bounds: Mapping[str, Sequence[float | None]]
+    loss: Literal["squared", "huber", "absolute", "automatic"]
+    huber_threshold: float | None
+    complementary_stiffness: Literal["neglected", "included"]
+    causes: Sequence[NamedCause | Mapping[str, Any]]
+    priors: Mapping[str, StiffnessPrior | Mapping[str, Any]]
+    stiffness_order: Sequence[Sequence[str]]
+    elasticity: Literal[
+        "joints",
+        "joints_and_base",
+        "coupled_joints",
+        "diagonal_links",
+        "joints_and_links",
+        "links_and_base",
+        "automatic",
+    ]
+    links: Sequence[str]
+    link_penalty: float | None
+    cross_validation: CrossValidation | Mapping[str, Any]
+    resampling: Resampling | Mapping[str, Any] | None
+    confidence: float
+    weight: OwnWeight | Mapping[str, Any] | None
+    leave_out: Sequence[str]
+
+
+def identify(
+    door: Door,
+    campaign: Source,
+    /,
+    options: RunOptions | None = None,
+    *,
+    on_progress: OnProgress | None = None,
+    cancel: Cancel | None = None,
+    executor: Executor | None = None,
+    **fields: Unpack[IdentifyFields],
+) -> TabledRun:
+    """Identify the joint stiffnesses of a campaign.
+
+    Args:
+        door: whose method this is: where the work is done.
+        campaign: a file, a document that was read from JSON, a `Campaign`, or a run.
+        options: a `RunOptions`; fields by name replace its own.
+        on_progress: called with the progress of a job that takes steps; default: a bar in a terminal or a
+            notebook, if it takes more than 2 s.
+        cancel: asked between steps, such as `threading.Event().is_set`; if true, the job ends as
+            `cancelled`.
+        executor: carries out the steps, such as a `concurrent.futures.ProcessPoolExecutor()` or a Dask
+            client's `get_executor()`; the numbers have the same bits. Refused by a `Client`.
+        fields: fields of `RunOptions`, and `leave_out`, labels of observations that are left out.
+
+    Returns:
+        The Run, with its result in SI units. A failure of the computation is one in state `failed`.
+
+    Raises:
+        CampaignError: a source or an option cannot be used; its `problem` says what, where and what to do.
+        RefusedError: the service refuses it.
+        OSError: a file cannot be read.
+    """
+    with Follow(on_progress, cancel, executor) as follow:
+        door = door.begun(follow)
+        set_id, own = door.measured(campaign)
+        request: dict[str, Any] = {"measurement_set_id": set_id}
+        if own is not None:
+            shared = own.model_dump(mode="json", exclude_unset=True) if options is None else {}
+            request = shared | request | {"leave_out": own.leave_out}
+        return cast("TabledRun", door.done(RUN, request | stated(RunOptions, options, fields), {}, follow))
+
+
+describe_fields(identify, RunOptions)
