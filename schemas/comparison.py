@@ -97,8 +97,8 @@ class CampaignComparison(ComparisonOptions):
     )
     run: RunOptions | None = Field(
         default=None,
-        description="Options of the runs by which two campaigns are compared, without priors and resampling; "
-        "default: those of the first campaign.",
+        description="Options of the runs by which two campaigns are compared, without priors and resampling, "
+        "and without `leave_out`, which each campaign states; default: those of the first campaign.",
     )
 
     @field_validator("run", mode="after")
@@ -106,6 +106,8 @@ class CampaignComparison(ComparisonOptions):
     def _of_independent_readings(cls, options: RunOptions | None) -> RunOptions | None:
         if options is not None and (options.priors or options.resampling is not None):
             raise ValueError("must have neither `priors` nor `resampling` here")
+        if options is not None and options.leave_out:
+            raise ValueError("must not have `leave_out` here: each campaign states its own")
         return options
 
     @field_validator("methods", "constraints", mode="after")

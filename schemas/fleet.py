@@ -10,7 +10,7 @@ from jointstiff.schemas.fields import Identifier, Message, Name, Stiffness
 from jointstiff.schemas.finding import Problem, Verdict
 from jointstiff.schemas.job import Job
 from jointstiff.schemas.joints import JointKind
-from jointstiff.schemas.run import CampaignRun
+from jointstiff.schemas.options import RunOptions
 
 MAX_SETS = 10_000
 """Maximum number of measurement sets of a fleet."""
@@ -22,7 +22,7 @@ class FleetOptions(Message):
     """Options of a fleet."""
 
     name: Name | None = None
-    run: CampaignRun = Field(default_factory=CampaignRun, description="Options of all runs.")
+    run: RunOptions = Field(default_factory=RunOptions, description="Options of all runs.")
 
 
 class FleetRequest(FleetOptions):

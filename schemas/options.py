@@ -309,6 +309,11 @@ class RunOptions(MethodOptions):
         "estimated, too. Needs `bodies` of the robot. Not with other methods, weightings, "
         "losses, elasticities, bounds, priors, orders and resampling.",
     )
+    leave_out: Annotated[list[Name], Field(max_length=MAX_LEFT_OUT)] = Field(
+        default_factory=list,
+        description="Labels of observations to omit; the others are checked again without them.",
+        examples=[["c07"]],
+    )
 
     @field_validator("huber_threshold", mode="after")
     @classmethod

@@ -28,7 +28,6 @@ from jointstiff.schemas.joints import StatedKind
 from jointstiff.schemas.measurement import MeasurementSetDocument
 from jointstiff.schemas.model import IdentifiedModel, LinksResult, ScoredModel
 from jointstiff.schemas.options import (
-    MAX_LEFT_OUT,
     Elasticity,
     ElasticModel,
     Loss,
@@ -319,17 +318,7 @@ class WeightResult(Message):
     steps: int = Field(description="Number of Gauss-Newton steps.")
 
 
-class CampaignRun(RunOptions):
-    """Options of the run in a campaign file."""
-
-    leave_out: Annotated[list[Name], Field(max_length=MAX_LEFT_OUT)] = Field(
-        default_factory=list,
-        description="Labels of observations to omit; the others are checked again without them.",
-        examples=[["c07"]],
-    )
-
-
-class RunRequest(CampaignRun):
+class RunRequest(RunOptions):
     """A run as it is posted."""
 
     measurement_set_id: Identifier
@@ -599,4 +588,4 @@ class Campaign(Message):
 
     robot: RobotDocument
     measurement_set: MeasurementSetDocument
-    run: CampaignRun = Field(default_factory=CampaignRun)
+    run: RunOptions = Field(default_factory=RunOptions)

@@ -20,10 +20,11 @@ from jointstiff.schemas.fields import MAX_NAME_LENGTH, Message, Name, content_ke
 from jointstiff.schemas.finding import Action
 from jointstiff.schemas.imports import ImportAnswer, ImportRequest
 from jointstiff.schemas.measurement import MeasurementSetDocument, MeasurementSetRequest
+from jointstiff.schemas.options import RunOptions
 from jointstiff.schemas.program import MAX_FILES as MAX_PROGRAM_FILES
 from jointstiff.schemas.program import Program, ProgramRequest
 from jointstiff.schemas.robot import CatalogueModel, RobotDocument
-from jointstiff.schemas.run import Campaign, CampaignRun, Run, RunRequest
+from jointstiff.schemas.run import Campaign, Run, RunRequest
 from jointstiff.service.api.answers import PartsOf, accepted, json_response
 from jointstiff.service.api.bodies import (
     MAX_FILES,
@@ -148,7 +149,7 @@ def _variant(parts: Parts, run: Run, action: Action) -> RunRequest:
             name=robot.name, model=robot.model, joint_map=robot.joint_map, bodies=robot.bodies
         ),
         measurement_set=_named(MeasurementSetDocument, stored),
-        run=_named(CampaignRun, request),
+        run=_named(RunOptions, request),
     )
     after = mended(before, action)
     robot_id, set_id = stored.robot_id, stored.id

@@ -6,6 +6,7 @@ the function as a method.
 
 from __future__ import annotations
 
+import inspect
 import sys
 import time
 from collections.abc import Callable, Mapping
@@ -16,7 +17,8 @@ from typing import TYPE_CHECKING, Any, Final, Protocol, Self
 
 from jointstiff.schemas.fields import Message
 from jointstiff.schemas.job import Progress
-from jointstiff.schemas.run import CampaignRun, Run, RunRequest
+from jointstiff.schemas.options import RunOptions
+from jointstiff.schemas.run import Run, RunRequest
 from jointstiff.service import kinds
 from jointstiff.service.kinds.kind import AnyJob, Kind
 from jointstiff.service.kinds.rooms import ROOMS
@@ -110,7 +112,7 @@ class Door(Protocol):
             TypeError: there is an executor, and the door has workers of its own.
         """
 
-    def measured(self, source: Source, _place: str = "") -> tuple[str, CampaignRun | None]:
+    def measured(self, source: Source, _place: str = "") -> tuple[str, RunOptions | None]:
         """Return the id of a campaign's measurement set, and the options of its run if they are known."""
 
     def identified(self, source: Source, executor: Executor | None = None) -> str:
@@ -167,7 +169,7 @@ def describe_fields(verb: Callable[..., object], options: type[Message]) -> None
         extra = field.json_schema_extra
         unit = f" [{extra['unit']}]" if isinstance(extra, dict) and extra.get("unit") else ""
         lines.append(f"    {name}: {' '.join((field.description or '').split())}{unit}")
-    verb.__doc__ = "\n".join([(verb.__doc__ or "").rstrip(), "\nFields:", *lines, ""])
+    verb.__doc__ = "\n".join([inspect.cleandoc(verb.__doc__ or ""), "\nKeyword Args:", *lines])
 
 
 def verb_of(kind: str) -> Callable[..., Any]:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from jointstiff.schemas import run as messages
 from jointstiff.schemas.measurement import MeasurementSetDocument
 from jointstiff.schemas.options import RunOptions
-from jointstiff.schemas.run import CampaignRun, Run
+from jointstiff.schemas.run import Run
 from jointstiff.service.library import robots
 from jointstiff.service.library.robots import AnyUnits, plain_fields
 from jointstiff.service.problems import as_campaign_error
@@ -107,7 +107,7 @@ class Campaign(messages.Campaign):
         campaign = cls(
             robot=described,
             measurement_set=parse_document(document, MeasurementSetDocument),
-            run=parse_document(options, messages.CampaignRun),
+            run=parse_document(options, RunOptions),
         )
         campaign.check()
         return campaign
@@ -149,7 +149,7 @@ class Campaign(messages.Campaign):
     __str__ = __repr__
 
 
-def options_of(run: Run) -> CampaignRun:
+def options_of(run: Run) -> RunOptions:
     """Return the options of a run as a campaign file has them."""
     options = run.request.model_dump(exclude={"measurement_set_id", "variant_of"}, exclude_unset=True)
-    return CampaignRun.model_validate(options)
+    return RunOptions.model_validate(options)

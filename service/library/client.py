@@ -24,7 +24,7 @@ from jointstiff.schemas.job import Job, JobSummary
 from jointstiff.schemas.live import MeasurementSet
 from jointstiff.schemas.measurement import MeasurementSetDocument, MeasurementSetSummary
 from jointstiff.schemas.robot import Robot, RobotDocument, RobotSummary
-from jointstiff.schemas.run import CampaignRun, Run, RunRequest
+from jointstiff.schemas.run import Run, RunRequest
 from jointstiff.service.kinds.kind import AnyJob, File, Kind
 from jointstiff.service.kinds.registry import KINDS
 from jointstiff.service.kinds.rooms import ROOMS, kind_of
@@ -260,7 +260,7 @@ class Client(Verbs):
             )
         return self
 
-    def measured(self, source: Any, _place: str = "") -> tuple[str, CampaignRun | None]:  # noqa: ANN401
+    def measured(self, source: Any, _place: str = "") -> tuple[str, RunOptions | None]:  # noqa: ANN401
         """Return the id of the measurement set of a stored run, or of a campaign, which is posted once."""
         source = self._brought(source)
         if isinstance(source, Run):

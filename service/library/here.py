@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Any, Literal, TypedDict, TypeVar, Unpack, cast
 from jointstiff.schemas import run as messages
 from jointstiff.schemas.finding import Problem
 from jointstiff.schemas.job import Job
+from jointstiff.schemas.options import RunOptions
 from jointstiff.schemas.robot import RobotDocument
-from jointstiff.schemas.run import CampaignRun, Run, RunRequest
+from jointstiff.schemas.run import Run, RunRequest
 from jointstiff.service.conversion.prepared import prepare_robot
 from jointstiff.service.kinds.kind import AnyJob, AnyKind, File, Kind
 from jointstiff.service.kinds.rooms import kind_of
@@ -94,7 +95,7 @@ class Here(Verbs):
         return Here()
 
     @one_thread()
-    def measured(self, source: Any, place: str = "") -> tuple[str, CampaignRun]:  # noqa: ANN401 - campaign or run
+    def measured(self, source: Any, place: str = "") -> tuple[str, RunOptions]:  # noqa: ANN401 - campaign or run
         """Prepare a campaign; return the id of its measurement set, and the options of its run.
 
         Raises:

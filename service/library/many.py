@@ -16,7 +16,7 @@ from uuid import uuid4
 from jointstiff.schemas.finding import Problem
 from jointstiff.schemas.job import Progress
 from jointstiff.schemas.options import RunOptions
-from jointstiff.schemas.run import Campaign, CampaignRun, Run, RunRequest
+from jointstiff.schemas.run import Campaign, Run, RunRequest
 from jointstiff.service.kinds.verb import Cancel, Follow, OnProgress
 from jointstiff.service.kinds.width import CancelledWorkError, in_order
 from jointstiff.service.library.campaigns import options_of
@@ -34,7 +34,7 @@ from jointstiff.service.resources.documents import (
 if TYPE_CHECKING:
     from jointstiff.service.kinds.run.verb import IdentifyFields
 
-_OPTIONS = frozenset(CampaignRun.model_fields)
+_OPTIONS = frozenset(RunOptions.model_fields)
 
 
 def identify_many(

@@ -20,10 +20,9 @@ from jointstiff.schemas.live import (
     MeasurementSetPost,
 )
 from jointstiff.schemas.measurement import MeasurementSetDocument, Observation, SetChange
-from jointstiff.schemas.options import OwnWeight
+from jointstiff.schemas.options import OwnWeight, RunOptions
 from jointstiff.schemas.plan import Goal, PlannedReading
 from jointstiff.schemas.robot import RobotDocument
-from jointstiff.schemas.run import CampaignRun
 from jointstiff.service.conversion.prepared import (
     PreparedRobot,
     own_frame,
@@ -102,7 +101,7 @@ class Person:
 class _Here:
     """An open set in this process."""
 
-    def __init__(self, robot: PreparedRobot, post: MeasurementSetPost, run: CampaignRun) -> None:
+    def __init__(self, robot: PreparedRobot, post: MeasurementSetPost, run: RunOptions) -> None:
         self._document, self._run = robot.document, run
         with as_campaign_error("measurement_set"):
             resolved = own_frame(post)
@@ -548,7 +547,7 @@ def measure(
         stated = goal_of(goal, cast("Any", towards))
         prepared = prepare_robot(measured)
         document = None if campaign is None else campaign.measurement_set
-        run = CampaignRun() if campaign is None else CampaignRun(confidence=campaign.run.confidence)
+        run = RunOptions() if campaign is None else RunOptions(confidence=campaign.run.confidence)
         weight = None if campaign is None else campaign.run.weight
         post = declared(prepared, document, stated, _parsed(named, stated), weight)
         reader = source_of(source, source_options or {}) if isinstance(source, str) else source

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, Literal, TypedDict, Unpack
 
 from jointstiff.schemas.comparison import CampaignComparison
-from jointstiff.schemas.run import CampaignRun, Run
+from jointstiff.schemas.run import Run
 from jointstiff.service.kinds.comparison.kind import COMPARISON
 from jointstiff.service.kinds.verb import Door, Follow, describe_fields, stated
 from jointstiff.service.resources.documents import parse_document
@@ -75,7 +75,7 @@ def compare(
         sets: list[ComparedSet] = []
         for source, place in zip(given, ("first.", "second."), strict=False):
             set_id, own = door.measured(source, place if len(given) > 1 else "")
-            own = own or CampaignRun()
+            own = own or RunOptions()
             shared = own if isinstance(source, Run) or not sets else sets[0].options
             sets.append(ComparedSet(set_id, own.leave_out, chosen.run or shared))
         request = comparison_of(sets, chosen, lambda run, dispensable: door.run(run, follow, dispensable))

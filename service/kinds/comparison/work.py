@@ -371,10 +371,8 @@ def comparison_of(
         listed = [own, *(other for other in table if other != own)] if len(sets) > 1 else table
 
         def made(options: RunOptions, each: ComparedSet = each, own: RunOptions = own) -> Run | None:
-            asked = RunRequest(
-                **options.model_dump(), measurement_set_id=each.set_id, leave_out=list(each.leave_out)
-            )
-            return make(asked, options != own)
+            left_out = {"measurement_set_id": each.set_id, "leave_out": list(each.leave_out)}
+            return make(RunRequest.model_validate({**options.model_dump(), **left_out}), options != own)
 
         by_options = [(options, made(options)) for options in listed]
         free = own.model_copy(update=UNCONSTRAINED)

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from concurrent.futures import Executor
 
     from jointstiff.schemas.fleet import Fleet
-    from jointstiff.schemas.run import CampaignRun
+    from jointstiff.schemas.options import RunOptions
     from jointstiff.service.kinds.verb import Cancel, OnProgress, Source
 
 
@@ -21,7 +21,7 @@ class FleetFields(TypedDict, total=False):
     """Options of `fleet`."""
 
     name: str | None
-    run: CampaignRun | Mapping[str, Any]
+    run: RunOptions | Mapping[str, Any]
 
 
 def fleet(

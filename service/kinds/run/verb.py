@@ -73,7 +73,7 @@ def identify(
             `cancelled`.
         executor: carries out the steps, such as a `concurrent.futures.ProcessPoolExecutor()` or a Dask
             client's `get_executor()`; the numbers have the same bits. Refused by a `Client`.
-        fields: fields of `RunOptions`, and `leave_out`, labels of observations that are left out.
+        fields: fields of `RunOptions`.
 
     Returns:
         The Run, with its result in SI units. A failure of the computation is one in state `failed`.

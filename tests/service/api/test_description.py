@@ -69,7 +69,7 @@ def test_a_value_that_may_be_null_names_null_in_its_type(openapi):
     assert not re.search(
         r'"anyOf": \[\{"type": "(number|string|integer|boolean)"\}, \{"type": "null"\}\]', text
     )
-    length = openapi["components"]["schemas"]["CampaignRun"]["properties"]["characteristic_length"]
+    length = openapi["components"]["schemas"]["RunOptions"]["properties"]["characteristic_length"]
     assert (length["type"], length["minimum"]) == (["number", "null"], 0.001)
 
 
