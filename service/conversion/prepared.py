@@ -187,24 +187,21 @@ class PreparedRobot:
 
 
 @dataclass(frozen=True, eq=False)
-class CheckedSet:
-    """A measurement set that was checked and inspected."""
-
-    readings: ReadingArrays  # the readings as they are stored
-    measurements: Measurements  # the readings in SI units
-    warnings: list[Finding]  # what was noticed
-    content_hash: str  # SHA-256 of readings, units and frame, not of the name
-
-
-@dataclass(frozen=True, eq=False)
 class PreparedSet:
-    """A measurement set ready for computation, however many runs it gets."""
+    """A measurement set that was checked, ready for computation, however many runs it gets."""
 
     robot: Robot  # the robot that was measured
+    robot_id: str  # id of the stored robot
+    robot_hash: str  # hash of the robot's content
+    readings: ReadingArrays  # the readings as they are stored, in the units of the set
     measurements: Measurements  # the readings in SI units
     warnings: list[Finding]  # what was noticed when the set was checked
-    robot_id: str  # id of the stored robot
-    content: str  # hash of robot and readings
+    content_hash: str  # SHA-256 of readings, units and frame, not of the name
+
+    @property
+    def content(self) -> str:
+        """Return the hash of robot and readings."""
+        return hash_of(self.robot_hash, self.content_hash)
 
     def run_hash(self, request: RunRequest) -> str:
         """Return the SHA-256 of robot, readings and options, by which a run knows its campaign."""
@@ -267,7 +264,10 @@ def check_set(
     resolved: ResolvedFrame | None,
     noticed: list[Finding],
     others: Iterable[KnownRobot] = (),
-) -> CheckedSet:
+    *,
+    robot_id: str = "",
+    robot_hash: str = "",
+) -> PreparedSet:
     """Check a set, and look for the usual mistakes.
 
     Args:
@@ -276,6 +276,8 @@ def check_set(
         resolved: the transform that its frame stands for; None if all is in R0.
         noticed: findings about that frame.
         others: robots that may have been measured instead, as `inspect` takes them.
+        robot_id: id of the robot, if it is stored.
+        robot_hash: hash of its content.
 
     Raises:
         MeasurementError: the set cannot be used; with the place and the remedy.
@@ -286,7 +288,8 @@ def check_set(
     findings = list(noticed)
     if measurements.unloaded_only is None:  # without a load there is no deflection to inspect
         findings += inspect(robot, measurements, degrees=document.units.angle == "deg", others=others)
-    return CheckedSet(readings, measurements, findings, content_hash(document, readings, resolved))
+    content = content_hash(document, readings, resolved)
+    return PreparedSet(robot, robot_id, robot_hash, readings, measurements, findings, content)
 
 
 @contextmanager
@@ -318,13 +321,14 @@ def prepare_set(
         MeasurementError: the set cannot be used; with the place and the remedy.
         RequestError: its frame names a stored geometry.
     """
-    checked = check_set(document, robot.robot, own_frame(document), [], others)
-    return PreparedSet(
-        robot=robot.robot,
-        measurements=checked.measurements,
-        warnings=checked.warnings,
+    return check_set(
+        document,
+        robot.robot,
+        own_frame(document),
+        [],
+        others,
         robot_id=robot_id,
-        content=hash_of(robot.content_hash, checked.content_hash),
+        robot_hash=robot.content_hash,
     )
 
 

@@ -30,7 +30,7 @@ from jointstiff.schemas.plan import (
     ReadingOptions,
 )
 from jointstiff.schemas.run import RunResult
-from jointstiff.service.conversion.prepared import CheckedSet, PreparedSet, check_set
+from jointstiff.service.conversion.prepared import PreparedSet, check_set
 from jointstiff.service.conversion.units import LENGTH
 from jointstiff.service.kinds.plan.work import to_design_request
 from jointstiff.service.problems import TakenError
@@ -129,20 +129,14 @@ class Declared:
         fields = {name: getattr(self.header, name) for name in MeasurementSetDocument.model_fields}
         return MeasurementSetDocument.model_construct(**{**fields, "observations": list(observations)})
 
-    def checked(self, observations: Sequence[Observation]) -> CheckedSet:
-        """Check a set of observations.
+    def prepared(self, observations: Sequence[Observation]) -> PreparedSet:
+        """Check a set of observations, and prepare the set for computation.
 
         Raises:
             MeasurementError: they cannot be right.
         """
-        return check_set(self.document(observations), self.robot, self.resolved, list(self.noticed))
-
-    def prepared(self, observations: Sequence[Observation]) -> PreparedSet:
-        """Return observations ready for computation; raises as `checked` does."""
-        checked = self.checked(observations)
-        return PreparedSet(
-            self.robot, checked.measurements, checked.warnings, self.header.robot_id, checked.content_hash
-        )
+        document, noticed = self.document(observations), list(self.noticed)
+        return check_set(document, self.robot, self.resolved, noticed, robot_id=self.header.robot_id)
 
 
 @dataclass(frozen=True, eq=False)

@@ -318,15 +318,15 @@ class MeasurementSets(Kept[MeasurementSetRecord, MeasurementSetEntry, PreparedSe
         kept = without(stored.observations, frozenset(leave_out))
         robot, robot_hash = self._robots.load(stored.robot_id)
         noticed = [warning for warning in stored.warnings if warning.code in FRAME_CODES]
-        checked = check_set(
+        return check_set(
             stored.model_copy(update={"observations": kept}),
             robot,
             stored.resolved,
             noticed,
             self._robots.known(),
+            robot_id=stored.robot_id,
+            robot_hash=robot_hash,
         )
-        content = hash_of(robot_hash, checked.content_hash)
-        return PreparedSet(robot, checked.measurements, checked.warnings, stored.robot_id, content)
 
     def _prepare(self, set_id: str) -> PreparedSet:
         record = self._store.sets.get(set_id)
@@ -335,10 +335,12 @@ class MeasurementSets(Kept[MeasurementSetRecord, MeasurementSetEntry, PreparedSe
         robot, robot_hash = self._robots.load(stored.robot_id)
         return PreparedSet(
             robot=robot,
+            robot_id=stored.robot_id,
+            robot_hash=robot_hash,
+            readings=readings,
             measurements=to_measurements(*in_base(stored, readings, stored.resolved), robot),
             warnings=stored.warnings,
-            robot_id=stored.robot_id,
-            content=hash_of(robot_hash, record.content_hash),
+            content_hash=record.content_hash,
         )
 
 
