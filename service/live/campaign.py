@@ -208,7 +208,7 @@ class LiveCampaign:
 
     @cached_property
     def progress(self) -> Progress:
-        """What the readings say so far, compared with the goal; raises as `Declared.ahead`."""
+        """Return what the readings say so far, compared with the goal; raises as `Declared.ahead`."""
         options, observations, prepared = self.declared.options, self.observations, self._prepared
         taken = Taken(
             measurements=None if prepared is None else prepared.measurements,

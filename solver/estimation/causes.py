@@ -409,7 +409,7 @@ def _distinct_loads(measurements: Measurements) -> list[list[str]]:
 
 
 class _Since:
-    """What S terms explain from each of N observations on, each together with the joints and other terms.
+    """Fits of S terms from each of N observations on, each together with the joints and other terms.
 
     Columns have unit length over all observations.
     """
