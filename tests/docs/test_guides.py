@@ -28,6 +28,7 @@ from jointstiff.service.importing.layout import lay_out
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.files import example_files
 from jointstiff.solver.integrity.values import View
+from jointstiff.solver.text import figure
 
 GUIDES = guides()
 SLOW = {"docs/elastic-links.md"}  # two comparisons of models, which the recorded answers hold by day
@@ -216,7 +217,7 @@ def recipe(title: str) -> str:
 def defined(title: str, name: str):
     """Return the function that the code of a recipe defines."""
     (code,) = re.findall(r"^   ```python\n(.*?)^   ```$", recipe(title), re.MULTILINE | re.DOTALL)
-    names = {each.__name__: each for each in (FilePreview, Finding, Grid, Iterator, Row, View)} | {"np": np}
+    names = {each.__name__: each for each in (FilePreview, Finding, Grid, Iterator, Row, View)} | {"np": np, "json": json, "figure": figure}
     exec(compile(dedent(code), title, "exec"), names)  # noqa: S102
     return names[name]
 
@@ -237,9 +238,9 @@ def test_the_finding_of_the_recipe_is_found():
 
 
 def test_the_format_of_the_recipe_is_understood():
-    read = defined("Add an import format", "read_pipes")
+    read = defined("Add an import format", "read_json_lines")
     faults = Faults()
-    grid = read("day.txt", b"name|x [mm]|y [mm]|z [mm]\nc01_P10_loaded|1|2|3\n")
+    grid = read("day.jsonl", b'["name", "x [mm]", "y [mm]", "z [mm]"]\n["c01_P10_loaded", 1, 2, 3]\n')
     layout = lay_out(grid, ImportOptions(), faults)
     assert not faults.found
     assert dict(layout.columns.units) == {"length": "mm"}
