@@ -1,4 +1,4 @@
-"""Types of arrays, and algebra of many small vectors. A comment beside each gives shape, unit, frame."""
+"""Types of arrays, and algebra of many small vectors. A comment at each gives shape, unit, frame."""
 
 from __future__ import annotations
 

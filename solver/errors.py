@@ -55,7 +55,7 @@ class RequestError(JointstiffError):
 
 
 class UnsupportedMethodError(RequestError):
-    """The readings or the robot cannot support the method or weighting that was asked for."""
+    """The readings or the robot cannot support the method or weighting that was requested."""
 
 
 class NotObservableError(JointstiffError):

@@ -84,7 +84,7 @@ def joints_alone(joints: JointsAlone, screening: Screening, choice: ModelChoice)
     try:
         error = leave_postures_out(robot, measurements, settings, estimate, model)
         left_out = error.left_out
-    except JointstiffError as none:  # the run stands without it, and predictions say why
+    except JointstiffError as none:  # the run is valid without it, and predictions say why
         error = none
     lacks = screening.lack_of_fit and joints.are_sound
     budget = UncertaintyBudget.of(estimate, settings.confidence, left_out, lack_of_fit=lacks)
@@ -123,7 +123,7 @@ def beyond_joints(
     error: ModelError | JointstiffError
     try:
         error = leave_folds_out(robot, measurements, fitted)
-    except JointstiffError as none:  # the run stands without it, and predictions say why
+    except JointstiffError as none:  # the run is valid without it, and predictions say why
         error = none
     return Found(
         estimate,

@@ -1,6 +1,6 @@
 """The story of a run: from readings and options to the result that people read.
 
-1. What is asked for is brought to the robot, or refused; causes that are named are fitted beside the joints.
+1. The request is checked against the robot, or refused; named causes are fitted together with the joints.
 2. The joints are identified alone, once, and screened for what they leave unexplained.
 3. Models that the screening asks for compete with them on held-out postures.
 4. Postures that are left out show the model error, which widens intervals where joints alone do not fit.
@@ -54,7 +54,7 @@ def run(
         noticed: findings of the integrity checks of these measurements (`jointstiff.solver.integrity`).
 
     Raises:
-        RequestError: the readings or the robot cannot support what is asked for.
+        RequestError: the readings or the robot cannot support what is requested.
         JointstiffError: there is no result, and why.
     """
     work = Identification(robot, measurements, options, noticed)
@@ -72,7 +72,7 @@ class Identification:
     def __init__(
         self, robot: Robot, measurements: Measurements, options: RunOptions, noticed: Sequence[Finding] = ()
     ) -> None:
-        """Check what is asked for; an automatic choice of models identifies the joints here.
+        """Check the request; an automatic choice of models identifies the joints here.
 
         Raises:
             RequestError: as `run`.
@@ -101,7 +101,7 @@ class Identification:
 
     @cached_property
     def _competition(self) -> Competition | None:
-        """The models that are compared with joints alone; None where these are all that is asked for."""
+        """The models that are compared with joints alone; None where only these are requested."""
         options = self._options
         if options.elasticity == "joints":
             return None

@@ -1,4 +1,4 @@
-"""Estimates beside each other: of two campaigns, such as before and after.
+"""Estimates compared with each other: of two campaigns, such as before and after.
 
 All comes from the campaigns' estimates. For each joint the ratio of two stiffnesses comes with Fieller's
 interval and the p-value that it has not changed; on request both are fitted in one problem in which no joint
@@ -95,7 +95,7 @@ class Comparison(NamedTuple):
     """Two campaigns side by side."""
 
     joints: list[JointRatio]  #: the n ratios
-    ordered: OrderedResult | None  #: both in one problem; None if that was not asked for
+    ordered: OrderedResult | None  #: both in one problem; None if that was not requested
     avoided: AvoidedDeflection  #: share of the deflection that the second avoids
     unlike: tuple[str, ...]  #: labels that both have, with another posture or load, or no shared target
     unit_mistake: Finding | None  #: forces of most observations that differ by a ratio of units
@@ -277,7 +277,7 @@ def fit_ordered(
 
     The unknowns are the 2 n compliances of both, their likelihood is that of both Gaussian estimates: by the
     noise of the readings for the optimum, by all errors for the intervals, which are widened to hold it.
-    Joints of which a campaign says nothing are left out: they neither get an interval nor bound another.
+    Joints that a campaign does not show are left out: they neither get an interval nor bound another.
 
     Args:
         sides: the softer campaign, such as with the motors' encoders in the loop, and the stiffer one.
@@ -477,7 +477,7 @@ def _predicted_lengths(side: Side, compliances: FloatArray, unknown: BoolArray) 
     Args:
         side: N observations, of either campaign.
         compliances: (2, n) of both campaigns [rad/(N·m)].
-        unknown: (n,) joints of which one of the campaigns says nothing.
+        unknown: (n,) joints that one of the campaigns does not show.
 
     Returns:
         (N, 2) [m]; NaN for observations that twist an unknown joint.
@@ -513,7 +513,7 @@ MOST_RELATIVE: Final = 0.25
 _MOST_SHARED: Final = 0.999999
 """Largest share of an uncertainty that may be the same in all campaigns: readings always have their own."""
 CHANGED_LEVEL: Final = 0.05
-"""Probability, at most, that any joint of a robot is said to have changed if none has."""
+"""Probability, at most, that any joint of a robot is reported as changed if none has."""
 
 
 @dataclass(frozen=True)

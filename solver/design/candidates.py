@@ -196,7 +196,7 @@ def _out_of_bounds(cell: Surroundings, points: FloatArray, targets: FloatArray, 
 
 
 def _link_between(points: FloatArray, radius: float, start: FloatArray, end: FloatArray) -> BoolArray:
-    """Return where a link stands between start and end, (3,) or (N, 3) each (N,)."""
+    """Return where a link is between start and end, (3,) or (N, 3) each (N,)."""
     bad = np.zeros(len(points), dtype=np.bool_)
     for i in range(points.shape[1] - 1 - _NEAR_FLANGE):
         bad |= segment_distance(points[:, i], points[:, i + 1], start, end) < radius
@@ -443,7 +443,7 @@ class Pool:
     places: FloatArray | None
     #: (R, 9, P) deflection at these places by forces along the axes of R0 [m]; None without a work area
     predicted: FloatArray | None
-    feasible: int  #: number of feasible readings, of which the candidates may be a selection
+    feasible: int  #: number of feasible readings, from which the candidates may be selected
     struck_out: dict[str, int]  #: number of infeasible readings by reason
 
     @classmethod

@@ -357,7 +357,7 @@ class Candidates:
 
     @classmethod
     def from_rows(cls, rows: FloatArray) -> Candidates:
-        """Take rows, block by block: beside the result, no more memory is needed than for one block.
+        """Take rows, block by block: apart from the result, memory is needed for one block only.
 
         The result has N p² numbers, or 6 N p² for forces of any direction.
 

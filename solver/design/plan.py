@@ -1,6 +1,7 @@
 """Choice of readings: a whole campaign with its certificate, or the next one for joints that need it.
 
-Plan: candidates → optimal weights → list of distinct postures → validation → order → beside other plans.
+Plan: candidates → optimal weights → list of distinct postures → validation → order → comparison with other
+    plans.
 
 Advice: each candidate is one more reading of all targets under the strongest force of the set. It adds
 ``K = AᵀΣ⁻¹A`` to the information ``G = RᵀR`` of the readings at hand, so that the standard uncertainty of
@@ -51,7 +52,8 @@ from jointstiff.solver.mechanics.springs import TURNS
 from jointstiff.solver.text import figure, posture_text, stiffness_text
 
 _LINKS_GAP, _OTHERS_GAP = 1e-2, 1e-4
-"""Gaps at which the search ends where elastic links are a nuisance, and for criteria not asked for."""
+"""Gaps at which the search ends where elastic links are a nuisance, and for criteria that were not
+requested."""
 _WORST_PLACES: Final = 12
 """Places of the work area for the criterion of the worst place, whose dual has a share for each."""
 _RANDOM_PLANS: Final = 20
@@ -81,7 +83,7 @@ _BLOCK: Final = 4
 _SWAPS: Final = 600
 """Exchanges between blocks that are tried."""
 _SHARE_BEFORE: Final = 1e-6
-"""Information beside that of the whole list that a block is compared with."""
+"""Information, relative to that of the whole list, that a block is compared with."""
 _COVERAGE: Final = 1.959963984540054
 """Half-width of an interval of 95 % over the standard uncertainty, which the stated noise gives."""
 _IMPROVES: Final = 1.0 + 1e-10
@@ -147,7 +149,7 @@ def plan_campaign(robot: Robot, request: PlanRequest) -> CampaignPlan:
     design = optimise(problem, _LINKS_GAP if request.links else None)
     exact = exact_design(problem, design, distinct, seed=request.seed)
     M = exact.matrix
-    # Least efficiency of the list by the criterion that was asked for, and by the smooth ones
+    # Least efficiency of the list by the requested criterion, and by the smooth ones
     efficiencies: dict[PlanCriterion, float] = {}
     for name, criterion in criteria.items():
         if name == request.criterion:
@@ -193,7 +195,7 @@ def _criteria(pool: Pool, request: PlanRequest) -> tuple[dict[PlanCriterion, Cri
     """Return the criteria that apply, and that of the worst place; None without a work area.
 
     Raises:
-        RequestError: the one that was asked for needs a work area.
+        RequestError: the requested one needs a work area.
     """
     s, p = len(pool.parameters.joints), len(pool.base)
     criteria: dict[PlanCriterion, Criterion] = {
@@ -304,8 +306,8 @@ def _blocks(information: FloatArray, base: FloatArray, criterion: Criterion) -> 
     vague = _SHARE_BEFORE * np.diag(np.diagonal(total))  # few readings of a gauge determine nothing
 
     def value(members: BoolArray) -> float:
-        told = criterion.information(base + vague + information[members].sum(axis=0))
-        return float(np.log(np.maximum(told, 1e-300)))
+        value = criterion.information(base + vague + information[members].sum(axis=0))
+        return float(np.log(np.maximum(value, 1e-300)))
 
     values = [value(block == b) for b in range(1 + int(block.max()))]
     random = np.random.default_rng(0)
@@ -466,7 +468,7 @@ def _completed(
         problem: the choice.
         distinct: which postures go together.
         kept: the readings to begin with.
-        expected: (p, p) information that stands in for each reading to come.
+        expected: (p, p) information that is expected of each reading to come.
 
     Raises:
         RequestError: there are not as many distinct postures.
@@ -532,7 +534,7 @@ class _Search:
 
 
 def random_plans(problem: DesignProblem, M: FloatArray, s: int, seed: int) -> OtherPlan:
-    """Return the mean of random plans of the same candidates, beside a list of information M (p, p)."""
+    """Return the mean of random plans of the same candidates, relative to a list of information M (p, p)."""
     random = np.random.default_rng([seed, 2])
     n, values, variances = problem.readings, [], []
     for _ in range(_RANDOM_PLANS):
@@ -546,7 +548,7 @@ def random_plans(problem: DesignProblem, M: FloatArray, s: int, seed: int) -> Ot
 
 
 def one_at_a_time(problem: DesignProblem, distinct: Distinct, M: FloatArray, s: int) -> OtherPlan:
-    """Return the plan in which each reading is the best next one by its price, beside a list's M (p, p)."""
+    """Return the plan in which each reading is the best next one, relative to a list's M (p, p)."""
     M = M * problem.squares
     other = problem.base
     for atoms in _completed(problem, distinct, [], _SHARE_BEFORE / problem.readings * (M - problem.base)):
@@ -827,9 +829,9 @@ class _NextReading:
         }
 
     def _left(self, joint: int, uncertainty: float | None) -> tuple[str, list[str]]:
-        """Return of what an uncertainty [rad/(N·m)] is told, and it in words, if it is known.
+        """Return what an uncertainty [rad/(N·m)] is of, and the uncertainty in words if it is known.
 
-        Beside a compliance less than its uncertainty, that of its inverse says nothing.
+        Where a compliance is less than its uncertainty, the uncertainty of its inverse means nothing.
         """
         kind, compliance = self._kinds[joint], self._compliance[joint]
         whose = "stiffness" if compliance > (uncertainty or 0.0) else "compliance"

@@ -126,7 +126,7 @@ def assess(
 
     Args:
         joints: identified alone, from measurements with what the integrity checks found in them.
-        estimate: of the joints, alone or with what bends beside them.
+        estimate: of the joints, alone or with what else bends.
         prediction: of these measurements by the estimate.
         screening: of what the joints alone leave unexplained, with the gain of held-out postures if models
             were compared.
@@ -295,12 +295,12 @@ def causes_reason(causes: Sequence[Cause], estimate: Estimate) -> Finding:
         changes.append(float(change.max(initial=0.0)))
         harm |= bool(harmful.any())
     proved = all(cause.proved for cause in causes)
-    beside = "" if proved else ", but links may bend beside it"
+    others = "" if proved else ", but links may bend as well"
     return Finding(
         code="alternative_explains_better",
         weight="do_not_use" if proved and harm else "use_with_care",
         message=f"with {', or with '.join(whats)}, the joints explain the readings better than chance allows "
-        f"(F test, p = {max(cause.p_value for cause in causes):.1g}){beside}; a compliance changes by "
+        f"(F test, p = {max(cause.p_value for cause in causes):.1g}){others}; a compliance changes by "
         f"{100 * max(changes):.2g} %",
         remedy="; ".join(dict.fromkeys(remedies)),
         action=Action.of(
@@ -310,7 +310,7 @@ def causes_reason(causes: Sequence[Cause], estimate: Estimate) -> Finding:
 
 
 def fitted_reason(measurements: Measurements) -> Iterator[Finding]:
-    """Report causes that were fitted beside the joints: what was stated is refuted."""
+    """Report causes that were fitted with the joints: what was stated is refuted."""
     fitted, start = fitted_errors(measurements), 0
     uncertainty = np.linalg.norm(fitted.root, axis=1)
     for term, values in zip(fitted.terms, fitted.unknowns, strict=True):
@@ -320,7 +320,7 @@ def fitted_reason(measurements: Measurements) -> Iterator[Finding]:
         yield Finding(
             code="cause_fitted",
             weight="use_with_care",
-            message=f"{term.words.format(text)} (95 %) was fitted beside the joints; the intervals hold its "
+            message=f"{term.words.format(text)} (95 %) was fitted with the joints; the intervals include its "
             "uncertainty, and what was stated stays refuted",
             remedy=term.remedy,
         )
@@ -662,7 +662,7 @@ def implausible_joints(joints: Sequence[JointCompliance]) -> Iterator[Finding]:
 
 
 def _complementary_stiffness(size: ComplementaryStiffness) -> Iterator[Finding]:
-    """Report a K_c that was neglected, though it matters or was asked for."""
+    """Report a K_c that was neglected, though it matters or was requested."""
     if size.obstacle is not None:
         yield Finding(
             code="complementary_stiffness_matters",

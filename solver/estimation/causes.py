@@ -1,13 +1,13 @@
 """Causes of what joints alone leave unexplained compete, and gross mistakes are undone (method.md §7, §13).
 
 A load point elsewhere, a forgotten force, a load cell's zero, some loads heavier than others, play in the
-gears, a tracker or base that moved: each is a term beside the joints, which are fitted with K_c to the
-targets' rows, without bounds. One triangle of all terms answers every F test. Each test is made twice, with
-the weights stated and with equal weights, and the larger p-value counts: a noise of the wrong shape would
-accuse clean springs. Causes that speak are followed by Gauss-Newton to what they explain most, and compared
-by the Bayesian information criterion (Schwarz 1978), with bending links among them; a difference of less than
-`AS_WELL` is a tie. Mistakes come before links: beside columns of links their tests accuse clean campaigns of
-elastic arms, and without them a load point elsewhere looks like links.
+gears, a tracker or base that moved: each is a term in addition to the joints, which are fitted with K_c to
+    the targets' rows, without bounds. One triangle of all terms answers every F test. Each test is made
+    twice, with the weights stated and with equal weights, and the larger p-value counts: a noise of the wrong
+    shape would accuse clean springs. Causes that speak are followed by Gauss-Newton to what they explain
+    most, and compared by the Bayesian information criterion (Schwarz 1978), with bending links among them; a
+    difference of less than `AS_WELL` is a tie. Mistakes come before links: added to columns of links their
+    tests accuse clean campaigns of elastic arms, and without them a load point elsewhere looks like links.
 
 A *gross mistake* leaves numbers plausible: columns exchanged, a wrong joint map, the load as target. Each
 such alternative is one more regressor of the same deflections: ``q = M (E q_c + e) + o`` with E exchanging,
@@ -46,7 +46,7 @@ from jointstiff.solver.estimation.triangle import (
     triangle_of,
 )
 from jointstiff.solver.mechanics.block import (
-    BesideErrors,
+    CorrectedMeasurements,
     FittedErrors,
     RegressorBlock,
     Rows,
@@ -90,7 +90,7 @@ _MOST_LOADS: Final = 6
 
 @dataclass(frozen=True)
 class Suspect:
-    """Something that may have moved the targets beside the joints."""
+    """Something that may have moved the targets in addition to the joints."""
 
     name: str  #: name of the cause
     term: Term  #: how it moves them
@@ -106,14 +106,14 @@ class Cause:
     suspect: Suspect
     unknowns: FloatArray  #: (k,) in the term's unit
     p_value: float  #: of its F test
-    links_p_value: float  #: p-value of the F test of links beside it
-    compliance: FloatArray  #: (n,) of the joints beside it [rad/(N·m)]
+    links_p_value: float  #: p-value of the F test of links added to it
+    compliance: FloatArray  #: (n,) of the joints fitted with it [rad/(N·m)]
     ratio: float  #: sum of squared residuals with it, over that without
     criterion: float  #: information criterion; the least is preferred
 
     @property
     def proved(self) -> bool:
-        """Return True if nothing is left for links to explain beside it."""
+        """Return True if nothing is left for links to explain."""
         return self.links_p_value >= LINKS_LEVEL
 
 
@@ -131,13 +131,13 @@ class HeldOutGain:
 class Screening:
     """Outcome of the tests."""
 
-    links_p_value: float  #: of the test of links beside the joints; 1 where the readings cannot tell
+    links_p_value: float  #: of the test of links added to the joints; 1 where the readings cannot decide
     tests: tuple[CauseTest, ...]  #: of all causes, the most significant first; none where none could be made
     causes: tuple[Cause, ...]  #: the cause that explains most, and those that explain as much; none, or few
     gain: HeldOutGain | None = None  #: gain of the cross-validation; None where none was run
-    base_p_value: float = 1.0  #: p-value of the test of a base beside the joints
-    #: p-value of the test of links beside joints and base, and of a base beside joints and links; of a base
-    #: that its own test speaks for
+    base_p_value: float = 1.0  #: p-value of the test of a base added to the joints
+    #: p-value of the test of links added to joints and base, and of a base added to joints and links; of a
+    #: base that its own test speaks for
     links_beside_base: float = 1.0
     base_beside_links: float = 1.0
     comparable: bool = True  #: whether the options allow for comparing joints alone with elastic links
@@ -170,7 +170,7 @@ def screen_estimate(robot: Robot, measurements: Measurements, estimate: Estimate
     """Test what an identification of joints alone leaves unexplained; encoders take no part.
 
     Without a balance under the load, or without residual freedom, no test is significant. Causes that were
-    fitted beside the joints already stay beside them.
+    fitted with the joints already stay in the fit.
     """
     part, compliance = measurements.evenly(_TESTED), np.maximum(estimate.compliance, 0.0)
     balanced = compliance if estimate.balanced is None else np.maximum(estimate.balanced, 0.0)
@@ -196,13 +196,13 @@ def screen_estimate(robot: Robot, measurements: Measurements, estimate: Estimate
     named = tuple(cause for cause in reversed(of_name.values()) if cause.criterion <= best + AS_WELL)
     if links < LINKS_LEVEL and triangles.links_criterion() < best - AS_WELL:
         named = tuple(cause for cause in named if cause.proved)
-    told = tuple(CauseTest(name=each.name, first=each.first, p_value=tests[each]) for each in ordered)
+    listed = tuple(CauseTest(name=each.name, first=each.first, p_value=tests[each]) for each in ordered)
     if base >= MISTAKE_LEVEL:
-        return Screening(links, told, named, base_p_value=base)
+        return Screening(links, listed, named, base_p_value=base)
     with_base = _Triangles(block, compliance, seen, before, [FULL_BASE])
     return Screening(
         links,
-        told,
+        listed,
         named,
         base_p_value=base,
         links_beside_base=with_base.links_p_value(FULL_BASE.name),
@@ -213,7 +213,7 @@ def screen_estimate(robot: Robot, measurements: Measurements, estimate: Estimate
 def fit_causes(
     robot: Robot, measurements: Measurements, named: Sequence[tuple[str, str | None]]
 ) -> Measurements:
-    """Return the readings without what causes moved, fitted beside the joints; their uncertainty goes along.
+    """Return the readings without the motion by causes, fitted with the joints; their uncertainty goes along.
 
     Args:
         robot: n joints.
@@ -257,20 +257,21 @@ def _beside(
             remedy=f"give one of: {', '.join(sorted({name for name, _ in known}))}",
         )
     fitted = _fit(robot, part, [known[each].term for each in named], compliance)
-    return BesideErrors.of(_without(robot, measurements, fitted.errors, fitted.compliance), fitted.errors)
+    corrected = _without(robot, measurements, fitted.errors, fitted.compliance)
+    return CorrectedMeasurements.of(corrected, fitted.errors)
 
 
 @dataclass(frozen=True, eq=False)
 class _Fitted:
-    """Causes fitted beside the joints."""
+    """Causes fitted with the joints."""
 
     errors: FittedErrors
-    compliance: FloatArray  # (n,) of the joints beside them
+    compliance: FloatArray  # (n,) of the joints fitted with them
     triangles: _Triangles  # of the readings without them
 
 
 def _fit(robot: Robot, part: Measurements, terms: Sequence[Term], compliance: FloatArray) -> _Fitted:
-    """Fit causes beside the joints by Gauss-Newton.
+    """Fit causes with the joints by Gauss-Newton.
 
     Combinations that the joints explain as well stay zero, and are as uncertain as the others are large.
 
@@ -285,7 +286,7 @@ def _fit(robot: Robot, part: Measurements, terms: Sequence[Term], compliance: Fl
         excitation.add(block)
         seen = ~excitation.observability().null
         triangles = _Triangles(block, compliance, seen, terms, ())
-        found = triangles.stated.fit_beside([term.name for term in terms])
+        found = triangles.stated.fit_with([term.name for term in terms])
         compliance = np.zeros(robot.n)
         compliance[seen] = np.maximum(found.known, 0.0)
         ends = np.cumsum([len(triangles.stated.span[term.name]) for term in terms])[:-1]
@@ -296,8 +297,8 @@ def _fit(robot: Robot, part: Measurements, terms: Sequence[Term], compliance: Fl
         hidden = np.linalg.qr(found.hidden / size[:, None])[0]
         unknowns = unknowns - size * (hidden @ (hidden.T @ (unknowns / size)))
         root = np.hstack([triangles.sigma * found.root, size[:, None] * hidden])
-        told = found.root.shape[1]
-        errors = FittedErrors(tuple(terms), tuple(np.split(unknowns, ends)), root, told)
+        determined = found.root.shape[1]
+        errors = FittedErrors(tuple(terms), tuple(np.split(unknowns, ends)), root, determined)
         fitted = _Fitted(errors, compliance, triangles)
         if np.linalg.norm((unknowns - before) / size) <= _STEADY * np.linalg.norm(unknowns / size):
             break
@@ -328,7 +329,7 @@ def _followed(
         fitted.triangles.links_p_value(),
         fitted.compliance,
         left / triangles.residual_squares(),
-        fitted.triangles.criterion(left, fitted.errors.told + (suspect.first is not None)),
+        fitted.triangles.criterion(left, fitted.errors.determined + (suspect.first is not None)),
     )
 
 
@@ -478,7 +479,7 @@ class _Triangles:
         terms: Sequence[Term],
     ) -> None:
         """Compress a block's rows; joints that are not seen are left out."""
-        self.beside = (JOINTS.name, *(term.name for term in before))
+        self.fitted = (JOINTS.name, *(term.name for term in before))
         self.compliance = compliance
         self._block, self._seen = block, seen
         self._terms = [JOINTS, *before, *terms, DIAGONAL_LINKS, DIAGONAL_BASE]
@@ -501,16 +502,16 @@ class _Triangles:
         return np.where(p >= level, p, np.maximum(p, test(self._equal)))
 
     def p_values(self, names: Sequence[str], *others: str) -> list[float]:
-        """Return the p-value of each term beside the joints, and beside others."""
-        beside = (*self.beside, *others)
-        return [*self._larger(MISTAKE_LEVEL, lambda triangle: triangle.p_values(names, beside)).tolist()]
+        """Return the p-value of each term added to the joints and to others."""
+        fitted = (*self.fitted, *others)
+        return [*self._larger(MISTAKE_LEVEL, lambda triangle: triangle.p_values(names, fitted)).tolist()]
 
     def links_p_value(self, *others: str) -> float:
-        """Return the p-value of links beside the joints, and beside others."""
-        names, beside = [DIAGONAL_LINKS.name], (*self.beside, *others)
+        """Return the p-value of links added to the joints and to others."""
+        names, fitted = [DIAGONAL_LINKS.name], (*self.fitted, *others)
         p_values = self._larger(
             LINKS_LEVEL,
-            lambda triangle: triangle.p_values(names, beside, most=self._leading, least=INDEPENDENT),
+            lambda triangle: triangle.p_values(names, fitted, most=self._leading, least=INDEPENDENT),
         )
         return float(p_values[0])
 
@@ -521,13 +522,13 @@ class _Triangles:
     @property
     def sigma(self) -> float:
         """Standard uncertainty of a coordinate by the residuals, or as stated where that is larger [m]."""
-        freedom = max(1, self.stated.rows - basis(self.stated.unit_columns(self.beside)).shape[1])
+        freedom = max(1, self.stated.rows - basis(self.stated.unit_columns(self.fitted)).shape[1])
         stated = self._block.measurements.sigma or 0.0
         return max(stated, float(np.sqrt(self.residual_squares() / freedom)))
 
     def residual_squares(self) -> float:
         """Return the sum of squared residuals of the joints and of what is fitted in any case."""
-        return max(self.stated.residual_squares(self.beside), 1e-300)
+        return max(self.stated.residual_squares(self.fitted), 1e-300)
 
     def criterion(self, squares: float, unknowns: int) -> float:
         """Return the Bayesian information criterion of a sum of squared residuals with more unknowns."""
@@ -535,7 +536,7 @@ class _Triangles:
 
     def links_criterion(self) -> float:
         """Return the same of links: their leading combinations."""
-        known = basis(self.stated.unit_columns(self.beside))
+        known = basis(self.stated.unit_columns(self.fitted))
         links = self.stated.unit_columns([DIAGONAL_LINKS.name])
         leading = basis(links - known @ (known.T @ links), INDEPENDENT)[:, : self._leading]
         explained = float(np.square(leading.T @ self.stated.rhs).sum())

@@ -106,7 +106,7 @@ class Block:
     """Unknowns of one joint: c, then the boxes' ζ, then three ν for each ball."""
 
     boxes: int  #: number of ζ
-    #: for each ball: index of the ζ by which its radius grows, −1 for none, and by how much beside c
+    #: for each ball: index of the ζ by which its radius grows, −1 for none, and by how much in addition to c
     balls: tuple[tuple[int, float], ...] = ()
 
     @property

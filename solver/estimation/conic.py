@@ -43,7 +43,7 @@ _END_LADDER: Final = (1e-8, 1e-7, 1e-6)
 _NEAR_LEAST_SQUARES: Final = 1e-6
 """Singular values below this part of the first are left out of the point the program is stated around."""
 _LEAST_UNIT: Final = 1e-9
-"""Residual, beside the readings, in whose unit a program is stated at the least."""
+"""Residual, relative to the readings, in whose unit a program is stated at the least."""
 _NEWTON_STEPS: Final = 4
 """Newton steps; each doubles the correct digits once the face is right."""
 _SLACK_ROUNDING: Final = 1e-13
@@ -57,11 +57,12 @@ _ROUNDING: Final = 1e-12
 _RIDGE: Final = 1e-13
 """Regularisation of the Hessian, relative to its largest diagonal entry: undetermined directions stay put."""
 _UNSEEN: Final = 1e-10
-"""Singular value beside the greatest that is rounding of columns that depend on each other."""
+"""Singular value, relative to the greatest, that is rounding of columns that depend on each other."""
 _OPEN: Final = 1e-6
 """Share of a function outside of what the readings see that is rounding."""
 _LEAST_RADIUS: Final = 1e-6
-"""Radius of the ball of `weighed_ends`, beside ‖b‖, below which Clarabel's rounding shows: exact readings."""
+"""Radius of the ball of `weighed_ends`, relative to ‖b‖, below which Clarabel's rounding shows: exact
+readings."""
 
 
 @dataclass(frozen=True, eq=False)

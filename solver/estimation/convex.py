@@ -71,7 +71,7 @@ class Program:
         Args:
             objective: quadratic or linear, without parameters in the quadratic part.
             constraints: cones.
-            x: the variable that is asked for.
+            x: the variable to be solved for.
         """
         problem = cp.Problem(objective, list(constraints))
         for parameter in problem.parameters():

@@ -85,7 +85,7 @@ def interval_ends(
     """Return the ends of intervals of linear functions aᵀc: profiles, widened to cover what they should.
 
     A profile-likelihood interval takes the constraints on the other joints for information, and where they
-    truly are at their bounds it covers too little: 86 % instead of 95 % were seen beside two rigid joints.
+    truly are at their bounds it covers too little: 86 % instead of 95 % were seen with two rigid joints.
     So it is widened to contain what the constraints leave of the unconstrained interval, whose coverage is
     exact wherever the truth lies; that is where the profile ends anyway if no constraint matters. It is
     widened, too, to contain the estimate: that of a method that is not maximum likelihood, such as the
@@ -356,7 +356,7 @@ class ComplementaryStiffness:
     largest_shift: float | None
     #: (n,) change of the compliances by including it [rad/(N·m)]; None where it is not known
     shift: FloatArray | None = None
-    obstacle: str | None = None  #: why it is neglected although it was asked for; None where it is not
+    obstacle: str | None = None  #: why it is neglected although it was requested; None where it is not
 
 
 @dataclass(frozen=True, eq=False)

@@ -104,7 +104,7 @@ class Fit:
     tied: BoolArray  #: (n,) joints whose compliance an order makes equal to another's
     covariance: FloatArray  #: (n, n) of the unconstrained estimate in units of sigma²; zero for null columns
     likelihood: Likelihood  #: likelihood of the compliances that the readings see, before any constraint
-    parameters: float  #: how many the readings were asked for: the rank, less what a prior answered instead
+    parameters: float  #: how many the readings had to determine: the rank, less what a prior determined
     #: groups of joints that neither the readings nor a prior tell apart
     undetermined: tuple[Combination, ...]
     identifiability: tuple[Identifiability, ...]  #: identifiability of each stage, by the readings alone
@@ -141,7 +141,7 @@ class StageFit:
     spectrum: Spectrum  #: spectrum of its rows, with those of the prior
     analysis: Identifiability  #: analysis of its rows, the readings' alone
     undetermined: tuple[Combination, ...]  #: what neither readings nor prior tell apart
-    parameters: float  #: how many the readings were asked for
+    parameters: float  #: how many the readings had to determine
     prior: FloatArray  #: (k,) right-hand side of the prior's rows, which come last
     solution: Solution  #: under the constraints
     tied: BoolArray  #: (p,) whether an order holds it
@@ -339,7 +339,7 @@ def scale_of(fit: Fit, readings: Triangle, sigma: float | None) -> Scale:
 
     For any linear unbiased ĉ of covariance C, ``E[χ²] = rows − 2 p + tr(AᵀΣ⁻¹A C)``; for weighted least
     squares that is rows − p. It lets the three methods be judged on the same readings. Where a prior takes
-    part, p is the number of parameters that the readings were asked for, and the expectation is over it.
+    part, p is the number of parameters that the readings had to determine, and the expectation is over it.
 
     Args:
         fit: outcome of a method.
@@ -472,11 +472,11 @@ class RobustFit:
     def inflation(self) -> float:
         """Variance of a Huber estimate over that of least squares with its weights taken as known.
 
-        Huber's asymptotic ``a / b²`` beside ``1 / mean(w)`` (*Robust Statistics*, 1981, §7.6), a the mean of
-        ``(w ‖r‖)²`` a coordinate and b that of the derivative: 1 for a reading below the threshold; beyond it
-        w across the residual's direction and 0 along it. Readings below the threshold count as their sigma
-        says, not as they came out. It is 1.0 for good readings and 1.26 where a tenth are 20 sigma off;
-        never taken below 1.
+        Huber's asymptotic ``a / b²`` relative to ``1 / mean(w)`` (*Robust Statistics*, 1981, §7.6), a the
+        mean of ``(w ‖r‖)²`` a coordinate and b that of the derivative: 1 for a reading below the threshold;
+        beyond it w across the residual's direction and 0 along it. Readings below the threshold count as
+        their sigma says, not as they came out. It is 1.0 for good readings and 1.26 where a tenth are 20
+        sigma off; never taken below 1.
         """
         half = 0.5 * self.threshold**2
         below = float(special.gammainc(2.5, half) / special.gammainc(1.5, half))  # E[χ²₃ | χ²₃ ≤ t²] / 3

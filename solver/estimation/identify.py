@@ -202,8 +202,8 @@ def _fit(
         sigma, measurements = robust.sigma, robust.weigh(measurements)
         for block in regressor_blocks(robot, measurements, compliance):
             triangles.add(block)
-    # Each unknown that was fitted beside the joints takes a reading.
-    triangles.judged.rows -= fitted_errors(measurements).told
+    # Each unknown that was fitted with the joints uses up a reading.
+    triangles.judged.rows -= fitted_errors(measurements).determined
     find = solve_step if before is None and settings.complementary_stiffness else solve
     fit = fit_method(triangles, observability.null, settings.constraints, find=find)
     if settings.prior is not None:
@@ -357,8 +357,8 @@ def _common_errors(robot: Robot, settings: Settings, last: _Pass, sigma: float) 
     fitted = errors.terms
     stated = {name: (common.source(name), term.prior(common)) for name, term in TERMS.items()}
     blocks = regressor_blocks(robot, last.measurements, last.balanced)
-    told = {term.name for term in fitted}  # the readings take the place of a statement
-    terms = [TERMS[name] for name, (_, size) in stated.items() if any(size) and name not in told]
+    known = {term.name for term in fitted}  # the readings replace a statement
+    terms = [TERMS[name] for name, (_, size) in stated.items() if any(size) and name not in known]
     if not (terms or fitted):
         return None
     responses = last.triangles.responses(

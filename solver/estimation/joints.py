@@ -21,7 +21,7 @@ from jointstiff.solver.mechanics.robot import Robot
 
 
 class JointsAlone:
-    """Joints of a campaign by one method and loss; each part is made when it is first asked for.
+    """Joints of a campaign by one method and loss; each part is made when it is first needed.
 
     Attributes:
         robot: n joints.

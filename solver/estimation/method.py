@@ -51,7 +51,7 @@ class Prior:
         RequestError: if a known joint's uncertainty is not positive and finite.
     """
 
-    mean: FloatArray  #: (n,) c₀ [rad/(N·m)]; NaN for joints of which nothing is known
+    mean: FloatArray  #: (n,) c₀ [rad/(N·m)]; NaN for unknown joints
     standard_uncertainty: FloatArray  #: (n,) s₀ [rad/(N·m)], positive; inf for the same joints
 
     def __post_init__(self) -> None:
@@ -68,7 +68,7 @@ class Prior:
 
     @property
     def known(self) -> BoolArray:
-        """(n,) joints of which something is known."""
+        """(n,) joints with a prior."""
         return np.isfinite(self.mean)
 
     def in_units_of(self, sigma: float) -> Prior:
@@ -366,8 +366,8 @@ class MethodTriangles:
             own, known = np.intersect1d(stage.joints, joints), np.intersect1d(stage.known, joints)
             rows_of = triangle.matrix
             left = np.asarray(moment)[own] - rows_of[:, own].T @ (rows_of[:, known] @ out[known])
-            beside = rows_of[:, own] if prior is None else np.vstack([rows_of[:, own], prior.rows(own)[0]])
-            inverse = Spectrum(beside).inverse
+            together = rows_of[:, own] if prior is None else np.vstack([rows_of[:, own], prior.rows(own)[0]])
+            inverse = Spectrum(together).inverse
             out[own] = inverse @ (inverse.T @ left)
         ends = np.cumsum([whitened.widths[term.name] for term in terms])[:-1]
         return dict(zip((term.name for term in terms), np.split(out, ends, axis=1), strict=True))

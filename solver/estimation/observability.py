@@ -328,12 +328,12 @@ def noise_reason(joint: int, names: tuple[str, ...], observability: Observabilit
     torque, most = observability.greatest_torque, int(np.argmax(observability.greatest_torque))
     own, other = (JOINT_UNITS[observability.kinds[j]] for j in (joint, most))
     least, greatest = figure(torque[joint], ".2g"), figure(torque[most], ".2g")
-    beside = "" if most == joint else f", and {names[most]} with up to {greatest} {other.effort}"
+    instead = "" if most == joint else f", and {names[most]} with up to {greatest} {other.effort}"
     return (
         f"hidden by noise: its standard uncertainty of {figure(uncertainty, '.2g')} "
         f"{own.compliance} exceeds {figure(observability.reference_compliance[joint], '.2g')} "
         f"{own.compliance}, the compliance with which it alone would explain all deflections; the load "
-        f"{own.loads} it with at most {least} {own.effort}{beside}: add loads that {own.load_verb} it more"
+        f"{own.loads} it with at most {least} {own.effort}{instead}: add loads that {own.load_verb} it more"
     )
 
 

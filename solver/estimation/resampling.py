@@ -258,7 +258,7 @@ class Resamples:
     """Estimates of K repetitions.
 
     A joint has no number, but NaN, where it leaves no trace in what was drawn, where it shows there only
-    in combination with others, or where the deflection of such joints cannot be told from its own.
+    in combination with others, or where the deflection of such joints cannot be distinguished from its own.
     """
 
     compliance: FloatArray  #: (K, n) optimum [rad/(N·m)]; NaN where undetermined

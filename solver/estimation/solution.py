@@ -263,7 +263,7 @@ class BatchSolution:
 def solve_batch(gram: FloatArray, moment: FloatArray, bounds: Bounds) -> BatchSolution:
     """Solve K problems ``minimise cᵀ G c − 2 hᵀ c subject to lower ≤ c ≤ upper``, with G = AᵀA and h = Aᵀd.
 
-    The Gram matrix squares the condition number, so it is asked only where it can answer to about nine
+    The Gram matrix squares the condition number, so it is used only where it can answer to about nine
     digits; whoever has the rows goes back to them for the rest. As in `solve_step` no answer leaves without a
     certificate, and where pivoting does not find it, `solve_step` does, one problem at a time.
 

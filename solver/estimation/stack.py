@@ -1,7 +1,7 @@
 """Stack: whitened readings and columns of terms, posture by posture.
 
 The rows M_i = [A_i d_i] of each observation stay apart, so that some can be left out, weighted, or counted
-from one of them on; a triangle compresses whatever part is asked for.
+from one of them on; a triangle compresses any part of them.
 """
 
 from __future__ import annotations

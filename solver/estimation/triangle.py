@@ -21,8 +21,9 @@ _LEAF = 256
 """Rows of the smallest QR, so small that BLAS starts no threads for up to 32 joints."""
 INDEPENDENT: Final = 1e-6
 """Least singular value of unit columns that counts for more than rounding."""
-TOLD_APART: Final = 1e-2
-"""Least singular value of a load's unit columns beside the joints': below it is the load's own size."""
+DISTINCT: Final = 1e-2
+"""Least singular value of a load's unit columns, the joints' projected out: below, the size is the load's
+own."""
 _NULL: Final = 1e-9
 """Length of a column, relative to the longest, that is rounding."""
 _RESOLUTION: Final = 1e-7
@@ -101,20 +102,21 @@ class Triangle:
     def p_values(
         self,
         names: Sequence[str],
-        beside: Sequence[str] = ("joints",),
+        fitted: Sequence[str] = ("joints",),
         *,
         most: int | None = None,
-        least: float = TOLD_APART,
+        least: float = DISTINCT,
     ) -> FloatArray:
-        """Return p-values (S,) of F tests of single terms beside others; 1 where the readings cannot tell.
+        """Return p-values (S,) of F tests of terms added to others; 1 where the readings cannot decide.
 
         Args:
             names: terms that are tested, each by itself.
-            beside: terms that are fitted in any case.
+            fitted: terms that are fitted in any case.
             most: largest number of a term's leading combinations that are tested; all if None.
-            least: singular value of its unit columns beside the others above which a combination counts.
+            least: singular value of its unit columns, the others projected out, above which a combination
+                counts.
         """
-        known, tested = basis(self.unit_columns(beside)), self.unit_columns(names)
+        known, tested = basis(self.unit_columns(fitted)), self.unit_columns(names)
         d = self.rhs - known @ (known.T @ self.rhs)
         left = tested - known @ (known.T @ tested)
         columns = side_by_side(
@@ -180,8 +182,8 @@ class Triangle:
         left = float(np.square(self.matrix @ (deviation * x) - self.rhs).sum())
         return Given(deviation * x, np.sqrt(variance) * deviation[:, None] * inverse, left)
 
-    def fit_beside(self, names: Sequence[str], known: str = "joints") -> Beside:
-        """Fit terms beside one that is known to be there by least squares, without bounds.
+    def fit_with(self, names: Sequence[str], known: str = "joints") -> FittedWith:
+        """Fit terms together with one that is certain to act, by least squares without bounds.
 
         Combinations of the terms' unknowns that the known one explains as well are zero.
         """
@@ -190,12 +192,12 @@ class Triangle:
         known_unit, scale = unit_columns(columns)
         there = basis(known_unit)
         U, s, Vt = np.linalg.svd(unit - there @ (there.T @ unit), full_matrices=False)
-        distinct = s > TOLD_APART
+        distinct = s > DISTINCT
         root = Vt[distinct].T / s[distinct]
         step = root @ (U[:, distinct].T @ d)
         fitted = np.linalg.lstsq(known_unit, d - unit @ step, rcond=INDEPENDENT)[0]
         hidden = Vt[~distinct].T / length[:, None]
-        return Beside(fitted / scale, step / length, root / length[:, None], hidden)
+        return FittedWith(fitted / scale, step / length, root / length[:, None], hidden)
 
 
 class Given(NamedTuple):
@@ -206,8 +208,8 @@ class Given(NamedTuple):
     squares: float  #: sum of the squared residuals of the readings
 
 
-class Beside(NamedTuple):
-    """Least squares of p unknowns of a term and K of others beside it, in units of sigma."""
+class FittedWith(NamedTuple):
+    """Least squares of p unknowns of a term and K of others, fitted together, in units of sigma."""
 
     known: FloatArray  #: (p,) of the joints, if no other term was named
     unknowns: FloatArray  #: (K,)
@@ -234,7 +236,7 @@ def side_by_side(parts: Sequence[FloatArray]) -> FloatArray:
 def nonnegative(columns: FloatArray, rhs: FloatArray) -> tuple[FloatArray, float]:
     """Return the least squares of columns (m, k) with unknowns (k,) ≥ 0, and the residual's length.
 
-    The unknowns of columns that are rounding beside the longest stay zero.
+    The unknowns of columns that are rounding relative to the longest stay zero.
     """
     length = np.linalg.norm(columns, axis=0)
     seen = length > _NULL * length.max(initial=0.0)

@@ -3,8 +3,8 @@
 Two axes fix the base frame R0 but for a convention, because neither shows how high the floor is nor which way
 the maker's x points:
 
-* *By a nominal model* (preferred): R0 stands to the perpendicular frame of the identified axes 1 and 2
-  (below) as the model's R0 stands to that of its own axes, all at model angle zero. The nominal height
+* *By a nominal model* (preferred): R0 is related to the perpendicular frame of the identified axes 1 and 2
+  (below) as the model's R0 is to that of its own axes, all at model angle zero. The nominal height
   of axis 2 above R0 is kept, for instance, and all else is measured.
 * *By the axes alone*: z along axis 1, in the sense of its positive rotation; the origin on axis 1 at the foot
   of its common perpendicular with axis 2, less a height that is given; x along that perpendicular at
@@ -516,7 +516,7 @@ def trilaterate(
 
 
 PARALLEL_WITHIN = 1e-3
-"""Angle of neighbouring axes [rad] below which a table takes them as parallel, if not told otherwise."""
+"""Angle of neighbouring axes [rad] below which a table takes them as parallel, unless stated otherwise."""
 
 _SHORT = 1e-3  # distance [m] below which a perpendicular's sense is not taken from it
 _NO_DIRECTION = 1e-9
@@ -528,14 +528,14 @@ _POSTURES = 200
 class FlangeConvention:
     """Convention that places the flange frame on the last link, which no axis determines.
 
-    By the axes it stands in the perpendicular frame of the last axis and the one before, at model angle zero:
-    with the default, of a spherical wrist, z is the last axis and the origin its centre.
+    By the axes, the frame is given in the perpendicular frame of the last axis and the one before, at model
+    angle zero: with the default, of a spherical wrist, z is the last axis and the origin its centre.
     """
 
     #: indices of three targets that define it instead: origin at the first, x towards the second, y towards
     #: the third
     targets: tuple[int, int, int] | None = None
-    #: how it stands in the perpendicular frame
+    #: pose in the perpendicular frame
     frame_from_flange: pin.SE3 = field(default_factory=pin.SE3.Identity)
 
     @classmethod
@@ -663,8 +663,8 @@ class LinkGeometry:
     theta: FloatArray  #: (n,) angles about the axes at model angle zero, likewise [rad]
     base: pin.SE3  #: from frame 0, whose z is axis 1, to the frame in which the axes are given
     tool: pin.SE3  #: from the flange frame to frame n, whose z is axis n
-    #: (n - 1,) senses of the perpendiculars x beside z_i × z_{i+1}, or between parallel axes beside the
-    #: direction from one to the other
+    #: (n - 1,) senses of the perpendiculars x relative to z_i × z_{i+1}, or between parallel axes relative to
+    #: the direction from one to the other
     signs: tuple[float, ...]
 
     @property
@@ -740,7 +740,7 @@ def _angle(first: FloatArray, second: FloatArray, about: FloatArray) -> float:
 def link_table(
     identified: IdentifiedAxes, base: BaseFrame, flange: FlangeConvention, nominal: KinematicChain
 ) -> list[LinkComparison]:
-    """Links of the nominal model beside the identified ones; differences of angles are within ±π.
+    """Links of the nominal model compared with the identified ones; differences of angles are within ±π.
 
     Numbers that are conventions (where R0 is along and about axis 1, and the flange along and about the
     last axis) are left out: a nominal model gives them, no measurement.

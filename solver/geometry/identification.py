@@ -2,14 +2,14 @@
 
 Every number comes with its uncertainty and every suspicion with its figure; nothing is corrected silently.
 
-Suspicions about geometry readings and what was identified by them: said with figures, never mended.
+Suspicions about geometry readings and what was identified by them: reported with figures, never mended.
 
 Anomalies of a sweep, a tracker that was bumped, a position or a reading that is off, are hypotheses with
 columns of their own: from position s on, the tracker sees everything displaced by one rigid motion; one
 position is displaced; one reading is. What a hypothesis would take off the sum of squares, with the fit
-repeated (to first order) beside it, is tested by F against what it would leave. That needs no sigma and
-blames no neighbour: a bump in the middle also spoils the readings around it, but a bump explains them all
-with six numbers.
+repeated (to first order) together with it, is tested by F against what it would leave. That needs no sigma
+and blames no neighbour: a bump in the middle also spoils the readings around it, but a bump explains them
+all with six numbers.
 """
 
 from __future__ import annotations
@@ -88,8 +88,8 @@ VAGUE = 10e-3
 _SCALE_ALARM = 1e-3  # controller and tracker disagree by 0.1 % of the arc
 
 _HIDDEN = 1e-8
-"""Share of a hypothesis that remains in the residuals (squared), below which it cannot be told from the
-fit."""
+"""Share of a hypothesis that remains in the residuals (squared), below which it cannot be distinguished from
+the fit."""
 
 _CLEAR = 3.0
 """Number of standard uncertainties by which a component of a displacement must differ from zero to be
@@ -134,7 +134,7 @@ def sweep_findings(
     Args:
         fit: the sweep, fitted by itself.
         names: of the targets.
-        typical: variance of a residual in the sweeps beside it; what does not stand out from that is no
+        typical: variance of a residual in the other sweeps; what does not exceed that is no
             anomaly of this one.
         least: displacement [m] below which a bump is none.
     """
@@ -217,8 +217,10 @@ class _Explained:
         spread = max(float(np.sqrt(np.mean(arms**2))), 1e-9)
         return np.concatenate([W, -W @ skew(arms) / spread], axis=-1)
 
-    def beside(self, columns: FloatArray, readings: BoolArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return eigenvalues and -vectors of columns' (M, 3, c) normal equations beside the basis.
+    def projected(
+        self, columns: FloatArray, readings: BoolArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return eigenvalues and -vectors of columns' (M, 3, c) normal equations, the basis projected out.
 
         The third are the residuals along these vectors. Only the columns' own readings enter, and only what
         the basis does not hide.
@@ -232,7 +234,7 @@ class _Explained:
 
     def test(self, anomaly: _Anomaly, typical: float) -> tuple[float, float]:
         """F-test: log probability by chance, of this hypothesis alone, and the variance that it leaves."""
-        values, _, along = self.beside(self.columns(anomaly), anomaly.readings)
+        values, _, along = self.projected(self.columns(anomaly), anomaly.readings)
         rank, left = len(values), self.dof - len(values)
         if rank == 0 or left < 1:
             return 0.0, 0.0
@@ -243,15 +245,15 @@ class _Explained:
         return (math.log(probability) if probability > 0.0 else -math.inf), variance
 
     def displacement(self, anomaly: _Anomaly, variance: float) -> float:
-        """Size [m] of its readings' displacement by a translation, of what stands out from noise only."""
-        values, vectors, along = self.beside(self.weight[anomaly.readings], anomaly.readings)
+        """Size [m] of its readings' displacement by a translation, of what exceeds noise only."""
+        values, vectors, along = self.projected(self.weight[anomaly.readings], anomaly.readings)
         clear = along**2 > _CLEAR**2 * variance * values
         return float(np.linalg.norm(vectors[:, clear] @ (along[clear] / values[clear])))
 
     def with_motion(self, anomaly: _Anomaly) -> _Explained:
         """Explain the motion of a hypothesis, too."""
         columns = self.columns(anomaly)
-        values, vectors, _ = self.beside(columns, anomaly.readings)
+        values, vectors, _ = self.projected(columns, anomaly.readings)
         raw = np.zeros((*self.points.shape, len(values)))
         raw[anomaly.readings] = columns @ (vectors / np.sqrt(values))
         more = raw - self.basis @ np.einsum("ktip,ktiq->pq", self.basis, raw)
@@ -301,7 +303,7 @@ def _find_anomalies(fit: AxisFit, typical: float) -> Iterator[tuple[_Anomaly, fl
 
 
 def agreement_findings(probability: float | None) -> Iterator[Finding]:
-    """Report sweeps that no one model fits, by the p-value of an F-test beside single fits, if any."""
+    """Report sweeps that no one model fits, by the p-value of an F-test against single fits, if any."""
     if probability is not None and probability < DISAGREEMENT:
         yield _finding(
             "sweeps_disagree",
@@ -385,7 +387,7 @@ def model_findings(
         names: of the joints.
         convention: of the model's table.
         pairs: neighbours in the table that are nearly parallel.
-        links: beside those of the nominal model.
+        links: compared with those of the nominal model.
     """
     for pair in pairs:
         first = names.index(pair.joint) + 1

@@ -61,7 +61,8 @@ ROTATION_TOLERANCE = 1e-5
 _MOST_STEPS = 60
 _MOST_TRIALS = 25
 _LEAST_DAMPING, _FACTOR = 1e-12, 10.0
-"""Least damping beside the squares of singular values of columns of unit norm; factor from trial to trial."""
+"""Least damping relative to the squares of singular values of columns of unit norm; factor from trial to
+trial."""
 _ROUNDING = 2e-16
 _EXACT = 1e-8
 """Residual [m rms] that no tracker sees: exact readings of a joint that hardly moved end there slowly."""
@@ -238,7 +239,7 @@ class LinearFit:
         """Return the least squares step δ (p,), then that of the groups' own unknowns (G,).
 
         Args:
-            damping: λ of Levenberg's step, beside the squares of the singular values of scaled columns.
+            damping: λ of Levenberg's step, added to the squares of the singular values of scaled columns.
         """
         inverse_squares = np.square(self.inverse * self.scale[:, None]).sum(axis=0)
         step = self.inverse @ (self.left.T @ self.residual / (1.0 + damping * inverse_squares))
@@ -255,7 +256,7 @@ class LinearFit:
 
 @dataclass(frozen=True, eq=False)
 class OwnUnknowns:
-    """Unknowns of which each moves the readings of one group only."""
+    """Unknowns that each move the readings of one group only."""
 
     directions: FloatArray  #: (G, m / G) unit vectors of the readings' derivatives; null where there is none
     norms: FloatArray  #: (G,) norms of these derivatives; 1 for a null one
@@ -344,7 +345,7 @@ _STEP = 1e-6  # of the difference quotients [m, rad]: both truncation and roundi
 _BEYOND_NOISE = 1e-6  # probability of chance below which residuals exceed the stated sigma
 _NAMED = 0.1  # least share of an unknown in a combination for which it is named
 _FOLDS = 5
-_LIKE_ALL = 1.1  # residual of a part beside that of all poses that counts as the same
+_LIKE_ALL = 1.1  # residual of a part, relative to that of all poses, that counts as the same
 _CHART_NAMES = ("across u", "across v", "about u", "about v")
 
 
@@ -648,7 +649,7 @@ class IdentifiedAxes:
         """Return those of vectors of some numbers each, by their derivative (k · size, 4 n + 3 T).
 
         Returns:
-            (k, size, size); NaN for vectors of which a number is undetermined.
+            (k, size, size); NaN for vectors with an undetermined number.
         """
         blocks = jacobian.reshape(-1, size, jacobian.shape[-1])
         covariances: FloatArray = blocks @ self.covariance @ blocks.transpose(0, 2, 1)

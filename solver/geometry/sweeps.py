@@ -23,8 +23,8 @@ tells where the targets are on the flange and where the axes farther out are. On
 needs no sweep to be of one model joint alone, so coupled axes are an ordinary case. In return it trusts the
 controller's angles of the joints at rest, within a sweep and from one to the next. With free angles it does
 not trust those of the joint that turns, not even in the mean over a sweep: a gear that is off by 60 µrad at
-rest would move the axes farther out by 0.1 mm. Its χ², beside that of the sweeps one by one, says whether the
-robot agrees.
+rest would move the axes farther out by 0.1 mm. Its χ², compared with that of the sweeps one by one, shows
+whether the robot agrees.
 """
 
 from __future__ import annotations

@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 
 from jointstiff.schemas.finding import Finding, FindingCode
-from jointstiff.solver.integrity.beside_model import (
+from jointstiff.solver.integrity.against_model import (
     inspect_drift,
     inspect_encoders,
     inspect_places,

@@ -10,7 +10,7 @@ import numpy as np
 
 from jointstiff.schemas.finding import Action, Finding
 from jointstiff.solver.arrays import BoolArray, FloatArray
-from jointstiff.solver.integrity.beside_model import (
+from jointstiff.solver.integrity.against_model import (
     EXPLAINED,
     LARGEST_MODEL_ERROR,
     LEAST_ROWS,

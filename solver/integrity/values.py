@@ -336,7 +336,7 @@ def duplicates(view: View) -> Iterator[Finding]:
 def inspect_repeats(view: View) -> Iterator[Finding]:
     """Pool the scatter of repeated deflections and of repeated unloaded positions.
 
-    Repeated deflections hold the tracker's noise alone: where the robot stands cancels.
+    Repeated deflections hold the tracker's noise alone: the robot's place cancels.
     """
     m = view.measurements
     posture = np.round(m.joints / SAME_ANGLE)

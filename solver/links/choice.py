@@ -38,7 +38,7 @@ from jointstiff.solver.mechanics.measurements import Measurements, first_equal
 from jointstiff.solver.mechanics.robot import Robot
 
 
-def compared_models(screening: Screening, asked: ModelName | None) -> tuple[ModelName, ...]:
+def compared_models(screening: Screening, requested: ModelName | None) -> tuple[ModelName, ...]:
     """Return the models to compare, from simple to rich.
 
     A base is compared only where its test speaks for it. Where links have nothing to explain once the base
@@ -47,11 +47,11 @@ def compared_models(screening: Screening, asked: ModelName | None) -> tuple[Mode
 
     Args:
         screening: of what joints alone leave unexplained.
-        asked: model that was asked for; None for those that the tests speak for.
+        requested: model; None for those that the tests support.
     """
-    if asked in WITH_BASE:
+    if requested in WITH_BASE:
         return MODELS
-    if asked is not None or not screening.base_speaks:
+    if requested is not None or not screening.base_speaks:
         return tuple(name for name in MODELS if name not in WITH_BASE)
     base_is_needed = screening.base_beside_links < LINKS_LEVEL
     if screening.links_beside_base >= LINKS_LEVEL and base_is_needed:
@@ -104,7 +104,7 @@ class PenaltyPath:
 
 
 class Folds:
-    """A measurement set shared out to folds, each compressed once, when it is first asked for.
+    """A measurement set shared out to folds, each compressed once, when it is first needed.
 
     Attributes:
         robot: n joints.
@@ -222,7 +222,7 @@ def refined(folds: Folds, model: ElasticModel, path: PenaltyPath) -> PenaltyPath
 
 
 def _further(weights: FloatArray, errors: FloatArray) -> list[float]:
-    """Return weights to try beside the best: a decade beyond an end, or halfway to its neighbours."""
+    """Return weights to try next to the best: a decade beyond an end, or halfway to its neighbours."""
     quarters = np.rint(4.0 * np.log10(weights)).astype(int)
     least, greatest = (round(4.0 * float(np.log10(limit))) for limit in LIMITS)
     best = chosen_weight(errors, "best")
@@ -346,7 +346,7 @@ def _best_loss(models: Sequence[HeldOut], name: ModelName, losses: Sequence[Loss
 def select_model(
     folds: Folds,
     paths: Mapping[tuple[ModelName, Loss], PenaltyPath],
-    asked: ModelName | None = None,
+    requested: ModelName | None = None,
     *,
     screened: bool = False,
 ) -> Selection:
@@ -355,7 +355,7 @@ def select_model(
     Args:
         folds: of the measurements.
         paths: of each model and loss.
-        asked: the model that must have an answer; one without certified answers is left out otherwise.
+        requested: the model that must have an answer; one without certified answers is left out otherwise.
         screened: whether a test has shown that something besides the joints bends.
 
     Raises:
@@ -364,8 +364,8 @@ def select_model(
     validation = folds.validation
     keys = [(name, loss) for name in MODELS for loss in LOSSES if (name, loss) in paths]
     answers = {key: bool(answered(paths[key].errors).any()) for key in keys}
-    none = not any(answers[key] for key in keys if key[0] == asked)
-    keys = [key for key in keys if answers[key] or (none and key[0] == asked)]
+    none = not any(answers[key] for key in keys if key[0] == requested)
+    keys = [key for key in keys if answers[key] or (none and key[0] == requested)]
     places = {key: chosen_weight(paths[key].errors, validation.rule, validation.draws) for key in keys}
     chosen = np.array([paths[key].compliances[:, place] for key, place in places.items()])
     compensation, norms = _predicted(folds, chosen)

@@ -100,10 +100,10 @@ class Competition:
     activity = "cross-validating"
 
     def __init__(self, joints: JointsAlone, options: RunOptions) -> None:
-        """Check what is asked for.
+        """Check the request.
 
         Args:
-            joints: identified alone, beside which the models are compared.
+            joints: identified alone, with which the models are compared.
             options: model, losses, penalty and cross-validation.
 
         Raises:
@@ -119,7 +119,7 @@ class Competition:
             )
         self._joints, self._options = joints, options
         self._columns = ElasticColumns.of(options, joints.robot)
-        self._asked = None if options.elasticity == "automatic" else options.elasticity
+        self._requested = None if options.elasticity == "automatic" else options.elasticity
         once = {} if given is None else {"draws": 1}
         self._validation = options.cross_validation.model_copy(update=once)
         self._weights = WEIGHTS if given is None else (given,)
@@ -138,7 +138,7 @@ class Competition:
 
     @property
     def loss_is_automatic(self) -> bool:
-        """Tell whether no loss was asked for."""
+        """Return whether no loss was requested."""
         return self._options.loss == "automatic"
 
     @property
@@ -186,7 +186,7 @@ class Competition:
         paths = self._paths(parts)
         selection, held_out = self._chosen(paths)
         elastic = None if held_out.model == "joints" else self._whole_set(held_out, selection, paths)
-        return Winner(selection, held_out, elastic, self._asked is not None)
+        return Winner(selection, held_out, elastic, self._requested is not None)
 
     def _paths(self, parts: Sequence[Mapping[str, FloatArray]]) -> _Paths:
         """Return the fits without each fold, of all models."""
@@ -206,16 +206,16 @@ class Competition:
 
     def _chosen(self, paths: _Paths) -> tuple[Selection, HeldOut]:
         """Choose a model with its loss and penalty; paths are refined about the best penalties."""
-        given, automatic = self.penalty_is_given, self._asked is None
-        selection = select_model(self._folds, paths, self._asked, screened=automatic)
+        given, automatic = self.penalty_is_given, self._requested is None
+        selection = select_model(self._folds, paths, self._requested, screened=automatic)
         if automatic and not given:
-            # Beside each other at an end of the weights, the richer model is judged by too large a penalty.
+            # Where both models are at an end of the weights, the richer one is judged by too large a penalty.
             for name in dict.fromkeys(each.model for each in selection.models):
                 ended = selection.of(name)
                 if ended.penalty == self._weights[0]:
                     selection = self._refined(ended, selection, paths)
             selection = Selection.among(selection.models, screened=automatic)
-        chosen = selection.of(self._asked or selection.simplest)
+        chosen = selection.of(self._requested or selection.simplest)
         if chosen.model == "joints":
             chosen = selection.of("joints", ("squared", "huber"))
         elif not given:
@@ -226,7 +226,7 @@ class Competition:
     @cached_property
     def _models(self) -> list[ElasticModel]:
         threshold = self._options.huber_threshold or DEFAULT_THRESHOLD
-        names = compared_models(self.screening, self._asked)
+        names = compared_models(self.screening, self._requested)
         return [ElasticModel(name, self._columns, loss, threshold) for name in names for loss in self._losses]
 
     @cached_property
@@ -262,7 +262,7 @@ class Competition:
         one with links has a certified optimum.
         """
         elastic = self._fit(held_out, paths)
-        if self._asked is not None:
+        if self._requested is not None:
             named = None if self.penalty_is_given else elastic.model.name
             return Elastic(elastic, self._effective(elastic, elastic), named)
         widest = self._widest(elastic, selection, paths)

@@ -53,7 +53,7 @@ from jointstiff.solver.messages import point
 
 @dataclass(frozen=True, eq=False)
 class Companion:
-    """Plain squares beside an estimate: what its uncertainties are computed with.
+    """Plain squares that belong to an estimate: its uncertainties are computed with them.
 
     Those whose weights give a robust loss's optimum count a residual that the loss makes zero many times, and
     promise too much.
@@ -202,7 +202,7 @@ def estimate_elastic(folds: Folds, model: ElasticModel, weight: float) -> Elasti
 
 
 def _companion(form: Formulation, model: ElasticModel, compliances: FloatArray, weight: float) -> Companion:
-    """Return the plain squares beside a fit, their sigma raised where the residuals exceed what is stated."""
+    """Return the plain squares of a fit, their sigma raised where the residuals exceed what is stated."""
     weight, stated = form.weight_of_squares(model, compliances, weight), form.sigma
     _, left, sigma, chi_square = _residuals(form, weight, compliances, stated)
     if stated is None or sigma is None:
@@ -397,7 +397,7 @@ def effective_compliances(
 ) -> EffectiveCompliances:
     """Find the range of each where the objective is near its least, under a lighter penalty.
 
-    All readings see a base, so that squares alone determine it beside the joints. The range then holds
+    All readings see a base, so that squares alone determine it together with the joints. The range then holds
     theirs, too, which neither the penalty nor the cone, on whose face a real base lies, has moved.
 
     Args:
@@ -448,10 +448,10 @@ def with_links(estimate: Estimate, elastic: ElasticEstimate, effective: Effectiv
         elastic: with links.
         effective: of the same joints.
     """
-    beside = {link.joint: "its link" for link in elastic.links}
+    others = {link.joint: "its link" for link in elastic.links}
     if elastic.base is not None:
         first = estimate.joints[0].name
-        beside[first] = f"{beside[first]}'s and the base" if first in beside else "the base"
+        others[first] = f"{others[first]}'s and the base" if first in others else "the base"
     certificate = elastic.certificate
     evidence = Certificate(
         primal=max(0.0, -certificate.least_eigenvalue),
@@ -463,7 +463,7 @@ def with_links(estimate: Estimate, elastic: ElasticEstimate, effective: Effectiv
     return replace(
         estimate,
         joints=tuple(
-            _joint(joint, effective, j, beside.get(joint.name)) for j, joint in enumerate(estimate.joints)
+            _joint(joint, effective, j, others.get(joint.name)) for j, joint in enumerate(estimate.joints)
         ),
         compliance=np.nan_to_num(effective.compliance),
         covariance=None,
@@ -476,9 +476,9 @@ def with_links(estimate: Estimate, elastic: ElasticEstimate, effective: Effectiv
 
 
 def _joint(
-    joint: JointCompliance, effective: EffectiveCompliances, j: int, beside: str | None
+    joint: JointCompliance, effective: EffectiveCompliances, j: int, other: str | None
 ) -> JointCompliance:
-    """Return the result about the axis of joint j, with what bends beside it.
+    """Return the result about the axis of joint j, with what else bends about it.
 
     A joint that is not observable stays so.
     """
@@ -489,11 +489,11 @@ def _joint(
     rigid = compliance < RIGID
     motion = JOINT_UNITS[joint.kind].beside
     together = (
-        f"effective: the joint and {beside}'s {motion} its axis together, which readings do not tell apart"
+        f"effective: the joint and {other}'s {motion} its axis together, which readings do not tell apart"
     )
-    remarks = [] if beside is None else [together]
+    remarks = [] if other is None else [together]
     if rigid:
-        remarks = ["what bends beside it explains the readings without it"]
+        remarks = ["what else bends explains the readings without this joint"]
     elif not np.isfinite(uncertainty):
         remarks.append("no interval: the range of compliances that fit the readings was not found")
     elif uncertainty > LARGEST_UNCERTAINTY * compliance:

@@ -241,7 +241,7 @@ LOSSES: Final[tuple[Loss, ...]] = ("squared", "huber", "absolute")
 _LEAST_SCALE: Final = 1e-6
 """Least robust scale relative to the mean deflection: exact readings have none."""
 _LEAST_WEIGHT: Final = 1e-9
-"""Least weight of the penalty beside squares."""
+"""Least weight of the penalty relative to squares."""
 _SHORTEST_LEVER: Final = 1e-2
 """Least lever relative to the longest: a shorter one, through the load point, would leave rotations
 unpenalised."""
@@ -437,7 +437,7 @@ class Formulation:
         return squares, 2.0 * self.total * threshold * weight / squares.size**2
 
     def weight_of_squares(self, model: ElasticModel, compliances: FloatArray, weight: float) -> float:
-        """Return the weight of the penalty beside plain squares that pulls as much as at a fit.
+        """Return the weight of the penalty, with plain squares, that pulls as much as at a fit.
 
         A residual counts by its direction under the absolute loss, and by its length under squares.
 

@@ -58,7 +58,7 @@ class Known:
 
 @dataclass(frozen=True, eq=False)
 class Share:
-    """Uncertainty so far beside that of a goal."""
+    """Uncertainty so far, relative to that of a goal."""
 
     #: (s,) of the joints that loads twist, or (1,): uncertainty over that of the goal, which is met where all
     #: are 1 at most; inf where nothing is known
@@ -177,7 +177,7 @@ class Ahead:
             known: what the readings so far say.
             readings: the readings so far.
             taken: (K, n) postures that are read or left out, controller's angles [rad].
-            at: (n,) where the arm stands; None where it does not matter.
+            at: (n,) present posture of the arm; None where it does not matter.
         """
         parameters, candidates, share = self.pool.parameters, self.pool.candidates, self.reached(goal, known)
         basis = parameters.basis[: self.robot.n]

@@ -209,7 +209,7 @@ def innovation(robot: Robot, measurements: Measurements, compliance: FloatArray)
         off, causes, doubtful = expected.off(reading), list[str](), bool(far.any())
         if doubtful or wrong_place:
             slips, causes = _causes(expected, reading, others)
-            # What bends beside the joints is no mistake of one reading, and puts others off as well.
+            # What else bends is no mistake of one reading, and moves others as well.
             known = len(others) >= _FEWEST
             factor = np.ones(2)
             if not slips:

@@ -40,7 +40,7 @@ FEWEST_WITH_MODEL_ERROR: Final = 10
 _FEWEST_THAT_TELL: Final = 3
 """Number of readings from which on they show a mistake in one of them."""
 ENOUGH_TO_SAY: Final = 10
-"""Number of readings from which on it is said that a goal will not be met."""
+"""Number of readings from which on a goal is reported as out of reach."""
 _SHOWS: Final = 0.2
 """Probability of residuals as great as these by stated noise alone, above which nothing shows that joints
 and loads explain too little."""
@@ -142,7 +142,7 @@ class Progress:
         return self._known(self.result, assumed=False)
 
     def _known(self, result: RunResult | JointstiffError | None, *, assumed: bool) -> Known:
-        """Return what is known by a result, with or without errors of which nothing was stated."""
+        """Return what is known by a result, with or without errors that were only assumed."""
         robot = self.ahead.robot
         if not isinstance(result, RunResult):
             return Known.nothing(robot.n)
@@ -191,7 +191,7 @@ class Progress:
             for each in self.result.assessment.reasons
             if each.weight == "do_not_use" and each.observation
         ]
-        if kept:  # a reason stands for all findings of its kind
+        if kept:  # a reason represents all findings of its kind
             kinds = {each.code for each in wrong}
             found = [each for each in self.taken.noticed if each.weight == "do_not_use"]
             wrong = [each for each in found if each.observation and each.code in kinds] + wrong

@@ -116,7 +116,7 @@ def balance(
     Args:
         robot: n joints.
         compliance: (n,) [rad/(N·m)].
-        cases: B loads, measured or asked about.
+        cases: B loads, measured or to be predicted.
         weight: of the links; None leaves it out.
         unloaded: kinematics without the load.
         near: kinematics to start from.
@@ -446,25 +446,25 @@ class Term:
 
 @dataclass(frozen=True, eq=False)
 class FittedErrors:
-    """Errors that were fitted beside the joints and taken out of the readings: K unknowns."""
+    """Errors that were fitted with the joints and taken out of the readings: K unknowns."""
 
     terms: tuple[Term, ...]  #: terms that they are of
     unknowns: tuple[FloatArray, ...]  #: (k,) of each term, in its unit
     root: FloatArray  #: (K, r); its product with the transpose is the covariance of all unknowns
-    told: int  #: number of combinations of the unknowns that the readings tell apart from the joints
+    determined: int  #: number of combinations of the unknowns that the readings distinguish from the joints
 
 
 NOTHING_FITTED: Final = FittedErrors((), (), np.zeros((0, 0)), 0)
 
 
 @dataclass(frozen=True, eq=False)
-class BesideErrors(Measurements):
-    """Readings without what errors moved, which were fitted beside the joints."""
+class CorrectedMeasurements(Measurements):
+    """Readings without the motion by errors, which were fitted with the joints."""
 
     fitted: FittedErrors = NOTHING_FITTED
 
     @classmethod
-    def of(cls, measurements: Measurements, fitted: FittedErrors) -> BesideErrors:
+    def of(cls, measurements: Measurements, fitted: FittedErrors) -> CorrectedMeasurements:
         """Return readings whose errors were taken out."""
         return cls(
             **{each.name: getattr(measurements, each.name) for each in fields(Measurements)}, fitted=fitted
@@ -472,8 +472,8 @@ class BesideErrors(Measurements):
 
 
 def fitted_errors(measurements: Measurements) -> FittedErrors:
-    """Return the errors that were fitted beside the joints; none of readings as they were made."""
-    return measurements.fitted if isinstance(measurements, BesideErrors) else NOTHING_FITTED
+    """Return the errors that were fitted with the joints; none of readings as they were made."""
+    return measurements.fitted if isinstance(measurements, CorrectedMeasurements) else NOTHING_FITTED
 
 
 def by_torque(block: RegressorBlock, compliance: FloatArray, torque: FloatArray) -> Motion:

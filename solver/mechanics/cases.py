@@ -1,4 +1,4 @@
-"""Load cases: where the robot stands, what pulls where, and which place is asked about."""
+"""Load cases: postures, loads and where they act, and the places whose deflection is predicted."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from jointstiff.solver.errors import RequestError
 
 @dataclass(frozen=True, eq=False)
 class LoadCases:
-    """B load cases: where the robot stands, what pulls where, and which place is asked about.
+    """B load cases: postures, loads and where they act, and the places whose deflection is predicted.
 
     The wrench is dead: force and moment keep their size and direction in R0 while the load point moves with
     the flange. Arrays are checked and made read-only.
@@ -25,7 +25,7 @@ class LoadCases:
     force: FloatArray  #: (B, 3) on the robot, axes of R0 [N]
     moment: FloatArray  #: (B, 3) on the robot about the load point, axes of R0 [N·m]
     load_point: FloatArray  #: (B, 3) where the force acts, flange frame [m]
-    place: FloatArray  #: (B, 3) whose deflection is asked for, flange frame [m]
+    place: FloatArray  #: (B, 3) whose deflection is predicted, flange frame [m]
 
     def __post_init__(self) -> None:
         count = len(self.joints)

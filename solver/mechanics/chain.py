@@ -227,7 +227,7 @@ def check_name(name: str, where: str) -> None:
 def dh_chain(rows: Sequence[DhRow], convention: Convention, name: str) -> KinematicChain:
     """Build the chain of a table.
 
-    With joint angle q_i and the constants of row i, frame i stands in frame i-1 at
+    With joint angle q_i and the constants of row i, frame i is in frame i-1 at
 
     * standard: T_i = Rz(q_i + theta_i) Tz(d_i) Tx(a_i) Rx(alpha_i),
     * modified (Craig): T_i = Rx(alpha_i) Tx(a_i) Rz(q_i + theta_i) Tz(d_i).

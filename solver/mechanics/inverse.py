@@ -38,7 +38,7 @@ _DAMPING: Final = 1e-12
 _ONE: Final = 1e-3
 """Difference of two solutions [rad] that are taken for one."""
 _SINGULAR: Final = 2e-3
-"""Least singular value up to which branches cannot be told apart."""
+"""Least singular value up to which branches cannot be distinguished."""
 _LEAST_STEP: Final = 1.0 / 1024.0
 """Share of a straight line that is followed in one step at least."""
 _TURN: Final = 2.0 * np.pi
@@ -71,7 +71,7 @@ class InverseKinematics:
                 needed if there are such.
 
         Raises:
-            RobotError: the robot has not six revolute joints, it is not known where a prismatic one stands,
+            RobotError: the robot has not six revolute joints, the position of a prismatic one is not known,
                 or no chain near it decomposes.
         """
         self._found_by = robot, held
@@ -221,7 +221,8 @@ class InverseKinematics:
         """Follow the branches of angles (m, 6) [rad] along straight lines to poses (m, 4, 4) [m].
 
         Returns:
-            Angles (m, 6) of the model [rad], and (m,) whether each could be told from others all along.
+            Angles (m, 6) of the model [rad], and (m,) whether each could be distinguished from others all
+            along.
         """
         begin, q = flange_poses(self.arm, near), near.copy()
         done, step = np.zeros(len(poses)), np.ones(len(poses))

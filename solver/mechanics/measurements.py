@@ -36,7 +36,7 @@ instrument's."""
 class Instrument:
     """A laser tracker at its station."""
 
-    station: tuple[float, float, float]  #: where it stands, in R0 [m]
+    station: tuple[float, float, float]  #: place of the station, in R0 [m]
     range_constant: float  #: a [m]
     range_per_distance: float  #: b [m/m]
     transverse_constant: float  #: c [m]
@@ -236,9 +236,9 @@ class EncoderReadings:
 NOISE_SIGMAS: Final = 3.0
 """Number of standard deviations below which a deflection carries little information."""
 ASSUMED_LOAD_POINT: Final = 0.01
-"""Standard uncertainty of each coordinate of a load point of which nothing is stated [m]."""
+"""Standard uncertainty of each coordinate of a load point without a stated uncertainty [m]."""
 ASSUMED_FORCE_SCALE: Final = 0.01
-"""Relative standard uncertainty of all forces and moments of which nothing is stated."""
+"""Relative standard uncertainty of all forces and moments without a stated uncertainty."""
 
 
 @dataclass(frozen=True)

@@ -68,7 +68,7 @@ def products(moves: FloatArray, load: FloatArray) -> FloatArray:
     """Return columns (..., k (k + 1) / 2) of ``moves C load``, both (..., k), by entries of a symmetric C."""
     size = moves.shape[-1]
     i, j = entries(size)
-    # An entry off the diagonal stands for two of the matrix, each 1/√2 of it.
+    # An entry off the diagonal represents two of the matrix, each 1/√2 of it.
     both: FloatArray = moves[..., i] * load[..., j] + moves[..., j] * load[..., i]
     return both * np.where(i == j, 0.5, 1.0 / weights(size))
 

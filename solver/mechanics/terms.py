@@ -118,7 +118,7 @@ Groups = tuple[tuple[str, ...], ...]
 
 
 def _members(groups: Groups, part: Measurements) -> FloatArray:
-    """Return which observations (N, g) are of which group, 1 or 0."""
+    """Return the group of each observation as (N, g) of 1 or 0."""
     return np.stack([np.isin(part.labels, list(group)) for group in groups], axis=1).astype(np.float64)
 
 

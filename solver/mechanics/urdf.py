@@ -123,7 +123,7 @@ def _numbers(values: Iterable[float]) -> str:
 def read_inertials(text: str, chain: KinematicChain) -> tuple[Body, ...]:
     """Read masses and centres of mass of the links on a chain from its URDF.
 
-    What a URDF says of the inertia of other branches is not part of it, nor what stands before the first
+    The inertia of other branches is not part of the chain, nor what comes before the first
     moving joint. A document with an inertial that makes no sense gives no bodies at all.
 
     Args:
@@ -406,7 +406,7 @@ class XmlElement:
         """Return the only child with this tag, or None.
 
         Raises:
-            RobotError: there are several, of which other readers silently take the first.
+            RobotError: there are several, and other readers silently use the first.
         """
         children = self.named(tag)
         if len(children) > 1:

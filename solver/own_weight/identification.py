@@ -71,13 +71,13 @@ RANK: Final = 1e-10
 _BEYOND_CHANCE: Final = 1e-3
 """Probability of chance below which residuals or masses count as contradicted."""
 _RIGID: Final = 1e-6
-"""Compliance beside the end of its interval that is rounding of a rigid joint's."""
+"""Compliance, relative to the end of its interval, that is rounding of a rigid joint's."""
 _AT_CAP: Final = 0.5
 """Share of the greatest compliance that counts as no bound at all."""
 _LEAST_NOISE: Final = 3e-6
 """Residuals [m] below which nothing is left to explain: no instrument reads a place better."""
 _NOTHING: Final = 1e-10
-"""Singular value beside the greatest that is rounding of columns that depend on each other."""
+"""Singular value, relative to the greatest, that is rounding of columns that depend on each other."""
 _LEAST_SIGMA: Final = 1e-15
 """Rounding: no reading is better."""
 
@@ -329,12 +329,12 @@ def chance_of_tilt(
     return float(special.fdtrc(3, tilting.freedom(by_loads), gain / 3.0))
 
 
-def explained(
+def fit_with_proved_corrections(
     fitted: Callable[..., WeightFit], burden: Burden, by_loads: int, least: float, *, free_base: bool
 ) -> tuple[WeightFit, tuple[Body, ...], list[Finding]]:
     """Fit, and once more with what the readings prove: a base that tilts, a mass far from what is stated.
 
-    Where readings are too few for a further fit, the one before stands.
+    Where readings are too few for a further fit, the fit before is kept.
 
     Args:
         fitted: function from bodies to the fit, with `free_base`.
@@ -545,7 +545,9 @@ def identify_weight(
         )
 
     least = 1.0 if poses.sigma is not None else _LEAST_NOISE**2
-    fit, bodies, found = explained(fitted, readings.burden, by_loads, least, free_base=free_base)
+    fit, bodies, found = fit_with_proved_corrections(
+        fitted, readings.burden, by_loads, least, free_base=free_base
+    )
     readings = replace(readings, burden=replace(readings.burden, bodies=bodies))
     problem, loss = fit.reduced, fit.optimum.loss
     rank, freedom = problem.rank, fit.freedom(by_loads)

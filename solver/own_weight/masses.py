@@ -30,7 +30,7 @@ _CHECKED: Final = 5.0
 _MATTERS: Final = 0.1
 """Relative change of a compliance that is worth a remark."""
 _FREE: Final = 1e-4
-"""Weight of the bounds of a mass left free, which settles one of which no reading tells."""
+"""Weight of the bounds of a mass left free, which settles a mass that no reading shows."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,7 +96,7 @@ def freed_masses(problem: Reduced, burden: Burden, noise: float) -> list[FreedMa
         root = np.linalg.pinv(jacobian, rcond=0.0)
         variance = float(root[n + k] @ root[n + k])
         slope = root[:n] @ root[n + k] / variance
-        # Of one at zero beside its uncertainty, that with the mass as stated
+        # For a mass near zero relative to its uncertainty, use that with the mass as stated
         rest = np.maximum(y[:n], np.linalg.norm(root[:n] - np.outer(slope, root[n + k]), axis=1))
         doubled = means[number] / half * slope / np.where(rest > 0.0, rest, np.inf)
         is_told = 3.0 * _FREE**2 * variance < 0.5
@@ -108,8 +108,8 @@ def freed_masses(problem: Reduced, burden: Burden, noise: float) -> list[FreedMa
 
 def contradicted(freed: Sequence[FreedMass]) -> FreedMass | None:
     """Return the mass whose statement the readings contradict most; None if they contradict none."""
-    told = (each for each in freed if np.isfinite(each.uncertainty))
-    worst = max(told, key=lambda each: each.gain, default=None)
+    known = (each for each in freed if np.isfinite(each.uncertainty))
+    worst = max(known, key=lambda each: each.gain, default=None)
     return None if worst is None or worst.gain <= CONTRADICTED else worst
 
 

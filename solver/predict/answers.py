@@ -55,7 +55,7 @@ class MapTask:
     rotation: FloatArray  #: (O, 3, 3) axes of the flange in R0
     force: FloatArray  #: (O, 3) on the robot, axes of R0 [N]
     moment: FloatArray  #: (O, 3) about the load point, axes of R0 [N·m]
-    direction: FloatArray  #: (O, 3) unit vectors along which compliance is asked for, axes of R0
+    direction: FloatArray  #: (O, 3) unit vectors along which compliance is requested, axes of R0
     place: FloatArray  #: (3,) place of the tool, flange frame [m]: it is brought to the places
     load_point: FloatArray  #: (3,) where the force acts, flange frame [m]
     limits: FloatArray  #: (n, 2) least and greatest angles as the controller shows them [rad]; ∓inf for none
@@ -107,7 +107,7 @@ def postures_within_limits(
 ) -> tuple[IndexArray, IndexArray, FloatArray, IndexArray, IndexArray]:
     """Return place, orientation and angles (K,), (K,), (K, n) of all postures within limits.
 
-    Last come the places (S,) that some posture reaches, limits or not, and those (L,) of which a posture is
+    Last come the places (S,) that some posture reaches, limits or not, and those (L,) where a posture is
     not known: a map that keeps near to a posture follows its branch where solutions may be missing, near a
     singularity, as programs follow theirs, and takes what it finds if no other solution is nearer.
     """
@@ -443,12 +443,12 @@ def case_results(
     labels: Sequence[str],
     budget: Budget | None,
 ) -> list[cases.CaseResult]:
-    """Return each load case; one that twists a joint of which nothing is known has its reason instead.
+    """Return each load case; one that twists an unknown joint has its reason instead.
 
     Args:
         bent: deflections of B cases.
         bound: model error of their displacements; None where it has no bound.
-        directions: (B, 3) unit vectors along which stiffness is asked for; NaN where there are none.
+        directions: (B, 3) unit vectors along which stiffness is requested; NaN where there are none.
         confidence: level of the intervals.
         labels: of the cases.
         budget: of the run; None without one.

@@ -32,7 +32,7 @@ from jointstiff.solver.mechanics.robot import Robot
 LARGEST_TURN: Final = 0.25
 """Greatest deflection of a joint, or rotation of the flange, under a load of a process [rad]."""
 _SINGULAR: Final = 1e-12
-"""Eigenvalue beside the greatest, in equilibrated compliances, that is rounding."""
+"""Eigenvalue, relative to the greatest, in equilibrated compliances, that is rounding."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -231,7 +231,7 @@ class Deflection(ABC):
     @property
     @abstractmethod
     def unseen(self) -> BoolArray:
-        """(B, n) joints that the load twists and of which the readings say nothing.
+        """(B, n) joints that the load twists and that the readings do not show.
 
         Where there is one, no number holds.
         """
@@ -245,7 +245,7 @@ class Deflection(ABC):
     def compliance_known(self, direction: FloatArray) -> tuple[BoolArray, BoolArray]:
         """Return whether the readings say how places answer to forces along directions (B, 3), and across.
 
-        A joint of which they say nothing may answer to other forces than the load.
+        A joint that they do not show may answer to other forces than the load.
         """
 
     def interval(self, confidence: float) -> FloatArray | None:
@@ -347,7 +347,7 @@ def compensate(
             None if all are.
 
     Raises:
-        RequestError: a load twists a joint of which nothing is known, finds no stable balance, or cannot be
+        RequestError: a load twists an unknown joint, finds no stable balance, or cannot be
             compensated.
     """
     robot, limits = model.robot, CorrectionLimits() if limits is None else limits

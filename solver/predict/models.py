@@ -261,7 +261,7 @@ class JointDeflection(Deflection):
 
     @cached_property
     def _torque(self) -> FloatArray:
-        """(B, n) torque that shows the compliances: of loads only beside a sag [N·m]."""
+        """(B, n) torque that shows the compliances: of loads only, in addition to a sag [N·m]."""
         if self.model.weight is None or not self.model.weight.absolute:
             return self.balance.torque
         return self.balance.loaded.load(self.cases.load_point, self.cases.force, self.cases.moment)[1]
@@ -281,7 +281,7 @@ class JointDeflection(Deflection):
 
     @property
     def unseen(self) -> BoolArray:
-        """(B, n) joints that load, or weight of a sag, twists and of which the readings say nothing."""
+        """(B, n) joints that load, or weight of a sag, twists and that the readings do not show."""
         unseen, weight = self.model.unseen(self.rows), self.model.weight
         if isinstance(weight, IdentifiedWeight):
             own = np.abs(self.balance.torque - self._torque)
@@ -485,7 +485,7 @@ class ElasticDeflection(Deflection):
 
     @property
     def unseen(self) -> BoolArray:
-        """(B, n) joints that the load twists and of which the readings say nothing."""
+        """(B, n) joints that the load twists and that the readings do not show."""
         twisted = np.abs(self.jacobian * self.torque[:, None]).max(axis=1) > 0.0
         return np.asarray(twisted & ~self.model.seen)
 
@@ -520,8 +520,8 @@ EXTRAPOLATED: Final = 1.01
 class ModelErrorBound:
     """Radii of balls about B predicted displacements, to hold the truth with the model error."""
 
-    radius: FloatArray  #: (B,) [m]; inf where nothing can be said
-    #: `force` or `moment` if no load of the campaign had one: under one, nothing can be said
+    radius: FloatArray  #: (B,) [m]; inf where nothing is known
+    #: `force` or `moment` if no load of the campaign had one: under one, nothing is known
     unmeasured: str | None
     #: (B,) size of the load over the greatest that was measured; above EXTRAPOLATED it is
     load_ratio: FloatArray
@@ -564,7 +564,7 @@ class ModelError:
         return ceil(1.0 / (1.0 - confidence) - _SLACK) - 1
 
     def quantile(self, confidence: float) -> float:
-        """Return the score that a new posture's is to stay below [m]; inf where nothing can be said."""
+        """Return the score that a new posture's is to stay below [m]; inf where nothing is known."""
         place = int(np.searchsorted(self.share, confidence - _SLACK))
         return float(self.score[place]) if place < len(self.score) else float("inf")
 
@@ -754,7 +754,7 @@ def merged_steps(posture: IndexArray, score: FloatArray) -> tuple[FloatArray, Fl
         score: (R,) its score.
 
     Returns:
-        (S,) ascending scores, each the greatest of those that it stands for, and (S,) their shares.
+        (S,) ascending scores, each the greatest of those that it represents, and (S,) their shares.
     """
     postures, index, counts = np.unique(posture, return_inverse=True, return_counts=True)
     order = np.argsort(score, kind="stable")

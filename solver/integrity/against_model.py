@@ -1,6 +1,6 @@
-"""Readings beside the robot's model: places of the targets on the flange, and deflections under the loads.
+"""Readings compared with the robot's model: places of targets on the flange, deflections under the loads.
 
-A robot stands where its model says within millimetres, so that targets seen from the flange stay where they
+A robot is where its model says within millimetres, so that targets seen from the flange stay where they
 are and keep their distances. A mistake in the angles, their order, a name or a unit moves them by
 centimetres; the mistake that was made is the one whose correction brings them back to one place. A target
 that is elsewhere from some row on was bumped.
@@ -81,7 +81,7 @@ class Hypothesis:
     joints: FloatArray  #: (M, n) joints as the controller shows them [rad or m]
     figure: str  #: change that was tried, for the message: "with ... ".
     remedy: str  #: the proposed correction
-    rows: IndexArray  #: (M,) rows that it can explain, as places among those asked for
+    rows: IndexArray  #: (M,) rows that it can explain, as places among the requested rows
     length: float = 1.0  #: factor on the positions
     unit: Unit | None = None  #: unit of the numbers, if it is not the declared one
 
@@ -111,7 +111,7 @@ def angle_hypotheses(joints: FloatArray, rows: IndexArray, names: tuple[str, ...
 
     Args:
         joints: (N, n) controller angles of the whole set [rad].
-        rows: (M,) which of its rows are asked for.
+        rows: (M,) which of its rows are requested.
         names: of the controller's joints.
     """
     angles, every = joints[rows], np.arange(len(rows))
@@ -160,9 +160,9 @@ def inspect_places(view: View) -> tuple[list[Finding], BoolArray]:
     joints, judged = view.measurements.joints, []
     units = unit_hypotheses(joints[sample], view.robot.prismatic)
     for h in (*units, *angle_hypotheses(joints, sample, view.robot.joint_names)):
-        asked = sample[h.rows]
+        chosen = sample[h.rows]
         at = Postures(view.robot, view.robot.joint_map.model_angles(h.joints))
-        there = seen_from_flange(at, h.length * view.measurements.position[asked], view.measured[asked])
+        there = seen_from_flange(at, h.length * view.measurements.position[chosen], view.measured[chosen])
         mended = consensus(there)
         judged.append((h, mended, distance_from(there, mended)))
     best, mended, apart = max(
@@ -442,14 +442,15 @@ def _less_median(lengths: FloatArray, both: BoolArray) -> FloatArray:
 
 
 def find_step(places: FloatArray, joints: FloatArray, allowance: float = 1.0) -> Step | None:
-    """Find the most significant lasting displacement of a target beside the barycentre of the others.
+    """Find the most significant lasting displacement of a target relative to the barycentre of the others.
 
     The others take away what the model has wrong of the flange's position; what it has wrong of its
     direction, a fraction of a millimetre on the targets' triangle, varies with the posture and is part of the
     scatter. The scale is that of the changes from row to row, by their median, which a single step does not
     touch, or that of the rows about the means of both sides, whichever is greater. The model's error of the
-    flange's direction moves a target beside the others, too, but changes no distance: a step needs a distance
-    that changed by `SMALLEST_MOTION`. And it needs two postures on each side, as one may be off the model.
+    flange's direction moves a target relative to the others, too, but changes no distance: a step needs a
+    distance that changed by `SMALLEST_MOTION`. And it needs two postures on each side, as one may be off the
+    model.
 
     Args:
         places: (N, T, 3) in the flange frame [m]; nan where a target was not measured.
@@ -500,10 +501,10 @@ def find_step(places: FloatArray, joints: FloatArray, allowance: float = 1.0) ->
 
 
 def inspect_drift(view: View, good: BoolArray) -> Iterator[Finding]:
-    """Fit a steady motion of the barycentre of the targets, beside what may be wrong of the model.
+    """Fit a steady motion of the barycentre of the targets, together with what may be wrong in the model.
 
     Joint offsets, the base's place and the barycentre's place on the flange are fitted together with it.
-    F-test of its three components. Nothing is said where the postures themselves were measured in order.
+    F-test of its three components. No finding is made where the postures themselves were measured in order.
 
     Args:
         view: of the set.
@@ -535,7 +536,7 @@ def inspect_drift(view: View, good: BoolArray) -> Iterator[Finding]:
     without, left = (triangle.residual_squares(names) for names in (["model"], ["model", "motion"]))
     ratio = (without - left) / 3.0 / max(left / freedom, _EXACT) / MODEL_ALLOWANCE**2
     chance = float(special.fdtrc(3.0, freedom, max(0.0, ratio)))
-    drift = triangle.fit_beside(["motion"], "model").unknowns
+    drift = triangle.fit_with(["motion"], "model").unknowns
     size = float(np.linalg.norm(drift))
     if chance < FALSE_ALARM and size > SMALLEST_MOTION:
         yield view.finding(
@@ -683,7 +684,7 @@ def inspect_response(view: View, good: BoolArray) -> Iterator[Finding]:
 def _mistake_of_the_set(
     view: View, rows: IndexArray, block: RegressorBlock, springs: Springs
 ) -> Finding | None:
-    """Look for a mistake in all or many rows; positions that were read have told those in the angles."""
+    """Look for a mistake in all or many rows; read positions have shown mistakes in the angles."""
     if not view.measured.any():
         if springs.unexplained > WORTH_A_SEARCH and (mistake := _mistaken_angles(view, block, springs)):
             return mistake
@@ -745,7 +746,7 @@ def _shifted_rows(view: View, rows: IndexArray, block: RegressorBlock, springs: 
         own = norms(fit.residual)
         for by, name in ((-1, "before"), (1, "after")):
             better = norms(deflection - np.roll(fit.predicted, -by, axis=0)) < BETTER * own
-            better[0 if by < 0 else -1] = False  # the neighbour of the end is not beside it
+            better[0 if by < 0 else -1] = False  # the neighbour of the end is not next to the mistake
             marked = np.flatnonzero(better)
             run = max(np.split(marked, np.flatnonzero(np.diff(marked) > 1) + 1), key=len)
             if len(run) >= _LEAST_SHIFTED and len(run) > len(longest):
@@ -778,7 +779,7 @@ def _outliers(
     scale = vector_scale(norm[judged], each) * np.sqrt(each * count / freedom)
     limit = MODEL_ALLOWANCE * vector_quantile(count, freedom, each) * scale
     stated = vector_quantile(count, 1e6, each) * np.sqrt(2.0) * view.reading_sigma[rows]
-    # (M, T) residuals that are as unusual beside the deflection: what else bends does so with the load
+    # (M, T) residuals that are as unusual relative to the deflection: what else bends does so with the load
     moved = np.maximum(np.linalg.norm(part.deflection, axis=2), np.linalg.norm(springs.predicted, axis=2))
     share = norm / np.maximum(moved, 1e-300)
     share_limit = MODEL_ALLOWANCE * vector_quantile(count, each * count, each)
