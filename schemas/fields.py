@@ -102,7 +102,7 @@ SquareMetres = Annotated[Value, Field(json_schema_extra={"unit": "m2"})]
 MixedSquares = Annotated[Value, Field(json_schema_extra={"unit": "m2, m.rad, rad2"})]
 Dimensionless = Annotated[Value, Field(json_schema_extra={"unit": "1"})]
 StatedUnit = Annotated[Value, Field(json_schema_extra={"unit": "see `unit`"})]
-"""A value of any shape in this unit, which stands in the JSON schema: `Metres[float | None]`."""
+"""A value of any shape in this unit, which is in the JSON schema: `Metres[float | None]`."""
 
 _ANGLES, _LENGTHS = JOINT_UNITS["revolute"], JOINT_UNITS["prismatic"]
 Positions = Annotated[
@@ -161,7 +161,7 @@ class Terminal:
     gather: Literal["one", "list", "dict"] = "one"  # whether it is repeated, and what becomes of the values
     unit: str = ""  # unit of its numbers as the command line states them to the API: m, deg, N
     hidden: bool = False  # whether the field has no option: it comes from a file of options
-    flag: str = ""  # value that the option stands for, if it takes none
+    flag: str = ""  # value that the option means, if it takes none
     text: str = ""  # help, if the description of the field does not hold on the command line
 
 

@@ -58,7 +58,7 @@ Unit = Literal["m", "mm", "deg", "rad", "N", "kN"]
 
 
 class NamedCause(Message):
-    """Something that moved the targets beside the joints, such as a load point elsewhere or play in gears."""
+    """Something that moved the targets, too, such as a load point elsewhere or play in gears."""
 
     name: Name = Field(
         description="Name: `load_point`, `constant_force` (axes of R0), `load_zero` (a force in the flange's "
@@ -79,7 +79,7 @@ class Action(Message):
     """Action that a program can offer; it changes only the named options or readings."""
 
     kind: ActionKind = Field(
-        description="Action. `fit_causes` fits `causes` beside the joints and leaves the readings as they "
+        description="Action. `fit_causes` fits `causes` with the joints and leaves the readings as they "
         "are; `convert_units` declares `unit` and keeps the numbers; `exchange_readings` "
         "exchanges unloaded and loaded readings; `choose_model` lets the readings choose elasticity and "
         "loss; `choose_robot` keeps the readings and takes `robot`."
@@ -95,7 +95,7 @@ class Action(Message):
     target: Name | None = Field(
         description="Target whose position is exchanged with the load point; null for other actions."
     )
-    causes: list[NamedCause] = Field(description="Causes to fit beside the joints; empty for other actions.")
+    causes: list[NamedCause] = Field(description="Causes to fit with the joints; empty for other actions.")
     unit: Unit | None = Field(description="Unit of the numbers; null for other actions.")
     robot: Name | None = Field(
         default=None,

@@ -145,7 +145,7 @@ class FlangeTarget(Message):
 
 
 class LinkComparison(Message):
-    """A length or an angle of the robot, nominal beside identified."""
+    """A length or an angle of the robot, nominal and identified."""
 
     quantity: Literal["a", "alpha", "beta", "d", "theta"] = Field(
         description="Denavit-Hartenberg parameter; beta is the second angle of axes meant to be parallel."
@@ -247,7 +247,8 @@ class GeometryResult(Result):
 
 MAX_GEOMETRY_TARGETS = 8
 MAX_GEOMETRY_POSITIONS = 1_400
-"""Maximum number of positions of all sweeps together: 1,000 circle points of the wrist beside other axes."""
+"""Maximum number of positions of all sweeps together: 1,000 circle points of the wrist in addition to other
+axes."""
 MAX_SWEEP_POSITIONS = 600
 """Maximum number of positions of one sweep: its fit takes the cube of their number."""
 MAX_GEOMETRY_READINGS = 4_200
@@ -306,7 +307,7 @@ _Poses = Annotated[
 
 
 class GeometryRequest(Message):
-    """Sweeps or unloaded poses of one robot, read by a tracker that stands anywhere."""
+    """Sweeps or unloaded poses of one robot, read by a tracker at any place."""
 
     name: Name = Field(default="geometry", examples=["KR 240 cell 3, sweeps"])
     units: GeometryUnits

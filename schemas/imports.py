@@ -98,7 +98,7 @@ class ImportOptions(Message):
     )
     state: State | None = Field(
         default=None,
-        description="State of the positions of which neither headers, columns nor names of points and files "
+        description="State of the positions where neither headers, columns nor names of points and files "
         "say whether they are unloaded or loaded.",
     )
     by_order: StrictBool = Field(

@@ -42,7 +42,7 @@ class JointUnits:
     load_verb: str  #: loads that … it
     loads: str  #: the load … it
     moves: str  #: the joint …
-    beside: str  #: motion of its link that readings do not tell from its own: … its axis
+    of_link: str  #: motion of its link that readings do not distinguish from its own: … its axis
 
 
 JOINT_UNITS: Final[Mapping[JointKind, JointUnits]] = MappingProxyType(
@@ -59,7 +59,7 @@ JOINT_UNITS: Final[Mapping[JointKind, JointUnits]] = MappingProxyType(
             load_verb="twist",
             loads="twists",
             moves="turns",
-            beside="rotation about",
+            of_link="rotation about",
         ),
         "prismatic": JointUnits(
             dimension="length",
@@ -73,7 +73,7 @@ JOINT_UNITS: Final[Mapping[JointKind, JointUnits]] = MappingProxyType(
             load_verb="push",
             loads="pushes",
             moves="slides",
-            beside="motion along",
+            of_link="motion along",
         ),
     }
 )

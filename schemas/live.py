@@ -34,7 +34,7 @@ class LiveOptions(ReadingOptions):
 
     goal: Goal
     candidates: Annotated[int, Field(strict=True, ge=10, le=MAX_CANDIDATES)] = Field(
-        default=1_000, description="Postures drawn within the joints' limits, of which the next is chosen."
+        default=1_000, description="Postures drawn within the joints' limits, from which the next is chosen."
     )
     plan_id: Identifier | None = Field(
         default=None, description="Plan whose robot, loads, targets and surroundings are taken."

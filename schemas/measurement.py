@@ -54,7 +54,7 @@ _PerDistance = Annotated[float, Field(strict=True, ge=0.0, le=0.1)]
 
 
 class _Uncertain(Message):
-    """Standard uncertainties of which one at least is positive."""
+    """Standard uncertainties, at least one of them positive."""
 
     @model_validator(mode="after")
     def _says_something(self) -> Self:
@@ -336,7 +336,7 @@ LEAST_DIRECTION = 1e-6
 
 
 class SetChange(ResourceChange, SetMetadata):
-    """Changes of a measurement set beside its readings; and of an open one, what becomes of a reading.
+    """Changes of a measurement set, its readings apart; and of an open one, what becomes of a reading.
 
     Omitted fields remain unchanged.
     """
@@ -425,7 +425,7 @@ class Reading(Message):
         default=None,
         description="Standard uncertainty of one coordinate of either position of this reading, or of the "
         "gauge before and under load, in units.length. All readings of the tracker state their own noise, "
-        "or none and `noise` does; a reading along a direction may state its own beside them.",
+        "or none and `noise` does; a reading along a direction may state its own in addition to them.",
     )
     unloaded_covariance: Matrix3 | None = Field(
         default=None,

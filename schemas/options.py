@@ -212,7 +212,7 @@ Causes = Annotated[
     AfterValidator(_once_each),
     Terminal("--cause", "NAME[:FIRST]", cause_of, "list"),
 ]
-"""Causes that are fitted beside the joints."""
+"""Causes that are fitted with the joints."""
 
 
 class RunOptions(MethodOptions):
@@ -248,7 +248,7 @@ class RunOptions(MethodOptions):
     )
     causes: Causes = Field(
         default_factory=list,
-        description="Causes to fit beside the joints, such as a reason advises: the readings stay as they "
+        description="Causes to fit with the joints, such as a reason advises: the readings stay as they "
         "are, and the intervals include the uncertainty of the causes.",
     )
     priors: Annotated[

@@ -300,7 +300,7 @@ class PlanOptions(AcceptingOptions, ReadingOptions):
     )
     causes: Causes = Field(
         default_factory=list,
-        description="Causes that are fitted beside the joints to the readings of the campaign so far, as in "
+        description="Causes that are fitted with the joints to the readings of the campaign so far, as in "
         "its run; from Python and the terminal those of its run.",
     )
     leave_out: Annotated[list[Name], Field(max_length=MAX_LEFT_OUT)] = Field(

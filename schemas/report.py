@@ -31,7 +31,7 @@ class Laboratory(Party):
     )
     languages: Annotated[list[Annotated[str, Field(pattern="^[a-z]{2}$")]], Field(max_length=8)] = Field(
         default_factory=list,
-        description="Languages of names, notes and conditions beside English, ISO 639-1, for certificates.",
+        description="Languages of names, notes and conditions except English, ISO 639-1, for certificates.",
         examples=[["fr"]],
     )
     responsible: Name | None = Field(
@@ -59,9 +59,9 @@ class Laboratory(Party):
     )
     method: Notes | None = Field(
         default=None,
-        description="Procedure of the laboratory by its number, beside the method of this software.",
+        description="Procedure of the laboratory by its number, in addition to the method of this software.",
     )
     customer: Party | None = Field(default=None, description="Customer of the reports.")
     logo: Name | None = Field(
-        default=None, description="File beside this one, PNG or JPEG: a name without a folder."
+        default=None, description="File next to this one, PNG or JPEG: a name without a folder."
     )

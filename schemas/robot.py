@@ -221,7 +221,7 @@ class Robot(RobotDocument, RobotSummary):
 
 
 class RobotChange(ResourceChange):
-    """Changes of a robot beside its kinematics. Omitted fields remain unchanged."""
+    """Changes of a robot, its kinematics apart. Omitted fields remain unchanged."""
 
 
 class JointMapPreset(Message):

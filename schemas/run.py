@@ -220,7 +220,7 @@ class Identifiability(Message):
         description="Condition number, the largest of all stages; null if rank-deficient. Dimensionless."
     )
     combinations: list[list[Name]] = Field(
-        description="Groups of joints of which only combinations are observable."
+        description="Groups of joints whose combinations alone are observable."
     )
     observability: Dimensionless[dict[ObservabilityIndex, float] | None] = Field(
         default=None,
@@ -435,7 +435,7 @@ class ModelChoice(Message):
         "options exclude more than joints."
     )
     links_p_value: Dimensionless[float | None] = Field(
-        description="p-value of the F test of links beside joints; null if it was not made."
+        description="p-value of the F test of links added to the joints; null if it was not made."
     )
     message: str = Field(description="Choice in a sentence, with its figures.")
     models: list[ScoredModel] = Field(
@@ -457,12 +457,12 @@ class ModelChoice(Message):
 
 
 class CauseTest(Message):
-    """Test of something that may have moved the targets beside the joints."""
+    """Test of something that may have moved the targets in addition to the joints."""
 
     name: Name = Field(description="Name of the cause, as in the `causes` of a run.")
     first: Name | None = Field(description="Label of the first observation that it concerns; null for all.")
     p_value: Dimensionless[float] = Field(
-        description="p-value of its F test beside the joints: the larger of those with the weights stated "
+        description="p-value of its F test, added to the joints: the larger of those with the weights stated "
         "and with equal weights."
     )
 
@@ -517,7 +517,7 @@ class RunResult(Result):
     )
     causes: list[CauseTest] = Field(
         default_factory=list,
-        description="Causes that were tested beside the joints, the most significant first; empty where none "
+        description="Causes that were tested with the joints, the most significant first; empty where none "
         "could be.",
     )
     residuals: list[Residual]

@@ -102,7 +102,7 @@ class Trend(Message):
     campaigns: list[TrendCampaign] = Field(description="Oldest first.")
     joints: list[TrendJoint]
     level: Dimensionless[float] = Field(
-        description="Probability, at most, that any joint is said to have changed if none has."
+        description="Probability, at most, that any joint is reported as changed if none has."
     )
     left_out: list[LeftOut] = Field(description="Campaigns that are not compared, with the reason.")
     note: str | None = Field(description="Remarks on what the test cannot say, or what to check first.")

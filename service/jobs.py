@@ -122,7 +122,7 @@ class Jobs:
         """Store a job: carried out, or enqueued if it takes long and there are workers.
 
         Raises:
-            RequestError: what is asked for does not exist, or the readings cannot support it.
+            RequestError: what is requested does not exist, or the readings cannot support it.
                 Nothing is stored then.
             IdempotencyConflictError: the key came before with another body.
             TooManyJobsError: `MAX_OPEN` of them have not ended.
@@ -153,11 +153,11 @@ class Jobs:
 
     def answered(self, record: JobRecord) -> str:
         """Return a job as it is answered, as JSON: one that has ended as it was stored."""
-        goes_on = record.state in OPEN_STATES
-        return self.kind.answered(self._as_now(record).model_dump_json() if goes_on else record.document)
+        is_active = record.state in OPEN_STATES
+        return self.kind.answered(self._as_now(record).model_dump_json() if is_active else record.document)
 
     def cancel(self, job_id: str) -> Job:
-        """End a job where it stands; a job that has ended stays as it is.
+        """End a job where it is; a job that has ended stays as it is.
 
         Raises:
             NotFoundError: there is no such job.
@@ -168,7 +168,7 @@ class Jobs:
             self._end(job_id, "cancelled", at_most=CANCEL_SECONDS)
         return self.current(job_id)
 
-    def start(self, job_id: str) -> None:
+    def mark_running(self, job_id: str) -> None:
         """Write that a job is being carried out from now on."""
         record = self.records.get(job_id)
         job = self._read(record)
@@ -193,12 +193,12 @@ class Jobs:
             NotFoundError: the job is no more.
         """
         job_id, number = part.job_id, part.number
-        if not self.records.goes_on(job_id):
+        if not self.records.is_active(job_id):
             return
         stored, steps = self._inputs.store.steps, self.work(job_id).steps()
         parts = [steps[first : first + STEPS_OF_A_PART] for first in range(0, len(steps), STEPS_OF_A_PART)]
         if number == part.kept == 0:
-            self.start(job_id)
+            self.mark_running(job_id)
             queue.leave(
                 job_id, [Part(job_id, other, 0) for other in range(1, min(PARTS_AT_ONCE, len(parts)))]
             )
@@ -236,7 +236,7 @@ class Jobs:
 
     def fail(self, job_id: str, failure: Exception) -> None:
         """End a job whose steps failed; one that has ended, and may be deleted, stays as it is."""
-        if not self.records.goes_on(job_id):
+        if not self.records.is_active(job_id):
             return
         if isinstance(failure, JointstiffError | WorkerLostError):
             error = problem_of(failure)
@@ -250,7 +250,7 @@ class Jobs:
         if record.state not in OPEN_STATES or job.progress is None:
             return job
         status = self.records.status(record.id)
-        if status is None or not status.goes_on:  # it has ended since, and its steps are gone
+        if status is None or not status.is_active:  # it has ended since, and its steps are gone
             return self._read(self.records.get(record.id, hidden=True))
         progress = job.progress.model_copy(update={"done": status.done})
         return job.model_copy(update={"state": record.state, "progress": progress})
@@ -352,7 +352,7 @@ class Parts(Resources):
         return self.jobs[kind]
 
     def job(self, job_id: str, *, hidden: bool = False) -> str:
-        """Return a job of any kind as it is answered, as JSON; a deleted one if asked to.
+        """Return a job of any kind as it is answered, as JSON; a deleted one if requested.
 
         Raises:
             NotFoundError: there is no such job.

@@ -30,7 +30,7 @@ from starlette.types import Message, Scope
 from jointstiff.service.api.middleware import KNOWN_ID
 from jointstiff.service.app import create_app
 from jointstiff.service.process import FORMAT_VARIABLE, REQUEST_ID, LogFormat, set_log_format
-from jointstiff.service.security.access import ASKED, Asked, asked_of
+from jointstiff.service.security.access import REQUESTER, Requester, requester_of
 from jointstiff.service.security.admission import Posture
 from jointstiff.service.store.store import Store
 from jointstiff.service.workers.engine import Queue
@@ -62,7 +62,7 @@ class Forwarded:
     query: str
     headers: list[tuple[str, str]]
     request_id: str | None
-    asked: Asked
+    requester: Requester
 
     def scope(self) -> Scope:
         """Return it as an application takes it."""
@@ -77,7 +77,7 @@ class Forwarded:
             "query_string": self.query.encode(),
             "headers": [(name.encode("latin-1"), value.encode("latin-1")) for name, value in self.headers],
             "client": None,
-            ASKED: self.asked,
+            REQUESTER: self.requester,
             KNOWN_ID: self.request_id,
         }
 
@@ -130,7 +130,7 @@ class LimitedChild:
             request.url.query,
             [(name.decode("latin-1"), value.decode("latin-1")) for name, value in request.headers.raw],
             REQUEST_ID.get(),
-            asked_of(request),
+            requester_of(request),
         )
         head, body = await run_sync(self._answer, forwarded, content, limiter=self._turns)
         status, headers = json.loads(head)

@@ -36,7 +36,7 @@ from jointstiff.service.workers.engine import Queue
 from jointstiff.service.workers.supervisor import Supervisor
 
 _GOODBYE_SECONDS: Final = 5
-"""For requests under way when the service is told to end; those who follow a run come back."""
+"""For requests under way when the service is stopped; clients that follow a run connect again."""
 _COLLECT_AFTER: Final = (10_000, 20, 50)
 """New objects until a collection, and until one of older ones: nobody is answered while a large set is looked
 through, and what is in a cycle dies young."""
@@ -113,7 +113,7 @@ def run_server(settings: Settings, then: Callable[[str], object] | None = None) 
         app.state.answer_elsewhere = stack.enter_context(closing(LimitedChild(database, quota))).answer
         app.state.failing_workers = lambda: supervisor.failing
         ports = [listener.getsockname()[1] for listener in listeners]
-        answering = app.state.metrics.beside(app, ports[1]) if ports[1:] else app
+        answering = app.state.metrics.together_with(app, ports[1]) if ports[1:] else app
         config = _configuration(answering, settings.log_format)
         sys.setswitchinterval(_TURN_SECONDS)
         gc.set_threshold(*_COLLECT_AFTER)

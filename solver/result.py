@@ -158,7 +158,7 @@ def choice_of_joints(options: RunOptions, screening: Screening, excluded: str | 
         excluded: option that keeps an automatic choice to joints alone; None where none does.
     """
     loss: Loss = "huber" if options.loss == "huber" else "squared"
-    p = f"F test of links beside joints: p = {screening.links_p_value:.1g}"
+    p = f"F test of links added to the joints: p = {screening.links_p_value:.1g}"
     if options.elasticity != "automatic":
         source, text = "given", f"Joints alone, as requested ({p})."
     elif excluded is not None:
@@ -181,7 +181,7 @@ def choice_by_comparison(winner: Winner, screening: Screening) -> ModelChoice:
     selection, chosen, elastic = winner.selection, winner.held_out, winner.elastic
     intervals = None if elastic is None else elastic.intervals
     name, gain = chosen.model.replace("_", " ").capitalize(), selection.gain
-    evidence = f"F test of links beside joints: p = {screening.links_p_value:.1g}"
+    evidence = f"F test of links added to the joints: p = {screening.links_p_value:.1g}"
     if gain is not None:
         evidence += (
             f"; held-out postures are predicted to {length_text(chosen.mean_residual)}, by joints "

@@ -15,7 +15,7 @@ from jointstiff.schemas import access
 from jointstiff.schemas.fields import Page
 from jointstiff.service.api.answers import PartsOf
 from jointstiff.service.api.bodies import BodyRoute
-from jointstiff.service.security.access import ADMIN, PUBLIC, Gate, asked_of, cookie_name
+from jointstiff.service.security.access import ADMIN, PUBLIC, Gate, cookie_name, requester_of
 from jointstiff.service.security.keys import described, mint
 from jointstiff.service.store.store import SESSION_LONGEST, Store
 from jointstiff.service.store.tables import AccessKey
@@ -42,7 +42,7 @@ router = APIRouter(prefix="/v1", tags=["access"], route_class=BodyRoute, depende
 @sessions.get("", response_model=access.Session)
 async def get_session(gate: GateOf, request: Request) -> access.Session:
     """Return who is answered, and whom the service takes the caller for. Needs no key."""
-    key = asked_of(request).key
+    key = requester_of(request).key
     browser, ends_at = (None, None) if gate.is_open else await gate.session(request)
     is_browser = key is not None and browser is not None and key.id == browser.id
     return _session(gate, key, ends_at if is_browser else None)
@@ -56,7 +56,7 @@ async def create_session(
 
     The session ends after 8 h without use, after 7 days, when its key is revoked, or by DELETE.
     """
-    asked = asked_of(request)
+    asked = requester_of(request)
     key, link = (None if one is None else one.get_secret_value() for one in (body.key, body.link))
     signed = await gate.sign_in(key, link, asked.address)
     asked.key = signed.key

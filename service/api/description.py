@@ -65,7 +65,7 @@ class DescribedApplication(FastAPI):
 
 
 def problems(*statuses: int) -> dict[int | str, Node]:
-    """Describe errors that a route may answer with beside those of all routes."""
+    """Describe errors that a route may answer with in addition to those of all routes."""
     return {status: _problem(status) for status in statuses}
 
 

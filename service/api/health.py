@@ -242,7 +242,7 @@ class Metrics:
         self._requests.labels(method, route, str(status)).inc()
         self._seconds.labels(method, route).observe(seconds)
 
-    def beside(self, app: ASGIApp, port: int) -> ASGIApp:
+    def together_with(self, app: ASGIApp, port: int) -> ASGIApp:
         """Return an application that shows the metrics on one port, and is another on all others."""
         turns = CapacityLimiter(1)  # of its own: they are shown whatever others ask for
 

@@ -30,7 +30,7 @@ from jointstiff.service.jobs import Jobs
 from jointstiff.service.kinds.kind import AnyKind
 from jointstiff.service.kinds.registry import KINDS
 from jointstiff.service.problems import NotFoundError, StoreUnavailableError
-from jointstiff.service.security.access import OPERATOR, VIEWER, Gate, KeyOf, asked_of
+from jointstiff.service.security.access import OPERATOR, VIEWER, Gate, KeyOf, requester_of
 from jointstiff.service.store.jobs import JOB, JobStatus
 from jointstiff.service.store.tables import OPEN_STATES, AccessKey, JobRecord
 
@@ -53,10 +53,10 @@ class _Followed:
     changed: asyncio.Event = field(default_factory=asyncio.Event)
 
     def look(self, job_id: str, status: JobStatus | None) -> ServerSentEvent | None:
-        """Return the event that tells where the job stands; None if it is gone."""
+        """Return the event with the progress of the job; None if it is gone."""
         if status is None:
             return None
-        is_current = self.job is None or not status.goes_on
+        is_current = self.job is None or not status.is_active
         if is_current:
             try:
                 self.job = self.jobs.current(job_id)
@@ -64,7 +64,7 @@ class _Followed:
                 is_current = False
         if self.job is None:
             return None
-        if status.goes_on:
+        if status.is_active:
             return _event("progress", _at(status, self.job))
         return _event("end", self.job if is_current else _at(status, self.job))
 
@@ -112,7 +112,7 @@ class Followers:
         Args:
             jobs: those of its kind.
             job_id: the job.
-            is_allowed: asked from time to time; the stream ends once it says no.
+            is_allowed: called from time to time; the stream ends once it is false.
 
         Raises:
             Exception: a look at the jobs failed, not because the database is away.
@@ -121,13 +121,13 @@ class Followers:
         followed.followers += 1
         if self._task is None or self._task.done():
             self._task = asyncio.create_task(self._look())
-        task, told, clock = self._task, None, asyncio.get_running_loop().time
+        task, sent, clock = self._task, None, asyncio.get_running_loop().time
         asked_at, may_follow = clock(), True
         try:
             while may_follow:
-                if followed.news is not None and followed.news is not told:
-                    told = followed.news
-                    yield told
+                if followed.news is not None and followed.news is not sent:
+                    sent = followed.news
+                    yield sent
                 elif followed.over:
                     break
                 else:
@@ -306,7 +306,7 @@ def change_job(
     jobs = parts.jobs_of(job_id)
     if body.deleted is False:
         jobs.records.restore(job_id)
-    if body.cancelled and jobs.records.goes_on(job_id):
+    if body.cancelled and jobs.records.is_active(job_id):
         jobs.cancel(job_id)
     if body.deleted:
         jobs.records.delete(job_id)
@@ -319,7 +319,7 @@ async def _events(request: Request, parts: answers.PartsOf, job_id: JobId) -> As
     await run_in_threadpool(jobs.records.refuse_deleted, job_id)
     gate: Gate = request.app.state.gate
     followers: Followers = request.app.state.followers
-    return followers.events(jobs, job_id, lambda: gate.still_opens(request, asked_of(request).key))
+    return followers.events(jobs, job_id, lambda: gate.still_opens(request, requester_of(request).key))
 
 
 @router.get("/{job_id}/events", dependencies=[VIEWER], response_class=EventSourceResponse)

@@ -19,13 +19,13 @@ from jointstiff.service.api.bodies import BodyRoute, shown
 from jointstiff.service.api.examples import EXAMPLES
 from jointstiff.service.api.jobs import AskedBy
 from jointstiff.service.live.stored import OpenSets
-from jointstiff.service.security.access import OPERATOR, VIEWER, Gate, asked_of
+from jointstiff.service.security.access import OPERATOR, VIEWER, Gate, requester_of
 
 Id = Annotated[str, Path(max_length=64, description="Id of the set.")]
 LOOK_SECONDS: Final = 0.5
 """Pause between two looks at an open set that is followed."""
 LOOKS: Final = 10
-"""Looks after which it is asked again whether one may follow."""
+"""Number of looks after which permission is checked again."""
 QUIET_SECONDS: Final = 15.0
 """Silence after which a comment is sent, as FastAPI does in the events of jobs.
 
@@ -84,7 +84,7 @@ def get_code(
         str, Query(max_length=400, pattern=r"^https?://[^\s#]+$", description="Address of the page.")
     ],
 ) -> Response:
-    """Draw a QR code of the page's address of an open set, for a tablet beside the robot."""
+    """Draw a QR code of the page's address of an open set, for a tablet at the robot."""
     import segno
 
     parts.live.revision(set_id)  # there is one
@@ -111,10 +111,10 @@ async def close_measurement_set(
 async def _events(request: Request, sets: OpenSets, set_id: str, latest: LiveState) -> AsyncIterator[bytes]:
     """Yield the state with each change until the set is closed, or one may not follow any more."""
     gate: Gate = request.app.state.gate
-    told, looks, quiet = -1, 0, 0.0
+    sent, looks, quiet = -1, 0, 0.0
     while not request.app.state.is_closing():
-        if latest.revision != told:
-            told, quiet = latest.revision, 0.0
+        if latest.revision != sent:
+            sent, quiet = latest.revision, 0.0
             yield format_sse_event(event="state", data_str=latest.model_dump_json())
         if latest.state == "closed":
             return
@@ -123,7 +123,7 @@ async def _events(request: Request, sets: OpenSets, set_id: str, latest: LiveSta
         if quiet >= QUIET_SECONDS:
             quiet = 0.0
             yield KEEPALIVE_COMMENT
-        if looks % LOOKS == 0 and not await gate.still_opens(request, asked_of(request).key):
+        if looks % LOOKS == 0 and not await gate.still_opens(request, requester_of(request).key):
             return
-        if await run_in_threadpool(sets.revision, set_id) != told:
+        if await run_in_threadpool(sets.revision, set_id) != sent:
             latest = await run_sync(sets.state, set_id, limiter=request.app.state.work)

@@ -21,7 +21,7 @@ from jointstiff.service.api.answers import ANSWER_HEADERS, REQUEST_ID_HEADER, an
 from jointstiff.service.api.health import Metrics
 from jointstiff.service.problems import StoreError, http_problem
 from jointstiff.service.process import ACCESS_LOGGER, REQUEST_ID
-from jointstiff.service.security.access import ASKED, Asked, Audit, Gate, address_of, public_paths
+from jointstiff.service.security.access import REQUESTER, Audit, Gate, Requester, address_of, public_paths
 from jointstiff.service.security.admission import SAFE, Posture, is_loopback, refusal
 from jointstiff.service.security.keys import without_keys
 
@@ -58,31 +58,33 @@ class Guard:
             await self._app(scope, receive, send)
         elif problem := refusal(self._posture, scope):
             await answer_problem(problem)(scope, receive, send)
-        elif ASKED in scope:  # the service that forwards it has found out
+        elif REQUESTER in scope:  # the service that forwards it has found out
             await self._app(scope, receive, send)
         else:
-            asked = scope[ASKED] = Asked(None, self._gate.is_open, address_of(scope))
-            await self._admit(asked, scope, receive, send)
+            requester = scope[REQUESTER] = Requester(None, self._gate.is_open, address_of(scope))
+            await self._admit(requester, scope, receive, send)
 
-    async def _admit(self, asked: Asked, scope: Scope, receive: Receive, send: Send) -> None:
-        if asked.is_open:
+    async def _admit(self, requester: Requester, scope: Scope, receive: Receive, send: Send) -> None:
+        if requester.is_open:
             await self._app(scope, receive, send)
-        elif scope["path"] != _LIFE and not is_loopback(asked.address) and await self._gate.awaits_key():
+        elif scope["path"] != _LIFE and not is_loopback(requester.address) and await self._gate.awaits_key():
             await answer_problem(http_problem(403, *_NO_KEY))(scope, receive, send)
         elif scope["path"].startswith(self._mounts):
             await self._app(scope, receive, send)
         elif scope["method"] in SAFE:
-            await self._pass(asked, scope, receive, send)
+            await self._pass(requester, scope, receive, send)
         else:
-            await self._audit.follow(asked, scope, send, lambda sent: self._pass(asked, scope, receive, sent))
+            await self._audit.follow(
+                requester, scope, send, lambda sent: self._pass(requester, scope, receive, sent)
+            )
 
-    async def _pass(self, asked: Asked, scope: Scope, receive: Receive, send: Send) -> None:
+    async def _pass(self, requester: Requester, scope: Scope, receive: Receive, send: Send) -> None:
         is_public = scope["path"] in self._paths
         try:
             if not is_public or scope["path"].startswith("/v1/"):
-                asked.key = await self._gate.caller(HTTPConnection(scope), asked.address)
+                requester.key = await self._gate.caller(HTTPConnection(scope), requester.address)
             if not is_public:
-                asked.require("viewer")
+                requester.require("viewer")
         except StoreError as error:
             await answer_error(error)(scope, receive, send)
         else:
@@ -164,7 +166,7 @@ _logger = logging.getLogger(ACCESS_LOGGER)
 
 
 class Observed:
-    """Middleware around all others: names each request, counts it, and logs it as JSON if asked to.
+    """Middleware around all others: names each request, counts it, and logs it as JSON if so configured.
 
     It gives each answer the headers that it lacks.
     """

@@ -21,7 +21,7 @@ class AtTerminal(Person):
     """The person at the terminal; all words go to the standard error."""
 
     def __init__(self, campaign: LiveMeasurement, *, asks: bool, confirmed: bool) -> None:
-        """Stand beside a robot.
+        """Stand at a robot.
 
         Args:
             campaign: that is measured.
@@ -41,7 +41,7 @@ class AtTerminal(Person):
             raise cli.failed("nobody confirmed how the lines are read", "confirm it, or give --yes")
         return answer == "y"
 
-    def told(self, state: LiveState, reading: LiveReading) -> None:
+    def on_reading(self, state: LiveState, reading: LiveReading) -> None:
         """Print the reading's line, and why it is doubtful."""
         cli.warn(reading_line(state, reading))
         if state.state == "measuring" and state.share is not None and state.share <= 1.0:
@@ -114,7 +114,7 @@ def reading_line(state: LiveState, reading: LiveReading) -> str:
 
 
 def _asked(prompt: str, answers: set[str], at_end: str) -> str:
-    """Return one of some answers, or what the end of the input stands for."""
+    """Return one of some answers, or what the end of the input means."""
     while True:
         typer.echo(f"{prompt}: ", nl=False, err=True)
         line = sys.stdin.readline()

@@ -250,7 +250,7 @@ def _understood(
     from jointstiff.service.resources.documents import parse_document
     from jointstiff.service.resources.imports import import_files
 
-    sources, asked, measured = _read(files), set[str](), None
+    sources, known, measured = _read(files), set[str](), None
     with _as_options():
         if robot is not None:
             from jointstiff.service.conversion.prepared import prepare_robot  # with numerics
@@ -258,7 +258,7 @@ def _understood(
             measured = prepare_robot(robot).robot
         while asking:
             request = parse_document(_with_cells(stated, sources) | {"show_faults": True}, ImportRequest)
-            given = ask(import_files(sources, request, measured), asked)
+            given = ask(import_files(sources, request, measured), known)
             if not given:
                 break
             stated = _joined(stated, _with_length_unit(given, stated))
@@ -404,12 +404,12 @@ def may_ask() -> bool:
     return sys.stdin.isatty()
 
 
-def ask(answer: ImportAnswer, asked: set[str]) -> Options:
+def ask(answer: ImportAnswer, known: set[str]) -> Options:
     """Ask for what is missing in an answer.
 
     Args:
         answer: with faults and missing fields.
-        asked: options that were asked for before, which are not asked again; extended.
+        known: options that were asked for before, which are not asked again; extended.
 
     Returns:
         The options of the API that were answered; empty if nothing remains to be asked.
@@ -418,10 +418,10 @@ def ask(answer: ImportAnswer, asked: set[str]) -> Options:
     faults = [fault.option for fault in answer.faults if fault.option is not None]
     for option in dict.fromkeys([*faults, *answer.missing_fields]):
         for name, question in _questions(option, answer):
-            if name not in asked:
-                if not asked:
+            if name not in known:
+                if not known:
                     typer.echo(_HOW_TO_ANSWER, err=True)
-                asked.add(name)
+                known.add(name)
                 value = question()
                 key, _, inner = name.partition(".")
                 if inner:
@@ -477,7 +477,7 @@ def _choice(text: str, choices: tuple[str, ...], default: str | None) -> str:
 
 
 def _states(words: Sequence[str]) -> Iterator[tuple[str, Callable[[], object]]]:
-    """Ask which of two words is without load, or what one word stands for."""
+    """Ask which of two words is without load, or what one word means."""
     if len(words) > 1:
 
         def both() -> dict[str, str]:
@@ -486,7 +486,7 @@ def _states(words: Sequence[str]) -> Iterator[tuple[str, Callable[[], object]]]:
 
         yield "state_words", both
     for word in words if len(words) == 1 else ():
-        yield f"state_words.{word}", partial(_choice, f"State that {word!r} stands for", _STATES, None)
+        yield f"state_words.{word}", partial(_choice, f"State that {word!r} means", _STATES, None)
 
 
 def _vector(text: str, default: str | None) -> tuple[float, ...]:

@@ -75,7 +75,7 @@ class Parsed:
 
 @dataclass(frozen=True)
 class _Extra:
-    """Options of a command beside those of its kind's messages: files of the result."""
+    """Options of a command in addition to those of its kind's messages: files of the result."""
 
     options: Mapping[str, tuple[Any, Any]] = field(default_factory=dict)  # annotation and default by name
     endings: tuple[str, ...] = ()  # of the file that `output` names, if it is no table
@@ -275,8 +275,8 @@ def in_options(message: type[Message], problem: Problem, forms: Forms = _PLAIN) 
     title = problem.title
     if items and all(re.split(r"\W", item.where)[0] in message.model_fields for item in items):
         title = "Options are missing or wrong"
-    said = problem.remedy in {item.remedy for item in problem.errors}
-    remedy = items[0].remedy if said else problem.remedy and worded(message, problem.remedy, forms)
+    repeated = problem.remedy in {item.remedy for item in problem.errors}
+    remedy = items[0].remedy if repeated else problem.remedy and worded(message, problem.remedy, forms)
     detail = worded(message, problem.detail, forms)
     return problem.model_copy(update={"title": title, "detail": detail, "remedy": remedy, "errors": items})
 
@@ -395,7 +395,7 @@ def _shape(kind: Any, unit: str) -> tuple[Any, dict[str, Any]] | None:  # noqa: 
 
 
 def _one_of(words: Sequence[str]) -> Callable[[str], str]:
-    """Return a parser of words of the API, of which people may write the underlines as hyphens."""
+    """Return a parser of words of the API, whose underlines people may write as hyphens."""
 
     def parse(text: str) -> str:
         word = METHODS_IN_SHORT.get(text.upper(), text.replace("-", "_"))
@@ -428,7 +428,7 @@ def _bare(annotation: Any) -> Any:  # noqa: ANN401 - a type
 
 
 def _mended_file(values: _Values) -> Path | None:
-    """Return where the mended campaign goes: beside the old one, unless the command says.
+    """Return where the mended campaign goes: next to the old one, unless the command names a place.
 
     Raises:
         typer.BadParameter: there is a file to write, and nothing to write to it.
@@ -481,7 +481,7 @@ def _write_campaign(job: Any, values: _Values, sources: Sequence[Any]) -> Any:  
 
 
 def _outputs(values: _Values, sources: Sequence[Any]) -> dict[str, Path]:
-    """Return where each file of a program goes: a .dat beside the .src."""
+    """Return where each file of a program goes: a .dat next to the .src."""
     output, several = values["output"], len(sources[1]) > 1
     return {each.name: output.with_suffix(each.suffix) if several else output for each in sources[1]}
 

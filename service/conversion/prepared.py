@@ -88,7 +88,7 @@ def placed(resolved: ResolvedFrame | None) -> dict[str, Any]:
 def in_base(
     header: Header, readings: ReadingArrays, resolved: ResolvedFrame | None
 ) -> tuple[Header, ReadingArrays]:
-    """Bring all that stands in the tracker's frame to R0, in the set's units.
+    """Transform all that is in the tracker's frame to R0, in the set's units.
 
     Positions are moved; deflections, covariances and, if the frame says so, forces are turned. The
     transform's own uncertainty is left out: of 100 µrad it changes a deflection of 1 mm by 0.1 µm, and a
@@ -273,7 +273,7 @@ def check_set(
     Args:
         document: the set as it was posted.
         robot: the robot that was measured.
-        resolved: the transform that its frame stands for; None if all is in R0.
+        resolved: the transform that its frame means; None if all is in R0.
         noticed: findings about that frame.
         others: robots that may have been measured instead, as `inspect` takes them.
         robot_id: id of the robot, if it is stored.

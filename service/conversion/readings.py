@@ -494,7 +494,7 @@ class ReadingArrays:
 def content_hash(
     header: MeasurementSetHeader, readings: ReadingArrays, resolved: ResolvedFrame | None = None
 ) -> str:
-    """Return SHA-256 of a set's header, its readings and what its frame stands for, not its name."""
+    """Return SHA-256 of a set's header, its readings and what its frame means, not its name."""
     refuted = header.noise is not None and header.noise.refuted
     text = header.model_dump_json(
         include={"units", "encoders", "noise", "flange_targets", "load_point"},

@@ -82,7 +82,7 @@ _QUOTED: Final = re.compile(r'"[^"]*"|\\.|_.|\*.|\[[^\]]*\]')
 
 
 def read_workbook(file: str, content: bytes, sheet: str | None) -> Grid:
-    """Read one sheet. Formulas are not evaluated; their cells have the values that were stored beside them.
+    """Read one sheet. Formulas are not evaluated; their cells have the values that were stored with them.
 
     Args:
         file: its name, for messages.
@@ -281,7 +281,7 @@ class _Sheet:
             raise self._refusal(f"the sheet has more than {MAX_COLUMNS} columns or {MAX_SHEET_CELLS} cells")
 
     def _cell(self, cell: Element) -> tuple[str, CellKind]:
-        """Return the text and the kind of a cell; a formula is one if no value is stored beside it."""
+        """Return the text and the kind of a cell; a formula is one if no value is stored with it."""
         children = {_NAMES.get(child.tag): child for child in cell}
         type_, style = cell.get("t", "n"), cell.get("s", "0")
         if type_ != "n" and type_ not in _KINDS:

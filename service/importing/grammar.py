@@ -47,9 +47,9 @@ MARKS: Final[Mapping[str, bool]] = MappingProxyType(
 DIGITS: Final[Mapping[str, State]] = MappingProxyType({"0": "unloaded", "1": "loaded"})
 """States where nothing else can be meant; elsewhere a digit is part of a name."""
 _ADDED: Final = "plus"
-"""Beside x, y or z: a deviation, to be added to that coordinate of the same target and state."""
+"""With x, y or z: a deviation, to be added to that coordinate of the same target and state."""
 _ALONG: Final = "along"
-"""Beside x, y or z: a displacement along that axis of R0, read by a dial gauge."""
+"""With x, y or z: a displacement along that axis of R0, read by a dial gauge."""
 _KINDS: Final[Mapping[str, Kind]] = MappingProxyType(
     {**dict.fromkeys(_BESIDE["expanded"], "uncertainty"), _ADDED: "addition", _ALONG: "along"}
 )
@@ -193,7 +193,7 @@ class Meaning:
 
 
 def state_named(word: str, extra: Mapping[str, State]) -> State | None:
-    """The state a word stands for, or None; upper and lower case are the same.
+    """The state that a word means, or None; upper and lower case are the same.
 
     Args:
         word: to look up.
@@ -417,7 +417,7 @@ class Vocabulary:
 def _in_unit_of(header: str, stated: str, meaning: Meaning) -> Meaning:
     """Return a meaning that the caller states, in the unit of the header if it has one.
 
-    What stands in square brackets is a unit. Any other tail is one only if it is one of this dimension: the t
+    Text in square brackets is a unit. Any other tail is one only if it is one of this dimension: the t
     of a position `x_t` is no tonne, and the m of `x_m` no metre if the caller states a unit.
     """
     bracketed = split_unit(header)[1]

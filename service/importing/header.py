@@ -1,4 +1,4 @@
-"""The header of a table: where it stands, and what its columns mean together, in one unit each."""
+"""The header of a table: where it is, and what its columns mean together, in one unit each."""
 
 from __future__ import annotations
 
@@ -50,12 +50,12 @@ _ORDER: Final = re.compile(r"(?<![^\W_])(?:[xyz]|[^\W\d_]{2,})(?![^\W_])", re.IG
 _GAPS: Final = (r"\s*[;,\t]\s*", r"\s{2,}", r"\s+(?![\[(])")
 """What may stand between the headers in a comment."""
 _LONG_BLANK: Final = re.compile(r"\s{3,}")
-"""Blanks of which two say as much; a gap would be looked for from each of them on."""
+"""Number of blanks that say as much as two; a gap would be looked for from each of them on."""
 
 
 @dataclass(frozen=True)
 class Heading:
-    """A header as it stands in the file."""
+    """A header as it is in the file."""
 
     file: str
     texts: tuple[str, ...]  # one a column, of several rows put together
@@ -213,7 +213,7 @@ def _is_title(row: tuple[str, ...], words: Vocabulary) -> bool:
 def _grouped(upper: Sequence[str], lower: Sequence[str], words: Vocabulary) -> tuple[str, ...] | None:
     """Put words below groups, which hold to the right as far as cells below them are filled.
 
-    `P10 loaded [mm]` and `x` are `P10 loaded x [mm]`; a key below is not of the group beside it.
+    `P10 loaded [mm]` and `x` are `P10 loaded x [mm]`; a key below is not of the group next to it.
     """
     texts, group = [], ""
     for above, below in zip(upper, lower, strict=True):
@@ -245,7 +245,8 @@ def _with_unit(name: str, unit: str) -> str:
 
 _MAY_REPEAT: Final[frozenset[Kind]] = frozenset(("time", "ignored"))
 _MANY, _TOGETHER = 3, 4
-"""Unknown headers told one by one; of more, headers in one message, which is cut beyond 300 characters."""
+"""Number of unknown headers that are reported one by one; of more, headers in one message, which is cut
+beyond 300 characters."""
 _NAMES: Final = ("name", "collection", "group")
 """Columns whose texts may say a state."""
 _QUATERNIONS: Final = (("q0", "q1", "q2", "q3"), ("q1", "q2", "q3", "q4"), ("q0", "qx", "qy", "qz"))
@@ -290,7 +291,7 @@ class Columns:
 
 
 class ColumnReader:
-    """Understand the columns of a table; what is not understood is told as faults."""
+    """Understand the columns of a table; what is not understood is reported as faults."""
 
     def __init__(
         self, heading: Heading, rows: Sequence[Row], words: Vocabulary, options: ImportOptions, faults: Faults

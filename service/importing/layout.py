@@ -96,7 +96,7 @@ def _meanings(headers: Sequence[str], columns: Columns) -> list[ColumnMeaning]:
 
 
 def _check_template(options: ImportOptions, headers: Sequence[str], place: Place, faults: Faults) -> None:
-    """Refuse headers that no file had of which the template was made."""
+    """Refuse headers that no file of the template had."""
     texts = [collapsed(text) for text in headers]
     known = [[collapsed(text) for text in one] for one in options.layouts]
     if texts in known:

@@ -26,7 +26,7 @@ _UNITS: Final[Mapping[str, Mapping[str, float]]] = {
     "bound": {"%": 0.01, "kg": 1.0},
     **{kind: {"m": 1.0, "mm": 1e-3} for kind in (*_CENTRE, "radius")},
 }
-"""Units of each column of numbers, and their factors; of bounds in kg beside the mass."""
+"""Units of each column of numbers, and their factors; of bounds in kg next to the mass."""
 
 
 def is_masses(grid: Grid) -> bool:

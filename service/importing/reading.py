@@ -43,14 +43,14 @@ _U95: Final[Mapping[_Uncertainty, str]] = MappingProxyType(
     }
 )
 _FAR: Final = 100.0
-"""Distance of a value from its column's median, in spreads, beyond which it is asked about."""
+"""Distance of a value from its column's median, in spreads, beyond which a question is asked."""
 _LEAST: Final = 5
 """Values of a column that has a spread."""
 _LISTED: Final = 3
 """Labels named in a message."""
 _STATES: Final[tuple[State, ...]] = ("unloaded", "loaded", "deflection")
 _HALVES: Final[tuple[list[State], ...]] = (["unloaded"], ["loaded"])
-"""Positions in one state only, of which no deflection is known."""
+"""Positions in one state only, without a deflection."""
 
 
 @dataclass(frozen=True)
@@ -381,7 +381,7 @@ def _listed(observations: list[Gathered]) -> str:
 def _complete(
     observations: list[Gathered], targets: list[str], faults: Faults, allow_missing: bool
 ) -> tuple[list[Gathered], list[str]]:
-    """Observations with complete readings; the rest is refused, or left out and said."""
+    """Observations with complete readings; the rest is refused, or left out with a remark."""
     kept, notes = [], []
     gauges = {target for one in observations for kind, target, _ in one.values if kind == "along"}
     lacks: list[tuple[bool, Place, str]] = []
@@ -449,7 +449,7 @@ def _unusual(observations: list[Gathered]) -> Iterator[str]:
     """Yield the values that are 100 times their column's spread from its median.
 
     The spread is the standard deviation of the nine tenths that are nearest to the median; where these are
-    all alike, their size stands for it.
+    all alike, their size is used for it.
     """
     columns: dict[str, list[tuple[float, Place]]] = {}
     for (kind, target, state), value in (item for one in observations for item in one.values.items()):

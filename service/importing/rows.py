@@ -144,7 +144,7 @@ class Names:
             self._needed.remove("target")
 
     def of(self, row: Row) -> Naming:
-        """Return what is said of a row; its label is None if nothing names rows."""
+        """Return what names a row; its label is None if nothing names rows."""
         named = "name" in self._texts
         try:
             naming = self._in_columns(row).merged(self._of_point(row)).merged(self._file)
@@ -208,8 +208,8 @@ class Names:
                     "give templates `point_name` or `file_name`",
                     option,
                 )
-            said = " and ".join(f"{kind} {getattr(naming, kind)}" for kind in sorted(lacking))
-            self._note(f"{self._grid.file}: {said} {by}")
+            missing = " and ".join(f"{kind} {getattr(naming, kind)}" for kind in sorted(lacking))
+            self._note(f"{self._grid.file}: {missing} {by}")
             self._by_file[lacking] = naming
         return self._by_file[lacking]
 
@@ -272,7 +272,7 @@ class Value:
     """The numbers of one quantity of an observation."""
 
     vector: Vector | None  # in the files' unit; None if the cells are empty
-    place: Place  # where it stands
+    place: Place  # where it is
     # standard uncertainty of each coordinate, in the unit of length, if the file has it
     sigma: Vector | None = None
     by_point: bool = False  # whether it is that of the point, shared by its coordinates
@@ -388,7 +388,7 @@ class RowReader:
             faults.add(first)
 
     def _record(self, row: Row, naming: Naming, label: str, faults: Faults) -> Gathered:
-        """Read one row; faults in its cells are told, all of them."""
+        """Read one row; all faults in its cells are reported."""
         whole = self._columns.whole and naming.label is not None
         record = Gathered(label, self._grid.place(row), whole)
         for quantity, indices in self._columns.quantities.items():

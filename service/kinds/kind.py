@@ -75,7 +75,7 @@ class Kind(Generic[AnyJob, AnyRequest]):
     answered: Callable[[str], str] = str  # return a stored document as it is answered
     # return the numbers that reports and `plot` draw, of a result
     charts: Callable[[Any], Sequence[Chart]] = lambda _result: ()
-    # return what `plot` draws of the first table of a job, beside the charts
+    # return what `plot` draws of the first table of a job, in addition to the charts
     area: Callable[[Sheet], Area] | None = None
 
     @cached_property

@@ -57,7 +57,7 @@ class Follow:
 
         Args:
             on_progress: called with the progress.
-            cancel: asked whether the caller wants no more.
+            cancel: called; true if the caller wants no more.
             executor: carries out the steps of work in this process; None if they are carried out here.
         """
         self._on_progress, self._cancel, self.executor = on_progress, cancel, executor

@@ -153,7 +153,7 @@ def carry_out(
         job: to be carried out.
         work: of its request.
         on_progress: called after each step.
-        cancelled: asked between the steps.
+        cancelled: called between the steps.
         executor: carries out the steps; without it they are carried out here.
 
     Raises:

@@ -94,7 +94,9 @@ def _cases_of_arrays(
     q = q.reshape(1, -1) if q.ndim == 1 else q
     if forces is None:
         remedy = "give (N, 3) or (3,): predict(run, q, forces=(0, 0, -500), at=(0, 0, 0.12))"
-        raise RequestError("`forces` are missing beside the postures", where="forces", remedy=remedy)
+        raise RequestError(
+            "`forces` are missing: postures alone do not bend the arm", where="forces", remedy=remedy
+        )
     turning = [j for j, kind in enumerate(joints.values()) if kind == "revolute" and j < q.shape[1]]
     stated = units["angle"] if isinstance(units, Mapping) else units.angle
     greatest = ANGLE[stated] * max(map(abs, q[:, turning].ravel().tolist()), default=0.0)

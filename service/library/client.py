@@ -535,7 +535,7 @@ class Jobs(Collection[AnyJob, JobSummary]):
 
 
 class _Kinded(Message, extra="ignore"):
-    """A job of any kind, of which the kind alone is read."""
+    """A job of any kind; only its kind is read."""
 
     kind: str
 

@@ -322,7 +322,7 @@ def predict(
             array (N, n) of postures, as the controller shows them.
         forces: (N, 3) or (3,), axes of R0, with an array of postures.
         options: fields of `DeflectionOptions`; also `at`, the point in the flange frame where the force acts
-            and whose deflection is predicted, and beside arrays `moments` (N, 3) or (3,). Arrays and their
+            and whose deflection is predicted, and with arrays `moments` (N, 3) or (3,). Arrays and their
             points are in m, deg and N unless `units` says otherwise, such as "mm, deg, N"; of files and
             cases SI units are the default.
 

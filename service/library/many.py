@@ -57,7 +57,7 @@ def identify_many(
             client's `get_executor()`; the numbers have the same bits.
         on_progress: called with the number of identified campaigns; default: a bar in a terminal or a
             notebook, if it takes more than 2 s. The total of an iterator is what was read of it so far.
-        cancel: asked between campaigns, such as `threading.Event().is_set`; if true, the iteration ends.
+        cancel: called between campaigns, such as `threading.Event().is_set`; if true, the iteration ends.
         fields: options of every run, as of `jointstiff.identify`.
 
     Returns:

@@ -58,7 +58,7 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 _SIGMA: Final = 2e-5
-"""Noise of a simulated tracker where nothing is said [m]."""
+"""Noise of a simulated tracker where none is stated [m]."""
 _AGAIN: Final = "doubtful; read again"
 _SHOWN: Final = "a mistake, as later readings show"
 _PLAIN: Final = {"area": "work_area"}
@@ -66,7 +66,7 @@ _PLAIN: Final = {"area": "work_area"}
 
 
 class Person:
-    """Whoever stands beside the robot: asked before readings, when one is doubtful, and when there is none.
+    """The person at the robot: asked before readings, when one is doubtful, and when there is none.
 
     This one is nobody: it goes on, reads a doubtful posture again once and then keeps it, withdraws one
     earlier mistake and keeps others, and asks a source that failed once more.
@@ -77,10 +77,10 @@ class Person:
         return True
 
     def ready(self, following: PlannedReading, *, loaded: bool) -> Literal["read", "skip", "stop"]:  # noqa: ARG002
-        """Return what to do once the arm stands in a posture, with or without its load."""
+        """Return what to do once the arm is in a posture, with or without its load."""
         return "read"
 
-    def told(self, state: LiveState, reading: LiveReading) -> None:
+    def on_reading(self, state: LiveState, reading: LiveReading) -> None:
         """Hear what a reading says."""
 
     def doubts(self, reading: LiveReading, *, again: bool) -> Literal["again", "keep"]:  # noqa: ARG002
@@ -431,7 +431,7 @@ class LiveMeasurement:
             if answer != "read":
                 return answer
             reading = self.state.readings[-1]
-            person.told(self.state, reading)
+            person.on_reading(self.state, reading)
             self._settle_earlier(person)
             if reading.state != "doubtful":
                 return answer
@@ -449,7 +449,7 @@ class LiveMeasurement:
         before = any(each.reason == _SHOWN for each in readings)
         for earlier in readings[:-1]:
             if earlier.state == "doubtful":
-                person.told(self.state, earlier)
+                person.on_reading(self.state, earlier)
                 if person.doubts_earlier(earlier, again=before) == "keep":
                     self.keep(earlier.label)
                 else:
@@ -557,9 +557,9 @@ def measure(
 
 def _parsed(options: Mapping[str, Any], goal: Goal) -> dict[str, Any]:
     """Return options that are checked, with those that were stated."""
-    asked = {name: value for name, value in options.items() if value is not None}
-    message = parse_document({**asked, "goal": goal}, LiveOptions)
-    return {name: getattr(message, name) for name in asked}
+    stated = {name: value for name, value in options.items() if value is not None}
+    message = parse_document({**stated, "goal": goal}, LiveOptions)
+    return {name: getattr(message, name) for name in stated}
 
 
 def _planned(source: Any) -> tuple[RobotDocument, Campaign | None]:  # noqa: ANN401 - robot, campaign or run

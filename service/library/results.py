@@ -145,7 +145,7 @@ class Presented(ABC):
             path: ends in `.json` (all numbers), `.csv` (the first table), `.xlsx` (all tables), `.svg` or
                 `.png` (the plot); of jobs `.pdf` or `.html` (the report); of a map `.npz`; of a run
                 `.mjcf` or `.xml` (the model); of a program as the program itself (the
-                corrected file, with its .dat beside it).
+                corrected file, with its .dat next to it).
 
         Raises:
             ValueError: there is no such file.

@@ -85,8 +85,8 @@ class Declared:
         """Candidates of the readings to come.
 
         Raises:
-            RequestError: targets or loads are not said, a prior is of no joint or of no use, or no reading is
-                feasible.
+            RequestError: targets or loads are not stated, a prior is of no joint or of no use, or no reading
+                is feasible.
         """
         options, header = self.options, self.header
         if isinstance(options.goal, DeflectionGoal | DecisionGoal) and options.work_area is None:
@@ -337,8 +337,8 @@ class LiveCampaign:
         lines = [f"Measured live. Declared goal: {goal_text(self.declared.options)}."]
         open_entries = tuple(entry for entry in self.entries if entry.change != "closed")
         state, message = replace(self, entries=open_entries)._state()
-        told = message if message.startswith(state) else f"{state}: {message}"
-        lines.append(f"{told[0].upper()}{told[1:]}.")
+        words = message if message.startswith(state) else f"{state}: {message}"
+        lines.append(f"{words[0].upper()}{words[1:]}.")
         check = self.progress.taken.check
         if check is not None:
             lines.append(

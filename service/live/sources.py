@@ -88,7 +88,7 @@ class Source(ABC):
     """A source of positions, one target after the other."""
 
     by_itself = False
-    """True if nobody moves an arm and hangs a weight: nothing is asked before each reading."""
+    """True if nobody moves an arm and hangs a weight: no question is asked before each reading."""
 
     async def open(self, setting: Setting) -> None:  # noqa: B027 - most sources do not ask
         """Get ready.
@@ -147,13 +147,13 @@ def source_of(text: str, options: Mapping[str, Any]) -> Source:
 
 
 class Checked:
-    """A source whose readings are looked at before they count: what is none is said, and does not count."""
+    """A source whose readings are checked before they count; what is no reading is reported."""
 
     def __init__(self, source: Any, setting: Setting, patience: float = PATIENCE) -> None:  # noqa: ANN401
         """Look at the readings of a source, which has `point` at least."""
         self._source, self._setting, self._patience = source, setting, patience
         self._seen: set[Place] = set()
-        self._stand: Stand | None = None  # of which the source was told, and read nothing yet
+        self._stand: Stand | None = None  # announced to the source, and not read yet
         self._unloaded: dict[str, FloatArray] = {}
 
     async def open(self) -> None:
@@ -161,7 +161,7 @@ class Checked:
         await self._asked("open", self._setting)
 
     async def profile(self, stand: Stand) -> str | None:
-        """Return how readings are understood, to be confirmed; None if nothing is to be asked."""
+        """Return how readings are understood, to be confirmed; None if there is no question."""
         await self._asked("stand", stand)
         self._stand = stand
         profile: str | None = await self._asked("profile")
@@ -258,7 +258,7 @@ class Checked:
             if moved > _LARGEST_DEFLECTION:
                 raise SourceError(
                     f"the source has jumped: {name} is {1e3 * moved:.0f} mm from where it was without load",
-                    remedy="look whether the arm still stands in the posture, then read again",
+                    remedy="look whether the arm is still in the posture, then read again",
                 )
             return
         angles = setting.robot.joint_map.model_angles(np.array([stand.joints]))
@@ -450,7 +450,7 @@ class Profile:
         if reading is None:
             return text
         target, ((x, y, z), sigma) = reading
-        named = "the target that is asked for" if target is None else f"target {target}"
+        named = "the requested target" if target is None else f"target {target}"
         noise = "" if sigma is None else f", uncertainty {1e6 * sigma:.3g} µm"
         shown = "".join(c if c.isprintable() else " " for c in (line or "").strip())[:200]
         return f"{text}\n  {shown!r} is {named} at x {x:.6f} m, y {y:.6f} m, z {z:.6f} m{noise}"
@@ -544,11 +544,11 @@ class Lines(Source):
         """Return the next line of a target."""
         if name in self._waiting:
             return self._waiting.pop(name)
-        useless, asked = 0, False
+        useless, requested = 0, False
         while useless < _RUBBISH:
-            if not self._lines and not asked:
+            if not self._lines and not requested:
                 self._ask(name)
-                asked = True
+                requested = True
             line = await self._next()
             reading = self._profile.read(line)
             if reading is None:

@@ -107,7 +107,7 @@ class Columns:
         self._visits = array("q")
         self._doubts: dict[int, Cause] = {}  # targets whose numbers have to stay, and why
 
-    def said(self, text: str, source: int, line: int) -> str:
+    def in_words(self, text: str, source: int, line: int) -> str:
         """Return a text that is no quotation, with names as the program writes them behind a line."""
 
         def spelled(match: re.Match[str]) -> str:
@@ -151,8 +151,8 @@ class Columns:
             self._moves.extend((line, _MOTIONS[op.motion], len(self._visits)))
             return
         names = ", ".join(each.label.partition(OF)[0] or "in numbers" for each in targets)
-        base, tool = (self.said(_name(each), 0, line) for each in frames[-1]) if frames else ("", "")
-        reason = self.said(cause.reason, 0, line)
+        base, tool = (self.in_words(_name(each), 0, line) for each in frames[-1]) if frames else ("", "")
+        reason = self.in_words(cause.reason, 0, line)
         self._left.append((ReadMove(line, names, base, tool, reason, cause.remedy), cause))
         for target in targets:
             if target.label:
@@ -250,7 +250,7 @@ class Columns:
         return Program(self._format, self._sources, targets, moves, remarks, moved, tuple(faults))
 
     def _fault(self, cause: Cause) -> Fault:
-        reason = self.said(cause.reason, cause.source, cause.line)
+        reason = self.in_words(cause.reason, cause.source, cause.line)
         return Fault(self._sources[cause.source].name, cause.line, reason, cause.remedy)
 
     def _certain(self, targets: Targets, moves: Moves) -> BoolArray:
@@ -270,7 +270,9 @@ class Columns:
             own, line = moves.visits[begins[i] : moves.ends[i]].tolist(), int(moves.line[i])
             known = next((self._doubts[each] for each in own if each in self._doubts), None)
             reason = (
-                self.said(known.reason, 0, line) if known else "a target of it is used by a move that is left"
+                self.in_words(known.reason, 0, line)
+                if known
+                else "a target of it is used by a move that is left"
             )
             remedy = known.remedy if known else "use a separate target"
             base, tool = (targets.frames[axis[own[-1]]].name for axis in (targets.base, targets.tool))
@@ -300,13 +302,13 @@ class Columns:
             for file in np.unique(source[start : start + BLOCK]).tolist():
                 block = start + np.flatnonzero(source[start : start + BLOCK] == file)
                 numerals, at = self._numerals[file], ordinals[known[block]]
-                stands, at = at >= 0, at + first[block, None]
-                at[~stands] = 0
-                read = np.where(stands, numerals.values[at], np.nan)
+                written, at = at >= 0, at + first[block, None]
+                at[~written] = 0
+                read = np.where(written, numerals.values[at], np.nan)
                 targets.values[block] = read[:, :_STATED]
                 for i, ends in enumerate((numerals.starts, numerals.ends)):
-                    targets.spans[block, :, i] = np.where(stands, ends[at], -1)[:, :_STATED]
-                out[block] = (stands & ~(np.abs(read) <= MAX_VALUE))[:, :NUMBERS].any(axis=1)
+                    targets.spans[block, :, i] = np.where(written, ends[at], -1)[:, :_STATED]
+                out[block] = (written & ~(np.abs(read) <= MAX_VALUE))[:, :NUMBERS].any(axis=1)
                 for notation, own in targets.by_notation(block):
                     unlike[block[own]] = ~notation.states(read[own])
                 others = read[:, _STATED:_AXES]

@@ -183,7 +183,7 @@ def _groups(line: Line) -> tuple[_Fields, tuple[int, ...]]:
 
 
 def _whole(fields: _Fields, others: tuple[int, ...]) -> Literal:
-    """Return a position of the arm; where other groups stand is beside its external axes."""
+    """Return a position of the arm; positions of other groups are added to its external axes."""
     if any(text.startswith("*") and not name.startswith("E") for name, (_, text) in fields.items()):
         raise Misread("the position was not recorded (***)", "record it, or delete it and its moves")
     if not all(kind in fields and (fields[kind][0] or fields[kind][1] == "F") for kind in ("UF", "UT")):
@@ -279,7 +279,7 @@ LANGUAGE: Final = ir.Language(
     remark="    :  !",
     head="/MN",
     read=read_fanuc,
-    # what stands behind a number in brackets
+    # what follows a number in brackets
     comment=r":[^:\[\]\r\n]*+(?=\])|(?<=MESSAGE)\[[^\[\]\r\n]*+\]",
     blank=r" ?;?:|^[ ;]+|[ ;]+$",
     text=r"'[^'\r\n]*+'",

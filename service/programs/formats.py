@@ -151,7 +151,7 @@ def marked(
         run_id: run whose model was used.
         verdict: of the compensated program.
         day: date of the correction.
-        moves: moves of the program; they are told if some are left.
+        moves: moves of the program; they are named if some are left.
         left: those that are left.
     """
     known, end = FORMATS[kind], "\r\n" if b"\r\n" in content else "\n"

@@ -67,8 +67,8 @@ class Place:
 
     def cause(self, reason: str, remedy: str = CONSTANT) -> Cause:
         """Return a cause here; the reason may quote numbers by their ordinals."""
-        told = re.sub("\0(\\d+)\0", lambda match: f"{self.values[self.first + int(match[1])]:g}", reason)
-        return Cause(self.line, told, remedy, self.source)
+        words = re.sub("\0(\\d+)\0", lambda match: f"{self.values[self.first + int(match[1])]:g}", reason)
+        return Cause(self.line, words, remedy, self.source)
 
     def name(self, name: Name) -> str:
         """Return a name with its number."""
@@ -106,7 +106,7 @@ class _Nest:
 
 
 class Ways:
-    """Control flow of a program: where it may go on, beside what stands next, by the indices of what is done.
+    """Control flow of a program: steps that may follow others than the next one, by their indices.
 
     Ways that are never taken do no harm, missing ones would: a branch may be passed over, a jump not taken.
     """
@@ -238,7 +238,7 @@ class Machine:
         self._anytime: dict[str, Cause] = {}  # what routines change that may run at any time
         self._changed: dict[str, dict[str, Cause]] = defaultdict(dict)  # what routines may change
         self._callers: dict[str, set[str]] = defaultdict(set)  # routines that call others
-        self._incoming: dict[int, State] = {}  # what is led to a place, beside what stands before it
+        self._incoming: dict[int, State] = {}  # what is led to a place, other than from the step before
         self._exits: dict[str, State | None] = {}  # what names have at the ends of routines
         self._acts: dict[str, list[int]] = {}  # what routines do, but for moves
         self._open: list[str] = []  # routines that are passed through
@@ -368,8 +368,8 @@ class Machine:
             if op.attached:
                 self._anytime[UNKNOWN] = unknown
         else:
-            said = "the request states that it neither moves the robot nor changes frames"
-            self.columns.remark(place.line, f"{op.name} is called; {said}")
+            statement = "the request states that it neither moves the robot nor changes frames"
+            self.columns.remark(place.line, f"{op.name} is called; {statement}")
 
     def _unknown(self, place: Place, op: ir.Call) -> Cause | None:
         """Return why nothing is known behind a call of an unknown routine; None if vouched for."""
@@ -686,7 +686,7 @@ class Machine:
         return place.cause(f"{unknown}: {reason}" if reason else unknown, self._language.remedy)
 
     def _frame(self, place: Place, value: Value | ir.Product, state: State) -> FrameName | Cause:
-        """Return a frame; of several ones, each stands in the one before."""
+        """Return a frame; of several ones, each is in the one before."""
         values = [ir.Copy(name) for name in value.names] if isinstance(value, ir.Product) else [value]
         held = [self._value(place, "", each, state) for each in values]
         for each in held:
@@ -716,7 +716,7 @@ class Machine:
         return self._named[name]
 
     def _said(self, place: Place, name: str) -> str:
-        return self.columns.said(name, place.source, place.line)
+        return self.columns.in_words(name, place.source, place.line)
 
     def _pose(self, given: Iterable[Given]) -> FloatArray | None:
         """Return the product (4, 4) [m] of poses in numbers; None if one is no pose."""

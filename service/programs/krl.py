@@ -33,7 +33,7 @@ _BAS: Final[dict[str, tuple[Op, ...]]] = {
     # BAS: these set speeds and accelerations only
     **dict.fromkeys(("ACC_CP", "ACC_PTP", "VEL_CP", "VEL_PTP", "PTP_DAT", "CP_DAT"), ()),
 }
-# KSS, system variables: what the meaning of a target hangs on, beside $BASE and $TOOL
+# KSS, system variables: what the meaning of a target depends on, apart from $BASE and $TOOL
 _MOVING: Final = re.compile(
     r"\$(?!BASE\b|TOOL\b|IPO_MODE=#BASE|H_POS|IN_POS)\w*(?:BASE|TOOL|ROOT|WORLD|FRAME|POS|IPO|TECH|SEN|SOFT|ASY|EXT?_?AX|EX_|CORR|CMD)"
 )
@@ -82,9 +82,9 @@ def _pose(fields: dict[str, int | str]) -> Literal | None:
     for notation, names in _POSES:
         if numbers.keys() >= set(names):
             external = tuple(numbers.get(f"E{i}", -1) for i in range(1, 7))
-            said = tuple((kind, numbers[kind]) for kind in ("S", "T") if kind in numbers)
+            stated = tuple((kind, numbers[kind]) for kind in ("S", "T") if kind in numbers)
             places = tuple(numbers[name] for name in names)
-            return Literal(notation, places, external if max(external) >= 0 else (), said)
+            return Literal(notation, places, external if max(external) >= 0 else (), stated)
     return None
 
 
@@ -98,7 +98,7 @@ def _value(line: Line, name: ir.Name, start: int, end: int) -> list[Op]:
     if pose := _pose(fields):
         return [ir.Assign(name, pose)]
     frames = {which: fields.get(f"{which}_NO") for which in ("BASE", "TOOL")}
-    # KSS: #TCP is a tool that stands in the cell
+    # KSS: #TCP is a tool fixed in the cell
     if None not in frames.values() and fields.get("IPO_FRAME", "#BASE") == "#BASE":
         return [
             ir.Assign(f"{name}.{which}", ir.Named((f"{which}_DATA[%s]", number)))
@@ -250,7 +250,7 @@ def _bas(line: Line) -> list[Op]:
 
 
 def read_krl(machine: Machine, sources: tuple[Source, ...]) -> None:
-    """Read a .src, and the .dat files beside it."""
+    """Read a .src, and the .dat files next to it."""
     main = re.search(
         rf"(?im)^[ \t]*+(?:GLOBAL[ \t]++)?DEF(?:FCT[ \t]++\w++)?[ \t]++({_NAME})", sources[0].text
     )

@@ -21,7 +21,7 @@ from jointstiff.service.programs.program import Literal, Motion, Source
 from jointstiff.solver.arrays import FloatArray
 
 _FRACTION: Final = r"(?:\.\d{0,20}+)?"
-# Its first character stands before all else, so that the search passes over what begins no number.
+# Its first character comes before all else, so that the search passes over what begins no number.
 NUMBER: Final = (
     r"[+\-.\d](?<!\w[+\-.\d])(?:"
     rf"(?<=\d)\d{{0,14}}+{_FRACTION}|(?<=[+-])(?:\d{{1,15}}+{_FRACTION}|\.\d{{1,20}}+)|(?<=\.)\d{{1,20}}+"
@@ -114,7 +114,7 @@ class Move(NamedTuple):
 
 
 class Keep(NamedTuple):
-    """A move to a place that the controller keeps: nothing of it stands in the program."""
+    """A move to a place that the controller keeps: nothing of it is in the program."""
 
     name: str
 
@@ -184,7 +184,8 @@ def _number_starts(text: str) -> tuple[int, ...]:
 
 
 Rule: TypeAlias = "str | Callable[[Line], list[Op]]"
-"""What a statement does beside its expressions: a kind of `Flow` with the name, or a function of its line."""
+"""What a statement does apart from its expressions: a kind of `Flow` with the name, or a function of its
+line."""
 
 
 @dataclass(frozen=True)
@@ -213,7 +214,7 @@ class Language:
     suffixes: str = ""  # of the names of its files
     pose: Notation | None = None  # in which its users write frames; None for that of the program
     remark: str = "#"  # begin of a remark
-    head: str = ""  # pattern of the beginning of the line behind which a mark stands; else it is the first
+    head: str = ""  # pattern of the beginning of the line behind which a mark is; else it is the first
     read: Callable[[Any, tuple[Source, ...]], None] | None = None  # how the files of a machine are divided
 
     @cached_property
@@ -286,7 +287,7 @@ class Language:
             return self._unknown(shape, line, fault)
         moves = sum(isinstance(op, Move | Keep) for op in ops)
         if len(self._motion.findall(_QUOTED.sub("", line.text))) > moves:
-            return self._unknown(shape, line, Misread("a move stands where none is expected"))
+            return self._unknown(shape, line, Misread("a move is where none is expected"))
         return [(line.below, op) for op in ops]
 
     def rule(self, line: Line) -> list[Op]:
@@ -412,7 +413,7 @@ _LINE_END: Final = re.compile(r"\r\n?|\n")
 
 
 def parts(text: str, begin: int = 0, sign: str = ",") -> Iterator[tuple[int, int]]:
-    """Yield first and last + 1 character of what stands between signs outside of brackets."""
+    """Yield first and last + 1 character of what is between signs outside of brackets."""
     depth, first = 0, begin
     for match in re.finditer(rf'"[^"]*+"|[()\[\]{{}}]|{re.escape(sign)}', text[begin:]):
         if match[0] in "([{":

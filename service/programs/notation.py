@@ -35,7 +35,7 @@ class Orientation(Enum):
 
 _COUNT: Final = {Orientation.QUATERNION: 4, Orientation.NONE: 0}
 _UNIT: Final = 1e-3
-"""Length of a quaternion beside 1 that is rounding of what a program writes."""
+"""Difference of a quaternion's length from 1 that is rounding of what a program writes."""
 _GIMBAL: Final = 1e-9
 """|cos| of the middle angle, under which the two others turn about the same axis."""
 
@@ -163,7 +163,9 @@ def _nearest_angles(rotations: FloatArray, near: FloatArray) -> FloatArray:
     first = np.arctan2(sines, np.stack([r[:, 0, 0], cosine, r[:, 2, 2]], axis=1))
     other = np.column_stack([first[:, 0] + np.pi, np.pi - first[:, 1], first[:, 2] + np.pi])
     locked = cosine < _GIMBAL
-    if locked.any():  # only a sum or a difference of the outer angles is told: keep the last as it is written
+    if (
+        locked.any()
+    ):  # only a sum or a difference of the outer angles is known: keep the last as it is written
         free = first[locked]
         sign = np.where(free[:, 1] > 0, 1.0, -1.0)
         free[:, 0] = np.arctan2(-r[locked, 0, 1], r[locked, 1, 1]) + sign * near[locked, 2]

@@ -24,7 +24,7 @@ from jointstiff.service.programs.notation import (
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 
 NUMBERS: Final = 7
-"""Most numbers of a target; what is said of the arm's configuration stands behind them."""
+"""Most numbers of a target; the arm's configuration follows them."""
 WORDS: Final = 4
 """Most numbers that say something of the arm's configuration."""
 BLOCK: Final = 4096
@@ -94,8 +94,8 @@ class Literal:
     notation: Notation  # what they mean
     numbers: tuple[int, ...]  # those of the target
     external: tuple[int, ...] = ()  # external axes, and other groups; -1 for one that is not stated
-    words: tuple[tuple[str, int], ...] = ()  # what is said of the arm's configuration
-    letters: str = ""  # the part of it that is said in letters
+    words: tuple[tuple[str, int], ...] = ()  # what is stated of the arm's configuration
+    letters: str = ""  # the part of it that is in letters
     steady: tuple[int, ...] = ()  # numbers that all targets have to share, such as that of the tool
 
 

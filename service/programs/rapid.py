@@ -28,7 +28,7 @@ _QUIET: Final = (
     r"|WAIT(?:TIME|[DGA][IO]|UNTIL|ROB)|SET(?:[DGA]O)?|RESET|(?:PULSE|INVERT)DO|TP(?:WRITE|ERASE)|ERR(?:WRITE|LOG)"
     r"|CLK(?:START|STOP|RESET)|STOP|EXIT|BREAK|I(?:SLEEP|WATCH|DISABLE|ENABLE|DELETE|SIGNALD[IO])|TRIGG(?:IO|EQUIP|INT)"
 )
-# Moves of a process, and instructions that shift targets and frames: said, as they are left in any case
+# Moves of a process, and instructions that shift targets and frames: named, as they are left in any case
 _PROCESS: Final = re.compile(r"(?:ARC|SPOT|PAINT|DISP|CAP|NUT|GLUE)(?:[LCJ]|[LC]\w++)")
 _SHIFTS: Final = re.compile(r"PDISP|EOFFS|SOFT|SEARCH|CORR|WAITWOBJ|DROPWOBJ|IND")
 _RESERVED: Final = (

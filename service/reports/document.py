@@ -14,7 +14,7 @@ NOT_STATED: Final = "not stated"
 
 
 IDENTIFICATION: Final = "Identification"
-REQUESTED: Final = "What was asked for"
+REQUESTED: Final = "Request"
 RESULTS: Final = "Results"
 TO_SIGN: Final = ("Date of receipt of the item", "Date of issue", "Place and date", "Name and signature")
 """Lines at the end of a report that a laboratory signs, to be filled in by hand."""

@@ -141,11 +141,11 @@ def joints_table(model: ExportedModel) -> Sheet:
     """Return a row a joint. What there is no number for is an empty cell, and `reason` says why."""
     joints, run, budget = model.result.joints, model.run, model.result.budget
     reasons = [joint.reason if stiffness_of(joint) else why_no_stiffness(joint) for joint in joints]
-    told = [each.model_copy(update={"stiffness_at_least": lower_limit(each)}) for each in joints]
+    limited = [each.model_copy(update={"stiffness_at_least": lower_limit(each)}) for each in joints]
     columns: dict[str, Any] = {
         **Sheet.of_fields(joints, {"joint": "name", "status": "status", "verdict": "verdict"}).columns,
         "reason": reasons,
-        **Sheet.of_fields(told, _JOINT).columns,
+        **Sheet.of_fields(limited, _JOINT).columns,
         "confidence of the intervals [1]": [run.request.confidence] * len(joints),
     }
     if budget is not None:

@@ -61,7 +61,7 @@ def job_report(
     parts = job_parts(kind, job, View(details, UNITS[unit], applies))
     if details:
         facts = [(label, text.replace("\n", "; ")) for label, text in requested(job.request, kinds_in(job))]
-        parts.append(text_table(["what was asked for", ""], facts, texts=[0, 1]))
+        parts.append(text_table(["request", ""], facts, texts=[0, 1]))
     return printed(parts)
 
 

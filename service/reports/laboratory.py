@@ -1,4 +1,4 @@
-"""Settings of the laboratory: a TOML file, and a logo beside it."""
+"""Settings of the laboratory: a TOML file, and a logo next to it."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ MAX_LOGO_SIDE: Final = 2_000
 _PNG: Final = b"\x89PNG\r\n\x1a\n"
 _JPEG: Final = b"\xff\xd8\xff"
 _FRAMES: Final = frozenset((0xC0, 0xC1, 0xC2))
-"""Markers of JPEG behind which the size stands: baseline, extended, progressive."""
+"""Markers of JPEG behind which the size is: baseline, extended, progressive."""
 
 
 class SettingsError(ServiceError):
@@ -38,7 +38,7 @@ class LaboratorySettings:
     logo: Logo | None = None  # picture above the reports
 
     def letterhead(self) -> Letterhead:
-        """Return what stands above a report."""
+        """Return the head of a report."""
         laboratory = self.laboratory
         if laboratory is None:
             return Letterhead(f"Laboratory: {NOT_STATED}", [])

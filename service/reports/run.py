@@ -132,7 +132,7 @@ class RunSubject:
 def run_document(subject: RunSubject) -> Document:
     """Return the report of a run. The same run, metadata and settings give the same document."""
     run, settings = subject.model.run, subject.settings
-    items = text_table(["item", "asks for", "stands in"], ITEMS, texts=[0, 1, 2])
+    items = text_table(["item", "requires", "is in"], ITEMS, texts=[0, 1, 2])
     return Document(
         title=TITLE,
         number=run.id,
@@ -405,7 +405,7 @@ def method(model: ExportedModel, laboratory: Laboratory | None) -> Section:
         (request.loss not in {"automatic", "squared"}, f"loss {request.loss}: large residuals count less."),
         (
             request.causes,
-            "fitted beside the joints, and taken out of the deflections: "
+            "fitted with the joints, and taken out of the deflections: "
             f"{', '.join(cause.name.replace('_', ' ') for cause in request.causes)}.",
         ),
         (request.priors, f"prior knowledge of {', '.join(request.priors)} was used."),
@@ -423,7 +423,7 @@ def method(model: ExportedModel, laboratory: Laboratory | None) -> Section:
         facts=[
             ("Method", f"{way}; jointstiff {version}, as its documentation states (docs/method.md)."),
             *masses,
-            *(("Causes tested, p-value", told) for told in causes_tested(model.result)),
+            *(("Causes tested, p-value", line) for line in causes_tested(model.result)),
             ("Procedure of the laboratory", (laboratory and laboratory.method) or NOT_STATED),
         ],
         notes=notes or ["Deviations: none."],

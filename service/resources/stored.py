@@ -430,7 +430,7 @@ def assembled(record: MeasurementSetRecord) -> MeasurementSet:
 
 
 def resolve_frame(store: Store, request: MeasurementSetRequest) -> tuple[ResolvedFrame | None, list[Finding]]:
-    """The transform from tracker to R0 that a set's frame stands for, and what was noticed.
+    """The transform from tracker to R0 that a set's frame means, and what was noticed.
 
     Returns:
         None if the set is in R0; and warnings about a drift that is removed.

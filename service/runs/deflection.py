@@ -109,7 +109,7 @@ def predict_by_run(robot: Robot, run: Run, request: DeflectionOptions) -> Deflec
 
 
 def _reasons(answers: Sequence[CaseResult], cases: LoadCases, run: RunResult) -> list[Finding]:
-    """Return what speaks against a prediction beside its run."""
+    """Return what speaks against a prediction, in addition to its run."""
     lengths = [hypot(*each.displacement) for each in answers if each.displacement is not None]
     bounds = [each.with_model_error for each in answers if each.with_model_error is not None]
     beyond = sum(max(bound.load_ratio, bound.leverage_ratio) > EXTRAPOLATED for bound in bounds)

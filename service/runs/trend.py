@@ -183,7 +183,7 @@ def _change(campaigns: Sequence[Campaign], name: str) -> Change | None:
             one,
             name,
             same_load_cell=len(instruments) == 1 and None not in instruments,
-            # A load point of which neither states anything is that of the same hook, and the load cell's
+            # A load point that neither campaign states is that of the same hook, and the load cell's
             # scale that of the same cell.
             same_hook=all(budget.get("assumed_load_point", 0.0) > 0.0 for budget in budgets),
             assumed_cell=all(budget.get("assumed_force_scale", 0.0) > 0.0 for budget in budgets),

@@ -256,12 +256,12 @@ def of_deflection(greatest: float | None, run: RunResult) -> list[Finding]:
     ratio = greatest / measured if measured > 0.0 else 0.0
     if greatest <= LARGEST_DEFLECTION and ratio <= LARGEST_RATIO:
         return []
-    beside = f", {figure(ratio, '.3g')} times the greatest of the campaign" if ratio > 1.0 else ""
+    compared = f", {figure(ratio, '.3g')} times the greatest of the campaign" if ratio > 1.0 else ""
     return [
         own_reason(
             "prediction_implausible",
             "do_not_use",
-            f"the greatest deflection is {1e3 * greatest:.4g} mm{beside}",
+            f"the greatest deflection is {1e3 * greatest:.4g} mm{compared}",
             "check the units of the load and of the points (N or kN, m or mm)",
         )
     ]

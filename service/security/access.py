@@ -43,7 +43,7 @@ ANONYMOUS_ENTRIES: Final = 60
 _LONGEST_PATH: Final = 200
 _LONGEST_ADDRESS: Final = 64
 _LONGEST_METHOD: Final = 16
-ASKED: Final = "jointstiff.asked"
+REQUESTER: Final = "jointstiff.requester"
 """Who asks, in the scope of a request; a process that forwards it has found out."""
 _REMEDY: Final = (
     "send the header `Authorization: Bearer KEY`, or sign in on the page; create keys with `jointstiff keys "
@@ -92,7 +92,7 @@ _DECLARATIONS: Final = (VIEWER, OPERATOR, ADMIN, PUBLIC)
 
 
 @dataclass
-class Asked:
+class Requester:
     """A request, and who asks."""
 
     key: AccessKey | None  # key that came with it; None if none did
@@ -123,18 +123,18 @@ class Asked:
             )
 
 
-def asked_of(connection: HTTPConnection) -> Asked:
+def requester_of(connection: HTTPConnection) -> Requester:
     """Return who asks."""
-    asked: Asked = connection.scope[ASKED]
-    return asked
+    requester: Requester = connection.scope[REQUESTER]
+    return requester
 
 
 async def _key(connection: HTTPConnection) -> AccessKey | None:
-    return asked_of(connection).key
+    return requester_of(connection).key
 
 
 KeyOf = Depends(_key)
-"""Dependency: the key that a job is asked for with."""
+"""Dependency: the key with which a job is requested."""
 
 
 class AccessRoute(APIRoute):
@@ -149,9 +149,11 @@ class AccessRoute(APIRoute):
         """
         if scope["method"] in (self.methods or ()):  # else it will not be this route that answers
             role = role_of(self)
-            asked: Asked = scope[ASKED] if role else scope.get(ASKED, Asked(None, True, ""))
-            asked.operation = operation_id(self)
-            asked.require(role)
+            requester: Requester = (
+                scope[REQUESTER] if role else scope.get(REQUESTER, Requester(None, True, ""))
+            )
+            requester.operation = operation_id(self)
+            requester.require(role)
         await super().handle(scope, receive, send)
 
 
@@ -381,7 +383,7 @@ def cookie_name(connection: HTTPConnection) -> str:
 
 
 def network_of(address: str) -> str:
-    """Return an IPv4 address, or the network of an IPv6 address, of which one machine has 2^64."""
+    """Return an IPv4 address, or the network of an IPv6 address, as one machine has 2^64 of them."""
     try:
         parsed = ipaddress.ip_address(address)
     except ValueError:
@@ -400,7 +402,7 @@ class Audit:
         self._anonymous = 0
 
     async def follow(
-        self, asked: Asked, scope: Scope, send: Send, answer: Callable[[Send], Awaitable[None]]
+        self, requester: Requester, scope: Scope, send: Send, answer: Callable[[Send], Awaitable[None]]
     ) -> None:
         """Let a request be answered, and write what became of it."""
         written = False
@@ -409,31 +411,31 @@ class Audit:
             nonlocal written
             if message["type"] == "http.response.start" and not written:
                 written = True
-                await self._write(asked, scope, message["status"])
+                await self._write(requester, scope, message["status"])
             await send(message)
 
         try:
             await answer(sent)
         finally:
             if not written:  # it failed, which others answer, or the client left
-                await self._write(asked, scope, 500)
+                await self._write(requester, scope, 500)
 
-    async def _write(self, asked: Asked, scope: Scope, status: int) -> None:
-        if asked.key is None and self._is_too_much():
+    async def _write(self, requester: Requester, scope: Scope, status: int) -> None:
+        if requester.key is None and self._is_too_much():
             return
         entry = AuditEntry(
             at=datetime.now(UTC),
-            key_id=None if asked.key is None else asked.key.id,
-            key_name=None if asked.key is None else asked.key.name,
-            address=asked.address[:_LONGEST_ADDRESS],
+            key_id=None if requester.key is None else requester.key.id,
+            key_name=None if requester.key is None else requester.key.name,
+            address=requester.address[:_LONGEST_ADDRESS],
             method=scope["method"][:_LONGEST_METHOD],
-            operation=asked.operation,
+            operation=requester.operation,
             path=_shown(scope["path"]),
             status=status,
         )
         try:
             await run_sync(self._store.audit.add, entry, limiter=self._turns)
-        except StoreError as error:  # what was done is done; who asked is not told otherwise
+        except StoreError as error:  # what was done is done; the requester gets the ordinary answer
             _logger.error("the audit lacks %s: %s", entry, error.reason)  # noqa: TRY400
 
     def _is_too_much(self) -> bool:

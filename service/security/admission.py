@@ -75,7 +75,7 @@ def is_loopback(address: str) -> bool:
 
 
 def refusal(posture: Posture, scope: Scope) -> Problem | None:
-    """Return why a request is not for this service (421), or asked for by another site's page (403); or None.
+    """Return why a request is not for this service (421), or requested by another site's page (403); or None.
 
     A name that an attacker lets point to this machine (DNS rebinding) is not one of the service's; a page of
     another site sends its `Origin`, or says in `Sec-Fetch-Site` that it is another. Programs send neither.

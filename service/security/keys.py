@@ -324,7 +324,7 @@ class Keyring:
         return [*(described(key) for key in self._stored.values()), *filed]
 
     def is_filed(self, key_id: str) -> bool:
-        """Return whether a key stands in the file."""
+        """Return whether a key is in the file."""
         return key_id in self._filed
 
     def _known(self, key_id: str) -> AccessKey | None:

@@ -218,7 +218,7 @@ class Collection(Generic[Record, Entry]):
             filters: column → value that it must have.
             spans: column → first time that it may have, and the first that it may not have again.
             deleted: only deleted ones instead of the others.
-            q: words, each of which is part of a name that the listing shows.
+            q: words that are all parts of a name that the listing shows.
             sort: `created_at` or `name`; with a minus downwards.
             counted: whether to count the records on all pages, at the first one.
 
@@ -313,7 +313,7 @@ class Collection(Generic[Record, Entry]):
         if not expired:
             return []
         with self._database.writing() as connection:
-            # Asked again in the transaction: one may have been restored meanwhile.
+            # Checked again in the transaction: one may have been restored meanwhile.
             remove = sa.delete(self._table).where(columns.id.in_(expired), *old).returning(columns.id)
             gone = [str(row.id) for row in connection.execute(remove).all()]
             named = [keys.resource == self.resource.collection, keys.resource_id.in_(gone)]

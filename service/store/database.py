@@ -84,7 +84,7 @@ class Database:
         self._turns = threading.BoundedSemaphore(1 if dialect == "sqlite" else _CONNECTIONS)
         self._is_locked = False  # the last one waited in vain: those behind it need not wait as long again
         self._is_read_only = self._is_closed = False
-        self._away_until = 0.0  # monotonic time before which a silent server is not asked again
+        self._away_until = 0.0  # monotonic time before which a silent server is not tried again
         sa.event.listen(reader, "checkin", self._keep_or_close)
 
     @classmethod
@@ -131,7 +131,7 @@ class Database:
 
     @contextmanager
     def reading(self) -> Iterator[sa.Connection]:
-        """A connection on which each statement stands by itself."""
+        """A connection on which each statement is a transaction of its own."""
         with self._errors_translated(), self._reader.connect() as connection:
             yield connection
 
@@ -289,7 +289,7 @@ def _parse(url: str) -> sa.URL:
 
 
 def make_private(path: str | Path) -> None:
-    """Make the file of a new database, for its owner alone; the files beside it get the same mode."""
+    """Make the file of a new database, for its owner alone; the files next to it get the same mode."""
     with suppress(OSError):  # it is there, or SQLite says why it cannot be
         os.close(os.open(path, os.O_CREAT | os.O_EXCL, 0o600))
 
@@ -423,7 +423,7 @@ _SIZES: Final = {
 
 
 class Quota:
-    """Size of a database beside the one it may have. Safe to use from several threads."""
+    """Size of a database, and the size that it may have. Safe to use from several threads."""
 
     def __init__(self, database: Database, most: int | None = None) -> None:
         """Watch over a database.

@@ -48,7 +48,7 @@ class JobStatus:
     done: int  # units of its work that are done, while it has not ended
 
     @property
-    def goes_on(self) -> bool:
+    def is_active(self) -> bool:
         """Return whether the job has not ended."""
         return self.state in OPEN_STATES
 
@@ -74,10 +74,10 @@ class JobRecords(Collection[JobRecord, JobEntry]):
         rows = self._database.rows(self._standings, {"ids": list(job_ids)})
         return {str(row.id): JobStatus(str(row.state), int(row.done)) for row in rows}
 
-    def goes_on(self, job_id: str) -> bool:
+    def is_active(self, job_id: str) -> bool:
         """Return whether there is such a job, and it has not ended."""
         status = self.status(job_id)
-        return status is not None and status.goes_on
+        return status is not None and status.is_active
 
     def open_jobs(self) -> list[str]:
         """Return the ids of the jobs that have not ended."""
@@ -161,10 +161,10 @@ class Steps:
             Whether the job goes on.
         """
         # The lock keeps the job from ending until the row is there: the end would not remove it.
-        goes_on = sa.select(jobs.c.id).where(jobs.c.id == job_id, is_open).with_for_update()
+        is_active = sa.select(jobs.c.id).where(jobs.c.id == job_id, is_open).with_for_update()
         row = {"job_id": job_id, "start": span[0], "units": span[1] - span[0], "result": result}
         with self._database.writing() as connection:
-            if connection.execute(goes_on).first() is None:
+            if connection.execute(is_active).first() is None:
                 return False
             connection.execute(inserting(connection, job_steps).values(row))
         return True

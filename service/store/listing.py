@@ -25,7 +25,7 @@ class Order:
 
     limit: int  # how many records at most, one or more
     cursor: str | None = None  # `next` of the page before; none for the first page
-    q: str | None = None  # words, each of which is part of a name
+    q: str | None = None  # words that are all parts of a name
     sort: str = "-created_at"  # `created_at` or `name`; with a minus downwards
     counted: bool = False  # whether to count the records on all pages, at the first one
 

@@ -499,9 +499,7 @@ wrong_keys = sa.Table(
     "wrong_keys",
     metadata,
     sa.Column("network", sa.String, primary_key=True),
-    sa.Column(
-        "number", sa.Float, nullable=False
-    ),  # of wrong keys at the time, of which some are forgotten since
+    sa.Column("number", sa.Float, nullable=False),  # of wrong keys at the time, some forgotten since
     sa.Column("counted_at", UtcDateTime, nullable=False),
 )
 

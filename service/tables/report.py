@@ -1,4 +1,4 @@
-"""Reports of jobs for people: the verdict first, what was asked for, the parts of its kind, things to do."""
+"""Reports of jobs for people: the verdict first, the request, the parts of its kind, things to do."""
 
 from __future__ import annotations
 
@@ -33,11 +33,11 @@ class View:
 
 @dataclass(frozen=True)
 class Report:
-    """Parts of a result for people, beside its verdict, its warnings and the remedies of both."""
+    """Parts of a result for people, in addition to its verdict, its warnings and the remedies of both."""
 
     parts: Sequence[Part]  # between verdict and warnings
     evidence: Sequence[Part] = ()  # below the warnings
-    advice: Sequence[str] = ()  # things to do beside the remedies
+    advice: Sequence[str] = ()  # things to do in addition to the remedies
 
 
 METHOD_NAMES: Final = {
@@ -59,7 +59,7 @@ _HEAD_STYLES: Final[Mapping[Verdict, Style]] = MappingProxyType(
 """Styles of the first line of a report."""
 _STYLES: Final[Mapping[str, Style]] = {"use_with_care": "care", "do_not_use": "bad"}
 _UNEXPLAINED: Final = frozenset({"deflections_unexplained", "residual_outlier"})
-_SAID_BETTER: Final[Mapping[str, frozenset[str]]] = MappingProxyType(
+_STATED_BETTER: Final[Mapping[str, frozenset[str]]] = MappingProxyType(
     {
         "deflection_unexplained": _UNEXPLAINED,
         "alternative_explains_better": _UNEXPLAINED | {"joint_sign_suspect", "joints_swapped"},
@@ -132,9 +132,9 @@ def to_do_lines(things: Sequence[str], *, details: bool) -> list[Line]:
 
 def warning_lines(assessment: Assessment, warnings: Sequence[Finding], *, details: bool) -> list[Line]:
     """Return the warnings of kinds that no reason says or sums up, or without details their number."""
-    said: set[str] = {reason.code for reason in assessment.reasons}
-    said = said.union(*(_SAID_BETTER.get(code, ()) for code in said))
-    rest = [warning for warning in warnings if warning.code not in said]
+    stated: set[str] = {reason.code for reason in assessment.reasons}
+    stated = stated.union(*(_STATED_BETTER.get(code, ()) for code in stated))
+    rest = [warning for warning in warnings if warning.code not in stated]
     if not details:
         return [Line(f"  {counted(len(rest), 'warning')} (--details)", "care")] if rest else []
     return [

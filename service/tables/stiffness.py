@@ -114,7 +114,7 @@ class StiffnessUnit:
         return Line(concise(value, self.uncertainty(joint)), "bad" if value < 0 else "")
 
     def bare(self, compliance: float | None, kind: JointKind = "revolute") -> str:
-        """Format a compliance in SI units of which no uncertainty is known."""
+        """Format a compliance in SI units without a known uncertainty."""
         if compliance is None:
             return "—"
         if (unit := self.of(kind)) is not self:

@@ -66,7 +66,7 @@ class Column:
     values: Sequence[Any]  # numbers in SI units, texts, or what `show` takes
     show: Show = str
     unit: str = ""  # as shown
-    text: bool = False  # whether it holds text, which stands at the left
+    text: bool = False  # whether it has text, which is aligned to the left
     widest: int | None = None  # characters in a line of the terminal; longer text is folded
 
     @property

@@ -1,7 +1,7 @@
 """Order and claims of jobs' parts, kept by DBOS Transact in the store's database.
 
-DBOS knows which part of which job is whose, which one is next, and how often each began. It gets ids and
-numbers, nothing else: requests and results are the store's. Everything here is safe to repeat.
+DBOS knows which worker has which part of a job, which part is next, and how often each part began. It gets
+ids and numbers, nothing else: requests and results are the store's. Everything here is safe to repeat.
 
 No other module imports `dbos`. Two of its names that are used here are not public: `pyproject.toml` caps its
 minor version.

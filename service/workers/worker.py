@@ -1,4 +1,4 @@
-"""A worker process: carries out long jobs until it is told to stop, and goes on with what dead ones left."""
+"""A worker process: carries out long jobs until it is stopped, and continues the jobs of dead workers."""
 
 from __future__ import annotations
 
@@ -214,7 +214,7 @@ _logger = logging.getLogger(__name__)
 
 
 def run_worker(database: str, executor: str, parent: int | None = None, signs: int | None = None) -> None:
-    """Work until told to stop; what is under way then is left to others, and the process ends.
+    """Work until stopped; unfinished work is left to other workers, and the process ends.
 
     Args:
         database: URL of the store.

@@ -487,7 +487,7 @@ def _joint(
         return joint
     low, high = effective.ends[j].tolist()
     rigid = compliance < RIGID
-    motion = JOINT_UNITS[joint.kind].beside
+    motion = JOINT_UNITS[joint.kind].of_link
     together = (
         f"effective: the joint and {other}'s {motion} its axis together, which readings do not tell apart"
     )

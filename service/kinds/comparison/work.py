@@ -77,10 +77,10 @@ def work(inputs: Inputs, request: ComparisonRequest) -> QuickWork:
             where="run_ids",
             remedy="compare runs of one set or of two; the robot's trend shows all its sets",
         )
-    asked = request.model_dump_json(exclude={"run_ids"})
+    options = request.model_dump_json(exclude={"run_ids"})
     return QuickWork(
         result=partial(compute, inputs, request, runs),
-        input_hash=hash_of(*(each.run.provenance.input_hash for each in runs), asked),
+        input_hash=hash_of(*(each.run.provenance.input_hash for each in runs), options),
         robot_id=runs[0].prepared.robot_id,
         details={"measurement_set_id": sets[0], "second_set_id": (*sets, None)[1]},
     )
@@ -124,22 +124,22 @@ def _warnings(run: Run) -> list[Finding]:
 
 
 def _entry(run: Run, side: ComparedSide) -> ComparedRun:
-    result, asked = run.result, run.request
+    result, request = run.result, run.request
     left = {} if result is None else result.mean_lengths("residual")
     return ComparedRun(
         run_id=run.id,
         side=side.side,
-        method=asked.method,
-        weighting=asked.weighting,
+        method=request.method,
+        weighting=request.weighting,
         characteristic_length=result.characteristic_length if result else None,
-        positive=asked.positive,
+        positive=request.positive,
         error=run.error,
         assessment=result.assessment if result else None,
         joints=result.joints if result else [],
         compensation=result.compensation if result else None,
         rms_residual=result.rms_residual if result else None,
         condition_number=result.identifiability.condition_number if result else None,
-        draws=asked.resampling,
+        draws=request.resampling,
         resampling=result.resampling if result else None,
         left=[left.get(label) for label in side.configurations] if left else [],
     )

@@ -42,7 +42,7 @@ def fleet(
         options: a `FleetOptions`; fields by name replace its own.
         on_progress: called with the progress of a job that takes steps; default: a bar in a terminal or a
             notebook, if it takes more than 2 s.
-        cancel: asked between steps, such as `threading.Event().is_set`; if true, the job ends as
+        cancel: called between steps, such as `threading.Event().is_set`; if true, the job ends as
             `cancelled`.
         executor: carries out the steps, such as a `concurrent.futures.ProcessPoolExecutor()` or a Dask
             client's `get_executor()`; the numbers have the same bits. Refused by a `Client`.

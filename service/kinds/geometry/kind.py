@@ -63,7 +63,7 @@ def report(_job: Geometry, result: GeometryResult, view: View) -> Report:
 
 
 def _evidence(result: GeometryResult) -> list[Part]:
-    """Return what the axes rest on, and what follows from them beside the links."""
+    """Return what the axes rest on, and what follows from them, the links apart."""
     parts: list[Part] = []
     if result.sweeps:
         parts.append(_sweeps(result.sweeps))

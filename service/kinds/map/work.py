@@ -52,7 +52,7 @@ class MapWork(Work):
     activity = "mapping"
 
     def __init__(self, robot: Robot, robot_id: str, run: Run, request: MapOptions) -> None:
-        """Check what is asked for.
+        """Check the request.
 
         Raises:
             RequestError: the run has no model that predicts, or the request does not fit the robot.
@@ -100,7 +100,7 @@ class MapWork(Work):
         )
 
     def _reasons(self, numbers: Mapping[str, Any]) -> list[Finding]:
-        """Return what speaks against a map beside its run."""
+        """Return what speaks against a map, in addition to its run."""
         counts, places, worst = numbers["counts"], numbers["places"], numbers["worst"]
         return [
             *of_deflection(None if worst is None else worst.deflection, self._used.result),

@@ -248,7 +248,7 @@ def campaign_to_fill_in(source: RobotDocument | Campaign, plan: Plan) -> dict[st
 
 
 def charts(result: PlanResult) -> list[Chart]:
-    """Return the predicted uncertainty of each joint, beside that of today and of random plans."""
+    """Return the predicted uncertainty of each joint, compared with that of today and of random plans."""
     joints, known = result.joints, all(joint.relative is not None for joint in result.joints)
     value = _share if known else lambda _, uncertainty: uncertainty
     series = {

@@ -1,4 +1,4 @@
-"""The work of a plan: from what is asked for to arrays in SI units, and back to messages."""
+"""The work of a plan: from the request to arrays in SI units, and back to messages."""
 
 from __future__ import annotations
 
@@ -146,16 +146,16 @@ def _plan(planned: Planned, request: plans.PlanRequest) -> PlanResult:
             remedy="give a goal for the joints, or an uncertainty of the deflection under the load; or "
             "measure live",
         )
-    asked = to_design_request(
+    wanted = to_design_request(
         request, robot, nominal=nominal, sigma=sigma, unexplained=unexplained, so_far=so_far
     )
     names, _ = named_targets(request, robot, so_far)
-    found = to_plan_result(asked, plan_campaign(robot, asked), robot, names, assessment)
+    found = to_plan_result(wanted, plan_campaign(robot, wanted), robot, names, assessment)
     return found.model_copy(update={"assessment": judged("plan", _reasons(found), assessment)})
 
 
 def _reasons(result: PlanResult) -> list[Finding]:
-    """Return what speaks against a plan beside the campaign so far."""
+    """Return what speaks against a plan, in addition to the campaign so far."""
     reasons = []
     if result.left_out:
         message = f"no load of this plan twists {', '.join(result.left_out)}"
@@ -178,7 +178,7 @@ _LACK_OF_FIT: Final = 0.1
 _LINK_SHARE: Final = 0.3
 """Deflection by links relative to that by joints, where no campaign says."""
 _SIGMA: Final = 2e-5
-"""Of a laser tracker [m], where nothing else is said."""
+"""Noise of a laser tracker [m], where none is stated."""
 
 
 def to_design_request(
@@ -344,7 +344,7 @@ def named_targets(
         return so_far.targets, places
     if not request.directions:
         raise RequestError(
-            "readings of the campaign are along directions, and the plan's are not said",
+            "readings of the campaign are along directions, and the plan states none",
             where="directions",
             remedy="give the directions that a gauge can take, or the targets of a tracker",
         )
@@ -388,7 +388,7 @@ def _loads(request: plans.PlanRequest, robot: Robot, so_far: Measurements | None
 
 
 def _directions(request: plans.PlanRequest) -> FloatArray | None:
-    """Return unit vectors along one of which each reading is taken (D, 3); None for all coordinates."""
+    """Return the unit vectors (D, 3) along which readings may be taken; None for all coordinates."""
     if not request.directions:
         return None
     vectors = np.array(request.directions)

@@ -226,7 +226,7 @@ def _stated(notation: Notation, values: Sequence[float] | None, where: str) -> F
 
 
 _MORE_LINES: Final = 1_000
-"""Lines of a table beside two for each point. Each costs a hundred bytes and more, blank ones too."""
+"""Lines of a table in addition to two for each point. Each costs a hundred bytes and more, blank ones too."""
 _REMEDY: Final = "write `point`, then Fx [N], Fy [N], Fz [N], and, if there are moments, Mx [N.m] …"
 
 
@@ -338,9 +338,9 @@ def _table_fault(line: int, reason: str, remedy: str) -> FilesError:
 
 
 _NEAR: Final = 1e-4
-"""Angle beside a boundary [rad] where a program, which is rounded, may say either."""
+"""Angle from a boundary [rad] within which a program, which is rounded, may be on either side."""
 _ROUNDING: Final = 1e-8
-"""Angle beside a boundary [rad] that is nothing: no word is changed for it."""
+"""Angle from a boundary [rad] that is rounding: no word is changed for it."""
 _MOST: Final = 1e9
 """Magnitude that no word has."""
 

@@ -264,7 +264,7 @@ def rewritten(
         numbers = text.replace(own, values, words)
         as_read = program.targets.values[own, :NUMBERS]
         changed[rows] = (np.isfinite(as_read) & (as_read != numbers)).any(axis=1)
-        # What the text says now, beside what it said
+        # What the text says now, compared with before
         angles = robot.joint_map.model_angles(inverse.whole(numbers[:, :6] * unit))
         posed = np.flatnonzero(~by_joints)
         poses, goal = (frames.flange_poses(program, own[posed], each[posed]) for each in (numbers, as_read))
@@ -394,7 +394,7 @@ class ProgramWork(Work):
         """Correct the points of a part of the path.
 
         Raises:
-            RequestError: a load twists a joint of which nothing is known, or the path is not reached.
+            RequestError: a load twists an unknown joint, or the path is not reached.
             ProgramError: a load finds no stable balance.
         """
         path, points = self._path, self._visits.loaded[slice(*span)]

@@ -216,14 +216,14 @@ def detail_lines(result: RunResult) -> list[Line]:
         *_goodness(result),
         *_budget(result),
         *_complementary_stiffness(result),
-        *(f"causes tested beside the joints, p-value: {told}" for told in causes_tested(result)),
+        *(f"causes tested with the joints, p-value: {line}" for line in causes_tested(result)),
         *_identifiability(result.identifiability),
     )
     return [*lines, *(Line(f"  {line}", "dim") for line in others)]
 
 
 def causes_tested(result: RunResult) -> Iterator[str]:
-    """Yield a line of the causes that were tested beside the joints, with their p-values."""
+    """Yield a line of the causes that were tested with the joints, with their p-values."""
     if result.causes:
         since = {None: ""} | {cause.first: f" since {cause.first}" for cause in result.causes if cause.first}
         yield ", ".join(
@@ -250,7 +250,7 @@ _SOURCES = {
     "load_point": "load point",
     "assumed_load_point": "load point, 10 mm assumed",
     "assumed_force_scale": "scale of the force, 1 % assumed",
-    "fitted_causes": "causes fitted beside the joints",
+    "fitted_causes": "causes fitted with the joints",
     "target_places": "places of the targets",
     "axes": "axes of the robot's model",
     "model_error": "model error",
@@ -268,10 +268,10 @@ def _budget(result: RunResult) -> Iterator[str]:
         shares = [100 * u / abs(c) for u, c in zip(part.contributions, sizes, strict=True) if c]
         if shares:
             ends = sorted({f"{min(shares):.2g}", f"{max(shares):.2g}"}, key=float)
-            beside = "" if part.included else ", not in the intervals"
+            excluded = "" if part.included else ", not in the intervals"
             source = _SOURCES.get(part.source, part.source)
             yield (
-                f"uncertainty from {source} (type {part.evaluation}{beside}): "
+                f"uncertainty from {source} (type {part.evaluation}{excluded}): "
                 f"{' to '.join(ends)} % of a compliance"
             )
 
@@ -341,7 +341,7 @@ def _choice_evidence(choice: ModelChoice, links: LinksResult | None) -> list[Par
 
 
 def links_report(links: LinksResult, choice: ModelChoice) -> list[Part]:
-    """Return what bends beside the joints, in tables and lines."""
+    """Return what else bends, in tables and lines."""
     certificate = links.certificate
     of_optimum = "of the optimum" if choice.loss == "squared" else "of the optimum a target"
     parts: list[Part] = [_elements_table(links)]
@@ -441,7 +441,7 @@ def _principal(link: ElasticCompliance, kind: str) -> str:
 
 
 def choice_table(choice: ModelChoice) -> Table:
-    """Return models and losses beside each other."""
+    """Return models and losses compared with each other."""
     models = choice.models
     return Table(
         [

@@ -16,7 +16,7 @@ class RunWork(Work):
     """The work of a run: draws, or models compared on held-out postures; most runs take no steps."""
 
     def __init__(self, prepared: PreparedSet, request: RunRequest) -> None:
-        """Check what is asked for.
+        """Check the request.
 
         Raises:
             RequestError: the readings cannot support it.
@@ -53,7 +53,7 @@ def identification(inputs: Inputs, request: RunRequest) -> RunWork:
     """Return the work of a run.
 
     Raises:
-        RequestError: there is no such set, or the readings cannot support what is asked for.
+        RequestError: there is no such set, or the readings cannot support the request.
     """
     prepared = inputs.measured(request.measurement_set_id, "measurement_set_id", request.leave_out)
     return RunWork(prepared, request)

@@ -371,7 +371,7 @@ class TestJobs:
         runs.cancel(run.id)
         before = runs.records.get(run.id)
         runs.records.delete(run.id)
-        assert not runs.records.goes_on(run.id)
+        assert not runs.records.is_active(run.id)
         runs.fail(run.id, RuntimeError("of a worker that did not hear of it"))
         with pytest.raises(DeletedError):
             runs.cancel(run.id)

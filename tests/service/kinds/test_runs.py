@@ -236,7 +236,7 @@ def test_cross_validation_is_a_durable_job_with_the_numbers_of_one_go(memory, se
     assert (queued.state, queued.progress.unit) == ("queued", "penalties")
     assert queued.progress.total == 4 * 2 * 7
     worker = Parts(memory).jobs["run"]
-    worker.start(record.id)
+    worker.mark_running(record.id)
     work = worker.work(record.id)
     steps = work.steps()
     assert [start for start, _ in steps[1:]] == [stop for _, stop in steps[:-1]]
@@ -303,7 +303,7 @@ def test_automatic_takes_the_simplest_model_that_is_good_enough(memory, set_id):
     assert joints.model is not None
     jobs, worker = parts.jobs["run"], Parts(memory, lambda *_: None).jobs["run"]
     record = worker.create(RunRequest.model_validate({"measurement_set_id": set_id} | options), None)
-    jobs.start(record.id)
+    jobs.mark_running(record.id)
     work = jobs.work(record.id)
     jobs.conclude(record.id, [pack(work.compute(span)) for span in work.steps()])
     listed = jobs.current(record.id)
@@ -352,7 +352,7 @@ def test_a_tied_model_without_a_certified_optimum_fails_no_run(monkeypatch, docu
     base = replace_in(SimpleNamespace(model=SimpleNamespace(name="joints_and_base")), prediction=none)
 
     class Tied(Competition):
-        _asked = None
+        _requested = None
 
         def _fit(self, chosen, _):
             if chosen.model in uncertified:

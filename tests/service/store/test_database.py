@@ -361,7 +361,7 @@ def test_an_unfinished_run_of_a_saved_file_goes_on_where_it_stood(tmp_path, monk
         runs = runs_of(store, claims.enqueue)
         run = runs.create(run_request(stored_set(store)), None)
         assert claims.claim("gone").number == 0
-        runs.start(run.id)
+        runs.mark_running(run.id)
         store.steps.keep(run.id, spans[0], pack(runs.work(run.id).compute(spans[0])))
         with closing(sqlite3.connect(source)) as own, closing(sqlite3.connect(saved)) as other:
             own.backup(other)  # as `sqlite3 FILE '.backup SAVED'` does

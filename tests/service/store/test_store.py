@@ -457,7 +457,7 @@ def test_four_workers_end_all_runs_once_while_some_are_cancelled(store, claims, 
         return is_ended
 
     def work(name):
-        while any(map(runs.records.goes_on, ids)):
+        while any(map(runs.records.is_active, ids)):
             with turns:
                 part = claims.claim(name)
             if part is not None:

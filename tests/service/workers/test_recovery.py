@@ -97,7 +97,7 @@ def test_each_part_is_claimed_by_one_worker_and_the_one_that_finds_all_results_e
     run = post()
     parts = [claims.claim("a")]
     assert claims.claim("b") is None, "a run begins with its first part"
-    runs.start(run.id)
+    runs.mark_running(run.id)
     claims.leave(run.id, [Part(run.id, number, 0) for number in (1, 2)])
     parts += [claims.claim(name) for name in "bc"]
     assert [part.number for part in parts] == [0, 1, 2]
@@ -183,14 +183,14 @@ def test_a_step_that_two_workers_carried_out_is_kept_once(store, runs, post):
 
 
 def test_the_results_of_ended_runs_are_removed_and_those_of_others_stay(store, runs, claims, post):
-    ended, goes_on = post(), post()
-    for run in (ended, goes_on):
+    ended, is_active = post(), post()
+    for run in (ended, is_active):
         store.steps.keep(run.id, (0, 1), b"computed")
     cancelled = runs.cancel(ended.id)
     assert cancelled.progress.done == 1
     assert not store.steps.keep(ended.id, (1, 2), b"late")
     assert store.steps.results(ended.id) == []
-    assert [runs.records.status(each.id).done for each in (ended, goes_on)] == [0, 1]
+    assert [runs.records.status(each.id).done for each in (ended, is_active)] == [0, 1]
     claims.work_all(lambda _: runs)
     assert runs.current(ended.id) == cancelled
 
@@ -384,13 +384,13 @@ def test_a_part_of_a_job_that_was_removed_is_nothing(store, claims):
 
 
 def test_the_parts_of_ended_jobs_are_removed(store, runs, claims, post):
-    ended, goes_on = post(), post()
+    ended, is_active = post(), post()
     claims.work(lambda _: runs)
     claims.work(lambda _: runs)
     runs.cancel(ended.id)
     recovery_of(store, runs, claims).look()
     claims.work_all(lambda _: runs)  # of the cancelled run, too
-    assert {each.workflow_id for each in claims._listed()} >= {f"{goes_on.id}-000000-0"}
+    assert {each.workflow_id for each in claims._listed()} >= {f"{is_active.id}-000000-0"}
     recovery_of(store, runs, claims).look()
     assert claims._listed() == []
 
