@@ -1,4 +1,4 @@
-"""Errors of the service, each of which says how to mend it, and their problem details (RFC 9457).
+"""Errors of the service, each with its remedy, and their problem details (RFC 9457).
 
 One table leads from the class of an error, of the numerical core too, to the status of an answer.
 
@@ -349,7 +349,7 @@ MAX_PROBLEM_BYTES: Final = 8_000
 _LONGEST: Final = 300
 _COMPARE: Final = "compare with an example: `jointstiff simulate FILE` writes one, and /openapi.json has them"
 
-_OUTSIDE: Final = {"query", "path", "header"}  # where a request has something beside its body
+_OUTSIDE: Final = {"query", "path", "header"}  # parts of a request other than its body
 _NO_OBJECT: Final = {"model_type", "model_attributes_type", "dict_type"}
 
 _KINDS: Final[Mapping[type[Exception], tuple[int, str, str]]] = MappingProxyType(
@@ -562,7 +562,7 @@ def reworded(error: Mapping[str, Any], parameters: Sequence[str] = ()) -> str:
 
     Args:
         error: its `type`, `loc` and `msg`.
-        parameters: names of the query parameters of the route, of which an unknown one may be meant.
+        parameters: names of the query parameters of the route, to suggest one for an unknown name.
     """
     message = str(error["msg"])
     for pattern, wording in _WORDING:

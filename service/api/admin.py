@@ -56,10 +56,10 @@ async def create_session(
 
     The session ends after 8 h without use, after 7 days, when its key is revoked, or by DELETE.
     """
-    asked = requester_of(request)
+    requester = requester_of(request)
     key, link = (None if one is None else one.get_secret_value() for one in (body.key, body.link))
-    signed = await gate.sign_in(key, link, asked.address)
-    asked.key = signed.key
+    signed = await gate.sign_in(key, link, requester.address)
+    requester.key = signed.key
     await gate.sign_out(request)  # of the session that the new cookie replaces
     response.set_cookie(
         cookie_name(request),

@@ -75,7 +75,7 @@ def unchanging(
     media_type: str = "application/json",
     headers: Mapping[str, str] | None = None,
 ) -> Response:
-    """Return a document that rarely or never changes: who has it is told so (304) in its place.
+    """Return a document that rarely or never changes: a client that has it gets 304 in its place.
 
     A large table is sent as it is written, and has no tag.
     """

@@ -49,7 +49,7 @@ class Content(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class _Wanted:
-    """A file that is asked for."""
+    """A requested file."""
 
     laboratory: LaboratorySettings  # that issues reports
     parts: Parts
@@ -132,9 +132,9 @@ def _tables(wanted: _Wanted) -> Content:
 
 
 def _lines(parts: Sequence[Part]) -> list[str]:
-    """Return what is said beside the tables, line by line."""
-    said = (line.strip() for part in parts if isinstance(part, Line) for line in part.text.splitlines())
-    return [line for line in said if line]
+    """Return the lines of a report that are not tables."""
+    lines = (line.strip() for part in parts if isinstance(part, Line) for line in part.text.splitlines())
+    return [line for line in lines if line]
 
 
 def _sheet(file: File, wanted: _Wanted) -> Content:
@@ -251,14 +251,14 @@ def _description() -> str:
 _FILES_TEXT: Final = """Get a file of a job that has succeeded. Its names are:
 
 * `tables.json`: the tables as in the terminal (title, caption, head, rows of text, indices of text columns),
-  what is said beside them (`lines`, `evidence`), and the `assessment`
+  its other lines (`lines`, `evidence`), and the `assessment`
 * `report.pdf`, `report.html`: request, tables, versions and hash of the input; of a run after ISO/IEC 17025,
   with lines to sign, PDF/A-3b with the run attached
 * `report.xml` of a run: a digital calibration certificate, DCC 3.3.0; needs `measured_at` of the set, and
   `country` and `responsible` of the laboratory's settings
 * `model.…` of a run: tables with intervals (csv, xlsx), or MJCF with a spring for each joint that has one;
   refused for the verdict `do_not_use` without `accept_verdict`
-* `program` of a program: a compensated file (`file`), of which only numbers of its targets differ"""
+* `program` of a program: a compensated file (`file`); only numbers of its targets differ"""
 
 
 FILES_DESCRIPTION: Final = _description()

@@ -102,7 +102,7 @@ class Seen(NamedTuple):
 
 
 class Watch:
-    """Look at the database in a thread of its own, so that who asks for the health never waits for work.
+    """Look at the database in a thread of its own, so that a request for the health never waits for work.
 
     Used as a context manager, it looks until the block ends; before and after that each question is a look.
     """
@@ -216,7 +216,7 @@ class Metrics:
 
     def __init__(self) -> None:
         self.registry = CollectorRegistry()  # for the server that shows it
-        self.gauges: Gauges = dict  # return the state when it is asked for
+        self.gauges: Gauges = dict  # return the state when it is requested
         labels = ["method", "route"]
         self._requests = Counter(
             "jointstiff_requests", "Requests answered.", [*labels, "status"], registry=self.registry
@@ -235,7 +235,7 @@ class Metrics:
 
         Args:
             method: of those that HTTP has.
-            route: template of the address, not the address itself, of which there is no end.
+            route: template of the address, not the address itself: there is no end of addresses.
             status: of the answer.
             seconds: until all of it was given.
         """
@@ -257,7 +257,7 @@ class Metrics:
 
 
 class _State(Collector):
-    """State of the service, looked up when it is asked for."""
+    """State of the service, looked up when it is requested."""
 
     def __init__(self, metrics: Metrics) -> None:
         self._metrics = metrics

@@ -229,7 +229,7 @@ async def answer(jobs: Jobs, record: JobRecord, wait: float, followers: Follower
 
 
 class Posted:
-    """A post of a job: who asks for it, and how long the answer waits for its end."""
+    """A post of a job: its requester, and how long the answer waits for its end."""
 
     def __init__(self, request: Request, parts: answers.PartsOf, asked_by: AskedBy, query: Wait) -> None:
         self.request, self.parts, self.by, self.wait = request, parts, asked_by, query.wait
@@ -348,7 +348,7 @@ async def get_job_file(
 ) -> Response:
     """Get a file of a job."""
     jobs = await run_in_threadpool(parts.jobs_of, job_id)
-    # What is computed may take seconds: it waits for its turn, and leaves others theirs.
+    # Computation may take seconds: it is queued, so that other requests are answered meanwhile.
     turns = None if is_stored(jobs.kind, name) else large_bodies(request)
     content = await run_sync(content_of, request, parts, jobs, job_id, name, query, limiter=turns)
     return answers.unchanging(request, content.body, content.media_type, content.headers)

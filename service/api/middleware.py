@@ -38,7 +38,7 @@ _METHOD_NOT_ALLOWED: Final = 405
 
 
 class Guard:
-    """Middleware: host and origin, then who asks and the audit. What is refused gets no further."""
+    """Middleware: host and origin, then the requester and the audit. A refused request gets no further."""
 
     def __init__(
         self, app: ASGIApp, posture: Posture, gate: Gate, audit: Audit, routes: Iterable[BaseRoute]
@@ -53,7 +53,7 @@ class Guard:
         self._paths, self._mounts = public_paths(routes)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Pass a request on with who asks, or refuse it."""
+        """Pass a request on with its requester, or refuse it."""
         if scope["type"] != "http":
             await self._app(scope, receive, send)
         elif problem := refusal(self._posture, scope):

@@ -1,4 +1,4 @@
-"""Posts beside those of the kinds: campaign files, actions, reports, deflections; and files in forms.
+"""Posts other than those of the kinds: campaign files, actions, reports, deflections; and files in forms.
 
 Readings in files are understood and shown before anything is stored; programs are corrected.
 """
@@ -112,8 +112,8 @@ async def apply_action(
 ) -> Response:
     """Apply an action of a run's assessment, and identify: the new run is a `variant_of` this one.
 
-    Readings or a robot that the action changes are stored beside the old ones, under names that say so. The
-    same action of the same run gives the same run.
+    Readings or a robot that the action changes are stored in addition to the old ones, under names that show
+    the change. The same action of the same run gives the same run.
     """
 
     def create(jobs: Jobs) -> JobRecord:

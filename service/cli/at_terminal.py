@@ -1,4 +1,4 @@
-"""The person at the terminal beside the robot: words, questions and answers of `jointstiff measure`."""
+"""The person at the terminal at the robot: words, questions and answers of `jointstiff measure`."""
 
 from __future__ import annotations
 

@@ -409,7 +409,7 @@ def ask(answer: ImportAnswer, known: set[str]) -> Options:
 
     Args:
         answer: with faults and missing fields.
-        known: options that were asked for before, which are not asked again; extended.
+        known: options that a question was about before, which is not repeated; extended.
 
     Returns:
         The options of the API that were answered; empty if nothing remains to be asked.

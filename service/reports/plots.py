@@ -67,7 +67,7 @@ def _draw_chart(axis: Axes, chart: Chart) -> None:
     axis.set_ylabel(chart.unit)
     axis.set_title(chart.title, fontsize="medium")
     if len(series) > 1:
-        axis.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), fontsize="small")  # beside the bars
+        axis.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), fontsize="small")  # at the side of the bars
 
 
 def _below_and_above(heights: Sequence[float], intervals: Sequence[Any], factor: float) -> list[list[float]]:

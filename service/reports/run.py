@@ -97,7 +97,7 @@ MAX_ATTACHED_BYTES: Final = 2_500_000
 """JSON of a run that is attached whole; it takes a quarter of that in the PDF."""
 TITLE: Final = "Report on joint stiffness"
 PREDICTED_FORCE: Final = 100.0
-"""Force of which the compliance of the flange is predicted [N]; small, so that it counts as linear."""
+"""Force for the predicted compliance of the flange [N]; small, so that it counts as linear."""
 _AXES: Final = ("X", "Y", "Z")
 _BY_OBSERVATION: Final = ("residuals", "contributions", "encoder_residuals")
 _UNIT: Final = UNITS["MNm/rad"]

@@ -1,6 +1,6 @@
-"""Access: who asks, by a key or by the session of a browser; the role that each route needs; the audit.
+"""Access: the requester, by a key or by the session of a browser; the role that each route needs; the audit.
 
-Each route declares a role. Who asks is found out before anything of the body is read; the route that was
+Each route declares a role. The requester is found before anything of the body is read; the route that was
 found decides whether the role is enough. What no route answers needs a key as well, but for the files of the
 page.
 """
@@ -44,7 +44,7 @@ _LONGEST_PATH: Final = 200
 _LONGEST_ADDRESS: Final = 64
 _LONGEST_METHOD: Final = 16
 REQUESTER: Final = "jointstiff.requester"
-"""Who asks, in the scope of a request; a process that forwards it has found out."""
+"""The requester, in the scope of a request; set by the process that forwards the request."""
 _REMEDY: Final = (
     "send the header `Authorization: Bearer KEY`, or sign in on the page; create keys with `jointstiff keys "
     "create`"
@@ -93,7 +93,7 @@ _DECLARATIONS: Final = (VIEWER, OPERATOR, ADMIN, PUBLIC)
 
 @dataclass
 class Requester:
-    """A request, and who asks."""
+    """The requester of a request: its key and address."""
 
     key: AccessKey | None  # key that came with it; None if none did
     is_open: bool  # whether no key is demanded
@@ -124,7 +124,7 @@ class Requester:
 
 
 def requester_of(connection: HTTPConnection) -> Requester:
-    """Return who asks."""
+    """Return the requester."""
     requester: Requester = connection.scope[REQUESTER]
     return requester
 

@@ -288,7 +288,7 @@ class PlanRequest:
     joints: IndexArray | None = None  #: to be determined; all if None
     #: (2, 3) corners of the box in which predictions matter, in R0 [m]; None for none
     work_area: FloatArray | None = None
-    #: (D, 3) unit vectors in R0, along one of which each reading is taken; None if all coordinates are read
+    #: (D, 3) unit vectors in R0 along which readings may be taken; None if all coordinates are read
     directions: FloatArray | None = None
     links: bool = False  #: whether elastic links are a nuisance
     link_share: float = 0.3  #: deflection by links, relative to that by joints, before any reading

@@ -72,7 +72,7 @@ _TRIED: Final = 8
 _EXCHANGES: Final = 600
 """Exchanges tried in one search: 30 passes over a list of 20. A long list is near its optimum at once."""
 _RESTARTED: Final = 160
-"""Readings of all restarts, at each of which a third of the list is drawn anew: short lists need most."""
+"""Readings of all restarts; each draws a third of the list anew, and short lists need most."""
 _MOST_RESTARTS: Final = 16
 _LONG: Final = 60
 """Readings of a list for which that gains nothing."""

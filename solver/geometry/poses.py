@@ -685,7 +685,7 @@ def chain_axes(chain: KinematicChain) -> tuple[tuple[Axis, ...], pin.SE3]:
     if linear:
         raise RobotError(
             f"axes are identified of revolute joints only, but {', '.join(linear)} slides",
-            remedy="fix it in the model (URDF: type fixed, at the position where it stands), and omit it "
+            remedy="fix it in the model (URDF: type fixed, at its present position), and omit it "
             "from the readings; or use the nominal model",
             where="robot",
         )

@@ -85,8 +85,8 @@ class InverseKinematics:
             if held is None:
                 linear = ", ".join(np.array(robot.joint_names)[robot.prismatic])
                 raise RobotError(
-                    f"it is not stated where the linear axis {linear} stands",
-                    remedy="give all joints as `near` or `start`: the linear axis stands still there",
+                    f"the position of the linear axis {linear} is not stated",
+                    remedy="give all joints as `near` or `start`: the linear axis stays there",
                     where="robot",
                 )
             self.arm = standing_still(robot, held)
@@ -146,7 +146,7 @@ class InverseKinematics:
         angles, reached = self.polished(flange_poses(robot, commanded), self.of_arm(commanded))
         if not reached.all():
             raise RequestError(
-                "the corrected target is not reached while the linear axis stands still",
+                "the corrected target is not reached while the linear axis stays",
                 remedy="move the part away from the singularity",
                 where=f"cases[{int(np.argmin(reached))}]",
             )

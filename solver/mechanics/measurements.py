@@ -52,7 +52,7 @@ class Instrument:
             (..., 3, 3) covariance of a reading there, axes of R0 [m²].
 
         Raises:
-            MeasurementError: a target stands at the station, or the instrument is exact or far beyond any.
+            MeasurementError: a target is at the station, or the instrument is exact or far beyond any.
         """
         sight = places - np.array(self.station)
         distance = np.linalg.norm(sight, axis=-1)

@@ -19,7 +19,7 @@ WRIST_JOINTS: Final = 3
 _SMALL_SINE: Final = 0.5
 """Sine of a turn, below which it tells the angle as well as all of the rotation does."""
 # A C library that has freed so much at once reuses what smaller arrays leave. Pages that were returned to the
-# system and asked for again took half of the time.
+# system and requested again took half of the time.
 np.empty(16 * 1024 * 1024, dtype=np.uint8)
 
 

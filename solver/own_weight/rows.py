@@ -75,7 +75,7 @@ class Balancer:
 
 @dataclass(frozen=True, eq=False)
 class Burden:
-    """Bodies that the joints carry, some of which hang on in some observations only, and balancers."""
+    """Bodies that the joints carry, some in some observations only, and balancers."""
 
     bodies: tuple[Body, ...]  #: links, tool, payloads
     balancers: tuple[Balancer, ...] = ()  #: springs between base and links

@@ -47,6 +47,34 @@ def test_docstrings_begin_with_a_verb_or_a_noun(folder):
     assert not riddles, "\n".join(riddles)
 
 
+PRIVATE_WORDS = (
+    "beside",
+    "told",
+    "stands",
+    "said",
+    "asked for",
+    "who asks",
+    "waits for its turn",
+    "of which",
+)
+"""Words with several meanings in this project; CONTRIBUTING has the words to use."""
+MEANT = {"service/importing/grammar.py"}
+"""Modules that have such a word as data."""
+
+
+@pytest.mark.parametrize("folder", ["solver", "service", "schemas"])
+def test_private_words_are_gone_from_the_code(folder):
+    """Names, comments, docstrings and messages use the words of CONTRIBUTING's table."""
+    private = re.compile("|".join(rf"\b{word}\b" for word in PRIVATE_WORDS), re.IGNORECASE)
+    found = [
+        f"{path.relative_to(ROOT)}:{number}: {line.strip()}"
+        for path in sorted((ROOT / folder).rglob("*.py"))
+        for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1)
+        if str(path.relative_to(ROOT)) not in MEANT and private.search(line)
+    ]
+    assert not found, "\n".join(found)
+
+
 def descriptions(node: object, place: str = "") -> Iterator[tuple[str, str]]:
     """Every description in a document, with its place; of operations the sentence that begins it."""
     if isinstance(node, dict):
