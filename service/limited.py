@@ -1,7 +1,8 @@
 """Large bodies are answered by a child process of limited memory and time, and keep nobody else waiting.
 
 A parser lets no other thread of its process run, and what it makes of a body is many times as large. The
-child composes the same application; the requester was found before. Between them goes JSON, nothing that runs.
+child composes the same application; the requester was found before. Between them goes JSON, nothing that
+runs.
 The service starts it as `python -m jointstiff.service.limited DESCRIPTOR`, of the pipe between them.
 """
 
