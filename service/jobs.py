@@ -149,12 +149,14 @@ class Jobs:
         Raises:
             NotFoundError: there is no such job.
         """
-        return self._as_now(self.records.get(job_id))
+        return self._with_progress(self.records.get(job_id))
 
     def answered(self, record: JobRecord) -> str:
         """Return a job as it is answered, as JSON: one that has ended as it was stored."""
         is_active = record.state in OPEN_STATES
-        return self.kind.answered(self._as_now(record).model_dump_json() if is_active else record.document)
+        return self.kind.answered(
+            self._with_progress(record).model_dump_json() if is_active else record.document
+        )
 
     def cancel(self, job_id: str) -> Job:
         """End a job where it is; a job that has ended stays as it is.
@@ -165,13 +167,13 @@ class Jobs:
         """
         job = self.current(job_id)
         if job.state in OPEN_STATES:
-            self._end(job_id, "cancelled", at_most=CANCEL_SECONDS)
+            self._end_job(job_id, "cancelled", at_most=CANCEL_SECONDS)
         return self.current(job_id)
 
     def mark_running(self, job_id: str) -> None:
         """Write that a job is being carried out from now on."""
         record = self.records.get(job_id)
-        job = self._read(record)
+        job = self._read_job(record)
         started = job.provenance.model_copy(
             update={"started_at": max(datetime.now(UTC), job.provenance.created_at)}
         )
@@ -232,7 +234,7 @@ class Jobs:
             (RequestError, MemoryError, StoreUnavailableError),
         )
         provenance = {"versions": dict(versions())}
-        self._end(job_id, final_state(error), {"result": result, "error": error}, provenance)
+        self._end_job(job_id, final_state(error), {"result": result, "error": error}, provenance)
 
     def fail(self, job_id: str, failure: Exception) -> None:
         """End a job whose steps failed; one that has ended, and may be deleted, stays as it is."""
@@ -243,19 +245,19 @@ class Jobs:
         else:
             _logger.error("a %s failed unexpectedly", self.kind.name, exc_info=failure)
             error = unexpected_failure()
-        self._end(job_id, "failed", {"error": error})
+        self._end_job(job_id, "failed", {"error": error})
 
-    def _as_now(self, record: JobRecord) -> Job:
-        job = self._read(record)
+    def _with_progress(self, record: JobRecord) -> Job:
+        job = self._read_job(record)
         if record.state not in OPEN_STATES or job.progress is None:
             return job
         status = self.records.status(record.id)
         if status is None or not status.is_active:  # it has ended since, and its steps are gone
-            return self._read(self.records.get(record.id, hidden=True))
+            return self._read_job(self.records.get(record.id, hidden=True))
         progress = job.progress.model_copy(update={"done": status.done})
         return job.model_copy(update={"state": record.state, "progress": progress})
 
-    def _read(self, record: JobRecord) -> Job:
+    def _read_job(self, record: JobRecord) -> Job:
         job: Job = self.kind.message.model_validate_json(record.document)
         return job
 
@@ -266,7 +268,7 @@ class Jobs:
         record = record_of(self.kind, job, robot_id)
         return {name: getattr(record, name) for name in _CHANGING}
 
-    def _end(
+    def _end_job(
         self,
         job_id: str,
         state: JobState,
@@ -278,7 +280,7 @@ class Jobs:
 
         def final(before: JobRecord, done: int) -> dict[str, Any]:
             try:
-                job = self._read(before)
+                job = self._read_job(before)
             except ValidationError:
                 # Its document is damaged: it must not keep workers busy
                 return {"state": state}

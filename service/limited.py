@@ -172,7 +172,7 @@ class LimitedChild:
         try:
             if self._connection is None or self._process is None or self._process.poll() is not None:
                 self.close()
-                self._connection = self._start()
+                self._connection = self._start_child()
             if not self._is_ready:
                 if not self._connection.poll(START_SECONDS):
                     raise HTTPException(
@@ -187,7 +187,7 @@ class LimitedChild:
             ) from None
         return self._connection
 
-    def _start(self) -> Connection[bytes, bytes]:
+    def _start_child(self) -> Connection[bytes, bytes]:
         """Start the child, which says when it is ready."""
         connection, theirs = Pipe()
         with theirs:
@@ -227,13 +227,13 @@ def run_child(descriptor: int) -> None:
         while True:
             forwarded, content = FORWARDED.validate_json(connection.recv_bytes()), connection.recv_bytes()
             _limit_time(seconds)
-            start, body = anyio.run(_answered, app, forwarded, content)
+            start, body = anyio.run(_answer_of_app, app, forwarded, content)
             headers = [(name.decode("latin-1"), value.decode("latin-1")) for name, value in start["headers"]]
             connection.send_bytes(json.dumps([start["status"], headers]).encode())
             connection.send_bytes(body)
 
 
-async def _answered(app: FastAPI, forwarded: Forwarded, content: bytes) -> tuple[Message, bytes]:
+async def _answer_of_app(app: FastAPI, forwarded: Forwarded, content: bytes) -> tuple[Message, bytes]:
     """Return the application's answer: how it starts, and its body."""
     received = iter([{"type": "http.request", "body": content, "more_body": False}])
     sent: list[Message] = []

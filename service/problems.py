@@ -113,7 +113,7 @@ class VerdictError(ItemsError):
         )
 
 
-def _shown(text: str) -> str:
+def _quote(text: str) -> str:
     """Text from outside, quoted, escaped and short enough for a message."""
     return repr(text if len(text) <= _MAX_SHOWN else text[:_MAX_SHOWN] + "…")
 
@@ -213,7 +213,7 @@ class NotFoundError(StoreError):
 
     def __init__(self, kind: Resource, identifier: str) -> None:
         super().__init__(
-            f"there is no {kind.name} {_shown(identifier)}",
+            f"there is no {kind.name} {_quote(identifier)}",
             f"check the id; list them with GET {kind.listing}",
         )
         self.kind = kind  # The kind of resource that was looked for
@@ -225,7 +225,7 @@ class DeletedError(NotFoundError):
 
     def __init__(self, kind: Resource, identifier: str) -> None:
         super().__init__(kind, identifier)
-        self.reason = f"the {kind.name} {_shown(identifier)} was deleted"
+        self.reason = f"the {kind.name} {_quote(identifier)} was deleted"
         self.remedy = "restore it with " + kind.change(identifier, '"deleted": false')
         self.args = (f"{self.reason}: {self.remedy}",)
 
@@ -236,7 +236,7 @@ class NotEndedError(StoreError):
     def __init__(self, kind: Resource, identifier: str) -> None:
         cancel = kind.change(identifier, '"cancelled": true')
         super().__init__(
-            f"the {kind.name} {_shown(identifier)} has not finished",
+            f"the {kind.name} {_quote(identifier)} has not finished",
             f"cancel it first with {cancel}, or wait until it has finished",
         )
 
@@ -246,7 +246,7 @@ class ClosedError(StoreError):
 
     def __init__(self, identifier: str) -> None:
         super().__init__(
-            f"the measurement set {_shown(identifier)} is closed",
+            f"the measurement set {_quote(identifier)} is closed",
             "open another one; what was read stays in this one",
         )
 
@@ -256,7 +256,7 @@ class TakenError(StoreError):
 
     def __init__(self, label: str) -> None:
         super().__init__(
-            f"the set has another observation {_shown(label)}",
+            f"the set has another observation {_quote(label)}",
             "another device may have sent it: ask what is next, and send this one with a label of its own",
         )
 
@@ -266,7 +266,7 @@ class ReferencedError(StoreError):
 
     def __init__(self, kind: Resource, identifier: str, users: Sequence[str], *, more: bool) -> None:
         super().__init__(
-            f"the {kind.name} {_shown(identifier)} is used by {', '.join(users)}{', …' if more else ''}",
+            f"the {kind.name} {_quote(identifier)} is used by {', '.join(users)}{', …' if more else ''}",
             "delete these first",
         )
 
@@ -325,7 +325,7 @@ class IdempotencyConflictError(StoreError):
 
     def __init__(self, kind: Resource, key: str) -> None:
         super().__init__(
-            f"the idempotency key {_shown(key)} was already used with another body to create a {kind.name}",
+            f"the idempotency key {_quote(key)} was already used with another body to create a {kind.name}",
             "send the first body again, or use a new key",
         )
         self.kind = kind  # The kind of resource that the key created
@@ -337,7 +337,7 @@ class CursorError(StoreError):
 
     def __init__(self, cursor: str) -> None:
         super().__init__(
-            f"{_shown(cursor)} is not a valid pagination cursor",
+            f"{_quote(cursor)} is not a valid pagination cursor",
             "use `next` of the previous page unchanged, or omit `cursor`",
         )
 
@@ -441,17 +441,17 @@ def problem_of(error: JointstiffError | StoreError) -> Problem:
         type=_urn(slug),
         title=title,
         status=status,
-        detail=_short(
+        detail=_shorten(
             error.public_reason if isinstance(error, StoreUnavailableError) else error.reason, 2 * _LONGEST
         ),
-        where=_short(error.where) if isinstance(error, JointstiffError) and error.where else None,
-        remedy=_short(error.remedy, 2 * _LONGEST),
+        where=_shorten(error.where) if isinstance(error, JointstiffError) and error.where else None,
+        remedy=_shorten(error.remedy, 2 * _LONGEST),
         errors=[
-            ProblemItem(where=_short(place), reason=_short(reason), remedy=_short(remedy))
+            ProblemItem(where=_shorten(place), reason=_shorten(reason), remedy=_shorten(remedy))
             for place, reason, remedy in items
         ],
     )
-    return _fitted(problem)
+    return _fit_into_body(problem)
 
 
 def place_in(section: str, where: str | None) -> str | None:
@@ -478,7 +478,7 @@ def http_problem(status: int, detail: str, remedy: str | None = None) -> Problem
         type=_urn(phrase.lower().replace(" ", "-")),
         title=phrase,
         status=status,
-        detail=_short(detail),
+        detail=_shorten(detail),
         remedy=remedy,
     )
 
@@ -492,15 +492,15 @@ def invalid_request(errors: Sequence[Mapping[str, Any]], parameters: Sequence[st
     """
     items = [
         ProblemItem(
-            where=_short(_path(error["loc"])) or "body",
+            where=_shorten(_path_text(error["loc"])) or "body",
             reason="must be an object"
             if error["type"] in _NO_OBJECT
-            else _short(reworded(error, parameters)),
+            else _shorten(reworded(error, parameters)),
             remedy=_remedy(error),
         )
         for error in errors[:MAX_ITEMS]
     ]
-    return _fitted(
+    return _fit_into_body(
         Problem(
             type=_urn("invalid-request"),
             title="The request does not match the API's schema",
@@ -508,13 +508,13 @@ def invalid_request(errors: Sequence[Mapping[str, Any]], parameters: Sequence[st
             detail=f"{len(errors)} fault{'s' if len(errors) != 1 else ''}; first: {items[0].where}: "
             f"{items[0].reason}",
             where=items[0].where,
-            remedy=items[0].remedy or _otherwise(errors[0]),
+            remedy=items[0].remedy or _general_remedy(errors[0]),
             errors=items,
         )
     )
 
 
-def _otherwise(error: Mapping[str, Any]) -> str:
+def _general_remedy(error: Mapping[str, Any]) -> str:
     """The remedy where the kind of fault has none of its own."""
     if error["loc"] and error["loc"][0] in _OUTSIDE:
         return "see this address in /openapi.json"
@@ -531,19 +531,19 @@ def _urn(slug: str) -> str:
     return f"urn:jointstiff:problem:{slug}"
 
 
-def _fitted(problem: Problem) -> Problem:
+def _fit_into_body(problem: Problem) -> Problem:
     """Drop the last faults until the body is short enough."""
     while len(problem.model_dump_json().encode()) > MAX_PROBLEM_BYTES and len(problem.errors) > 1:
         problem = problem.model_copy(update={"errors": problem.errors[:-1]})
     return problem
 
 
-def _short(text: str, longest: int = _LONGEST) -> str:
+def _shorten(text: str, longest: int = _LONGEST) -> str:
     printable = "".join(c if c.isprintable() else "�" for c in text[: longest + 1])
     return printable if len(printable) <= longest else printable[:longest] + "…"
 
 
-def _path(location: Sequence[int | str]) -> str:
+def _path_text(location: Sequence[int | str]) -> str:
     """Return observations[3].force[0]; FastAPI's `body` and the tag of a model's format are no fields."""
     location = location[1:] if location[:1] == ("body",) else location
     path = ""

@@ -97,13 +97,13 @@ def run_server(settings: Settings, then: Callable[[str], object] | None = None) 
         keyring = _keyring(store, posture, settings)
         queue = stack.enter_context(closing(Queue(store, database)))
         # Messages tell the workers of one store from those of another.
-        mark = hashlib.sha256(_shown(database).encode()).hexdigest()[:8]
+        mark = hashlib.sha256(_url_without_password(database).encode()).hexdigest()[:8]
         prefix = f"{socket.gethostname()}-{port}-{mark}"
         supervisor = stack.enter_context(Supervisor(database, workers, prefix, forgetting(store)))
         address = f"http://{host}:{port}"
         console().print(
             f"Jointstiff {jointstiff_version()} at {address}, API description at {address}/openapi.json\n"
-            f"database {_shown(database)}, {workers} worker{'s' if workers != 1 else ''}",
+            f"database {_url_without_password(database)}, {workers} worker{'s' if workers != 1 else ''}",
             markup=False,
             soft_wrap=True,
         )
@@ -179,7 +179,7 @@ def forgetting(store: Store) -> Callable[[str], None]:
     return forget
 
 
-def _shown(database: str) -> str:
+def _url_without_password(database: str) -> str:
     """The URL without its password, a file with its whole path."""
     url = make_url(database)
     if url.get_backend_name() == "sqlite" and url.database:
@@ -215,8 +215,8 @@ def _keyring(store: Store, posture: Posture, settings: Settings) -> Keyring:
         raise ServerError(
             "will not start: it requires keys, and no key is valid",
             'make one: jointstiff keys create "tablet hall 3" --role operator --database '
-            f"{_shown(settings.database)} (or --keys-file FILE); or listen on 127.0.0.1 without "
-            "--require-key; or put an authenticating proxy in front and add --no-access-control and "
+            f"{_url_without_password(settings.database)} (or --keys-file FILE); or listen on 127.0.0.1 "
+            "without --require-key; or put an authenticating proxy in front and add --no-access-control and "
             "--allowed-host NAME",
         )
     return keyring

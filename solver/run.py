@@ -130,7 +130,7 @@ class Identification:
         if self._options.weight is not None:
             return run_by_weight(self._robot, self._measurements, self._options, self._noticed)
         if isinstance(self.long, Competition):
-            found = self._after(self.long, self.long.winner(parts))
+            found = self._report_winner(self.long, self.long.winner(parts))
         else:
             screening = replace(self._joints.screening, comparable=self._excluded is None)
             choice = choice_of_joints(self._options, screening, self._excluded)
@@ -141,7 +141,7 @@ class Identification:
         drawn = self.long.statistics(parts) if isinstance(self.long, Draws) else None
         return run_result(found, self._measurements, advice, drawn)
 
-    def _after(self, competition: Competition, winner: Winner) -> Found:
+    def _report_winner(self, competition: Competition, winner: Winner) -> Found:
         """Report the model that won: joints alone by the loss that predicts better, or more than joints."""
         screening = replace(competition.screening, gain=winner.selection.gain)
         if winner.elastic is not None:

@@ -25,11 +25,11 @@ from jointstiff.solver.errors import RequestError
 KeyId = Annotated[str, Path(pattern=r"^[0-9a-f]{10}$")]
 
 
-def _gate(request: Request) -> Gate:
+def _access_gate(request: Request) -> Gate:
     return cast("Gate", request.app.state.gate)
 
 
-GateOf = Annotated[Gate, Depends(_gate)]
+GateOf = Annotated[Gate, Depends(_access_gate)]
 _PAGE: Final = 1_000
 _TABLE: Final[dict[int | str, dict[str, Any]]] = {
     200: {"description": "A page; or the table (RFC 4180, times in UTC).", "content": {"text/csv": {}}}
@@ -45,7 +45,7 @@ async def get_session(gate: GateOf, request: Request) -> access.Session:
     key = requester_of(request).key
     browser, ends_at = (None, None) if gate.is_open else await gate.session(request)
     is_browser = key is not None and browser is not None and key.id == browser.id
-    return _session(gate, key, ends_at if is_browser else None)
+    return _session_state(gate, key, ends_at if is_browser else None)
 
 
 @sessions.post("", status_code=201, response_model=access.Session)
@@ -69,7 +69,7 @@ async def create_session(
         httponly=True,
         samesite="strict",
     )
-    return _session(gate, signed.key, signed.ends_at)
+    return _session_state(gate, signed.key, signed.ends_at)
 
 
 @sessions.delete("", status_code=204, response_class=Response)
@@ -81,7 +81,7 @@ async def delete_session(gate: GateOf, request: Request) -> Response:
     return response
 
 
-def _session(gate: Gate, key: AccessKey | None, ends_at: datetime | None) -> access.Session:
+def _session_state(gate: Gate, key: AccessKey | None, ends_at: datetime | None) -> access.Session:
     if key is None:
         return access.Session(access=gate.access, key_id=None, key_name=None, role=None, ends_at=None)
     role = cast("access.Role", key.role)
@@ -130,13 +130,15 @@ def list_audit(
     """List all requests to change something, refused or not, newest first; or get all as a table."""
     if query.format == "csv":
         headers = {"Content-Disposition": 'attachment; filename="audit.csv"'}
-        return StreamingResponse(_table(parts.store, query.key_id), media_type="text/csv", headers=headers)
+        return StreamingResponse(
+            _audit_table(parts.store, query.key_id), media_type="text/csv", headers=headers
+        )
     page = parts.store.audit.page(query.limit, query.cursor, counted=True, key_id=query.key_id)
     items = [access.AuditItem(**asdict(entry)) for entry in page.records]
     return Page(items=items, next=page.next, total=page.total)
 
 
-def _table(store: Store, key_id: str | None) -> Iterator[str]:
+def _audit_table(store: Store, key_id: str | None) -> Iterator[str]:
     yield csv_rows([list(access.AuditItem.model_fields)])
     page = store.audit.page(_PAGE, key_id=key_id)
     while True:

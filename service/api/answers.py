@@ -57,11 +57,11 @@ LOCATION: Final[dict[int | str, dict[str, Any]]] = {201: {"description": "Stored
 _logger = logging.getLogger(__name__)
 
 
-def _parts(request: Request) -> Parts:
+def _parts_of_app(request: Request) -> Parts:
     return cast("Parts", request.app.state.parts)
 
 
-PartsOf = Annotated[Parts, Depends(_parts)]
+PartsOf = Annotated[Parts, Depends(_parts_of_app)]
 
 
 def json_response(text: str, status: int = 200) -> Response:

@@ -57,7 +57,7 @@ class BodyRoute(AccessRoute):
         message: type[BaseModel] = field.field_info.annotation  # type: ignore[assignment]
 
         async def handle_parsed(request: Request) -> Response:
-            _require(request, *needed)
+            _require_length(request, *needed)
             if (answer := await _answered_elsewhere(request)) is not None:
                 return await self.after_child(request, answer)
             if is_form:  # Starlette keeps both, and gives FastAPI what it has
@@ -117,15 +117,15 @@ def bound_key(key: str | None, body: bytes) -> IdempotencyKey | None:
     return None if key is None else IdempotencyKey(key, hashlib.sha256(body).hexdigest())
 
 
-async def _key(request: Request, idempotency_key: KeyText = None) -> IdempotencyKey | None:
+async def _requester_key(request: Request, idempotency_key: KeyText = None) -> IdempotencyKey | None:
     return None if idempotency_key is None else bound_key(idempotency_key, await request.body())
 
 
-Key = Annotated[IdempotencyKey | None, Depends(_key)]
+Key = Annotated[IdempotencyKey | None, Depends(_requester_key)]
 """Idempotency key of a request, bound to the bytes of its body."""
 
 
-def _require(request: Request, media_type: str, what: str) -> None:
+def _require_length(request: Request, media_type: str, what: str) -> None:
     coding = request.headers.get("content-encoding", "identity").strip().lower()
     if coding != "identity":
         raise HTTPException(415, f"the body has the Content-Encoding {coding[:40]!r}; send it without one")
@@ -198,7 +198,8 @@ async def read_form(request: Request) -> FormData:
     try:
         _refuse_strange(form)
         fields = [
-            (name, await _text(value) if name == "options" else value) for name, value in form.multi_items()
+            (name, await _decode_options(value) if name == "options" else value)
+            for name, value in form.multi_items()
         ]
     except BaseException:
         await form.close()
@@ -228,7 +229,7 @@ def _refuse_strange(form: FormData) -> None:
         )
 
 
-async def _text(value: UploadFile | str) -> str:
+async def _decode_options(value: UploadFile | str) -> str:
     """Return the options as text, without a byte order mark."""
     if isinstance(value, str):
         return value.removeprefix("\ufeff")

@@ -46,9 +46,9 @@ class DescribedApplication(FastAPI):
     def openapi(self) -> Node:
         """Return the OpenAPI description."""
         if self.openapi_schema is None:
-            document = _untitled(super().openapi())
+            document = _without_titles(super().openapi())
             for path, method, operation in _operations(document):
-                _summarise(operation)
+                _summarise_operation(operation)
                 _add_problems(path, method, operation)
                 _state_events(operation)
                 needed = operation.get("security", [])
@@ -59,8 +59,8 @@ class DescribedApplication(FastAPI):
             _drop_unused(document)
             _require_all_of_answers(document)
             _place_pages(document)
-            _share(document)
-            self.openapi_schema = _nullable(document)
+            _share_components(document)
+            self.openapi_schema = _with_null_in_types(document)
         return self.openapi_schema
 
 
@@ -80,18 +80,18 @@ def _operations(document: Node) -> Iterator[tuple[str, str, Node]]:
             yield path, method, operation
 
 
-def _untitled(node: Any, *, names: bool = False) -> Any:  # noqa: ANN401 - any part of a JSON document
+def _without_titles(node: Any, *, names: bool = False) -> Any:  # noqa: ANN401 - any part of a JSON document
     """Return a part of a description without the titles that Pydantic makes of the names of fields."""
     if isinstance(node, dict):
         return {
-            key: _untitled(value, names=key == "properties")
+            key: _without_titles(value, names=key == "properties")
             for key, value in node.items()
             if names or key != "title" or not isinstance(value, str) or "version" in node
         }
-    return [_untitled(each) for each in node] if isinstance(node, list) else node
+    return [_without_titles(each) for each in node] if isinstance(node, list) else node
 
 
-def _summarise(operation: Node) -> None:
+def _summarise_operation(operation: Node) -> None:
     """Take the first sentence of an operation's description for its summary."""
     first, _, rest = operation["description"].partition("\n\n")
     sentence, stop, more = " ".join(first.split()).partition(". ")
@@ -142,10 +142,10 @@ def _place_pages(document: Node) -> None:
                 stated["schema"] = schemas.pop(name)
 
 
-def _nullable(node: Any) -> Any:  # noqa: ANN401 - any part of a JSON document
+def _with_null_in_types(node: Any) -> Any:  # noqa: ANN401 - any part of a JSON document
     """Return a part of a description whose types name null among them, which `anyOf` says in more words."""
     if isinstance(node, list):
-        return [_nullable(each) for each in node]
+        return [_with_null_in_types(each) for each in node]
     if not isinstance(node, dict):
         return node
     match node.get("anyOf"):
@@ -153,7 +153,7 @@ def _nullable(node: Any) -> Any:  # noqa: ANN401 - any part of a JSON document
             rest = {key: value for key, value in node.items() if key != "anyOf"}
             if not one.keys() & rest.keys():
                 node = {**one, "type": [kind, "null"], **rest}
-    return {key: _nullable(value) for key, value in node.items()}
+    return {key: _with_null_in_types(value) for key, value in node.items()}
 
 
 def _show_answers(document: Node) -> None:
@@ -164,7 +164,7 @@ def _show_answers(document: Node) -> None:
             operation["responses"][status]["content"]["application/json"]["example"] = example
 
 
-def _referred(document: Node, *roots: Node) -> set[str]:
+def _schemas_used(document: Node, *roots: Node) -> set[str]:
     """Return the names of the schemas that parts of a description refer to, directly or by others."""
     schemas, waiting, found = document["components"]["schemas"], list(roots), set[str]()
     while waiting:
@@ -176,7 +176,7 @@ def _referred(document: Node, *roots: Node) -> set[str]:
 
 def _drop_unused(document: Node) -> None:
     """Drop schemas that nothing refers to: FastAPI states those of fields whose form is no promise, too."""
-    schemas, used = document["components"]["schemas"], _referred(document, document["paths"])
+    schemas, used = document["components"]["schemas"], _schemas_used(document, document["paths"])
     document["components"]["schemas"] = {name: schemas[name] for name in schemas if name in used}
 
 
@@ -184,12 +184,12 @@ def _require_all_of_answers(document: Node) -> None:
     """Require every field of what only answers have: the service leaves none out."""
     schemas = document["components"]["schemas"]
     bodies = [operation.get("requestBody", {}) for *_, operation in _operations(document)]
-    for name in schemas.keys() - _referred(document, *bodies):
+    for name in schemas.keys() - _schemas_used(document, *bodies):
         if "properties" in schemas[name]:
             schemas[name]["required"] = list(schemas[name]["properties"])
 
 
-def _share(document: Node) -> None:
+def _share_components(document: Node) -> None:
     """State once, among the components, each problem, and each parameter that two operations have."""
     shared: dict[str, Node] = {"parameters": {}, "responses": {}}
     every = list(_operations(document))

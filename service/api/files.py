@@ -65,7 +65,7 @@ class _Wanted:
         Raises:
             HTTPException: it has no result (409).
         """
-        return _succeeded(self.jobs, self.job_id)
+        return _require_result(self.jobs, self.job_id)
 
 
 _Make = Callable[[_Wanted], Content]
@@ -73,7 +73,7 @@ _Make = Callable[[_Wanted], Content]
 
 def is_stored(kind: AnyKind, name: str) -> bool:
     """Return whether a file of a kind's jobs needs no work."""
-    return _files(kind).get(name) is _corrected
+    return _files(kind).get(name) is _corrected_program
 
 
 def content_of(
@@ -110,7 +110,7 @@ def _files(kind: AnyKind) -> Mapping[str, _Make]:
     elif kind.reported:
         made |= {"report.pdf": _job_report, "report.html": _job_report}
     if kind.name == Program.kind_name():
-        made["program"] = _corrected
+        made["program"] = _corrected_program
     return made | {file.name: partial(_sheet, file) for file in kind.files}
 
 
@@ -145,7 +145,7 @@ def _sheet(file: File, wanted: _Wanted) -> Content:
         reason = f"this {kind.name} has no rows for {file.name}, {what}"
         raise HTTPException(404, f"{reason}; use tables.json, or another of its files")
     body = csv_parts(sheet) if file.suffix == "csv" else written(sheet, file.suffix)
-    return Content(body, file.media_type, _saved(f"{kind.name}-{job.id}.{file.suffix}"))
+    return Content(body, file.media_type, _file_response(f"{kind.name}-{job.id}.{file.suffix}"))
 
 
 def _job_report(wanted: _Wanted) -> Content:
@@ -153,26 +153,28 @@ def _job_report(wanted: _Wanted) -> Content:
     record = jobs.records.get(job_id)
     about = [] if record.robot_id is None else [("Robot", parts.store.robots.get(record.robot_id).name)]
     answered = jobs.kind.answered(record.document)
-    return _written(job_document(jobs.kind, wanted.job, answered, wanted.laboratory, about), wanted.name)
+    return _write_sheet(job_document(jobs.kind, wanted.job, answered, wanted.laboratory, about), wanted.name)
 
 
 def _run_report(wanted: _Wanted) -> Content:
     subject = run_subject(wanted.parts, wanted.job_id, wanted.laboratory)
-    return _written(run_document(subject), wanted.name)
+    return _write_sheet(run_document(subject), wanted.name)
 
 
 def _certificate(wanted: _Wanted) -> Content:
     subject = run_subject(wanted.parts, wanted.job_id, wanted.laboratory)
-    return Content(certificate(subject), "application/xml", _saved(f"certificate-{wanted.job_id}.xml"))
+    return Content(
+        certificate(subject), "application/xml", _file_response(f"certificate-{wanted.job_id}.xml")
+    )
 
 
 def _model(wanted: _Wanted) -> Content:
     suffix = cast("ModelFormat", wanted.name.partition(".")[2])
     model = export_model(exported_model(wanted.parts, wanted.job_id), suffix, wanted.query.accept_verdict)
-    return Content(model, FORMATS[suffix].media_type, _saved(f"model-{wanted.job_id}.{suffix}"))
+    return Content(model, FORMATS[suffix].media_type, _file_response(f"model-{wanted.job_id}.{suffix}"))
 
 
-def _corrected(wanted: _Wanted) -> Content:
+def _corrected_program(wanted: _Wanted) -> Content:
     result, file = cast("Program", wanted.job).result, wanted.query.file
     found = next((each for each in result.files if file in {None, each.name}), None) if result else None
     if result is None or found is None:
@@ -184,7 +186,7 @@ def _corrected(wanted: _Wanted) -> Content:
     return Content(unpacked(found), "application/octet-stream", {"Content-Disposition": disposition})
 
 
-def _succeeded(jobs: Jobs, job_id: str) -> Job:
+def _require_result(jobs: Jobs, job_id: str) -> Job:
     """Return a job with its result."""
     job = jobs.current(job_id)
     if job.result is None:
@@ -192,7 +194,7 @@ def _succeeded(jobs: Jobs, job_id: str) -> Job:
     return job
 
 
-def _written(document: Document, name: str) -> Content:
+def _write_sheet(document: Document, name: str) -> Content:
     if name == "report.pdf":
         return _report(report_pdf(document), document.number, "pdf")
     return _report(report_page(document), document.number, "html")
@@ -205,7 +207,7 @@ def _report(content: bytes, number: str, suffix: Literal["pdf", "html"]) -> Cont
     return Content(content, "application/pdf", headers)
 
 
-def _saved(name: str) -> dict[str, str]:
+def _file_response(name: str) -> dict[str, str]:
     return {"Content-Disposition": f'attachment; filename="{name}"'}
 
 
@@ -215,7 +217,7 @@ def exported_model(parts: Parts, run_id: str) -> ExportedModel:
     Raises:
         HTTPException: the run has no result.
     """
-    run = cast("Run", _succeeded(parts.jobs[Run.kind_name()], run_id))
+    run = cast("Run", _require_result(parts.jobs[Run.kind_name()], run_id))
     prepared = parts.sets.prepared(run.request.measurement_set_id)
     stored = Robot.model_validate_json(parts.store.robots.get(prepared.robot_id).document)
     return ExportedModel(run, cast("Any", run.result), prepared.robot, stored.name, stored.geometry_id)

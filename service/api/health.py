@@ -124,11 +124,11 @@ class Watch:
 
     def __enter__(self) -> Watch:
         self._ended.clear()
-        self.seen = self._look()
+        self.seen = self._look_at_database()
         self._proved = time.monotonic()
         self._threads = [
-            threading.Thread(target=self._repeat, args=each, daemon=True)
-            for each in ((LOOK_SECONDS, self._renew), (PROOF_SECONDS, self._prove))
+            threading.Thread(target=self._repeat_forever, args=each, daemon=True)
+            for each in ((LOOK_SECONDS, self._renew_state), (PROOF_SECONDS, self._prove_writable))
         ]
         for thread in self._threads:
             thread.start()
@@ -148,7 +148,7 @@ class Watch:
         """
         seen = self.seen
         if seen is None:
-            seen = await run_sync(self._look)
+            seen = await run_sync(self._look_at_database)
         if seen.error is not None:
             raise seen.error.with_traceback(None)
         if time.monotonic() - seen.at > STALE_SECONDS:
@@ -163,7 +163,7 @@ class Watch:
         """
         seen = await self.latest()
         if self.seen is None:
-            await run_sync(self._prove)
+            await run_sync(self._prove_writable)
         if self._unwritable is not None:
             raise self._unwritable.with_traceback(None)
         if self.seen is not None and time.monotonic() - self._proved > STALE_PROOF_SECONDS:
@@ -172,11 +172,11 @@ class Watch:
             )
         return seen
 
-    def _repeat(self, pause: float, act: Callable[[], None]) -> None:
+    def _repeat_forever(self, pause: float, act: Callable[[], None]) -> None:
         while not self._ended.wait(pause):
             act()
 
-    def _prove(self) -> None:
+    def _prove_writable(self) -> None:
         """Write: a file that can be read only, or a standby server, answers every look."""
         try:
             self._store.heartbeats.prove()
@@ -189,12 +189,12 @@ class Watch:
             self._unwritable = None
         self._proved = time.monotonic()
 
-    def _renew(self) -> None:
-        seen = self._look()
+    def _renew_state(self) -> None:
+        seen = self._look_at_database()
         if not self._ended.is_set():
             self.seen = seen
 
-    def _look(self) -> Seen:
+    def _look_at_database(self) -> Seen:
         try:
             database = self._store.ping()
             if self._keyring is not None:

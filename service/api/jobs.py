@@ -65,8 +65,8 @@ class _Followed:
         if self.job is None:
             return None
         if status.is_active:
-            return _event("progress", _at(status, self.job))
-        return _event("end", self.job if is_current else _at(status, self.job))
+            return _event("progress", _event_at(status, self.job))
+        return _event("end", self.job if is_current else _event_at(status, self.job))
 
     def tell(self, news: ServerSentEvent | None) -> None:
         """Tell the followers what is new; None ends their streams."""
@@ -120,7 +120,7 @@ class Followers:
         followed = self._followed.setdefault(job_id, _Followed(jobs))
         followed.followers += 1
         if self._task is None or self._task.done():
-            self._task = asyncio.create_task(self._look())
+            self._task = asyncio.create_task(self._poll())
         task, sent, clock = self._task, None, asyncio.get_running_loop().time
         asked_at, may_follow = clock(), True
         try:
@@ -152,7 +152,7 @@ class Followers:
                 async for _ in events:
                     pass
 
-    async def _look(self) -> None:
+    async def _poll(self) -> None:
         """Look at the jobs until no one follows any."""
         clock = asyncio.get_running_loop().time
         try:
@@ -160,7 +160,7 @@ class Followers:
                 began = clock()
                 followed = {job_id: each for job_id, each in self._followed.items() if not each.over}
                 with suppress(StoreUnavailableError):  # however long the database is away
-                    for job_id, news in (await run_in_threadpool(_looked, followed)).items():
+                    for job_id, news in (await run_in_threadpool(_look_at_jobs, followed)).items():
                         followed[job_id].tell(news)
                 await asyncio.sleep(max(self._pause, _PAUSE_PER_LOOK * (clock() - began)))
         finally:
@@ -169,7 +169,7 @@ class Followers:
                 each.tell(None)
 
 
-def _looked(followed: Mapping[str, _Followed]) -> dict[str, ServerSentEvent | None]:
+def _look_at_jobs(followed: Mapping[str, _Followed]) -> dict[str, ServerSentEvent | None]:
     """Look at jobs, with one query for all of a kind."""
     kinds: dict[Jobs, list[str]] = {}
     for job_id, each in followed.items():
@@ -180,7 +180,7 @@ def _looked(followed: Mapping[str, _Followed]) -> dict[str, ServerSentEvent | No
     return {job_id: each.look(job_id, statuses.get(job_id)) for job_id, each in followed.items()}
 
 
-def _at(status: JobStatus, job: Job) -> Job:
+def _event_at(status: JobStatus, job: Job) -> Job:
     progress = job.progress and job.progress.model_copy(update={"done": status.done})
     return job.model_copy(update={"state": status.state, "progress": progress})
 

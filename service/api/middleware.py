@@ -72,13 +72,13 @@ class Guard:
         elif scope["path"].startswith(self._mounts):
             await self._app(scope, receive, send)
         elif scope["method"] in SAFE:
-            await self._pass(requester, scope, receive, send)
+            await self._pass_on(requester, scope, receive, send)
         else:
             await self._audit.follow(
-                requester, scope, send, lambda sent: self._pass(requester, scope, receive, sent)
+                requester, scope, send, lambda sent: self._pass_on(requester, scope, receive, sent)
             )
 
-    async def _pass(self, requester: Requester, scope: Scope, receive: Receive, send: Send) -> None:
+    async def _pass_on(self, requester: Requester, scope: Scope, receive: Receive, send: Send) -> None:
         is_public = scope["path"] in self._paths
         try:
             if not is_public or scope["path"].startswith("/v1/"):
@@ -103,14 +103,14 @@ class Methods:
         """Answer a request."""
         if scope["type"] != "http":
             await self._app(scope, receive, send)
-        elif scope["method"] == "OPTIONS" and (allow := self._allow(scope)):
+        elif scope["method"] == "OPTIONS" and (allow := self._allowed_methods(scope)):
             await Response(status_code=204, headers={"Allow": allow})(scope, receive, send)
         elif scope["method"] == "HEAD":
-            await self._head(scope, receive, send)
+            await self._answer_head(scope, receive, send)
         else:
             await self._app(scope, receive, self._with_allow(scope, send))
 
-    async def _head(self, scope: Scope, receive: Receive, send: Send) -> None:
+    async def _answer_head(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer as GET does up to the headers; cancel the rest, which may be a stream without end."""
         with anyio.CancelScope() as rest:
 
@@ -127,19 +127,21 @@ class Methods:
 
         async def sent(message: Message) -> None:
             if message.get("status") == _METHOD_NOT_ALLOWED:
-                MutableHeaders(scope=message)["Allow"] = self._allow(request_scope)
+                MutableHeaders(scope=message)["Allow"] = self._allowed_methods(request_scope)
             await send(message)
 
         return sent
 
-    def _allow(self, scope: Scope) -> str:
+    def _allowed_methods(self, scope: Scope) -> str:
         """Return the methods of an address; empty if there is nothing at it."""
-        methods = {method for method in _METHODS if scope["path"] == "*" or self._takes(scope, method)}
+        methods = {
+            method for method in _METHODS if scope["path"] == "*" or self._accepts_method(scope, method)
+        }
         if "GET" in methods:
             methods.add("HEAD")
         return ", ".join(sorted(methods | {"OPTIONS"})) if methods else ""
 
-    def _takes(self, scope: Scope, method: str) -> bool:
+    def _accepts_method(self, scope: Scope, method: str) -> bool:
         return any(
             route.matches({**scope, "method": method})[0] is Match.FULL
             for route in self._routes

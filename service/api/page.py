@@ -115,14 +115,14 @@ def install_page(app: FastAPI, bundle: Path = BUNDLE, docs: Path = DOCS) -> None
     def notices() -> Response:
         return FileResponse(bundle / "notices.txt", headers=SECURITY_HEADERS)
 
-    _add(app, "/", page)
-    _add(app, "/notices.txt", notices)
-    _add(app, "/favicon.svg", icon)
+    _add_public_route(app, "/", page)
+    _add_public_route(app, "/notices.txt", notices)
+    _add_public_route(app, "/favicon.svg", icon)
     app.mount("/assets", _Assets(bundle / "assets"), name="assets")
     _install_docs(app, docs)
 
 
-def _add(app: FastAPI, path: str, endpoint: Callable[[], Response]) -> None:
+def _add_public_route(app: FastAPI, path: str, endpoint: Callable[[], Response]) -> None:
     """Add an address that needs no key: the page has to be there to sign in on it."""
     route = AccessRoute(path, endpoint, dependencies=[PUBLIC], include_in_schema=False)
     app.router.routes.append(route)
@@ -137,8 +137,8 @@ def _install_docs(app: FastAPI, docs: Path) -> None:
             return HTMLResponse(_no_docs("../"), 404, headers=SECURITY_HEADERS)
         return FileResponse(docs / "index.html", headers=DOCS_HEADERS)
 
-    _add(app, "/docs", enter)
-    _add(app, "/docs/", index)
+    _add_public_route(app, "/docs", enter)
+    _add_public_route(app, "/docs/", index)
     app.mount("/docs", _Docs(docs), name="docs")
 
 

@@ -118,7 +118,7 @@ async def apply_action(
 
     def create(jobs: Jobs) -> JobRecord:
         variant = _variant(posted.parts, cast("Run", jobs.current(run_id)), body)
-        return jobs.create(variant, _key(variant.model_dump_json()), posted.by)
+        return jobs.create(variant, _content_key(variant.model_dump_json()), posted.by)
 
     return await posted.answer(Run.kind_name(), create)
 
@@ -148,8 +148,8 @@ def _variant(parts: Parts, run: Run, action: Action) -> RunRequest:
         robot=RobotDocument(
             name=robot.name, model=robot.model, joint_map=robot.joint_map, bodies=robot.bodies
         ),
-        measurement_set=_named(MeasurementSetDocument, stored),
-        run=_named(RunOptions, request),
+        measurement_set=_part_of(MeasurementSetDocument, stored),
+        run=_part_of(RunOptions, request),
     )
     after = mended(before, action)
     robot_id, set_id = stored.robot_id, stored.id
@@ -162,7 +162,7 @@ def _variant(parts: Parts, run: Run, action: Action) -> RunRequest:
     return request.model_copy(update={**dict(after.run), "measurement_set_id": set_id})
 
 
-def _named(kind: type[Part], source: Message) -> Part:
+def _part_of(kind: type[Part], source: Message) -> Part:
     """Return the part of a message that has the fields of another."""
     return kind(**{name: getattr(source, name) for name in kind.model_fields})
 
@@ -173,28 +173,28 @@ def _of_catalogue(arm: str) -> RobotDocument:
 
 def _stored_robot(parts: Parts, document: RobotDocument) -> str:
     """Store a robot unless there is one of this content; return its id."""
-    return _once(parts.store.robots, parts.robots.create, document)
+    return _store_once(parts.store.robots, parts.robots.create, document)
 
 
 def _stored_set(parts: Parts, document: MeasurementSetDocument, robot_id: str) -> str:
     """Store readings of a robot unless there are such; return the id of their set."""
     request = MeasurementSetRequest(**dict(document), robot_id=robot_id)
-    return _once(parts.store.sets, parts.sets.create, request)
+    return _store_once(parts.store.sets, parts.sets.create, request)
 
 
-def _once(
+def _store_once(
     stored: Collection[Any, Any], create: Callable[[Any, IdempotencyKey], Any], document: Message
 ) -> str:
     """Store a document unless its content was stored before and is still there; return its id."""
     mark = document.model_dump_json()
     while True:
-        record = create(document, _key(mark))
+        record = create(document, _content_key(mark))
         with suppress(NotFoundError):
             return str(stored.get(record.id).id)
         mark += record.id  # the key belongs to the deleted one
 
 
-def _key(content: str) -> IdempotencyKey:
+def _content_key(content: str) -> IdempotencyKey:
     """Return the key of a client that posts this content once."""
     return IdempotencyKey(content_key(content), hashlib.sha256(content.encode()).hexdigest())
 
@@ -248,10 +248,10 @@ async def compute_deflections(
     error, calibrated on held-out postures. A run never changes, so the same request has the same answer.
     """
     # Many cases take seconds: predictions wait for their turn, and leave the other requests theirs.
-    return json_response(await run_sync(_predicted, parts, body, limiter=large_bodies(request)))
+    return json_response(await run_sync(_predict, parts, body, limiter=large_bodies(request)))
 
 
-def _predicted(parts: Parts, body: DeflectionRequest) -> str:
+def _predict(parts: Parts, body: DeflectionRequest) -> str:
     try:
         run = stored_job(parts.store, Run, body.run_id)
         robot = parts.sets.prepared(run.request.measurement_set_id).robot
@@ -274,11 +274,11 @@ async def create_import(
     files of another form.
     """
     # A few bytes of Excel unpack to a great deal: all imports wait for their turn.
-    answer = await run_sync(_understood, parts, files, options, limiter=large_bodies(request))
+    answer = await run_sync(_understand, parts, files, options, limiter=large_bodies(request))
     return json_response(answer)
 
 
-def _understood(parts: Parts, files: list[UploadFile], options: ImportRequest) -> str:
+def _understand(parts: Parts, files: list[UploadFile], options: ImportRequest) -> str:
     robot = None if options.robot_id is None else parts.robots.find(options.robot_id, None)
     sources = [SourceFile(*named_content(file)) for file in files]
     with without_collections():

@@ -36,7 +36,7 @@ class AtTerminal(Person):
         cli.warn(profile)
         if self._confirmed:
             return True
-        answer = _asked("are the lines read rightly? y or n", {"y", "n"}, at_end="")
+        answer = _choose_answer("are the lines read rightly? y or n", {"y", "n"}, at_end="")
         if not answer:
             raise cli.failed("nobody confirmed how the lines are read", "confirm it, or give --yes")
         return answer == "y"
@@ -61,7 +61,9 @@ class AtTerminal(Person):
             cli.warn(f"\n{following.label}: {posture_text(self._campaign, following)}")
             cli.warn(f"  {force_text(following)}; {following.reason}")
         state = "with the load" if loaded else "without load"
-        answer = _asked(f"  Enter reads {state}; s skips this posture; q ends", {"", "s", "q"}, at_end="q")
+        answer = _choose_answer(
+            f"  Enter reads {state}; s skips this posture; q ends", {"", "s", "q"}, at_end="q"
+        )
         chosen: dict[str, Literal["read", "skip", "stop"]] = {"": "read", "s": "skip", "q": "stop"}
         return chosen[answer]
 
@@ -69,13 +71,17 @@ class AtTerminal(Person):
         """Ask what becomes of a doubtful reading."""
         if not self._asks:
             return super().doubts(reading, again=again)
-        return "again" if _asked("  r reads it again; k keeps it", {"r", "k"}, at_end="k") == "r" else "keep"
+        return (
+            "again"
+            if _choose_answer("  r reads it again; k keeps it", {"r", "k"}, at_end="k") == "r"
+            else "keep"
+        )
 
     def doubts_earlier(self, reading: LiveReading, *, again: bool) -> Literal["withdraw", "keep"]:
         """Ask what becomes of an earlier reading that is a mistake by now."""
         if not self._asks:
             return super().doubts_earlier(reading, again=again)
-        answer = _asked("  w withdraws it; k keeps it", {"w", "k"}, at_end="k")
+        answer = _choose_answer("  w withdraws it; k keeps it", {"w", "k"}, at_end="k")
         return "withdraw" if answer == "w" else "keep"
 
     def missed(self, error: Exception, *, again: bool) -> Literal["again", "skip", "stop"]:
@@ -86,7 +92,7 @@ class AtTerminal(Person):
             cli.warn(f"  remedy: {remedy}")
         if not self._asks:
             return super().missed(error, again=again)
-        answer = _asked("  r reads again; s skips this posture; q ends", {"r", "s", "q"}, at_end="q")
+        answer = _choose_answer("  r reads again; s skips this posture; q ends", {"r", "s", "q"}, at_end="q")
         chosen: dict[str, Literal["again", "skip", "stop"]] = {"r": "again", "s": "skip", "q": "stop"}
         return chosen[answer]
 
@@ -113,7 +119,7 @@ def reading_line(state: LiveState, reading: LiveReading) -> str:
     return " ".join(parts)
 
 
-def _asked(prompt: str, answers: set[str], at_end: str) -> str:
+def _choose_answer(prompt: str, answers: set[str], at_end: str) -> str:
     """Return one of some answers, or what the end of the input means."""
     while True:
         typer.echo(f"{prompt}: ", nl=False, err=True)

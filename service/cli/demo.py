@@ -107,7 +107,7 @@ def demo(
     def show(address: str) -> None:
         status[0] = 1  # unless it gets to its end
         try:
-            status[0] = _tour(address, once=once)
+            status[0] = _show_example(address, once=once)
         finally:
             if once or status[0]:
                 os.kill(os.getpid(), signal.SIGTERM)
@@ -124,7 +124,7 @@ def demo(
     raise typer.Exit(status[0])
 
 
-def _tour(address: str, *, once: bool) -> int:
+def _show_example(address: str, *, once: bool) -> int:
     """Post the example, print what comes back, and the page's address if it stays; return the exit status.
 
     Each is posted once: of two demonstrations, one after the other or at the same time, both show what the

@@ -50,7 +50,7 @@ _CHOICES: Final[Mapping[str, tuple[str, tuple[str, ...], str | None]]] = {
 """Text, answers and default; without a default where a wrong one would read other numbers."""
 
 
-def _pair(text: str) -> tuple[str, str]:
+def _parse_pair(text: str) -> tuple[str, str]:
     """Return `KEY=VALUE` as both; a key may contain `=`."""
     key, equals, value = text.rpartition("=")
     if not equals:
@@ -59,11 +59,11 @@ def _pair(text: str) -> tuple[str, str]:
 
 
 def _target(text: str) -> tuple[str, tuple[float, ...]]:
-    target, place = _pair(text)
+    target, place = _parse_pair(text)
     return target, cli.vector_of(place)
 
 
-def _cells(text: str, delimiter: Delimiter | None) -> list[str]:
+def _split_header(text: str, delimiter: Delimiter | None) -> list[str]:
     """Split a header by its file's delimiter; where it has none of those, by semicolons, tabs or commas.
 
     A header without any of these signs is split by blanks.
@@ -82,14 +82,14 @@ _FORMS: Final = {
     "units": Terminal(
         "",
         "length=mm,angle=deg,force=N",
-        lambda text: dict(_pair(part) for part in text.split(",") if part),
+        lambda text: dict(_parse_pair(part) for part in text.split(",") if part),
         text="Units of columns whose header has none; add moment=N.m if there are moments.",
     ),
-    "columns": Terminal("--column", "HEADER=MEANING", _pair, "dict"),
+    "columns": Terminal("--column", "HEADER=MEANING", _parse_pair, "dict"),
     "ignore": Terminal("", "HEADER", str, "list"),
     "point_name": Terminal("", "TEMPLATE", str),
     "file_name": Terminal("", "TEMPLATE", str),
-    "state_words": Terminal("--state-word", "WORD=STATE", _pair, "dict"),
+    "state_words": Terminal("--state-word", "WORD=STATE", _parse_pair, "dict"),
     "header": Terminal("", "'A;B;C'", str),
     "noise": Terminal(
         "--sigma",
@@ -189,15 +189,15 @@ def import_command() -> Callable[..., None]:
 def _import(files: Sequence[Path], chosen: Options, values: Mapping[str, Any]) -> None:
     from jointstiff.service.resources.documents import read_robot
 
-    notes = _notes(values["about"] or [])
+    notes = _parse_notes(values["about"] or [])
     known = {} if values["template"] is None else _read_template(values["template"])
-    stated = _joined(known, _with_length_unit(chosen, known))
+    stated = _merge_options(known, _with_length_unit(chosen, known))
     asking = may_ask() and not values["as_json"]
     robot = None if values["robot"] is None else read_robot(values["robot"])
-    answer, stated = _understood(files, stated, robot, asking=asking)
+    answer, stated = _read_and_ask(files, stated, robot, asking=asking)
     if robot is None and asking and answer.measurement_set is not None and (named := ask_robot()):
         robot = read_robot(named)
-        answer, _ = _understood(files, stated, robot, asking=False)
+        answer, _ = _read_and_ask(files, stated, robot, asking=False)
     if robot is not None and answer.bodies:
         robot = robot.model_copy(update={"bodies": answer.bodies})
     if answer.measurement_set is not None:
@@ -223,7 +223,7 @@ def _show(answer: ImportAnswer, *, as_json: bool) -> None:
         console().print(printed(import_report(answer)))
 
 
-def _joined(options: Options, others: Options) -> Options:
+def _merge_options(options: Options, others: Options) -> Options:
     """Return options with others over them; of dictionaries, such as units, entry by entry."""
     merged = dict(options)
     for field, value in others.items():
@@ -243,7 +243,7 @@ def _with_length_unit(stated: Options, template: Options) -> Options:
     return {**stated, **lengths, "length_unit": "m" if unit == "m" else "mm"}
 
 
-def _understood(
+def _read_and_ask(
     files: Sequence[Path], stated: Options, robot: RobotDocument | None, *, asking: bool
 ) -> tuple[ImportAnswer, Options]:
     """Return what the files say, in words of options, and all options with those that a person answers."""
@@ -261,13 +261,13 @@ def _understood(
             given = ask(import_files(sources, request, measured), known)
             if not given:
                 break
-            stated = _joined(stated, _with_length_unit(given, stated))
+            stated = _merge_options(stated, _with_length_unit(given, stated))
         request = parse_document(_with_cells(stated, sources), ImportRequest)
         answer = import_files(sources, request, measured)
     findings = answer.findings and [
-        finding.model_copy(update={"remedy": _worded(finding.remedy)}) for finding in answer.findings
+        finding.model_copy(update={"remedy": _in_option_names(finding.remedy)}) for finding in answer.findings
     ]
-    missing = [_worded(text) for text in answer.missing]
+    missing = [_in_option_names(text) for text in answer.missing]
     return answer.model_copy(update={"missing": missing, "findings": findings}), stated
 
 
@@ -279,7 +279,7 @@ def _with_cells(stated: Options, sources: Sequence[SourceFile]) -> Options:
         return stated
     found: Delimiter | None = next(filter(None, map(delimiter_of, sources)), None)
     delimiter: Delimiter | None = stated.get("delimiter") or found
-    return {**stated, "header": _cells(header, delimiter)}
+    return {**stated, "header": _split_header(header, delimiter)}
 
 
 @contextmanager
@@ -302,7 +302,7 @@ def _as_options() -> Iterator[None]:
         raise CampaignError(problem) from None
 
 
-def _worded(text: str) -> str:
+def _in_option_names(text: str) -> str:
     return worded(ImportRequest, text, _FORMS)
 
 
@@ -320,7 +320,7 @@ def _read(files: Sequence[Path]) -> list[SourceFile]:
     return sources
 
 
-def _notes(texts: Sequence[str]) -> dict[str, Any]:
+def _parse_notes(texts: Sequence[str]) -> dict[str, Any]:
     """Return what `--about KEY=VALUE` says of a set.
 
     Raises:
@@ -453,7 +453,7 @@ def _questions(option: str, answer: ImportAnswer) -> Iterator[tuple[str, Callabl
             text = f"{target} in the flange frame, X,Y,Z in mm"
             yield f"flange_targets.{target}", partial(_vector, text, None)
     elif option == "state_words":
-        yield from _states(next(fault.words for fault in answer.faults if fault.option == option))
+        yield from _ask_states(next(fault.words for fault in answer.faults if fault.option == option))
     elif option == "accept_unusual":
         doubtful = answer.missing[answer.missing_fields.index("accept_unusual")].partition("right: ")[2]
         yield option, partial(typer.confirm, f"Is this right: {doubtful}?", default=False, err=True)
@@ -464,7 +464,7 @@ def _questions(option: str, answer: ImportAnswer) -> Iterator[tuple[str, Callabl
             yield f"columns.{header}", partial(typer.prompt, text, default="ignore", err=True)
 
 
-def _choice(text: str, choices: tuple[str, ...], default: str | None) -> str:
+def _prompt_choice(text: str, choices: tuple[str, ...], default: str | None) -> str:
     def checked(value: str) -> str:
         if value not in choices:
             raise typer.BadParameter(f"answer {', '.join(choices)}")
@@ -476,17 +476,17 @@ def _choice(text: str, choices: tuple[str, ...], default: str | None) -> str:
     return answer
 
 
-def _states(words: Sequence[str]) -> Iterator[tuple[str, Callable[[], object]]]:
+def _ask_states(words: Sequence[str]) -> Iterator[tuple[str, Callable[[], object]]]:
     """Ask which of two words is without load, or what one word means."""
     if len(words) > 1:
 
         def both() -> dict[str, str]:
-            unloaded = _choice("Word for readings without load", tuple(words), words[0])
+            unloaded = _prompt_choice("Word for readings without load", tuple(words), words[0])
             return {word: "unloaded" if word == unloaded else "loaded" for word in words}
 
         yield "state_words", both
     for word in words if len(words) == 1 else ():
-        yield f"state_words.{word}", partial(_choice, f"State that {word!r} means", _STATES, None)
+        yield f"state_words.{word}", partial(_prompt_choice, f"State that {word!r} means", _STATES, None)
 
 
 def _vector(text: str, default: str | None) -> tuple[float, ...]:
@@ -495,7 +495,7 @@ def _vector(text: str, default: str | None) -> tuple[float, ...]:
 
 
 _QUESTIONS: Final[Mapping[str, Callable[[], object]]] = {
-    **{option: partial(_choice, *question) for option, question in _CHOICES.items()},
+    **{option: partial(_prompt_choice, *question) for option, question in _CHOICES.items()},
     "load_point": partial(
         _vector, "Load point in the flange frame, X,Y,Z in mm (at the flange: 0,0,0)", None
     ),
@@ -523,11 +523,13 @@ def import_report(answer: ImportAnswer) -> list[Part]:
         rows = [
             [
                 str(column.column),
-                _short(column.header),
-                _short(column.meaning) + (" ?" if column.guessed else ""),
+                _shorten(column.header),
+                _shorten(column.meaning) + (" ?" if column.guessed else ""),
                 column.unit or "",
                 "; ".join(
-                    _short(row[column.column - 1]) for row in file.first_rows[:2] if column.column <= len(row)
+                    _shorten(row[column.column - 1])
+                    for row in file.first_rows[:2]
+                    if column.column <= len(row)
                 ),
             ]
             for column in file.columns
@@ -592,6 +594,6 @@ def _lines(texts: list[str], lead: str, style: Any = "dim") -> Iterator[Line]:  
         yield Line(f"  {lead}{len(texts) - _LINES_SHOWN} more (--json shows all)", style)
 
 
-def _short(text: str) -> str:
+def _shorten(text: str) -> str:
     printable = "".join(character if character.isprintable() else "\ufffd" for character in text)
     return printable if len(printable) <= _LONGEST else printable[: _LONGEST - 1] + "…"

@@ -68,7 +68,7 @@ def create(
     if expires_at is not None and expires_at <= now:
         raise typer.BadParameter("must be in the future", param_hint="--expires")
     text, record = mint(request.name, request.role, now, expires_at)
-    with _kept(database, keys_file, is_new=True) as (kept, note):
+    with _open_keys(database, keys_file, is_new=True) as (kept, note):
         kept.add(record)
         note(record, "POST", "createKey", 201)
     typer.echo(text)
@@ -81,7 +81,7 @@ def list_keys(*, database: DatabaseUrl = "sqlite:///jointstiff.db", keys_file: K
     from jointstiff.service.security.keys import described
     from jointstiff.service.tables.terminal import console, printed
 
-    with _kept(database, keys_file) as (kept, _):
+    with _open_keys(database, keys_file) as (kept, _):
         found = [described(key, is_filed=keys_file is not None) for key in kept.all()]
     console().print(printed([keys_table(found, datetime.now(UTC))]))
 
@@ -91,7 +91,7 @@ def revoke(
     key_id: KeyId, *, database: DatabaseUrl = "sqlite:///jointstiff.db", keys_file: KeysFilePath = None
 ) -> None:
     """Revoke a key, and end its sessions."""
-    with _kept(database, keys_file) as (kept, note):
+    with _open_keys(database, keys_file) as (kept, note):
         revoked = kept.revoke(key_id, datetime.now(UTC))
         note(revoked, "DELETE", "revokeKey", 200)
     typer.echo(f"revoked {revoked.id}, {revoked.name}; running services refuse it within a second")
@@ -112,13 +112,13 @@ def link(
     from jointstiff.service.store.store import Store
 
     now, token = datetime.now(UTC), mint_token("jsl")
-    with _kept(database, keys_file) as (kept, _):
+    with _open_keys(database, keys_file) as (kept, _):
         found = {key.id: key for key in kept.all()}.get(key_id)
     if found is None or not found.is_live(now):
         raise cli.failed(f"the service has no key {key_id!r}", "see `jointstiff keys list`")
     with Store.open(database) as store:
         store.sessions.offer(digest(token), key_id, now, now + LINK_TIME)
-        _note(store, found, "POST", "createLink", 201)
+        _audit(store, found, "POST", "createLink", 201)
     address = f"{server.rstrip('/')}/#/sign-in/{token}"  # after #: no server and no log sees it
     segno.make(address, error="l", micro=False).terminal(compact=True)
     typer.echo(address)
@@ -126,7 +126,7 @@ def link(
 
 
 @contextmanager
-def _kept(
+def _open_keys(
     database: str, keys_file: Path | None, *, is_new: bool = False
 ) -> Iterator[tuple[KeysFile | AccessKeys, Note]]:
     """Open the keys of a file, or of a database, which is made only where it may be new; and its audit.
@@ -147,12 +147,12 @@ def _kept(
         if not is_new:
             open_existing(database).close()
         with Store.open(database) as store:
-            yield store.keys, partial(_note, store)
+            yield store.keys, partial(_audit, store)
     except NotFoundError as error:
         raise cli.failed(error.reason, "see `jointstiff keys list` for the ids") from error
 
 
-def _note(store: Store, key: AccessKey, method: str, operation: str, status: int) -> None:
+def _audit(store: Store, key: AccessKey, method: str, operation: str, status: int) -> None:
     """Write into the audit what was done at the terminal."""
     from jointstiff.service.store.tables import AuditEntry
 

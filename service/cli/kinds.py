@@ -111,7 +111,7 @@ def command_of(name: str) -> Callable[..., None]:
         for path in written:
             cli.refuse_existing(path, overwrite=values.get("overwrite", False))
         passed = {key: values[key] for key in extra.passed if values[key] is not None}
-        job = _done(kind, given, gathered(kind.options, values) | passed, values)
+        job = _carry_out(kind, given, gathered(kind.options, values) | passed, values)
         if job.result is not None:
             job = extra.finish(job, values, given)
             if tabled and output is not None:
@@ -178,13 +178,13 @@ def predict_command() -> Callable[..., None]:
 
     sources = {"file": (cli.CampaignFile, ...), "postures": (_Postures, ...), "run": (cli.RunFile, None)}
     fields = {key: (one, None) for key, one in field_options(DeflectionOptions, _POINTS)}
-    output = _may(cli.output_option("CSV file to write all numbers to."))
+    output = _optional(cli.output_option("CSV file to write all numbers to."))
     shown = {"output": output, "overwrite": (cli.Overwrite, False), "as_json": (cli.AsJson, False)}
     cli.with_signature(command, sources | fields | shown)
     return command
 
 
-def _done(kind: AnyKind, sources: list[Any], stated: dict[str, Any], values: _Values) -> Job:
+def _carry_out(kind: AnyKind, sources: list[Any], stated: dict[str, Any], values: _Values) -> Job:
     """Carry the work out, as `import jointstiff` does."""
     from jointstiff.schemas.run import Run
     from jointstiff.service.library.here import Here, run_of
@@ -266,7 +266,7 @@ def in_options(message: type[Message], problem: Problem, forms: Forms = _PLAIN) 
     for item in problem.errors:
         remedy = item.remedy and worded(message, item.remedy, forms)
         if item.reason == MISSING and item.where in message.model_fields:
-            kind = _bare(message.model_fields[item.where].annotation)
+            kind = _bare_type(message.model_fields[item.where].annotation)
             by_option = f"give `{flag_of(message, item.where, forms)}`"
             by_option += f": one of {', '.join(get_args(kind))}" if get_origin(kind) is Literal else ""
             remedy = by_option if item.where in with_option else "state it in the JSON file of `--options`"
@@ -323,9 +323,9 @@ def field_options(message: type[Message], forms: Forms = _PLAIN) -> Iterator[tup
         elif terminal.parse is not None:
             kind: Any = Parsed if terminal.gather == "one" else list[Parsed]
             text += "" if terminal.gather == "one" else " Repeatable."
-            form: dict[str, Any] = {"parser": _parser(terminal.parse), "metavar": terminal.metavar}
+            form: dict[str, Any] = {"parser": _parser_with_words(terminal.parse), "metavar": terminal.metavar}
             yield name, Annotated[kind | None, typer.Option(flag, help=text, **form)]
-        elif (shape := _shape(_bare(stated.annotation), terminal.unit)) is not None:
+        elif (shape := _option_type(_bare_type(stated.annotation), terminal.unit)) is not None:
             kind, form = shape
             flag += f"/--no-{name.replace('_', '-')}" if kind is bool else ""
             yield name, Annotated[kind | None, typer.Option(flag, help=text, **form)]
@@ -347,7 +347,7 @@ def gathered(message: type[Message], values: _Values, forms: Forms = _PLAIN) -> 
     return stated
 
 
-def _parser(parse: Callable[[str], Any]) -> Callable[[str], Any]:
+def _parser_with_words(parse: Callable[[str], Any]) -> Callable[[str], Any]:
     """Return a parser whose errors say what is wrong, which Click would replace by the text itself."""
 
     def parsed(text: str) -> Any:  # noqa: ANN401 - JSON
@@ -367,14 +367,14 @@ def _terminal(stated: FieldInfo, form: Terminal | None = None) -> Terminal:
     return next((each for each in stated.metadata if isinstance(each, Terminal)), Terminal(unit=unit))
 
 
-def _shape(kind: Any, unit: str) -> tuple[Any, dict[str, Any]] | None:  # noqa: ANN401 - a type
+def _option_type(kind: Any, unit: str) -> tuple[Any, dict[str, Any]] | None:  # noqa: ANN401 - a type
     """Return the type of an option and how it is parsed; None for a field that stays in the file."""
     if kind in {bool, int}:
         return kind, {}
     if get_origin(kind) is Literal:
         words = get_args(kind)
         return Parsed, {
-            "parser": _parser(_one_of(words)),
+            "parser": _parser_with_words(_one_of(words)),
             "metavar": f"<{'|'.join(words)}>",
             "autocompletion": lambda incomplete: [word for word in words if word.startswith(incomplete)],
         }
@@ -385,7 +385,7 @@ def _shape(kind: Any, unit: str) -> tuple[Any, dict[str, Any]] | None:  # noqa: 
         return Parsed, {"parser": lambda text: factor * float(text), "metavar": f"NUMBER[{shown}]"}
     if kind is float:
         return float, {"metavar": "NUMBER"}
-    parts = [_bare(part) for part in get_args(kind)]
+    parts = [_bare_type(part) for part in get_args(kind)]
     if get_origin(kind) is tuple and parts == [float] * 3:
         shown = {"m": "[mm]", "": "", "1": ""}.get(unit, f"[{unit}]")
         return Parsed, {"parser": cli.point_of if unit == "m" else cli.vector_of, "metavar": f"X,Y,Z{shown}"}
@@ -414,16 +414,16 @@ _SCALES: Final[Mapping[str, tuple[str, float]]] = {
 """Units of the terminal for those of the API, with their sizes."""
 
 
-def _bare(annotation: Any) -> Any:  # noqa: ANN401 - a type
+def _bare_type(annotation: Any) -> Any:  # noqa: ANN401 - a type
     """Return a type without its name, without `None` and without what `Annotated` says of it."""
     if isinstance(annotation, TypeAliasType):
-        return _bare(annotation.__value__)
+        return _bare_type(annotation.__value__)
     origin = get_origin(annotation)
     if origin is Annotated:
-        return _bare(get_args(annotation)[0])
+        return _bare_type(get_args(annotation)[0])
     if origin in {Union, UnionType}:
         others = [each for each in get_args(annotation) if each is not NoneType]
-        return _bare(others[0]) if len(others) == 1 else annotation
+        return _bare_type(others[0]) if len(others) == 1 else annotation
     return annotation
 
 
@@ -486,7 +486,7 @@ def _outputs(values: _Values, sources: Sequence[Any]) -> dict[str, Path]:
     return {each.name: output.with_suffix(each.suffix) if several else output for each in sources[1]}
 
 
-def _explain(values: _Values, sources: Sequence[Any]) -> bool:
+def _print_moves(values: _Values, sources: Sequence[Any]) -> bool:
     """Print how the moves of a program are understood, if that is what is wanted."""
     from jointstiff.service.problems import CampaignError, FilesError, problem_of
     from jointstiff.service.programs.formats import explained
@@ -525,7 +525,7 @@ def _write_program(job: Any, values: _Values, sources: Sequence[Any]) -> Any:  #
     return job
 
 
-def _may(option: Any, kind: type = Path) -> tuple[Any, None]:  # noqa: ANN401 - Typer's
+def _optional(option: Any, kind: type = Path) -> tuple[Any, None]:  # noqa: ANN401 - Typer's
     """Return annotation and default of an option that may be absent."""
     return Annotated[kind | None, option], None
 
@@ -533,7 +533,7 @@ def _may(option: Any, kind: type = Path) -> tuple[Any, None]:  # noqa: ANN401 - 
 _EXTRAS: Final[Mapping[str, _Extra]] = {
     "run": _Extra(
         options={
-            "apply": _may(
+            "apply": _optional(
                 typer.Option(
                     metavar="ACTION",
                     help="Apply an action that a reason advises, such as exchange_columns or "
@@ -541,7 +541,7 @@ _EXTRAS: Final[Mapping[str, _Extra]] = {
                 ),
                 str,
             ),
-            "output": _may(
+            "output": _optional(
                 cli.output_option("File to write the corrected campaign to; default: next to the old one.")
             ),
         },
@@ -551,7 +551,7 @@ _EXTRAS: Final[Mapping[str, _Extra]] = {
     "geometry": _Extra(
         options={
             "robot": (cli.NamedRobot, None),
-            "output": _may(cli.output_option("File to write the identified robot to.", "ROBOT.json")),
+            "output": _optional(cli.output_option("File to write the identified robot to.", "ROBOT.json")),
         },
         endings=(".json",),
         passed=("robot",),
@@ -559,13 +559,13 @@ _EXTRAS: Final[Mapping[str, _Extra]] = {
         written=lambda values, _: [values["output"]],
     ),
     "plan": _Extra(
-        options={"campaign": _may(cli.path_option("File to write the campaign to fill in to."))},
+        options={"campaign": _optional(cli.path_option("File to write the campaign to fill in to."))},
         finish=_write_campaign,
         written=lambda values, _: [values["campaign"]],
     ),
     "program": _Extra(
         options={
-            "output": _may(
+            "output": _optional(
                 cli.output_option("File for the compensated program; a .dat is written to its folder.")
             ),
             "explain": (
@@ -578,10 +578,10 @@ _EXTRAS: Final[Mapping[str, _Extra]] = {
                 ],
                 False,
             ),
-            "report": _may(cli.path_option("CSV file to write all points to.")),
+            "report": _optional(cli.path_option("CSV file to write all points to.")),
         },
         finish=_write_program,
-        instead=_explain,
+        instead=_print_moves,
         written=lambda values, sources: [*_outputs(values, sources).values(), values["report"]],
     ),
 }

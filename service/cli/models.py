@@ -113,13 +113,13 @@ def robots(
     if as_json:
         typer.echo((arm or catalogue()).model_dump_json(indent=2))
     else:
-        console().print(printed(_arms(catalogue()) if arm is None else _arm(arm)))
+        console().print(printed(_list_arms(catalogue()) if arm is None else _show_arm(arm)))
     if output is not None and arm is not None:
         cli.refuse_existing(output, overwrite=overwrite)
         cli.write_text(output, nominal_robot(arm).model_dump_json(indent=1, exclude_none=True))
 
 
-def _arms(catalogue: Catalogue) -> list[Part]:
+def _list_arms(catalogue: Catalogue) -> list[Part]:
     """Return the arms, and the presets of joint maps that they have."""
     from jointstiff.service.tables.table import Column, Line, Table, number
 
@@ -137,7 +137,7 @@ def _arms(catalogue: Catalogue) -> list[Part]:
     return [table, Line('Use an arm by its name, such as --robot "KUKA KR 210 R2700".')]
 
 
-def _arm(arm: Arm) -> list[Part]:
+def _show_arm(arm: Arm) -> list[Part]:
     """Return one arm: its table, joint map, reach and sources."""
     from jointstiff.service.tables.table import Column, Line, Table
 

@@ -89,7 +89,7 @@ class ArrayReadings:
         joints = table_of(self.joints, "joints")
         count = len(joints)
         if joints.ndim != 2 or not joints.size or not np.isfinite(joints).all():
-            raise _shape("joints", joints, "a row of finite numbers for each observation, (N, n)")
+            raise _shape_error("joints", joints, "a row of finite numbers for each observation, (N, n)")
         point = None if self.load_point is None else vectors_of(self.load_point, count, "load_point")
         common = point is not None and bool((point == point[0]).all())
         for place in () if point is None else point:
@@ -163,7 +163,7 @@ class ArrayReadings:
             with suppress(ValueError):
                 directions = np.broadcast_to(stated, (*shape, 3))
             if directions is None:
-                raise _shape("directions", stated, f"(3,), (T, 3) or (N, T, 3) for {shape[1]} targets")
+                raise _shape_error("directions", stated, f"(3,), (T, 3) or (N, T, 3) for {shape[1]} targets")
         singular = {"deflections": "displacement" if along else "deflection"}
         return names, [
             [
@@ -211,7 +211,7 @@ def _by_target(
     names = names or [f"T{t}" for t in range(1, array.shape[1] + 1 if array.ndim > 1 else 2)]
     if array.shape != (count, len(names), components):
         wanted = f"{components} numbers for each of {count} observations and {len(names)} targets"
-        raise _shape(name, array, wanted)
+        raise _shape_error(name, array, wanted)
     finite = np.isfinite(array)
     partly = np.argwhere(finite.any(axis=2) & ~finite.all(axis=2))
     if len(partly):
@@ -246,7 +246,7 @@ def vectors_of(value: Any, count: int, name: str) -> FloatArray:  # noqa: ANN401
     """Return (N, 3) finite numbers of as many rows, or of one that holds for all."""
     array = table_of(value, name)
     if array.shape not in ((3,), (count, 3)) or not np.isfinite(array).all():
-        raise _shape(name, array, f"finite numbers of shape (3,) or ({count}, 3)")
+        raise _shape_error(name, array, f"finite numbers of shape (3,) or ({count}, 3)")
     return np.broadcast_to(array, (count, 3))
 
 
@@ -259,10 +259,10 @@ def table_of(value: Any, name: str) -> FloatArray:  # noqa: ANN401 - anything nu
     try:
         if isinstance(value, Mapping):
             value = list(value.values())
-            return np.stack([np.asarray(_plain(column), dtype=np.float64) for column in value], axis=1)
+            return np.stack([np.asarray(_plain_array(column), dtype=np.float64) for column in value], axis=1)
         if isinstance(value, list | tuple) and value and all(hasattr(each, "to_numpy") for each in value):
-            return np.stack([np.asarray(_plain(column), dtype=np.float64) for column in value], axis=1)
-        return np.asarray(_plain(value), dtype=np.float64)
+            return np.stack([np.asarray(_plain_array(column), dtype=np.float64) for column in value], axis=1)
+        return np.asarray(_plain_array(value), dtype=np.float64)
     except (TypeError, ValueError) as error:
         raise MeasurementError(
             f"`{name}` is no array of numbers: {error}",
@@ -272,12 +272,12 @@ def table_of(value: Any, name: str) -> FloatArray:  # noqa: ANN401 - anything nu
         ) from None
 
 
-def _plain(value: Any) -> Any:  # noqa: ANN401 - anything numpy understands
+def _plain_array(value: Any) -> Any:  # noqa: ANN401 - anything numpy understands
     """Return the array of a data frame or a column."""
     return value.to_numpy() if hasattr(value, "to_numpy") else value
 
 
-def _shape(name: str, array: FloatArray, wanted: str) -> MeasurementError:
+def _shape_error(name: str, array: FloatArray, wanted: str) -> MeasurementError:
     fault = "" if np.isfinite(array).all() else ", with places that have no number"
     return MeasurementError(
         f"`{name}` has the shape {array.shape}{fault}", where=name, remedy=f"give {wanted}"

@@ -54,9 +54,9 @@ def find_arm(name: str, where: str) -> Arm:
     Raises:
         RequestError: there is none, or several.
     """
-    wanted = _bare(name)
-    arms = [arm for arm in catalogue().arms if wanted and wanted in _bare(arm.name)]
-    exact = [arm for arm in arms if _bare(arm.name) == wanted]
+    wanted = _bare_name(name)
+    arms = [arm for arm in catalogue().arms if wanted and wanted in _bare_name(arm.name)]
+    exact = [arm for arm in arms if _bare_name(arm.name) == wanted]
     if len(exact or arms) == 1:
         return (exact or arms)[0]
     if arms:
@@ -66,7 +66,7 @@ def find_arm(name: str, where: str) -> Arm:
             where=where,
             remedy="give the whole name",
         )
-    names = {_bare(arm.name): arm.name for arm in catalogue().arms}
+    names = {_bare_name(arm.name): arm.name for arm in catalogue().arms}
     near = [names[each] for each in get_close_matches(wanted, names, n=3, cutoff=0.5)]
     raise RequestError(
         f"the catalogue has no arm '{name}'" + (f"; similar names: {', '.join(near)}" if near else ""),
@@ -82,7 +82,7 @@ def nominal_robot(arm: Arm) -> RobotDocument:
     return RobotDocument(name=f"{arm.name} (nominal)", model=arm.model, joint_map=arm.joint_map)
 
 
-def _bare(name: str) -> str:
+def _bare_name(name: str) -> str:
     return re.sub(r"[\W_]+", "", name.casefold())
 
 

@@ -113,30 +113,30 @@ def in_base(
         loaded=np.where(present, np.where(as_deflection, turned, turned + t), readings.loaded),
         force=readings.force @ forces.T,
         moment=readings.moment @ forces.T,
-        noise=_turned(readings.noise, R) if readings.noise is not None else None,
+        noise=_turn_covariances(readings.noise, R) if readings.noise is not None else None,
         directions=None if readings.directions is None else readings.directions.turned(R),
     )
-    known = {name: _scaled(place, 1.0 / length) for name, place in resolved.flange_targets.items()}
-    update = {"flange_targets": known | header.flange_targets, "noise": _moved(header.noise, R, t)}
+    known = {name: _scale_vector(place, 1.0 / length) for name, place in resolved.flange_targets.items()}
+    update = {"flange_targets": known | header.flange_targets, "noise": _move_station(header.noise, R, t)}
     return header.model_copy(update=update), moved
 
 
-def _turned(noise: PointNoise, R: FloatArray) -> PointNoise:
+def _turn_covariances(noise: PointNoise, R: FloatArray) -> PointNoise:
     """Turn covariances, and keep them symmetric to the last digit."""
     parts = [R @ part @ R.T for part in (noise.unloaded, noise.loaded)]
     even = [0.5 * (part + np.swapaxes(part, -1, -2)) for part in parts]
     return replace(noise, unloaded=even[0], loaded=even[1])
 
 
-def _moved(noise: Noise | None, R: FloatArray, t: FloatArray) -> Noise | None:
+def _move_station(noise: Noise | None, R: FloatArray, t: FloatArray) -> Noise | None:
     """Return the noise with the station in R0."""
     if noise is None or noise.instrument is None:
         return noise
-    station = _scaled(R @ np.array(noise.instrument.station) + t, 1.0)
+    station = _scale_vector(R @ np.array(noise.instrument.station) + t, 1.0)
     return noise.model_copy(update={"instrument": noise.instrument.model_copy(update={"station": station})})
 
 
-def _scaled(vector: npt.ArrayLike, factor: float) -> tuple[float, float, float]:
+def _scale_vector(vector: npt.ArrayLike, factor: float) -> tuple[float, float, float]:
     x, y, z = (factor * np.asarray(vector, dtype=np.float64)).tolist()
     return x, y, z
 

@@ -121,10 +121,10 @@ def read_workbook(file: str, content: bytes, sheet: str | None) -> Grid:
         count = f"{len(comments)} row{'s' * (len(comments) > 1)}"
         notes.append(f"comments were skipped ({count}), the first in row {comments[0].line}")
     preview = FilePreview(file=file, format="xlsx", sheet=name, assumptions=notes)
-    return Grid(preview, tuple(_padded(row, width) for row in rows), tuple(comments))
+    return Grid(preview, tuple(_pad_row(row, width) for row in rows), tuple(comments))
 
 
-def _padded(row: Row, width: int) -> Row:
+def _pad_row(row: Row, width: int) -> Row:
     """Return a row of a sheet with empty cells at its end."""
     more = width - len(row.cells)
     return Row(row.line, row.cells + ("",) * more, (row.kinds or ()) + _EMPTY * more)
@@ -205,11 +205,11 @@ def _text(archive: Archive, element: Element) -> str:
         if name == "r":
             pieces.append(_text(archive, child))
         elif name == "t":
-            pieces.append(_plain(archive, child))
+            pieces.append(_plain_number(archive, child))
     return "".join(pieces)
 
 
-def _plain(archive: Archive, element: Element) -> str:
+def _plain_number(archive: Archive, element: Element) -> str:
     if len(element):
         next(_children(archive, element))  # which refuses it, as there can be none
     return element.text or ""
@@ -247,13 +247,13 @@ class _Sheet:
             if row is not None:
                 filled += 1
                 if filled > grid.MAX_ROWS:
-                    raise self._refusal(f"the sheet has more than {grid.MAX_ROWS} rows")
+                    raise self._refuse_workbook(f"the sheet has more than {grid.MAX_ROWS} rows")
                 yield row
 
     def _row(self, element: Element) -> Row | None:
         number = element.get("r", str(self._line + 1))
         if not _ROW.fullmatch(number) or not self._line < int(number) <= _MAX_LINE:
-            raise self._refusal(f"row {shown(number)} follows row {self._line}")
+            raise self._refuse_workbook(f"row {shown(number)} follows row {self._line}")
         self._line, self._column = int(number), 0
         cells: list[str] = []
         kinds: list[CellKind] = []
@@ -273,26 +273,30 @@ class _Sheet:
             match = _ADDRESS.fullmatch(address)
             at = reduce(lambda number, letter: 26 * number + ord(letter) - 64, match[1] if match else "", 0)
             if match is None or int(match[2]) != self._line or at < column:
-                raise self._refusal(f"cell {shown(address)} is not in its place")
+                raise self._refuse_workbook(f"cell {shown(address)} is not in its place")
             column = at
         self._count += column - self._column
         self._column = column
         if column > MAX_COLUMNS or self._count > MAX_SHEET_CELLS:
-            raise self._refusal(f"the sheet has more than {MAX_COLUMNS} columns or {MAX_SHEET_CELLS} cells")
+            raise self._refuse_workbook(
+                f"the sheet has more than {MAX_COLUMNS} columns or {MAX_SHEET_CELLS} cells"
+            )
 
     def _cell(self, cell: Element) -> tuple[str, CellKind]:
         """Return the text and the kind of a cell; a formula is one if no value is stored with it."""
         children = {_NAMES.get(child.tag): child for child in cell}
         type_, style = cell.get("t", "n"), cell.get("s", "0")
         if type_ != "n" and type_ not in _KINDS:
-            raise self._refusal(f"a cell of unknown type {shown(type_)}")
+            raise self._refuse_workbook(f"a cell of unknown type {shown(type_)}")
         kind = _KINDS.get(type_) or (self._kinds.get(style) if self._kinds else "number")
         if kind is None:
-            raise self._refusal(f"a cell of unknown format {shown(style)}")
+            raise self._refuse_workbook(f"a cell of unknown format {shown(style)}")
         holder = "is" if type_ == "inlineStr" else "v"
         if len(children) != len(cell) or not children.keys() <= {holder, "f", "extLst"}:
             tags = ", ".join(child.tag.rpartition("}")[2] for child in cell)
-            raise self._refusal(f"elements {shown(tags)}, which a cell of type {shown(type_)} cannot have")
+            raise self._refuse_workbook(
+                f"elements {shown(tags)}, which a cell of type {shown(type_)} cannot have"
+            )
         value = self._value(children[holder], type_) if holder in children else ""
         if "f" in children:
             if not value and type_ != "str":
@@ -301,17 +305,17 @@ class _Sheet:
         return value, kind
 
     def _value(self, holder: Element, type_: str) -> str:
-        value = (_text if type_ == "inlineStr" else _plain)(self._archive, holder)
+        value = (_text if type_ == "inlineStr" else _plain_number)(self._archive, holder)
         if type_ == "s" and value:
             known = value.isascii() and value.isdigit() and len(value) < 8
             if not known or int(value) >= len(self._texts):
-                raise self._refusal(f"a cell that refers to an unknown text {shown(value)}")
+                raise self._refuse_workbook(f"a cell that refers to an unknown text {shown(value)}")
             value = self._texts[int(value)]
         if len(value) > grid.MAX_CELL_LENGTH:
-            raise self._refusal(f"a cell has more than {grid.MAX_CELL_LENGTH} characters")
+            raise self._refuse_workbook(f"a cell has more than {grid.MAX_CELL_LENGTH} characters")
         return value.strip()
 
-    def _refusal(self, reason: str) -> ImportFileError:
+    def _refuse_workbook(self, reason: str) -> ImportFileError:
         return self._archive.refusal(reason, self._line or None, self._column or None)
 
 

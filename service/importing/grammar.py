@@ -27,7 +27,7 @@ Dimension = Literal["length", "angle", "force", "moment"]
 _Value = TypeVar("_Value")
 
 
-def _by_word(groups: Mapping[_Value, Iterable[str]]) -> Mapping[str, _Value]:
+def _values_by_word(groups: Mapping[_Value, Iterable[str]]) -> Mapping[str, _Value]:
     return MappingProxyType({word: value for value, group in groups.items() for word in group})
 
 
@@ -35,13 +35,13 @@ def _by_word(groups: Mapping[_Value, Iterable[str]]) -> Mapping[str, _Value]:
 
 _WORDS: Final = tomllib.loads(files(__package__).joinpath("words.toml").read_text("utf-8"))
 _BESIDE: Final[Mapping[str, Sequence[str]]] = _WORDS["beside"]
-_KEY_OF: Final[Mapping[str, Kind]] = _by_word(_WORDS["keys"])
-_STATE_OF: Final[Mapping[str, State]] = _by_word(_WORDS["states"])
-_VECTOR_OF: Final[Mapping[str, Kind]] = _by_word(_WORDS["vectors"])
-MASSES: Final[Mapping[str, str]] = _by_word(_WORDS["masses"])
+_KEY_OF: Final[Mapping[str, Kind]] = _values_by_word(_WORDS["keys"])
+_STATE_OF: Final[Mapping[str, State]] = _values_by_word(_WORDS["states"])
+_VECTOR_OF: Final[Mapping[str, Kind]] = _values_by_word(_WORDS["vectors"])
+MASSES: Final[Mapping[str, str]] = _values_by_word(_WORDS["masses"])
 """Columns of a table of masses by their headers."""
 MARKS: Final[Mapping[str, bool]] = MappingProxyType(
-    {word: mark == "true" for word, mark in _by_word(_WORDS["marks"]).items()}
+    {word: mark == "true" for word, mark in _values_by_word(_WORDS["marks"]).items()}
 )
 """Whether a cell below `deleted` marks its row."""
 DIGITS: Final[Mapping[str, State]] = MappingProxyType({"0": "unloaded", "1": "loaded"})
@@ -67,7 +67,7 @@ _SPELT: Final[Mapping[str, tuple[Dimension, str]]] = MappingProxyType(
         for spelling in spellings
     }
 )
-_FOREIGN: Final[Mapping[str, Dimension | Literal["none"]]] = _by_word(_WORDS["foreign"])
+_FOREIGN: Final[Mapping[str, Dimension | Literal["none"]]] = _values_by_word(_WORDS["foreign"])
 
 
 def spoken(unit: str) -> str:
@@ -77,19 +77,19 @@ def spoken(unit: str) -> str:
 
 def unit_named(text: str) -> tuple[Dimension, str] | None:
     """Return the dimension and canonical name of a unit; None if it is none of ours."""
-    return _SPELT.get(_spelt(text))
+    return _SPELT.get(_normalise_unit(text))
 
 
 def any_unit(text: str) -> tuple[Dimension | None, str] | None:
     """Return the dimension and name of a unit, ours or a foreign one; None if it is none."""
-    spelt = _spelt(text)
+    spelt = _normalise_unit(text)
     if spelt in _SPELT:
         return _SPELT[spelt]
     dimension = _FOREIGN.get(spelt)
     return None if dimension is None else (None if dimension == "none" else dimension, spelt)
 
 
-def _spelt(text: str) -> str:
+def _normalise_unit(text: str) -> str:
     """Return a unit without blanks at its ends; of whole words upper and lower case are the same."""
     plain = _PRODUCT.sub(".", text.strip())
     return plain.casefold() if len(plain) > 3 and plain.isalpha() else plain  # mN is no MN, and nm no Nm
@@ -117,16 +117,16 @@ def collapsed(text: str) -> str:
     return " ".join(text.split())
 
 
-def _either(texts: Iterable[str]) -> str:
+def _alternation(texts: Iterable[str]) -> str:
     """Return a pattern of texts, the longest first; blanks in them may be any."""
     longest = sorted(texts, key=len, reverse=True)
     return "|".join(re.escape(text).replace("\\ ", r"[\s_-]+") for text in longest)
 
 
-_JOINT: Final = re.compile(rf"(?:{_either(_BESIDE['joints'])})[\s_-]?([0-9]{{1,2}})", re.IGNORECASE)
-_VECTOR: Final = re.compile(rf"({_either(_VECTOR_OF)})[\s_-]*([xyz])", re.IGNORECASE)
+_JOINT: Final = re.compile(rf"(?:{_alternation(_BESIDE['joints'])})[\s_-]?([0-9]{{1,2}})", re.IGNORECASE)
+_VECTOR: Final = re.compile(rf"({_alternation(_VECTOR_OF)})[\s_-]*([xyz])", re.IGNORECASE)
 _PHRASE: Final = re.compile(
-    rf"(?<![^\s_])(?:{_either(word for word in _STATE_OF if ' ' in word)})(?![^\s_])", re.IGNORECASE
+    rf"(?<![^\s_])(?:{_alternation(word for word in _STATE_OF if ' ' in word)})(?![^\s_])", re.IGNORECASE
 )
 _UNIT: Final = re.compile(r"(.*?)\s*_?(?:\[([^][]*)\]|\(([^()]*)\)|/\s*([^/]+))")
 _TOKEN: Final = re.compile(r"[^\s_]+")

@@ -241,11 +241,11 @@ def _delimiter(file: str, lines: Sequence[_Line]) -> Delimiter:
             return mark
     if 2 * sum("," in text for text in last) <= len(last) and "," not in lines[0][1]:
         return "whitespace"
-    rows = _attempt(file, lines, "comma")
+    rows = _rows_split_by(file, lines, "comma")
     comma = bool(rows) and not any(
         _NUMBERS_IN_A_CELL.search(cell) for row in rows[1:] or rows for cell in row
     )
-    rows = _attempt(file, lines, "whitespace")
+    rows = _rows_split_by(file, lines, "whitespace")
     whitespace = bool(rows) and not any(_COMMA_NOT_IN_A_NUMBER.search(c) for row in rows for c in row)
     if comma and whitespace:
         raise ImportFileError(
@@ -257,7 +257,7 @@ def _delimiter(file: str, lines: Sequence[_Line]) -> Delimiter:
     return "whitespace" if whitespace else "comma"
 
 
-def _attempt(file: str, lines: Sequence[_Line], delimiter: Delimiter) -> list[tuple[str, ...]]:
+def _rows_split_by(file: str, lines: Sequence[_Line], delimiter: Delimiter) -> list[tuple[str, ...]]:
     """All rows from a header on if they have the same length of at least two, else none; titles go before."""
     try:
         rows = [row.cells for row in _rows(file, lines, delimiter)]

@@ -83,17 +83,17 @@ def find_heading(grid: Grid, words: Vocabulary, options: ImportOptions) -> Headi
     if options.header is not None:
         return Heading(grid.file, tuple(options.header))
     if count_numbers(grid.rows[0]) < _DATA:
-        return _in_rows(grid, words)
+        return _header_in_rows(grid, words)
     width = len(grid.rows[0].cells)  # of columns that have cells
     while width > 1 and not any(any(row.cells[width - 1 :]) for row in grid.rows):
         width -= 1
-    return _in_comments(grid, words, width) or _assumed(grid, width, by_order=options.by_order)
+    return _header_in_comments(grid, words, width) or _assumed_columns(grid, width, by_order=options.by_order)
 
 
 # ---- in comments
 
 
-def _in_comments(grid: Grid, words: Vocabulary, width: int) -> Heading | None:
+def _header_in_comments(grid: Grid, words: Vocabulary, width: int) -> Heading | None:
     """Return the header in the last comment before the data that has one.
 
     Raises:
@@ -127,7 +127,7 @@ def _is_header(comment: Remark, width: int, *, last: bool, cells: int) -> bool:
     return last and axes != "xyz" and (named or cells == width)
 
 
-def _assumed(grid: Grid, width: int, *, by_order: bool) -> Heading:
+def _assumed_columns(grid: Grid, width: int, *, by_order: bool) -> Heading:
     """Return the columns of a list of points."""
     headers = ("x", "y", "z") if by_order and width == 3 else _HEADERLESS.get(width)
     if headers is None:
@@ -148,7 +148,7 @@ def _assumed(grid: Grid, width: int, *, by_order: bool) -> Heading:
 # ---- in rows
 
 
-def _in_rows(grid: Grid, words: Vocabulary) -> Heading:
+def _header_in_rows(grid: Grid, words: Vocabulary) -> Heading:
     """Return the first rows that are understood in full as a header, else those understood best."""
     start, count, texts = 0, 1, grid.rows[0].cells
     most = 0
@@ -180,24 +180,24 @@ def _candidates(grid: Grid, words: Vocabulary) -> Iterator[tuple[int, int, tuple
         if start and count_numbers(rows[start - 1]) >= _DATA:
             return
         for count in range(min(_MAX_ROWS, len(rows) - start), 0, -1):
-            texts = _merged([row.cells for row in rows[start : start + count]], words)
+            texts = _merge_rows([row.cells for row in rows[start : start + count]], words)
             if texts is not None:
                 yield start, count, texts
 
 
-def _merged(rows: Sequence[tuple[str, ...]], words: Vocabulary) -> tuple[str, ...] | None:
+def _merge_rows(rows: Sequence[tuple[str, ...]], words: Vocabulary) -> tuple[str, ...] | None:
     """Return the rows of a header as one; None if one of them is no part of a header."""
     *above, lower = rows
     if not above:
         return lower
-    upper = _merged(above, words)
+    upper = _merge_rows(above, words)
     if upper is None or sum(map(bool, lower)) < 2 or _is_title(rows[0], words):
         return None
     width = max(len(upper), len(lower))
     upper, lower = (cells + ("",) * (width - len(cells)) for cells in (upper, lower))
     if all(cell in _NONE or grammar.any_unit(cell.strip("[]() ")) for cell in lower if cell):
         return tuple(_with_unit(name, unit) for name, unit in zip(upper, lower, strict=True))
-    return _grouped(upper, lower, words)
+    return _apply_groups(upper, lower, words)
 
 
 def _is_title(row: tuple[str, ...], words: Vocabulary) -> bool:
@@ -210,7 +210,7 @@ def _is_title(row: tuple[str, ...], words: Vocabulary) -> bool:
     return not known and as_group is not None and as_group.quantity.target is not None
 
 
-def _grouped(upper: Sequence[str], lower: Sequence[str], words: Vocabulary) -> tuple[str, ...] | None:
+def _apply_groups(upper: Sequence[str], lower: Sequence[str], words: Vocabulary) -> tuple[str, ...] | None:
     """Put words below groups, which hold to the right as far as cells below them are filled.
 
     `P10 loaded [mm]` and `x` are `P10 loaded x [mm]`; a key below is not of the group next to it.
@@ -319,7 +319,7 @@ class ColumnReader:
         by_template = "{state}" in f"{self._options.point_name} {self._options.file_name}"
         by_name = state_in_name or any(grammar.names_a_state(cell, self._words.states) for cell in cells)
         if not ("state" in kinds or by_template or by_name):  # nothing else says the state
-            meanings = self._with_states(meanings)
+            meanings = self._recognise_states(meanings)
         resolved = self._with_units(meanings, axes_unit)
         texts: dict[Kind, int] = {}
         for index, meaning in enumerate(meanings):
@@ -378,10 +378,10 @@ class ColumnReader:
                     remedy = "correct one of them, or skip it with `ignore`"
                     raise ImportFileError(self._heading.place(column), reason, remedy)
             meanings.append(meaning)
-        self._report(unclear.found)
+        self._report_faults(unclear.found)
         return meanings
 
-    def _report(self, found: Sequence[ImportFileError]) -> None:
+    def _report_faults(self, found: Sequence[ImportFileError]) -> None:
         """Report faults of headers; many unknown ones together, so that others are not hidden by them."""
         unknown = [fault for fault in found if fault.option == grammar.UNKNOWN]
         others = [fault for fault in found if fault.option != grammar.UNKNOWN]
@@ -395,7 +395,7 @@ class ColumnReader:
         for fault in others:
             self._faults.add(fault)
 
-    def _with_states(self, meanings: list[Meaning]) -> list[Meaning]:
+    def _recognise_states(self, meanings: list[Meaning]) -> list[Meaning]:
         """Take two words that all targets have for states if they are 0 and 1, as in `P10 0 x`, else ask."""
         points = {column: one.quantity for column, one in enumerate(meanings) if one.kind in POINTS}
         if any(quantity.target is None or quantity.state for quantity in points.values()):

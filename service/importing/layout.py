@@ -41,9 +41,9 @@ def lay_out(grid: Grid, options: ImportOptions, faults: Faults) -> Layout:
     """Find and understand the header and the columns of a file."""
     words = Vocabulary(options)
     heading = find_heading(grid, words, options)
-    remarks = sorted([*grid.comments, *_titles(grid, heading)])
+    remarks = sorted([*grid.comments, *_titles_above(grid, heading)])
     unit, frame = _read_remarks(grid.file, remarks)
-    heading, rows = _fit(grid, heading, faults)
+    heading, rows = _fit_lengths(grid, heading, faults)
     headers = ["" if heading.assumed else text for text in heading.texts]
     if options.layouts:
         _check_template(options, headers, heading.place(), faults)
@@ -131,7 +131,7 @@ _UNIT: Final = re.compile(
 """A word in brackets, behind `in`, or a unit that is not of a number, as a reflector's diameter would be."""
 
 
-def _titles(grid: Grid, heading: Heading) -> list[Remark]:
+def _titles_above(grid: Grid, heading: Heading) -> list[Remark]:
     """Return the rows above the header: `Frame;A::R0` as `Frame: A::R0`."""
     titles = []
     for row in grid.rows[: max(0, heading.start - len(heading.lines))]:
@@ -190,7 +190,7 @@ def _check_units(file: str, remarks: Sequence[Remark], columns: Columns, faults:
 # ---- the rows of data
 
 
-def _fit(grid: Grid, heading: Heading, faults: Faults) -> tuple[Heading, tuple[Row, ...]]:
+def _fit_lengths(grid: Grid, heading: Heading, faults: Faults) -> tuple[Heading, tuple[Row, ...]]:
     """Return header and rows of one length; what is empty at the end of all of them is left out."""
     rows, texts, notes = grid.rows[heading.start :], heading.texts, heading.notes
     lengths = {len(row.cells) for row in rows}
@@ -203,7 +203,7 @@ def _fit(grid: Grid, heading: Heading, faults: Faults) -> tuple[Heading, tuple[R
             width -= 1
         if width <= min(longest, len(texts)):
             texts = texts[:width]
-            rows = tuple(_cut(row, width) for row in rows)
+            rows = tuple(_cut_rows(row, width) for row in rows)
             if longest > width and grid.preview.format == "text":
                 notes = (*notes, "every row ends with a delimiter; the empty last column was ignored")
     fitted = []
@@ -223,7 +223,7 @@ def _fit(grid: Grid, heading: Heading, faults: Faults) -> tuple[Heading, tuple[R
     return replace(heading, texts=texts, notes=notes), tuple(fitted)
 
 
-def _cut(row: Row, width: int) -> Row:
+def _cut_rows(row: Row, width: int) -> Row:
     if len(row.cells) == width:
         return row
     return Row(row.line, row.cells[:width], None if row.kinds is None else row.kinds[:width])

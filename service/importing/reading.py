@@ -201,7 +201,7 @@ class _Reader:
         )
         units = {kind: "mm" if unit == "in" else unit for kind, unit in self._units.items()}
         doubts = [layout.doubt for layout in self._layouts if layout.doubt]
-        unusual = (*doubts, *_unusual(observations))
+        unusual = (*doubts, *_unusual_values(observations))
         bodies = tuple(self._bodies)
         return Understood(preview, (), tuple(observations), units, self._surroundings, bodies, unusual)
 
@@ -362,8 +362,10 @@ def _check_values(observations: list[Gathered], faults: Faults) -> None:
         lacking = [one for one in observations if one.vector(kind) is None]
         if lacking:
             others = f" and {len(lacking) - 1} others have" if len(lacking) > 1 else " has"
-            reason = f"{shown(lacking[0].label)}{others} no {kind}, but other labels have: {_listed(having)}"
-            remedy = f"spell labels alike in all files; without {kind}: {_listed(lacking)}"
+            reason = (
+                f"{shown(lacking[0].label)}{others} no {kind}, but other labels have: {_list_labels(having)}"
+            )
+            remedy = f"spell labels alike in all files; without {kind}: {_list_labels(lacking)}"
             faults.report(lacking[0].place, reason, remedy)
         count = len(having[0].vector(kind) or ())
         for value in (one.values[Quantity(kind)] for one in having):
@@ -372,7 +374,7 @@ def _check_values(observations: list[Gathered], faults: Faults) -> None:
                 faults.report(value.place, f"there are {counts}", "check the columns of joints")
 
 
-def _listed(observations: list[Gathered]) -> str:
+def _list_labels(observations: list[Gathered]) -> str:
     """Return the first labels, in words."""
     names = ", ".join(shown(one.label) for one in observations[:_LISTED])
     return names + ", …" * (len(observations) > _LISTED)
@@ -391,7 +393,7 @@ def _complete(
         for target in [t for t in targets if t in points or t not in gauges]:
             with faults.collected():
                 states = points.get(target, {})
-                lack = _lack(one, target, states)
+                lack = _what_is_missing(one, target, states)
                 if lack is not None:
                     incomplete.append(target)
                     place = next((point.place for point in states.values()), one.place)
@@ -410,7 +412,7 @@ def _complete(
     return kept, [*(f"{reason}; skipped" for _, _, reason in lacks), *notes]
 
 
-def _lack(one: Gathered, target: str, states: dict[State, Value]) -> str | None:
+def _what_is_missing(one: Gathered, target: str, states: dict[State, Value]) -> str | None:
     """Return what a reading lacks to be complete, or None."""
     if not states:
         return f"target {target} has no reading"
@@ -445,7 +447,7 @@ def _check_sigmas(observations: list[Gathered], faults: Faults) -> dict[_Uncerta
     return dict(sorted(counts.items()))
 
 
-def _unusual(observations: list[Gathered]) -> Iterator[str]:
+def _unusual_values(observations: list[Gathered]) -> Iterator[str]:
     """Yield the values that are 100 times their column's spread from its median.
 
     The spread is the standard deviation of the nine tenths that are nearest to the median; where these are

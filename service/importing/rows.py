@@ -133,12 +133,14 @@ class Names:
         """
         column = self._texts.pop("target")
         self._needed.add("target")
-        parts, state = _parts(self._grid.stem, self._words)
+        parts, state = _split_name(self._grid.stem, self._words)
         named = state is not None and len(parts) == 1
         with suppress(ImportFileError):
-            named = self._of_point(row).target is not None or named
+            named = self._split_point_name(row).target is not None or named
         if named:
-            self._note(f"{self._grid.file}: the column of targets was read as the instrument's reflector")
+            self._note_once(
+                f"{self._grid.file}: the column of targets was read as the instrument's reflector"
+            )
         else:
             self._texts["target"] = column
             self._needed.remove("target")
@@ -147,18 +149,18 @@ class Names:
         """Return what names a row; its label is None if nothing names rows."""
         named = "name" in self._texts
         try:
-            naming = self._in_columns(row).merged(self._of_point(row)).merged(self._file)
+            naming = self._in_columns(row).merged(self._split_point_name(row)).merged(self._file)
             wanted = (*(("label",) if named else ()), *self._needed)
             lacking = frozenset(kind for kind in wanted if getattr(naming, kind) is None)
             if lacking:
-                naming = naming.merged(self._of_file(lacking))
+                naming = naming.merged(self._parts_of_file_name(lacking))
             if named:
                 check_name(naming.label or "")
         except ImportFileError as fault:
             raise fault.at(self._grid.place(row, self._texts.get("name"))) from None
         return naming
 
-    def _of_point(self, row: Row) -> Naming:
+    def _split_point_name(self, row: Row) -> Naming:
         """Take the name of a point apart, with its collection and group before it if there are such columns.
 
         Without a template it is split by `::`, else by `_`; the label comes before the target.
@@ -175,22 +177,22 @@ class Names:
             return Naming(label=name)
         most = 2 if "target" in self._needed else 1
         for words in (self._words, {**DIGITS, **self._words})[: 1 + (not self._file_says_state)]:
-            parts, state = _parts(name, words)
+            parts, state = _split_name(name, words)
             if 1 <= len(parts) <= most and (state is None or "state" in self._needed):
                 if words is not self._words:
-                    self._note("0 and 1 in names were read as `unloaded` and `loaded`")
+                    self._note_once("0 and 1 in names were read as `unloaded` and `loaded`")
                 return Naming(parts[0], parts[1] if len(parts) > 1 else None, state)
         reason = f"the name {shown(name)} does not show which observation, target and state it is"
         remedy = "give a template `point_name`, such as {label}_{target}_{state}"
         raise ImportFileError(NOWHERE, reason, remedy, "point_name")
 
-    def _of_file(self, lacking: frozenset[str]) -> Naming:
+    def _parts_of_file_name(self, lacking: frozenset[str]) -> Naming:
         """Return what points of a file have in common, from its name: `P10_loaded`, `loaded` or `P10`.
 
         The state that the caller gives is that of a file whose name has none.
         """
         if lacking not in self._by_file:
-            parts, state = _parts(self._grid.stem, self._words)
+            parts, state = _split_name(self._grid.stem, self._words)
             by = "by the name of the file"
             if state is None and "state" in lacking and self._stated is not None:
                 parts = [self._grid.stem] if "target" in lacking else []
@@ -209,11 +211,11 @@ class Names:
                     option,
                 )
             missing = " and ".join(f"{kind} {getattr(naming, kind)}" for kind in sorted(lacking))
-            self._note(f"{self._grid.file}: {missing} {by}")
+            self._note_once(f"{self._grid.file}: {missing} {by}")
             self._by_file[lacking] = naming
         return self._by_file[lacking]
 
-    def _note(self, note: str) -> None:
+    def _note_once(self, note: str) -> None:
         if note not in self._notes:
             self._notes.append(note)
 
@@ -240,7 +242,7 @@ class Names:
         return row.cells[index]
 
 
-def _parts(name: str, words: Mapping[str, State]) -> tuple[list[str], State | None]:
+def _split_name(name: str, words: Mapping[str, State]) -> tuple[list[str], State | None]:
     """Return the parts of a name without the one that is a word for a state.
 
     In `c01 unloaded::P10` it is the last word of a part.
@@ -399,7 +401,7 @@ class RowReader:
             if quantity.kind in POINTS:
                 if vector is None and quantity.kind == "along":
                     continue  # a gauge reads one direction in a posture, and another in the next
-                point = self._named(quantity, naming, place)
+                point = self._with_target_and_state(quantity, naming, place)
                 vector = self._with_addition(row, quantity, vector, faults)
                 sigma, by_point = self._sigma(row, quantity, point.state, faults) if vector else (None, False)
                 record.values[point] = Value(vector, place, sigma, by_point)
@@ -425,7 +427,7 @@ class RowReader:
             faults.report(self._grid.place(row, index), reason, "write 1 to hold it out from the fit")
         return held == "1"
 
-    def _named(self, quantity: Quantity, naming: Naming, place: Place) -> Quantity:
+    def _with_target_and_state(self, quantity: Quantity, naming: Naming, place: Place) -> Quantity:
         """Return a quantity with target and state, which header or names say."""
         target, state = quantity.target or naming.target, quantity.state or naming.state
         if target is None or state is None:  # excluded by Names

@@ -88,9 +88,9 @@ class Follow:
         elif time.monotonic() - self._began > SHOWN_AFTER and (
             sys.stderr.isatty() or "ipykernel" in sys.modules  # a person sees it
         ):
-            self._show(progress)
+            self._show_bar(progress)
 
-    def _show(self, progress: Progress) -> None:
+    def _show_bar(self, progress: Progress) -> None:
         if self._bar is None:
             from jointstiff.service.tables.terminal import new_bar
 

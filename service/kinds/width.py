@@ -90,7 +90,7 @@ class _Calls(Generic[_First, _Answer]):
             self.wait()
         room = min(IN_FLIGHT - self._open, most - len(self.waiting))
         for argument in islice(left, max(0, room)):
-            call = _by_executor(partial(self._executor.submit, _outcome, self._function, argument))
+            call = _by_executor(partial(self._executor.submit, _answer_or_error, self._function, argument))
             self.waiting.append(call)
             self._open += 1
             call.add_done_callback(self._ended.put)
@@ -114,7 +114,7 @@ class _Calls(Generic[_First, _Answer]):
         return self.waiting[0].done()
 
 
-def _outcome(function: Callable[[_First], _Answer], argument: _First) -> _Outcome[_Answer]:
+def _answer_or_error(function: Callable[[_First], _Answer], argument: _First) -> _Outcome[_Answer]:
     """Return an answer or an error, in another process: what is raised there is the executor's own error."""
     try:
         with one_thread():
@@ -158,11 +158,11 @@ def computed(
 
 def _compute(task: tuple[bytes, Span]) -> Arrays:
     content, span = task
-    return _work(content).compute(span)
+    return _work_of_steps(content).compute(span)
 
 
 @lru_cache(maxsize=1)
-def _work(content: bytes) -> Work:
+def _work_of_steps(content: bytes) -> Work:
     """Return the work of the steps that come one after the other: it keeps what all of them need."""
     work: Work = pickle.loads(content)  # noqa: S301 - `computed` wrote it
     return work

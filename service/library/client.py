@@ -133,7 +133,7 @@ class Client(Verbs):
         try:
             self._http = httpx2.Client(base_url=url, headers=headers, timeout=60.0, transport=transport)
         except httpx2.InvalidURL as error:
-            raise RefusedError(_silence(url, error)) from error
+            raise RefusedError(_no_answer(url, error)) from error
         self._warn, self._patience = warn, patience
         self._answered = False
         self.robots = Collection(self, "robots", Robot, RobotSummary)
@@ -262,7 +262,7 @@ class Client(Verbs):
 
     def measured(self, source: Any, _place: str = "") -> tuple[str, RunOptions | None]:  # noqa: ANN401
         """Return the id of the measurement set of a stored run, or of a campaign, which is posted once."""
-        source = self._brought(source)
+        source = self._campaign_or_own_run(source)
         if isinstance(source, Run):
             return source.request.measurement_set_id, options_of(source)
         campaign = campaign_of(source)
@@ -270,11 +270,11 @@ class Client(Verbs):
 
     def identified(self, source: Any, executor: Executor | None = None) -> str:  # noqa: ANN401, ARG002
         """Return the id of a stored run, or of a campaign, which is posted once and identified."""
-        source = self._brought(source)
+        source = self._campaign_or_own_run(source)
         run: Run = source if isinstance(source, Run) else self.identify(source)
         return run.id
 
-    def _brought(self, source: Any) -> Any:  # noqa: ANN401 - a run, or a campaign
+    def _campaign_or_own_run(self, source: Any) -> Any:  # noqa: ANN401 - a run, or a campaign
         """Return a run of this service, or a campaign; of another run its campaign, with its options."""
         if not isinstance(source, TabledRun) or source.is_of(self):
             return source
@@ -392,7 +392,7 @@ class Client(Verbs):
         end, pause = time.monotonic() + self._patience, _FIRST_PAUSE
         while True:
             try:
-                return self._try(verb, path, parts)
+                return self._send_once(verb, path, parts)
             except AwayError as error:
                 if not self._answered or time.monotonic() + pause >= end:
                     raise
@@ -401,15 +401,15 @@ class Client(Verbs):
             time.sleep(pause)
             pause = min(2.0 * pause, _LONGEST_PAUSE)
 
-    def _try(self, verb: str, path: str, parts: dict[str, Any]) -> httpx2.Response:
+    def _send_once(self, verb: str, path: str, parts: dict[str, Any]) -> httpx2.Response:
         try:
             response = self._http.request(verb, path, **parts)
         except httpx2.DecodingError as error:
-            raise _alien("which cannot be decoded") from error
+            raise _not_jointstiff("which cannot be decoded") from error
         except httpx2.InvalidURL as error:
-            raise RefusedError(_silence(self._http.base_url, error)) from error
+            raise RefusedError(_no_answer(self._http.base_url, error)) from error
         except httpx2.TransportError as error:
-            raise AwayError(_silence(self._http.base_url, error)) from error
+            raise AwayError(_no_answer(self._http.base_url, error)) from error
         self._answered = True
         if not response.is_success:
             away = response.status_code == httpx2.codes.SERVICE_UNAVAILABLE
@@ -549,7 +549,7 @@ def resource_in(response: httpx2.Response, kind: type[Resource]) -> Resource:
     try:
         return kind.model_validate(_printable(json.loads(response.content)))
     except (ValidationError, ValueError, RecursionError) as error:
-        raise _alien(f"which is not a {kind.__name__}") from error
+        raise _not_jointstiff(f"which is not a {kind.__name__}") from error
 
 
 def problem_in(response: httpx2.Response) -> Problem:
@@ -557,17 +557,17 @@ def problem_in(response: httpx2.Response) -> Problem:
     try:
         return resource_in(response, Problem)
     except RefusedError:
-        return _alien(f"status {response.status_code}").problem
+        return _not_jointstiff(f"status {response.status_code}").problem
 
 
-def _alien(what: str) -> RefusedError:
+def _not_jointstiff(what: str) -> RefusedError:
     reason = f"the answer is not from Jointstiff, {what}"
     return RefusedError(
         http_problem(502, reason, "check the address, and that client and service have the same version")
     )
 
 
-def _silence(address: object, error: Exception) -> Problem:
+def _no_answer(address: object, error: Exception) -> Problem:
     return http_problem(
         503,
         f"no answer from {address}: {error}",

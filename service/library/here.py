@@ -196,7 +196,9 @@ class Here(Verbs):
             from jointstiff.service.reports.exports import export_model
 
             with as_campaign_error("export"):
-                return export_model(_exported(job), cast("Any", suffix), (query or {}).get("accept_verdict"))
+                return export_model(
+                    _model_to_export(job), cast("Any", suffix), (query or {}).get("accept_verdict")
+                )
         if name == "program":
             from jointstiff.service.kinds.program.work import unpacked
 
@@ -243,7 +245,7 @@ class Here(Verbs):
 
         settings = LaboratorySettings() if laboratory is None else read_laboratory(laboratory)
         if isinstance(job, TabledRun):
-            subject = RunSubject(_exported(job), job.campaign.measurement_set, settings)
+            subject = RunSubject(_model_to_export(job), job.campaign.measurement_set, settings)
             if suffix == "xml":
                 with as_campaign_error("report"):
                     return certificate(subject)
@@ -279,7 +281,7 @@ def refused_run(message: type[ARun], request: RunRequest, problem: Problem) -> A
     return new_job(message, request, nothing).model_copy(update=failed)
 
 
-def _exported(run: Job) -> ExportedModel:
+def _model_to_export(run: Job) -> ExportedModel:
     from jointstiff.service.reports.exports import ExportedModel
 
     here = Here()

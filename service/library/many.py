@@ -127,7 +127,7 @@ def _runs(
 def _by_executor(
     executor: Executor, tasks: Iterable[_Task], cancelled: Callable[[], bool]
 ) -> Generator[TabledRun]:
-    with closing(in_order(executor, _as_json, tasks, cancelled)) as answers:
+    with closing(in_order(executor, _identify_as_json, tasks, cancelled)) as answers:
         yield from map(TabledRun.model_validate_json, answers)
 
 
@@ -135,7 +135,7 @@ def _one_by_one(tasks: Iterable[_Task], follow: Follow) -> Generator[TabledRun]:
     for task in tasks:
         if follow.cancelled:
             raise CancelledWorkError
-        run = _identified(task, follow)
+        run = _identify_campaign(task, follow)
         if run.state == "cancelled":
             raise CancelledWorkError
         yield run
@@ -166,7 +166,7 @@ def _task(number: int, source: Any, shared: _Shared) -> _Task:  # noqa: ANN401 -
     return _Task(name, content, path, shared)
 
 
-def _identified(task: _Task, follow: Follow | None = None) -> TabledRun:
+def _identify_campaign(task: _Task, follow: Follow | None = None) -> TabledRun:
     """Identify a campaign; one that cannot be used is a failed run, whose error names it."""
     shared = task.shared
     try:
@@ -179,14 +179,14 @@ def _identified(task: _Task, follow: Follow | None = None) -> TabledRun:
         )
     except CampaignError as error:
         request = RunRequest(measurement_set_id=uuid4().hex)
-        run = refused_run(TabledRun, request, _placed(error.problem, task))
+        run = refused_run(TabledRun, request, _problem_of_campaign(error.problem, task))
     run._origin = None  # it holds the prepared readings, which are not sent back
     return run
 
 
-def _as_json(task: _Task) -> str:
+def _identify_as_json(task: _Task) -> str:
     """Identify a campaign; return the run as JSON, which is read in a quarter of the time of a pickle."""
-    return _identified(task).model_dump_json()
+    return _identify_campaign(task).model_dump_json()
 
 
 def _campaign(task: _Task) -> Campaign:
@@ -201,7 +201,7 @@ def _silently(_: Progress) -> None:
     """Show nothing."""
 
 
-def _placed(problem: Problem, task: _Task) -> Problem:
+def _problem_of_campaign(problem: Problem, task: _Task) -> Problem:
     """Return a problem whose place begins with the name of the campaign."""
     where = problem.where or ""
     if not where.startswith(task.name):

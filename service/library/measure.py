@@ -306,15 +306,15 @@ class LiveMeasurement:
 
     def withdraw(self, label: str, reason: str) -> LiveState:
         """Let a reading count no more, and say why; it stays in the record."""
-        return self._changed({"withdrawn": {label: reason}})
+        return self._send_change({"withdrawn": {label: reason}})
 
     def keep(self, label: str) -> LiveState:
         """Let a doubtful reading count, as it is right."""
-        return self._changed({"kept": [label]})
+        return self._send_change({"kept": [label]})
 
     def skip(self) -> LiveState:
         """Leave the next posture out; another one is chosen."""
-        return self.state if self.next is None else self._changed({"skipped": self.next.label})
+        return self.state if self.next is None else self._send_change({"skipped": self.next.label})
 
     def run_source(self, person: Person | None = None, most: int = MOST_READINGS) -> LiveState:
         """Read by the source until the goal is reached, cannot be, or there are as many readings.
@@ -333,7 +333,7 @@ class LiveMeasurement:
             while (
                 self.state.state == "measuring" and self.next is not None and len(self.state.readings) < most
             ):
-                answer = self._read(self.next, person)
+                answer = self._read_posture(self.next, person)
                 if answer == "stop":
                     break
                 if answer == "skip":
@@ -366,7 +366,7 @@ class LiveMeasurement:
             self._loop.close()
             self._loop = self._checked = None
 
-    def _changed(self, change: dict[str, Any]) -> LiveState:
+    def _send_change(self, change: dict[str, Any]) -> LiveState:
         self.state = self._place.change(parse_document(change, SetChange))
         return self.state
 
@@ -415,7 +415,9 @@ class LiveMeasurement:
             self.let_go()
             raise
 
-    def _read(self, following: PlannedReading, person: Person) -> Literal["read", "again", "skip", "stop"]:
+    def _read_posture(
+        self, following: PlannedReading, person: Person
+    ) -> Literal["read", "again", "skip", "stop"]:
         """Read a posture, again where it is doubtful; return what became of it, or what to do instead."""
         missed = doubted = False
         while True:
@@ -541,7 +543,7 @@ def measure(
     if isinstance(options.get("load"), str):
         options["load"] = planned_load_of(options["load"])
     named = {_PLAIN.get(name, name): value for name, value in options.items()}
-    measured, campaign = _planned(robot)
+    measured, campaign = _robot_and_campaign(robot)
     with as_campaign_error(""):
         towards = None if force is None else tuple(np.asarray(force, dtype=np.float64).tolist())
         stated = goal_of(goal, cast("Any", towards))
@@ -549,20 +551,20 @@ def measure(
         document = None if campaign is None else campaign.measurement_set
         run = RunOptions() if campaign is None else RunOptions(confidence=campaign.run.confidence)
         weight = None if campaign is None else campaign.run.weight
-        post = declared(prepared, document, stated, _parsed(named, stated), weight)
+        post = declared(prepared, document, stated, _parse_options(named, stated), weight)
         reader = source_of(source, source_options or {}) if isinstance(source, str) else source
     place = _Here(prepared, post, run) if client is None else _There(client, measured, post)
     return LiveMeasurement(place, prepared, post, reader, timeout)
 
 
-def _parsed(options: Mapping[str, Any], goal: Goal) -> dict[str, Any]:
+def _parse_options(options: Mapping[str, Any], goal: Goal) -> dict[str, Any]:
     """Return options that are checked, with those that were stated."""
     stated = {name: value for name, value in options.items() if value is not None}
     message = parse_document({**stated, "goal": goal}, LiveOptions)
     return {name: getattr(message, name) for name in stated}
 
 
-def _planned(source: Any) -> tuple[RobotDocument, Campaign | None]:  # noqa: ANN401 - robot, campaign or run
+def _robot_and_campaign(source: Any) -> tuple[RobotDocument, Campaign | None]:  # noqa: ANN401 - robot, campaign or run
     """Return the robot, and the campaign if it is one."""
     from jointstiff.schemas import run as messages
     from jointstiff.service.library import robots

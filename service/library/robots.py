@@ -93,16 +93,16 @@ def robot(
     if isinstance(source, Message | Mapping):
         document = plain_fields(source)
     elif isinstance(source, str | PathLike):
-        document = _of_text(str(source), base, flange)
+        document = _robot_of_text(str(source), base, flange)
     else:
-        document = _of_object(source, flange, convention, units)
+        document = _robot_of_object(source, flange, convention, units)
     if joint_map is not None:
         document["joint_map"] = plain_fields(joint_map)
     parsed = parse_document({"name": "robot", **document, **({"name": name} if name else {})}, RobotDocument)
     return ModelledRobot.of(parsed, source, flange) if hasattr(source, "jointPlacements") else parsed
 
 
-def _of_text(text: str, base: str | None, flange: str | None) -> dict[str, Any]:
+def _robot_of_text(text: str, base: str | None, flange: str | None) -> dict[str, Any]:
     """Return the robot of a URDF, of a file, or of a name."""
     if not text.lstrip().startswith("<") and Path(text).suffix.lower() not in {".urdf", ".xml"}:
         return plain_fields(read_robot(text))
@@ -114,7 +114,12 @@ def _of_text(text: str, base: str | None, flange: str | None) -> dict[str, Any]:
         return {"name": "robot" if is_text else Path(text).stem, "model": urdf_model(urdf, base, flange)}
 
 
-def _of_object(source: Any, flange: str | None, convention: str | None, units: AnyUnits) -> dict[str, Any]:  # noqa: ANN401
+def _robot_of_object(
+    source: Any,  # noqa: ANN401 - a model of Pinocchio, or rows
+    flange: str | None,
+    convention: str | None,
+    units: AnyUnits,
+) -> dict[str, Any]:
     """Return the robot of a model of Pinocchio, or of rows."""
     from jointstiff.service.conversion.arrays import dh_model, pinocchio_model, units_of
 

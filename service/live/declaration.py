@@ -94,7 +94,7 @@ def declared(
         kept = set(MeasurementSetHeader.model_fields) & campaign.model_fields_set
         header = {name: getattr(campaign, name) for name in kept}
         measurements = prepare_set(campaign, robot, "robot").measurements
-        stated = _equipment(robot.robot, measurements, goal, weight) | stated
+        stated = _equipment_of(robot.robot, measurements, goal, weight) | stated
     sigma = stated.get("sigma")
     noise: Noise | None = header.get("noise")
     if sigma is not None:
@@ -131,7 +131,7 @@ def completed(post: OpenPost, options: LiveOptions) -> OpenPost:
     return post.model_copy(update={"load_point": point, "open": options.model_copy(update=missing)})
 
 
-def _equipment(
+def _equipment_of(
     robot: Robot, measurements: Measurements, goal: Goal, weight: OwnWeight | None
 ) -> dict[str, Any]:
     """Return loads, targets, load point and work area of a campaign."""

@@ -158,19 +158,19 @@ class Checked:
 
     async def open(self) -> None:
         """Get the source ready."""
-        await self._asked("open", self._setting)
+        await self._call_if_there("open", self._setting)
 
     async def profile(self, stand: Stand) -> str | None:
         """Return how readings are understood, to be confirmed; None if there is no question."""
-        await self._asked("stand", stand)
+        await self._call_if_there("stand", stand)
         self._stand = stand
-        profile: str | None = await self._asked("profile")
+        profile: str | None = await self._call_if_there("profile")
         return profile
 
     async def close(self) -> None:
         """Let go of what the source holds."""
         with suppress(SourceError):
-            await self._asked("close")
+            await self._call_if_there("close")
 
     async def read(self, stand: Stand) -> dict[str, Point]:
         """Return all targets in a posture, with or without its load.
@@ -179,18 +179,18 @@ class Checked:
             SourceError: the source has stopped, repeats itself, jumped, or sent what is no reading.
         """
         if self._stand != stand:
-            await self._asked("stand", stand)
+            await self._call_if_there("stand", stand)
         self._stand = None  # to read again is to begin again
         points: dict[str, Point] = {}
         for name in self._setting.targets:
-            points[name] = point = await self._one(name)
+            points[name] = point = await self._require_reading(name)
             self._look_at(stand, name, np.array(point[0]), points)
         places = {name: np.array(place) for name, (place, _) in points.items()}
         self._seen |= {place for place, _ in points.values()}
         self._unloaded = {} if stand.loaded else places
         return points
 
-    async def _asked(self, what: str, *arguments: object) -> Any:  # noqa: ANN401 - whatever a source answers
+    async def _call_if_there(self, what: str, *arguments: object) -> Any:  # noqa: ANN401 - whatever a source answers
         """Call a method that a source may have."""
         method = getattr(self._source, what, None)
         if method is None:
@@ -210,9 +210,9 @@ class Checked:
             remedy="look at the instrument and its cable, then read again",
         )
 
-    async def _one(self, name: str) -> Point:
+    async def _require_reading(self, name: str) -> Point:
         """Return a reading that is one."""
-        answer = await self._asked("point", name)
+        answer = await self._call_if_there("point", name)
         try:
             place, sigma = answer
             x, y, z = (float(part) for part in place)
@@ -524,11 +524,11 @@ class Lines(Source):
         """Return the profile in words, with the first line as it is read."""
         if not self._sample:
             return self._profile.words(None)
-        self._ask(self._first)
-        line = await self._next()
+        self._request_reading(self._first)
+        line = await self._next_line()
         while self._profile.read(line) is None:
-            self._rubbish(line)
-            line = await self._next()
+            self._is_rubbish(line)
+            line = await self._next_line()
         self._lines.appendleft(line)  # it is the first reading, too
         return self._profile.words(line)
 
@@ -547,12 +547,12 @@ class Lines(Source):
         useless, requested = 0, False
         while useless < _RUBBISH:
             if not self._lines and not requested:
-                self._ask(name)
+                self._request_reading(name)
                 requested = True
-            line = await self._next()
+            line = await self._next_line()
             reading = self._profile.read(line)
             if reading is None:
-                self._rubbish(line)
+                self._is_rubbish(line)
                 useless += 1
                 continue
             target, point = reading
@@ -568,11 +568,11 @@ class Lines(Source):
         """Let go of the connection."""
         self._let_go()
 
-    def _rubbish(self, line: str) -> None:
+    def _is_rubbish(self, line: str) -> None:
         shown = "".join(c if c.isprintable() else "�" for c in line)[:80]
         self._warn(f"{shown!r} is no reading, and does not count")
 
-    def _ask(self, name: str) -> None:
+    def _request_reading(self, name: str) -> None:
         """Send the text that asks for a reading, if there is one."""
         if self._request is None:
             return
@@ -587,7 +587,7 @@ class Lines(Source):
         text = re.sub(r"\{\w+\}", lambda match: filled.get(match[0], match[0]), self._request)
         self._send(text.encode() + b"\n")
 
-    async def _next(self) -> str:
+    async def _next_line(self) -> str:
         """Return the next line.
 
         Raises:
@@ -602,14 +602,14 @@ class Lines(Source):
             await self._came.wait()
         return self._lines.popleft()
 
-    def _take(self, data: bytes) -> None:
+    def _receive(self, data: bytes) -> None:
         """Take in what came."""
         *whole, rest = re.split(rb"[\r\n]+", self._buffer + data)
         self._buffer = rest[-_LONGEST_LINE:]
         self._lines.extend(line.decode("utf-8", "replace") for line in whole if line.strip())
         self._came.set()
 
-    def _end(self, reason: str) -> None:
+    def _end_source(self, reason: str) -> None:
         self._ended = reason
         self._came.set()
 
@@ -642,10 +642,10 @@ class Lines(Source):
             except OSError as error:
                 data, reason = b"", str(error)
             if data:
-                self._take(data)
+                self._receive(data)
             else:
                 loop.remove_reader(descriptor)
-                self._end(reason)
+                self._end_source(reason)
 
         def let_go() -> None:
             loop.remove_reader(descriptor)
@@ -687,10 +687,10 @@ class _Stream(asyncio.Protocol):
         self._lines = lines
 
     def data_received(self, data: bytes) -> None:
-        self._lines._take(data)
+        self._lines._receive(data)
 
     def connection_lost(self, exc: Exception | None) -> None:
-        self._lines._end("the connection was closed" if exc is None else str(exc))
+        self._lines._end_source("the connection was closed" if exc is None else str(exc))
 
 
 class _Datagrams(asyncio.DatagramProtocol):
@@ -705,7 +705,7 @@ class _Datagrams(asyncio.DatagramProtocol):
         ):
             self._sender = addr[0]
         if self._sender in (None, addr[0]):
-            self._lines._take(data + b"\n")
+            self._lines._receive(data + b"\n")
 
 
 class RoboDk(Source):

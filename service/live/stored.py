@@ -49,7 +49,7 @@ class OpenSets:
     def __init__(self, resources: Resources, create_run: CreateRun) -> None:
         """Serve the open sets of a store; a closed one is identified by `create_run`."""
         self._resources, self._store, self._create_run = resources, resources.store, create_run
-        self._declared = lru_cache(_CAMPAIGNS)(self._load)
+        self._declared = lru_cache(_CAMPAIGNS)(self._load_campaign)
         self._ready: dict[str, LiveCampaign] = {}
 
     def create(
@@ -63,7 +63,7 @@ class OpenSets:
         """
         if key is not None and (before := self._store.open_sets.find(key)) is not None:
             return before.id
-        options, robot_id = self._of_plan(options, request.robot_id)
+        options, robot_id = self._options_of_plan(options, request.robot_id)
         header = completed(request.model_copy(update={"observations": [], "robot_id": robot_id}), options)
         resolved, noticed = resolve_frame(self._store, header)
         robot, _ = self._resources.robot(robot_id, "robot_id")
@@ -83,7 +83,7 @@ class OpenSets:
         stored = self._store.open_sets.add(record, key)
         if stored.id == record.id:
             for entry in campaign.entries:
-                self._add(record.id, entry, None)
+                self._add_entry(record.id, entry, None)
         return stored.id
 
     def observe(self, set_id: str, observation: Observation, by: AccessKey | None) -> live.LiveState:
@@ -96,7 +96,7 @@ class OpenSets:
             MeasurementError: it cannot be right.
         """
         entry = self._campaign(set_id).judged(observation)
-        if self._add(set_id, entry, by).observation != observation:  # another one came meanwhile
+        if self._add_entry(set_id, entry, by).observation != observation:  # another one came meanwhile
             raise TakenError(observation.label)
         return self.state(set_id)
 
@@ -108,7 +108,7 @@ class OpenSets:
             RequestError: it has no such observation, or another posture is next.
         """
         for entry in self._campaign(set_id).entries_of(change):
-            self._add(set_id, entry, by)
+            self._add_entry(set_id, entry, by)
 
     def close(self, set_id: str, by: AccessKey | None) -> live.LiveState:
         """Make an ordinary set of what was read, and identify it; to do so again changes nothing.
@@ -121,7 +121,7 @@ class OpenSets:
         campaign = self._campaign(set_id)
         fields = campaign.closing()
         if not campaign.closed:
-            self._add(set_id, Entry("closed", ""), by)
+            self._add_entry(set_id, Entry("closed", ""), by)
             campaign = self._campaign(set_id)
             fields = campaign.closing()  # with what came meanwhile
         with suppress(NotFoundError):
@@ -237,7 +237,7 @@ class OpenSets:
         self._ready[set_id] = ready
         return ready
 
-    def _add(self, set_id: str, entry: Entry, by: AccessKey | None) -> Entry:
+    def _add_entry(self, set_id: str, entry: Entry, by: AccessKey | None) -> Entry:
         """Add an entry to a record; return it, or the one of this kind and label that is there already."""
         record = LiveEntry(
             set_id=set_id,
@@ -249,7 +249,7 @@ class OpenSets:
         )
         return _ENTRY.validate_json(self._store.live_entries.add(record).document)
 
-    def _load(self, set_id: str) -> Declared:
+    def _load_campaign(self, set_id: str) -> Declared:
         record = self._store.open_sets.get(set_id)
         header = live.MeasurementSetPost.model_validate_json(record.document)
         if header.open is not None:  # records of before may state the load point in one place only
@@ -258,7 +258,7 @@ class OpenSets:
         resolved = None if record.resolved is None else ResolvedFrame.model_validate_json(record.resolved)
         return Declared(robot, header, resolved, _FINDINGS.validate_json(record.warnings))
 
-    def _of_plan(self, options: live.LiveOptions, robot_id: str) -> tuple[live.LiveOptions, str]:
+    def _options_of_plan(self, options: live.LiveOptions, robot_id: str) -> tuple[live.LiveOptions, str]:
         """Return options with what the plan says of loads, targets and surroundings, where they say none."""
         if options.plan_id is None:
             return options, robot_id

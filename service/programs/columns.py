@@ -231,9 +231,9 @@ class Columns:
                 self._doubts.setdefault(index, Cause(0, reason, "use a separate target for it"))
         self._names = [name.partition(OF)[0] if name else name for name in self._names]
         rows = _columns(self._targets, _WIDTH)
-        targets = self._filled(rows, external_axes)
+        targets = self._fill_targets(rows, external_axes)
         moves = _in_order(Moves(*_columns(self._moves, 3), *_columns(self._visits, 1)))
-        kept = self._certain(targets, moves)
+        kept = self._corrected_moves(targets, moves)
         left = sorted(self._left, key=lambda each: each[0].line)
         moved = tuple(each for each, _ in left)
         faults = [self._fault(cause) for _, cause in left]
@@ -245,7 +245,7 @@ class Columns:
         if not kept.any():
             raise ProgramError(faults, left=moved)
         if left:
-            moves, targets = _kept(moves, targets, kept)
+            moves, targets = _keep_moves(moves, targets, kept)
         remarks = tuple(sorted(self._remarks, key=lambda each: each.line))
         return Program(self._format, self._sources, targets, moves, remarks, moved, tuple(faults))
 
@@ -253,7 +253,7 @@ class Columns:
         reason = self.in_words(cause.reason, cause.source, cause.line)
         return Fault(self._sources[cause.source].name, cause.line, reason, cause.remedy)
 
-    def _certain(self, targets: Targets, moves: Moves) -> BoolArray:
+    def _corrected_moves(self, targets: Targets, moves: Moves) -> BoolArray:
         """Return which moves (k,) are corrected: none that shares numbers with one that is left."""
         doubted = np.zeros(len(targets), dtype=np.bool_)
         doubted[list(self._doubts)] = True
@@ -280,7 +280,7 @@ class Columns:
             self._left.append((ReadMove(line, targets.names[own[-1]], base, tool, reason, remedy), cause))
         return ~left
 
-    def _filled(self, rows: IndexArray, external_axes: ExternalAxes) -> Targets:
+    def _fill_targets(self, rows: IndexArray, external_axes: ExternalAxes) -> Targets:
         """Return the targets; those whose numbers are none, or whose external axes matter, are in doubt."""
         source, line, first, _, known, base, tool = rows
         literals, count = list(self._literals), len(line)
@@ -313,11 +313,11 @@ class Columns:
                     unlike[block[own]] = ~notation.states(read[own])
                 others = read[:, _STATED:_AXES]
                 axes[block], steady[block] = np.where(others > _NO_AXIS, np.nan, others), read[:, _AXES:]
-        away, moved = _external(axes, external_axes)
+        away, moved = _external_axes(axes, external_axes)
         for faults, reason, remedy in (
             (out, f"a number of a target is out of range, beyond {MAX_VALUE:g}", _WRITE_ANEW),
             (unlike, "a quaternion or an axis is not of unit length", _WRITE_ANEW),
-            (_changes(steady), "tool or base changes", "send a table for each of them"),
+            (_changed_axes(steady), "tool or base changes", "send a table for each of them"),
             (away, _AWAY, _CARRY_NOTHING),
             (moved | crowded[known], "an external axis or another group moves", _CARRY_NOTHING),
         ):
@@ -326,7 +326,7 @@ class Columns:
         return targets
 
 
-def _external(axes: FloatArray, known: ExternalAxes) -> tuple[BoolArray, BoolArray]:
+def _external_axes(axes: FloatArray, known: ExternalAxes) -> tuple[BoolArray, BoolArray]:
     """Return which targets have external axes (t, k) away from zero, and which move them from the first ones.
 
     An axis that a target does not state (NaN) stays where it was: it is away if any target has it away.
@@ -334,13 +334,13 @@ def _external(axes: FloatArray, known: ExternalAxes) -> tuple[BoolArray, BoolArr
     stated, none = np.nan_to_num(axes), np.zeros(len(axes), dtype=np.bool_)
     is_away: BoolArray = np.abs(stated) > _STANDS
     away: BoolArray = np.asarray((is_away | (np.isnan(axes) & is_away.any(axis=0))).any(axis=1))
-    moved = _changes(stated)
+    moved = _changed_axes(stated)
     if known is ExternalAxes.CARRY_NOTHING:
         return none, none
     return (none if known is ExternalAxes.OF_ROBOT else away), moved
 
 
-def _changes(numbers: FloatArray) -> BoolArray:
+def _changed_axes(numbers: FloatArray) -> BoolArray:
     """Return which targets have other numbers (t, k) than the first."""
     known = np.nan_to_num(numbers)
     return np.asarray((~(np.abs(known - known[:1]) <= _STANDS)).any(axis=1), dtype=np.bool_)
@@ -355,7 +355,7 @@ def _in_order(moves: Moves) -> Moves:
     return Moves(moves.line[order], moves.motion[order], np.cumsum(counts[order]), visits)
 
 
-def _kept(moves: Moves, targets: Targets, kept: BoolArray) -> tuple[Moves, Targets]:
+def _keep_moves(moves: Moves, targets: Targets, kept: BoolArray) -> tuple[Moves, Targets]:
     """Return moves that are kept, and their targets."""
     visits = moves.visits[kept[moves.of_visit]]
     rows, places = np.unique(visits, return_inverse=True)

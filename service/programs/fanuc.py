@@ -68,7 +68,7 @@ def _jump(line: Line) -> list[Op]:
     return [*line.expression(label), ir.Flow("jump", "\0")]
 
 
-def _leads(line: Line) -> list[Op]:
+def _may_pass(line: Line) -> list[Op]:
     """Return an action that may be passed over."""
     start, end = line.span("action")
     action = Line(line.language, line["action"], line.numbers(start, end))
@@ -76,7 +76,7 @@ def _leads(line: Line) -> list[Op]:
     return [*given, ir.Flow("if"), *line.language.rule(action), ir.Flow("close")]
 
 
-def _quiet(line: Line) -> list[Op]:
+def _names_used(line: Line) -> list[Op]:
     """Return what an instruction uses: `PULSE,0.2sec`, `ON` and `(...)` are values, too."""
     value = line["value"].replace("!", "")
     return line.expression(value) if value and not re.fullmatch(r"PULSE,\0 ?(?:sec)?", value) else []
@@ -87,7 +87,7 @@ def _changed(line: Line) -> list[Op]:
     return [ir.Havoc(frozenset({name}), "the position changes while the program runs", _REMEDY)]
 
 
-def _leaves(tail: str) -> bool:
+def _leaves_target(tail: str) -> bool:
     """Return whether the text after a target, offsets aside, is known to leave it where it is."""
     return _TAIL.fullmatch(_OFFSET.sub("", tail).strip()) is not None
 
@@ -98,7 +98,7 @@ def _move(line: Line) -> list[Op]:
     if bool(line["second"]) != (letter == "C"):
         raise Misread("an arc has two positions, another move has one; its second one is on the next line")
     offset = _OFFSET.search(tail)
-    if not _leaves(tail):
+    if not _leaves_target(tail):
         what = "the text after the target moves it, or is unknown"
         raise Misread(f"{what}; its position in /POS is not all that counts")
     ordinals = line.ordinals[: 1 + bool(line["second"])]
@@ -115,9 +115,9 @@ def _move(line: Line) -> list[Op]:
     return [*(ir.Call(name, attached=True) for name in re.findall(r",CALL ?(\w++)", tail)), move]
 
 
-def _elsewhere(line: Line) -> list[Op]:
+def _move_to_register(line: Line) -> list[Op]:
     """Return a move to a register, or to a position of a computed number."""
-    if not _leaves(line["tail"]) or "CALL" in line["tail"]:
+    if not _leaves_target(line["tail"]) or "CALL" in line["tail"]:
         raise Misread("the target is no position in /POS, and the text after it is unknown")
     what = ir.quoted(line.text, line.ordinals)
     return ir.left([], f"{what}: the target is no position in /POS", _REMEDY)
@@ -154,7 +154,7 @@ def _position(line: Line) -> list[Op]:
     try:
         own, others = _groups(line)
         # chapter 4: no other program knows a position
-        ops: list[Op] = [ir.Assign(name, _whole(own, others), "variable", own=True)]
+        ops: list[Op] = [ir.Assign(name, _arm_position(own, others), "variable", own=True)]
     except Misread as fault:
         return [ir.Havoc(frozenset({name}), fault.reason, fault.remedy)]
     for kind, active in (("UF", "UFRAME_NUM"), ("UT", "UTOOL_NUM")):
@@ -182,7 +182,7 @@ def _groups(line: Line) -> tuple[_Fields, tuple[int, ...]]:
     return groups.get("1", {}), tuple(i for name, (own, _) in others if name not in {"UF", "UT"} for i in own)
 
 
-def _whole(fields: _Fields, others: tuple[int, ...]) -> Literal:
+def _arm_position(fields: _Fields, others: tuple[int, ...]) -> Literal:
     """Return a position of the arm; positions of other groups are added to its external axes."""
     if any(text.startswith("*") and not name.startswith("E") for name, (_, text) in fields.items()):
         raise Misread("the position was not recorded (***)", "record it, or delete it and its moves")
@@ -297,7 +297,7 @@ LANGUAGE: Final = ir.Language(
     is_frame=lambda name: name.startswith(("UF ", "UT ")),
     rules=(
         (r"(?P<letter>[JLCAS]) P\[\0\] ?(?P<second>P\[\0\] ?)?(?P<tail>.*)", _move),
-        (r"[JLAS] (?:PR?\[[RA]+\[\0\]\]|PR\[\0\]) ?(?P<tail>.*)", _elsewhere),
+        (r"[JLAS] (?:PR?\[[RA]+\[\0\]\]|PR\[\0\]) ?(?P<tail>.*)", _move_to_register),
         (r"(?:\$MN(?=\w+NUM\[))?U(?P<which>FRAME|TOOL)(?:_NUM|NUM\[\0\])=#{number}", _frame),
         (r"IF ?(.+?) ?THEN", "if"),
         (r"FOR R\[\0\]=(.+?)(?: TO| DOWNTO) ?(.+)", "loop"),
@@ -305,9 +305,9 @@ LANGUAGE: Final = ir.Language(
         (r"ENDIF|ENDFOR", "close"),
         (r"LBL ?\[#{name}\]", "label"),
         (r"(?:WAIT ?(.+?) ?TIMEOUT,|JMP )LBL ?\[(?P<label>.*)\]", _jump),
-        (rf"(?:IF ?(.+?)|SELECT ?(?P<which>.+?)|=(.+?)|ELSE),{_LOGIC}", _leads),
+        (rf"(?:IF ?(.+?)|SELECT ?(?P<which>.+?)|=(.+?)|ELSE),{_LOGIC}", _may_pass),
         (r"(?:CALL|RUN|MONITOR) (?P<name>\w++)(?:\((.*)\))?", lambda line: [ir.Call(line["name"])]),
-        (_QUIET, _quiet),
+        (_QUIET, _names_used),
         (r"(?:.*\W)?\$?(?:MN)?(?:UFRAME|UTOOL)(?:\[.*\])?=.*", _frame_changed),
         (r".*(?:UFRAME|UTOOL).*", _computed),
         (r"P\[#{place}(?:,\0)?\]=.*|(?:(?!(?<!\w)P\[).)*P\[[^=]*=.*", _changed),

@@ -52,7 +52,7 @@ class Scope:
 
     def name(self, name: str) -> str:
         """Return a name as no other routine has it, if it belongs to this one."""
-        return f"{name}{OF}{self.routine}" if _whole(name) in self.names else name
+        return f"{name}{OF}{self.routine}" if _name_of_whole(name) in self.names else name
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,7 +78,7 @@ class Place:
         return intern(name[0] % (f"{value:g}" if value.is_integer() else "\0"))  # each is kept once
 
 
-def _whole(name: str) -> str:
+def _name_of_whole(name: str) -> str:
     """Return the name of the whole that a name may be a part of: `FP1` for `FP1.TOOL`."""
     if "." not in name:
         return name
@@ -132,7 +132,7 @@ class Ways:
         self._jumps: list[int] = []
         for i, op in enumerate(ops):
             if isinstance(op, ir.Flow):
-                self._take(i, op)
+                self._take_operation(i, op)
             self.routine.append(self.ends.get(i, self._open[-1]))
         while self._nests:
             if self._nests[-1].kind != "routine":
@@ -162,7 +162,7 @@ class Ways:
             for i in self.bodies[name][:-1]:
                 self.leads[i].append(end)
 
-    def _take(self, i: int, op: ir.Flow) -> None:
+    def _take_operation(self, i: int, op: ir.Flow) -> None:
         if op.kind in {"routine", "aside", "if", "loop", "repeat"}:
             if len(self._nests) >= _MAX_DEPTH:
                 reason = f"more than {_MAX_DEPTH} branches and loops within one another"
@@ -285,12 +285,12 @@ class Machine:
             if ops is last:
                 self._repeats[len(self._ops) - 1].extend((line + ops[-1][0], number))
                 continue
-            self._take(ops, source, line, number, declares)
+            self._take_operation(ops, source, line, number, declares)
             acts = [op for _, op in ops if not isinstance(op, ir.Use)]
             alike = len(acts) == 1 and isinstance(acts[0], ir.Move) and acts[0].repeats
             last = ops if alike and not declares else None
 
-    def _take(
+    def _take_operation(
         self, ops: Iterable[tuple[int, Op]], source: int, line: int, number: int, declares: str
     ) -> None:
         for below, op in ops:
@@ -320,7 +320,7 @@ class Machine:
     def _declare(self, place: Place, op: ir.Assign, kind: str) -> None:
         name = place.name(op.name)
         self._shared |= {name} if op.shared or kind == "shared" else set()
-        self._own |= {_whole(name)} if op.own else set()
+        self._own |= {_name_of_whole(name)} if op.own else set()
         held = self._value(place, name, op.value, {})
         if self._initial.setdefault(name, held) != held:
             self._initial[name] = place.cause(f"{name} is declared twice")
@@ -396,7 +396,7 @@ class Machine:
             if isinstance(op, ir.Call) and self._is_own(op):
                 callers[str(op.name)].add(routine)
             else:
-                self._step(state, i)
+                self._assign(state, i)
             for name, (held, line) in state.items():
                 reason = f"{name} changes while the program runs"
                 cause = Cause(line, reason, "give it once, in numbers", self._places[i].source)
@@ -425,7 +425,7 @@ class Machine:
                 cause = Cause(0, reason, "set the frames in the routine, before its moves")
                 self._incoming[begin] = {UNKNOWN: (cause, 0)}
 
-    def _pass(self, routine: str, indices: Iterable[int]) -> None:
+    def _pass_routine(self, routine: str, indices: Iterable[int]) -> None:
         """Carry states through a routine once; judge the moves that are among the indices."""
         state: State | None = {}
         shared = False  # whether the state is kept elsewhere, too
@@ -433,44 +433,44 @@ class Machine:
         for i in indices:
             op = self._ops[i]
             if isinstance(op, ir.Move | ir.Keep):
-                self._judge(op, i, state)
+                self._judge_move(op, i, state)
                 continue
-            self._toil(1)
+            self._count_work(1)
             if isinstance(op, ir.Flow):
-                state, shared = self._flow(op, i, state), True
+                state, shared = self._lead_onward(op, i, state), True
             elif state is not None and isinstance(op, ir.Call) and self._is_own(op):
                 state, shared = self._call(str(op.name), state), True
             elif state is not None:
                 if shared:
-                    self._toil(len(state))
+                    self._count_work(len(state))
                     state, shared = dict(state), False
-                self._step(state, i)
+                self._assign(state, i)
         self._open.pop()
         self._moved |= self._exits.get(routine) != state
         self._exits[routine] = state
 
-    def _flow(self, op: ir.Flow, i: int, state: State | None) -> State | None:
+    def _lead_onward(self, op: ir.Flow, i: int, state: State | None) -> State | None:
         """Lead a state to where the program may go on; return the one behind a place."""
         for place in self._ways.leads.get(i, ()):
-            self._lead(place, state)
+            self._lead_to(place, state)
         if op.kind in {"routine", "aside", "turn", "default"}:
             state = None
         return self._joined(self._incoming.get(i), state)
 
     def _call(self, routine: str, state: State) -> State | None:
         """Return the state behind a call; None if no way leads back yet."""
-        is_new = self._lead(self._ways.begins[routine], state)
+        is_new = self._lead_to(self._ways.begins[routine], state)
         if is_new and routine not in self._open and len(self._open) < _MAX_CALLS:
-            self._pass(routine, self._acts[routine])
+            self._pass_routine(routine, self._acts[routine])
         returned, changed = self._exits.get(routine), self._changed[routine]
         if returned is None:
             return None
         if UNKNOWN in changed:
             return returned
-        self._toil(len(changed))
-        return {**state, **{name: self._look(returned, name) for name in changed}}
+        self._count_work(len(changed))
+        return {**state, **{name: self._value_and_line(returned, name) for name in changed}}
 
-    def _lead(self, place: int, state: State | None) -> bool:
+    def _lead_to(self, place: int, state: State | None) -> bool:
         """Join a state into what is led to a place; return whether that is new."""
         known = self._incoming.get(place)
         joined = self._joined(known, state)
@@ -485,9 +485,9 @@ class Machine:
         if known is None or state is None or known == state:
             return state if known is None else known
         joined = dict(known)
-        self._toil(len(state) + len(known))
+        self._count_work(len(state) + len(known))
         for name in {**known, **state}:
-            (one, line), (other, later) = self._look(known, name), self._look(state, name)
+            (one, line), (other, later) = self._value_and_line(known, name), self._value_and_line(state, name)
             if one != other and not isinstance(one, Cause):
                 what = "whatever an unknown routine may change" if name == UNKNOWN else name
                 reason = f"{what} changes while the program runs: by a branch, a loop or a call"
@@ -495,12 +495,12 @@ class Machine:
                 joined[name] = other if isinstance(other, Cause) else cause, cause.line
         return known if joined == known else joined
 
-    def _toil(self, names: int) -> None:
+    def _count_work(self, names: int) -> None:
         self._work += names
         if self._work > _MAX_WORK:
             self.refuse(None, "the program has too many branches and names", "split it")
 
-    def _step(self, state: State, i: int) -> None:
+    def _assign(self, state: State, i: int) -> None:
         """Carry out an assignment, or what is not known."""
         op, place = self._ops[i], self._places[i]
         if isinstance(op, ir.Assign):
@@ -509,25 +509,25 @@ class Machine:
         elif isinstance(op, ir.Havoc):
             cause = place.cause(op.reason, op.remedy)
             if not op.names:
-                self._forget(state, cause)
+                self._forget_names(state, cause)
             for each in map(place.name, op.names):
                 state.update(dict.fromkeys(self._with_parts(each), (cause, place.line)))
         elif isinstance(op, ir.Call) and not op.attached and (unknown := self._unknown(place, op)):
-            self._forget(state, unknown)
+            self._forget_names(state, unknown)
 
-    def _forget(self, state: State, cause: Cause) -> None:
+    def _forget_names(self, state: State, cause: Cause) -> None:
         for name in [name for name in state if not self._is_steady(name)]:
             del state[name]
         state[UNKNOWN] = cause, cause.line
 
     def _is_steady(self, name: str) -> bool:
         """Return whether no unknown routine changes what a name has."""
-        own = _whole(name) in self._own and not self._changed_by(name)
+        own = _name_of_whole(name) in self._own and not self._changed_by(name)
         return own or name in self._steady or OF in name
 
     def _changed_by(self, name: str) -> list[Cause]:
         """Return what changes a name, the whole that it is a part of, or some of its array."""
-        among = name, _whole(name), name.partition("[")[0]
+        among = name, _name_of_whole(name), name.partition("[")[0]
         return next((changes for each in among if (changes := self._changes.get(each))), [])
 
     def _value(self, place: Place, name: str, value: Value, state: State) -> Held:
@@ -538,14 +538,14 @@ class Machine:
             return place.cause("the number of a frame is not a whole number")
         for _ in range(isinstance(value, ir.Copy) + (isinstance(value, ir.Copy) and value.through)):
             if isinstance(held, str):
-                held = self._look(state, held)[0]
+                held = self._value_and_line(state, held)[0]
         return held
 
-    def _look(self, state: State, name: str) -> tuple[Held, int]:
+    def _value_and_line(self, state: State, name: str) -> tuple[Held, int]:
         """Return what a name has in a state, and the line that gave it."""
         if name == UNKNOWN:
             return state.get(name, ("", 0))
-        if _whole(name) in self._language.constants:
+        if _name_of_whole(name) in self._language.constants:
             return name, 0
         steady = self._is_steady(name)
         held: Held | None = self._anytime.get(name) or (None if steady else self._anytime.get(UNKNOWN))
@@ -606,13 +606,13 @@ class Machine:
         while self._moved:
             self._moved = False
             for name in order:
-                self._pass(name, self._acts[name])
+                self._pass_routine(name, self._acts[name])
             order.reverse()  # what routines return goes up in one pass, what they are given down
         for name, body in bodies.items():
-            self._pass(name, body)
+            self._pass_routine(name, body)
         return self.columns, self._used, self._causes
 
-    def _judge(self, op: ir.Move | ir.Keep, i: int, state: State | None) -> None:
+    def _judge_move(self, op: ir.Move | ir.Keep, i: int, state: State | None) -> None:
         """Tell the columns what is known of a move: targets, frames, and why it is left."""
         place = self._places[i]
         if isinstance(op, ir.Keep):
@@ -636,9 +636,9 @@ class Machine:
         for line, first in [(place.line, place.first), *repeats.tolist()]:
             own = replace(place, line=line, first=first)
             left = cause._replace(line=line, source=place.source) if cause and here else cause
-            self._tell(op, own, left, frames, state)
+            self._add_move(op, own, left, frames, state)
 
-    def _tell(
+    def _add_move(
         self, op: ir.Move, place: Place, cause: Cause | None, frames: list[Frames], state: State
     ) -> None:
         """Tell the columns of one move."""
@@ -660,7 +660,7 @@ class Machine:
             if isinstance(each, Cause):
                 return each
         for name, frame in zip(op.agree, frames[0], strict=False):
-            held = self._look(state, name)[0]
+            held = self._value_and_line(state, name)[0]
             if isinstance(held, Cause):
                 return held
             if held != self._language.active[name] and not (
@@ -674,7 +674,7 @@ class Machine:
         if isinstance(target, Literal):
             return Given("", place.source, place.line, place.first, target)
         name = place.name(target)
-        held, changes = self._look(state, name)[0], self._changes.get(name, [])
+        held, changes = self._value_and_line(state, name)[0], self._changes.get(name, [])
         reason = held.reason if isinstance(held, Cause) and held.line else ""
         if len(changes) + (name in self._initial) > 1:
             reason = changes[-1].reason
@@ -694,7 +694,7 @@ class Machine:
                 return each
         given = tuple(each for each in held if isinstance(each, Given))
         if len(given) < len(held):
-            names = {_whole(each) for each in held if isinstance(each, str)}
+            names = {_name_of_whole(each) for each in held if isinstance(each, str)}
             if given or len(names) > 1:
                 return place.cause("a frame has numbers in part", "give the whole frame in numbers")
             name = names.pop()

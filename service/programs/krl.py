@@ -59,7 +59,7 @@ _OWN_FRAME: Final = re.compile(rf"\$(BASE|TOOL|IPO_MODE)=(?:STOOL2?|SBASE|SIPO_M
 _BEFORE: Final = "set $TOOL and $BASE before the move"
 
 
-def _uses(line: Line, text: str) -> list[Op]:
+def _names_in_value(line: Line, text: str) -> list[Op]:
     """Return what a value uses and calls, also one of several fields."""
     return line.expression(_SEPARATED.sub(",", text) if text.startswith("{") else text)
 
@@ -111,7 +111,7 @@ def _value(line: Line, name: ir.Name, start: int, end: int) -> list[Op]:
         return [ir.Use(frozenset({text})), ir.Assign(name, ir.Copy(text))]
     if name in {"$BASE", "$TOOL"} and text == f"{str(name)[1:]}_DATA[\0]":
         return [ir.Assign(name, ir.Copy((text.replace("\0", "%s"), line.numbers(start, end)[0])))]
-    return [*_uses(line, text), _unknown(name)]
+    return [*_names_in_value(line, text), _unknown(name)]
 
 
 def _unknown(name: ir.Name) -> Op:
@@ -131,7 +131,7 @@ def _declared(line: Line) -> list[Op]:
         name, index, value = match.groups()
         ops += [ir.Local(frozenset({name})), *line.expression(index or "")]
         if value and index is not None:
-            ops += [*_uses(line, value), _unknown(name)]
+            ops += [*_names_in_value(line, value), _unknown(name)]
         elif value:
             given = _value(line, name, *match.span(3))
             ops += [op._replace(shared=shared) if isinstance(op, ir.Assign) else op for op in given]
@@ -151,16 +151,16 @@ def _assigned(line: Line) -> list[Op]:
     uses = line.expression(inner)
     if index or (name.startswith("$") and name not in {"$BASE", "$TOOL"}):
         changes = [] if name.startswith("$") and name not in {"$BASE", "$TOOL"} else [_unknown(target)]
-        return [*uses, *_uses(line, line["value"]), *changes]
+        return [*uses, *_names_in_value(line, line["value"]), *changes]
     return [*uses, *_value(line, target, *line.span("value"))]
 
 
 def _move(line: Line) -> list[Op]:
     motion, begin = _MOTIONS[line["motion"]], line.span("rest")[0]
-    end, settings = _behind(line.text, begin)
+    end, settings = _end_of_targets(line.text, begin)
     if end == begin:
         raise Misread(_NOT_WHOLE)
-    found, own = _settings(line, settings)
+    found, own = _names_after_with(line, settings)
     targets: list[Literal | ir.Name | None] = []
     for start, stop in parts(line.text[:end], begin):
         name = line.text[start:stop]
@@ -180,7 +180,7 @@ def _move(line: Line) -> list[Op]:
     return [*found, ir.Move(motion, known, (base,) * len(known), (tool,) * len(known))]
 
 
-def _behind(text: str, begin: int) -> tuple[int, str]:
+def _end_of_targets(text: str, begin: int) -> tuple[int, str]:
     """Return where the targets end that begin at a place, and the settings after WITH."""
     match = _WITH.search(text, begin)
     if match is None:
@@ -198,7 +198,7 @@ def _without_blends(text: str, begin: int, end: int) -> int:
     return end
 
 
-def _settings(line: Line, text: str) -> tuple[list[Op], str]:
+def _names_after_with(line: Line, text: str) -> tuple[list[Op], str]:
     """Return the names used by the settings after WITH, and the name of the frame data."""
     own, found = dict[str, str](), list[Op]()
     for start, end in parts(text) if text else ():
@@ -208,7 +208,7 @@ def _settings(line: Line, text: str) -> tuple[list[Op], str]:
         elif not setting.startswith("$") or _MOVING.match(setting) or setting.startswith(("$BASE", "$TOOL")):
             raise Misread("the settings of the move are unknown, or frames of its own", _BEFORE)
         else:
-            found += _uses(line, setting.partition("=")[2])
+            found += _names_in_value(line, setting.partition("=")[2])
     if ir.calls(found) or (own and (not {"BASE", "TOOL"} <= own.keys() or len(set(own.values())) > 1)):
         raise Misread("the settings of the move call a routine, or set one frame only", _BEFORE)
     return found, own.get("TOOL", "")
@@ -217,10 +217,10 @@ def _settings(line: Line, text: str) -> tuple[list[Op], str]:
 def _spline(line: Line) -> list[Op]:
     """Take the beginning of a block of splines; the frames of a block are not known in it."""
     begin = line.span("rest")[0]
-    end, settings = _behind(line.text, begin)
+    end, settings = _end_of_targets(line.text, begin)
     if end > begin:
         raise Misread(UNKNOWN_STATEMENT)
-    found, own = _settings(line, settings)
+    found, own = _names_after_with(line, settings)
     reason, remedy = "the block of splines has frames of its own", "set $BASE and $TOOL before the block"
     return [*found, *([ir.Havoc(frozenset({"$BASE", "$TOOL"}), reason, remedy)] if own else [])]
 
@@ -230,7 +230,7 @@ def _routine(line: Line) -> list[Op]:
     return ir.routine(line["name"], names, _REMEDY, shared=line.text.startswith("GLOBAL"))
 
 
-def _attached(line: Line) -> list[Op]:
+def _attach_routine(line: Line) -> list[Op]:
     """Take an interrupt or a trigger: what it calls may run at any time."""
     action = re.sub(r" ?\bPRIO=", "+", line["action"]).replace("=", "+", 1)
     found = [*line.expression(line["when"]), *line.expression(action)]
@@ -311,7 +311,7 @@ LANGUAGE: Final = ir.Language(
         (r"WAIT (?:SEC|FOR) ?(.+)|ANOUT (?:ON|OFF) ?(.+)|(PULSE\(.*\))", ""),
         (
             rf"(?:GLOBAL )?INTERRUPT DECL #{{number}} WHEN (?P<when>.+?) ?DO (?P<action>{_NAME}\(.*\))",
-            _attached,
+            _attach_routine,
         ),
         (
             r"INTERRUPT ON #{number}",
@@ -319,7 +319,7 @@ LANGUAGE: Final = ir.Language(
         ),
         (
             rf"TRIGGER WHEN (?:DISTANCE|PATH)=(.+?) DELAY=(.+?) ?DO (?P<action>(?:\$OUT\[|{_NAME}\().*)",
-            _attached,
+            _attach_routine,
         ),
         (
             r"(?:GLOBAL )?(?:INTERRUPT DECL|TRIGGER) .*",

@@ -104,7 +104,7 @@ class Notation:
         elif self.orientation is Orientation.ROTATION_VECTOR:
             poses[:, :3, :3] = Rotation.from_rotvec(numbers * self.angle).as_matrix()
         else:
-            poses[:, :3, :3] = _turned(self.angle * self._about_zyx(numbers))
+            poses[:, :3, :3] = _rotations(self.angle * self._about_zyx(numbers))
         return poses
 
     def _about_zyx(self, angles: FloatArray) -> FloatArray:
@@ -145,7 +145,7 @@ def _nearest_vector(vectors: FloatArray, near: FloatArray) -> FloatArray:
     return np.where(turns == 0, vectors, moved)
 
 
-def _turned(angles: FloatArray) -> FloatArray:
+def _rotations(angles: FloatArray) -> FloatArray:
     """Return rotations (m, 3, 3) by angles (m, 3) [rad] about Z, Y', X''."""
     (sa, sb, sc), (ca, cb, cc) = np.sin(angles).T, np.cos(angles).T
     rotations = np.empty((len(angles), 3, 3))
@@ -271,12 +271,12 @@ def written(
     digits = np.maximum(digits, _decimals(signs, spans))
     counts = np.unique(digits).tolist()
     if len(counts) == 1:
-        numbers = _formatted(new, counts[0])
+        numbers = _format_numbers(new, counts[0])
     else:
         texts = np.empty(len(new), dtype=object)
         for count in counts:
             rows = np.flatnonzero(digits == count)
-            texts[rows] = _formatted(new[rows], count)
+            texts[rows] = _format_numbers(new[rows], count)
         numbers = texts.tolist()
     differ = np.ones(len(new), dtype=np.bool_)
     for i in np.flatnonzero(np.minimum(np.abs(new - old), np.abs(new)) < 2.0 * 10.0**-digits).tolist():
@@ -289,7 +289,7 @@ def written(
     return numbers, differ
 
 
-def _formatted(numbers: FloatArray, digits: int) -> list[str]:
+def _format_numbers(numbers: FloatArray, digits: int) -> list[str]:
     return ("\n".join([f"%.{digits}f"] * len(numbers)) % tuple(numbers.tolist())).split("\n")
 
 

@@ -71,7 +71,7 @@ def _if(_line: Line) -> list[Op]:
     raise Misread("a move, a call or an assignment after IF", "write IF ... THEN ... ENDIF")
 
 
-def _other(line: Line) -> list[Op]:
+def _unknown_instruction(line: Line) -> list[Op]:
     """Take an instruction of the controller, or a call."""
     name = line["name"]
     arguments = re.sub(r",{2,}", ",", re.sub(r"\\(\w+)(:=)?", r",\1,", line["arguments"])).strip(",")
@@ -100,7 +100,7 @@ def _target(line: Line, start: int, end: int) -> Literal | None:
     return None
 
 
-def _given(line: Line, name: str, start: int, end: int, *kinds: str) -> list[ir.Assign]:
+def _data_by_numbers(line: Line, name: str, start: int, end: int, *kinds: str) -> list[ir.Assign]:
     """Return what data of these kinds get by numbers: a target, or one or two frames."""
     target = _target(line, start, end)
     if target is not None and {"ROBTARGET", "JOINTTARGET"} & set(kinds):
@@ -126,7 +126,9 @@ def _declared(line: Line) -> list[Op]:
         ir.Local(frozenset({name})),
         *line.expression(line["array"]),
     ]
-    given = _given(line, name, *line.span("value"), line["type"]) if value and not line["array"] else []
+    given = (
+        _data_by_numbers(line, name, *line.span("value"), line["type"]) if value and not line["array"] else []
+    )
     if given:
         declares = "constant" if line["kind"] == "CONST" else "variable"
         return [*found, *(each._replace(declares=declares, own=line["own"] == "LOCAL") for each in given)]
@@ -138,7 +140,7 @@ def _declared(line: Line) -> list[Op]:
 
 def _assigned(line: Line) -> list[Op]:
     name, part, value = line["name"], line["part"], line["value"]
-    given = [] if part else _given(line, name, *line.span("value"), *_LITERALS)
+    given = [] if part else _data_by_numbers(line, name, *line.span("value"), *_LITERALS)
     if part in {".UFRAME", ".OFRAME", ".TFRAME"} and re.fullmatch(_POSES, value):
         given = [ir.Assign(name + part, Literal(POSE, line.numbers(*line.span("value"))))]
     if given:
@@ -276,6 +278,6 @@ LANGUAGE: Final = ir.Language(
         (r"GOTO @{name}", "jump"),
         (rf"CONNECT {_WORD} WITH @{{name}}", lambda line: [ir.Call(line["name"], attached=True)]),
         (r"IF .*", _if),
-        (r"@{name} ?(?P<arguments>.*)", _other),
+        (r"@{name} ?(?P<arguments>.*)", _unknown_instruction),
     ),
 )

@@ -41,42 +41,44 @@ def certificate(subject: report.RunSubject) -> bytes:
     Raises:
         RequestError: a field is missing that every certificate has.
     """
-    laboratory, begin, end = _stated(subject)
+    laboratory, begin, end = _require_stated(subject)
     for prefix, address in NAMESPACES.items():
         ElementTree.register_namespace(prefix, address)
     root = Element(_name("dcc:digitalCalibrationCertificate"), schemaVersion=VERSION)
     root.set(_SCHEMA, f"{NAMESPACES['dcc']} {NAMESPACES['dcc']}/v{VERSION}/dcc.xsd")
-    administrative = _add(root, "dcc:administrativeData")
-    software = _add(administrative, "dcc:dccSoftware", "dcc:software")
-    _text(software, "dcc:name", "Jointstiff")
-    _add(software, "dcc:release").text = subject.model.run.provenance.versions.get("jointstiff", NOT_STATED)
-    core = _add(administrative, "dcc:coreData")
+    administrative = _append(root, "dcc:administrativeData")
+    software = _append(administrative, "dcc:dccSoftware", "dcc:software")
+    _append_text(software, "dcc:name", "Jointstiff")
+    _append(software, "dcc:release").text = subject.model.run.provenance.versions.get(
+        "jointstiff", NOT_STATED
+    )
+    core = _append(administrative, "dcc:coreData")
     _core_data(core, subject, laboratory, (begin, end))
-    _item(_add(administrative, "dcc:items", "dcc:item"), subject)
-    _contact(_add(administrative, "dcc:calibrationLaboratory", "dcc:contact"), laboratory)
-    person = _add(administrative, "dcc:respPersons", "dcc:respPerson")
-    _text(_add(person, "dcc:person"), "dcc:name", str(laboratory.responsible), None)
-    _add(person, "dcc:mainSigner").text = "true"
-    customer = _add(administrative, "dcc:customer")
+    _write_item(_append(administrative, "dcc:items", "dcc:item"), subject)
+    _write_contact(_append(administrative, "dcc:calibrationLaboratory", "dcc:contact"), laboratory)
+    person = _append(administrative, "dcc:respPersons", "dcc:respPerson")
+    _append_text(_append(person, "dcc:person"), "dcc:name", str(laboratory.responsible), None)
+    _append(person, "dcc:mainSigner").text = "true"
+    customer = _append(administrative, "dcc:customer")
     if laboratory.customer is None:
-        _text(customer, "dcc:name", NOT_STATED)
-        _text(_add(customer, "dcc:location"), "dcc:further", NOT_STATED)
+        _append_text(customer, "dcc:name", NOT_STATED)
+        _append_text(_append(customer, "dcc:location"), "dcc:further", NOT_STATED)
     else:
-        _contact(customer, laboratory.customer)
-    statements = _add(administrative, "dcc:statements")
+        _write_contact(customer, laboratory.customer)
+    statements = _append(administrative, "dcc:statements")
     verdict = f"Verdict on the result: {VERDICTS[subject.model.result.assessment.verdict]}."
     traceability = f"Metrological traceability: {laboratory.traceability or NOT_STATED}"
     for line in (verdict, traceability, *report.STATEMENTS):
         of_laboratory = line == traceability and laboratory.traceability
         language = None if of_laboratory else _LANGUAGE
-        _text(_add(statements, "dcc:statement"), "dcc:declaration", line, language)
-    _results(_add(root, "dcc:measurementResults", "dcc:measurementResult"), subject, laboratory)
+        _append_text(_append(statements, "dcc:statement"), "dcc:declaration", line, language)
+    _write_results(_append(root, "dcc:measurementResults", "dcc:measurementResult"), subject, laboratory)
     ElementTree.indent(root)
     content: bytes = ElementTree.tostring(root, encoding="utf-8", xml_declaration=True)
     return content
 
 
-def _stated(subject: report.RunSubject) -> tuple[Laboratory, date, date]:
+def _require_stated(subject: report.RunSubject) -> tuple[Laboratory, date, date]:
     """Return the laboratory, and the first and the last day; refuse what every certificate states.
 
     Days are those of UTC, in which times are kept. Where the local day of `ended_on` is the one before, it is
@@ -102,94 +104,98 @@ def _core_data(
     core: Element, subject: report.RunSubject, laboratory: Laboratory, days: tuple[date, date]
 ) -> None:
     languages = [*dict.fromkeys([_LANGUAGE, *laboratory.languages])]
-    _add(core, "dcc:countryCodeISO3166_1").text = laboratory.country
+    _append(core, "dcc:countryCodeISO3166_1").text = laboratory.country
     for name, codes in (("used", languages), ("mandatory", [_LANGUAGE])):
         for code in codes:
-            _add(core, f"dcc:{name}LangCodeISO639_1").text = code
-    _add(core, "dcc:uniqueIdentifier").text = subject.model.run.id
+            _append(core, f"dcc:{name}LangCodeISO639_1").text = code
+    _append(core, "dcc:uniqueIdentifier").text = subject.model.run.id
     for name, day in zip(("begin", "end"), days, strict=True):
-        _add(core, f"dcc:{name}PerformanceDate").text = day.isoformat()
-    _add(core, "dcc:performanceLocation").text = laboratory.kind_of_place
+        _append(core, f"dcc:{name}PerformanceDate").text = day.isoformat()
+    _append(core, "dcc:performanceLocation").text = laboratory.kind_of_place
 
 
-def _item(item: Element, subject: report.RunSubject) -> None:
+def _write_item(item: Element, subject: report.RunSubject) -> None:
     """Describe the robot; without a serial number the measurement set's name identifies it."""
     readings, robot = subject.readings, subject.model.robot
-    _text(item, "dcc:name", f"Industrial robot {subject.model.name}, {robot.n} joints")
-    _text(_add(item, "dcc:manufacturer"), "dcc:name", NOT_STATED)
-    identification = _add(item, "dcc:identifications", "dcc:identification")
+    _append_text(item, "dcc:name", f"Industrial robot {subject.model.name}, {robot.n} joints")
+    _append_text(_append(item, "dcc:manufacturer"), "dcc:name", NOT_STATED)
+    identification = _append(item, "dcc:identifications", "dcc:identification")
     serial = readings.serial_number
-    _add(identification, "dcc:issuer").text = "manufacturer" if serial else "calibrationLaboratory"
-    _add(identification, "dcc:value").text = serial or readings.name
-    _text(identification, "dcc:name", "Serial number" if serial else "Measurement set")
+    _append(identification, "dcc:issuer").text = "manufacturer" if serial else "calibrationLaboratory"
+    _append(identification, "dcc:value").text = serial or readings.name
+    _append_text(identification, "dcc:name", "Serial number" if serial else "Measurement set")
 
 
-def _contact(contact: Element, party: Party) -> None:
+def _write_contact(contact: Element, party: Party) -> None:
     """Describe a laboratory or a customer; an address is lines of text."""
-    _text(contact, "dcc:name", party.name, None)
+    _append_text(contact, "dcc:name", party.name, None)
     lines = [*party.address, *([party.contact] if party.contact else [])]
     language = None if lines else _LANGUAGE
-    _text(_add(contact, "dcc:location"), "dcc:further", ", ".join(lines) or NOT_STATED, language)
+    _append_text(_append(contact, "dcc:location"), "dcc:further", ", ".join(lines) or NOT_STATED, language)
 
 
-def _results(measured: Element, subject: report.RunSubject, laboratory: Laboratory) -> None:
+def _write_results(measured: Element, subject: report.RunSubject, laboratory: Laboratory) -> None:
     """Write method, conditions, the stiffness of each joint, and the predicted compliance of the flange."""
     model, readings = subject.model, subject.readings
-    _text(measured, "dcc:name", report.TITLE)
-    used = _add(measured, "dcc:usedMethods", "dcc:usedMethod")
-    _text(used, "dcc:name", "Identification of joint stiffness from readings of targets")
+    _append_text(measured, "dcc:name", report.TITLE)
+    used = _append(measured, "dcc:usedMethods", "dcc:usedMethod")
+    _append_text(used, "dcc:name", "Identification of joint stiffness from readings of targets")
     section = report.method(model, laboratory)
     stated = [f"{label}: {text}" for label, text in section.facts if text != NOT_STATED]
     language = None if laboratory.method else _LANGUAGE
-    _text(used, "dcc:description", "; ".join([*stated, *section.notes]), language)
-    software = _add(measured, "dcc:usedSoftware", "dcc:software")
-    _text(software, "dcc:name", "Jointstiff")
-    _add(software, "dcc:release").text = versions_of(model.run)
+    _append_text(used, "dcc:description", "; ".join([*stated, *section.notes]), language)
+    software = _append(measured, "dcc:usedSoftware", "dcc:software")
+    _append_text(software, "dcc:name", "Jointstiff")
+    _append(software, "dcc:release").text = versions_of(model.run)
     if readings.instrument:
-        equipment = _add(measured, "dcc:measuringEquipments", "dcc:measuringEquipment")
-        _text(equipment, "dcc:name", readings.instrument, None)
+        equipment = _append(measured, "dcc:measuringEquipments", "dcc:measuringEquipment")
+        _append_text(equipment, "dcc:name", readings.instrument, None)
     if conditions := readings.conditions or laboratory.conditions:
-        influence = _add(measured, "dcc:influenceConditions", "dcc:influenceCondition")
-        _text(influence, "dcc:name", "Conditions of the measurement")
-        _text(_add(influence, "dcc:data"), "dcc:text", conditions, None)
-    results = _add(measured, "dcc:results")
+        influence = _append(measured, "dcc:influenceConditions", "dcc:influenceCondition")
+        _append_text(influence, "dcc:name", "Conditions of the measurement")
+        _append_text(_append(influence, "dcc:data"), "dcc:text", conditions, None)
+    results = _append(measured, "dcc:results")
     level = model.run.request.confidence
     for joint, u in zip(model.result.joints, report.expanded(model), strict=True):
-        _joint(_add(results, "dcc:result"), joint, u, level)
+        _write_joint(_append(results, "dcc:result"), joint, u, level)
     cases = [case for case in report.predicted_compliance(subject) if case.displacement is not None]
     if cases:
-        result = _add(results, "dcc:result")
-        _text(result, "dcc:name", report.PREDICTED)
+        result = _append(results, "dcc:result")
+        _append_text(result, "dcc:name", report.PREDICTED)
         none = "" if all(case.budget for case in cases) else " No uncertainty is stated of these predictions."
-        _text(result, "dcc:description", f"{report.predicted_where(subject)}{none}")
-        data = _add(result, "dcc:data")
+        _append_text(result, "dcc:description", f"{report.predicted_where(subject)}{none}")
+        data = _append(result, "dcc:data")
         for case in cases:
             for axis, moved in zip("XYZ", case.displacement or (), strict=True):
                 name = f"Predicted displacement along {axis} per force along {case.label}"
-                _quantity(data, name, moved / report.PREDICTED_FORCE, "compliance")
+                _write_quantity(data, name, moved / report.PREDICTED_FORCE, "compliance")
             if case.budget is not None:
                 name = f"Length of the predicted displacement per force along {case.label}"
                 length = hypot(*case.displacement or ()) / report.PREDICTED_FORCE
                 wide = case.budget.expanded_with_model_error / report.PREDICTED_FORCE
                 u = wide, case.budget.coverage_factor, level
-                _quantity(data, name, length, "compliance", u)
+                _write_quantity(data, name, length, "compliance", u)
 
 
-def _joint(result: Element, joint: JointResult, u: tuple[float, float, float] | None, level: float) -> None:
+def _write_joint(
+    result: Element, joint: JointResult, u: tuple[float, float, float] | None, level: float
+) -> None:
     """Write the stiffness of a joint with its expanded uncertainty and interval, or why it has none."""
-    _text(result, "dcc:name", f"Stiffness of {joint.name}")
+    _append_text(result, "dcc:name", f"Stiffness of {joint.name}")
     if u is None and joint.stiffness is not None:
         u = _by_interval(joint, level)
         how = "by the farther end of the interval" if u else "not stated: the interval has no upper end"
-        _text(result, "dcc:description", f"No uncertainty budget; expanded uncertainty {how}.")
-    data = _add(result, "dcc:data")
+        _append_text(result, "dcc:description", f"No uncertainty budget; expanded uncertainty {how}.")
+    data = _append(result, "dcc:data")
     if joint.stiffness is None:
-        _text(_add(data, "dcc:quantity"), "dcc:noQuantity", f"No number: {why_no_stiffness(joint)}.")
+        _append_text(
+            _append(data, "dcc:quantity"), "dcc:noQuantity", f"No number: {why_no_stiffness(joint)}."
+        )
         return
-    _quantity(data, "Stiffness", joint.stiffness, joint.kind, u)
+    _write_quantity(data, "Stiffness", joint.stiffness, joint.kind, u)
     for end, value in zip(("Lower", "Upper"), joint.stiffness_interval or (), strict=False):
         if value is not None:
-            _quantity(data, f"{end} end of the {100 * level:g} % interval", value, joint.kind)
+            _write_quantity(data, f"{end} end of the {100 * level:g} % interval", value, joint.kind)
 
 
 def _by_interval(joint: JointResult, level: float) -> tuple[float, float, float] | None:
@@ -201,21 +207,21 @@ def _by_interval(joint: JointResult, level: float) -> tuple[float, float, float]
     return farther, student_quantile(0.5 + 0.5 * level, None), level
 
 
-def _quantity(
+def _write_quantity(
     data: Element, name: str, value: float, unit: str, u: tuple[float, float, float] | None = None
 ) -> None:
     """Write a number in SI units; `u` is its expanded uncertainty, coverage factor and probability."""
-    quantity = _add(data, "dcc:quantity")
-    _text(quantity, "dcc:name", name)
-    real = _add(quantity, "si:real")
-    _add(real, "si:value").text = repr(value)
-    _add(real, "si:unit").text = _UNITS[unit]
+    quantity = _append(data, "dcc:quantity")
+    _append_text(quantity, "dcc:name", name)
+    real = _append(quantity, "si:real")
+    _append(real, "si:value").text = repr(value)
+    _append(real, "si:unit").text = _UNITS[unit]
     if u is not None and isfinite(u[0]):
-        spread = _add(real, "si:measurementUncertaintyUnivariate", "si:expandedMU")
+        spread = _append(real, "si:measurementUncertaintyUnivariate", "si:expandedMU")
         for child, number in zip(
             ("valueExpandedMU", "coverageFactor", "coverageProbability"), u, strict=True
         ):
-            _add(spread, f"si:{child}").text = repr(number)
+            _append(spread, f"si:{child}").text = repr(number)
 
 
 def _name(tag: str) -> str:
@@ -223,14 +229,14 @@ def _name(tag: str) -> str:
     return f"{{{NAMESPACES[prefix]}}}{name}"
 
 
-def _add(parent: Element, *tags: str) -> Element:
+def _append(parent: Element, *tags: str) -> Element:
     """Append an element, the later ones within the earlier; return the innermost."""
     for tag in tags:
         parent = ElementTree.SubElement(parent, _name(tag))
     return parent
 
 
-def _text(parent: Element, tag: str, text: str, language: str | None = _LANGUAGE) -> None:
+def _append_text(parent: Element, tag: str, text: str, language: str | None = _LANGUAGE) -> None:
     """Append an element with text; XML has no control characters.
 
     Args:
@@ -239,7 +245,7 @@ def _text(parent: Element, tag: str, text: str, language: str | None = _LANGUAGE
         text: its content.
         language: of the text; None for what the user wrote, in a language that is not known.
     """
-    content = _add(parent, tag, "dcc:content")
+    content = _append(parent, tag, "dcc:content")
     if language is not None:
         content.set("lang", language)
     content.text = "".join(c if c.isprintable() else " " for c in text)

@@ -92,7 +92,7 @@ def _logo(folder: Path, name: str) -> Logo:
         )
     content = _read(folder / name, MAX_LOGO_BYTES)
     kind: Literal["png", "jpg"] = "png" if content.startswith(_PNG) else "jpg"
-    size = _size(content)
+    size = _image_size(content)
     if size is None:
         raise SettingsError(f"logo: {name!r} is neither PNG nor JPEG", "convert it; SVG is refused")
     if not 1 <= min(size) <= max(size) <= MAX_LOGO_SIDE:
@@ -118,7 +118,7 @@ def _refuse_unshown(logo: Logo, name: str) -> None:
         raise SettingsError(f"logo: {name!r} cannot be shown: {error.message}", "save it again") from error
 
 
-def _size(content: bytes) -> tuple[int, int] | None:
+def _image_size(content: bytes) -> tuple[int, int] | None:
     """Return width and height of a PNG by its header, of a JPEG by its segments; None for another file."""
     if content.startswith(_PNG) and content[12:16] == b"IHDR" and len(content) >= 24:
         width, height = struct.unpack(">II", content[16:24])

@@ -106,7 +106,7 @@ def intervals(joints: Sequence[JointResult], confidence: float) -> Picture | Non
     drawing.text(_WIDTH - 20, bottom + 21, "stiffness [10⁶ N·m/rad]", anchor="end")
     for place, joint in enumerate(joints):
         y = _ROW * (place + 0.9)
-        drawing.text(0, y + 3, _short(joint.name))
+        drawing.text(0, y + 3, _shorten(joint.name))
         if joint not in known or joint.stiffness is None:
             drawing.text(_NAMES + 4, y + 3, "no number: see the table")
             continue
@@ -154,7 +154,7 @@ def bars(chart: Chart) -> Picture:
             drawing.bar(_LEFT + step * (place + 0.1) + width * which, _BASE - size, width, size, colour)
         x = _LEFT + (_WIDTH - _LEFT - 6) * which / len(rows)
         drawing.bar(x, legend, 7, 7, colour)
-        drawing.text(x + 10, legend + 7, _short(name))
+        drawing.text(x + 10, legend + 7, _shorten(name))
     return Picture(str(drawing), f"{chart.title}.", 0.8)
 
 
@@ -183,7 +183,7 @@ def arm(robot: Robot, joints: Sequence[float]) -> Picture | None:
     if not reach > 0.0:
         return None
     axes = np.vstack([np.zeros(3), 0.25 * reach * np.eye(3)])
-    flat, base = _seen(points), _seen(axes)
+    flat, base = _project(points), _project(axes)
     everything = np.vstack([flat, base])
     low, size = everything.min(axis=0), np.ptp(everything, axis=0)
     scale = min(200.0 / size[0], 170.0 / size[1])
@@ -216,7 +216,7 @@ def arm(robot: Robot, joints: Sequence[float]) -> Picture | None:
     )
 
 
-def _seen(points: FloatArray) -> FloatArray:
+def _project(points: FloatArray) -> FloatArray:
     """Return points (N, 3) as they are seen from (1, -1.6, 0.8), right and up (N, 2)."""
     towards = np.array([1.0, -1.6, 0.8]) / np.linalg.norm([1.0, -1.6, 0.8])
     right = np.cross([0.0, 0.0, 1.0], towards)
@@ -225,5 +225,5 @@ def _seen(points: FloatArray) -> FloatArray:
     return seen
 
 
-def _short(name: str) -> str:
+def _shorten(name: str) -> str:
     return name if len(name) <= 18 else f"{name[:17]}…"

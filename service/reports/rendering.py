@@ -142,7 +142,7 @@ def report_pdf(document: Document) -> bytes:
     except typst.TypstError as error:
         if "could not be displayed" not in error.message:
             raise
-    return _compiled(_shown(data), document)
+    return _compiled(_json_for_typst(data), document)
 
 
 def _compiled(data: dict[str, Any], document: Document) -> bytes:
@@ -190,12 +190,12 @@ def _data(document: Document) -> dict[str, Any]:
     }
 
 
-def _shown(value: Any) -> Any:  # noqa: ANN401 - JSON
+def _json_for_typst(value: Any) -> Any:  # noqa: ANN401 - JSON
     """Return JSON with the code of each character that the fonts may lack; attachments stay as they are."""
     if isinstance(value, str):
         return _UNUSUAL.sub(lambda found: f"‹U+{ord(found[0]):04X}›" if found[0] != "\n" else "\n", value)
     if isinstance(value, list | tuple):
-        return [_shown(each) for each in value]
+        return [_json_for_typst(each) for each in value]
     if isinstance(value, dict):
-        return {name: each if name == "content" else _shown(each) for name, each in value.items()}
+        return {name: each if name == "content" else _json_for_typst(each) for name, each in value.items()}
     return value

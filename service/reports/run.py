@@ -141,7 +141,7 @@ def run_document(subject: RunSubject) -> Document:
         sections=[
             _identification(subject),
             results(subject.model, subject.readings),
-            *_predicted(subject),
+            *_predicted_compliance(subject),
             uncertainty(subject.model),
             method(subject.model, settings.laboratory),
             Section(REQUESTED, facts=requested(run.request)),
@@ -261,7 +261,7 @@ def predicted_compliance(subject: RunSubject) -> list[CaseResult]:
         return []
 
 
-def _predicted(subject: RunSubject) -> Iterator[Section]:
+def _predicted_compliance(subject: RunSubject) -> Iterator[Section]:
     """Yield the table of clause 10 of ISO 9283, as the identified stiffness predicts it."""
     cases, per_newton = predicted_compliance(subject), 1e3 / PREDICTED_FORCE
     rows = []
@@ -469,7 +469,7 @@ def _traceability(readings: MeasurementSetDocument, laboratory: Laboratory | Non
             ("Conditions", conditions or NOT_STATED),
             ("Instrument", readings.instrument or NOT_STATED),
             ("Metrological traceability", (laboratory and laboratory.traceability) or NOT_STATED),
-            ("Uncertainty of readings and load", " ".join(_noise(readings))),
+            ("Uncertainty of readings and load", " ".join(_stated_noise(readings))),
             ("Position loop closed by", f"{readings.encoders} encoders"),
             ("Observations", f"{len(readings.observations)}"),
             ("Force on the robot", f"{force} N{', and moments' * moments}"),
@@ -479,7 +479,7 @@ def _traceability(readings: MeasurementSetDocument, laboratory: Laboratory | Non
     )
 
 
-def _noise(readings: MeasurementSetDocument) -> Iterator[str]:
+def _stated_noise(readings: MeasurementSetDocument) -> Iterator[str]:
     """Yield what is stated of the uncertainty of readings, and of what all observations share."""
     noise, length = readings.noise, LENGTH[readings.units.length]
     if noise is not None and noise.refuted:
@@ -497,12 +497,12 @@ def _noise(readings: MeasurementSetDocument) -> Iterator[str]:
             yield f"{refuted}σ = {rounded(1e6 * length * noise.sigma)} µm of a coordinate of a reading."
         if noise.instrument is not None and not noise.refuted:
             yield "from the data sheet of the instrument."
-        yield from _common(noise, 1e3 * length)
+        yield from _shared_uncertainties(noise, 1e3 * length)
     if any(any((*each.force, *(each.moment or ()))) for each in readings.observations):
-        yield from _assumed(noise)
+        yield from _assumed_uncertainties(noise)
 
 
-def _assumed(noise: Noise | None) -> Iterator[str]:
+def _assumed_uncertainties(noise: Noise | None) -> Iterator[str]:
     """Yield what is assumed of a load, as it is not stated."""
     if noise is None or noise.force is None or noise.force.scale is None:
         yield f"Size of the force: none stated; ±{100 * ASSUMED_FORCE_SCALE:g} % assumed."
@@ -510,7 +510,7 @@ def _assumed(noise: Noise | None) -> Iterator[str]:
         yield f"Load point: none stated; ±{1e3 * ASSUMED_LOAD_POINT:g} mm assumed."
 
 
-def _common(noise: Noise, millimetres: float) -> Iterator[str]:
+def _shared_uncertainties(noise: Noise, millimetres: float) -> Iterator[str]:
     """Yield what all observations share, with lengths in mm for those of the set."""
     if noise.force is not None:
         size = "" if noise.force.scale is None else f"relative {noise.force.scale:g}, "

@@ -144,7 +144,7 @@ def _parsed(
     try:
         return parse(message, content, section)
     except MalformedError as error:
-        instead = _instead(message, content, error, str(path or "the file"))
+        instead = _other_document(message, content, error, str(path or "the file"))
         problem = instead or invalid_request(error.faults)
         if path is not None and instead is None:
             named = {"title": f"{path} does not match the schema", "where": f"{path}: {problem.where}"}
@@ -152,7 +152,9 @@ def _parsed(
         raise CampaignError(problem) from None
 
 
-def _instead(message: type[BaseModel], content: bytes, error: MalformedError, name: str) -> Problem | None:
+def _other_document(
+    message: type[BaseModel], content: bytes, error: MalformedError, name: str
+) -> Problem | None:
     """Return what the file of a name is instead, if it is of a kind that we know; None if it is not."""
     tables = "to read tables and point lists use `jointstiff import FILE`"
     if error.keys is NOT_JSON:

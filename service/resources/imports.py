@@ -43,11 +43,11 @@ class ImportRefusedError(FilesError):
     def __init__(self, faults: Sequence[ImportFileError]) -> None:
         first = faults[0]
         self.faults = tuple(faults)  # the first ones, in their order
-        items = [(_where(fault.place), fault.reason, fault.remedy) for fault in self.faults]
-        super().__init__(first.reason, remedy=first.remedy, where=_where(first.place), items=items)
+        items = [(_place_text(fault.place), fault.reason, fault.remedy) for fault in self.faults]
+        super().__init__(first.reason, remedy=first.remedy, where=_place_text(first.place), items=items)
 
 
-def _where(place: Place) -> str:
+def _place_text(place: Place) -> str:
     return ":".join(str(part) for part in place if part is not None) or "files"
 
 
@@ -73,11 +73,11 @@ def import_files(
     faults, first = list(understood.faults), files[0].name if files else ""
     bodies: list[Body] = []
     try:
-        bodies = _of_robot(understood.bodies, robot)
+        bodies = _with_robot_names(understood.bodies, robot)
     except ImportFileError as fault:
         faults.append(fault)
     unloaded = bool(bodies or (robot and robot.bodies)) and _is_unloaded(understood, request)
-    missing = {} if faults else _missing(understood, request, own_weight=unloaded)
+    missing = {} if faults else _missing_fields(understood, request, own_weight=unloaded)
     document, findings, template, geometry = None, None, None, None
     if not faults and not missing:
         try:
@@ -121,7 +121,7 @@ def _is_unloaded(understood: Understood, request: ImportRequest) -> bool:
     return understood.preview.states == ["unloaded"] and request.force is None and not any(map(any, loads))
 
 
-def _of_robot(bodies: Sequence[Body], robot: Robot | None) -> list[Body]:
+def _with_robot_names(bodies: Sequence[Body], robot: Robot | None) -> list[Body]:
     """Return bodies with the robot's names of their joints, where a table numbers them: `2`, `J2`, `axis 2`.
 
     Raises:
@@ -143,7 +143,9 @@ def _of_robot(bodies: Sequence[Body], robot: Robot | None) -> list[Body]:
     return named
 
 
-def _missing(understood: Understood, request: ImportRequest, *, own_weight: bool) -> dict[MissingField, str]:
+def _missing_fields(
+    understood: Understood, request: ImportRequest, *, own_weight: bool
+) -> dict[MissingField, str]:
     """Return what a measurement set needs beyond files and request, by field and in words.
 
     One for the robot's own weight needs no load.
@@ -182,9 +184,9 @@ def _unusual(understood: Understood, request: ImportRequest) -> list[str]:
     """Return what is to be confirmed: values far from all others, load points that no tool reaches."""
     stated, unit = _length_units(understood, request)
     read = [point for one in understood.observations if (point := one.vector("load point"))]
-    points = [hypot(*_converted(point, unit, "m", "load_point")) for point in read]
+    points = [hypot(*_convert_lengths(point, unit, "m", "load_point")) for point in read]
     if request.load_point is not None:
-        points.append(hypot(*_converted(request.load_point, stated, "m", "load_point")))
+        points.append(hypot(*_convert_lengths(request.load_point, stated, "m", "load_point")))
     far = max(points, default=0.0)
     far_point = [f"the load point is {far:g} m from the flange"] if far > FAR_POINT else []
     return [*far_point, *understood.unusual]
@@ -221,12 +223,12 @@ def _length_units(understood: Understood, request: ImportRequest) -> tuple[str, 
     return request.length_unit or of_files, of_files
 
 
-def _converted(value: Any, before: str, after: str, name: str = "") -> Any:  # noqa: ANN401 - any part of it
+def _convert_lengths(value: Any, before: str, after: str, name: str = "") -> Any:  # noqa: ANN401 - any part of it
     """Return a part of the request with its lengths, in m or mm, in the other unit."""
     if isinstance(value, dict):
-        return {key: _converted(part, before, after, key) for key, part in value.items()}
+        return {key: _convert_lengths(part, before, after, key) for key, part in value.items()}
     if isinstance(value, list | tuple):
-        return tuple(_converted(part, before, after, name) for part in value)
+        return tuple(_convert_lengths(part, before, after, name) for part in value)
     if before == after or name not in _LENGTHS or value is None:
         return value
     return value / 1e3 if after == "m" else value * 1e3
@@ -261,7 +263,9 @@ def _measurement_set(
         raise ImportFileError(NOWHERE, reason, "omit `force`", "force")
     force = (0.0, 0.0, 0.0) if own_weight else request.force
     units = _length_units(understood, request)
-    lengths = _converted(request.model_dump(include={"noise", "load_point"}, exclude_unset=True), *units)
+    lengths = _convert_lengths(
+        request.model_dump(include={"noise", "load_point"}, exclude_unset=True), *units
+    )
     in_flange = {**{name: name for name in request.flange_targets}, **places}
     try:
         return MeasurementSetDocument.model_validate(
@@ -275,7 +279,7 @@ def _measurement_set(
                 "joint_kinds": understood.preview.joint_kinds,
                 "noise": lengths.get("noise") or None,
                 "flange_targets": {
-                    name: _converted(request.flange_targets[place], *units, "load_point")
+                    name: _convert_lengths(request.flange_targets[place], *units, "load_point")
                     for name, place in in_flange.items()
                 },
                 "load_point": lengths.get("load_point"),
@@ -331,7 +335,7 @@ def _geometry(understood: Understood, request: ImportRequest, first: str) -> Geo
     readings = [states["unloaded"] for one in understood.observations for states in one.points.values()]
     if len(readings) > MAX_GEOMETRY_READINGS or len(understood.preview.targets) > MAX_GEOMETRY_TARGETS:
         return None
-    sigma = None if request.noise is None else _converted(request.noise.sigma, *units, "sigma")
+    sigma = None if request.noise is None else _convert_lengths(request.noise.sigma, *units, "sigma")
     squares = [value**2 for point in readings for value in point.sigma or ()]
     if sigma is None and squares:
         sigma = sqrt(sum(squares) / len(squares))

@@ -113,7 +113,7 @@ class Robots(Kept[RobotRecord, RobotEntry, tuple[Robot, str]]):
     """Create and load the robots of a store."""
 
     def __init__(self, store: Store) -> None:
-        super().__init__(store.robots, self._load, _ROBOTS)
+        super().__init__(store.robots, self._load_robot, _ROBOTS)
         self._store = store
 
     def create(self, request: robots.RobotDocument, key: IdempotencyKey | None) -> RobotRecord:
@@ -126,7 +126,7 @@ class Robots(Kept[RobotRecord, RobotEntry, tuple[Robot, str]]):
         """
         if key is not None and (before := self._store.robots.find(key)) is not None:
             return before
-        document, origin = self._described(request)
+        document, origin = self._describe_robot(request)
         prepared = prepare_robot(document)
         checked, robot = prepared.document, prepared.robot
         wrist, created_at = find_wrist(robot), datetime.now(UTC)
@@ -167,7 +167,7 @@ class Robots(Kept[RobotRecord, RobotEntry, tuple[Robot, str]]):
             RobotError: the description cannot be used.
         """
         if document is not None:
-            return prepare_robot(self._described(document)[0]).robot
+            return prepare_robot(self._describe_robot(document)[0]).robot
         return self.load(robot_id or "")[0]
 
     def known(self) -> Iterator[KnownRobot]:
@@ -177,7 +177,7 @@ class Robots(Kept[RobotRecord, RobotEntry, tuple[Robot, str]]):
             yield KnownRobot(record.name, self.load(record.id)[0], record.id)
         yield from catalogue_robots(but={record.content_hash for record in page.records})
 
-    def _described(self, request: robots.RobotDocument) -> tuple[robots.RobotDocument, dict[str, str]]:
+    def _describe_robot(self, request: robots.RobotDocument) -> tuple[robots.RobotDocument, dict[str, str]]:
         """Return the robot that a request describes, and what its model is taken from."""
         model = request.model
         if isinstance(model, robots.GeometryModel):
@@ -194,7 +194,7 @@ class Robots(Kept[RobotRecord, RobotEntry, tuple[Robot, str]]):
         )
         return document, origin
 
-    def _load(self, robot_id: str) -> tuple[Robot, str]:
+    def _load_robot(self, robot_id: str) -> tuple[Robot, str]:
         record = self._store.robots.get(robot_id)
         return build_robot(described(record)), record.content_hash
 

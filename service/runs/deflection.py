@@ -196,7 +196,9 @@ def read_load_cases(text: str, joints: Mapping[str, JointKind], **options: Any) 
     units = _validated(Units, stated, "units")
     columns = [_column(header, joints, units) for header in rows[0]]
     _refuse_missing(columns, len(joints))
-    cases = [_case(row, columns, i, decimal_comma=not comma) for i, row in enumerate(rows[1:], 2) if any(row)]
+    cases = [
+        _read_case(row, columns, i, decimal_comma=not comma) for i, row in enumerate(rows[1:], 2) if any(row)
+    ]
     if len(cases) > MAX_CASES:
         raise RequestError(
             f"{len(cases):,} cases", where="cases", remedy=f"split them: at most {MAX_CASES:,}"
@@ -281,7 +283,7 @@ def _refuse_missing(columns: Sequence[_Column], joints: int) -> None:
         )
 
 
-def _case(row: list[str], columns: list[_Column], line: int, *, decimal_comma: bool) -> dict[str, Any]:
+def _read_case(row: list[str], columns: list[_Column], line: int, *, decimal_comma: bool) -> dict[str, Any]:
     if len(row) != len(columns):
         raise RequestError(
             f"{len(row)} cells under {len(columns)} headers",
@@ -312,7 +314,7 @@ def prediction_parts(result: DeflectionResult) -> list[Part]:
     along = [case.compliance and case.compliance.along for case in cases]
     bounds = [case.with_model_error and case.with_model_error.radius for case in cases]
     components = [
-        Column(f"{axis} ± U", [_component(case, i) for case in cases], unit="mm")
+        Column(f"{axis} ± U", [_component_with_interval(case, i) for case in cases], unit="mm")
         for i, axis in enumerate("xyz")
     ]
     table = Table(
@@ -331,7 +333,7 @@ def prediction_parts(result: DeflectionResult) -> list[Part]:
     return [*verdict_lines(result.assessment, details=False), table, *remarks]
 
 
-def _component(case: CaseResult, axis: int) -> str:
+def _component_with_interval(case: CaseResult, axis: int) -> str:
     """Return a component of the displacement with the half width of its interval, in mm."""
     if case.displacement is None:
         return NO_NUMBER

@@ -63,12 +63,12 @@ def mended(campaign: Campaign, action: Action) -> Campaign:
         return campaign.model_copy(update={"run": campaign.run.model_copy(update={"causes": causes})})
     if action.kind == "apply_joint_map":
         joint_map = JointMap(matrix=action.joint_map, offset=action.offset)
-        changes = {"joint_map": joint_map, "name": _renamed(campaign.robot.name, "joint map corrected")}
+        changes = {"joint_map": joint_map, "name": _rename_target(campaign.robot.name, "joint map corrected")}
         return campaign.model_copy(update={"robot": campaign.robot.model_copy(update=changes)})
     if action.kind == "choose_robot":
         name = action.robot or ""
         robot = campaign.robot if action.robot_id is not None else nominal_robot(find_arm(name, "apply"))
-        measured = measured.model_copy(update={"name": _renamed(measured.name, name)})
+        measured = measured.model_copy(update={"name": _rename_target(measured.name, name)})
         return campaign.model_copy(update={"robot": robot, "measurement_set": measured})
     if action.kind == "exchange_columns":
         names = prepare_robot(campaign.robot).robot.joint_names
@@ -80,15 +80,15 @@ def mended(campaign: Campaign, action: Action) -> Campaign:
             f"'{action.kind}' changes nothing", where="apply", remedy="follow the remedy of the reason"
         )
     label = f"in {action.unit}" if action.unit else action.kind.replace("_", " ")
-    measured = measured.model_copy(update={"name": _renamed(measured.name, label)})
+    measured = measured.model_copy(update={"name": _rename_target(measured.name, label)})
     return campaign.model_copy(update={"measurement_set": measured})
 
 
-def _renamed(name: str, label: str) -> str:
+def _rename_target(name: str, label: str) -> str:
     return f"{name[: _LONGEST_NAME - len(label) - 3]} ({label})"
 
 
-def _each(measured: _Set, change: Callable[[Observation], Mapping[str, object]]) -> list[Observation]:
+def _change_each(measured: _Set, change: Callable[[Observation], Mapping[str, object]]) -> list[Observation]:
     return [each.model_copy(update=dict(change(each))) for each in measured.observations]
 
 
@@ -106,7 +106,7 @@ def _with_columns_exchanged(measured: _Set, places: Sequence[int]) -> _Set:
         joints[first], joints[second] = joints[second], joints[first]
         return {"joints": joints}
 
-    return measured.model_copy(update={"observations": _each(measured, exchanged)})
+    return measured.model_copy(update={"observations": _change_each(measured, exchanged)})
 
 
 def _with_target_exchanged(measured: _Set, action: Action) -> _Set:
@@ -129,7 +129,7 @@ def _with_target_exchanged(measured: _Set, action: Action) -> _Set:
         update={
             "load_point": places[target],
             "flange_targets": {**places, target: load},
-            "observations": _each(measured, lambda _: {"load_point": None}),
+            "observations": _change_each(measured, lambda _: {"load_point": None}),
         }
     )
 
@@ -152,7 +152,7 @@ def _with_readings_exchanged(measured: _Set, _action: Action) -> _Set:
             ]
         }
 
-    return measured.model_copy(update={"observations": _each(measured, exchanged)})
+    return measured.model_copy(update={"observations": _change_each(measured, exchanged)})
 
 
 def _with_units(measured: _Set, action: Action) -> _Set:
@@ -202,7 +202,7 @@ def _with_lengths(measured: _Set, old: float, new: float) -> _Set:
         "noise": noise,
         "load_point": placed(measured.load_point),
         "flange_targets": {name: placed(place) for name, place in measured.flange_targets.items()},
-        "observations": _each(
+        "observations": _change_each(
             measured,
             lambda each: {
                 "load_point": placed(each.load_point),

@@ -281,7 +281,7 @@ def by_selection(
     for candidates in runs:
         of_set: dict[messages.TrendSelection, Campaign] = {}
         for one in candidates:
-            if _unfit(one) is None:
+            if _reason_not_charted(one) is None:
                 of_set.setdefault(one.selection, one)
         for selection, one in of_set.items():
             found.setdefault(selection, []).append(one)
@@ -313,7 +313,7 @@ def _age(campaign: Campaign) -> tuple[datetime, datetime]:
     return campaign.at, campaign.created_at
 
 
-def _unfit(candidate: Campaign) -> str | None:
+def _reason_not_charted(candidate: Campaign) -> str | None:
     """Return why a run enters no trend at all; None if it may."""
     request, result = candidate.run.request, candidate.run.result
     verdict = result.assessment
@@ -343,26 +343,30 @@ def sorted_out(
     entering, left_out = [], []
     for one in sets:
         candidates = runs.get(one.id, ())
-        fitting = [c for c in candidates if _difference(c, selection) is None]
+        fitting = [c for c in candidates if _reason_not_comparable(c, selection) is None]
         if fitting:
             entering.append(fitting[0])
         else:
-            reason = _difference(candidates[0], selection) if candidates else "it has no run with stiffnesses"
+            reason = (
+                _reason_not_comparable(candidates[0], selection)
+                if candidates
+                else "it has no run with stiffnesses"
+            )
             left_out.append(messages.LeftOut(measurement_set_id=one.id, name=one.name, reason=reason or ""))
     entering.sort(key=lambda candidate: (candidate.at, candidate.measured.created_at))
     return entering, left_out
 
 
-def _difference(candidate: Campaign, selection: messages.TrendSelection | None) -> str | None:
+def _reason_not_comparable(candidate: Campaign, selection: messages.TrendSelection | None) -> str | None:
     """Return why a run is not comparable; None if it is."""
-    if (unfit := _unfit(candidate)) is not None or selection is None:
+    if (unfit := _reason_not_charted(candidate)) is not None or selection is None:
         return unfit or "no run of it matches the query"
     mine, wanted = candidate.selection.model_dump(), selection.model_dump()
     differing = [name for name in wanted if mine[name] != wanted[name]]
-    return ", ".join(f"{name.replace('_', ' ')}: {_shown(mine[name])}" for name in differing) or None
+    return ", ".join(f"{name.replace('_', ' ')}: {_show_value(mine[name])}" for name in differing) or None
 
 
-def _shown(value: object) -> str:
+def _show_value(value: object) -> str:
     if value is None:
         return "not stated"
     return ("yes" if value else "no") if isinstance(value, bool) else str(value).replace("_", " ")
@@ -384,7 +388,7 @@ class Trends:
         """
         names = [joint.name for joint in described(self._store.robots.get(robot_id)).joints]
         sets = self._store.sets_of(robot_id)
-        runs = self._candidates(robot_id, sets)
+        runs = self._runs_by_set(robot_id, sets)
         selection = selection_of(runs.values(), query)
         entering, left_out = sorted_out(sets, runs, selection)
         return messages.Trend(
@@ -414,7 +418,7 @@ class Trends:
 
     def _derive(self, robot_id: str) -> LastCampaign | None:
         sets = self._store.sets_of(robot_id)
-        runs = self._candidates(robot_id, sets)
+        runs = self._runs_by_set(robot_id, sets)
         if not runs:
             return None
         newest = max((one for candidates in runs.values() for one in candidates), key=_age)
@@ -454,7 +458,7 @@ class Trends:
             key=lambda each: (each.serial_number != newest, each.serial_number or "", order[each.joint]),
         )
 
-    def _candidates(self, robot_id: str, sets: Iterable[MeasurementSetEntry]) -> dict[str, list[Campaign]]:
+    def _runs_by_set(self, robot_id: str, sets: Iterable[MeasurementSetEntry]) -> dict[str, list[Campaign]]:
         """Return the runs with numbers, newest first, by their sets."""
         known = {one.id: one for one in sets}
         candidates: dict[str, list[Campaign]] = {}

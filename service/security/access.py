@@ -72,21 +72,21 @@ _BEARER: Final = HTTPBearer(
 )
 
 
-def _needs(role: Role) -> params.Security:
+def _require_role(role: Role) -> params.Security:
     return params.Security(_BEARER, scopes=[role])
 
 
-async def _anyone() -> None:
+async def _public() -> None:
     """Do nothing."""
 
 
-VIEWER: Final = _needs("viewer")
+VIEWER: Final = _require_role("viewer")
 """Dependency of a route that reads."""
-OPERATOR: Final = _needs("operator")
+OPERATOR: Final = _require_role("operator")
 """Dependency of a route that stores, computes or deletes."""
-ADMIN: Final = _needs("admin")
+ADMIN: Final = _require_role("admin")
 """Dependency of a route for keys and the audit; where no key is demanded, nobody may use it."""
-PUBLIC: Final = Depends(_anyone)
+PUBLIC: Final = Depends(_public)
 """Dependency of a route that needs no key."""
 _DECLARATIONS: Final = (VIEWER, OPERATOR, ADMIN, PUBLIC)
 
@@ -254,11 +254,11 @@ class Gate:
         scheme, _, text = connection.headers.get("authorization", "").partition(" ")
         if scheme.lower() == "bearer":
             await self._look()
-            key: AccessKey | None = await self._checked(text.strip(), address)
+            key: AccessKey | None = await self._check_key(text.strip(), address)
         else:
             key, _ = await self.session(connection)
         if key is not None and not self.keyring.is_filed(key.id):
-            self._note(key.id, key.last_used_at, self._store.keys.used)
+            self._note_use(key.id, key.last_used_at, self._store.keys.used)
         return key
 
     async def still_opens(self, connection: HTTPConnection, key: AccessKey | None) -> bool:
@@ -288,7 +288,7 @@ class Gate:
         key = None if session is None else self.keyring.find(session.key_id)
         if session is None or key is None:
             return None, None
-        self._note(hashed, session.used_at, self._store.sessions.used)
+        self._note_use(hashed, session.used_at, self._store.sessions.used)
         return key, session.created_at + SESSION_LONGEST
 
     async def sign_in(self, key: str | None, link: str | None, address: str) -> SignedIn:
@@ -306,7 +306,7 @@ class Gate:
             )
         await self._look()
         key_record = (
-            await self._checked(key, address) if key is not None else await self._redeemed(link, address)
+            await self._check_key(key, address) if key is not None else await self._redeem_link(link, address)
         )
         token, now = mint_token("jss"), datetime.now(UTC)
         record = SessionRecord(digest(token), key_record.id, now, now)
@@ -319,7 +319,7 @@ class Gate:
         if _TOKEN.fullmatch(token):
             await run_sync(self._store.sessions.end, digest(token), limiter=self._turns)
 
-    async def _checked(self, text: str, address: str) -> AccessKey:
+    async def _check_key(self, text: str, address: str) -> AccessKey:
         try:
             return self.keyring.check(text)
         except KeyRefusedError:
@@ -328,7 +328,7 @@ class Gate:
         await self._wait()
         raise WrongKeysError
 
-    async def _redeemed(self, link: str | None, address: str) -> AccessKey:
+    async def _redeem_link(self, link: str | None, address: str) -> AccessKey:
         hashed, now = digest(link or ""), datetime.now(UTC)
         key_id = await run_sync(self._store.sessions.redeem, hashed, now, limiter=self._turns)
         record = None if key_id is None else self.keyring.find(key_id)
@@ -358,18 +358,18 @@ class Gate:
         finally:
             self._slow -= 1
 
-    def _note(self, name: str, before: datetime | None, used: Callable[[str, datetime], object]) -> None:
+    def _note_use(self, name: str, before: datetime | None, used: Callable[[str, datetime], object]) -> None:
         """Write in the background that a key or session is used, once a minute."""
         now = datetime.now(UTC)
         last = self._noted.get(name, before)
         if last is not None and now - last < MINUTE:
             return
         self._noted = {one: at for one, at in self._noted.items() if now - at < MINUTE} | {name: now}
-        task = asyncio.get_running_loop().create_task(self._written(used, name, now))
+        task = asyncio.get_running_loop().create_task(self._write_use(used, name, now))
         self._notes.add(task)
         task.add_done_callback(self._notes.discard)
 
-    async def _written(self, used: Callable[[str, datetime], Any], name: str, now: datetime) -> None:
+    async def _write_use(self, used: Callable[[str, datetime], Any], name: str, now: datetime) -> None:
         try:
             await run_sync(used, name, now, limiter=self._turns)
         except (StoreError, asyncio.CancelledError):

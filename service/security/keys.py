@@ -181,7 +181,7 @@ class KeysFile:
         Raises:
             KeysFileError: the file cannot be read or written.
         """
-        with self._turn():
+        with self._file_lock():
             self._write([*(self.all() if self._path.exists() else []), key])
 
     def revoke(self, key_id: str, now: datetime) -> AccessKey:
@@ -191,7 +191,7 @@ class KeysFile:
             KeysFileError: the file cannot be read or written.
             NotFoundError: there is no such key.
         """
-        with self._turn():
+        with self._file_lock():
             keys = {key.id: key for key in self.all()}
             if key_id not in keys:
                 raise NotFoundError(KEY, key_id)
@@ -200,7 +200,7 @@ class KeysFile:
         return keys[key_id]
 
     @contextmanager
-    def _turn(self) -> Iterator[None]:
+    def _file_lock(self) -> Iterator[None]:
         """Hold a lock on the folder: of two who change the file, each finds what the other wrote."""
         try:
             folder = os.open(self._path.parent, os.O_RDONLY)
@@ -260,14 +260,14 @@ class Keyring:
         """
         with self._looking:  # a look that began before a change must not end after one that saw it
             if self._file is not None:
-                before, self._filed = self._live(), self._in_file(self._file)
-                self._gone |= before - self._live()
+                before, self._filed = self._ids_in_file(), self._in_file(self._file)
+                self._gone |= before - self._ids_in_file()
                 if self._gone:  # their sessions and links must not come to life again with the file
                     self._store.sessions.end_of(sorted(self._gone))
                     self._gone.clear()
             self._stored = {key.id: key for key in self._store.keys.all()}
 
-    def _live(self) -> set[str]:
+    def _ids_in_file(self) -> set[str]:
         """Return the ids of the keys in the file that open the service."""
         now = datetime.now(UTC)
         return {key.id for key in self._filed.values() if key.is_live(now)}
@@ -299,7 +299,7 @@ class Keyring:
 
     def find(self, key_id: str) -> AccessKey | None:
         """Return a key that opens the service now; None if it does not, or no longer."""
-        key = self._known(key_id)
+        key = self._key_by_id(key_id)
         return key if key is not None and key.is_live(datetime.now(UTC)) else None
 
     def check(self, text: str) -> AccessKey:
@@ -308,7 +308,7 @@ class Keyring:
         Raises:
             KeyRefusedError: it is mistyped, or unknown, or no longer taken.
         """
-        key = self._known(id_in(text))
+        key = self._key_by_id(id_in(text))
         is_right = hmac.compare_digest(digest(text), _NOBODY if key is None else key.key_hash)
         if key is None or not is_right:
             raise KeyRefusedError("the key is not one of this service", _OTHER_KEY)
@@ -327,7 +327,7 @@ class Keyring:
         """Return whether a key is in the file."""
         return key_id in self._filed
 
-    def _known(self, key_id: str) -> AccessKey | None:
+    def _key_by_id(self, key_id: str) -> AccessKey | None:
         """Return a key; what the file says of an id counts, as it is the operator's."""
         return self._filed.get(key_id) or self._stored.get(key_id)
 

@@ -63,7 +63,7 @@ class AccessKeys:
         revoking = (
             sa.update(access_keys).where(mine, access_keys.c.revoked_at.is_(None)).values(revoked_at=now)
         )
-        self._database.change(revoking, *_ending([key_id]))
+        self._database.change(revoking, *_end_sessions([key_id]))
         for row in self._database.rows(_KEYS.where(mine)):
             return AccessKey(*row)
         raise NotFoundError(KEY, key_id)
@@ -124,7 +124,7 @@ class Sessions:
 
     def end_of(self, key_ids: Sequence[str]) -> None:
         """End all sessions of some keys, and their links."""
-        self._database.change(*_ending(key_ids))
+        self._database.change(*_end_sessions(key_ids))
 
     def offer(self, token_hash: str, key_id: str, now: datetime, ends_at: datetime) -> None:
         """Store a link that begins one session of a key; remove those that have ended."""
@@ -150,7 +150,7 @@ class Sessions:
         return sa.and_(columns.used_at > now - self._idle, columns.created_at > now - self._longest)
 
 
-def _ending(key_ids: Sequence[str]) -> list[sa.Delete]:
+def _end_sessions(key_ids: Sequence[str]) -> list[sa.Delete]:
     """Return the statements that end all sessions of some keys, and their links."""
     return [sa.delete(table).where(table.c.key_id.in_(key_ids)) for table in (access_sessions, access_links)]
 

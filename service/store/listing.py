@@ -65,11 +65,11 @@ def page_of(
     """
     sequence, conditions = table.c.sequence, [*where]
     if order.q is not None:
-        conditions += _found(database, table.c.words, order.q)
+        conditions += _search_conditions(database, table.c.words, order.q)
     ordered = [table.c.words, sequence] if order.is_by_name else [sequence]
     page = sa.select(sequence).where(*conditions)
     if order.cursor is not None:
-        page = page.where(_behind(order, ordered, _last_of(database, table, order)))
+        page = page.where(_after_record(order, ordered, _last_of(database, table, order)))
     directed = [column.desc() if order.is_descending else column for column in ordered]
     page = page.order_by(*directed).limit(sa.bindparam("limit", order.limit + 1, type_=sa.Integer))
     places = [column.label(f"place_{number}") for number, column in enumerate(ordered)]
@@ -84,12 +84,12 @@ def page_of(
             # On `sequence` alone SQLite would look for the rest among the rows; on a sum it takes an index.
             summed = [*ordered[:-1], sequence + 0]
             rest = sa.select(sa.func.count()).select_from(table).where(*conditions)
-            total += int(database.rows(rest.where(_behind(order, summed, at[-1])))[0][0])
+            total += int(database.rows(rest.where(_after_record(order, summed, at[-1])))[0][0])
     records = tuple(record(**row) for row in shown[: order.limit])
     return RecordPage(records, None if is_last else str(at[order.limit - 1][-1]), total)
 
 
-def _found(database: Database, words: sa.Column[Any], q: str) -> list[sa.ColumnElement[bool]]:
+def _search_conditions(database: Database, words: sa.Column[Any], q: str) -> list[sa.ColumnElement[bool]]:
     """Return the conditions of a search: the longest word first, which the fewest records have."""
     find = sa.func.instr if database.dialect == "sqlite" else sa.func.strpos
     wanted = sorted(set(_folded(q).split()), key=lambda word: (-len(word), word))
@@ -105,7 +105,7 @@ def _folded(text: str) -> str:
     return text.casefold()
 
 
-def _behind(
+def _after_record(
     order: Order, ordered: Sequence[sa.ColumnElement[Any]], last: tuple[object, ...]
 ) -> sa.ColumnElement[bool]:
     """Return the condition of what comes after a record, given its values in the columns of the order."""

@@ -29,7 +29,7 @@ def pack_text(text: str) -> bytes:
     """
     pieces = _NUMBER.split(text)  # every second one is a number
     numbers = list(map(float, pieces[1::2]))
-    if _PLACE in text or _written(numbers) != pieces[1::2]:
+    if _PLACE in text or _format_numbers(numbers) != pieces[1::2]:
         return _pack_words(text)
     doubles = struct.pack(f"<{len(numbers)}d", *numbers)
     return _pack_words(_PLACE.join(pieces[::2])) + zlib.compress(doubles, _LEVEL)
@@ -47,7 +47,7 @@ def unpack_text(packed: bytes) -> str:
     pieces, doubles = words.decode().split(_PLACE), unpack_bytes(packed_doubles)
     if len(doubles) != 8 * (len(pieces) - 1):
         raise DamagedError
-    numbers = _written(list(struct.unpack(f"<{len(pieces) - 1}d", doubles)))
+    numbers = _format_numbers(list(struct.unpack(f"<{len(pieces) - 1}d", doubles)))
     return "".join(piece for pair in zip(pieces, [*numbers, ""], strict=True) for piece in pair)
 
 
@@ -84,7 +84,7 @@ def _unpack_first(packed: bytes) -> tuple[bytes, bytes]:
     return content, stream.unused_data
 
 
-def _written(numbers: list[float]) -> list[str]:
+def _format_numbers(numbers: list[float]) -> list[str]:
     """Return numbers as pydantic writes them, which wrote all documents."""
     return to_json(numbers)[1:-1].decode().split(",") if numbers else []
 

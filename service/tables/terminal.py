@@ -115,15 +115,17 @@ class _FittedTable:
             return [min(most[place], max(cells[place], _width(head[place]))) for place in places]
 
         if not self.table.plain and sum(least(head)) + 3 * len(head) + 1 <= width:
-            yield self._part(head, places, plain=False)
+            yield self._columns_at(head, places, plain=False)
         elif sum(least(head)) + len(head) - 1 <= width:
-            yield self._part(head, places, plain=True)
+            yield self._columns_at(head, places, plain=True)
         else:
-            parts = _distributed(least(folded), width)
+            parts = _distribute_columns(least(folded), width)
             for part in parts:
-                yield self._part(folded, part, plain=True, first=part is parts[0], last=part is parts[-1])
+                yield self._columns_at(
+                    folded, part, plain=True, first=part is parts[0], last=part is parts[-1]
+                )
 
-    def _part(
+    def _columns_at(
         self,
         head: Sequence[str],
         places: Sequence[int],
@@ -170,7 +172,7 @@ def _folded(header: str, width: int) -> str:
     return "\n".join([*lines, f"[{unit}"] if bracket else lines)
 
 
-def _distributed(widths: Sequence[int], width: int) -> list[list[int]]:
+def _distribute_columns(widths: Sequence[int], width: int) -> list[list[int]]:
     """Return the places of columns of some widths, in parts that fit; each begins with the first column."""
     parts = [[0]]
     for place in range(1, len(widths)):

@@ -75,7 +75,7 @@ class Supervisor:
         self._stopping = threading.Event()
         self._processes: dict[str, subprocess.Popen[bytes]] = {}
         self._watchers = [
-            threading.Thread(target=self._keep, args=(database, f"{prefix}-{number}"), daemon=True)
+            threading.Thread(target=self._keep_worker, args=(database, f"{prefix}-{number}"), daemon=True)
             for number in range(1, workers + 1)
         ]
         for watcher in self._watchers:
@@ -103,12 +103,12 @@ class Supervisor:
             for name, lives in list(self._short_lives.items())
         )
 
-    def _keep(self, database: str, name: str) -> None:
+    def _keep_worker(self, database: str, name: str) -> None:
         """Keep a worker of this name running."""
         while not self._stopping.is_set():
             began = self._alive_since[name] = time.monotonic()
             try:
-                self._watch(database, name)
+                self._run_worker(database, name)
             except Exception:  # such as no memory, no thread: whatever it is, the worker is needed
                 _logger.warning("cannot start worker %s; trying again", name, exc_info=True)
             self._alive_since.pop(name)
@@ -118,7 +118,7 @@ class Supervisor:
                 self._short_lives[name] = self._short_lives.get(name, 0) + 1
                 self._stopping.wait(pause_after(self._short_lives[name]))
 
-    def _watch(self, database: str, name: str) -> None:
+    def _run_worker(self, database: str, name: str) -> None:
         """Start a worker, and wait for its end."""
         executor = process_name(name)
         with subprocess.Popen(

@@ -226,7 +226,7 @@ def run_worker(database: str, executor: str, parent: int | None = None, signs: i
     Raises:
         StoreError: the database cannot be used.
     """
-    threading.excepthook = _end
+    threading.excepthook = _end_process
     stop = threading.Event()
     signal.signal(signal.SIGTERM, lambda *_: stop.set())
     signal.signal(signal.SIGINT, lambda *_: stop.set())
@@ -251,13 +251,13 @@ def run_worker(database: str, executor: str, parent: int | None = None, signs: i
         console().print(f"worker {executor} ready", markup=False)
         while not stop.wait(_LOOK_SECONDS):
             if not _has_memory():
-                _end()
+                _end_process()
             if signs is not None and recovery.seconds_since_look() < _KEEPER_SECONDS:
                 _show_sign(signs)
             if _has_ended(parent):  # nobody died over what is under way: it is handed over
                 stop.set()
     except (MemoryError, RuntimeError):
-        _end()
+        _end_process()
     keeper.join(_GOODBYE_SECONDS)  # with a database that does not answer it could take any time
     # A step under way would keep the process alive to its end; it belongs to someone else by now.
     sys.stdout.flush()
@@ -267,25 +267,25 @@ def run_worker(database: str, executor: str, parent: int | None = None, signs: i
 def _look_after(recovery: Recovery, stop: threading.Event) -> None:
     """Look at every beat; at the end, hand over."""
     while not stop.is_set():
-        _trying(recovery.look)
+        _tolerate_absence(recovery.look)
         stop.wait(_BEAT_SECONDS)
-    _trying(recovery.hand_over)
+    _tolerate_absence(recovery.hand_over)
 
 
-def _trying(act: Callable[[], None]) -> None:
+def _tolerate_absence(act: Callable[[], None]) -> None:
     """A database that is away now will be back at the next beat."""
     try:
         act()
     except MemoryError:
-        _end()
+        _end_process()
     except FrozenError:
         _logger.exception("this worker ends, and leaves its part to others")
-        _end()
+        _end_process()
     except Exception:
         _logger.warning("could not look after jobs; trying again", exc_info=True)
 
 
-def _end(*_: object) -> None:
+def _end_process(*_: object) -> None:
     """End the process at once: without memory, or without one of its threads, it would only look alive."""
     try:
         faulthandler.dump_traceback()

@@ -420,18 +420,18 @@ def avoided_deflection(sides: Sequence[Side], matches: Matches, compliances: Flo
             observation=label,
             side="both" if i in by_row else "first",
             measured=by_row.get(i),
-            predicted=_avoided(*of_first[i]),
+            predicted=_avoided_share(*of_first[i]),
         )
         for i, label in enumerate(first)
     ]
     shares += [
         ConfigurationShare(
-            observation=second[i], side="second", measured=None, predicted=_avoided(*of_second[i])
+            observation=second[i], side="second", measured=None, predicted=_avoided_share(*of_second[i])
         )
         for i in alone
     ]
     return AvoidedDeflection(
-        matching=len(each), measured=measured, predicted=_avoided(*total), configurations=shares
+        matching=len(each), measured=measured, predicted=_avoided_share(*total), configurations=shares
     )
 
 
@@ -494,14 +494,14 @@ def _predicted_lengths(side: Side, compliances: FloatArray, unknown: BoolArray) 
     return np.where(hidden[:, None], np.nan, np.stack(means, axis=1))
 
 
-def _avoided(first: float, second: float) -> float | None:
+def _avoided_share(first: float, second: float) -> float | None:
     """Return the share that is avoided; None without a deflection on the first side."""
     return 1.0 - float(second / first) if first > 0 else None
 
 
 def _estimate(first: float, second: float, u_first: float, u_second: float) -> Estimate | None:
     """Return the share, with the law of propagation of uncertainty (GUM, 5.1.2)."""
-    share = _avoided(first, second)
+    share = _avoided_share(first, second)
     if share is None:
         return None
     uncertainty = float(np.hypot(u_second, float(second / first) * u_first) / first)

@@ -464,7 +464,9 @@ class Pool:
                 if room > 0:
                     thinned[index[:: max(1, -(-len(index) // room))]] = True
             readings, inside = readings[thinned], inside[thinned]
-        predicted = None if request.work_area is None else _predicted(robot, request, readings.joints[inside])
+        predicted = (
+            None if request.work_area is None else _predicted_rows(robot, request, readings.joints[inside])
+        )
         if request.directions is not None:
             along = np.tile(request.directions, (len(readings.joints), 1))
             repeated = readings[np.repeat(np.arange(len(readings.joints)), len(request.directions))]
@@ -547,7 +549,7 @@ def _feasible_readings(robot: Robot, request: PlanRequest) -> tuple[Readings, Bo
     return Readings(joints, anchor, forces), inside, struck_out
 
 
-def _predicted(robot: Robot, request: PlanRequest, inside: FloatArray) -> FloatArray:
+def _predicted_rows(robot: Robot, request: PlanRequest, inside: FloatArray) -> FloatArray:
     """Return rows (R, 9, P) of the deflection at places of the work area, by forces along the axes of R0 [m].
 
     Args:

@@ -402,13 +402,13 @@ class Candidates:
             G: (p, p) symmetric.
         """
         products = self._products(slice(None), G)
-        return greatest_eigenvalue(_forms(products)) if self.free else products[:, 0]
+        return greatest_eigenvalue(_force_forms(products)) if self.free else products[:, 0]
 
     def atoms(self, index: IndexArray, G: FloatArray) -> Atoms:
         """Return some candidates, each under its load of the greatest ``⟨G, K_i⟩``."""
         force = np.zeros((len(index), 3))
         if self.free:
-            force = np.linalg.eigh(_forms(self._products(index, G)).T)[1][:, :, -1]
+            force = np.linalg.eigh(_force_forms(self._products(index, G)).T)[1][:, :, -1]
         return self.under(index, force)
 
     def best(self, G: FloatArray, allowed: BoolArray | bool = True) -> Atoms:
@@ -435,7 +435,7 @@ class Candidates:
         return np.asarray(K.reshape(*K.shape[:2], -1) @ (self._squares * G).ravel())
 
 
-def _forms(products: FloatArray) -> FloatArray:
+def _force_forms(products: FloatArray) -> FloatArray:
     """Return the quadratic forms of the force ⟨G, K_ab⟩ (3, 3, N), of products (N, 6)."""
     return products.T[[[0, 1, 2], [1, 3, 4], [2, 4, 5]]]
 
@@ -530,7 +530,7 @@ def optimise(problem: DesignProblem, tolerance: float | None = None) -> Design:
     if tolerance is None:
         smooth = isinstance(problem.criterion, SmoothCriterion) and not problem.candidates.free
         tolerance = GAP if smooth else LOOSE_GAP
-    held = _start(problem)
+    held = _choose_start(problem)
     weights = np.full(len(held), 1.0 / len(held))
     efficiency, stalled = 0.0, 0
     best: tuple[Atoms, FloatArray, Bound] | None = None
@@ -557,7 +557,7 @@ def optimise(problem: DesignProblem, tolerance: float | None = None) -> Design:
     raise SolverError(f"the design did not converge: its gap is {1.0 - efficiency:.1e}")
 
 
-def _start(problem: DesignProblem) -> Atoms:
+def _choose_start(problem: DesignProblem) -> Atoms:
     """Choose candidates to begin with, one after the other by their price, among evenly spread ones."""
     every = np.arange(len(problem.candidates))
     count = max(_START, len(problem.base))

@@ -428,12 +428,12 @@ def exact_design(problem: DesignProblem, design: Design, distinct: Distinct, *, 
     """
     search = _Search(problem, design, distinct)
     expected = (design.matrix * problem.squares - problem.base) / problem.readings
-    best = search.improved(_completed(problem, distinct, [], expected))
+    best = search.improved(_complete_list(problem, distinct, [], expected))
     random = np.random.default_rng(seed)
     few = problem.readings < _LONG and len(problem.base) <= _MANY
     for _ in range(min(_MOST_RESTARTS, _RESTARTED // problem.readings) if few else 0):
         kept = random.permutation(problem.readings)[: -(-2 * problem.readings // 3)]
-        trial = search.improved(_completed(problem, distinct, [best[i] for i in kept], expected))
+        trial = search.improved(_complete_list(problem, distinct, [best[i] for i in kept], expected))
         best = max(best, trial, key=lambda atoms: problem.criterion.information(search.matrix(atoms)))
     M = search.matrix(best) / problem.squares
     return ExactDesign(best[0].joined(*best[1:]), M, list_efficiency(problem, distinct, M, design))
@@ -459,7 +459,7 @@ def list_efficiency(problem: DesignProblem, distinct: Distinct, M: FloatArray, o
     return min(1.0, float(problem.criterion.information(M)) / upper)
 
 
-def _completed(
+def _complete_list(
     problem: DesignProblem, distinct: Distinct, kept: list[Atoms], expected: FloatArray
 ) -> list[Atoms]:
     """Complete a list, the reading of the best price after the other.
@@ -551,7 +551,7 @@ def one_at_a_time(problem: DesignProblem, distinct: Distinct, M: FloatArray, s: 
     """Return the plan in which each reading is the best next one, relative to a list's M (p, p)."""
     M = M * problem.squares
     other = problem.base
-    for atoms in _completed(problem, distinct, [], _SHARE_BEFORE / problem.readings * (M - problem.base)):
+    for atoms in _complete_list(problem, distinct, [], _SHARE_BEFORE / problem.readings * (M - problem.base)):
         other = other + atoms.information[0]
     efficiency = float(problem.criterion.information(other) / problem.criterion.information(M))
     return OtherPlan(efficiency, uncertainty_of(other / problem.squares, s))
@@ -811,7 +811,7 @@ class _NextReading:
             shared = float(np.sqrt(self._shared[joint]))
             uncertainty = float(np.hypot(self._sigma * after, shared))
             ratio = None if before is None else uncertainty / float(np.hypot(self._sigma * before, shared))
-        whose, changes = self._left(joint, uncertainty)
+        whose, changes = self._uncertainty_words(joint, uncertainty)
         if ratio is not None:
             changes.append(f"{figure(ratio, '.2g')} times its present value")
         gain = f"a {units.load.replace(' ', f' of {abs(torque[joint]):.3g} {units.effort} ', 1)} {name}"
@@ -828,7 +828,7 @@ class _NextReading:
             "standard_uncertainty": uncertainty,
         }
 
-    def _left(self, joint: int, uncertainty: float | None) -> tuple[str, list[str]]:
+    def _uncertainty_words(self, joint: int, uncertainty: float | None) -> tuple[str, list[str]]:
         """Return what an uncertainty [rad/(N·m)] is of, and the uncertainty in words if it is known.
 
         Where a compliance is less than its uncertainty, the uncertainty of its inverse means nothing.

@@ -134,12 +134,12 @@ def assess(
     robot, measurements, settings = joints.robot, joints.measurements, joints.settings
     findings: Sequence[Finding] = joints.noticed
     notes = tuple(_notes(measurements, estimate))
-    roots = _kinds([each for each in findings if each.code in ROOT_MISTAKES], "do_not_use")
+    roots = _by_code([each for each in findings if each.code in ROOT_MISTAKES], "do_not_use")
     if roots:
         reasons: list[Finding] = []
         for same in roots:  # each robot that fits is a choice of its own
             choices = same[0].code == "another_robot_fits"
-            reasons += same if choices else [_of_all(same, same[0].action)]
+            reasons += same if choices else [_summarise_findings(same, same[0].action)]
         return replace(assessed(estimate.joints, reasons), notes=notes)
     better = joints.gross_mistake(estimate)
     if better is not None:
@@ -341,7 +341,7 @@ def reading_reasons(
     yield from _load_at_target(robot, measurements)
     outliers = [finding for finding in findings if finding.code == "residual_outlier"]
     others = [finding for finding in findings if finding.code != "residual_outlier"]
-    errors = _kinds(others, "do_not_use")
+    errors = _by_code(others, "do_not_use")
     errors.sort(key=lambda same: same[0].observation is not None)
     for same in errors:
         first, observations = same[0], _observations(measurements, same)
@@ -350,11 +350,13 @@ def reading_reasons(
             # A target that stays elsewhere is two targets.
             observations = min(labels[row:], labels[:row], key=len)
         some = first.code not in _LENGTHS and 0 < len(observations) <= MOST_LEFT_OUT * len(labels)
-        yield _of_all(same, Action.of("leave_out_readings", observations) if some else first.action)
-    for same in _kinds(others, "use_with_care"):
+        yield _summarise_findings(
+            same, Action.of("leave_out_readings", observations) if some else first.action
+        )
+    for same in _by_code(others, "use_with_care"):
         observations = _observations(measurements, same)
-        yield _of_all(same, Action.of("show_posture", observations) if observations else None)
-    yield from _outlying(measurements, settings, prediction, outliers)
+        yield _summarise_findings(same, Action.of("show_posture", observations) if observations else None)
+    yield from _report_outlying(measurements, settings, prediction, outliers)
     noise = np.sqrt(2.0) * (measurements.sigma or 0.0)
     greatest = float(np.linalg.norm(measurements.deflection, axis=2).max())
     if measurements.sigma is not None and greatest <= NOISE_SIGMAS * noise:
@@ -387,7 +389,7 @@ def _load_at_target(robot: Robot, measurements: Measurements) -> Iterator[Findin
         )
 
 
-def _outlying(
+def _report_outlying(
     measurements: Measurements, settings: Settings, prediction: Prediction, outliers: Sequence[Finding]
 ) -> Iterator[Finding]:
     """Report observations that springs fitted to all do not explain.
@@ -415,10 +417,10 @@ def _outlying(
         )
     elif settings.loss != "huber":
         action = Action.of("use_huber" if measurements.direction is None else "show_posture", observations)
-        yield _of_all(outliers, action)
+        yield _summarise_findings(outliers, action)
 
 
-def _kinds(findings: Sequence[Finding], weight: Verdict) -> list[list[Finding]]:
+def _by_code(findings: Sequence[Finding], weight: Verdict) -> list[list[Finding]]:
     """Group the findings of a weight by their code, in the order of their first."""
     weighty = [finding for finding in findings if finding.weight == weight]
     codes = dict.fromkeys(finding.code for finding in weighty)
@@ -431,7 +433,7 @@ def _observations(measurements: Measurements, same: Sequence[Finding]) -> tuple[
     return tuple(label for label in measurements.labels if label in named)
 
 
-def _of_all(same: Sequence[Finding], action: Action | None) -> Finding:
+def _summarise_findings(same: Sequence[Finding], action: Action | None) -> Finding:
     """Return one reason for findings of a kind: the first of them, with their number."""
     more = f" (and {len(same) - 1} more of this kind)" if len(same) > 1 else ""
     return same[0].model_copy(update={"message": same[0].message + more, "action": action})
@@ -466,7 +468,7 @@ def fit_reasons(
             remedy = "exchange unloaded and loaded readings, or change the sign of every force"
             action = Action.of("exchange_readings")
     yield from unidentified(statuses, remedy, action)
-    yield from _freedom(measurements, estimate)
+    yield from _report_freedom(measurements, estimate)
     postures: list[FloatArray] = []
     for joints in measurements.joints:
         if all(np.abs(joints - other).max() >= _DISTINCT for other in postures):
@@ -483,10 +485,12 @@ def fit_reasons(
             "or more",
         )
     if not explained:
-        yield from _residuals(measurements, estimate, joints_alone=prediction.contributions is not None)
-        yield from _unexplained(measurements, estimate, prediction)
+        yield from _report_residuals(
+            measurements, estimate, joints_alone=prediction.contributions is not None
+        )
+        yield from _report_unexplained(measurements, estimate, prediction)
     yield from judge(estimate)
-    yield from _links(prediction, screening)
+    yield from _report_links(prediction, screening)
 
 
 def unidentified(statuses: Sequence[str], remedy: str, action: Action | None = None) -> Iterator[Finding]:
@@ -504,7 +508,7 @@ def unidentified(statuses: Sequence[str], remedy: str, action: Action | None = N
     )
 
 
-def _freedom(measurements: Measurements, estimate: Estimate) -> Iterator[Finding]:
+def _report_freedom(measurements: Measurements, estimate: Estimate) -> Iterator[Finding]:
     """Report a fit that no reading can contradict, and residuals that no instrument leaves.
 
     A rigid flange moves by six coordinates at most.
@@ -558,7 +562,9 @@ def refuted_noise(measurements: Measurements, sigma: float | None) -> Iterator[F
         )
 
 
-def _residuals(measurements: Measurements, estimate: Estimate, *, joints_alone: bool) -> Iterator[Finding]:
+def _report_residuals(
+    measurements: Measurements, estimate: Estimate, *, joints_alone: bool
+) -> Iterator[Finding]:
     """Compare the residuals with the stated sigma, by its chi-square test, and with one that they refuted."""
     test = estimate.sigma_test
     yield from refuted_noise(measurements, estimate.sigma)
@@ -589,7 +595,9 @@ def _residuals(measurements: Measurements, estimate: Estimate, *, joints_alone: 
         )
 
 
-def _unexplained(measurements: Measurements, estimate: Estimate, prediction: Prediction) -> Iterator[Finding]:
+def _report_unexplained(
+    measurements: Measurements, estimate: Estimate, prediction: Prediction
+) -> Iterator[Finding]:
     """Report deflections that the joints do not explain; for information where the stated noise does."""
     share, noisy = prediction.compensation, within_noise(estimate)
     if share is None or share >= (UNUSABLE_SHARE if noisy else CARE_SHARE):
@@ -681,7 +689,7 @@ def _complementary_stiffness(size: ComplementaryStiffness) -> Iterator[Finding]:
         )
 
 
-def _links(prediction: Prediction, screening: Screening | None) -> Iterator[Finding]:
+def _report_links(prediction: Prediction, screening: Screening | None) -> Iterator[Finding]:
     """Report that joints and links share what bends (method.md §7), or that joints alone lack something."""
     gain, bends = None, ""
     if screening is not None:

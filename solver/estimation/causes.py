@@ -189,7 +189,7 @@ def screen_estimate(robot: Robot, measurements: Measurements, estimate: Estimate
     for suspect in ordered:
         if tests[suspect] < MISTAKE_LEVEL / len(suspects):
             with suppress(SolverError):  # it leads to loads that no arm balances
-                causes.append(_followed(robot, part, triangles, suspect, tests[suspect]))
+                causes.append(_follow_cause(robot, part, triangles, suspect, tests[suspect]))
     causes.sort(key=lambda cause: -cause.criterion)
     of_name = {cause.suspect.name: cause for cause in causes}  # the best of each
     best = min((cause.criterion for cause in causes), default=np.inf)
@@ -226,13 +226,13 @@ def fit_causes(
     if not named:
         return measurements
     try:
-        return _beside(robot, measurements, named)
+        return _fit_named(robot, measurements, named)
     except SolverError as error:
         remedy = "omit the cause, and check the units of force and length"
         raise RequestError(error.reason, where="causes", remedy=remedy) from error
 
 
-def _beside(
+def _fit_named(
     robot: Robot, measurements: Measurements, named: Sequence[tuple[str, str | None]]
 ) -> Measurements:
     """Return the readings without what causes moved.
@@ -257,7 +257,7 @@ def _beside(
             remedy=f"give one of: {', '.join(sorted({name for name, _ in known}))}",
         )
     fitted = _fit(robot, part, [known[each].term for each in named], compliance)
-    corrected = _without(robot, measurements, fitted.errors, fitted.compliance)
+    corrected = _take_out(robot, measurements, fitted.errors, fitted.compliance)
     return CorrectedMeasurements.of(corrected, fitted.errors)
 
 
@@ -302,11 +302,11 @@ def _fit(robot: Robot, part: Measurements, terms: Sequence[Term], compliance: Fl
         fitted = _Fitted(errors, compliance, triangles)
         if np.linalg.norm((unknowns - before) / size) <= _STEADY * np.linalg.norm(unknowns / size):
             break
-        now = _without(robot, part, errors, compliance)
+        now = _take_out(robot, part, errors, compliance)
     return fitted
 
 
-def _followed(
+def _follow_cause(
     robot: Robot, part: Measurements, triangles: _Triangles, suspect: Suspect, p_value: float
 ) -> Cause:
     """Follow a cause to what it explains most.
@@ -333,7 +333,7 @@ def _followed(
     )
 
 
-def _without(
+def _take_out(
     robot: Robot, measurements: Measurements, errors: FittedErrors, compliance: FloatArray
 ) -> Measurements:
     """Return the readings without what errors moved, at a compliance (n,) of the joints."""
@@ -494,7 +494,7 @@ class _Triangles:
         triangle.span[JOINTS.name] = np.flatnonzero(self._seen)
         return triangle
 
-    def _larger(self, level: float, test: Callable[[Triangle], FloatArray]) -> FloatArray:
+    def _larger_p(self, level: float, test: Callable[[Triangle], FloatArray]) -> FloatArray:
         """Return p-values of tests with the weights stated, or with equal ones where these are larger."""
         p = test(self.stated)
         if (p >= level).all() or self._block.measurements.covariance.ndim == 2:
@@ -504,19 +504,19 @@ class _Triangles:
     def p_values(self, names: Sequence[str], *others: str) -> list[float]:
         """Return the p-value of each term added to the joints and to others."""
         fitted = (*self.fitted, *others)
-        return [*self._larger(MISTAKE_LEVEL, lambda triangle: triangle.p_values(names, fitted)).tolist()]
+        return [*self._larger_p(MISTAKE_LEVEL, lambda triangle: triangle.p_values(names, fitted)).tolist()]
 
     def links_p_value(self, *others: str) -> float:
         """Return the p-value of links added to the joints and to others."""
         names, fitted = [DIAGONAL_LINKS.name], (*self.fitted, *others)
-        p_values = self._larger(
+        p_values = self._larger_p(
             LINKS_LEVEL,
-            lambda triangle: triangle.p_values(names, fitted, most=self._leading, least=INDEPENDENT),
+            lambda triangle: triangle.p_values(names, fitted, most=self._leading_count, least=INDEPENDENT),
         )
         return float(p_values[0])
 
     @property
-    def _leading(self) -> int:
+    def _leading_count(self) -> int:
         return max(0, min(_LEADING, (self.stated.rows - len(self._seen)) // 3))
 
     @property
@@ -538,7 +538,7 @@ class _Triangles:
         """Return the same of links: their leading combinations."""
         known = basis(self.stated.unit_columns(self.fitted))
         links = self.stated.unit_columns([DIAGONAL_LINKS.name])
-        leading = basis(links - known @ (known.T @ links), INDEPENDENT)[:, : self._leading]
+        leading = basis(links - known @ (known.T @ links), INDEPENDENT)[:, : self._leading_count]
         explained = float(np.square(leading.T @ self.stated.rhs).sum())
         return self.criterion(max(self.residual_squares() - explained, 1e-300), leading.shape[1])
 
@@ -601,14 +601,16 @@ def better_alternative(robot: Robot, measurements: Measurements) -> BetterAltern
     Returns:
         The alternative, or None where no alternative fits far better.
     """
-    best, plain = _best(robot, measurements, _alternatives(robot.joint_kinds, measurements.present.shape[1]))
+    best, plain = _best_alternative(
+        robot, measurements, _alternatives(robot.joint_kinds, measurements.present.shape[1])
+    )
     if plain < LEAST_COMPENSATION and 2 < robot.n <= _MAPPED_JOINTS:
-        mapped, _ = _best(robot, measurements, _joint_maps(robot.joint_kinds))
+        mapped, _ = _best_alternative(robot, measurements, _joint_maps(robot.joint_kinds))
         best = min((b for b in (best, mapped) if b), key=lambda b: b.ratio, default=None)
     return best
 
 
-def _best(
+def _best_alternative(
     robot: Robot, measurements: Measurements, alternatives: Sequence[Alternative]
 ) -> tuple[BetterAlternative | None, float]:
     """Compare alternatives: the best that is significant, and the compensation as given."""
@@ -625,19 +627,19 @@ def _best(
     # Some of the observations select the alternatives to examine.
     some = part.evenly(math.ceil(_SCREENED * robot.n * len(part) / coordinates))
     rows = _rows(robot, some, alternatives)
-    as_given, plain = _explained(rows[0])
+    as_given, plain = _fit_nonnegative(rows[0])
     alternatives = [a for a, left in zip(alternatives, _least_sums(rows[1:]), strict=True) if left < as_given]
     if not alternatives:
         return None, plain
     rows = _rows(robot, part, alternatives)
-    as_given, plain = _explained(rows[0])
+    as_given, plain = _fit_nonnegative(rows[0])
     needed, best = as_given * ratio, None
     for k in (1 + np.flatnonzero(_least_sums(rows[1:]) < needed)).tolist():
-        left, compensation = _explained(rows[k])
+        left, compensation = _fit_nonnegative(rows[k])
         if left < needed and compensation >= LEAST_COMPENSATION:
             best, needed = BetterAlternative(alternatives[k - 1], left / as_given, compensation, plain), left
     # Where every force is reversed, much explains more than nothing; the integrity checks find the sign.
-    if best is not None and _explained(rows[0] * np.append(np.ones(robot.n), -1.0))[0] < needed:
+    if best is not None and _fit_nonnegative(rows[0] * np.append(np.ones(robot.n), -1.0))[0] < needed:
         return None, plain
     return best, plain
 
@@ -707,7 +709,7 @@ def _least_sums(rows: FloatArray) -> FloatArray:
     return np.square(triangle_of(rows)[:, -1, -1])
 
 
-def _explained(rows: FloatArray) -> tuple[float, float]:
+def _fit_nonnegative(rows: FloatArray) -> tuple[float, float]:
     """Fit non-negative compliances to rows (R, n + 1) [A d]: residual sum of squares, and compensation."""
     A, d = rows[:, :-1], rows[:, -1]
     residual = d - A @ nonnegative(A, d)[0]

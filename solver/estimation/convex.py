@@ -108,7 +108,7 @@ class Program:
         settings = clarabel.DefaultSettings()
         for name, value in SETTINGS.items():
             setattr(settings, name, value)
-        q, A, b = self._at(data)
+        q, A, b = self._cone_data(data)
         cones = dims_to_solver_cones(self._dims)
         for tolerance in tolerances:
             settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = tolerance
@@ -118,7 +118,7 @@ class Program:
                 return x, np.asarray(answer.z[self._norms], dtype=np.float64)
         return None
 
-    def _at(self, data: Mapping[str, FloatArray]) -> tuple[FloatArray, csc_array, FloatArray]:
+    def _cone_data(self, data: Mapping[str, FloatArray]) -> tuple[FloatArray, csc_array, FloatArray]:
         """Return q, A and b for values of the parameters; whatever else the data hold is left."""
         if self._maps is None:
             return self._q, self._A, self._b

@@ -237,7 +237,7 @@ def fit_method(
         if held or (free[known] != compliance[known]).any():
             free[joints] = fitted.unconstrained(z - by_known @ free[known])
         fits[number] = fitted
-    return _combined(triangles, fits, compliance, free)
+    return _combine_stages(triangles, fits, compliance, free)
 
 
 def _refuse_unseen_from_centre(triangles: MethodTriangles, null: BoolArray) -> None:
@@ -252,7 +252,7 @@ def _refuse_unseen_from_centre(triangles: MethodTriangles, null: BoolArray) -> N
         )
 
 
-def _combined(
+def _combine_stages(
     triangles: MethodTriangles, fits: dict[int, StageFit], compliance: FloatArray, centre: FloatArray
 ) -> Fit:
     """Put the stages together."""

@@ -66,11 +66,11 @@ def identify(robot: Robot, measurements: Measurements, settings: Settings) -> Es
         of_unit_length = Method(robot, settings, 1.0)
         length = length_of_least_condition(of_unit_length, regressor_blocks(robot, measurements), null)
     method = Method(robot, settings, length)
-    first = last = _fit(robot, measurements, settings, method)
+    first = last = _fit_once(robot, measurements, settings, method)
     iterations = 0
     if settings.complementary_stiffness:
         last, iterations = _iterate_to_convergence(robot, measurements, settings, first)
-    estimate = replace(_judged(robot, measurements, settings, last), characteristic_length=length)
+    estimate = replace(_judge(robot, measurements, settings, last), characteristic_length=length)
     if settings.complementary_stiffness:
         shift: FloatArray | None = last.fit.compliance - first.fit.compliance
     else:
@@ -171,7 +171,7 @@ class _Pass:
         return scale_of(self.fit, self.triangles.judged, None).sigma or 0.0
 
 
-def _fit(
+def _fit_once(
     robot: Robot,
     measurements: Measurements,
     settings: Settings,
@@ -256,7 +256,7 @@ def _iterate_to_convergence(
     reference = np.maximum(first.observability.reference_compliance, np.finfo(np.float64).tiny)
     shrinks = float((np.abs(shift) / np.maximum(np.abs(first.fit.compliance), reference)).max())
     for rounds in range(1, MAX_ITERATIONS + 1):
-        last = _fit(robot, measurements, settings, first.triangles.method, at)
+        last = _fit_once(robot, measurements, settings, first.triangles.method, at)
         change = np.abs(last.fit.compliance - at.fit.compliance)
         size = np.maximum(np.abs(last.fit.compliance), reference)
         uncertainty = last.noise() * np.sqrt(np.diagonal(last.fit.covariance))
@@ -289,7 +289,7 @@ def _neglected_shift(robot: Robot, neglected: _Pass, prior: Prior | None, sigma:
     return -responses[NEGLECTED_STIFFNESS.name][:, 0] * times
 
 
-def _judged(robot: Robot, measurements: Measurements, settings: Settings, last: _Pass) -> Estimate:
+def _judge(robot: Robot, measurements: Measurements, settings: Settings, last: _Pass) -> Estimate:
     """Give the fit its scale, its uncertainties and its verdicts.
 
     A robust scale takes the place of a sigma that is not known.

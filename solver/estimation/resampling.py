@@ -123,7 +123,7 @@ def method_stacks(
     seen = ~excitation.observability().null
     visible = np.flatnonzero(seen)
     stages = (
-        _stage(np.concatenate(rows), stage.joints[seen[stage.joints]], stage.known[seen[stage.known]])
+        _stage_stack(np.concatenate(rows), stage.joints[seen[stage.joints]], stage.known[seen[stage.known]])
         for stage, rows in zip(method.stages, zip(*fitted, strict=True), strict=True)
         if seen[stage.joints].any()
     )
@@ -223,7 +223,7 @@ def refuse_nonlinear(settings: Settings) -> None:
         )
 
 
-def _stage(rows: FloatArray, joints: IndexArray, known: IndexArray) -> StageStack:
+def _stage_stack(rows: FloatArray, joints: IndexArray, known: IndexArray) -> StageStack:
     chosen = rows[..., [*joints, *known, -1]]
     read = np.full(len(rows), rows.shape[1])
     stack, norms = Stack(chosen, read, {"joints": len(joints), "known": len(known)}).of_unit_columns()

@@ -344,7 +344,7 @@ def _nearest_to_axes(
 
     reference = wrist(identified.axes)
     normals = np.stack([axis.frame[:, :2].T for axis in reference])
-    rough = _nearest(reference, np.eye(2 * WRIST_JOINTS))
+    rough = _nearest_point(reference, np.eye(2 * WRIST_JOINTS))
 
     def offsets(axes: Sequence[Axis], point: FloatArray) -> FloatArray:
         """Offsets of axes from a point, (6,) along the normals of the reference [m]."""
@@ -353,15 +353,15 @@ def _nearest_to_axes(
 
     V = identified.covariance_of(lambda axes, _: offsets(wrist(axes), rough))
     weight = np.asarray(np.linalg.inv(V), dtype=np.float64)
-    centre = _nearest(reference, weight)
+    centre = _nearest_point(reference, weight)
     left = offsets(reference, centre)
-    J = identified.jacobian_of(lambda axes, _: _nearest(wrist(axes), weight))
+    J = identified.jacobian_of(lambda axes, _: _nearest_point(wrist(axes), weight))
     probability = float(special.chdtrc(2 * WRIST_JOINTS - 3, left @ weight @ left))
     gaps = [float(np.linalg.norm(axis.nearest(rough) - rough)) for axis in reference]
     return (centre, J @ identified.influence), max(gaps), float(np.sqrt(np.trace(V) / len(V))), probability
 
 
-def _nearest(axes: Sequence[Axis], weight: FloatArray) -> FloatArray:
+def _nearest_point(axes: Sequence[Axis], weight: FloatArray) -> FloatArray:
     """Point of least weighted squares of its distances along two normals of each axis."""
     N = np.vstack([axis.frame[:, :2].T for axis in axes])
     points = np.concatenate([axis.frame[:, :2].T @ axis.point for axis in axes])
@@ -689,7 +689,7 @@ def link_geometry(
             last perpendicular where the axes meet.
     """
     z = [axis.direction for axis in axes]
-    x = [_across(np.eye(3)[0], z[0], np.eye(3)[1])]
+    x = [_unit_across(np.eye(3)[0], z[0], np.eye(3)[1])]
     starts, ends, used = [], [axes[0].nearest(np.zeros(3))], []
     for i, (first, second) in enumerate(pairwise(axes)):
         if parallel[i]:
@@ -707,7 +707,7 @@ def link_geometry(
         starts.append(start)
         ends.append(end)
     # x_n and the origin of frame n on the last axis: as near to the flange frame as they can be
-    x.append(_across(flange.rotation[:, 0], z[-1], flange.rotation[:, 1]))
+    x.append(_unit_across(flange.rotation[:, 0], z[-1], flange.rotation[:, 1]))
     starts.append(axes[-1].nearest(flange.translation))
     frame_n = right_handed(x[-1], z[-1], starts[-1])
     tilts = [float(z[i + 1] @ x[i + 1]) for i in range(len(axes) - 1)]
@@ -723,7 +723,7 @@ def link_geometry(
     )
 
 
-def _across(vector: FloatArray, normal: FloatArray, instead: FloatArray) -> FloatArray:
+def _unit_across(vector: FloatArray, normal: FloatArray, instead: FloatArray) -> FloatArray:
     """Unit vector of the part normal to another; of a second vector where the first is nearly along it."""
     part = vector - normal * float(vector @ normal)
     if np.linalg.norm(part) < 0.5:

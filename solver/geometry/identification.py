@@ -469,10 +469,10 @@ def identify_from_sweeps(
     wrist_axes = identified = chosen
     if controller < UNEVEN:
         columns, joints = resting_angles(free)
-        identified = _widened(chosen, columns)
+        identified = _widen(chosen, columns)
         # The wrist centre is where the arm had it, whatever the arm's angles
         of_wrist = np.array(joints, dtype=int) >= sweeps.joint_map.n - WRIST_JOINTS
-        wrist_axes = _widened(chosen, columns[:, of_wrist])
+        wrist_axes = _widen(chosen, columns[:, of_wrist])
     names = joint_names(nominal, sweeps.joint_map.n)
     evidence = []
     for one in alone.fits:
@@ -648,7 +648,7 @@ def _robot(name: str, chain: KinematicChain, joint_map: JointMap) -> RobotDocume
     return RobotDocument(name=name, model=model, joint_map=None if plain else stored)
 
 
-def _widened(identified: SweptAxes, columns: FloatArray) -> SweptAxes:
+def _widen(identified: SweptAxes, columns: FloatArray) -> SweptAxes:
     """Return axes whose uncertainties include further, independent displacements (4 n + 3 T, G)."""
     return replace(
         identified,

@@ -433,11 +433,11 @@ def identify_axes(sweeps: SweepSet, *, angles: AngleUse = "free") -> SweptAxes:
     rss, dof = sum(fit.linear.rss for fit in in_order), sum(fit.dof for fit in in_order)
     sigma = float(np.sqrt(rss / dof)) if sweeps.sigma is None else sweeps.sigma
     at_sweep, points = [fits[index].axis for index in order], fits[order[-1]].target_points
-    axes, targets = _to_zero(at_sweep, points, sweeps.postures)
+    axes, targets = _move_to_zero(at_sweep, points, sweeps.postures)
     as_swept = np.vstack(
         [*(influences[index][:CHART_SIZE] for index in order), influences[order[-1]][CHART_SIZE:]]
     )
-    by_zero, _ = _by_zero(axes, at_sweep, points, sweeps.postures)
+    by_zero, _ = _differentiate_by_zero(axes, at_sweep, points, sweeps.postures)
     influence = np.asarray(np.linalg.solve(by_zero, as_swept), dtype=np.float64)
     return SweptAxes(
         axes=axes,
@@ -487,7 +487,7 @@ def _refuse_unless_coupled(sweeps: SweepSet, sweep: Sweep, outer: AxisFit, apart
         )
 
 
-def _to_zero(
+def _move_to_zero(
     at_sweep: Sequence[Axis], points: FloatArray, postures: FloatArray
 ) -> tuple[tuple[Axis, ...], FloatArray]:
     """Axes at zero from each in its sweep's posture (n, n) [rad], and the targets from the last sweep's."""
@@ -498,7 +498,7 @@ def _to_zero(
     return tuple(axes), transformed(back, points)
 
 
-def _by_zero(
+def _differentiate_by_zero(
     axes: Sequence[Axis], at_sweep: Sequence[Axis], points: FloatArray, postures: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Differentiate what each sweep shows: the chart of its axis, and the targets of the last one.
@@ -602,7 +602,7 @@ def resting_angles(swept: SweptAxes) -> tuple[FloatArray, list[int]]:
     sweeps, n = swept.sweeps, swept.n
     in_order = [swept.fits[index] for index in sweeps.order]
     at_sweep, points = [fit.axis for fit in in_order], in_order[-1].target_points
-    by_zero, by_angle = _by_zero(swept.axes, at_sweep, points, sweeps.postures)
+    by_zero, by_angle = _differentiate_by_zero(swept.axes, at_sweep, points, sweeps.postures)
     # By joint of the sweep, then by the angle that changes
     by_posture = -np.asarray(
         np.linalg.solve(by_zero, by_angle.reshape(len(by_angle), n * n)), dtype=np.float64

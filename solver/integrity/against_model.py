@@ -261,7 +261,7 @@ def _exchanged(
     for state, order in [("unloaded and loaded", unloaded)] if both else states:
         if order is None:
             continue
-        renamed, label = _renamed(order), view.measurements.labels[i]
+        renamed, label = _rename(order), view.measurements.labels[i]
         *names, last = (f"'{view.measurements.targets[t]}'" for t in renamed)
         who = f"{', '.join(names)} and {last}" if names else last
         if sorted(order[renamed]) == renamed:
@@ -276,10 +276,10 @@ def _exchanged(
 
 def _pairs(view: View, order: IndexArray) -> str:
     names = view.measurements.targets
-    return ", ".join(f"'{names[t]}' is '{names[order[t]]}'" for t in _renamed(order))
+    return ", ".join(f"'{names[t]}' is '{names[order[t]]}'" for t in _rename(order))
 
 
-def _renamed(order: IndexArray) -> list[int]:
+def _rename(order: IndexArray) -> list[int]:
     return [t for t, own in enumerate(order.tolist()) if own != t]
 
 

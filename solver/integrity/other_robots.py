@@ -72,18 +72,18 @@ def inspect_robots(view: View, others: Iterable[KnownRobot]) -> Iterator[Finding
     if len(rows) < LEAST_ROWS:
         return
     part, useful, fits = view.measurements[rows], useful[rows], []
-    chosen = int((_apart(view.robot, part, useful) <= LARGEST_MODEL_ERROR).sum())
+    chosen = int((_distance_apart(view.robot, part, useful) <= LARGEST_MODEL_ERROR).sum())
     for known in others:
         if known.robot.joint_kinds != view.robot.joint_kinds:
             continue
-        apart = _apart(known.robot, part, useful)
+        apart = _distance_apart(known.robot, part, useful)
         near = apart <= LARGEST_NOMINAL_ERROR
         count = int(near.sum())
         if count >= EXPLAINED * len(rows) and count > chosen + CLEARLY * len(rows):
             fits.append(_Fit(known, count, float(apart[near].max()), median(apart)))
     fits.sort(key=lambda fit: (-fit.near, round(fit.typical, _MICROMETRES)))
     for fit in fits:
-        alike = [f"'{each.known.name}'" for each in fits if each is not fit and _alike(each, fit)]
+        alike = [f"'{each.known.name}'" for each in fits if each is not fit and _are_alike(each, fit)]
         tie = f"; {' and '.join(alike)} fit{'s' if len(alike) == 1 else ''} as well" if alike else ""
         name = fit.known.name
         yield view.finding(
@@ -97,14 +97,14 @@ def inspect_robots(view: View, others: Iterable[KnownRobot]) -> Iterator[Finding
         )
 
 
-def _apart(robot: Robot, part: Measurements, useful: BoolArray) -> FloatArray:
+def _distance_apart(robot: Robot, part: Measurements, useful: BoolArray) -> FloatArray:
     """(M,) greatest distance [m] of a useful target (M, T) from the place where most see it on the flange."""
     at = Postures(robot, robot.joint_map.model_angles(part.joints))
     seen = seen_from_flange(at, part.position, useful)
     return distance_from(seen, consensus(seen))
 
 
-def _alike(one: _Fit, other: _Fit) -> bool:
+def _are_alike(one: _Fit, other: _Fit) -> bool:
     """Return whether the positions do not distinguish two robots."""
     smaller, larger = sorted(round(fit.typical, _MICROMETRES) for fit in (one, other))
     return larger <= ALIKE * smaller

@@ -209,7 +209,7 @@ def fit_folds(folds: Folds, model: ElasticModel, weights: Sequence[float]) -> Pe
 
 def refined(folds: Folds, model: ElasticModel, path: PenaltyPath) -> PenaltyPath:
     """Fit a model for further weights around the best: four a decade, and beyond an end of the weights."""
-    while further := _further(np.array(path.weights), path.errors):
+    while further := _further_weights(np.array(path.weights), path.errors):
         added = fit_folds(folds, model, further)
         weights = np.array(path.weights + added.weights)
         order = np.argsort(weights)
@@ -221,7 +221,7 @@ def refined(folds: Folds, model: ElasticModel, path: PenaltyPath) -> PenaltyPath
     return path
 
 
-def _further(weights: FloatArray, errors: FloatArray) -> list[float]:
+def _further_weights(weights: FloatArray, errors: FloatArray) -> list[float]:
     """Return weights to try next to the best: a decade beyond an end, or halfway to its neighbours."""
     quarters = np.rint(4.0 * np.log10(weights)).astype(int)
     least, greatest = (round(4.0 * float(np.log10(limit))) for limit in LIMITS)
@@ -335,7 +335,9 @@ class Selection:
         best = min(by_name, key=lambda each: each.mean_residual)
         simplest = simplest_of(by_name, best, screened=screened)
         largest = largest_of(list(names), simplest)
-        return cls(tuple(models), best.model, simplest, largest, _gain(by_name), _tied(by_name, simplest))
+        return cls(
+            tuple(models), best.model, simplest, largest, _gain(by_name), _tied_model(by_name, simplest)
+        )
 
 
 def _best_loss(models: Sequence[HeldOut], name: ModelName, losses: Sequence[Loss]) -> HeldOut:
@@ -368,7 +370,7 @@ def select_model(
     keys = [key for key in keys if answers[key] or (none and key[0] == requested)]
     places = {key: chosen_weight(paths[key].errors, validation.rule, validation.draws) for key in keys}
     chosen = np.array([paths[key].compliances[:, place] for key, place in places.items()])
-    compensation, norms = _predicted(folds, chosen)
+    compensation, norms = _predict_folds(folds, chosen)
     posture = np.unique(first_equal(folds.measurements.joints), return_inverse=True)[1]
     of_posture = posture[np.concatenate(folds.held_out)]
     by_posture = np.array([np.bincount(of_posture, row) for row in norms]) / np.bincount(of_posture)
@@ -410,7 +412,7 @@ def largest_of(names: Sequence[ModelName], chosen: ModelName) -> ModelName:
     return [name for name in names if name in WITH_BASE or chosen not in WITH_BASE][-1]
 
 
-def _tied(by_name: Sequence[HeldOut], chosen: ModelName) -> ModelName | None:
+def _tied_model(by_name: Sequence[HeldOut], chosen: ModelName) -> ModelName | None:
     """Return the best model with links alone, if it predicts within one paired standard error of the base."""
     base = next((each for each in by_name if each.model == chosen == "joints_and_base"), None)
     links = [each for each in by_name if each.model in LINKS_ALONE]
@@ -430,7 +432,7 @@ def _gain(by_name: Sequence[HeldOut]) -> HeldOutGain | None:
     return HeldOutGain(best.model, best.mean_residual, joints.mean_residual, joints.behind(best)[1])
 
 
-def _predicted(folds: Folds, compliances: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _predict_folds(folds: Folds, compliances: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Predict each of the K folds by the compliances (M, K, P) of M models that were fitted without it.
 
     Returns:

@@ -184,7 +184,7 @@ class Competition:
             JointstiffError: as the identification of the whole set does, or an optimum is not certified.
         """
         paths = self._paths(parts)
-        selection, held_out = self._chosen(paths)
+        selection, held_out = self._choose(paths)
         elastic = None if held_out.model == "joints" else self._whole_set(held_out, selection, paths)
         return Winner(selection, held_out, elastic, self._requested is not None)
 
@@ -204,7 +204,7 @@ class Competition:
             )
         }
 
-    def _chosen(self, paths: _Paths) -> tuple[Selection, HeldOut]:
+    def _choose(self, paths: _Paths) -> tuple[Selection, HeldOut]:
         """Choose a model with its loss and penalty; paths are refined about the best penalties."""
         given, automatic = self.penalty_is_given, self._requested is None
         selection = select_model(self._folds, paths, self._requested, screened=automatic)
@@ -213,13 +213,13 @@ class Competition:
             for name in dict.fromkeys(each.model for each in selection.models):
                 ended = selection.of(name)
                 if ended.penalty == self._weights[0]:
-                    selection = self._refined(ended, selection, paths)
+                    selection = self._refine(ended, selection, paths)
             selection = Selection.among(selection.models, screened=automatic)
         chosen = selection.of(self._requested or selection.simplest)
         if chosen.model == "joints":
             chosen = selection.of("joints", ("squared", "huber"))
         elif not given:
-            selection = self._refined(chosen, selection, paths)
+            selection = self._refine(chosen, selection, paths)
             chosen = selection.of(chosen.model, (chosen.loss,))
         return selection, chosen
 
@@ -238,7 +238,7 @@ class Competition:
     def _model_of(self, held_out: HeldOut) -> ElasticModel:
         return next(model for model in self._models if model.key == (held_out.model, held_out.loss))
 
-    def _refined(self, held_out: HeldOut, selection: Selection, paths: _Paths) -> Selection:
+    def _refine(self, held_out: HeldOut, selection: Selection, paths: _Paths) -> Selection:
         """Try further penalties of a model, and replace its path, and its place in the selection."""
         model = self._model_of(held_out)
         paths[model.key] = refined(self._folds, model, paths[model.key])
@@ -265,7 +265,7 @@ class Competition:
         if self._requested is not None:
             named = None if self.penalty_is_given else elastic.model.name
             return Elastic(elastic, self._effective(elastic, elastic), named)
-        widest = self._widest(elastic, selection, paths)
+        widest = self._widest_fit(elastic, selection, paths)
         effective = self._effective(elastic, widest)
         if selection.tied is not None:
             of_links = self._effective_of_links(selection.tied, selection, paths)
@@ -275,7 +275,7 @@ class Competition:
             elastic = replace(elastic, prediction=prediction)
         return Elastic(elastic, effective, widest.model.name)
 
-    def _widest(self, elastic: ElasticEstimate, selection: Selection, paths: _Paths) -> ElasticEstimate:
+    def _widest_fit(self, elastic: ElasticEstimate, selection: Selection, paths: _Paths) -> ElasticEstimate:
         """Return the fit whose intervals hold after the choice; the chosen one where it is not certified."""
         if selection.largest == elastic.model.name:
             return elastic

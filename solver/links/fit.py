@@ -160,15 +160,15 @@ def estimate_elastic(folds: Folds, model: ElasticModel, weight: float) -> Elasti
         gap, accepted = _DESIRED_GAP * unit, _SOLVED_GAP * unit
         solution, threshold = formulation.fit(model, weight, gap=gap, accepted=accepted)
     except SolverError as error:
-        raise _uncertified(weight) from error
+        raise _uncertified_error(weight) from error
     columns = model.columns
-    compliances, least = _returned(formulation.compliances(solution.x), model)
+    compliances, least = _semidefinite_compliances(formulation.compliances(solution.x), model)
     gap = formulation.gap_at(model, compliances, weight, solution, threshold) / unit
     if not gap <= CERTIFIED_GAP:
-        raise _uncertified(weight)
+        raise _uncertified_error(weight)
     squares, weight_of_squares = formulation.companion(model, compliances, weight, threshold)
     freedom, left, sigma, chi_square = _residuals(squares, weight_of_squares, compliances, measurements.sigma)
-    elements, prediction = _explained(robot, measurements, model, compliances)
+    elements, prediction = _shares_of_elements(robot, measurements, model, compliances)
     seen = np.isin(np.arange(robot.n), formulation.columns)
     joints = to_matrix(compliances[columns.coupling], columns.n) + np.diag(compliances[columns.joints])
     return ElasticEstimate(
@@ -257,7 +257,7 @@ def _scale(formulation: Formulation, sigma: float | None) -> float:
     return max(stated, least * formulation.size / sqrt(max(1, rows.readings)))
 
 
-def _uncertified(weight: float) -> UnsupportedMethodError:
+def _uncertified_error(weight: float) -> UnsupportedMethodError:
     return UnsupportedMethodError(
         f"with a penalty of {weight:.3g} rounding hides which links bend: no optimum can be certified",
         where="link_penalty",
@@ -265,7 +265,7 @@ def _uncertified(weight: float) -> UnsupportedMethodError:
     )
 
 
-def _returned(compliances: FloatArray, model: ElasticModel) -> tuple[FloatArray, float]:
+def _semidefinite_compliances(compliances: FloatArray, model: ElasticModel) -> tuple[FloatArray, float]:
     """(P,) compliances whose matrices, in SI units, have no computed eigenvalue below zero, and the least."""
     out, columns = compliances.copy(), model.columns
     places = [(6, columns.link(frame)) for frame in columns.frames] + [(columns.n, columns.coupling)]
@@ -292,7 +292,7 @@ def _compliance(
     }
 
 
-def _explained(
+def _shares_of_elements(
     robot: Robot, measurements: Measurements, model: ElasticModel, compliances: FloatArray
 ) -> tuple[tuple[ElementShare, ...], Prediction]:
     """Return what each element explains of the measured deflections, and all of them together."""
@@ -463,7 +463,8 @@ def with_links(estimate: Estimate, elastic: ElasticEstimate, effective: Effectiv
     return replace(
         estimate,
         joints=tuple(
-            _joint(joint, effective, j, others.get(joint.name)) for j, joint in enumerate(estimate.joints)
+            _effective_joint(joint, effective, j, others.get(joint.name))
+            for j, joint in enumerate(estimate.joints)
         ),
         compliance=np.nan_to_num(effective.compliance),
         covariance=None,
@@ -475,7 +476,7 @@ def with_links(estimate: Estimate, elastic: ElasticEstimate, effective: Effectiv
     )
 
 
-def _joint(
+def _effective_joint(
     joint: JointCompliance, effective: EffectiveCompliances, j: int, other: str | None
 ) -> JointCompliance:
     """Return the result about the axis of joint j, with what else bends about it.

@@ -193,10 +193,10 @@ class Ahead:
             free &= np.abs(distinct.postures - posture).max(axis=1) >= self.request.angle
         if not free.any():
             return None
-        best = self._best(criterion, M + vague, free, at)
+        best = self._best_candidate(criterion, M + vague, free, at)
         first, missing = int(best.index[0]), None
         # The readings say more or less than the design expects of them: so will those to come.
-        expected = self._expected(goal, known, share, M)
+        expected = self._expected_share(goal, known, share, M)
         ratio = np.ones(len(expected))
         certain = np.isfinite(share.each) & np.isfinite(expected)
         ratio[certain] = np.clip(share.each[certain] / expected[certain], *_RATIO)
@@ -204,7 +204,7 @@ class Ahead:
         for count in range(1, MOST_MORE + 1):
             M = M + best.information[0]
             free &= ~distinct.near(int(best.index[0]))
-            if (ratio * self._expected(goal, known, share, M)).max() <= 1.0:
+            if (ratio * self._expected_share(goal, known, share, M)).max() <= 1.0:
                 missing = count
                 break
             if not free.any():
@@ -213,7 +213,7 @@ class Ahead:
         joints = self.pool.readings.joints[first]
         return Next(first, joints, force, None if anchor < 0 else anchor, missing)
 
-    def _expected(self, goal: Goal, known: Known, share: Share, M: FloatArray) -> FloatArray:
+    def _expected_share(self, goal: Goal, known: Known, share: Share, M: FloatArray) -> FloatArray:
         """Return by how much the uncertainties exceed the goal as the design has it, for information M."""
         parameters = self.pool.parameters
         if isinstance(goal, JointsGoal):
@@ -228,7 +228,9 @@ class Ahead:
         """Return the compliances (n,): as they are known, or by which all joints would move targets alike."""
         return np.where(np.isfinite(known.compliance), known.compliance, self.pool.parameters.nominal)
 
-    def _best(self, criterion: AOptimality, M: FloatArray, free: BoolArray, at: FloatArray | None) -> Atoms:
+    def _best_candidate(
+        self, criterion: AOptimality, M: FloatArray, free: BoolArray, at: FloatArray | None
+    ) -> Atoms:
         """Return the candidate after which the criterion is best; the nearest of those that are as good."""
         G = criterion.support(M)
         prices = np.where(free, self.pool.candidates.prices(G), -np.inf)

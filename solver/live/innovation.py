@@ -208,7 +208,7 @@ def innovation(robot: Robot, measurements: Measurements, compliance: FloatArray)
         wrong_place = expected.misplaced(reading)[1] < _WRONG_PLACE
         off, causes, doubtful = expected.off(reading), list[str](), bool(far.any())
         if doubtful or wrong_place:
-            slips, causes = _causes(expected, reading, others)
+            slips, causes = _find_causes(expected, reading, others)
             # What else bends is no mistake of one reading, and moves others as well.
             known = len(others) >= _FEWEST
             factor = np.ones(2)
@@ -296,7 +296,9 @@ def _own_distances(expected: Expectation, others: Measurements, usual: float) ->
     return np.array(squares) if squares else np.zeros((1, 2))
 
 
-def _causes(expected: Expectation, reading: Measurements, others: Measurements) -> tuple[bool, list[str]]:
+def _find_causes(
+    expected: Expectation, reading: Measurements, others: Measurements
+) -> tuple[bool, list[str]]:
     """Return whether a plain slip explains a reading, and what does in words, the likeliest first."""
     scores: list[tuple[bool, float, str]] = []  # a fitted size explains what a plain slip does: it comes last
     for words, changed, free, unknowns in _mistakes(expected.robot, reading, others):

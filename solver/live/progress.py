@@ -128,7 +128,7 @@ class Progress:
         """Standing of the prior of each joint that has one."""
         if not self.priors or self.weight is not None:
             return {}
-        own = self._known(self._own_result, assumed=True)
+        own = self._known_by(self._own_result, assumed=True)
         return standings(self.ahead.robot.joint_names, own, self.priors)
 
     @property
@@ -139,19 +139,19 @@ class Progress:
     @cached_property
     def known(self) -> Known:
         """Compliances by the readings so far, with the stated errors."""
-        return self._known(self.result, assumed=False)
+        return self._known_by(self.result, assumed=False)
 
-    def _known(self, result: RunResult | JointstiffError | None, *, assumed: bool) -> Known:
+    def _known_by(self, result: RunResult | JointstiffError | None, *, assumed: bool) -> Known:
         """Return what is known by a result, with or without errors that were only assumed."""
         robot = self.ahead.robot
         if not isinstance(result, RunResult):
             return Known.nothing(robot.n)
         compliance = np.array([joint.compliance or np.nan for joint in result.joints], dtype=np.float64)
         if result.budget is not None:
-            left_out = set() if _lacks(result.goodness) else {"model_error"}
+            left_out = set() if _may_lack_model(result.goodness) else {"model_error"}
             if not assumed:
                 left_out |= {part.source for part in result.budget.components if "assumed" in part.source}
-            covariance, factor = _spread(result.budget, robot.joint_names, left_out)
+            covariance, factor = _covariance_of(result.budget, robot.joint_names, left_out)
         else:
             u = np.array([joint.standard_uncertainty or np.nan for joint in result.joints], dtype=np.float64)
             covariance, factor = np.diag(np.square(np.nan_to_num(u))), student_quantile(0.975, None)
@@ -201,7 +201,7 @@ class Progress:
     def fewest(self) -> int:
         """Number of readings before the goal can be met."""
         result = self.result
-        lacks = isinstance(result, RunResult) and _lacks(result.goodness)
+        lacks = isinstance(result, RunResult) and _may_lack_model(result.goodness)
         return FEWEST_WITH_MODEL_ERROR if lacks else FEWEST
 
     @property
@@ -270,12 +270,12 @@ class Progress:
             label = self.doubtful[-1]
             return "measuring", f"{label} is doubtful: {self.found(label).message or ''}"
         if self.met:
-            return self._checked(read)
+            return self._state_of_check(read)
         if self.mistake is not None:
-            return self._mistaken(self.mistake)
+            return self._state_with_mistake(self.mistake)
         missing = self.still_needed
         if self.count >= ENOUGH_TO_SAY and missing is None:
-            return "cannot", f"the goal will not be met: {self._obstacle()}"
+            return "cannot", f"the goal will not be met: {self._obstacle_words()}"
         if isinstance(self.result, JointstiffError):
             does = "does" if self.count == 1 else "do"
             return "measuring", f"{read} {does} not tell yet: {self.result.reason}"
@@ -284,34 +284,34 @@ class Progress:
             left = f": the goal takes {self.fewest} and a held-out one to be sure of{left}"
         return "measuring", f"{read}{left}"
 
-    def _mistaken(self, wrong: Finding) -> tuple[Literal["measuring", "cannot"], str]:
+    def _state_with_mistake(self, wrong: Finding) -> tuple[Literal["measuring", "cannot"], str]:
         """Return the state of a campaign in which a mistake is kept."""
         words = f"{wrong.observation}: {wrong.message}; {wrong.remedy}"
         if self.count >= ENOUGH_TO_SAY:
             return "cannot", f"the goal will not be met by these readings: {words}"
         return "measuring", f"do not use these readings yet: {words}"
 
-    def _checked(self, read: str) -> tuple[Literal["measuring", "reached"], str]:
+    def _state_of_check(self, read: str) -> tuple[Literal["measuring", "reached"], str]:
         """Return the state of a campaign whose goal is met: a held-out reading decides."""
         if self.is_checked:
             near = "the held-out one is as near to its prediction as 90 % of good readings"
-            return "reached", f"reached after {read}{self._assumed()}; {near}"
+            return "reached", f"reached after {read}{self._assumed_words()}; {near}"
         far, check = "is further from its prediction than 90 % of good readings", self.taken.check
         failed = "" if check is None else f"held-out {check.label} {far}; "
         return "measuring", f"{failed}the goal is met; one held-out reading checks it"
 
-    def _assumed(self) -> str:
+    def _assumed_words(self) -> str:
         """Return what the goal's joints are known to with assumed errors, if that is beyond the goal."""
         if not isinstance(self.goal, JointsGoal):
             return ""
-        whole = self._known(self.result, assumed=True)
+        whole = self._known_by(self.result, assumed=True)
         half = whole.factor * np.sqrt(np.diagonal(whole.covariance)) / whole.compliance
         greatest = float(np.max(half, initial=0.0, where=self.known.relative <= self.goal.relative))
         if not greatest > self.goal.relative:
             return ""
         return f", without the assumed errors of load point and force (with them ± {100 * greatest:.0f} %)"
 
-    def _obstacle(self) -> str:
+    def _obstacle_words(self) -> str:
         """Return what keeps the goal from being met, by joint or by place."""
         share, result, names = self.share, self.result, self.ahead.robot.joint_names
         if share.joint is None:
@@ -324,7 +324,7 @@ class Progress:
 
     def joints(self) -> list[LiveJoint]:
         """Return what is known of each joint: without errors that are only assumed, and with them."""
-        whole, robot, joints = self._known(self.result, assumed=True), self.ahead.robot, []
+        whole, robot, joints = self._known_by(self.result, assumed=True), self.ahead.robot, []
         half = whole.factor * np.sqrt(np.diagonal(whole.covariance))
         for j, (name, kind) in enumerate(zip(robot.joint_names, robot.joint_kinds, strict=True)):
             c, h, prior = float(self.known.compliance[j]), float(half[j]), self.standings.get(name)
@@ -347,14 +347,16 @@ class Progress:
         return joints
 
 
-def _lacks(goodness: Goodness) -> bool:
+def _may_lack_model(goodness: Goodness) -> bool:
     """Return whether residuals may be more than noise: the dispersion over postures is model error then."""
     if goodness.sigma_source == "residuals":
         return True
     return float(special.chdtrc(goodness.degrees_of_freedom, goodness.chi_square)) < _SHOWS
 
 
-def _spread(budget: Budget, names: Sequence[str], left_out: Collection[str]) -> tuple[FloatArray, float]:
+def _covariance_of(
+    budget: Budget, names: Sequence[str], left_out: Collection[str]
+) -> tuple[FloatArray, float]:
     """Return covariance (n, n) of the compliances with the model error, and coverage factor of 95 %.
 
     The factor is Student's at the effective degrees of freedom (Welch and Satterthwaite, GUM G.4) of the

@@ -137,14 +137,14 @@ def balance(
             torque, stiffness = torque + own - rest, stiffness + own_stiffness
         softening = compliance[:, None] * stiffness
         residual = compliance * torque - deflection
-        softened = _softened(softening)
+        softened = _softening_inverse(softening)
         step = (softened @ residual[..., None])[..., 0]
         deflection = deflection + step
         if (np.abs(step) <= _LAST_STEP).all():
-            _refuse(np.asarray((np.abs(deflection) > _LARGEST_DEFLECTION).any(axis=1)))
-            _refuse(_unstable(softening))
+            _refuse_unbalanced(np.asarray((np.abs(deflection) > _LARGEST_DEFLECTION).any(axis=1)))
+            _refuse_unbalanced(_is_unstable(softening))
             return Balance(loaded, step, torque, stiffness, softened)
-        _refuse(np.asarray(~(np.abs(deflection) <= 2.0 * _LARGEST_DEFLECTION).all(axis=1)))
+        _refuse_unbalanced(np.asarray(~(np.abs(deflection) <= 2.0 * _LARGEST_DEFLECTION).all(axis=1)))
         loaded = Postures(robot, unloaded.q + deflection)
     raise _no_balance(int(np.argmax(np.abs(step).max(axis=1))))
 
@@ -174,7 +174,7 @@ def wrench_stiffness(
     return stiffness.transpose(2, 0, 1)
 
 
-def _softened(softening: FloatArray) -> FloatArray:
+def _softening_inverse(softening: FloatArray) -> FloatArray:
     """Return ``(I − E)⁻¹`` of matrices E (B, n, n), by ``(I + E)(I + E²)(I + E⁴)…`` where they are small.
 
     Raises:
@@ -185,7 +185,7 @@ def _softened(softening: FloatArray) -> FloatArray:
         try:
             return np.asarray(np.linalg.inv(identity - softening))
         except np.linalg.LinAlgError:
-            _refuse(np.linalg.slogdet(identity - softening).sign == 0.0)
+            _refuse_unbalanced(np.linalg.slogdet(identity - softening).sign == 0.0)
             raise
     power = np.ascontiguousarray(softening)
     softened = identity + power
@@ -200,7 +200,7 @@ def _row_sums(matrices: FloatArray) -> FloatArray:
     return np.asarray(np.abs(matrices).sum(axis=2).max(axis=1))
 
 
-def _unstable(softening: FloatArray) -> BoolArray:
+def _is_unstable(softening: FloatArray) -> BoolArray:
     """Return whether balances (B,) are not stable: ``I − E``, similar to scaled stiffnesses, not positive.
 
     Rows that stay close to those of the identity show it without eigenvalues (Gershgorin).
@@ -213,7 +213,7 @@ def _unstable(softening: FloatArray) -> BoolArray:
     return unstable
 
 
-def _refuse(failed: BoolArray) -> None:
+def _refuse_unbalanced(failed: BoolArray) -> None:
     """Raise for the first case (B,) that finds no stable balance."""
     if failed.any():
         raise _no_balance(int(np.argmax(failed)))
@@ -368,7 +368,7 @@ def _block(robot: Robot, part: Measurements, compliance: FloatArray | None) -> R
     halfway = Postures(robot, unloaded.q + 0.5 * compliance * torque)
     in_flange = np.where(part.in_flange[..., None], part.position, unloaded.to_flange(part.position))
     load_jacobian, _ = halfway.load(part.load_point, part.force, part.moment)
-    return _assembled(
+    return _assemble(
         robot, compliance.copy(), halfway, load_jacobian, torque, halfway.to_base(in_flange), part
     )
 
@@ -379,10 +379,10 @@ def unloaded_block(robot: Robot, postures: Postures, part: Measurements) -> Regr
     if part.in_flange.any():
         points = np.where(part.in_flange[..., None], postures.to_base(points), points)
     load_jacobian, torque = postures.load(part.load_point, part.force, part.moment)
-    return _assembled(robot, None, postures, load_jacobian, torque, points, part)
+    return _assemble(robot, None, postures, load_jacobian, torque, points, part)
 
 
-def _assembled(
+def _assemble(
     robot: Robot,
     compliance: FloatArray | None,
     postures: Postures,

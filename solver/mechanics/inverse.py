@@ -229,7 +229,7 @@ class InverseKinematics:
         left = np.arange(len(poses))
         while len(left):
             share = np.minimum(done[left] + step[left], 1.0)
-            angles, sure = self.polished(_between(begin[left], poses[left], share), q[left])
+            angles, sure = self.polished(_poses_between(begin[left], poses[left], share), q[left])
             sure &= self.continues(angles, q[left])
             q[left[sure]] = angles[sure]
             done[left[sure]] = share[sure]
@@ -276,7 +276,7 @@ def flange_poses(robot: Robot, q: FloatArray) -> FloatArray:
     return Postures(robot, q).flange_pose
 
 
-def _between(begin: FloatArray, end: FloatArray, share: FloatArray) -> FloatArray:
+def _poses_between(begin: FloatArray, end: FloatArray, share: FloatArray) -> FloatArray:
     """Return poses (m, 4, 4) at shares (m,) of straight lines, turned by the same shares."""
     poses = end.copy()
     part = share[:, None]
@@ -422,7 +422,10 @@ class _Choice:
         joint_map = self._robot.joint_map
         here = joint_map.model_angles(previous[None])[0]
         b = int(np.nanargmin(apart(self._branches[run[0]], here)))
-        if not self._complete[run[0]] and not self._continues(self._branches[run[:1], b], here[None])[0]:
+        if (
+            not self._complete[run[0]]
+            and not self._continues_branch(self._branches[run[:1], b], here[None])[0]
+        ):
             # The branch may be missing among the solutions
             found, known = self._inverse.followed(self._poses[run[:1]], here[None])
             return joint_map.controller_angles(found), Unreached.NO if known[0] else Unreached.NOT_FOLLOWED
@@ -434,13 +437,13 @@ class _Choice:
         # far from all others.
         sure = 2.0 * step < np.where(np.isnan(others), np.inf, others).min(axis=1)
         few = np.flatnonzero(~self._complete[run[1:]])
-        sure[few] &= self._continues(kept[1:][few], kept[:-1][few])
+        sure[few] &= self._continues_branch(kept[1:][few], kept[:-1][few])
         breaks = np.flatnonzero(~sure)
         done = int(breaks[0]) + 1 if len(breaks) else len(run)
         angles = np.unwrap(np.vstack([here, kept[:done]]), axis=0)[1:]
         return joint_map.controller_angles(angles), Unreached.NO
 
-    def _continues(self, angles: FloatArray, before: FloatArray) -> BoolArray:
+    def _continues_branch(self, angles: FloatArray, before: FloatArray) -> BoolArray:
         """Return whether solutions (k, 6) [rad], full turns aside, continue the branch of those before."""
         return self._inverse.continues(before + wrapped(angles - before), before)
 

@@ -359,8 +359,8 @@ class Measurements:
         count, targets = self.present.shape
         if count == 0 or targets == 0:
             raise MeasurementError("no observation", remedy="give at least one observation")
-        object.__setattr__(self, "labels", _named("labels", self.labels, count))
-        object.__setattr__(self, "targets", _named("targets", self.targets, targets))
+        object.__setattr__(self, "labels", _place_named("labels", self.labels, count))
+        object.__setattr__(self, "targets", _place_named("targets", self.targets, targets))
         if self.sigma is not None and not (np.isfinite(self.sigma) and self.sigma > 0):
             raise MeasurementError(
                 f"sigma must be positive, but is {self.sigma} m",
@@ -466,7 +466,7 @@ class Measurements:
         return replace(self, **parts, encoders=encoders, labels=labels)
 
 
-def _named(where: str, names: tuple[str, ...], count: int) -> tuple[str, ...]:
+def _place_named(where: str, names: tuple[str, ...], count: int) -> tuple[str, ...]:
     if names and len(names) != count:
         raise MeasurementError(
             f"there are {len(names)} {where} for {count} of them",

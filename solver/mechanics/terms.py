@@ -117,19 +117,19 @@ Groups = tuple[tuple[str, ...], ...]
 """Labels of observations, group by group."""
 
 
-def _members(groups: Groups, part: Measurements) -> FloatArray:
+def _membership(groups: Groups, part: Measurements) -> FloatArray:
     """Return the group of each observation as (N, g) of 1 or 0."""
     return np.stack([np.isin(part.labels, list(group)) for group in groups], axis=1).astype(np.float64)
 
 
 def _group_scale(groups: Groups, block: RegressorBlock, compliance: FloatArray) -> Motion:
     """Scale forces and moments of each group."""
-    torque = block.torque[..., None] * _members(groups, block.measurements)[:, None]
+    torque = block.torque[..., None] * _membership(groups, block.measurements)[:, None]
     return by_torque(block, compliance, torque)
 
 
 def _with_scale(groups: Groups, _: Robot, part: Measurements, scale: FloatArray) -> Measurements:
-    factor = 1.0 + _members(groups, part) @ scale[:, None]
+    factor = 1.0 + _membership(groups, part) @ scale[:, None]
     return replace(part, force=factor * part.force, moment=factor * part.moment)
 
 
@@ -201,7 +201,7 @@ def turn_about(pivot: FloatArray) -> Term:
     )
 
 
-def _later(
+def _only_observations(
     labels: Sequence[str],
     motion: Callable[[RegressorBlock, FloatArray], Motion],
     block: RegressorBlock,
@@ -223,7 +223,7 @@ def since(term: Term, labels: Sequence[str], first: str) -> Term:
     own = (
         load_scale([labels[:row], later])
         if term.name == "load_scale"
-        else replace(term, motion=partial(_later, later, term.motion))
+        else replace(term, motion=partial(_only_observations, later, term.motion))
     )
     return replace(own, name=f"{term.name} since {first}", words=words)
 

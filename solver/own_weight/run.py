@@ -66,7 +66,7 @@ def run_by_weight(
     from jointstiff.solver.own_weight.identification import identify_weight
 
     weight = options.weight or OwnWeight()
-    readings, observation = _readings(robot, m, weight)
+    readings, observation = _positions_in_order(robot, m, weight)
     by_loads = m.present & m.in_flange
     loaded = replace(m, present=by_loads, deflection=np.where(by_loads[..., None], m.deflection, 0.0))
     estimate = identify_weight(
@@ -131,7 +131,9 @@ def run_by_weight(
     )
 
 
-def _readings(robot: Robot, m: Measurements, weight: OwnWeight) -> tuple[WeightReadings, IndexArray]:
+def _positions_in_order(
+    robot: Robot, m: Measurements, weight: OwnWeight
+) -> tuple[WeightReadings, IndexArray]:
     """Return all positions, those without a load first, and the observation (rows,) of each row."""
     from jointstiff.solver.geometry.poses import Poses
     from jointstiff.solver.own_weight.rows import Balancer, Burden, WeightReadings

@@ -255,7 +255,7 @@ class JointDeflection(Deflection):
     jacobian: FloatArray  #: (B, 6, n) jacobian of the places [m/rad, then rad/rad], in the loaded posture
 
     @cached_property
-    def _answer(self) -> FloatArray:
+    def _motion_by_compliance(self) -> FloatArray:
         """(B, 6, n) answer of the places to a change of c ∘ τ."""
         return self.jacobian @ self.balance.softened
 
@@ -269,14 +269,14 @@ class JointDeflection(Deflection):
     @cached_property
     def rows(self) -> FloatArray:
         """(B, 6, n) ``J_x (I − diag(c)(K_c + ∂g/∂q))⁻¹ diag(τ)``: see `Deflection`."""
-        return np.asarray(self._answer * self._torque[:, None])
+        return np.asarray(self._motion_by_compliance * self._torque[:, None])
 
     @cached_property
     def half(self) -> FloatArray | None:
         """(B, 6, r) by compliances, or by what was identified of the sag: see `Deflection`."""
         if isinstance(self.model.weight, IdentifiedWeight):
             turn = self.model.weight.turn_root(self.balance.loaded, self._torque)
-            return np.asarray(self._answer @ turn)
+            return np.asarray(self._motion_by_compliance @ turn)
         return None if self.model.likelihood is None else np.asarray(self.rows @ self.model.root)
 
     @property
@@ -292,7 +292,7 @@ class JointDeflection(Deflection):
     @property
     def compliance(self) -> CartesianCompliance:
         """Cartesian compliance at the places, in the loaded postures."""
-        matrix = (self._answer * self.model.compliance) @ self.jacobian.transpose(0, 2, 1)
+        matrix = (self._motion_by_compliance * self.model.compliance) @ self.jacobian.transpose(0, 2, 1)
         symmetric = (self.cases.moment == 0.0).all(axis=1)
         by_joint = None if self.model.likelihood is None else self._compliance_by_joint
         return CartesianCompliance(matrix, symmetric, by_joint)
@@ -302,7 +302,7 @@ class JointDeflection(Deflection):
         # (I − K diag(c))⁻¹ = I + K (I − diag(c) K)⁻¹ diag(c)
         by_torque = self.balance.stiffness @ (self.balance.softened * self.model.compliance)
         stiffened = np.eye(self.model.robot.n) + by_torque
-        return self._answer, self.jacobian @ stiffened.transpose(0, 2, 1), self.model.covariance
+        return self._motion_by_compliance, self.jacobian @ stiffened.transpose(0, 2, 1), self.model.covariance
 
     def compliance_known(self, direction: FloatArray) -> tuple[BoolArray, BoolArray]:
         """Return whether the readings determine the joints that answer: see `Deflection`."""
@@ -392,9 +392,9 @@ class ElasticPredictor(ForwardModel):
         near: Postures | None = None,  # noqa: ARG002  # nothing is balanced
     ) -> ElasticDeflection:
         """Bend links and joints at the unloaded posture."""
-        return self._deflect(cases, self.unloaded(cases) if unloaded is None else unloaded)
+        return self._take_share(cases, self.unloaded(cases) if unloaded is None else unloaded)
 
-    def _deflect(
+    def _take_share(
         self, cases: LoadCases, unloaded: Postures, share: FloatArray | None = None
     ) -> ElasticDeflection:
         """Take a share (B,) of the deflection; all of it if None."""
@@ -433,7 +433,7 @@ class ElasticPredictor(ForwardModel):
         """
         target, q = goal.to_base(wanted.place[:, None])[:, 0], goal.q
         for _ in range(_NEWTON_STEPS):
-            bent = self._deflect(wanted, Postures(self.robot, q), share)
+            bent = self._take_share(wanted, Postures(self.robot, q), share)
             turned = rotation_vectors(goal.flange_rotation, bent.axes)
             off = np.concatenate([target - bent.place, turned], axis=1)
             if (np.abs(off) <= _REACHED).all():
@@ -449,11 +449,11 @@ class ElasticPredictor(ForwardModel):
 
     def linear_displacement(self, cases: LoadCases, unloaded: Postures) -> FloatArray:
         """Return the displacements (B, 3) of the places [m]."""
-        return self._deflect(cases, unloaded).displacement
+        return self._take_share(cases, unloaded).displacement
 
     def overloaded(self, cases: LoadCases, unloaded: Postures) -> BoolArray:
         """Return whether the loads (B,) turn the flange beyond what is linear."""
-        turned = np.linalg.norm(self._deflect(cases, unloaded).rotation, axis=1)
+        turned = np.linalg.norm(self._take_share(cases, unloaded).rotation, axis=1)
         return np.asarray(turned > LARGEST_TURN)
 
 
@@ -581,13 +581,15 @@ class ModelError:
             ratio = np.where(
                 leverage > 0.0, leverage / (np.where(load > 0.0, load, 1.0) * self.leverage), 0.0
             )
-        growth = _growth(np.maximum(load, self.least_load), leverage, self.noise) * np.maximum(ratio, 1.0)
+        growth = _residual_growth(np.maximum(load, self.least_load), leverage, self.noise) * np.maximum(
+            ratio, 1.0
+        )
         radius = self.quantile(confidence) * growth
         unmeasured = "force" if self.force == 0.0 else "moment" if self.moment == 0.0 else None
         return ModelErrorBound(radius, unmeasured, load, ratio)
 
 
-def _growth(load: FloatArray, leverage: FloatArray, noise: float | None) -> FloatArray:
+def _residual_growth(load: FloatArray, leverage: FloatArray, noise: float | None) -> FloatArray:
     """Return by how much residuals grow (B,) with loads of sizes (B,) and leverages (B,) [m].
 
     That is 1 without leverage, or at the greatest load where no noise (`ModelError.noise`) is known.
@@ -721,7 +723,10 @@ def _model_error(
     loaded = load[of_reading] > 0.0
     deviation = greatest_deviation(half)
     scored = np.flatnonzero(loaded & (posture >= 0))
-    posture, size = posture[scored], np.square(_growth(load[of_reading[scored]], deviation[scored], noise))
+    posture, size = (
+        posture[scored],
+        np.square(_residual_growth(load[of_reading[scored]], deviation[scored], noise)),
+    )
     trace = np.trace(measurements.covariance, axis1=-2, axis2=-1)
     variance = np.broadcast_to(trace, measurements.present.shape)[measurements.present][scored]
     own = (measurements.sigma or 0.0) ** 2 * variance

@@ -59,8 +59,8 @@ def report(_job: Comparison, result: ComparisonResult, view: View) -> Report:
     parts: list[Part] = []
     if result.joints:
         parts += _ratio_parts(result, view.unit)
-    entries = sorted((entry for entry in result.entries if entry.joints), key=_place)
-    methods = {_short(entry) for entry in entries}
+    entries = sorted((entry for entry in result.entries if entry.joints), key=_place_in_table)
+    methods = {_short_name(entry) for entry in entries}
     if entries and (len(result.sides) == 1 or len(methods) > 1):
         parts += _method_parts(entries, view)
     return Report([*parts, *_refusals(result.entries)])
@@ -70,7 +70,7 @@ def _ratio_parts(result: ComparisonResult, unit: StiffnessUnit) -> list[Part]:
     """Return the joints on both sides, and the deflection that the second side avoids."""
     by_id = {entry.run_id: entry for entry in result.entries}
     first, second = (by_id[side.run_id] for side in result.sides)
-    joints, alike = result.joints, _short(first) == _short(second)
+    joints, alike = result.joints, _short_name(first) == _short_name(second)
     parts: list[Part] = [
         Table(
             [
@@ -169,16 +169,16 @@ def _constraints_change_nothing(entries: Sequence[ComparedRun], cell: Cell) -> b
     by_constraint: dict[bool, dict[tuple[str, str], list[str]]] = {False: {}, True: {}}
     for entry in entries:
         numbers = [str(cell(entry, j)) for j in range(len(entry.joints))]
-        by_constraint[entry.positive][entry.side, _short(entry)] = numbers
+        by_constraint[entry.positive][entry.side, _short_name(entry)] = numbers
     return by_constraint[False] == by_constraint[True]
 
 
 def _joint_tables(entries: Sequence[ComparedRun], title: str, cell: Cell, caption: str = "") -> list[Table]:
     """Return tables by joint, side and constraint, as many methods in each as 80 columns hold."""
-    methods = list(dict.fromkeys(map(_short, entries)))
+    methods = list(dict.fromkeys(map(_short_name, entries)))
     return [
         _joint_table(
-            [entry for entry in entries if _short(entry) in methods[start : start + _METHODS_ABREAST]],
+            [entry for entry in entries if _short_name(entry) in methods[start : start + _METHODS_ABREAST]],
             f"{title}, continued" if start else title,
             cell,
             "" if start else caption,
@@ -202,8 +202,8 @@ def _shares_tables(entries: Sequence[ComparedRun]) -> list[Part]:
 def _joint_table(entries: Sequence[ComparedRun], title: str, cell: Cell, caption: str) -> Table:
     by_row: dict[tuple[SideName, bool], dict[str, ComparedRun]] = {}
     for entry in sorted(entries, key=lambda each: (each.side, each.positive)):
-        by_row.setdefault((entry.side, entry.positive), {}).setdefault(_short(entry), entry)
-    methods = list(dict.fromkeys(map(_short, entries)))
+        by_row.setdefault((entry.side, entry.positive), {}).setdefault(_short_name(entry), entry)
+    methods = list(dict.fromkeys(map(_short_name, entries)))
     several = len({entry.side for entry in entries}) > 1
     heading = "side" if several else "sign"
     lines = [(j, joint, row) for j, joint in enumerate(entries[0].joints) for row in by_row]
@@ -234,13 +234,13 @@ def _row_name(side: SideName, positive: bool, *, several: bool) -> str:
     return f"{f'{_SIDES.index(side) + 1} ' * several}{_CONSTRAINTS[positive]}"
 
 
-def _place(entry: ComparedRun) -> tuple[int, int, bool, int]:
+def _place_in_table(entry: ComparedRun) -> tuple[int, int, bool, int]:
     """Return the place of a run in the tables: by method, weighting, constraint, side."""
     weighting = ("characteristic_length", "uniform", "covariance").index(entry.weighting)
     return list(_SHORT).index(entry.method), weighting, entry.positive, _SIDES.index(entry.side)
 
 
-def _short(entry: ComparedRun) -> str:
+def _short_name(entry: ComparedRun) -> str:
     return _SHORT[entry.method] + _WEIGHTS[entry.weighting]
 
 
@@ -273,7 +273,9 @@ def _drawn_joint(entry: ComparedRun, j: int) -> ResampledJoint | None:
 def _fits_table(entries: Sequence[ComparedRun]) -> Table:
     """Return what each fit as a whole is worth."""
     several = len({entry.side for entry in entries}) > 1
-    names = [f"{_short(entry)} {_row_name(entry.side, entry.positive, several=several)}" for entry in entries]
+    names = [
+        f"{_short_name(entry)} {_row_name(entry.side, entry.positive, several=several)}" for entry in entries
+    ]
     columns = [
         Column("fit", names, text=True, widest=_LONGEST_NAME),
         Column("explained", [percent(entry.compensation) for entry in entries]),
@@ -335,7 +337,7 @@ def charts(result: ComparisonResult) -> list[Chart]:
     charts: list[Chart] = []
     for side in result.sides:
         entries = [entry for entry in result.entries if entry.side == side.side and entry.left]
-        kept = {_short(entry): entry for entry in sorted(entries, key=lambda each: each.positive)}
+        kept = {_short_name(entry): entry for entry in sorted(entries, key=lambda each: each.positive)}
         charts.append(
             Chart(
                 f"Deflection of each configuration and what is left after compensation, mean over the targets"

@@ -176,9 +176,9 @@ def _two_sides(
         raise RequestError(
             f"the run of the {failed} side has failed", where="run_ids", remedy="read its error"
         )
-    sides = [_side(inputs, leading[name], parts[name]) for name in _SIDES]
+    sides = [_side_of(inputs, leading[name], parts[name]) for name in _SIDES]
     pair = compare_sides(*sides, confidence=result.confidence, ordered=request.ordered)
-    warnings = [_placed(finding, name) for name, run, _ in by for finding in _warnings(run.run)]
+    warnings = [_finding_of_side(finding, name) for name, run, _ in by for finding in _warnings(run.run)]
     if models_differ(sides[0].robot, sides[1].robot):
         warnings.append(_OTHER_MODEL)
     if pair.unlike and pair.unit_mistake is None:
@@ -193,7 +193,7 @@ def _two_sides(
         )
     verdicts = {name: found.assessment for name, _, found in by if found is not None}
     assessments = [
-        each.model_copy(update={"reasons": [_placed(reason, name) for reason in each.reasons]})
+        each.model_copy(update={"reasons": [_finding_of_side(reason, name) for reason in each.reasons]})
         for name, each in verdicts.items()
     ]
     own = [pair.unit_mistake] if pair.unit_mistake else [] if pair.avoided.matching else [_NOTHING_COMMON]
@@ -213,13 +213,13 @@ def _two_sides(
     )
 
 
-def _placed(finding: Finding, side: SideName) -> Finding:
+def _finding_of_side(finding: Finding, side: SideName) -> Finding:
     """Return a finding whose place begins with the side."""
     where = f"{side}.{finding.where}" if finding.where else side
     return finding.model_copy(update={"where": where})
 
 
-def _side(inputs: Inputs, leading: MeasuredRun, runs: Sequence[MeasuredRun]) -> Side:
+def _side_of(inputs: Inputs, leading: MeasuredRun, runs: Sequence[MeasuredRun]) -> Side:
     """Return a side as the numerical core takes it, by its run and that without constraints.
 
     Raises:
@@ -240,7 +240,7 @@ def _side(inputs: Inputs, leading: MeasuredRun, runs: Sequence[MeasuredRun]) -> 
     causes = [cause.pair for cause in run.request.causes]
     measurements = fit_causes(prepared.robot, prepared.measurements, causes)
     bent = run.result.complementary_stiffness if run.result else None
-    model = _model(run, prepared.robot)
+    model = _joint_model(run, prepared.robot)
     return Side(
         robot=prepared.robot,
         measurements=measurements,
@@ -251,7 +251,7 @@ def _side(inputs: Inputs, leading: MeasuredRun, runs: Sequence[MeasuredRun]) -> 
     )
 
 
-def _model(run: Run, robot: Robot) -> JointModel:
+def _joint_model(run: Run, robot: Robot) -> JointModel:
     """Return the model of a run of joints alone.
 
     Raises:
@@ -274,7 +274,7 @@ def _unconstrained(run: Run, runs: Sequence[MeasuredRun]) -> Run:
         return run
     for each in (each.run for each in runs if each.run.result is not None):
         free = all(getattr(each.request, name) == value for name, value in UNCONSTRAINED.items())
-        if free and _alike(each) == _alike(run):
+        if free and _options_that_count(each) == _options_that_count(run):
             return each
     return run
 
@@ -284,7 +284,7 @@ def is_held(run: Run) -> bool:
     return any(joint.status == "at_bound" for joint in (run.result.joints if run.result else ()))
 
 
-def _alike(run: Run) -> dict[str, Any]:
+def _options_that_count(run: Run) -> dict[str, Any]:
     """Return the options of a run that change its estimate without constraints."""
     others = {
         "measurement_set_id",
@@ -299,7 +299,7 @@ def _alike(run: Run) -> dict[str, Any]:
 
 def _free_estimate(run: Run, robot: Robot) -> FreeEstimate:
     """Return the estimate of a run before any constraint, with its covariance by source."""
-    model, result = _model(run, robot), run.result
+    model, result = _joint_model(run, robot), run.result
     if result is None:
         raise ValueError("a run without a result has no model")
     joints, likelihood, n = result.joints, model.likelihood, robot.n

@@ -95,22 +95,22 @@ class FleetWork(Work):
 
     def _takes_steps(self, one: NamedSet) -> bool:
         try:
-            return bool(self._run(one).steps())
+            return bool(self._run_set(one).steps())
         except JointstiffError:  # it is a row that says why
             return False
 
-    def _run(self, one: NamedSet) -> Work:
+    def _run_set(self, one: NamedSet) -> Work:
         request = RunRequest(measurement_set_id=one.id, **self._options)
         return identification(self._inputs, request)
 
-    def _identified(self, one: NamedSet) -> RunResult:
-        run = self._run(one)
+    def _identify_set(self, one: NamedSet) -> RunResult:
+        run = self._run_set(one)
         result = run.conclude([run.compute(span) for span in run.steps()])
         assert isinstance(result, RunResult)  # noqa: S101 - for mypy: a run has no other result
         return result
 
     def _row(self, one: NamedSet) -> FleetRow:
-        result, error = outcome_of(partial(self._identified, one), _ELSEWHERE)
+        result, error = outcome_of(partial(self._identify_set, one), _ELSEWHERE)
         return _row_of(one, result if isinstance(result, RunResult) else None, error)
 
 

@@ -143,7 +143,7 @@ def _frame(result: GeometryResult) -> Table:
 
 
 def _targets(result: GeometryResult) -> Table:
-    rows = [_place(target.position, target.covariance) for target in result.targets]
+    rows = [_place_in_mm(target.position, target.covariance) for target in result.targets]
     return Table(
         [
             Column("target", [target.name for target in result.targets], text=True),
@@ -154,7 +154,7 @@ def _targets(result: GeometryResult) -> Table:
     )
 
 
-def _place(position: Sequence[float], covariance: Sequence[Sequence[float]] | None) -> list[str]:
+def _place_in_mm(position: Sequence[float], covariance: Sequence[Sequence[float]] | None) -> list[str]:
     """Return the coordinates in mm, with the standard uncertainty of their last digits."""
     spread = [None if covariance is None else _MILLI * sqrt(covariance[i][i]) for i in range(3)]
     return [concise(_MILLI * part, u, ".4f") for part, u in zip(position, spread, strict=True)]
@@ -162,7 +162,7 @@ def _place(position: Sequence[float], covariance: Sequence[Sequence[float]] | No
 
 def _wrist(wrist: WristResult) -> list[Part]:
     centres = [*wrist.estimates, wrist.combined]
-    rows = [_place(centre.base, centre.base_covariance) for centre in centres]
+    rows = [_place_in_mm(centre.base, centre.base_covariance) for centre in centres]
     table = Table(
         [
             Column("by", [centre.way for centre in centres], text=True),
@@ -193,9 +193,9 @@ def _links(links: Sequence[LinkComparison]) -> Table:
         [
             Column("link", [link.quantity for link in links], text=True),
             Column("after", [link.joint for link in links]),
-            Column("nominal", [_size(link, link.nominal) for link in links]),
-            Column("identified", links, _identified),
-            Column("difference", links, _difference),
+            Column("nominal", [_size_text(link, link.nominal) for link in links]),
+            Column("identified", links, _identified_text),
+            Column("difference", links, _difference_text),
         ],
         title="Links, nominal and identified",
         caption="lengths in mm, angles in degrees; difference in mm or mrad, with the standard "
@@ -203,15 +203,15 @@ def _links(links: Sequence[LinkComparison]) -> Table:
     )
 
 
-def _size(link: LinkComparison, value: float) -> str:
+def _size_text(link: LinkComparison, value: float) -> str:
     return f"{degrees(value):.4f}°" if link.unit == "rad" else f"{_MILLI * value:.3f}"
 
 
-def _identified(link: LinkComparison) -> str:
-    return "not determined" if link.standard_uncertainty is None else _size(link, link.identified)
+def _identified_text(link: LinkComparison) -> str:
+    return "not determined" if link.standard_uncertainty is None else _size_text(link, link.identified)
 
 
-def _difference(link: LinkComparison) -> str:
+def _difference_text(link: LinkComparison) -> str:
     u = link.standard_uncertainty
     return NO_NUMBER if u is None else concise(_MILLI * link.difference, u and _MILLI * u, ".4f")
 
@@ -233,10 +233,12 @@ def _summary(result: GeometryResult, *, details: bool) -> list[str]:
     ]
     if result.agreement_probability is not None:
         fits = "does not fit" if result.fit == "one_by_one" else "fits"
-        lines.append(f"one robot {fits} all sweeps ({_chance(result.agreement_probability)})")
+        lines.append(f"one robot {fits} all sweeps ({_fit_probability(result.agreement_probability)})")
     if result.controller_probability is not None:
         fit = "fit" if result.controller_probability >= _CONTROLLER_LEVEL else "do not fit"
-        lines.append(f"the controller's angles {fit} the readings ({_chance(result.controller_probability)})")
+        lines.append(
+            f"the controller's angles {fit} the readings ({_fit_probability(result.controller_probability)})"
+        )
     if result.no_wrist is not None:
         lines.append(f"no wrist centre: {result.no_wrist}")
     if result.wrist is not None and not details:
@@ -247,7 +249,7 @@ def _summary(result: GeometryResult, *, details: bool) -> list[str]:
     return lines
 
 
-def _chance(probability: float) -> str:
+def _fit_probability(probability: float) -> str:
     """Return the probability that noise alone makes a fit so bad."""
     percent = figure(100.0 * max(probability, _LEAST_PROBABILITY), ".1g")
     less = " or less" if probability < _LEAST_PROBABILITY else ""

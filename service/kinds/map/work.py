@@ -89,7 +89,7 @@ class MapWork(Work):
             JointstiffError: as `compute` does.
         """
         table, used = DeflectionMap(**joined(parts)) if parts else self.table, self._used
-        tool = self._task.rotation @ _unit(self.request.tool_axis, "tool_axis")
+        tool = self._task.rotation @ _unit_vector(self.request.tool_axis, "tool_axis")
         numbers = map_numbers(table, self.places, tool)
         return MapResult(
             assessment=judged("map", self._reasons(numbers), used.result.assessment),
@@ -218,11 +218,11 @@ def map_task(request: MapOptions, robot: Robot) -> MapTask:
     if request.near is not None:
         refuse_other_angles(robot, request.near, "near")
     rotation = tool_rotations(
-        _unit(request.tool_axis, "tool_axis"),
-        np.array([_unit(each, f"directions[{i}]") for i, each in enumerate(request.directions)]),
+        _unit_vector(request.tool_axis, "tool_axis"),
+        np.array([_unit_vector(each, f"directions[{i}]") for i, each in enumerate(request.directions)]),
         request.turns,
     )
-    direction = _unit(tuple(force) if request.direction is None else request.direction, "direction")
+    direction = _unit_vector(tuple(force) if request.direction is None else request.direction, "direction")
     turned = rotation if request.axes == "flange" else np.broadcast_to(np.eye(3), rotation.shape)
     return MapTask(
         rotation=rotation,
@@ -237,7 +237,7 @@ def map_task(request: MapOptions, robot: Robot) -> MapTask:
     )
 
 
-def _unit(vector: Sequence[float], where: str) -> FloatArray:
+def _unit_vector(vector: Sequence[float], where: str) -> FloatArray:
     array = np.array(vector, dtype=np.float64)
     length = float(np.linalg.norm(array))
     if length < _LEAST_LENGTH:

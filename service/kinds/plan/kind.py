@@ -90,7 +90,7 @@ def _joints(result: PlanResult) -> Table:
     return Table(columns if measured else columns[:2], title=title, caption=caption)
 
 
-def _share(joint: PlannedJoint, uncertainty: float | None) -> float | None:
+def _relative_uncertainty(joint: PlannedJoint, uncertainty: float | None) -> float | None:
     """Return an uncertainty relative to the compliance, which is that of the stiffness; None if unknown."""
     if uncertainty is None or joint.relative is None:
         return None
@@ -99,7 +99,7 @@ def _share(joint: PlannedJoint, uncertainty: float | None) -> float | None:
 
 def _cell(joint: PlannedJoint, uncertainty: float | None) -> str | None:
     """Return a share of the compliance; the compliance's uncertainty itself where that is not known."""
-    share = _share(joint, uncertainty)
+    share = _relative_uncertainty(joint, uncertainty)
     if share is not None:
         return f"{figure(100 * share, '.2g')} %"
     unit = "nm/N" if joint.kind == "prismatic" else "nrad/(N·m)"
@@ -125,7 +125,11 @@ def _readings(job: Plan, result: PlanResult, *, boxes: bool) -> Table:
             *angles,
             Column("force", [hypot(*each.force) for each in readings], number(".0f"), "N"),
             Column("direction", [_direction(job, each) for each in readings], text=True),
-            *([Column("read along", [_along(each) for each in readings], text=True)] if gauged else []),
+            *(
+                [Column("read along", [_gauge_direction(each) for each in readings], text=True)]
+                if gauged
+                else []
+            ),
             *(ticks if boxes else []),
         ],
         title="Readings, in order",
@@ -160,7 +164,7 @@ def _direction(job: Plan, reading: PlannedReading) -> str:
     return "down" if unit[2] < _DOWN else _components(unit)
 
 
-def _along(reading: PlannedReading) -> str:
+def _gauge_direction(reading: PlannedReading) -> str:
     """Return the direction of a gauge: the axis of R0 where it is one, as `import` reads it."""
     direction = reading.direction or (0.0, 0.0, 0.0)
     axis = next((axis for axis, part in zip("xyz", direction, strict=True) if abs(part) > -_DOWN), None)
@@ -185,7 +189,7 @@ def readings_sheet(plan: Plan) -> Sheet:
         f"joint_{j + 1} [{'mm' if j in lengths else 'deg'}]" for j in range(len(result.readings[0].joints))
     ]
     places = [f"load point {axis} [mm]" for axis in "xyz"]
-    along = {axis for each in result.readings if (axis := _along(each)) in ("x", "y", "z")}
+    along = {axis for each in result.readings if (axis := _gauge_direction(each)) in ("x", "y", "z")}
     gauged = any(each.direction is not None for each in result.readings)
     states = ("along",) if gauged else ("unloaded", "loaded")
     empty = [
@@ -205,7 +209,7 @@ def readings_sheet(plan: Plan) -> Sheet:
             **{name: round(1e3 * part, 3) for name, part in zip(places, result.load_point, strict=True)},
             "anchor": None if each.anchor is None else each.anchor + 1,
             "validation": int(each.held_out),
-            **({"remark": f"read along {_along(each)}"} if gauged else {}),
+            **({"remark": f"read along {_gauge_direction(each)}"} if gauged else {}),
             **dict.fromkeys(empty),
         }
         for each in result.readings
@@ -250,7 +254,7 @@ def campaign_to_fill_in(source: RobotDocument | Campaign, plan: Plan) -> dict[st
 def charts(result: PlanResult) -> list[Chart]:
     """Return the predicted uncertainty of each joint, compared with that of today and of random plans."""
     joints, known = result.joints, all(joint.relative is not None for joint in result.joints)
-    value = _share if known else lambda _, uncertainty: uncertainty
+    value = _relative_uncertainty if known else lambda _, uncertainty: uncertainty
     series = {
         "this plan": [value(joint, joint.standard_uncertainty) for joint in joints],
         "random plans": [value(joint, joint.random) for joint in joints],

@@ -69,12 +69,12 @@ class ProgramFrames:
             RequestError: a frame has none, has them twice, is not in the program, or is no frame.
         """
         notation, targets = frame_notation(program), program.targets
-        world = _stated(notation, options.world, "world")
-        flange = _stated(notation, options.flange, "flange")
+        world = _stated_pose(notation, options.world, "world")
+        flange = _stated_pose(notation, options.flange, "flange")
         unused = targets.by_joints & (options.axes != "base")
         bases = np.where(unused, -1, targets.base)
-        tool = _placed(flange, notation, options.tools, targets.frames, targets.tool, "tools")
-        base = _placed(world, notation, options.bases, targets.frames, bases, "bases")
+        tool = _place_targets(flange, notation, options.tools, targets.frames, targets.tool, "tools")
+        base = _place_targets(world, notation, options.bases, targets.frames, bases, "bases")
         return cls(tool, base, None if options.tool_x is None else np.array(options.tool_x))
 
     def flange_poses(
@@ -154,7 +154,7 @@ class ProgramFrames:
         return poses
 
 
-def _placed(
+def _place_targets(
     outer: FloatArray,
     notation: Notation,
     stated: Sequence[ProgramFrame],
@@ -173,7 +173,7 @@ def _placed(
         where: field of the request.
     """
     given: dict[str | None, FloatArray] = {
-        _key(frame.name): _stated(notation, frame.values, f"{where}[{i}].values")
+        _key(frame.name): _stated_pose(notation, frame.values, f"{where}[{i}].values")
         for i, frame in enumerate(stated)
     }
     if len(given) < len(stated):
@@ -213,7 +213,7 @@ def _key(name: str | None) -> str | None:
     return None if name is None else name.upper()
 
 
-def _stated(notation: Notation, values: Sequence[float] | None, where: str) -> FloatArray:
+def _stated_pose(notation: Notation, values: Sequence[float] | None, where: str) -> FloatArray:
     if values is None:
         return np.eye(4)
     if len(values) != 3 + notation.count or not notation.states(np.array(values)):
@@ -428,9 +428,11 @@ class StatedConfigurations:
             for i in np.flatnonzero(agreed & left & np.isfinite(numbers)):
                 place = int(indices[members[i]]), column
                 changed[place] = word.rewritten(changed.get(place, int(numbers[i])), float(after[i]))
-        return [(index, self._edit(index, column, number)) for (index, column), number in changed.items()]
+        return [
+            (index, self._edit_number(index, column, number)) for (index, column), number in changed.items()
+        ]
 
-    def _edit(self, index: int, column: int, number: int) -> Edit:
+    def _edit_number(self, index: int, column: int, number: int) -> Edit:
         targets = self._program.targets
         start, end = targets.spans[index, column].tolist()
         binary = self._program.sources[targets.source[index]].text[start] == "'"  # KUKA's 'B010'
@@ -550,7 +552,7 @@ def program_path(
         ProgramError: targets are not reached, or their configurations are not known.
     """
     frames, stated = ProgramFrames.of(program, options), StatedConfigurations(program)
-    joints = _postures(program, options, frames, stated, robot, inverse, visits.targets)
+    joints = _wanted_postures(program, options, frames, stated, robot, inverse, visits.targets)
     apart = joints - joints[visits.first][visits.number]
     apart = np.abs(apart - 2 * np.pi * np.round(apart / (2 * np.pi))).max(axis=1)
     reason = "a target is reached in two configurations of the arm"
@@ -559,7 +561,7 @@ def program_path(
     load = visits.loads.of_visit[visits.first]
     with as_request_errors("program"):
         wanted = joints[visits.first]
-        cases = _cases(options, frames, robot, visits.order, wanted, visits.loads.values[load])
+        cases = _load_cases(options, frames, robot, visits.order, wanted, visits.loads.values[load])
     return ProgramPath(program, frames, stated, visits.order, cases)
 
 
@@ -576,7 +578,7 @@ def _fault(program: Program, target: int, reason: str, remedy: str) -> Fault:
     )
 
 
-def _postures(
+def _wanted_postures(
     program: Program,
     options: ProgramOptions,
     frames: ProgramFrames,
@@ -632,7 +634,7 @@ def _refuse_new_letters(program: Program, visits: IndexArray, by_joints: BoolArr
     _refuse(program, np.array(changed, dtype=np.intp), reason, remedy)
 
 
-def _cases(
+def _load_cases(
     options: ProgramOptions,
     frames: ProgramFrames,
     robot: Robot,

@@ -134,13 +134,13 @@ class WrittenPoints:
         half = np.stack([self.quantile * corrections.uncertainty, corrections.model_error])
         half = np.where(np.isfinite(half), half, np.nan)
         half[1] = np.where(np.isnan(half[1]), np.nan, np.fmax(half[0], half[1]))
-        deflection = _size(corrections.uncorrected[:, :3])
+        deflection = _spread_of(corrections.uncorrected[:, :3])
         return np.stack([np.maximum(deflection - half, 0.0), deflection + half], axis=2)
 
     def worst(self) -> list[ProgramPoint]:
         """Return the points with the greatest deflections, greatest first."""
         corrections, targets = self.corrections, self.path.program.targets
-        order = np.argsort(-_size(corrections.uncorrected[:, :3]), kind="stable")[:MAX_WORST]
+        order = np.argsort(-_spread_of(corrections.uncorrected[:, :3]), kind="stable")[:MAX_WORST]
         points = corrections.points[order]
         target = self.path.targets[points]
         readings, with_error = self._intervals[:, order]
@@ -151,15 +151,15 @@ class WrittenPoints:
             name=["".join(each if each.isprintable() else "?" for each in name) for name in names],
             line=targets.line[target],
             place=self.place[points],
-            deflection=_size(corrections.uncorrected[order, :3]),
-            deflection_rotation=_size(corrections.uncorrected[order, 3:]),
-            correction=_size(corrections.correction[order, :3]),
-            correction_rotation=_size(corrections.correction[order, 3:]),
+            deflection=_spread_of(corrections.uncorrected[order, :3]),
+            deflection_rotation=_spread_of(corrections.uncorrected[order, 3:]),
+            correction=_spread_of(corrections.correction[order, :3]),
+            correction_rotation=_spread_of(corrections.correction[order, 3:]),
             standard_uncertainty=corrections.uncertainty[order],
             interval=readings,
             interval_with_model_error=with_error,
-            residual=_size(self.residual[order, :3]),
-            residual_rotation=_size(self.residual[order, 3:]),
+            residual=_spread_of(self.residual[order, :3]),
+            residual_rotation=_spread_of(self.residual[order, 3:]),
             rounding=self.rounding[order],
             share=corrections.share[order],
             capped=corrections.capped[order],
@@ -170,11 +170,11 @@ class WrittenPoints:
         corrections = self.corrections
         return np.column_stack(
             [
-                *_moved(corrections.uncorrected[block]),
-                *_moved(corrections.correction[block]),
+                *_motions_in_mm(corrections.uncorrected[block]),
+                *_motions_in_mm(corrections.correction[block]),
                 1e3 * corrections.uncertainty[block],
                 *(1e3 * interval for interval in self._intervals[:, block]),
-                *_moved(self.residual[block]),
+                *_motions_in_mm(self.residual[block]),
                 1e3 * self.rounding[block],
                 corrections.share[block],
             ]
@@ -226,12 +226,12 @@ def points_sheet(content: bytes) -> Sheet:
     return Sheet(columns, texts=frozenset({"name", "file", "remark"}), digits=".7g")
 
 
-def _moved(motion: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _motions_in_mm(motion: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return displacements (k, 3) and their lengths [mm], and rotations [mrad]."""
-    return 1e3 * motion[:, :3], 1e3 * _size(motion[:, :3]), 1e3 * _size(motion[:, 3:])
+    return 1e3 * motion[:, :3], 1e3 * _spread_of(motion[:, :3]), 1e3 * _spread_of(motion[:, 3:])
 
 
-def _size(vectors: FloatArray) -> FloatArray:
+def _spread_of(vectors: FloatArray) -> FloatArray:
     return np.asarray(np.linalg.norm(vectors, axis=-1))
 
 
@@ -520,13 +520,13 @@ class ProgramWork(Work):
             lines.setdefault(remark.text, []).append(remark.line)
         for each in self._program.left:
             lines.setdefault(f"left: {each.reason}; {each.remedy}", []).append(each.line)
-        left = [f"{_shown(numbers)}: {reason}" for reason, numbers in lines.items()]
+        left = [f"{_line_numbers(numbers)}: {reason}" for reason, numbers in lines.items()]
         more = [f"… and {len(left) - _MAX_REMARKS} more"] if len(left) > _MAX_REMARKS else []
         remarks = self._used.remarks(self._request.confidence)
         return [*remarks, *left[:_MAX_REMARKS], *more]
 
 
-def _shown(lines: Sequence[int]) -> str:
+def _line_numbers(lines: Sequence[int]) -> str:
     """Return line numbers as text, the first five of them."""
     first = ", ".join(map(str, lines[:5]))
     more = f" and {len(lines) - 5} more" if len(lines) > 5 else ""

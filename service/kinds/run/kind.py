@@ -59,7 +59,7 @@ def report(job: Run, result: RunResult, view: View) -> Report:
     parts: list[Part] = [
         _joints_table(job, result, view.unit),
         *joint_reason_lines((joint.name, joint.reason) for joint in result.joints),
-        _summary(result),
+        _fit_summary(result),
     ]
     if not view.details and not ROOT_MISTAKES.isdisjoint(each.code for each in result.assessment.reasons):
         return Report(parts[:1])
@@ -71,7 +71,7 @@ def report(job: Run, result: RunResult, view: View) -> Report:
         evidence += _choice_evidence(result.choice, result.links) if view.details else []
     if result.resampling is not None:
         evidence += [Line(""), resampling_table(job, result.resampling, view.unit)]
-    return Report(parts, evidence, list(_advised(job, result, details=view.details)))
+    return Report(parts, evidence, list(_advice_lines(job, result, details=view.details)))
 
 
 def _joints_table(run: Run, result: RunResult, unit: StiffnessUnit) -> Table:
@@ -152,7 +152,7 @@ def _prior_cell(joint: JointResult, *, known: bool) -> str:
     return "prior only" if known and joint.status != "not_observable" else "—"
 
 
-def _summary(result: RunResult) -> Line:
+def _fit_summary(result: RunResult) -> Line:
     """Return what the fit is worth, in one line."""
     share = result.compensation
     explained = "" if share is None else f"explains {100 * share:.1f} % of the mean deflection, "
@@ -164,7 +164,7 @@ def _summary(result: RunResult) -> Line:
     return Line(f"  {explained}residual {length_text(result.rms_residual)} rms (3-D){sigma}")
 
 
-def _advised(run: Run, result: RunResult, *, details: bool) -> Iterator[str]:
+def _advice_lines(run: Run, result: RunResult, *, details: bool) -> Iterator[str]:
     """Yield the next measurement of each joint that needs one, with details every one."""
     advised = set()
     joints = {joint.name: joint for joint in result.joints}
@@ -173,7 +173,7 @@ def _advised(run: Run, result: RunResult, *, details: bool) -> Iterator[str]:
             yield f"{advice.joint}: {advice.message}"
         elif advice.joint not in advised:
             advised.add(advice.joint)
-            gain = _gain(run, advice, joints[advice.joint])
+            gain = _promised_gain(run, advice, joints[advice.joint])
             yield f"{advice.joint}: {_reading(advice, [joint.kind for joint in result.joints])}{gain}"
 
 
@@ -185,7 +185,7 @@ def _reading(advice: Advice, kinds: Sequence[JointKind]) -> str:
     return f"{figure(size)} N along ({along}) in posture {posture}"
 
 
-def _gain(run: Run, advice: Advice, joint: JointResult) -> str:
+def _promised_gain(run: Run, advice: Advice, joint: JointResult) -> str:
     """Return what a reading promises, which is known for the partial pose weighted by covariance."""
     request = run.request
     u, ratio = joint.standard_uncertainty, advice.uncertainty_ratio
@@ -450,7 +450,7 @@ def choice_table(choice: ModelChoice) -> Table:
             Column("compensation", [each.compensation for each in models], percent),
             Column("std. error", [each.standard_error for each in models], percent),
             Column("penalty", [each.penalty for each in models], number(".2g")),
-            Column("", [_mark(each, choice) for each in models], text=True),
+            Column("", [_model_mark(each, choice) for each in models], text=True),
         ],
         title="Compensation of held-out configurations",
         caption="mean over the folds ± standard error; the simplest model within one standard error of the "
@@ -458,7 +458,7 @@ def choice_table(choice: ModelChoice) -> Table:
     )
 
 
-def _mark(scored: ScoredModel, choice: ModelChoice) -> str:
+def _model_mark(scored: ScoredModel, choice: ModelChoice) -> str:
     """Return what distinguishes a model with a loss."""
     is_chosen = (scored.model, scored.loss) == (choice.elasticity, choice.loss)
     marks = ["this run"] if is_chosen else []

@@ -6,7 +6,7 @@ from typer.testing import CliRunner
 import jointstiff as js
 from jointstiff.schemas.options import METHODS_IN_SHORT
 from jointstiff.service.cli.app import app
-from jointstiff.service.cli.imports import _cells, _with_cells
+from jointstiff.service.cli.imports import _split_header, _with_cells
 from jointstiff.service.cli.kinds import _one_of
 from jointstiff.service.cli.options import _unit_of
 from jointstiff.service.importing.reading import SourceFile
@@ -40,7 +40,7 @@ def test_hyphens_stand_for_underlines_at_the_terminal():
 )
 @pytest.mark.parametrize("delimiter", [None, "semicolon", "comma", "tab"])
 def test_a_header_without_the_files_delimiter_is_split_by_its_own(text, delimiter):
-    assert _cells(text, delimiter) == ["group", "point", "x", "y", "z"]
+    assert _split_header(text, delimiter) == ["group", "point", "x", "y", "z"]
 
 
 @pytest.mark.parametrize(

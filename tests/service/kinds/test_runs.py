@@ -37,7 +37,7 @@ from jointstiff.simulator.base import pedestal_campaign
 from jointstiff.simulator.elastic_links import beam_arm, elastic_campaign
 from jointstiff.simulator.programs import program_text
 from jointstiff.solver.errors import RequestError, UnsupportedMethodError
-from jointstiff.solver.estimation.assessment import _links
+from jointstiff.solver.estimation.assessment import _report_links
 from jointstiff.solver.estimation.estimate import Prediction
 from jointstiff.solver.links import competition
 from jointstiff.solver.links.choice import LIMITS, WEIGHTS, HeldOut, Selection
@@ -369,7 +369,7 @@ def test_a_tied_model_without_a_certified_optimum_fails_no_run(monkeypatch, docu
     assert (elastic.effective.ends.tolist(), elastic.intervals) == ([[1.0, high]], "joints_and_base")
     prediction = elastic.estimate.prediction
     assert (prediction.bending, prediction.joined) == ("links_or_base", intervals is not None)
-    (finding,) = _links(prediction, None)
+    (finding,) = _report_links(prediction, None)
     assert finding.code == "links_or_base"
     assert finding.weight == "use_with_care"
     assert ("contain the values of both" in finding.message) == (intervals is not None)

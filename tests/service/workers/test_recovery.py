@@ -528,8 +528,8 @@ def test_a_worker_is_started_again_after_pauses_that_double(monkeypatch):
 
     monkeypatch.setattr(supervisor_module, "time", SimpleNamespace(monotonic=lambda: now))
     supervisor._stopping = SimpleNamespace(is_set=lambda: not lives, wait=pauses.append)
-    supervisor._watch = watch
-    supervisor._keep("sqlite://", "test-1")
+    supervisor._run_worker = watch
+    supervisor._keep_worker("sqlite://", "test-1")
     assert pauses == [2, 4, 2]
     assert failing == [(1.0, 0), (59.0, 0), (60.0, 0), (5.0, 0)]
 
