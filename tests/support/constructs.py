@@ -12,8 +12,8 @@ WORD selects files of `tests/service/programs/constructs/` by name. A file has, 
     LIN P9 → 5 7, left 6; 6: …  a statement (⏎ ends a line, ⇥ is a tab, ++ begins another file), its outcome
 
 An outcome names lines: those of moves that are corrected; `left` ones, which are not certain; `kept` ones, to
-places of the controller; and faults. A corrected move is described where it is none of the program around:
-motion, name, numbers, base, tool, words of the configuration.
+places of the controller; and faults. A corrected move is described where it is none of the program around
+(motion, name, numbers, base, tool, words of the configuration), or is `as` that of another line.
 """
 
 from __future__ import annotations
@@ -104,7 +104,7 @@ class Constructs:
         except ProgramError as error:
             return {}, ["refused", *self._faults(subject, error.faults, error.left)]
         kept = [f"kept {each.line} {each.target}" for each in program.left_alone]
-        return dict(_described(program)), [*self._faults(subject, program.faults, program.left), *kept]
+        return _described(program), [*self._faults(subject, program.faults, program.left), *kept]
 
     def _faults(
         self, subject: Subject, faults: tuple[Fault, ...], left: tuple[ReadMove, ...]
@@ -123,8 +123,12 @@ class Constructs:
 
     def _told(self, moves: Moves, rest: list[str], own: Moves) -> str:
         same = [str(line) for line, each in moves.items() if own.get(line) == each]
-        other = [f"{line} {each}" for line, each in moves.items() if own.get(line) != each]
-        return "; ".join([*([" ".join(same)] if same else []), *other, *rest]) or "no move"
+        known, other = {each: line for line, each in own.items()}, []
+        for line, each in moves.items():
+            if own.get(line) != each:
+                other.append(f"{line} {f'as {known[each]}' if each in known else each}")
+                known.setdefault(each, line)
+        return "; ".join([*([" ".join(same)] if same else []), *other, *rest])
 
     def written(self) -> str:
         """Return the file with what becomes of its statements today."""
@@ -143,8 +147,8 @@ Moves = dict[int, str]
 """Corrected moves by their lines: motions, targets and frames."""
 
 
-def _described(program: Program) -> Iterator[tuple[int, str]]:
-    targets = targets_of(program)
+def _described(program: Program) -> Moves:
+    targets, moves = targets_of(program), Moves()
     for move in moves_of(program):
         parts = []
         for each in (targets[index] for index in move.targets):
@@ -152,9 +156,11 @@ def _described(program: Program) -> Iterator[tuple[int, str]]:
             words = [each.letters, *(f"{name} {source[start:end]}" for name, start, end in each.words)]
             name = f"{each.name} of line {each.line}, " if each.name else ""
             numbers = " ".join(f"{x:.7g}" for x in each.values)
-            frames = f" in {_framed(each.base)} with {_framed(each.tool)}"
-            parts.append(f"{name}{numbers}{frames} {' '.join(words)}".rstrip())
-        yield move.line, f"{move.motion.value} {' and '.join(parts)}"
+            frames = f"in {_framed(each.base)} with {_framed(each.tool)}"
+            parts.append(" ".join([f"{name}{numbers}", frames, *filter(None, words)]))
+        before = f"{moves[move.line]}, then " if move.line in moves else ""
+        moves[move.line] = f"{before}{move.motion.value} {' and '.join(parts)}"
+    return moves
 
 
 def _framed(frame: FrameName) -> str:
