@@ -100,7 +100,9 @@ class Constructs:
         first, *others = self.unfolded(text).replace("⏎", "\n").replace("⇥", "\t").split(" ++ ")
         files = [(subject.file, first), *(tuple(each.split(": ", 1)) for each in others)]
         try:
-            program = read_program([(name, part.encode("latin-1")) for name, part in files], leave_others=True)
+            program = read_program(
+                [(name, part.encode("latin-1")) for name, part in files], leave_others=True
+            )
         except ProgramError as error:
             return {}, ["refused", *self._faults(subject, error.faults, error.left)]
         kept = [f"kept {each.line} {each.target}" for each in program.left_alone]
@@ -201,7 +203,9 @@ def main(*words: str) -> int:
         if chosen and not any(word in path.stem for word in chosen):
             continue
         then, now = path.read_text(encoding="utf-8"), Constructs.read(path).written()
-        sys.stdout.writelines(unified_diff(then.splitlines(True), now.splitlines(True), path.name, "today", n=0))
+        sys.stdout.writelines(
+            unified_diff(then.splitlines(True), now.splitlines(True), path.name, "today", n=0)
+        )
         count += then != now
         if "--write" in words:
             path.write_text(now, encoding="utf-8")

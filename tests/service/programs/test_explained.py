@@ -1,3 +1,4 @@
+# ruff: noqa: E501  # lines of programs, and words that users read
 """What is said of each move of a program, and in which words a program is refused."""
 
 import re
@@ -17,9 +18,7 @@ SAMPLES = Path(__file__).parent / "samples"
 PLACE = "{X 1,Y 2,Z 3,A 0,B 0,C 0}"
 ROB = "[[1,2,3],[1,0,0,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]]"
 OF_KRL = "write X, Y, Z, A, B, C (or A1 ... A6) in numbers, and send the .dat that declares them"
-OF_FANUC = (
-    "write positions in numbers in /POS: no PR[], no P[R[]]; choose frames by numbers, line by line"
-)
+OF_FANUC = "write positions in numbers in /POS: no PR[], no P[R[]]; choose frames by numbers, line by line"
 OF_UR = "write p[x, y, z, rx, ry, rz] or [q1 ... q6] in numbers, or a variable that gets them once"
 OF_TABLES = (
     "name columns x, y, z and a, b, c (or w, p, r; qw ... qz; rx, ry, rz; i, j, k), or j1 ... j6, with "
@@ -280,9 +279,7 @@ def test_two_files_of_a_language_with_one_are_refused():
     assert str(refused.value) == f"'b.mod': one file too many; {remedy}"
 
 
-@pytest.mark.parametrize(
-    "statement", ["LIN {}", "P1={}", "DECL FDAT F={}", "FDAT_ACT={}", "TOOL_DATA[1]={}"]
-)
+@pytest.mark.parametrize("statement", ["LIN {}", "P1={}", "DECL FDAT F={}", "FDAT_ACT={}", "TOOL_DATA[1]={}"])
 def test_braces_within_one_another_are_refused_wherever_they_stand(statement):
     deep = statement.format("{A " * 500 + "1" + "}" * 500)
     with pytest.raises(ProgramError) as refused:
@@ -325,7 +322,9 @@ def test_the_routine_of_a_move_with_a_call_may_be_confirmed():
     program = read("a.mod", text, leave_alone=["p1"])
     assert len(program.moves) == 1
     (remark,) = program.left_alone
-    assert remark.text == "P1 is called; the request states that it neither moves the robot nor changes frames"
+    assert (
+        remark.text == "P1 is called; the request states that it neither moves the robot nor changes frames"
+    )
 
 
 @pytest.mark.parametrize(
@@ -334,9 +333,7 @@ def test_the_routine_of_a_move_with_a_call_may_be_confirmed():
 )
 def test_kukas_turn_says_which_axes_are_below_zero(words, negative):
     """Recorded points of a controller; bit 2 of S goes with the sign of axis 5."""
-    text = krl(
-        "$TOOL=$NULLFRAME", "$BASE=$NULLFRAME", f"PTP {{X 1,Y 2,Z 3,A 0,B 0,C 0,{words}}}"
-    )
+    text = krl("$TOOL=$NULLFRAME", "$BASE=$NULLFRAME", f"PTP {{X 1,Y 2,Z 3,A 0,B 0,C 0,{words}}}")
     (ranges,) = StatedConfigurations(read("a.src", text)).ranges([0])
     assert ranges.tolist() == [[-np.inf, 0.0] if axis in negative else [0.0, np.inf] for axis in range(6)]
 

@@ -1,4 +1,4 @@
-"""Programs that post-processors of CAD systems write are corrected whole, but for places of the controller."""
+"""Programs that post-processors of CAD systems write are corrected whole, but for the controller's places."""
 
 import re
 from pathlib import Path
@@ -51,7 +51,9 @@ KEPT = {
 
 def read(post):
     _, *texts = re.split(r"^--- (.*)\n", POSTS[post], flags=re.MULTILINE)
-    program = read_program([(name, text.encode()) for name, text in zip(texts[::2], texts[1::2], strict=True)])
+    program = read_program(
+        [(name, text.encode()) for name, text in zip(texts[::2], texts[1::2], strict=True)]
+    )
     targets = targets_of(program)
     return program, moves_of(program), [targets[i] for move in moves_of(program) for i in move.targets]
 

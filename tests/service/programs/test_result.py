@@ -1,3 +1,4 @@
+# ruff: noqa: E501  # lines of programs, and words that users read
 """What is told of a compensated program: counts, spreads, worst points, reasons, remarks, and its text."""
 
 import pytest
@@ -78,7 +79,13 @@ def test_each_language_has_the_same_correction_in_its_own_numbers(kind):
     assert new[: len(rows)] == rows
     assert len(new) == 6 * len(rows)
     assert (result.format, result.files[0].name) == (kind, PROGRAM_FILES[kind])
-    assert (result.points, result.moves, result.corrected, result.moves_left, result.capped) == (6, 6, 6, 0, 0)
+    assert (result.points, result.moves, result.corrected, result.moves_left, result.capped) == (
+        6,
+        6,
+        6,
+        0,
+        0,
+    )
     assert result.left_alone == {}
     assert figures(result.deflection) == about(0.0022214, 0.0027173, 0.0028202)
     assert figures(result.correction) == about(0.0022252, 0.0027227, 0.0028259)

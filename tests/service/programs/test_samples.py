@@ -1,3 +1,4 @@
+# ruff: noqa: E501  # lines of programs, and words that users read
 """Samples of each language: moves, targets, frames, configurations, what stays, and columns of corrected ones."""
 
 from pathlib import Path
@@ -6,7 +7,7 @@ import numpy as np
 import pytest
 from support.written_programs import moves_of, rewritten, targets_of
 
-from jointstiff.service.programs.formats import explained, read_program
+from jointstiff.service.programs.formats import read_program
 
 SAMPLES = Path(__file__).parent / "samples"
 FILES = {
@@ -105,7 +106,8 @@ def test_each_target_has_the_frames_that_are_active_at_its_move(kind):
     targets, found = targets_of(program), []
     for each in (targets[index] for move in moves_of(program) for index in move.targets):
         places = [
-            None if frame.pose is None else pytest.approx(frame.pose[:3, 3]) for frame in (each.base, each.tool)
+            None if frame.pose is None else pytest.approx(frame.pose[:3, 3])
+            for frame in (each.base, each.tool)
         ]
         found.append((each.base.name, places[0], each.tool.name, places[1]))
     assert found == FRAMES[kind]
@@ -114,9 +116,7 @@ def test_each_target_has_the_frames_that_are_active_at_its_move(kind):
 CONFIGURATIONS = {
     "krl": {"XP7": ("", {"S": "2", "T": "35"})},
     "fanuc": {f"P[{n}]": ("NUT", {"turn1": "0", "turn4": "0", "turn6": "0"}) for n in (2, 3, 4, 5)},
-    "rapid": {
-        name: ("", {"cf1": "0", "cf4": "-1", "cf6": "0", "cfx": "1"}) for name in ("P10", "P20", "")
-    },
+    "rapid": {name: ("", {"cf1": "0", "cf4": "-1", "cf6": "0", "cfx": "1"}) for name in ("P10", "P20", "")},
     "ur": {},
     "csv": {},
 }
@@ -183,7 +183,9 @@ def test_corrected_numbers_keep_their_columns_signs_and_digits(kind):
     values = program.targets.values[:, :7] + [-9000.1, 0.1, 1e-3, 0, 0, 0, 0]
     new = [
         line
-        for (_, before), after in zip(files, rewritten(program, np.arange(len(values)), values)[0], strict=True)
+        for (_, before), after in zip(
+            files, rewritten(program, np.arange(len(values)), values)[0], strict=True
+        )
         for line in after.decode("latin-1").splitlines()
         if line not in before.decode("latin-1").splitlines()
     ]
