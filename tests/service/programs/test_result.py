@@ -314,3 +314,12 @@ def test_uncertain_moves_are_left_if_asked_and_told_in_reason_remarks_and_mark()
     assert lines[2].startswith("; Jointstiff run ")
     assert lines[2].endswith(", verdict: use with care, 5 of 7 moves corrected, 2 left")
     assert lines[7:] == [*CORRECTED, *MORE, "END"]
+
+
+@pytest.mark.parametrize(
+    ("count", "words"), [(5, "14, 15, 16, 17, 18"), (7, "14, 15, 16, 17, 18 and 2 more")]
+)
+def test_a_remark_of_many_lines_names_the_first_five(count, words):
+    text = UNCERTAIN.replace("PTP HOME\r\n" * 2, "PTP HOME\r\n" * count)
+    result = compensated("krl", text, leave_others=True)
+    assert f"lines {words}: a move to HOME, a position stored in the controller" in result.remarks
