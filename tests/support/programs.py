@@ -93,3 +93,12 @@ def work_of(kind: str, text: str | bytes, name: str | None = None, **changes: An
 def compensated(kind: str, text: str | bytes, name: str | None = None, **changes: Any) -> ProgramResult:
     """The result of a program, carried out at once."""
     return work_of(kind, text, name, **changes).conclude(())
+
+
+def compensated_with_table(text: str, table: str) -> ProgramResult:
+    """The result of a program of KUKA under the loads of a table."""
+    asked = request("krl", text)
+    files = [*asked.files, packed("loads.csv", table.encode())]
+    changed = asked.model_copy(update={"load": None, "loads": "loads.csv", "files": files})
+    robot, run = exact_run()
+    return ProgramWork(robot, "robot", run, changed).conclude(())

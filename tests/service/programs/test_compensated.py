@@ -9,7 +9,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from support.examples import examples
-from support.programs import FORCE, compensated, exact_run, loaded_poses, path, request, tool_poses, work_of
+from support.programs import (
+    FORCE,
+    compensated,
+    compensated_with_table,
+    exact_run,
+    loaded_poses,
+    path,
+    request,
+    tool_poses,
+    work_of,
+)
 from support.random_programs import LANGUAGES
 from support.written_programs import rewritten
 
@@ -112,14 +122,6 @@ def test_loads_by_lines_and_by_points():
     table = "point,Fx [N],Fy [N],Fz [kN]\n" + "".join(f"{i},300,400,-1.4\n" for i in range(3, 7))
     by_points = compensated_with_table(text, table)
     assert unpacked(by_points.files[0]) == unpacked(by_lines.files[0])
-
-
-def compensated_with_table(text, table):
-    asked = request("krl", text)
-    files = [*asked.files, packed("loads.csv", table.encode())]
-    changed = asked.model_copy(update={"load": None, "loads": "loads.csv", "files": files})
-    robot, run = exact_run()
-    return ProgramWork(robot, "robot", run, changed).conclude(())
 
 
 def test_the_frames_of_the_controller():

@@ -1,5 +1,5 @@
 # ruff: noqa: E501  # fragments of a language a line
-"""Every motion word of mutated programs is accounted for; constructs are in transcripts/constructs.txt."""
+"""Every motion word of mutated programs is accounted for; statements are in constructs/."""
 
 import random
 import re

@@ -1,0 +1,380 @@
+# ruff: noqa: E501  # lines of programs, and words that users read
+"""What is said of each move of a program, and in which words a program is refused."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+from support.programs import request
+from support.written_programs import moves_of, rewritten, targets_of
+
+from jointstiff.service.kinds.program.path import ProgramFrames, StatedConfigurations
+from jointstiff.service.programs.errors import ProgramError
+from jointstiff.service.programs.formats import explained, read_program
+
+SAMPLES = Path(__file__).parent / "samples"
+PLACE = "{X 1,Y 2,Z 3,A 0,B 0,C 0}"
+ROB = "[[1,2,3],[1,0,0,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]]"
+OF_KRL = "write X, Y, Z, A, B, C (or A1 ... A6) in numbers, and send the .dat that declares them"
+OF_FANUC = "write positions in numbers in /POS: no PR[], no P[R[]]; choose frames by numbers, line by line"
+OF_UR = "write p[x, y, z, rx, ry, rz] or [q1 ... q6] in numbers, or a variable that gets them once"
+OF_TABLES = (
+    "name columns x, y, z and a, b, c (or w, p, r; qw ... qz; rx, ry, rz; i, j, k), or j1 ... j6, with "
+    "units as in `x [mm]`"
+)
+ANEW = "write all of its numbers anew, or split the program"
+
+
+def sample(*names):
+    return [(name, (SAMPLES / name).read_bytes()) for name in names]
+
+
+def read(name, text, **options):
+    return read_program([(name, text.encode("latin-1"))], **options)
+
+
+def krl(*lines):
+    return "\n".join(["DEF a()", *lines, "END"])
+
+
+def test_a_move_is_told_with_its_target_base_and_tool():
+    found = explained(sample("cell.src", "cell.dat"), leave_alone=["SPINDLE_ON"])
+    arm, base, tool = "-10.5, -92.25, 95.125, 1, 45.5, -12.75", "BASE_DATA[2]", "$Tool of line 24"
+    stored = "a move to {}, a position stored in the controller"
+    assert [tuple(each) for each in found] == [
+        (20, "XHOME", "", "", stored.format("XHOME"), "", False),
+        (27, arm, base, tool, "", "", True),
+        (28, "1250.3, -120, 812, -90, 5.5, 178.25", base, tool, "", "", True),
+        (29, "1250.3, -120, 811.5, -90, 5.5, 178.25", base, tool, "", "", True),
+        (31, "1270, -120, 811.5, -90, 5.5, 178.25", base, tool, "", "", True),  # the end of the arc
+        (37, "XP7", base, "TOOL_DATA[3]", "", "", True),
+        (40, "1280, -120, 811.5, -90, 5.5, 178.25", base, "TOOL_DATA[3]", "", "", True),
+        (46, "$AXIS_ACT", "", "", stored.format("$AXIS_ACT"), "", False),
+    ]
+
+
+def test_moves_behind_an_unknown_routine_are_told_with_the_reason_and_the_remedy():
+    found = explained(sample("cell.src", "cell.dat"))
+    assert [(each.line, each.corrected) for each in found] == [
+        (20, False),
+        (27, True),
+        (28, True),
+        (29, True),
+        (31, False),
+        (37, False),
+        (40, False),
+        (46, False),
+    ]
+    reason = "'SPINDLE_ON' is unknown: it may move the robot or change its frames"
+    remedy = "if it does neither, name it in `leave_alone`: ['SPINDLE_ON']"
+    assert [tuple(each[1:6]) for each in found[4:7]] == [
+        ("in numbers, in numbers", "", "", reason, remedy),
+        ("XP7", "BASE_DATA[2]", "TOOL_DATA[3]", reason, remedy),
+        ("in numbers", "BASE_DATA[2]", "TOOL_DATA[3]", reason, remedy),
+    ]
+
+
+def test_moves_of_the_other_languages_are_told_alike():
+    fanuc = explained(sample("CELL.LS"))
+    assert [each[:4] for each in fanuc] == [
+        (line, f"P[{point}]", "UF 2", "UT 3") for line, point in ((14, 1), (15, 2), (17, 3), (18, 5))
+    ]
+    assert [each[:4] for each in explained(sample("cell.mod"))] == [
+        (17, "JHOME", "wobj0", "tMill"),
+        (18, "P10", "wPart", "tMill"),
+        (19, "P20", "wPart", "tMill"),
+        (20, "12.5, 20.5, -3.25, 0, 0.707107, 0.707107, 0", "wPart", "tMill"),
+        (21, "14.5, 20.5, -3.25, 0, 0.707107, 0.707107, 0", "wPart", "tMill"),
+        (30, "P10", "wPart", "tMill"),
+    ]
+    tcp = "active TCP of line 3"
+    assert [each[:4] for each in explained(sample("cell.script"))] == [
+        (10, "home", "robot base", tcp),
+        (11, "Waypoint_1_p", "robot base", tcp),
+        (12, "0.4031, -0.25, 0.29, 2.2214, -2.2214, 0", "robot base", tcp),
+        (13, "0.05, 0.003, 0.19, 2.2214, -2.2214, 0", "part of line 7", tcp),
+        (14, "0.42, -0.25, 0.29, 2.2214, -2.2214, 0", "robot base", tcp),
+    ]
+    assert [each[:4] for each in explained(sample("cell.csv"))] == [
+        (2, "1200.5, -300, 800.25, 0, 5.5, 180", "part", "tool"),
+        (3, "1201.5, -300, 800.25, 0, 5.5, 180", "part", "tool"),
+    ]
+    assert all(
+        each.corrected
+        for file in ("CELL.LS", "cell.mod", "cell.script", "cell.csv")
+        for each in explained(sample(file))
+    )
+
+
+NO_POSE = "the target is no whole pose or angles in numbers, or the text after it is unknown"
+AXIS = "an external axis or another group is away from zero, and may carry the arm or the part"
+CARRY = (
+    "state `external_axes: carry_nothing` if it carries neither the arm nor the part; else keep it at zero"
+)
+LEFT = {
+    "a pose without angles": ("a.src", krl("LIN {X 1,Y 2,Z 3}"), 2, NO_POSE, OF_KRL),
+    "a variable in a pose": ("a.src", krl("LIN {X x1,Y 2,Z 3,A 0,B 0,C 0}"), 2, NO_POSE, OF_KRL),
+    "a moved pose": ("a.src", krl(f"LIN {PLACE}:{{X 1}}"), 2, NO_POSE, OF_KRL),
+    "NaN": ("a.src", krl("LIN {X 1,Y 2,Z NaN,A 0,B 0,C 0}"), 2, NO_POSE, OF_KRL),
+    "3,000 digits": ("a.src", "LIN " + PLACE.replace("1", "1" * 3000), 1, NO_POSE, OF_KRL),
+    "1e300": (
+        "a.src",
+        krl(f"LIN {PLACE.replace('3', '1e300')}"),
+        2,
+        "a number of a target is out of range, beyond 1e+06",
+        ANEW,
+    ),
+    "an arc from where the arm is": (
+        "a.src",
+        krl(f"CIRC $POS_ACT,{PLACE}"),
+        2,
+        "'CIRC $POS_ACT,{X 1,Y 2,Z 3,A 0,B 0,C 0}': an arc through a position stored in the controller",
+        OF_KRL,
+    ),
+    "a position register": (
+        "a.LS",
+        "/PROG A\n/MN\n   1:L PR[1] 10mm/sec FINE ;\n/POS\n/END\n",
+        3,
+        "'L PR[1]10 mm/sec FINE': the target is no position in /POS",
+        OF_FANUC,
+    ),
+    "a position that was not recorded": (
+        "a.LS",
+        "/PROG A\n/MN\n   1:L P[1] 10mm/sec FINE ;\n/POS\nP[1]{\n GP1:\n UF : 0, UT : 1, X = ****** mm, Y = 2 mm, "
+        "Z = 3 mm,\n W = 0 deg, P = 0 deg, R = 0 deg\n};\n/END\n",
+        3,
+        "the position was not recorded (***)",
+        "record it, or delete it and its moves",
+    ),
+    "a call in angles": (
+        "a.script",
+        "def a():\n  x = [d2r(1),0,0,0,0,0]\n  movej(x)\nend",
+        3,
+        "the target 'x' is not given by constant numbers: x gets what is no number",
+        OF_UR,
+    ),
+    "a quaternion of length zero": (
+        "a.mod",
+        f"MODULE a\nPROC main()\nMoveL {ROB.replace('[1,0,0,0]', '[0,0,0,0]')},v10,fine,tool0;\nENDPROC\nENDMODULE",
+        3,
+        "a quaternion or an axis is not of unit length",
+        ANEW,
+    ),
+    "a word in a table": (
+        "a.csv",
+        "x [mm],y [mm],z [mm]\n1,2,a\n",
+        2,
+        "'a' in column 3 is no number",
+        "write a number",
+    ),
+    "a comma in a cell": (
+        "a.csv",
+        'n,x [mm],y [mm],z [mm]\n"P1,5",1,2,3\n',
+        2,
+        "5 columns instead of 4",
+        "give every row as many columns as the header",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", LEFT)
+def test_a_move_whose_target_is_not_certain_is_left_with_line_reason_and_remedy(case):
+    name, text, line, reason, remedy = LEFT[case]
+    (move,) = explained([(name, text.encode())])
+    assert (move.line, move.reason, move.remedy, move.corrected) == (line, reason, remedy, False)
+
+
+def test_only_the_move_with_an_external_axis_away_from_zero_is_left():
+    text = krl("LIN {X 1,Y 2,Z 3,A 0,B 0,C 0,E1 0}", "LIN {X 1,Y 2,Z 3,A 0,B 0,C 0,E1 5}")
+    first, second = explained([("a.src", text.encode())])
+    frames = ("active $BASE", "active $TOOL")
+    assert first == (2, "1, 2, 3, 0, 0, 0", *frames, "", "", True)
+    assert second == (3, "", *frames, AXIS, CARRY, False)
+
+
+def test_a_target_in_two_bases_is_left_at_both_of_its_moves():
+    text = krl(f"P1={PLACE}", "$BASE=BASE_DATA[1]", "LIN P1", "$BASE=BASE_DATA[2]", "LIN P1")
+    found = explained([("a.src", text.encode())])
+    reason = "target 'P1' is used with another base or tool on line 4"
+    remedy = "use a separate target for each base and tool: one correction cannot suit both"
+    assert [(each.line, each.reason, each.remedy) for each in found] == [
+        (4, reason, remedy),
+        (6, reason, remedy),
+    ]
+
+
+NOT_CNC = "programs of CNC, APT and CLS are not read"
+ITS_LANGUAGE = "write it in the controller's own language, or as a table of targets (CSV)"
+BRACES = "more than 16 braces within one another; declare inner structures on their own"
+UNITS = "the columns of the targets have no units, different ones, or those of another quantity"
+REFUSED = {
+    "G code": ("a.nc", "GOTO/1,2,3", f"'a.nc': {NOT_CNC}; {ITS_LANGUAGE}"),
+    "APT": ("a.APT", "GOTO/1,2,3", f"'a.APT': {NOT_CNC}; {ITS_LANGUAGE}"),
+    "CLS": ("a.cls", "GOTO/1,2,3", f"'a.cls': {NOT_CNC}; {ITS_LANGUAGE}"),
+    "CNC": ("a.CNC", "GOTO/1,2,3", f"'a.CNC': {NOT_CNC}; {ITS_LANGUAGE}"),
+    "an unknown name": (
+        "a.txt",
+        "x",
+        "'a.txt': the file's name does not show the format; give `format`: one of csv, krl, fanuc, rapid, ur",
+    ),
+    "two bytes a character": (
+        "a.src",
+        "\0",
+        "'a.src': the file is not text in one byte a character; save it as plain text, not as UTF-16 or binary",
+    ),
+    "a long line": (
+        "a.src",
+        "x" * 4097,
+        "'a.src', line 1: a line of more than 4096 characters; break it into several lines",
+    ),
+    "nothing": (
+        "a.src",
+        "",
+        "'a.src': the program has no target; send a program with moves to targets given by numbers",
+    ),
+    "many braces": ("a.src", "{" * 1000, f"'a.src', line 1: {BRACES}"),
+    "a move of frames": (
+        "a.mod",
+        "MODULE a\nPROC main()\nPDispSet x;\nENDPROC\nENDMODULE",
+        "'a.mod', line 3: PDispSet: it moves targets or frames; omit it",
+    ),
+    "two modules": (
+        "a.mod",
+        f"MODULE a\nPROC a()\nMoveL {ROB},v1,z1,t1;\nENDPROC\nENDMODULE\nMODULE N\nENDMODULE",
+        "'a.mod', line 6: a second module; send one module",
+    ),
+    "a table of two columns": (
+        "a.csv",
+        "x,y\n1,2\n",
+        f"'a.csv', line 1: the header 'x,y' does not name the coordinates of the targets; {OF_TABLES}",
+    ),
+    "a table without units": ("a.csv", "x,y,z\n1,2,3\n", f"'a.csv', line 1: {UNITS}; {OF_TABLES}"),
+    "a table of degrees": (
+        "a.csv",
+        "x [deg],y [deg],z [deg]\n1,2,3\n",
+        f"'a.csv', line 1: {UNITS}; {OF_TABLES}",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_what_is_not_understood_is_refused_with_place_reason_and_remedy(case):
+    name, text, words = REFUSED[case]
+    with pytest.raises(ProgramError) as refused:
+        explained([(name, text.encode())])
+    assert str(refused.value) == words
+
+
+def test_a_line_of_4096_characters_is_read():
+    line = f"LIN {PLACE} ;" + "x" * 4096
+    assert len(read("a.src", line[:4096]).moves) == 1
+
+
+def test_two_files_of_a_language_with_one_are_refused():
+    with pytest.raises(ProgramError) as refused:
+        explained([("a.mod", b"MODULE a\nENDMODULE"), ("b.mod", b"MODULE a\nENDMODULE")])
+    remedy = "send one program; with KUKA's .src its .dat and $config.dat"
+    assert str(refused.value) == f"'b.mod': one file too many; {remedy}"
+
+
+@pytest.mark.parametrize("statement", ["LIN {}", "P1={}", "DECL FDAT F={}", "FDAT_ACT={}", "TOOL_DATA[1]={}"])
+def test_braces_within_one_another_are_refused_wherever_they_stand(statement):
+    deep = statement.format("{A " * 500 + "1" + "}" * 500)
+    with pytest.raises(ProgramError) as refused:
+        read("a.src", krl(f"LIN {PLACE}", deep))
+    assert str(refused.value) == f"'a.src', line 3: {BRACES}"
+
+
+def test_sixteen_braces_are_read_and_seventeen_are_not():
+    inner = "x={}"
+    read("a.src", krl(f"LIN {PLACE}", inner.format("{A " * 16 + "1" + "}" * 16)), leave_others=True)
+    with pytest.raises(ProgramError, match="more than 16 braces"):
+        read("a.src", krl(f"LIN {PLACE}", inner.format("{A " * 17 + "1" + "}" * 17)), leave_others=True)
+
+
+QUOTED = [
+    ("a.src", krl(f"LIN {PLACE}", "ASYCONT", f"LIN {PLACE}"), "'ASYCONT': the statement is unknown"),
+    ("a.src", krl(f"LIN {PLACE}", "x=1 y=2", f"LIN {PLACE}"), "'X=1 Y=2': this text is unknown"),
+    (
+        "a.script",
+        "movel(p[0.1,0.2,0.3,0,0,0])\nx = 1 y\nmovel(p[0.1,0.2,0.3,0,0,0])\n",
+        "'x=1 y': this text is unknown",
+    ),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("name", "text", "words"), QUOTED)
+def test_a_fault_quotes_the_statement_that_is_unknown(name, text, words):
+    reasons = [fault.reason for fault in read(name, text, leave_others=True).faults]
+    assert any(reason.startswith(words) for reason in reasons), reasons
+
+
+def test_a_byte_order_mark_is_no_text_of_the_program():
+    text = f"\xef\xbb\xbfMODULE M\nPROC main()\nMoveL {ROB},v1,z1,t1;\nENDPROC\nENDMODULE"
+    program = read("a.mod", text)
+    assert [(move.line, targets_of(program)[0].tool.name) for move in moves_of(program)] == [(3, "t1")]
+
+
+def test_the_routine_of_a_move_with_a_call_may_be_confirmed():
+    text = f'MODULE M\nPROC main()\nMoveLSync {ROB},v1,z1,tool0,"p1";\nENDPROC\nENDMODULE'
+    program = read("a.mod", text, leave_alone=["p1"])
+    assert len(program.moves) == 1
+    (remark,) = program.left_alone
+    assert (
+        remark.text == "P1 is called; the request states that it neither moves the robot nor changes frames"
+    )
+
+
+@pytest.mark.parametrize(
+    ("words", "negative"),
+    [("S 6,T 19", (0, 1, 4)), ("S 2,T 35", (0, 1, 5)), ("S 22,T 50", (1, 4, 5))],
+)
+def test_kukas_turn_says_which_axes_are_below_zero(words, negative):
+    """Recorded points of a controller; bit 2 of S goes with the sign of axis 5."""
+    text = krl("$TOOL=$NULLFRAME", "$BASE=$NULLFRAME", f"PTP {{X 1,Y 2,Z 3,A 0,B 0,C 0,{words}}}")
+    (ranges,) = StatedConfigurations(read("a.src", text)).ranges([0])
+    assert ranges.tolist() == [[-np.inf, 0.0] if axis in negative else [0.0, np.inf] for axis in range(6)]
+
+
+def test_turn_numbers_that_no_controller_writes_say_nothing():
+    cell = (SAMPLES / "CELL.LS").read_text()
+    cell = re.sub(r"(CONFIG : '[^,]*,)[^,]*", r"\1 " + "9" * 400, cell)
+    program = read("CELL.LS", cell, leave_alone=["SPINDLE_OFF"])
+    assert StatedConfigurations(program).ranges([0]).tolist() == [[[-np.inf, np.inf]] * 6]
+
+
+def test_decimal_commas_of_a_table_are_read_and_written():
+    table = "x [mm];y [mm];z [mm];qw;qx;qy;qz\n1803,25;-290,5;1505,4;1;0;0;0\n+1800;0,0;1505,4;1;0;0;0\n"
+    program = read("a.csv", table)
+    assert program.targets.values[:, :3].tolist() == [[1803.25, -290.5, 1505.4], [1800.0, 0.0, 1505.4]]
+    moved = program.targets.values[:, :7] + [0.125, 0, 0, 0, 0, 0, 0]
+    assert rewritten(program, np.arange(2), moved)[0][0].decode() == (
+        "x [mm];y [mm];z [mm];qw;qx;qy;qz\n"
+        "1803,375000;-290,5;1505,4;1;0;0;0\n"
+        "+1800,125000;0,0;1505,4;1;0;0;0\n"
+    )
+
+
+def test_an_axis_of_a_tool_takes_the_angle_about_it_from_the_request():
+    """The axis of any length is z; x is the stated direction, made perpendicular to it."""
+    axes = read("a.csv", "x [mm],y [mm],z [mm],i,j,k\n10,20,30,0,0.6,0.8\n11,20,30,0,1.2,1.6\n")
+    used = ProgramFrames.of(axes, request("csv", "", tool_x=[2.0, 0.0, 0.0]))
+    every = np.arange(2)
+    found = (used.flange_poses(axes, every) @ used.tool.of(every))[:, :3, :3]
+    turned = [[1.0, 0.0, 0.0], [0.0, -0.8, -0.6], [0.0, 0.6, -0.8]]
+    np.testing.assert_allclose(found, [turned, turned], atol=1e-12)
+
+
+def test_quaternions_keep_their_sign_where_one_of_their_numbers_is_zero():
+    module = read_program(sample("cell.mod"))
+    notation = next(each for each in module.targets.notations if each.has_pose)
+    near = np.array([[1.0, 2, 3, 0, 0.707107, 0.707107, 0], [1, 2, 3, 0, -1, 0, 0]])
+    poses = notation.poses(near)
+    poses[:, :3, :3] = Rotation.from_rotvec([1e-3, -2e-3, 5e-4]).as_matrix() @ poses[:, :3, :3]
+    np.testing.assert_allclose(
+        notation.values(poses, near),
+        [[1, 2, 3, 0.000354, 0.70693, 0.707283, 0.001061], [1, 2, 3, 0.0005, -0.999999, -0.00025, -0.001]],
+        atol=5e-7,
+    )

@@ -1,0 +1,107 @@
+"""Loads of a program by lines and by a table of points: forces, moments, and what is refused."""
+
+import pytest
+from support.programs import FORCE, compensated, compensated_with_table, path, tool_poses
+
+from jointstiff.service.kinds.program.work import unpacked
+from jointstiff.service.problems import FilesError
+from jointstiff.simulator.programs import program_text
+from jointstiff.solver.errors import RequestError
+
+TEXT = program_text("krl", tool_poses(path(4)), 4)
+HEADER = "point,Fx [N],Fy [N],Fz [N]"
+COLUMNS = "write `point`, then Fx [N], Fy [N], Fz [N], and, if there are moments, Mx [N.m] …"
+ONCE = "number them 1 to 4"
+
+
+def moved_lines(result):
+    """Lines with other numbers than before."""
+    new = unpacked(result.files[0]).decode().split("\r\n")
+    return [i for i, (a, b) in enumerate(zip(TEXT.split("\r\n"), new, strict=True), 1) if a != b]
+
+
+def test_a_table_has_forces_and_moments_in_any_order_and_unit():
+    units = {"length": "mm", "angle": "deg", "force": "N", "moment": "N.m"}
+    load = {"force": FORCE, "moment": (150.0, -80.0, 40.0)}
+    stated = compensated("krl", TEXT, units=units, load=load)
+    header = "point,Fx [N],Mz [N.mm],Fz [kN],Fy [N],Mx [N.m],My [kN.m]"
+    rows = "".join(f"{point},300,40000,-1.4,400,150,-0.08\n" for point in range(1, 5))
+    of_table = compensated_with_table(TEXT, f"{header}\n{rows}")
+    assert unpacked(of_table.files[0]) == unpacked(stated.files[0])
+    forces_alone = compensated("krl", TEXT)
+    assert of_table.deflection.greatest != pytest.approx(forces_alone.deflection.greatest, rel=1e-3)
+
+
+def test_points_that_a_table_omits_have_no_load():
+    result = compensated_with_table(TEXT, f"{HEADER}\n4,300,400,-1400\n\n2,300,400,-1400\n")
+    assert moved_lines(result) == [8, 10]
+    assert (result.corrected, result.left_alone) == (2, {"no_load": 2})
+
+
+REFUSED = {
+    "an unknown header": (
+        "point,Fx [N],Fq [N],Fz [N]\n1,0,0,9\n",
+        f"loads:1: the header 'Fq [N]' is not known; {COLUMNS}",
+    ),
+    "no column of Fz": (
+        "point,Fx [N],Fy [N]\n1,0,0\n",
+        f"loads:1: a column is missing, or occurs twice; {COLUMNS}",
+    ),
+    "a column twice": (
+        f"{HEADER},Fx [N]\n1,0,0,9,0\n",
+        f"loads:1: a column is missing, or occurs twice; {COLUMNS}",
+    ),
+    "no point": (
+        f"{HEADER[6:]}\n0,0,9\n",
+        f"loads:1: a column is missing, or occurs twice; {COLUMNS}",
+    ),
+    "a word": (
+        f"{HEADER}\n1,0,0,9\n2,0,0,x\n",
+        "loads:3: a cell is not a number; write numbers with decimal points",
+    ),
+    "a row that is short": (
+        f"{HEADER}\n1,0,0\n",
+        "loads:2: cells are missing, or out of range; give a finite number in each column",
+    ),
+    "a force beyond all": (
+        f"{HEADER}\n1,0,0,1.1e9\n",
+        "loads:2: cells are missing, or out of range; give a finite number in each column",
+    ),
+    "point 0": (
+        f"{HEADER}\n0,0,0,9\n",
+        f"loads:2: point 0 occurs twice, or is not in the program; {ONCE}",
+    ),
+    "point 5 of 4": (
+        f"{HEADER}\n4,0,0,9\n5,0,0,9\n",
+        f"loads:3: point 5 occurs twice, or is not in the program; {ONCE}",
+    ),
+    "a point twice": (
+        f"{HEADER}\n2,0,0,9\n2,0,0,9\n",
+        f"loads:3: point 2 occurs twice, or is not in the program; {ONCE}",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_a_table_that_is_not_certain_is_refused_with_its_line(case):
+    table, words = REFUSED[case]
+    with pytest.raises(FilesError) as refused:
+        compensated_with_table(TEXT, table)
+    assert str(refused.value) == words
+
+
+def segments(*lines):
+    return [{"first_line": first, "last_line": last, "force": FORCE} for first, last in lines]
+
+
+def test_segments_may_stand_in_any_order_and_follow_one_another():
+    result = compensated("krl", TEXT, load=None, segments=segments((9, 9), (7, 8)))
+    assert moved_lines(result) == [7, 8, 9]
+
+
+def test_a_line_with_two_loads_is_refused():
+    with pytest.raises(RequestError) as refused:
+        compensated("krl", TEXT, load=None, segments=segments((9, 10), (7, 9)))
+    assert str(refused.value) == (
+        "segments[0]: line 9 has two loads; let segments end before the next ones begin"
+    )
