@@ -288,8 +288,9 @@ class Columns:
         for row, each in zip(ordinals, literals, strict=True):
             row[: len(each.numbers)] = each.numbers
             row[NUMBERS : NUMBERS + len(each.words)] = [ordinal for _, ordinal in each.words]
-            row[_STATED : _STATED + len(each.external)] = each.external[:_MAX_AXES]
-            row[_AXES : _AXES + len(each.steady)] = each.steady[:_MAX_STEADY]
+            external, shared = each.external[:_MAX_AXES], each.steady[:_MAX_STEADY]
+            row[_STATED : _STATED + len(external)] = external
+            row[_AXES : _AXES + len(shared)] = shared
         targets = Targets(
             self._names, source, line, known, literals, base, tool,
             [frame for _, frame in self._frames.values()],

@@ -378,3 +378,11 @@ def test_quaternions_keep_their_sign_where_one_of_their_numbers_is_zero():
         [[1, 2, 3, 0.000354, 0.70693, 0.707283, 0.001061], [1, 2, 3, 0.0005, -0.999999, -0.00025, -0.001]],
         atol=5e-7,
     )
+
+
+@pytest.mark.parametrize("count", [24, 25, 60])
+def test_a_table_of_many_external_axes_is_refused_with_its_reason(count):
+    axes = "".join(f",e{i + 1} [mm]" for i in range(count))
+    rows = "".join(f"{x},2,3{',1' * count}\n{x},2,4{',2' * count}\n" for x in (1, 2))
+    with pytest.raises(ProgramError, match="external axis"):
+        read_program([("a.csv", f"x [mm],y [mm],z [mm]{axes}\n{rows}".encode())])
