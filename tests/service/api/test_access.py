@@ -12,6 +12,7 @@ import pytest
 from fastapi import APIRouter
 from starlette.requests import HTTPConnection
 from support.in_process import Client
+from support.keyed import KEYS, NOW, ROLES, bearer, offered, opened, signed_in
 from support.terminal import terminal
 
 from jointstiff.schemas.finding import Problem
@@ -32,28 +33,14 @@ from jointstiff.service.security.access import (
     operation_id,
 )
 from jointstiff.service.security.admission import Posture
-from jointstiff.service.security.keys import digest, mint, mint_token
+from jointstiff.service.security.keys import digest, mint
 from jointstiff.service.server import _configuration
 from jointstiff.service.store.store import Store
 from jointstiff.simulator import default_arm, simulate_campaign
 
-NOW = datetime.now(UTC)
-ROLES = ("viewer", "operator", "admin")
-KEYS = {role: mint(f"{role}'s key", role, NOW, None) for role in ROLES}
-
 PUBLIC = {"getLive", "getSession", "createSession", "deleteSession"}
 READS_BY_POST = {"computeKinematics"}
 ADMINS = {"createKey", "listKeys", "revokeKey", "listAudit"}
-
-
-def bearer(role):
-    return {} if role is None else {"Authorization": f"Bearer {KEYS[role].text}"}
-
-
-def opened(store):
-    for minted in KEYS.values():
-        store.keys.add(minted.record)
-    return Client(store, Posture.of("127.0.0.1", (), access_control=True, require_key=True))
 
 
 @pytest.fixture
@@ -229,20 +216,6 @@ def test_who_signs_in_again_leaves_no_session_behind(client):
     after = signed_in(client, "admin", Cookie=before)
     assert client.get("/v1/robots", headers={"Cookie": before}).status_code == 401
     assert client.get("/v1/robots", headers={"Cookie": after}).status_code == 200
-
-
-def offered(store, key_id=KEYS["viewer"].record.id, lasts=timedelta(minutes=10)):
-    """Store a one-time link; its time runs from now, however long the suite has run before."""
-    token, now = mint_token("jsl"), datetime.now(UTC)
-    store.sessions.offer(digest(token), key_id, now, now + lasts)
-    return token
-
-
-def signed_in(client, role="viewer", **headers):
-    answer = client.request("POST", "/v1/session", json={"key": KEYS[role].text}, headers=headers)
-    assert answer.status_code == 201, answer.text
-    assert answer.json()["role"] == role
-    return answer.headers["Set-Cookie"].partition(";")[0]
 
 
 @pytest.mark.parametrize("origin", ["http://localhost:8000", "https://localhost:8000"])
