@@ -1,10 +1,13 @@
 """Verdicts: of every kind of job, along with what is made of a run, and mended by the advised action."""
 
+import csv
+import io
 import re
 from copy import deepcopy
 
 import numpy as np
 import pytest
+from rich.console import Console
 from support.api import file_at, posted
 from support.guide_files import ROOT
 from support.kinds import MAP, posted_job
@@ -21,7 +24,9 @@ from support.mistakes import (
 
 import jointstiff
 import jointstiff as js
+from jointstiff.service.kinds.registry import KINDS
 from jointstiff.service.reports.exports import FORMATS
+from jointstiff.service.reports.job import job_report
 from jointstiff.service.runs.verdicts import of_points
 from jointstiff.simulator import default_arm, simulate_campaign
 
@@ -170,6 +175,42 @@ def test_nothing_acts_on_a_robot_unasked(local, post_job, kind):
     assert post_job(kind, accept_verdict="use_with_care").status_code == 422
 
 
+FIRST = {
+    "run": "Do not use: 2 reasons",
+    "comparison": "Do not use this comparison: 4 reasons of its run",
+    "plan": "Do not use this plan: 1 reason of its own, 2 reasons of its run",
+    "map": "Do not use this map: 2 reasons of its run",
+    "fleet": "Do not use 1 of 1 sets",
+    "program": "Do not use this program: 2 reasons of its run",
+}
+TABLES = {
+    "run": ["joints.csv", "residuals.csv", "model.csv?accept_verdict=do_not_use"],
+    "comparison": ["table.csv", "ratios.csv", "configurations.csv"],
+    "plan": ["readings.csv"],
+    "map": ["map.csv"],
+    "fleet": ["table.csv"],
+    "program": ["points.csv"],
+}
+
+
+@pytest.mark.parametrize("kind", FIRST)
+def test_every_kind_says_first_that_its_run_is_not_to_be_used(kind, local, post_job):
+    job = post_job(kind, **(ACCEPTED if kind in REFUSED else {})).json()
+    (found,) = [each for each in KINDS if each.name == kind]
+    shown = io.StringIO()
+    Console(file=shown, width=120).print(job_report(found, found.message.model_validate(job)))
+    first, *rest = shown.getvalue().splitlines()
+    assert first.strip() == FIRST[kind]
+    accepted = [
+        line for line in rest if "computed despite this verdict, because the request accepts it" in line
+    ]
+    assert len(accepted) == (kind in REFUSED)
+    assert "do not use" in local.get(file_at(job, "report.html")).text.lower()
+    for name in TABLES[kind]:
+        rows = csv.DictReader(local.get(file_at(job, name)).text.splitlines())
+        assert {row["overall verdict"] for row in rows} == {"do_not_use"}, name
+
+
 @pytest.mark.parametrize("name", FORMATS)
 def test_nor_does_an_export(local, runs, name):
     address = file_at(runs[0], f"model.{name}")
@@ -244,19 +285,105 @@ ABSURD = {
 }
 
 
-@pytest.mark.parametrize("name", ABSURD)
-def test_no_head_says_use(name, run, by_weights):
-    try:
-        result = ABSURD[name](run, by_weights)
-    except js.CampaignError as refused:
-        assert refused.problem.remedy  # noqa: PT017 - one of two outcomes
-        return
-    head = str(result).splitlines()[0]
-    if name.startswith("run"):
-        assert head.startswith("Use 5 of 6 joints: the others have no number")
-        return
-    assert head.startswith(("Do not use this", "Use this")), head
-    assert "Do not use" in head or "with care" in head, head
+IMPLAUSIBLE, BEYOND, MISSING = "prediction_implausible", "beyond_campaign", "numbers_missing"
+OWN = "of its own"
+HEADS = {
+    "prediction, kN for N": (f"Do not use this prediction: 2 reasons {OWN}", [IMPLAUSIBLE, BEYOND]),
+    "prediction, a few metres": (
+        f"Do not use this prediction: 3 reasons {OWN}",
+        [IMPLAUSIBLE, "point_implausible", BEYOND],
+    ),
+    "prediction, joint without a number": (f"Do not use this prediction: 1 reason {OWN}", [MISSING]),
+    "map, kN for N": (f"Do not use this map: 1 reason {OWN}", [MISSING]),
+    "map, no place reached": (f"Do not use this map: 1 reason {OWN}", [MISSING]),
+    "map, joint without a number": (f"Do not use this map: 1 reason {OWN}", [MISSING]),
+    "program, all capped, accepted": (
+        f"Do not use this program: 1 reason {OWN}",
+        ["corrections_capped"],
+    ),
+    "program, nothing to correct": (
+        f"Use this program with care: 1 reason {OWN}",
+        ["nothing_corrected"],
+    ),
+    "plan, joint without a load": (f"Use this plan with care: 1 reason {OWN}", ["joint_left_out"]),
+    "run, joint without a number": (
+        "Use 5 of 6 joints: the others have no number that passed the checks",
+        [],
+    ),
+}
+
+
+@pytest.mark.parametrize("name", HEADS)
+def test_the_head_of_what_is_absurd_does_not_say_use(name, run, by_weights):
+    made = ABSURD[name](run, by_weights)
+    head, codes = HEADS[name]
+    assert str(made).splitlines()[0] == head
+    reasons = getattr(made, "result", made).assessment.reasons
+    assert [reason.code for reason in reasons] == codes
+
+
+def test_the_reasons_of_what_is_absurd_name_its_size(run, by_weights):
+    said = {
+        name: [reason.message for reason in getattr(made, "result", made).assessment.reasons]
+        for name in HEADS
+        for made in [ABSURD[name](run, by_weights)]
+    }
+    assert said["prediction, kN for N"] == [
+        "the greatest deflection is 525.3 mm, 102 times the greatest of the campaign",
+        "1 of 1 cases have loads or postures beyond those of the campaign",
+    ]
+    assert said["prediction, a few metres"][:2] == [
+        "the greatest deflection is 26.39 mm, 5.12 times the greatest of the campaign",
+        "the load point or the place is 4 m from the flange",
+    ]
+    assert said["prediction, joint without a number"] == ["none of the 1 cases has a number"]
+    assert said["map, no place reached"] == ["none of the 9 places have a number"]
+    assert said["program, nothing to correct"] == [
+        "nothing is corrected: no point is loaded, or each deflection is below its uncertainty"
+    ]
+    assert said["plan, joint without a load"] == ["no load of this plan twists joint_1"]
+
+
+NO_TOOL = "check its unit; a point on the tool is at most 5 m from the flange"
+
+
+@pytest.mark.parametrize(
+    ("name", "where", "metres"),
+    [
+        ("prediction, mm for m in the load point", "prediction.load_point", 120),
+        ("prediction, mm for m in the place", "prediction.place", 120),
+        ("map, mm for m", "map.place", 250),
+    ],
+)
+def test_a_point_where_no_tool_reaches_is_refused(name, where, metres, run):
+    with pytest.raises(js.CampaignError) as refused:
+        ABSURD[name](run, None)
+    problem = refused.value.problem
+    assert (problem.where, problem.detail, problem.remedy) == (
+        where,
+        f"the point is {metres} m from the flange, where no tool reaches",
+        NO_TOOL,
+    )
+
+
+def test_a_program_for_kilonewtons_is_refused_with_all_its_reasons(run):
+    with pytest.raises(js.CampaignError) as refused:
+        ABSURD["program, kN for N"](run, None)
+    problem = refused.value.problem
+    assert (problem.type, problem.where) == ("urn:jointstiff:problem:not-to-be-used", "max_displacement")
+    assert problem.detail == "the verdict on a program whose corrections are held back is: do not use"
+    assert [each.reason for each in problem.errors] == [
+        "the greatest deflection is 710.9 mm, 138 times the greatest of the campaign",
+        "4 of 4 points have loads or postures beyond those of the campaign",
+        "the limits reduce the corrections of 4 of 4 points",
+    ]
+    assert problem.errors[0].remedy == "check the units of the load and of the points (N or kN, m or mm)"
+
+
+def test_a_geometry_without_a_fault_is_for_use():
+    made = js.geometry(ROOT / "examples" / "sweeps.json")
+    assert str(made).splitlines()[0] == "Use: the checks found no fault"
+    assert (made.result.assessment.verdict, made.result.assessment.reasons) == ("use", [])
 
 
 def test_a_program_with_a_capped_point_needs_a_confirmation(run):
