@@ -184,3 +184,25 @@ def test_robot_and_readings_of_a_run_that_is_refused_are_kept(client, ids):
     ]
     robots, sets, jobs = before
     assert counts(client) == [robots, sets + 1, jobs]
+
+
+def test_a_set_has_at_most_sixteen_targets(client, ids):
+    before = counts(client)
+    many = json.loads(filled(json.dumps(BODIES["set"]), ids))
+    for number, observation in enumerate(many["observations"]):
+        for reading in observation["readings"]:
+            reading["target"] += f" {number}"
+    assert outcome_of(client.request("POST", "/v1/measurement-sets", json=many)) == (
+        "422 invalid-measurement-set | observations | the set has 18 different targets, more than 16 | "
+        "use the same name for the same target in every observation"
+    )
+    assert counts(client) == before
+
+
+def test_an_answer_is_waited_for_a_minute_at_most(client, ids):
+    before = counts(client)
+    answer = client.request("POST", "/v1/runs?wait=61", json={"measurement_set_id": ids["{set}"]})
+    assert outcome_of(answer) == (
+        "422 invalid-request | query.wait | must be less than or equal to 60 | see this address in /openapi.json"
+    )
+    assert counts(client) == before
