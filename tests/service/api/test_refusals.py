@@ -203,6 +203,7 @@ def test_an_answer_is_waited_for_a_minute_at_most(client, ids):
     before = counts(client)
     answer = client.request("POST", "/v1/runs?wait=61", json={"measurement_set_id": ids["{set}"]})
     assert outcome_of(answer) == (
-        "422 invalid-request | query.wait | must be less than or equal to 60 | see this address in /openapi.json"
+        "422 invalid-request | query.wait | must be less than or equal to 60 | "
+        "see this address in /openapi.json"
     )
     assert counts(client) == before
