@@ -184,6 +184,11 @@ def test_robot_and_readings_of_a_run_that_is_refused_are_kept(client, ids):
     ]
     robots, sets, jobs = before
     assert counts(client) == [robots, sets + 1, jobs]
+    given = CAMPAIGN | {"run": {"leave_out": ["zz"]}}
+    assert outcome_of(client.request("POST", "/v1/campaigns", json=given)) == (
+        "422 invalid-request | run.leave_out | the set has no observation 'zz' | "
+        "give labels of its observations"
+    )
 
 
 def test_a_set_has_at_most_sixteen_targets(client, ids):
