@@ -1,150 +1,41 @@
 """Verdicts: of every kind of job, along with what is made of a run, and mended by the advised action."""
 
-import math
+import csv
+import io
 import re
 from copy import deepcopy
 
 import numpy as np
 import pytest
+from rich.console import Console
 from support.api import file_at, posted
 from support.guide_files import ROOT
 from support.kinds import MAP, posted_job
+from support.mistakes import (
+    CAUSES,
+    MISTAKES,
+    clean_campaign,
+    columns_exchanged,
+    load_point_at_the_flange,
+    load_point_far_elsewhere,
+    planted,
+    positions,
+)
 
 import jointstiff
 import jointstiff as js
+from jointstiff.service.kinds.registry import KINDS
 from jointstiff.service.reports.exports import FORMATS
+from jointstiff.service.reports.job import job_report
 from jointstiff.service.runs.verdicts import of_points
-from jointstiff.simulator import TARGETS, default_arm, simulate_campaign
+from jointstiff.simulator import default_arm, simulate_campaign
 
 TRUTH = default_arm().compliances
 
 
 @pytest.fixture(scope="module")
 def clean():
-    """Pulls of 1500 N in 19 postures, with the places of the targets."""
-    document = simulate_campaign(default_arm(), load="pull", configurations=19, seed=8)
-    places = {name: list(place) for name, place in TARGETS.items()}
-    return document | {"measurement_set": document["measurement_set"] | {"flange_targets": places}}
-
-
-def positions(measured, change):
-    for observation in measured["observations"]:
-        for reading in observation["readings"]:
-            reading["unloaded"], reading["loaded"] = change(reading["unloaded"], reading["loaded"])
-
-
-def millimetres_as_metres(measured):
-    """All that a tracker's software writes; what people state is in metres, as the set says."""
-    positions(measured, lambda *both: [[1e3 * part for part in place] for place in both])
-
-
-def whole_set_in_millimetres(measured):
-    """Load point, places and sigma, too."""
-    millimetres_as_metres(measured)
-    measured["load_point"] = [1e3 * part for part in measured["load_point"]]
-    measured["noise"]["sigma"] *= 1e3
-    measured["flange_targets"] = {
-        name: [1e3 * part for part in place] for name, place in measured["flange_targets"].items()
-    }
-
-
-def degrees_as_radians(measured):
-    for observation in measured["observations"]:
-        observation["joints"] = [math.degrees(angle) for angle in observation["joints"]]
-
-
-def kilonewtons_as_newtons(measured):
-    for observation in measured["observations"]:
-        observation["force"] = [1e-3 * part for part in observation["force"]]
-
-
-def readings_exchanged(measured):
-    positions(measured, lambda unloaded, loaded: (loaded, unloaded))
-
-
-def columns_exchanged(measured):
-    for observation in measured["observations"]:
-        joints = observation["joints"]
-        joints[1], joints[2] = joints[2], joints[1]
-
-
-def zero_elsewhere(measured):
-    for observation in measured["observations"]:
-        observation["joints"][2] += math.pi / 2
-
-
-def load_and_target_exchanged(measured):
-    places, load = measured["flange_targets"], measured["load_point"]
-    measured["load_point"], places["P11"] = places["P11"], load
-
-
-def load_and_target_exchanged_by_observation(measured):
-    """Each observation states the same load point itself."""
-    load_and_target_exchanged(measured)
-    load = measured.pop("load_point")
-    for observation in measured["observations"]:
-        observation["load_point"] = load
-
-
-def half_a_turn_elsewhere(measured):
-    """A whole turn more brings the angles within the limits."""
-    for observation in measured["observations"]:
-        observation["joints"][2] += math.pi
-
-
-def load_point_elsewhere(measured):
-    measured["load_point"] = np.add(measured["load_point"], (0.03, -0.02, 0.04)).tolist()
-
-
-def load_point_far_elsewhere(measured):
-    """By 141 mm: another joint map would explain something of it, too."""
-    measured["load_point"] = np.add(measured["load_point"], (0.08, -0.06, 0.1)).tolist()
-
-
-def load_point_at_the_flange(measured):
-    """By 191 mm, to the axis of joint 6: as stated, no pull twists it."""
-    measured["load_point"] = [0.0, 0.0, 0.0]
-
-
-def load_point_stated_too_well(measured):
-    """By 16 mm, which an assumed load point would hold, and one that is stated to 1 mm does not."""
-    measured["load_point"] = np.add(measured["load_point"], (-0.007, -0.01, 0.01)).tolist()
-    measured["noise"]["load_point"] = 0.001
-
-
-def weight_forgotten(measured):
-    """The robot also carried 300 N, which the forces leave out."""
-    for observation in measured["observations"]:
-        observation["force"][2] += 300.0
-
-
-MISTAKES = {
-    millimetres_as_metres: "convert_units",
-    whole_set_in_millimetres: "convert_units",
-    degrees_as_radians: "convert_units",
-    kilonewtons_as_newtons: "convert_units",
-    readings_exchanged: "exchange_readings",
-    columns_exchanged: "exchange_columns",
-    zero_elsewhere: "apply_joint_map",
-    load_and_target_exchanged: "exchange_load_and_target",
-    load_and_target_exchanged_by_observation: "exchange_load_and_target",
-    half_a_turn_elsewhere: "apply_joint_map",
-}
-
-
-CAUSES = {
-    load_point_elsewhere: "load_point",
-    load_point_far_elsewhere: "load_point",
-    load_point_at_the_flange: "load_point",
-    load_point_stated_too_well: "load_point",
-    weight_forgotten: "constant_force",
-}
-
-
-def planted(clean, mistake):
-    document = deepcopy(clean)
-    mistake(document["measurement_set"])
-    return document
+    return clean_campaign()
 
 
 @pytest.mark.parametrize("mistake", MISTAKES, ids=lambda mistake: mistake.__name__)
@@ -284,6 +175,42 @@ def test_nothing_acts_on_a_robot_unasked(local, post_job, kind):
     assert post_job(kind, accept_verdict="use_with_care").status_code == 422
 
 
+FIRST = {
+    "run": "Do not use: 2 reasons",
+    "comparison": "Do not use this comparison: 4 reasons of its run",
+    "plan": "Do not use this plan: 1 reason of its own, 2 reasons of its run",
+    "map": "Do not use this map: 2 reasons of its run",
+    "fleet": "Do not use 1 of 1 sets",
+    "program": "Do not use this program: 2 reasons of its run",
+}
+TABLES = {
+    "run": ["joints.csv", "residuals.csv", "model.csv?accept_verdict=do_not_use"],
+    "comparison": ["table.csv", "ratios.csv", "configurations.csv"],
+    "plan": ["readings.csv"],
+    "map": ["map.csv"],
+    "fleet": ["table.csv"],
+    "program": ["points.csv"],
+}
+
+
+@pytest.mark.parametrize("kind", FIRST)
+def test_every_kind_says_first_that_its_run_is_not_to_be_used(kind, local, post_job):
+    job = post_job(kind, **(ACCEPTED if kind in REFUSED else {})).json()
+    (found,) = [each for each in KINDS if each.name == kind]
+    shown = io.StringIO()
+    Console(file=shown, width=120).print(job_report(found, found.message.model_validate(job)))
+    first, *rest = shown.getvalue().splitlines()
+    assert first.strip() == FIRST[kind]
+    accepted = [
+        line for line in rest if "computed despite this verdict, because the request accepts it" in line
+    ]
+    assert len(accepted) == (kind in REFUSED)
+    assert "do not use" in local.get(file_at(job, "report.html")).text.lower()
+    for name in TABLES[kind]:
+        rows = csv.DictReader(local.get(file_at(job, name)).text.splitlines())
+        assert {row["overall verdict"] for row in rows} == {"do_not_use"}, name
+
+
 @pytest.mark.parametrize("name", FORMATS)
 def test_nor_does_an_export(local, runs, name):
     address = file_at(runs[0], f"model.{name}")
@@ -358,19 +285,105 @@ ABSURD = {
 }
 
 
-@pytest.mark.parametrize("name", ABSURD)
-def test_no_head_says_use(name, run, by_weights):
-    try:
-        result = ABSURD[name](run, by_weights)
-    except js.CampaignError as refused:
-        assert refused.problem.remedy  # noqa: PT017 - one of two outcomes
-        return
-    head = str(result).splitlines()[0]
-    if name.startswith("run"):
-        assert head.startswith("Use 5 of 6 joints: the others have no number")
-        return
-    assert head.startswith(("Do not use this", "Use this")), head
-    assert "Do not use" in head or "with care" in head, head
+IMPLAUSIBLE, BEYOND, MISSING = "prediction_implausible", "beyond_campaign", "numbers_missing"
+OWN = "of its own"
+HEADS = {
+    "prediction, kN for N": (f"Do not use this prediction: 2 reasons {OWN}", [IMPLAUSIBLE, BEYOND]),
+    "prediction, a few metres": (
+        f"Do not use this prediction: 3 reasons {OWN}",
+        [IMPLAUSIBLE, "point_implausible", BEYOND],
+    ),
+    "prediction, joint without a number": (f"Do not use this prediction: 1 reason {OWN}", [MISSING]),
+    "map, kN for N": (f"Do not use this map: 1 reason {OWN}", [MISSING]),
+    "map, no place reached": (f"Do not use this map: 1 reason {OWN}", [MISSING]),
+    "map, joint without a number": (f"Do not use this map: 1 reason {OWN}", [MISSING]),
+    "program, all capped, accepted": (
+        f"Do not use this program: 1 reason {OWN}",
+        ["corrections_capped"],
+    ),
+    "program, nothing to correct": (
+        f"Use this program with care: 1 reason {OWN}",
+        ["nothing_corrected"],
+    ),
+    "plan, joint without a load": (f"Use this plan with care: 1 reason {OWN}", ["joint_left_out"]),
+    "run, joint without a number": (
+        "Use 5 of 6 joints: the others have no number that passed the checks",
+        [],
+    ),
+}
+
+
+@pytest.mark.parametrize("name", HEADS)
+def test_the_head_of_what_is_absurd_does_not_say_use(name, run, by_weights):
+    made = ABSURD[name](run, by_weights)
+    head, codes = HEADS[name]
+    assert str(made).splitlines()[0] == head
+    reasons = getattr(made, "result", made).assessment.reasons
+    assert [reason.code for reason in reasons] == codes
+
+
+def test_the_reasons_of_what_is_absurd_name_its_size(run, by_weights):
+    said = {
+        name: [reason.message for reason in getattr(made, "result", made).assessment.reasons]
+        for name in HEADS
+        for made in [ABSURD[name](run, by_weights)]
+    }
+    assert said["prediction, kN for N"] == [
+        "the greatest deflection is 525.3 mm, 102 times the greatest of the campaign",
+        "1 of 1 cases have loads or postures beyond those of the campaign",
+    ]
+    assert said["prediction, a few metres"][:2] == [
+        "the greatest deflection is 26.39 mm, 5.12 times the greatest of the campaign",
+        "the load point or the place is 4 m from the flange",
+    ]
+    assert said["prediction, joint without a number"] == ["none of the 1 cases has a number"]
+    assert said["map, no place reached"] == ["none of the 9 places have a number"]
+    assert said["program, nothing to correct"] == [
+        "nothing is corrected: no point is loaded, or each deflection is below its uncertainty"
+    ]
+    assert said["plan, joint without a load"] == ["no load of this plan twists joint_1"]
+
+
+NO_TOOL = "check its unit; a point on the tool is at most 5 m from the flange"
+
+
+@pytest.mark.parametrize(
+    ("name", "where", "metres"),
+    [
+        ("prediction, mm for m in the load point", "prediction.load_point", 120),
+        ("prediction, mm for m in the place", "prediction.place", 120),
+        ("map, mm for m", "map.place", 250),
+    ],
+)
+def test_a_point_where_no_tool_reaches_is_refused(name, where, metres, run):
+    with pytest.raises(js.CampaignError) as refused:
+        ABSURD[name](run, None)
+    problem = refused.value.problem
+    assert (problem.where, problem.detail, problem.remedy) == (
+        where,
+        f"the point is {metres} m from the flange, where no tool reaches",
+        NO_TOOL,
+    )
+
+
+def test_a_program_for_kilonewtons_is_refused_with_all_its_reasons(run):
+    with pytest.raises(js.CampaignError) as refused:
+        ABSURD["program, kN for N"](run, None)
+    problem = refused.value.problem
+    assert (problem.type, problem.where) == ("urn:jointstiff:problem:not-to-be-used", "max_displacement")
+    assert problem.detail == "the verdict on a program whose corrections are held back is: do not use"
+    assert [each.reason for each in problem.errors] == [
+        "the greatest deflection is 710.9 mm, 138 times the greatest of the campaign",
+        "4 of 4 points have loads or postures beyond those of the campaign",
+        "the limits reduce the corrections of 4 of 4 points",
+    ]
+    assert problem.errors[0].remedy == "check the units of the load and of the points (N or kN, m or mm)"
+
+
+def test_a_geometry_without_a_fault_is_for_use():
+    made = js.geometry(ROOT / "examples" / "sweeps.json")
+    assert str(made).splitlines()[0] == "Use: the checks found no fault"
+    assert (made.result.assessment.verdict, made.result.assessment.reasons) == ("use", [])
 
 
 def test_a_program_with_a_capped_point_needs_a_confirmation(run):

@@ -1,0 +1,283 @@
+"""What a campaign with one mistake is told, what its action changes, and which numbers it leads to."""
+
+from copy import deepcopy
+
+import numpy as np
+import pytest
+from support import mistakes
+from support.api import post, posted
+from support.mistakes import clean_campaign, planted, positions
+
+import jointstiff as js
+
+INCLUDED = {"complementary_stiffness": "included"}
+NAME = "pull, 19 configurations, motor encoders"
+DO_NOT_USE, WITH_CARE = "do_not_use", "use_with_care"
+
+
+@pytest.fixture(scope="module")
+def clean():
+    return js.identify(clean_campaign(), **INCLUDED)
+
+
+MENDED = {
+    "millimetres_as_metres": ({"length_unit_suspect": "convert_units"}, "in mm"),
+    "whole_set_in_millimetres": ({"length_unit_suspect": "convert_units"}, "in mm"),
+    "degrees_as_radians": ({"angle_unit_suspect": "convert_units"}, "in deg"),
+    "kilonewtons_as_newtons": ({"force_unit_suspect": "convert_units"}, "in kN"),
+    "readings_exchanged": (
+        {"force_sign_suspect": "exchange_readings", "no_joint_identified": "exchange_readings"},
+        "exchange readings",
+    ),
+    "columns_exchanged": (
+        {"alternative_explains_better": "exchange_columns", "joint_outside_limits": "show_posture"},
+        "exchange columns",
+    ),
+    "zero_elsewhere": (
+        {
+            "alternative_explains_better": "apply_joint_map",
+            "target_off_model": None,
+            "joint_outside_limits": "show_posture",
+        },
+        "",
+    ),
+    "half_a_turn_elsewhere": (
+        {
+            "alternative_explains_better": "apply_joint_map",
+            "target_off_model": None,
+            "no_joint_identified": None,
+            "joint_outside_limits": "show_posture",
+        },
+        "",
+    ),
+    "load_and_target_exchanged": (
+        {
+            "alternative_explains_better": "fit_causes",
+            "residuals_exceed_sigma": "omit_noise",
+            "load_at_target": "exchange_load_and_target",
+        },
+        "exchange load and target",
+    ),
+}
+MENDED["load_and_target_exchanged_by_observation"] = MENDED["load_and_target_exchanged"]
+
+
+@pytest.mark.parametrize("name", MENDED)
+def test_a_mistake_is_not_to_be_used_and_mended_has_the_numbers_of_a_run_without_it(name, clean):
+    codes, ending = MENDED[name]
+    mistake = getattr(mistakes, name)
+    before = js.identify(planted(clean_campaign(), mistake), **INCLUDED)
+    assessment = before.result.assessment
+    assert assessment.verdict == DO_NOT_USE
+    assert {each.code: each.action and each.action.kind for each in assessment.reasons} == codes
+    after = before.apply(mistakes.MISTAKES[mistake])
+    assert (after.result.assessment.verdict, after.result.assessment.reasons) == ("use", [])
+    for joint, wanted in zip(after.result.joints, clean.result.joints, strict=True):
+        assert joint.compliance == pytest.approx(wanted.compliance, rel=1e-9)
+        assert joint.standard_uncertainty == pytest.approx(wanted.standard_uncertainty, rel=1e-9)
+    robot, measured = after.campaign.robot.name, after.campaign.measurement_set.name
+    assert measured == (f"{NAME} ({ending})" if ending else NAME)
+    assert robot == ("simulated 6R" if ending else "simulated 6R (joint map corrected)")
+
+
+FITTED = {
+    "load_point_elsewhere": (
+        "load_point",
+        "every load point moved by (-28.8, 19.7, -38.8) mm ± (5.07, 3.77, 18.9) mm in the flange frame",
+        "(F test, p = 4e-23); a compliance changes by 56 %",
+        "1.77",
+    ),
+    "load_point_far_elsewhere": (
+        "load_point",
+        "every load point moved by (-78.8, 59.7, -98.8) mm ± (5.06, 3.77, 18.9) mm in the flange frame",
+        "(F test, p = 1e-42); a compliance changes by 39 %",
+        "4.45",
+    ),
+    "load_point_at_the_flange": (
+        "load_point",
+        "every load point moved by (-58.8, 19.7, 181) mm ± (5.07, 3.76, 18.9) mm in the flange frame",
+        "(F test, p = 5e-27); a compliance changes by 48 %",
+        "3.93",
+    ),
+    "load_point_stated_too_well": (
+        "load_point",
+        "every load point moved by (8.25, 9.67, -8.85) mm ± (5.07, 3.76, 18.9) mm in the flange frame",
+        "(F test, p = 5e-07); a compliance changes by 9.2 %",
+        "1.21",
+    ),
+    "weight_forgotten": (
+        "constant_force",
+        "a constant force of (-1.34, 0.706, -300) N ± (5.91, 4.77, 4.66) N (axes of R0) added to every load",
+        "(F test, p = 6e-147); a compliance changes by 60 %",
+        "12.8",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", FITTED)
+def test_a_cause_is_named_with_its_size_and_fitted_it_stays_refuted(name):
+    cause, fitted, change, ratio = FITTED[name]
+    before = js.identify(planted(clean_campaign(), getattr(mistakes, name)))
+    assert before.result.assessment.verdict == DO_NOT_USE
+    better, exceeded = before.result.assessment.reasons
+    assert (better.code, exceeded.code) == ("alternative_explains_better", "residuals_exceed_sigma")
+    moved = fitted.partition(" ± ")[0]
+    assert better.message.startswith(f"with {moved}")
+    assert "the joints explain the readings better than chance allows" in better.message
+    assert change in better.message
+    assert better.remedy == (
+        "measure the load point on the flange"
+        if cause == "load_point"
+        else "check for a weight that hangs on the flange only while loaded, and the load cell's zero"
+    )
+    assert exceeded.message.startswith(f"the residuals are {ratio} times as large as the stated noise allows")
+    after = before.apply("fit_causes")
+    assert after.result.assessment.verdict == WITH_CARE
+    (reason,) = after.result.assessment.reasons
+    assert reason.message == (
+        f"{fitted} (95 %) was fitted beside the joints; the intervals hold its uncertainty, "
+        "and what was stated stays refuted"
+    )
+    assert [part.source for part in after.result.budget.components] == [
+        "readings",
+        "assumed_force_scale",
+        *(["assumed_load_point"] if cause == "constant_force" else []),
+        "fitted_causes",
+        "model_error",
+    ]
+    errors = [
+        abs(joint.compliance - truth) / joint.standard_uncertainty
+        for joint, truth in zip(after.result.joints, js.simulator.default_arm().compliances, strict=True)
+    ]
+    assert max(errors) == pytest.approx(0.51 if cause == "constant_force" else 1.5, abs=0.01)
+
+
+def moved_since(first):
+    """Loaded readings that are elsewhere from an observation on: the tracker moved."""
+
+    def mistake(measured):
+        for i, observation in enumerate(measured["observations"]):
+            observation["label"] = f"{{{i}}}"
+        later = {"observations": measured["observations"][first:]}
+        positions(later, lambda old, new: (old, np.add(new, (6e-5, 0.0, 8e-5)).tolist()))
+
+    return mistake
+
+
+def test_since_when_a_tracker_stood_elsewhere_is_said_by_any_label():
+    before = js.identify(planted(clean_campaign(), moved_since(9)), elasticity="joints")
+    assert before.result.assessment.reasons[0].message == (
+        "with what was read under load moved by (57.3, -0.635, 78.2) µm since observation '{9}', the joints "
+        "explain the readings better than chance allows (F test, p = 8e-31); a compliance changes by 10 %"
+    )
+    after = before.apply("fit_causes")
+    (cause,) = after.request.causes
+    assert (cause.name, cause.first) == ("shift", "{9}")
+    assert after.result.assessment.reasons[0].message.startswith(
+        "what was read under load moved by (57.3, -0.635, 78.2) µm ± (11.5, 11.5, 11.4) µm "
+        "since observation '{9}' (95 %) was fitted beside the joints"
+    )
+
+
+def test_a_movement_of_all_loaded_readings_is_fitted_to_a_hundredth_of_a_millimetre():
+    document = deepcopy(clean_campaign())
+    positions(document["measurement_set"], lambda old, new: (old, np.add(new, (3e-5, 0.0, 4e-5)).tolist()))
+    before = js.identify(document, elasticity="joints")
+    assert before.result.assessment.verdict == WITH_CARE
+    after = before.apply("fit_causes")
+    assert after.result.assessment.verdict == WITH_CARE
+    assert after.result.assessment.reasons[0].message.startswith(
+        "what was read under load moved by (25.8, 1.95, 39.2) µm ± (8.38, 8.32, 8.48) µm (95 %)"
+    )
+
+
+def test_a_plan_on_a_refuted_load_point_is_refused_and_fitted_it_is_planned_with_the_cause():
+    before = js.identify(planted(clean_campaign(), mistakes.load_point_stated_too_well))
+    few = {"readings": 6, "candidates": 300}
+    with pytest.raises(js.CampaignError) as refused:
+        js.plan(before.campaign, **few)
+    problem = refused.value.problem
+    assert (problem.type, problem.where) == ("urn:jointstiff:problem:not-to-be-used", "measurement_set")
+    assert problem.detail == "the verdict on the campaign so far is: do not use"
+    assert problem.errors[0].where == "all readings"
+    assert problem.errors[0].remedy == "measure the load point on the flange"
+    plan, exact = (js.plan(run, **few) for run in (before.apply("fit_causes"), js.identify(clean_campaign())))
+    assert [cause.name for cause in plan.request.causes] == ["load_point"]
+    assert [reason.code for reason in plan.result.assessment.reasons] == ["cause_fitted"]
+    for joint, other in zip(plan.result.joints, exact.result.joints, strict=True):
+        assert joint.before >= 0.9 * other.before
+
+
+CAUSES_GIVEN = "give one of: constant_force, load_point, load_zero, play, shift, turn"
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (
+            {"causes": [{"name": "ghost"}]},
+            ("run.causes", "the readings have nothing that shows 'ghost'", CAUSES_GIVEN),
+        ),
+        (
+            {"causes": [{"name": "shift", "first": "none"}]},
+            (
+                "run.causes",
+                "the readings have nothing that shows 'shift' since observation 'none'",
+                CAUSES_GIVEN,
+            ),
+        ),
+    ],
+)
+def test_a_cause_that_the_readings_cannot_show_is_refused(options, said):
+    with pytest.raises(js.CampaignError) as refused:
+        js.identify(clean_campaign(), **options)
+    problem = refused.value.problem
+    assert (problem.where, problem.detail, problem.remedy) == said
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (
+            {"leave_out": ["c02"]},
+            (
+                "plan.leave_out",
+                "a plan that begins a campaign has no observations to leave out",
+                "omit `leave_out`, or go on with a measured campaign",
+            ),
+        ),
+        (
+            {"causes": [{"name": "play"}]},
+            (
+                "plan.causes",
+                "causes are fitted to the loaded readings of a campaign",
+                "omit `causes`, or go on with a measured campaign under loads",
+            ),
+        ),
+    ],
+)
+def test_a_plan_that_begins_has_no_readings_to_leave_out_or_to_fit_causes_to(options, said):
+    with pytest.raises(js.CampaignError) as refused:
+        js.plan("KUKA KR 210 R2700", load={"kind": "any_direction", "force": 1e3}, **options)
+    problem = refused.value.problem
+    assert (problem.where, problem.detail, problem.remedy) == said
+
+
+@pytest.mark.parametrize(
+    "name", ["degrees_as_radians", "columns_exchanged", "zero_elsewhere"], ids=["units", "readings", "robot"]
+)
+def test_the_service_stores_the_mended_set_once_and_keeps_what_was_sent(name, local):
+    mistake = getattr(mistakes, name)
+    wrong = posted(local, planted(clean_campaign(), mistake), **INCLUDED)
+    address = f"/v1/measurement-sets/{wrong['request']['measurement_set_id']}"
+    old = local.get(address)
+    action = next(each["action"] for each in wrong["result"]["assessment"]["reasons"] if each["action"])
+    assert action["kind"] == mistakes.MISTAKES[mistake]
+    after, again = (post(local, f"/v1/runs/{wrong['id']}/apply", action) for _ in range(2))
+    assert again["id"] == after["id"]
+    assert after["request"]["variant_of"] == wrong["id"]
+    assert after["result"]["assessment"]["verdict"] == "use"
+    new = local.get(f"/v1/measurement-sets/{after['request']['measurement_set_id']}").json()
+    assert new["id"] != old.json()["id"]
+    assert (new["robot_id"] != old.json()["robot_id"]) == (name == "zero_elsewhere")
+    assert local.get(address).content == old.content
