@@ -135,7 +135,7 @@ def test_a_cause_is_named_with_its_size_and_fitted_it_stays_refuted(name):
     assert after.result.assessment.verdict == WITH_CARE
     (reason,) = after.result.assessment.reasons
     assert reason.message == (
-        f"{fitted} (95 %) was fitted beside the joints; the intervals hold its uncertainty, "
+        f"{fitted} (95 %) was fitted with the joints; the intervals include its uncertainty, "
         "and what was stated stays refuted"
     )
     assert [part.source for part in after.result.budget.components] == [

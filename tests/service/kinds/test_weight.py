@@ -82,7 +82,9 @@ def test_a_program_is_compensated_with_the_rail_standing_still():
     commanded, reached = InverseKinematics(robot, wanted[0]).polished(flange_of(poses), wanted[:, 1:])
     assert reached.all()
     assert off_path(commanded, wanted) < 2e-6
-    with pytest.raises((RequestError, ProgramError), match="the position of the linear axis joint_1 is not stated"):
+    with pytest.raises(
+        (RequestError, ProgramError), match="the position of the linear axis joint_1 is not stated"
+    ):
         ProgramWork(robot, "robot", known, request("krl", text, start=None)).conclude(())
 
 
