@@ -83,7 +83,7 @@ def test_large_bodies_are_its_and_archives_programs_and_geometries_of_any_size()
 class InThread(LimitedChild):
     poll = kill = wait = staticmethod(lambda: None)
 
-    def _start(self):
+    def _start_child(self):
         ours, theirs = Pipe()
         self._process = self
         self.thread = Thread(target=limited.run_child, args=[os.dup(theirs.fileno())])

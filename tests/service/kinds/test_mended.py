@@ -175,7 +175,7 @@ def test_since_when_a_tracker_stood_elsewhere_is_said_by_any_label():
     assert (cause.name, cause.first) == ("shift", "{9}")
     assert after.result.assessment.reasons[0].message.startswith(
         "what was read under load moved by (57.3, -0.635, 78.2) µm ± (11.5, 11.5, 11.4) µm "
-        "since observation '{9}' (95 %) was fitted beside the joints"
+        "since observation '{9}' (95 %) was fitted with the joints"
     )
 
 
