@@ -126,7 +126,7 @@ class TestTwoCampaigns:
             "first 'c01'"
         )
 
-    def test_robots_with_other_joints_are_not_compared(self, second, local, posted, run, pull):
+    def test_robots_with_other_joints_are_not_compared(self, local, posted, run, pull):
         first = js.identify(campaign(configurations=8, seed=5), elasticity="joints")
         other = js.identify(with_elbow(campaign(configurations=8, seed=6)), elasticity="joints")
         elbow = "joint_1, joint_2, elbow, joint_4, joint_5, joint_6"

@@ -145,7 +145,8 @@ def test_sweeps_that_do_not_determine_each_axis_are_refused(do, said):
             1e-3,
             (
                 "sweep of joint_4",
-                "the joint did not move: the controller shows 160°, but no target moved by more than 0.734 mm",
+                "the joint did not move: the controller shows 160°, but no target moved by "
+                "more than 0.734 mm",
                 "check that readings and angles belong together, that the targets were tracked, and "
                 "units.length",
             ),
@@ -204,8 +205,8 @@ ARC = arc(-40.0, 60.0)
             {"points": ARC.points[:, :2]},
             (
                 "the angles have shape (15, 6), the readings (15, 2, 3), and their covariance (3, 3)",
-                "give all joint angles and a reading of each target for each position, and one covariance for "
-                "all readings or one for each",
+                "give all joint angles and a reading of each target for each position, and one covariance "
+                "for all readings or one for each",
             ),
         ),
     ],
@@ -281,8 +282,8 @@ def test_a_nominal_model_has_the_joints_that_were_swept():
             lambda: replace(poses(30), points=poses(4).points),
             (
                 "the angles have shape (30, 6), the readings (4, 3, 3), and their covariance (3, 3)",
-                "give all joint angles and a reading of each target for each position, and one covariance for "
-                "all readings or one for each",
+                "give all joint angles and a reading of each target for each position, and one covariance "
+                "for all readings or one for each",
             ),
         ),
         (
