@@ -45,7 +45,7 @@ def target_of_its_own_each_time(document):
 
 
 def far_away(document):
-    of_sweep(document, 0, lambda _, one: {"targets": dict.fromkeys(one["targets"], [1e12, -1e12, 1e12])})
+    of_sweep(document, 0, lambda _, one: {"targets": dict.fromkeys(one["targets"], (1e12, -1e12, 1e12))})
 
 
 def all_targets_in_one_place(document, **fields):
