@@ -148,9 +148,6 @@ def test_a_deflection_beside_loaded_positions_leaves_these_as_positions():
     assert found.goodness.chi_square == pytest.approx(485.6, rel=1e-3)
 
 
-GRAVITY = "gravity must be 1 to 100 m/s²: 9.80665 on the ground"
-
-
 class TestWhatOwnWeightDoesNotKnow:
     def test_positions_without_load_are_no_deflection(self, own):
         said = (
@@ -161,27 +158,6 @@ class TestWhatOwnWeightDoesNotKnow:
         )
         assert refused(js.identify, own, weight=None) == said
         assert refused(js.compare, own) == said
-
-    @pytest.mark.parametrize(
-        ("options", "said"),
-        [
-            ({"method": "complete_pose"}, "does not go with `method`: leave one of the two out"),
-            ({"loss": "huber"}, "does not go with loss `huber`: leave one of the two out"),
-            (
-                {"elasticity": "joints_and_links"},
-                "does not go with elasticity `joints_and_links`: leave one of the two out",
-            ),
-            ({"positive": False}, "does not go with `positive`: leave one of the two out"),
-            ({"weight": {"gravity": [0.0, 0.0, 0.0]}}, GRAVITY),
-            ({"weight": {"gravity": [0.0, 0.0, -9806.65]}}, GRAVITY),
-        ],
-    )
-    def test_options_of_other_runs(self, own, options, said):
-        assert refused(js.identify, own, **{"weight": {}} | options) == (
-            "weight",
-            f"1 fault; first: weight: {said}",
-            "correct the field as the reason says",
-        )
 
     def test_a_loaded_position_alone(self, own):
         place = "measurement_set.observations.0.readings.0"

@@ -3,10 +3,9 @@
 import json
 
 import pytest
-from support.documents import changed, own_weight
+from support.documents import own_weight
 from support.kinds import MAP, posted_job
 from support.pages import lines_of_page
-from support.refusals import told
 from support.terminal import terminal
 
 
@@ -146,36 +145,3 @@ def test_a_plan_goes_on_with_the_joints_that_gravity_twists(local, run):
     assert {name: joints["joint_2"][name] for name in numbers} == pytest.approx(numbers, rel=1e-2)
     assert (result["considered"], result["feasible"], result["struck_out"]) == (100, 100, {})
     assert result["efficiency"] == pytest.approx(0.83068, rel=1e-2)
-
-
-@pytest.mark.parametrize(
-    ("change", "said"),
-    [
-        (
-            ("robot.bodies.0.mass_uncertainty", 3),
-            (
-                "robot.bodies[0].mass_uncertainty",
-                "1 fault; first: robot.bodies[0].mass_uncertainty: must be less than 1",
-                "compare with an example: `jointstiff simulate FILE` writes one, and /openapi.json has them",
-            ),
-        ),
-        (
-            ("robot.bodies.0.joint", "x"),
-            (
-                "robot.bodies[0].joint",
-                "the robot has no joint 'x'",
-                "use one of joint_1, joint_2, joint_3, joint_4, joint_5, joint_6",
-            ),
-        ),
-        (
-            ("robot.bodies", None),
-            (
-                "run.weight",
-                "the robot has no masses, so its own weight is unknown",
-                "give `bodies` of the robot, or a URDF with inertials",
-            ),
-        ),
-    ],
-)
-def test_bodies_that_are_none_are_refused(local, own, change, said):
-    assert told(local.request("POST", "/v1/campaigns", json=changed(own, change))) == (422, *said)

@@ -1,9 +1,12 @@
 """Requests of runs, plans, predictions and frames that cannot be carried out: place, reason and remedy."""
 
+import json
+from pathlib import Path
+
 import numpy as np
 import pytest
 from support.cases import campaign as recorded
-from support.documents import campaign, changed
+from support.documents import campaign, changed, own_weight
 from support.kinds import posted_job
 from support.refusals import refused, told
 
@@ -15,16 +18,9 @@ from jointstiff.simulator import TARGETS, default_arm, robot_document
 from jointstiff.solver.mechanics.chain import dh_chain
 from jointstiff.solver.mechanics.robot import Robot
 
-NAMES = "joint_1, joint_2, joint_3, joint_4, joint_5, joint_6"
-SCHEMA = "correct the field as the reason says"
-EXAMPLE = "compare with an example: `jointstiff simulate FILE` writes one, and /openapi.json has them"
+ROWS = Path(__file__).with_name("refused_requests.txt").read_text(encoding="utf-8").splitlines()
 BENT = {"elasticity": "joints_and_links", "link_penalty": 1e-3, "loss": "squared"}
 FOLDS = {"cross_validation": {"folds": 2, "draws": 1}}
-
-
-@pytest.fixture(scope="module")
-def pull():
-    return campaign(seed=3)
 
 
 @pytest.fixture(scope="module")
@@ -45,116 +41,40 @@ def begin(robot_id):
     }
 
 
-@pytest.mark.parametrize(
-    ("change", "said"),
-    [
-        (
-            {"load": None},
-            (
-                "load",
-                "the loads are missing",
-                "give `load`: its kind (dead_weight, any_direction or cable) and its force in N, or the mass "
-                "of a dead_weight in kg",
-            ),
+@pytest.fixture(scope="module")
+def bodies(local, robot_id, begin, run):
+    """What is posted for each word: where, the body, and the place in it that the parts of a row change."""
+    pull, own, swept = campaign(seed=3), own_weight(24, 1), recorded("sweeps_small")
+    set_id = run["request"]["measurement_set_id"]
+    return {
+        "plan": ("/v1/plans", begin, ""),
+        "links": ("/v1/runs", {"measurement_set_id": set_id} | BENT | FOLDS, ""),
+        "run": ("/v1/campaigns", pull | {"run": {"elasticity": "joints"}}, "run."),
+        "noise": ("/v1/campaigns", changed(pull, ("measurement_set.noise", {})), "measurement_set.noise."),
+        "frame": (
+            "/v1/measurement-sets",
+            pull["measurement_set"] | {"robot_id": robot_id, "frame": {}},
+            "frame.",
         ),
-        (
-            {"targets": {}},
-            (
-                "targets",
-                "the positions of the targets are missing",
-                "give `targets`: name and position of at least one target, in the flange frame, in m",
-            ),
-        ),
-        ({"joints": ["joint_9"]}, ("joints", "the robot has no joint 'joint_9'", f"use one of {NAMES}")),
-        (
-            {"stiffness": {"joint_9": 1e6}},
-            ("stiffness.joint_9", "the robot has no joint 'joint_9'", f"use one of {NAMES}"),
-        ),
-        (
-            {"priors": {"joint_9": {"stiffness": 1e6, "standard_uncertainty": 1e4}}},
-            ("priors.joint_9", "the robot has no joint 'joint_9'", f"use one of {NAMES}"),
-        ),
-        (
-            {"readings": 1, "targets": {"P1": [0.1, 0.0, 0.0]}},
-            (
-                "readings",
-                "1 readings without those held out do not determine 6 joints",
-                "ask for more readings, or a smaller share for validation",
-            ),
-        ),
-        (
-            {"load": {"kind": "dead_weight", "force": 900.0}, "joints": ["joint_1", "joint_2"]},
-            (
-                "joints",
-                "no candidate load twists joint_1, or no target moves with it",
-                "allow loads in other directions, or name the joints to be determined, without these",
-            ),
-        ),
-        (
-            {"surroundings": {"floor": 20.0}},
-            (
-                "candidates",
-                "none of 300 readings is feasible: floor_or_box 300",
-                "relax the condition that excludes most of them, or give other postures or loads",
-            ),
-        ),
-        (
-            {"readings": 200, "distinct_angle": 3.0},
-            (
-                "distinct_angle",
-                "only 13 candidates are in postures 172° apart, but 160 readings are requested",
-                "ask for fewer readings, a smaller angle, or more candidates",
-            ),
-        ),
-        (
-            {"postures": [[0.0, 1.0]]},
-            (
-                "postures[0]",
-                "there are 2 joint angles, but the robot has 6 joints",
-                f"give the 6 controller angles of {NAMES}",
-            ),
-        ),
-        (
-            {"load_point": [0, 0, 120.0]},
-            (
-                "load_point",
-                "the point is 120 m from the flange, where no tool reaches",
-                "check its unit; a point on the tool is at most 5 m from the flange",
-            ),
-        ),
-        (
-            {"surroundings": {"facing": {"P10": [0, 0, 0]}}},
-            (
-                "surroundings.facing",
-                "facing directions of P10 for the targets P10, P11, P12",
-                "give a nonzero direction for each target, or omit all",
-            ),
-        ),
-        (
-            {"criterion": "work_area"},
-            (
-                "work_area",
-                "criterion work_area needs a work area",
-                "give the corners of the work area, or use criterion relative_a, d or e",
-            ),
-        ),
-        (
-            {"candidates": 10_000_000},
-            ("candidates", "1 fault; first: candidates: must be less than or equal to 50000", EXAMPLE),
-        ),
-        (
-            {"goal": {"kind": "joints", "relative": 0.001}, "readings": None, "candidates": 400},
-            (
-                "goal",
-                "200 readings leave 55.5 times the uncertainty of the goal",
-                "choose a wider goal, a greater load, more targets, or less noise",
-            ),
-        ),
-    ],
-)
-def test_a_plan_that_cannot_be_made_is_refused(local, begin, change, said):
-    asked = {key: value for key, value in (begin | change).items() if value is not None}
-    assert told(local.request("POST", "/v1/plans", json=asked)) == (422, *said)
+        "weight": ("/v1/campaigns", own | {"run": {}}, "run."),
+        "own": ("/v1/campaigns", own, ""),
+        "geometry": ("/v1/geometries", swept, ""),
+    }
+
+
+@pytest.fixture(scope="module")
+def geometry_id(local):
+    return local.request("POST", "/v1/geometries", json=recorded("sweeps_small")).json()["id"]
+
+
+@pytest.mark.parametrize("row", ROWS)
+def test_a_request_that_cannot_be_carried_out_says_where_and_why(local, bodies, geometry_id, row):
+    asked, said = row.split(" -> ")
+    word, change = asked.split(" ", 1)
+    address, body, place = bodies[word]
+    change = json.loads(change.replace("STORED", geometry_id))
+    body = changed(body, *((f"{place}{path}", value) for path, value in change.items()))
+    assert told(local.request("POST", address, json=body)) == (422, *said.split(" | "))
 
 
 def test_a_plan_by_cables_says_so_on_paper_and_counts_what_is_known(local, begin):
@@ -337,136 +257,6 @@ class TestElasticLinks:
         assert made["worst"][0]["standard_uncertainty"] == pytest.approx(6.3768e-5, rel=1e-3)
         assert told(posted_job(local, "program", run, **accepted, masses=MASSES)) == no_own_weight(run)
 
-    @pytest.mark.parametrize(
-        ("change", "said"),
-        [
-            (
-                {"method": "complete_pose"},
-                (
-                    "method",
-                    "an elasticity other than joints cannot be combined with this method",
-                    "use method partial_pose, or use elasticity joints",
-                ),
-            ),
-            (
-                {"resampling": {"size": 5}},
-                (
-                    "resampling",
-                    "resampling supports only elasticity joints",
-                    "omit `resampling`; the cross-validation shows the dispersion",
-                ),
-            ),
-            (
-                {"elasticity": "joints", "links": ["joint_2"]},
-                ("links", "2 faults; first: links: needs an elasticity other than `joints`", SCHEMA),
-            ),
-            (
-                {"elasticity": "joints", "link_penalty": 0.1},
-                (
-                    "link_penalty",
-                    "1 fault; first: link_penalty: needs an elasticity other than `joints`",
-                    SCHEMA,
-                ),
-            ),
-            (
-                {"elasticity": "coupled_joints", "links": ["joint_2"]},
-                (
-                    "links",
-                    "1 fault; first: links: needs an elasticity with links, not `coupled_joints`",
-                    SCHEMA,
-                ),
-            ),
-            *(
-                (
-                    {"elasticity": elasticity, "loss": "absolute"},
-                    (
-                        "elasticity",
-                        "1 fault; first: elasticity: must be named, and other than `joints`, for loss "
-                        "`absolute`; use loss `huber` for joints alone",
-                        SCHEMA,
-                    ),
-                )
-                for elasticity in ("joints", "automatic")
-            ),
-            (
-                {"elasticity": "automatic"},
-                (
-                    "link_penalty",
-                    "1 fault; first: link_penalty: needs an elasticity that is named: `automatic` chooses "
-                    "the penalty",
-                    SCHEMA,
-                ),
-            ),
-        ],
-    )
-    def test_options_that_do_not_go_with_an_elasticity_are_refused(self, local, run, change, said):
-        of_set = {"measurement_set_id": run["request"]["measurement_set_id"]}
-        answer = local.request("POST", "/v1/runs", json=of_set | BENT | FOLDS | change)
-        assert told(answer) == (422, *said)
-
-
-@pytest.mark.parametrize(
-    ("noise", "place", "said"),
-    [
-        (
-            {"force": {}},
-            "force",
-            "give a positive `scale` or `direction`; without either omit the statement",
-        ),
-        ({"force": {"scale": 0.6}}, "force.scale", "must be less than or equal to 0.5"),
-        ({"force": {"scale": -0.1}}, "force.scale", "must be greater than or equal to 0"),
-        ({"force": {"direction": 1.0}}, "force.direction", "must be less than or equal to 0.5"),
-        (
-            {"axes": {}},
-            "axes",
-            "give a positive `position` or `direction`; without either omit the statement",
-        ),
-        ({"axes": {"direction": 1.0}}, "axes.direction", "must be less than or equal to 0.5"),
-        ({"load_point": 0.0}, "load_point", "must be greater than 0"),
-        ({"target_places": -1.0}, "target_places", "must be greater than 0"),
-    ],
-)
-def test_an_uncertainty_of_no_sense_is_refused_with_its_bound(pull, noise, place, said):
-    where, reason, _ = refused(js.identify, changed(pull, ("measurement_set.noise", noise)))
-    field = f"measurement_set.noise.{place}"
-    assert (where, reason) == (field, f"1 fault; first: {field}: {said}")
-
-
-DRAWN = {"resampling": {"size": 8, "repetitions": 300, "seed": 4}}
-NEITHER = (
-    "run.resampling",
-    "resampling supports neither `priors` nor `stiffness_order`",
-    "omit `resampling`, or `priors` and `stiffness_order`",
-)
-
-
-@pytest.mark.parametrize(
-    ("options", "said"),
-    [
-        (
-            {"resampling": {"size": 13}},
-            (
-                "run.resampling.size",
-                "a draw of 13 configurations exceeds the set's 12",
-                "set `size` to at most 12",
-            ),
-        ),
-        (
-            DRAWN | {"loss": "huber"},
-            (
-                "run.resampling",
-                "resampling supports only the squared loss, not loss huber",
-                "omit `resampling`, or use loss squared and omit the suspicious readings",
-            ),
-        ),
-        (DRAWN | {"priors": {"joint_2": {"stiffness": 1e6, "standard_uncertainty": 1e5}}}, NEITHER),
-        (DRAWN | {"stiffness_order": [["joint_2", "joint_5"]]}, NEITHER),
-    ],
-)
-def test_what_cannot_be_drawn_is_refused(local, pull, options, said):
-    answer = local.request("POST", "/v1/campaigns", json=pull | {"run": {"elasticity": "joints"} | options})
-    assert told(answer) == (422, *said)
-
 
 def test_deflections_of_another_unit_are_no_measurement():
     wrong = campaign("pull", 19, 2)
@@ -499,74 +289,12 @@ def test_deflections_of_another_unit_are_no_measurement():
     )
 
 
-EYE, ORIGIN = np.eye(3).tolist(), [0, 0, 0]
-ROW_BY_ROW = "give the rotation matrix from the tracker's frame to R0 row by row, with seven digits"
-EITHER = "1 fault; first: frame: give either `geometry_id`, or both `rotation` and `translation`"
-BASE = {"B1": [0.5, 0.6, 0.1], "B2": [-0.5, 0.5, 0.0], "B3": [0.1, -0.6, 0.2]}
-
-
-@pytest.fixture(scope="module")
-def geometry_id(local):
-    return local.request("POST", "/v1/geometries", json=recorded("sweeps_small")).json()["id"]
-
-
-class TestFrames:
-    @pytest.mark.parametrize(
-        ("frame", "said"),
-        [
-            *(
-                (
-                    {"rotation": matrix.tolist(), "translation": ORIGIN},
-                    ("frame.rotation", f"the rotation matrix is not orthonormal: {why}", ROW_BY_ROW),
-                )
-                for matrix, why in (
-                    (2 * np.eye(3), "its largest deviation is 3"),
-                    (np.diag([1.0, 1.0, -1.0]), "it is a reflection (determinant -1)"),
-                    (np.zeros((3, 3)), "its largest deviation is 1"),
-                )
-            ),
-            ({"rotation": EYE}, ("frame", EITHER, SCHEMA)),
-            ({"geometry_id": "a", "rotation": EYE, "translation": ORIGIN}, ("frame", EITHER, SCHEMA)),
-            ({}, ("frame", EITHER, SCHEMA)),
-            (
-                {"rotation": EYE, "translation": ORIGIN, "base_targets": BASE},
-                (
-                    "frame",
-                    "1 fault; first: frame: give `geometry_id` with `base_targets`: they are compared with "
-                    "the geometry's",
-                    SCHEMA,
-                ),
-            ),
-            (
-                {"geometry_id": "nobody"},
-                (
-                    "frame.geometry_id",
-                    "there is no geometry 'nobody'",
-                    "check the id; list them with GET /v1/jobs?kind=geometry",
-                ),
-            ),
-            (
-                {"geometry_id": "STORED", "base_targets": BASE},
-                (
-                    "frame.base_targets",
-                    "the geometry has no base targets to compare with",
-                    "omit them, or give `base_targets_before` with the geometry",
-                ),
-            ),
-        ],
+def test_a_robot_is_of_a_geometry_that_is_there(local):
+    model = {"format": "geometry", "geometry_id": "nobody"}
+    answer = local.request("POST", "/v1/robots", json={"name": "as measured", "model": model})
+    assert told(answer) == (
+        422,
+        "model.geometry_id",
+        "there is no geometry 'nobody'",
+        "check the id; list them with GET /v1/jobs?kind=geometry",
     )
-    def test_a_frame_that_is_none_is_refused(self, local, robot_id, geometry_id, pull, frame, said):
-        if frame.get("geometry_id") == "STORED":
-            frame = frame | {"geometry_id": geometry_id}
-        body = pull["measurement_set"] | {"robot_id": robot_id, "frame": frame}
-        assert told(local.request("POST", "/v1/measurement-sets", json=body)) == (422, *said)
-
-    def test_a_robot_is_of_a_geometry_that_is_there(self, local):
-        model = {"format": "geometry", "geometry_id": "nobody"}
-        answer = local.request("POST", "/v1/robots", json={"name": "as measured", "model": model})
-        assert told(answer) == (
-            422,
-            "model.geometry_id",
-            "there is no geometry 'nobody'",
-            "check the id; list them with GET /v1/jobs?kind=geometry",
-        )
