@@ -1,4 +1,4 @@
-"""Files of jobs over HTTP: names that there are not, tags, headers; programs sent again; deletion in order."""
+"""Files of jobs over HTTP: names, tags, headers; programs that are sent again; deletion in order."""
 
 import json
 
@@ -41,7 +41,7 @@ def addresses_of(local, run):
     ],
 )
 def test_a_file_that_there_is_not_is_answered_with_those_that_there_are(local, run, name, reason, remedy):
-    assert told(local.get(file_at(run, name))) == (404, None, reason, remedy)
+    assert told(local.get(file_at(run, name))) == f"404 | {reason} | {remedy}"
 
 
 @pytest.mark.parametrize(
@@ -116,19 +116,15 @@ def test_a_corrected_program_is_not_corrected_again_but_the_program_itself_may_b
     assert corrected.headers["content-disposition"] == "attachment; filename*=UTF-8''cell-corrected.src"
     assert ("; Jointstiff run " in corrected.text) == mark
     assert told(sent(corrected.text)) == (
-        422,
-        "files",
-        f"a file is the output of the compensated program '{job['id']}'",
-        "send the original program",
+        f"422 | files | a file is the output of the compensated program '{job['id']}' | send the "
+        "original program"
     )
     assert sent(TEXT).status_code == 201
     named = local.get(file_at(job, "program"), params={"file": "cell.src"})
     assert (named.status_code, named.content) == (200, corrected.content)
-    assert told(local.get(file_at(job, "program"), params={"file": "cell.dat"})) == (
-        422,
-        "query.file",
-        "the program has no such file",
-        "use one of cell.src",
+    assert (
+        told(local.get(file_at(job, "program"), params={"file": "cell.dat"}))
+        == "422 | query.file | the program has no such file | use one of cell.src"
     )
 
 
@@ -169,16 +165,16 @@ def test_a_campaign_is_deleted_from_its_end_and_brought_back_from_its_beginning(
 
     used = f"is used by measurement set {set_id}, run {mine['id']}"
     delete_first = "delete these first"
-    assert told(patched(at_robot, DELETE)) == (409, None, f"the robot '{robot_id}' {used}", delete_first)
+    assert told(patched(at_robot, DELETE)) == f"409 | the robot '{robot_id}' {used} | {delete_first}"
     of_run = f"the measurement set '{set_id}' is used by run {mine['id']}"
-    assert told(patched(at_set, DELETE)) == (409, None, of_run, delete_first)
+    assert told(patched(at_set, DELETE)) == f"409 | {of_run} | {delete_first}"
     shown = [local.get(address).json() for address in addresses]
     names = (f"job '{mine['id']}'", f"measurement set '{set_id}'", f"robot '{robot_id}'")
     for address, at, name in zip(addresses, (at_run, at_set, at_robot), names, strict=True):
         first, again = (patched(at, DELETE) for _ in range(2))
         assert (first.status_code, again.status_code) == (200, 200)
         assert first.json() == again.json()
-        gone = (404, None, f"the {name} was deleted", f'restore it with PATCH {at} {{"deleted": false}}')
+        gone = f'404 | the {name} was deleted | restore it with PATCH {at} {{"deleted": false}}'
         assert told(local.get(address)) == gone
         assert told(local.get(address, headers={"If-None-Match": "*"})) == gone
         listing, _, identifier = address.rpartition("/")
@@ -189,16 +185,16 @@ def test_a_campaign_is_deleted_from_its_end_and_brought_back_from_its_beginning(
         assert listed == [False, True]
     lost = f"the run '{mine['id']}' was deleted"
     restore = f'restore it with PATCH {at_run} {{"deleted": false}}'
-    assert told(local.get(file_at(mine, "tables.json"))) == (404, None, lost, restore)
+    assert told(local.get(file_at(mine, "tables.json"))) == f"404 | {lost} | {restore}"
     answer = local.request("POST", "/v1/runs", json={"measurement_set_id": set_id})
-    assert told(answer)[:3] == (422, "measurement_set_id", f"the measurement set '{set_id}' was deleted")
+    assert told(answer) == (
+        f"422 | measurement_set_id | the measurement set '{set_id}' was deleted | "
+        f'restore it with PATCH {at_set} {{"deleted": false}}'
+    )
     answer = local.request("POST", "/v1/comparisons", json={"run_ids": [run["id"], mine["id"]]})
-    assert told(answer) == (422, "run_ids[1]", lost, restore)
+    assert told(answer) == f"422 | run_ids[1] | {lost} | {restore}"
     assert told(patched(at_run, RESTORE)) == (
-        404,
-        None,
-        f"the robot '{robot_id}' was deleted",
-        f'restore it with PATCH {at_robot} {{"deleted": false}}',
+        f"404 | the robot '{robot_id}' was deleted | restore it with PATCH {at_robot} {{\"deleted\": false}}"
     )
     for at in (at_robot, at_set, at_run):
         assert patched(at, RESTORE).status_code == 200

@@ -34,14 +34,16 @@ def folder(tmp_path_factory):
                 "│ joint_2 │ 3.109 │ 0.037 │ 3.038 … 3.183 │ — │ well determined │",
                 "│ joint_6 │ 0.088 │ 0.016 │ 0.064 … 0.138 │ — │ roughly known │",
                 f"{UNSEEN}; {PRIOR}",
-                "explains 98.8 % of the mean deflection, residual 44.2 µm rms (3-D), sigma of a reading 20 µm",
+                "explains 98.8 % of the mean deflection, residual 44.2 µm rms (3-D), sigma of a reading "
+                "20 µm",
                 TO_DO,
             ],
         ),
         (
             "--prior joint_1=3e6:3e5 --prior joint_2=2e6:1e4 --details",
             [
-                "Do not use: 1 reason the residuals are 3.25 times as large as the stated noise allows, so the "
+                "Do not use: 1 reason the residuals are 3.25 times as large as the stated noise allows, "
+                "so the "
                 "uncertainties are too small; how much depends on what the model leaves unexplained",
                 "│ joint_2 │ 2.705 │ 0.024 │ 2.659 … 2.751 │ 0.37 │ do not use │",
                 "│ joint_3 │ 3.037 │ 0.057 │ 2.928 … 3.153 │ — │ do not use │",
@@ -114,7 +116,8 @@ def test_coupled_joints_of_an_arm_whose_links_bend_are_not_to_be_used(folder):
         "│ joint_5 │ 0.0970 │ 0.0056 │ — │ do not use │",
         "│ joint_6 │ rigid │ — │ — │ at bound │",
         "joint_6: what bends beside it explains the readings without it",
-        "explains 73.8 % of the mean deflection, residual 1.05 mm rms (3-D), sigma of a reading 20 µm (given)",
+        "explains 73.8 % of the mean deflection, residual 1.05 mm rms (3-D), sigma of a reading "
+        "20 µm (given)",
         "coupled joints with loss squared explain 73.4 % of held-out postures, joints alone 73.4 %; simplest "
         "good model: joints",
         "2. use the model to predict deflections; do not quote the stiffness of a single joint, as readings "

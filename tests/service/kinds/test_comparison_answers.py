@@ -75,16 +75,14 @@ class TestTwoCampaigns:
             for seed, limits in bounds.items()
         ]
         assert refused(js.compare, *runs, methods=[], ordered=True) == (
-            "comparison.stiffness_order",
-            "the stiffness bounds contradict `stiffness_order`",
-            "widen the bounds, or omit `stiffness_order`",
+            "comparison.stiffness_order | the stiffness bounds contradict `stiffness_order` | widen the "
+            "bounds, or omit `stiffness_order`"
         )
 
     def test_a_set_of_unknown_noise_cannot_be_weighted_with_another(self, few, second):
         assert refused(js.compare, few, second, methods=[], ordered=True) == (
-            "comparison.ordered",
-            "sigma is neither given nor determined by the residuals, so the two sets cannot be weighted",
-            "state `noise.sigma`, or add observations",
+            "comparison.ordered | sigma is neither given nor determined by the residuals, so the two "
+            "sets cannot be weighted | state `noise.sigma`, or add observations"
         )
 
     def test_a_set_of_unknown_noise_gives_no_ratio_and_a_prediction_alone(self, few, second):
@@ -131,12 +129,12 @@ class TestTwoCampaigns:
         other = js.identify(with_elbow(campaign(configurations=8, seed=6)), elasticity="joints")
         elbow = "joint_1, joint_2, elbow, joint_4, joint_5, joint_6"
         said = (
-            f"the robots have different joints: {', '.join(NAMES)}, and {elbow}",
-            "compare sets of one robot, or of two robots of the same model with the same joint names",
+            f"the robots have different joints: {', '.join(NAMES)}, and {elbow} | compare sets of one "
+            "robot, or of two robots of the same model with the same joint names"
         )
-        assert refused(js.compare, first, other, methods=[]) == ("comparison.run_ids", *said)
+        assert refused(js.compare, first, other, methods=[]) == f"comparison.run_ids | {said}"
         stored = posted(with_elbow(pull), elasticity="joints")
-        assert told(posted_job(local, "comparison", run, stored["id"])) == (422, "run_ids", *said)
+        assert told(posted_job(local, "comparison", run, stored["id"])) == f"422 | run_ids | {said}"
 
     def test_an_observation_left_out_has_no_residual_but_its_deflection(self, local, run):
         of_set = {"measurement_set_id": run["request"]["measurement_set_id"]}
@@ -198,28 +196,22 @@ class TestTwoCampaigns:
 
         three = [posted(campaign(seed=seed))["id"] for seed in (4, 5)]
         assert told(compared(*three)) == (
-            422,
-            "run_ids",
-            "the runs are of 3 measurement sets",
-            "compare runs of one set or of two; the robot's trend shows all its sets",
+            "422 | run_ids | the runs are of 3 measurement sets | compare runs of one set or of two; the "
+            "robot's trend shows all its sets"
         )
         read = campaign(configurations=8, seed=7)
         priors = {"joint_2": {"stiffness": 3e6, "standard_uncertainty": 3e5}}
         with_priors = posted(read, priors=priors)["id"]
         assert told(compared(with_priors)) == (
-            422,
-            "run_ids",
-            f"the run '{with_priors}' is with priors: both sets may share its errors, so that they are not "
-            "independent",
-            "identify its set by loads without `priors`, and give that run",
+            f"422 | run_ids | the run '{with_priors}' is with priors: both sets may share its errors, so "
+            "that they are not independent | identify its set by loads without `priors`, and give that "
+            "run"
         )
         bent = {"elasticity": "coupled_joints", "link_penalty": 0.1, "loss": "squared"}
         coupled = posted(read, **bent, cross_validation={"folds": 2})["id"]
         assert told(compared(coupled)) == (
-            422,
-            "run_ids",
-            f"two sides compare joints only, not the run '{coupled}' with elasticity coupled_joints",
-            "identify its set with elasticity `joints`, and give that run",
+            f"422 | run_ids | two sides compare joints only, not the run '{coupled}' with elasticity "
+            "coupled_joints | identify its set with elasticity `joints`, and give that run"
         )
 
     def test_a_joint_at_its_bound_takes_its_ratio_from_the_run_without_constraints(self, local, posted):
@@ -352,7 +344,7 @@ class TestMethods:
         ],
     )
     def test_options_of_no_sense_are_refused(self, pull, options, place, said):
-        where, reason, _ = refused(js.compare, pull, **options)
+        where, reason, _ = refused(js.compare, pull, **options).split(" | ")
         assert (where, reason) == (place, f"1 fault; first: {place}: {said}")
 
     def test_methods_by_default(self):

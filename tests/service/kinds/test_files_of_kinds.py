@@ -135,7 +135,7 @@ class TestComparison:
 
 
 class TestGeometry:
-    def test_the_axes_of_the_example_are_where_they_stand(self, local, jobs):
+    def test_the_axes_of_the_example_are_where_they_stand(self, jobs):
         result = jobs["geometry"]["result"]
         first, second = result["axes"]
         assert second["point"] == pytest.approx([0.300017, 0.099997, 0.0], abs=1e-6)

@@ -151,10 +151,9 @@ def test_a_deflection_beside_loaded_positions_leaves_these_as_positions():
 class TestWhatOwnWeightDoesNotKnow:
     def test_positions_without_load_are_no_deflection(self, own):
         said = (
-            "measurement_set",
-            "the set has only positions without load, which show no deflection",
-            "identify it by the robot's own weight: give the robot's masses (`bodies`), and `weight` in the "
-            "run",
+            "measurement_set | the set has only positions without load, which show no deflection | "
+            "identify it by the robot's own weight: give the robot's masses (`bodies`), and `weight` in "
+            "the run"
         )
         assert refused(js.identify, own, weight=None) == said
         assert refused(js.compare, own) == said
@@ -162,7 +161,7 @@ class TestWhatOwnWeightDoesNotKnow:
     def test_a_loaded_position_alone(self, own):
         place = "measurement_set.observations.0.readings.0"
         document = changed(own, (place, {"target": "P10", "loaded": [0.0, 0.0, 0.0]}))
-        where, reason, _ = refused(js.identify, document)
+        where, reason, _ = refused(js.identify, document).split(" | ")
         assert where == "measurement_set.observations[0].readings[0]"
         assert reason == (
             f"1 fault; first: {where}: give `unloaded` and `loaded`, or `deflection`, or `displacement` with "
@@ -185,23 +184,18 @@ class TestWhatOwnWeightDoesNotKnow:
             return local.request("POST", "/v1/plans", json=asked | changes)
 
         assert told(plan()) == (
-            422,
-            "load",
-            "the robot has no masses, or no stiffness of a joint is known",
-            "state `bodies` of the robot, and a guess of the joints' `stiffness`",
+            "422 | load | the robot has no masses, or no stiffness of a joint is known | state `bodies` "
+            "of the robot, and a guess of the joints' `stiffness`"
         )
         area = [[1.0, 0.0, 1.0], [2.0, 1.0, 2.0]]
         assert told(plan(stiffness={"joint_2": 3e6}, work_area=area)) == (
-            422,
-            "load",
-            "a plan for own weight knows no work area, no tracker's station and no directions of gauges",
-            "leave `work_area`, `tracker` and `directions` out; `sigma` states the readings",
+            "422 | load | a plan for own weight knows no work area, no tracker's station and no "
+            "directions of gauges | leave `work_area`, `tracker` and `directions` out; `sigma` states "
+            "the readings"
         )
         assert told(plan(**guess, load=on_a_wall | {"estimate_gravity": True})) == (
-            422,
-            "load",
-            "a plan for own weight knows no balancers and no gravity that is estimated",
-            "state `gravity`; choose postures by hand for a robot with balancers",
+            "422 | load | a plan for own weight knows no balancers and no gravity that is estimated | "
+            "state `gravity`; choose postures by hand for a robot with balancers"
         )
         left_out = [plan(**guess, **load).json()["result"]["left_out"] for load in ({"load": on_a_wall}, {})]
         assert left_out == [[], ["joint_1"]]
@@ -215,11 +209,9 @@ class TestWhatOwnWeightDoesNotKnow:
             "grid": [3, 1, 3],
             "place": [-0.06, 0.02, 0.18],
         }
-        assert told(local.request("POST", "/v1/maps", json=area)) == (
-            422,
-            "force",
-            "the load is missing",
-            "give the force of the process in N",
+        assert (
+            told(local.request("POST", "/v1/maps", json=area))
+            == "422 | force | the load is missing | give the force of the process in N"
         )
         made = local.request("POST", "/v1/maps", json=area | {"absolute": True}).json()
         worst = made["result"]["worst"]
@@ -238,10 +230,9 @@ class TestWhatOwnWeightDoesNotKnow:
         for run, more in ((stored, {"masses": MASSES}), (loaded, {})):
             asked = still | {"run_id": run["id"]} | more
             assert told(local.request("POST", "/v1/deflections", json=asked)) == (
-                422,
-                "absolute",
-                f"sag takes the own weight of the run: '{run['id']}' has none, or masses are stated, too",
-                "choose a run with `weight` and without balancers, and leave `masses` out",
+                f"422 | absolute | sag takes the own weight of the run: '{run['id']}' has none, or masses "
+                "are "
+                "stated, too | choose a run with `weight` and without balancers, and leave `masses` out"
             )
 
     def test_the_trend_of_a_robot(self, local, stored):

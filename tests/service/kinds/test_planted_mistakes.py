@@ -135,7 +135,8 @@ MISTAKES = {
             (
                 "target_off_model",
                 "do_not_use",
-                "target 'P12' is 3.71 m away from its median position on the flange (and 9 more of this kind)",
+                "target 'P12' is 3.71 m away from its median position on the flange (and 9 more of this "
+                "kind)",
                 "check that positions are in R0 and in `units.length`, the angles and their order, the joint "
                 "map, and the robot's model",
                 None,
@@ -157,8 +158,10 @@ MISTAKES = {
             (
                 "length_unit_suspect",
                 "do_not_use",
-                "the lengths seem to be in mm, not in m as declared: as posted, the targets keep one position "
-                "on the flange in 1 of 12 observations; with all lengths divided by 1000, in 12 of 12, within "
+                "the lengths seem to be in mm, not in m as declared: as posted, the targets keep one "
+                "position "
+                "on the flange in 1 of 12 observations; with all lengths divided by 1000, in 12 of 12, "
+                "within "
                 "59.6 µm",
                 "set `units.length` to mm",
                 "convert_units",
@@ -172,8 +175,10 @@ MISTAKES = {
             (
                 "alternative_explains_better",
                 "do_not_use",
-                "with every load point moved by (72.3, -65.1, 92.9) mm in the flange frame, the joints explain "
-                "the readings better than chance allows (F test, p = 7e-48); a compliance changes by 2.4e+02 %",
+                "with every load point moved by (72.3, -65.1, 92.9) mm in the flange frame, the joints "
+                "explain "
+                "the readings better than chance allows (F test, p = 7e-48); a compliance changes by "
+                "2.4e+02 %",
                 "measure the load point on the flange",
                 "fit_causes",
             ),

@@ -74,7 +74,7 @@ def test_a_request_that_cannot_be_carried_out_says_where_and_why(local, bodies, 
     address, body, place = bodies[word]
     change = json.loads(change.replace("STORED", geometry_id))
     body = changed(body, *((f"{place}{path}", value) for path, value in change.items()))
-    assert told(local.request("POST", address, json=body)) == (422, *said.split(" | "))
+    assert told(local.request("POST", address, json=body)) == f"422 | {said}"
 
 
 def test_a_plan_by_cables_says_so_on_paper_and_counts_what_is_known(local, begin):
@@ -139,9 +139,8 @@ class TestPredictions:
 
         assert len(asked(146).joints) == 146
         assert refused(asked, 147) == (
-            "cases",
-            "147 cases for 32 joints: cases times joints squared exceed 150,000",
-            "ask for at most 146 at a time",
+            "cases | 147 cases for 32 joints: cases times joints squared exceed 150,000 | ask for at "
+            "most 146 at a time"
         )
 
     def test_cells_of_a_table_are_in_the_units_of_its_head_and_options_in_their_own(self, tmp_path):
@@ -181,10 +180,8 @@ MASSES = [{"joint": "joint_2", "mass": 1.0, "centre": [0.0, 0.0, 0.0]}]
 
 def no_own_weight(run):
     return (
-        422,
-        "masses",
-        f"run '{run['id']}' has elastic links or coupling, which do not support own weight",
-        "omit masses, or choose a run with elasticity joints",
+        f"422 | masses | run '{run['id']}' has elastic links or coupling, which do not support own "
+        "weight | omit masses, or choose a run with elasticity joints"
     )
 
 
@@ -293,8 +290,6 @@ def test_a_robot_is_of_a_geometry_that_is_there(local):
     model = {"format": "geometry", "geometry_id": "nobody"}
     answer = local.request("POST", "/v1/robots", json={"name": "as measured", "model": model})
     assert told(answer) == (
-        422,
-        "model.geometry_id",
-        "there is no geometry 'nobody'",
-        "check the id; list them with GET /v1/jobs?kind=geometry",
+        "422 | model.geometry_id | there is no geometry 'nobody' | check the id; list them with GET "
+        "/v1/jobs?kind=geometry"
     )

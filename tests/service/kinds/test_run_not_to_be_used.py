@@ -96,19 +96,14 @@ def test_models_are_refused_with_the_reason_and_tables_say_it_in_each_row(local,
     for name in ("model.csv", "model.xlsx", "model.mjcf"):
         answer = local.get(file_at(run, name))
         assert told(answer) == (
-            422,
-            "run_id",
-            f"the verdict on run '{run['id']}' is: do not use",
-            "follow the remedies of its reasons and identify again; to continue anyway, give "
-            "`accept_verdict: do_not_use`",
+            f"422 | run_id | the verdict on run '{run['id']}' is: do not use | follow the remedies of its "
+            "reasons and identify again; to continue anyway, give `accept_verdict: do_not_use`"
         )
         (error,) = answer.json()["errors"]
         assert (error["where"], error["reason"]) == ("all readings", RESIDUALS)
     assert told(local.get(file_at(run, "report.xml"))) == (
-        422,
-        "laboratory",
-        "a certificate states the country of the measurement and the responsible person",
-        "give `country` and `responsible` in the settings of the laboratory",
+        "422 | laboratory | a certificate states the country of the measurement and the responsible "
+        "person | give `country` and `responsible` in the settings of the laboratory"
     )
     head, *joints = csv.reader(local.get(file_at(run, "joints.csv")).text.splitlines())
     assert head == [

@@ -117,7 +117,8 @@ def test_a_slide_is_shown_in_the_unit_that_goes_with_the_chosen_one(files, unit,
         "Forces: ±1 % assumed. Enter the uncertainty of the load cell or of the weight "
         "(`noise.force.scale`; on the page: Advanced, Scale of the force).",
         "│ roughly known │",
-        "explains 85.9 % of the mean deflection, residual 46.7 µm rms (3-D), sigma of a reading 20 µm (given)",
+        "explains 85.9 % of the mean deflection, residual 46.7 µm rms (3-D), sigma of a reading "
+        "20 µm (given)",
         "Joints alone: no sign that anything else bends (F test of links beside joints: p = 0.06).",
     ]
     for line in lines + others:
@@ -166,7 +167,8 @@ def test_a_model_of_mujoco_has_a_slide_and_says_what_it_is_made_of(files, tmp_pa
         "<!-- Method: partial pose, covariance weights, compliances not negative. Intervals at 95 %. -->",
         "<!-- Verdict on the result: use. -->",
         "<!-- Geometry: of the robot as it was described, not identified. -->",
-        "<!-- Lengths in m, angles in rad, stiffness in N·m/rad, of prismatic joints in N/m. Angles are those "
+        "<!-- Lengths in m, angles in rad, stiffness in N·m/rad, of prismatic joints in N/m. "
+        "Angles are those "
         "of the model, in the frame of the link base_link. -->",
         "<!-- joint_1: 19.3 N/µm (95 % interval 16.2 … 23.9); verdict: use -->",
         "<!-- joint_5: 0.434 · 10⁶ N·m/rad (95 % interval 0.392 … 0.486); verdict: use -->",
@@ -184,14 +186,12 @@ class TestWorkOfARail:
         assert (found.counts["reached"], found.worst.joints[0]) == (8, RAIL)
         assert [name for name, kind in found.joint_kinds.items() if kind == "prismatic"] == ["joint_1"]
         assert refused(js.map, runs["rail"], **AREA) == (
-            "map.run_id",
-            "it is not stated where the linear axis joint_1 stands",
-            "give all joints as `near` or `start`: the linear axis stands still there",
+            "map.run_id | it is not stated where the linear axis joint_1 stands | give all joints as "
+            "`near` or `start`: the linear axis stands still there"
         )
         assert refused(js.map, runs["scara"], **AREA) == (
-            "map.run_id",
-            "the robot has 3 revolute joints",
-            "inverse kinematics needs an arm with six revolute joints",
+            "map.run_id | the robot has 3 revolute joints | inverse kinematics needs an arm with six "
+            "revolute joints"
         )
 
     def test_lengths_of_a_table_are_told_apart_from_angles(self, runs, tmp_path):
@@ -208,9 +208,8 @@ class TestWorkOfARail:
         assert one == pytest.approx(other, rel=1e-9)
         assert one == pytest.approx([-0.000234385, 0.000401642, -0.00278432], rel=1e-3)
         assert refused(js.predict, runs["rail"], wrong, **options) == (
-            "prediction.line 1",
-            "the header 'J1 [deg]' has the unit deg",
-            "write one of [m], [mm] behind the name",
+            "prediction.line 1 | the header 'J1 [deg]' has the unit deg | write one of [m], [mm] behind "
+            "the name"
         )
 
     def test_a_plan_in_a_terminal_is_a_table_of_whole_millimetres_and_degrees(self, files):
@@ -320,9 +319,9 @@ class TestWhatDoesNotGoWithASlide:
     def test_angles_of_a_spindle(self):
         document = changed(sliding("scara", SI), ("measurement_set.joint_kinds", ["revolute"] * 4))
         assert refused(js.identify, document) == (
-            "measurement_set.joint_kinds",
-            "joint joint_3 is read as an angle, but the robot's is prismatic",
-            "give its lengths, in `units.length`, or check the robot and the order of the joints",
+            "measurement_set.joint_kinds | joint joint_3 is read as an angle, but the robot's is "
+            "prismatic | give its lengths, in `units.length`, or check the robot and the order of the "
+            "joints"
         )
 
     def test_secondary_encoders(self):
@@ -335,9 +334,8 @@ class TestWhatDoesNotGoWithASlide:
             ("measurement_set.noise.encoder_sigma", 1e-6),
         )
         assert refused(js.identify, document) == (
-            "measurement_set.observations",
-            "there are encoder readings of joint_3, a prismatic joint",
-            "omit them: secondary encoders are read of revolute joints only",
+            "measurement_set.observations | there are encoder readings of joint_3, a prismatic joint | "
+            "omit them: secondary encoders are read of revolute joints only"
         )
 
     def test_a_geometry(self):
@@ -352,10 +350,9 @@ class TestWhatDoesNotGoWithASlide:
         units = {"length": "m", "angle": "rad"}
         cell = {"name": "cell", "robot": document["robot"], "units": units, "poses": poses}
         assert refused(js.geometry, cell) == (
-            "robot",
-            "axes are identified of revolute joints only, but joint_1 slides",
-            "fix it in the model (URDF: type fixed, at the position where it stands), and omit it from the "
-            "readings; or use the nominal model",
+            "robot | axes are identified of revolute joints only, but joint_1 slides | fix it in the "
+            "model (URDF: type fixed, at the position where it stands), and omit it from the readings; "
+            "or use the nominal model"
         )
 
     def test_own_weight(self):

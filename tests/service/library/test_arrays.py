@@ -130,7 +130,8 @@ CELLS = "give finite numbers of shape (3,) or (6, 3)"
         ),
         (
             {"unloaded": read("unloaded") * np.nan},
-            "1 fault; first: observations[0].readings: must have at least 1 items, but has 0; remedy: compare "
+            "1 fault; first: observations[0].readings: must have at least 1 items, but has 0; "
+            "remedy: compare "
             "with an example: `jointstiff simulate FILE` writes one, and /openapi.json has them",
         ),
         (
@@ -140,7 +141,8 @@ CELLS = "give finite numbers of shape (3,) or (6, 3)"
         ),
         (
             {"joints": np.zeros((0, 6))},
-            "`joints` has the shape (0, 6); remedy: give a row of finite numbers for each observation, (N, n)",
+            "`joints` has the shape (0, 6); remedy: give a row of finite numbers for each "
+            "observation, (N, n)",
         ),
     ],
 )

@@ -57,7 +57,8 @@ def runs(local):
                 "readings | B | 0.11 | 0.22 | 0.38 | 1.3 | 0.24 | 0.59 |",
                 "assumed load point | B | 0.83 | 1.00 | 2.9 | 5.3 | 4.2 | 6.8 |",
                 "expanded, all sources, k = 2 | | 2.6 | 2.9 | 6.3 | 11 | 8.7 | 14 |",
-                "turn 0.5, constant force 0.8, shift 1, load point 1, load zero 1, play 1, shift since c017 1, "
+                "turn 0.5, constant force 0.8, shift 1, load point 1, load zero 1, play 1, shift since "
+                "c017 1, "
                 "turn since c007 1, load scale since c008 1",
             ],
         ),

@@ -103,9 +103,9 @@ def test_a_load_without_a_balance_is_refused():
 def test_joints_too_soft_to_balance_the_load_are_refused_with_its_complementary_stiffness():
     robot, readings = simulated(load="pull", configurations=2, sigma=0.0, seed=3)
     assert refused(lambda: next(regressor_blocks(robot, readings, 1e3 * ARM.compliances))) == (
-        "complementary_stiffness",
-        "there is no equilibrium under the load near the unloaded posture with joints as soft as these",
-        "neglect the complementary stiffness, or check the units of force and length",
+        "complementary_stiffness | there is no equilibrium under the load near the unloaded posture "
+        "with joints as soft as these | neglect the complementary stiffness, or check the units of "
+        "force and length"
     )
     one_reading = replace(first_target(readings), sigma=None)
     assert estimate(robot, one_reading).complementary_stiffness.largest_shift is None
@@ -117,9 +117,8 @@ def test_joints_too_soft_to_balance_the_load_are_refused_with_its_complementary_
 )
 def test_angles_and_lengths_are_not_added_without_their_covariance(with_angles, method, weighting):
     assert refused(estimate, *prepare(with_angles), method=method, weighting=weighting) == (
-        "weighting",
-        f"weighting {weighting} cannot combine encoder readings (angles) with positions (lengths)",
-        "use weighting covariance, or omit the encoder readings",
+        f"weighting | weighting {weighting} cannot combine encoder readings (angles) with positions "
+        "(lengths) | use weighting covariance, or omit the encoder readings"
     )
 
 
@@ -129,17 +128,15 @@ def test_angles_and_lengths_are_not_added_without_their_covariance(with_angles, 
         (
             ["elbow"],
             (
-                "observations[2].encoder_readings",
-                "the robot has no joint 'elbow'",
-                "use one of joint_1, joint_2, joint_3, joint_4, joint_5, joint_6",
+                "observations[2].encoder_readings | the robot has no joint 'elbow' | use one of joint_1, "
+                "joint_2, joint_3, joint_4, joint_5, joint_6"
             ),
         ),
         (
             ["joint_2", "joint_2"],
             (
-                "observations[2].encoder_readings[1].joint",
-                "the encoder of 'joint_2' has two readings in observation 'c03'",
-                "give each joint at most once per observation",
+                "observations[2].encoder_readings[1].joint | the encoder of 'joint_2' has two readings in "
+                "observation 'c03' | give each joint at most once per observation"
             ),
         ),
     ],
@@ -152,25 +149,21 @@ def test_an_encoder_is_of_a_joint_and_read_once(with_angles, joints, said):
 @pytest.mark.parametrize("sigma", [0.0, -1.0, np.nan, np.inf])
 def test_the_sigma_of_encoders_is_positive(sigma):
     assert refused(EncoderReadings, np.zeros((1, 2)), np.ones((1, 2), dtype=bool), sigma) == (
-        "noise.encoder_sigma",
-        f"the encoders' sigma must be positive, but is {sigma}",
-        "give a positive angle",
+        f"noise.encoder_sigma | the encoders' sigma must be positive, but is {sigma} | give a positive angle"
     )
 
 
 def test_angles_of_encoders_are_finite_and_of_each_joint(with_angles):
     present = np.ones((4, 2), dtype=bool)
-    assert refused(EncoderReadings, np.full((4, 2), np.nan), present, 1e-6) == (
-        "encoder_readings",
-        "a number is not finite",
-        "omit or repeat the reading",
+    assert (
+        refused(EncoderReadings, np.full((4, 2), np.nan), present, 1e-6)
+        == "encoder_readings | a number is not finite | omit or repeat the reading"
     )
     readings = prepare(with_angles)[1]
     encoders = replace(readings.encoders, deflection=np.zeros((4, 2)), present=present)
     assert refused(replace, readings, encoders=encoders) == (
-        "encoder_readings",
-        "the shape is (4, 2) instead of (5, 6)",
-        "give one entry for each observation and target",
+        "encoder_readings | the shape is (4, 2) instead of (5, 6) | give one entry for each "
+        "observation and target"
     )
 
 
@@ -179,15 +172,13 @@ def test_gauges_give_neither_poses_nor_lengths_of_residuals():
     read = campaign(configurations=20, seed=3, readings="deflections", targets=spread)
     gauges = prepare(by_gauges(read, triads(20)))
     assert refused(estimate, *gauges, method="complete_pose") == (
-        "observations[0].readings",
-        "the pose of the flange needs 3 targets, but observations[0] 'c01' has 0 "
-        "(20 of 20 observations have too few)",
-        "use method partial_pose, or read three targets in every observation",
+        "observations[0].readings | the pose of the flange needs 3 targets, but observations[0] "
+        "'c01' has 0 (20 of 20 observations have too few) | use method partial_pose, or read three "
+        "targets in every observation"
     )
     assert refused(estimate, *gauges, loss="huber") == (
-        "loss",
-        "loss huber compares the lengths of residuals, which a reading along one direction does not show",
-        "use loss squared, or omit the readings along a direction",
+        "loss | loss huber compares the lengths of residuals, which a reading along one direction "
+        "does not show | use loss squared, or omit the readings along a direction"
     )
 
 
@@ -199,9 +190,8 @@ def test_gauges_give_neither_poses_nor_lengths_of_residuals():
             1e-5,
             1e-5,
             (
-                "noise.instrument.station",
-                "a target is only 1 mm away from the tracker",
-                "give the tracker's station in R0, in `units.length`",
+                "noise.instrument.station | a target is only 1 mm away from the tracker | give the tracker's "
+                "station in R0, in `units.length`"
             ),
         ),
         (
@@ -209,10 +199,9 @@ def test_gauges_give_neither_poses_nor_lengths_of_residuals():
             1e-5,
             1e-16,
             (
-                "noise.instrument",
-                "the standard uncertainties of 1e-05 m along and 1e-16 m across the line of sight are "
-                "implausible for a tracker",
-                "check the constants, which are in `units.length`, and the terms per distance",
+                "noise.instrument | the standard uncertainties of 1e-05 m along and 1e-16 m across the line "
+                "of sight are implausible for a tracker | check the constants, which are in `units.length`, "
+                "and the terms per distance"
             ),
         ),
         (
@@ -220,10 +209,9 @@ def test_gauges_give_neither_poses_nor_lengths_of_residuals():
             1e2,
             1e-6,
             (
-                "noise.instrument",
-                "the standard uncertainties of 100 m along and 1e-06 m across the line of sight are "
-                "implausible for a tracker",
-                "check the constants, which are in `units.length`, and the terms per distance",
+                "noise.instrument | the standard uncertainties of 100 m along and 1e-06 m across the line of "
+                "sight are implausible for a tracker | check the constants, which are in `units.length`, and "
+                "the terms per distance"
             ),
         ),
     ],
@@ -276,15 +264,14 @@ def test_noise_is_stated_once(document, changes, place, said):
 
 def test_noise_is_of_every_reading_or_of_the_set(document):
     assert refused(prepare, changed(document, *OWN)) == (
-        "noise.sigma",
-        "both the readings and noise.sigma give the noise",
-        "give only one: omit it here, or in every reading",
+        "noise.sigma | both the readings and noise.sigma give the noise | give only one: omit it "
+        "here, or in every reading"
     )
     missing = changed(document, (NOISE, None), *OWN, (f"{OBSERVATIONS}.3.readings.1.sigma", None))
     assert refused(prepare, missing) == (
-        "observations[3].readings",
-        "some readings give their own noise, but one of this observation gives none",
-        "give every reading its `sigma` or its covariances, or none and `noise` for the set",
+        "observations[3].readings | some readings give their own noise, but one of this observation "
+        "gives none | give every reading its `sigma` or its covariances, or none and `noise` for the "
+        "set"
     )
 
 
@@ -311,9 +298,9 @@ def test_a_covariance_is_symmetric_and_positive_definite_where_a_target_was_read
         refuse_no_covariance(covariance, read, "loaded_covariance")
         return
     assert refused(refuse_no_covariance, covariance, read, "loaded_covariance") == (
-        "observations[1].readings[0].loaded_covariance",
-        "the covariance matrix is not symmetric and positive definite",
-        "give the covariance of the three coordinates, axes of R0, in `units.length` squared",
+        "observations[1].readings[0].loaded_covariance | the covariance matrix is not symmetric and "
+        "positive definite | give the covariance of the three coordinates, axes of R0, in "
+        "`units.length` squared"
     )
 
 
