@@ -49,52 +49,38 @@ FEWER = "ask for fewer readings, a smaller angle, or more candidates"
     [
         (
             {"kind": "dead_weight", "joints": np.arange(6)},
-            (
-                "joints | no candidate load twists joint_1, or no target moves with it | allow loads in "
-                "other directions, or name the joints to be determined, without these"
-            ),
+            "joints | no candidate load twists joint_1, or no target moves with it | allow loads in "
+            "other directions, or name the joints to be determined, without these",
         ),
         (
             {"cell": Surroundings(floor=9.0)},
-            (
-                "candidates | none of 150 readings is feasible: floor_or_box 150 | relax the condition that "
-                "excludes most of them, or give other postures or loads"
-            ),
+            "candidates | none of 150 readings is feasible: floor_or_box 150 | relax the condition that "
+            "excludes most of them, or give other postures or loads",
         ),
         (
             {"readings": 1},
-            (
-                "readings | 1 readings without those held out do not determine 6 joints | ask for more "
-                "readings, or a smaller share for validation"
-            ),
+            "readings | 1 readings without those held out do not determine 6 joints | ask for more "
+            "readings, or a smaller share for validation",
         ),
         (
             {"criterion": "work_area"},
-            (
-                "work_area | criterion work_area needs a work area | give the corners of the work area, or "
-                "use criterion relative_a, d or e"
-            ),
+            "work_area | criterion work_area needs a work area | give the corners of the work area, or "
+            "use criterion relative_a, d or e",
         ),
         (
             {"work_area": [[50.0] * 3, [60.0] * 3]},
-            (
-                "work_area | 0 of 150 candidates have their load point in the work area | give a larger work "
-                "area, in R0 and in metres, or more candidates"
-            ),
+            "work_area | 0 of 150 candidates have their load point in the work area | give a larger work "
+            "area, in R0 and in metres, or more candidates",
         ),
         (
             {"readings": 9, "angle": 9.0},
-            (
-                "distinct_angle | only 1 candidates are in postures 516° apart, but 9 readings are requested "
-                f"| {FEWER}"
-            ),
+            "distinct_angle | only 1 candidates are in postures 516° apart, but 9 readings are requested "
+            f"| {FEWER}",
         ),
         (
             {"postures": THREE, "validation": 0.5, "readings": 4},
-            (
-                "distinct_angle | 0 of 2 readings for validation are in postures distinct from the others | "
-                f"{FEWER}"
-            ),
+            "distinct_angle | 0 of 2 readings for validation are in postures distinct from the others | "
+            f"{FEWER}",
         ),
     ],
 )

@@ -68,18 +68,14 @@ def parallel_cell():
     [
         (
             lambda: identify_from_sweeps(only_joint_1(), Conventions("axes", "axes")),
-            (
-                "sweeps | a single axis does not define a base frame | give the transform from the tracker's "
-                "frame to R0 explicitly"
-            ),
+            "sweeps | a single axis does not define a base frame | give the transform from the tracker's "
+            "frame to R0 explicitly",
         ),
         (
             lambda: identify_axes(coupled_sweep_from_elsewhere()),
-            (
-                "sweep of joint_2 | this sweep turns model joints 2 and 3, and it was taken in another "
-                "configuration than the sweep of joint_3 | start both sweeps from the same configuration of "
-                "the other joints"
-            ),
+            "sweep of joint_2 | this sweep turns model joints 2 and 3, and it was taken in another "
+            "configuration than the sweep of joint_3 | start both sweeps from the same configuration of "
+            "the other joints",
         ),
         (
             lambda: identify_axes(with_sweep(COUPLED.sweeps(), 2)),
@@ -87,11 +83,9 @@ def parallel_cell():
         ),
         (
             lambda: identify_axes(joint_3_turned_with_joint_2()),
-            (
-                "sweep of joint_2 | model joints 2 and 3 turn in one sweep | turn one controller joint at a "
-                "time; if the joint map couples more than two joints, command the others so that one axis "
-                "turns; check the order of the rows"
-            ),
+            "sweep of joint_2 | model joints 2 and 3 turn in one sweep | turn one controller joint at a "
+            "time; if the joint map couples more than two joints, command the others so that one axis "
+            "turns; check the order of the rows",
         ),
         (
             lambda: identify_axes(with_sweep(with_sweep(SWEEPS, 4), 3)),
@@ -99,17 +93,13 @@ def parallel_cell():
         ),
         (
             lambda: with_sweep(SWEEPS, 5, SWEEPS.sweeps[0]),
-            (
-                "sweeps | 2 sweeps turn model joint 1 | give one sweep per joint; add the positions of a "
-                "repeated sweep to the first"
-            ),
+            "sweeps | 2 sweeps turn model joint 1 | give one sweep per joint; add the positions of a "
+            "repeated sweep to the first",
         ),
         (
             lambda: find_base_frame(identify_axes(parallel_cell().sweeps())),
-            (
-                "sweeps | the two axes that should define the frame are nearly parallel (0.57°) | give the "
-                "transform explicitly; parallel axes do not define a frame"
-            ),
+            "sweeps | the two axes that should define the frame are nearly parallel (0.57°) | give the "
+            "transform explicitly; parallel axes do not define a frame",
         ),
     ],
 )
@@ -122,25 +112,19 @@ def test_sweeps_that_do_not_determine_each_axis_are_refused(do, said):
     [
         (
             1e3,
-            (
-                "units.length | a target moves by 2,166 m | check units.length: positions in mm seem to be "
-                "declared in m"
-            ),
+            "units.length | a target moves by 2,166 m | check units.length: positions in mm seem to be "
+            "declared in m",
         ),
         (
             2e-3,
-            (
-                "units.length | no target moves farther than 4.3 mm | check units.length: positions in m "
-                "seem to be declared in mm"
-            ),
+            "units.length | no target moves farther than 4.3 mm | check units.length: positions in m "
+            "seem to be declared in mm",
         ),
         (
             1e-3,
-            (
-                "sweep of joint_4 | the joint did not move: the controller shows 160°, but no target moved "
-                "by more than 0.734 mm | check that readings and angles belong together, that the targets "
-                "were tracked, and units.length"
-            ),
+            "sweep of joint_4 | the joint did not move: the controller shows 160°, but no target moved "
+            "by more than 0.734 mm | check that readings and angles belong together, that the targets "
+            "were tracked, and units.length",
         ),
     ],
 )
@@ -161,32 +145,24 @@ ARC = arc(-40.0, 60.0)
     [
         (
             {name: getattr(ARC, name)[:3] for name in ("angles", "points", "present")},
-            (
-                "the sweep has 3 positions; at least 4 are needed | record more positions; 10 to 20 over a "
-                "wide arc are good practice"
-            ),
+            "the sweep has 3 positions; at least 4 are needed | record more positions; 10 to 20 over a "
+            "wide arc are good practice",
         ),
         (
             {"joint": 1},
-            (
-                "the joint did not move: its angle changes by only 0°, while joint 3 turned | name the joint "
-                "that was turned, or repeat the sweep"
-            ),
+            "the joint did not move: its angle changes by only 0°, while joint 3 turned | name the joint "
+            "that was turned, or repeat the sweep",
         ),
         (
             {"angles": ARC.angles[:1].repeat(len(ARC), axis=0)},
-            (
-                "the joint did not move: its angle changes by only 0° | name the joint that was turned, or "
-                "repeat the sweep"
-            ),
+            "the joint did not move: its angle changes by only 0° | name the joint that was turned, or "
+            "repeat the sweep",
         ),
         (
             {"points": ARC.points[:1].repeat(len(ARC), axis=0)},
-            (
-                "the joint did not move: the controller shows 100°, but no target moved by more than 0 mm | "
-                "check that readings and angles belong together, that the targets were tracked, and "
-                "units.length"
-            ),
+            "the joint did not move: the controller shows 100°, but no target moved by more than 0 mm | "
+            "check that readings and angles belong together, that the targets were tracked, and "
+            "units.length",
         ),
         (
             {"points": np.where(ARC.points == ARC.points[3, 1, 0], np.nan, ARC.points)},
@@ -194,11 +170,9 @@ ARC = arc(-40.0, 60.0)
         ),
         (
             {"points": ARC.points[:, :2]},
-            (
-                "the angles have shape (15, 6), the readings (15, 2, 3), and their covariance (3, 3) | give "
-                "all joint angles and a reading of each target for each position, and one covariance for all "
-                "readings or one for each"
-            ),
+            "the angles have shape (15, 6), the readings (15, 2, 3), and their covariance (3, 3) | give "
+            "all joint angles and a reading of each target for each position, and one covariance for all "
+            "readings or one for each",
         ),
     ],
 )
@@ -246,32 +220,24 @@ def test_a_nominal_model_has_the_joints_that_were_swept():
     [
         (
             lambda: calibrate(CHAIN, poses(3)),
-            (
-                "27 measured coordinates do not determine 33 unknowns | record more poses, or more targets "
-                "in each pose"
-            ),
+            "27 measured coordinates do not determine 33 unknowns | record more poses, or more targets "
+            "in each pose",
         ),
         (
             lambda: calibrate(CHAIN, poses(1)),
-            (
-                "9 measured coordinates do not determine 33 unknowns | record more poses, or more targets in "
-                "each pose"
-            ),
+            "9 measured coordinates do not determine 33 unknowns | record more poses, or more targets in "
+            "each pose",
         ),
         (
             lambda: calibrate(SHORT, poses(30)),
-            (
-                "the nominal model has 5 revolute joints, but the poses have 6 angles | give the nominal "
-                "model of the robot that was measured"
-            ),
+            "the nominal model has 5 revolute joints, but the poses have 6 angles | give the nominal "
+            "model of the robot that was measured",
         ),
         (
             lambda: replace(poses(30), points=poses(4).points),
-            (
-                "the angles have shape (30, 6), the readings (4, 3, 3), and their covariance (3, 3) | give "
-                "all joint angles and a reading of each target for each position, and one covariance for all "
-                "readings or one for each"
-            ),
+            "the angles have shape (30, 6), the readings (4, 3, 3), and their covariance (3, 3) | give "
+            "all joint angles and a reading of each target for each position, and one covariance for all "
+            "readings or one for each",
         ),
         (
             lambda: replace(poses(30), angles=np.full((30, 6), np.nan)),

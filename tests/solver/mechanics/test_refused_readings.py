@@ -127,17 +127,13 @@ def test_angles_and_lengths_are_not_added_without_their_covariance(with_angles, 
     [
         (
             ["elbow"],
-            (
-                "observations[2].encoder_readings | the robot has no joint 'elbow' | use one of joint_1, "
-                "joint_2, joint_3, joint_4, joint_5, joint_6"
-            ),
+            "observations[2].encoder_readings | the robot has no joint 'elbow' | use one of joint_1, "
+            "joint_2, joint_3, joint_4, joint_5, joint_6",
         ),
         (
             ["joint_2", "joint_2"],
-            (
-                "observations[2].encoder_readings[1].joint | the encoder of 'joint_2' has two readings in "
-                "observation 'c03' | give each joint at most once per observation"
-            ),
+            "observations[2].encoder_readings[1].joint | the encoder of 'joint_2' has two readings in "
+            "observation 'c03' | give each joint at most once per observation",
         ),
     ],
 )
@@ -189,30 +185,24 @@ def test_gauges_give_neither_poses_nor_lengths_of_residuals():
             (0.0, 0.001, 0.0),
             1e-5,
             1e-5,
-            (
-                "noise.instrument.station | a target is only 1 mm away from the tracker | give the tracker's "
-                "station in R0, in `units.length`"
-            ),
+            "noise.instrument.station | a target is only 1 mm away from the tracker | give the tracker's "
+            "station in R0, in `units.length`",
         ),
         (
             (3.5, -2.0, 0.8),
             1e-5,
             1e-16,
-            (
-                "noise.instrument | the standard uncertainties of 1e-05 m along and 1e-16 m across the line "
-                "of sight are implausible for a tracker | check the constants, which are in `units.length`, "
-                "and the terms per distance"
-            ),
+            "noise.instrument | the standard uncertainties of 1e-05 m along and 1e-16 m across the line "
+            "of sight are implausible for a tracker | check the constants, which are in `units.length`, "
+            "and the terms per distance",
         ),
         (
             (3.5, -2.0, 0.8),
             1e2,
             1e-6,
-            (
-                "noise.instrument | the standard uncertainties of 100 m along and 1e-06 m across the line of "
-                "sight are implausible for a tracker | check the constants, which are in `units.length`, and "
-                "the terms per distance"
-            ),
+            "noise.instrument | the standard uncertainties of 100 m along and 1e-06 m across the line of "
+            "sight are implausible for a tracker | check the constants, which are in `units.length`, and "
+            "the terms per distance",
         ),
     ],
 )
