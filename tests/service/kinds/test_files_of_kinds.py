@@ -54,42 +54,6 @@ def numbers(cells):
     return [float(cell) for cell in cells]
 
 
-class TestRun:
-    def test_its_numbers(self, run):
-        result = run["result"]
-        stiffness = [joint["stiffness"] for joint in result["joints"]]
-        expected = [3.821e6, 3.1139e6, 2.4854e6, 443228.0, 244564.0, 82619.9]
-        assert stiffness == pytest.approx(expected, rel=1e-4)
-        first = result["joints"][0]
-        assert first["standard_uncertainty"] == pytest.approx(3.0757e-9, rel=1e-4)
-        assert first["stiffness_interval"] == pytest.approx([3.7349e6, 3.911e6], rel=1e-4)
-        assert first["stiffness_at_least"] == pytest.approx(3.7485e6, rel=1e-4)
-        assert [result["compensation"], result["rms_residual"], result["sigma"]] == pytest.approx(
-            [0.98645, 4.0283e-5, 2e-5], rel=1e-4
-        )
-        goodness = result["goodness"]
-        assert (goodness["sigma_source"], goodness["test"]) == ("given", "consistent")
-        assert [goodness[name] for name in ("chi_square", "degrees_of_freedom", "p_value")] == pytest.approx(
-            [73.021, 102.0, 0.026896], rel=1e-3
-        )
-        shift = result["complementary_stiffness"]
-        assert (shift["included"], shift["iterations"]) == (True, 1)
-        assert [shift["largest_ratio"], shift["largest_shift"]] == pytest.approx(
-            [0.0024595, 0.43331], rel=1e-3
-        )
-        assert result["choice"]["message"] == (
-            "Joints alone: no sign that anything else bends (F test of links beside joints: p = 0.07)."
-        )
-        causes = [(each["name"], each["first"]) for each in result["causes"][:3]]
-        assert causes == [("load_point", None), ("play", None), ("constant_force", None)]
-        residual = result["residuals"][1]
-        assert (residual["observation"], residual["target"]) == ("c01", "P11")
-        assert residual["predicted"] == pytest.approx([-0.00061988, 0.0026559, -0.00018345], rel=1e-3)
-        assert residual["residual"] == pytest.approx(
-            np.subtract(residual["deflection"], residual["predicted"]), abs=1e-12
-        )
-
-
 class TestComparison:
     def test_a_table_has_each_fit_beside_the_others(self, local, jobs):
         found = tables_of(local, jobs["comparison"])
@@ -135,26 +99,8 @@ class TestComparison:
 
 
 class TestGeometry:
-    def test_the_axes_of_the_example_are_where_they_stand(self, jobs):
+    def test_the_example_has_a_frame_targets_and_dh_tables_but_no_wrist(self, jobs):
         result = jobs["geometry"]["result"]
-        first, second = result["axes"]
-        assert second["point"] == pytest.approx([0.300017, 0.099997, 0.0], abs=1e-6)
-        assert (first["direction"], second["direction"]) == (
-            pytest.approx([0.0, 0.0, 1.0], abs=1e-6),
-            pytest.approx([0.0, 1.0, 0.0], abs=1e-6),
-        )
-        uncertainties = [first["position_uncertainty"], second["direction_uncertainty"]]
-        assert uncertainties == pytest.approx([1.8901e-5, 2.8394e-5], rel=1e-3)
-        sweep = result["sweeps"][0]
-        assert [sweep["arc"], sweep["angle_scale"], sweep["variance_factor"]] == pytest.approx(
-            [2.0943, 0.99995, 1.5335], rel=1e-4
-        )
-        assert sweep["radial_rms"]["P10"] == pytest.approx(8.7554e-6, rel=1e-3)
-        assert (result["sigma_source"], result["degrees_of_freedom"]) == ("stated", 5)
-        chances = [result[name] for name in ("variance_factor", "agreement_probability")]
-        assert [*chances, result["controller_probability"]] == pytest.approx(
-            [1.1314, 0.84858, 0.33032], rel=1e-3
-        )
         transform = result["transform_tracker_to_base"]["translation"]
         assert transform == pytest.approx([-2.0336, 1.8853, -0.10006], rel=1e-4)
         assert result["targets"][0]["position"] == pytest.approx([-0.80003, 0.0, 0.099997], abs=1e-5)
@@ -192,11 +138,6 @@ class TestPlan:
     def test_readings_uncertainties_and_certificate(self, local, jobs):
         result = jobs["plan"]["result"]
         assert result["assessment"]["headline"] == f"Use this plan: {ALL_SIX}"
-        joint = result["joints"][0]
-        assert [joint[name] for name in ("standard_uncertainty", "relative", "before")] == pytest.approx(
-            [1.1383e-9, 0.0043492, 1.2397e-9], rel=1e-3
-        )
-        assert [joint["random"], joint["one_at_a_time"]] == pytest.approx([1.1594e-9, 1.0543e-9], rel=1e-3)
         efficiencies = {"relative_a": 0.94657, "d": 0.98552}
         assert result["efficiencies"] == pytest.approx(efficiencies, rel=1e-3)
         assert [result["random_efficiency"], result["one_at_a_time_efficiency"]] == pytest.approx(
@@ -250,20 +191,8 @@ class TestMap:
         result = jobs["map"]["result"]
         assert (result["counts"]["reached"], sum(result["counts"].values())) == (4, 4)
         assert result["remarks"] == BOUND
-        percentiles = [0.00050664, 0.00052348, 0.00059082, 0.00066926, 0.00073846, 0.00078363, 0.00079493]
-        assert list(result["percentiles"]) == ["0", "5", "25", "50", "75", "95", "100"]
-        assert list(result["percentiles"].values()) == pytest.approx(percentiles, rel=1e-3)
         worst, stiffest = result["worst"], result["stiffest"]
         assert (worst["position"], stiffest["position"]) == ([1.8, -0.2, 0.6], [1.4, 0.2, 0.6])
-        assert worst["displacement"] == pytest.approx([-0.00032134, 0.0003972, -0.000609], rel=1e-3)
-        assert worst["readings_only"] == pytest.approx([0.0007744, 0.00081546], rel=1e-3)
-        along = [
-            each[name] for each in (worst, stiffest) for name in ("compliance_along", "compliance_across")
-        ]
-        assert along == pytest.approx([1.2454e-6, 1.7264e-6, 7.423e-7, 1.8326e-6], rel=1e-3)
-        assert [worst["extrapolation"], stiffest["extrapolation"]] == pytest.approx(
-            [0.41996, 0.38873], rel=1e-3
-        )
         lines = report_of(local, jobs["map"])
         for line in [
             "place [mm] | 1800 -200 600 | 1400 200 600 |",
@@ -279,9 +208,6 @@ class TestMap:
             "(0, 300, -500) N",
         ]:
             assert line in lines
-        tables = tables_of(local, jobs["map"])
-        assert tables["lines"][0] == "all 4 places reached"
-        assert tables["tables"][0]["head"] == ["", "worst place", "stiffest place"]
 
     def test_its_table_is_in_three_formats(self, local, jobs):
         head, rows = rows_of(local, jobs["map"], "map.csv")
@@ -306,17 +232,9 @@ class TestProgram:
         result = jobs["program"]["result"]
         counts = {"format": "krl", "points": 3, "moves": 3, "moves_left": 0, "corrected": 3, "capped": 0}
         assert {name: result[name] for name in counts} == counts
-        deflection = {"median": 0.0023146, "p95": 0.002779, "greatest": 0.0028306}
-        correction = {"median": 0.0023183, "p95": 0.0027845, "greatest": 0.0028363}
-        assert result["deflection"] == pytest.approx(deflection, rel=1e-3)
-        assert result["correction"] == pytest.approx(correction, rel=1e-3)
         assert result["residual"]["greatest"] < 1e-7
         assert result["remarks"] == BOUND
         assert [(each["number"], each["line"]) for each in result["worst"]] == [(1, 7), (3, 9), (2, 8)]
-        first = result["worst"][0]
-        assert first["interval"] == pytest.approx([0.0027548, 0.0029063], rel=1e-3)
-        turns = [first["deflection_rotation"], first["correction_rotation"], first["standard_uncertainty"]]
-        assert turns == pytest.approx([0.002688, 0.0026957, 3.8635e-5], rel=1e-3)
         lines = report_of(local, jobs["program"])
         for line in [
             "without correction | 2.3146 | 2.7790 | 2.8306 |",
