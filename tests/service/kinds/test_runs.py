@@ -7,15 +7,12 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from pydantic import ValidationError
 from support.jobs import run_request, runs_of, set_of, stored_set
 from support.programs import exact_run, path, request, tool_poses
 from support.terminal import terminal
 
 import jointstiff
 from jointstiff.schemas.deflection import DeflectionOptions
-from jointstiff.schemas.measurement import Noise
-from jointstiff.schemas.options import RunOptions
 from jointstiff.schemas.run import Run, RunRequest
 from jointstiff.service import jobs as module
 from jointstiff.service.jobs import Parts
@@ -252,36 +249,6 @@ def test_cross_validation_is_a_durable_job_with_the_numbers_of_one_go(memory, se
     assert [link.joint for link in durable.result.links.links] == ["joint_2"]
     assert told[-1].done == queued.progress.total
     assert told[-1].activity == "cross-validating"
-
-
-@pytest.mark.parametrize(
-    ("options", "where"),
-    [
-        ({"method": "complete_pose"}, "method"),
-        ({"resampling": {"size": 5}}, "resampling"),
-    ],
-)
-def test_what_does_not_go_with_links_is_refused_with_its_remedy(memory, set_id, options, where):
-    with pytest.raises(UnsupportedMethodError) as refused:
-        carried_out(memory, set_id, **options)
-    assert refused.value.where == where
-    assert refused.value.remedy
-
-
-@pytest.mark.parametrize(
-    ("options", "text"),
-    [
-        ({"elasticity": "joints", "links": ["joint_2"]}, "needs an elasticity"),
-        ({"link_penalty": 0.1}, "needs an elasticity"),
-        ({"elasticity": "coupled_joints", "links": ["joint_2"]}, "needs an elasticity"),
-        ({"loss": "absolute"}, "huber"),
-        ({"elasticity": "automatic", "loss": "absolute"}, "huber"),
-        ({"elasticity": "automatic", "link_penalty": 0.1}, "automatic"),
-    ],
-)
-def test_options_go_with_what_takes_them(options, text):
-    with pytest.raises(ValidationError, match=text):
-        RunOptions.model_validate(options)
 
 
 @pytest.mark.slow
@@ -527,21 +494,6 @@ def test_intervals_hold_the_truth_where_the_load_point_is_10_mm_off():
             by_readings += abs(joint.compliance - truth) <= 1.96 * alone
     assert inside >= 0.93 * count
     assert by_readings < 0.8 * count
-
-
-WRONG = [
-    *({"force": force} for force in ({}, {"scale": 0.6}, {"scale": -0.1}, {"direction": 1.0})),
-    {"axes": {}},
-    {"axes": {"direction": 1.0}},
-    {"load_point": 0.0},
-    {"target_places": -1.0},
-]
-
-
-@pytest.mark.parametrize("noise", WRONG)
-def test_no_such_uncertainty(noise):
-    with pytest.raises(ValidationError):
-        Noise.model_validate(noise)
 
 
 @pytest.fixture

@@ -1,0 +1,394 @@
+"""What comparisons answer or refuse: two campaigns, methods on one, and how the terminal shows them."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rich.console import Console
+from support.documents import campaign, changed
+from support.kinds import posted_job
+from support.refusals import refused, told
+from support.terminal import terminal
+
+import jointstiff as js
+from jointstiff.schemas.comparison import CampaignComparison
+from jointstiff.service.kinds.comparison.kind import COMPARISON, entries_sheet
+from jointstiff.service.reports.job import job_report
+from jointstiff.service.tables.files import csv_text
+from jointstiff.service.tables.table import Sheet
+from jointstiff.simulator import default_arm, simulate_campaign
+
+NAMES = [f"joint_{i}" for i in range(1, 7)]
+URDF = "robot.model.urdf"
+THREE_TARGETS = (
+    "the pose of the flange needs 3 targets, but observations[0] 'c01' has 1 "
+    "(12 of 12 observations have too few)"
+)
+
+
+def with_elbow(document):
+    return changed(document, (URDF, document["robot"]["model"]["urdf"].replace("joint_3", "elbow")))
+
+
+@pytest.fixture(scope="module")
+def pull():
+    return campaign(seed=3)
+
+
+@pytest.fixture(scope="module")
+def second():
+    return js.identify(campaign(configurations=8, seed=6), elasticity="joints")
+
+
+@pytest.fixture(scope="module")
+def few():
+    """As many readings as joints, and no stated noise."""
+    read = campaign(configurations=2, seed=5, targets={"P0": (0.1, 0.05, 0.1)})
+    return js.identify(changed(read, ("measurement_set.noise", None)), elasticity="joints")
+
+
+@pytest.fixture(scope="module")
+def posted(local):
+    def post(document, **options):
+        answer = local.request("POST", "/v1/campaigns", json=document | {"run": options})
+        assert answer.status_code == 201, answer.text
+        return answer.json()
+
+    return post
+
+
+@pytest.fixture(scope="module")
+def run(posted, pull):
+    return posted(pull)
+
+
+class TestTwoCampaigns:
+    def test_bounds_that_contradict_the_order_are_refused(self):
+        bounds = {5: [1e7, None], 6: [1.0, 5e6]}
+        runs = [
+            js.identify(
+                campaign(configurations=8, seed=seed),
+                elasticity="joints",
+                stiffness_bounds={"joint_3": limits},
+            )
+            for seed, limits in bounds.items()
+        ]
+        assert refused(js.compare, *runs, methods=[], ordered=True) == (
+            "comparison.stiffness_order | the stiffness bounds contradict `stiffness_order` | widen the "
+            "bounds, or omit `stiffness_order`"
+        )
+
+    def test_a_set_of_unknown_noise_cannot_be_weighted_with_another(self, few, second):
+        assert refused(js.compare, few, second, methods=[], ordered=True) == (
+            "comparison.ordered | sigma is neither given nor determined by the residuals, so the two "
+            "sets cannot be weighted | state `noise.sigma`, or add observations"
+        )
+
+    def test_a_set_of_unknown_noise_gives_no_ratio_and_a_prediction_alone(self, few, second):
+        found = js.compare(few, second, methods=[]).result
+        assert found.assessment.verdict == "do_not_use"
+        assert [(each.code, each.weight, each.where) for each in found.assessment.reasons] == [
+            ("no_residual_freedom", "do_not_use", "first"),
+            ("no_common_configuration", "use_with_care", None),
+            ("numbers_missing", "use_with_care", None),
+            ("few_postures", "use_with_care", "first"),
+        ]
+        headline = "Do not use this comparison: 2 reasons of its own, 2 reasons of its run"
+        assert found.assessment.headline == headline
+        unknown = "its uncertainty is unknown in one of the sets: state `noise`, or add observations"
+        assert [(each.name, each.ratio, each.reason) for each in found.joints] == [
+            (name, None, unknown) for name in NAMES
+        ]
+        one, two = found.entries
+        assert {joint.verdict for joint in one.joints} == {"do_not_use"}
+        assert {joint.verdict for joint in two.joints} == {"use"}
+        stiffness = [[joint.stiffness for joint in each.joints[:3]] for each in (one, two)]
+        assert stiffness[0] == pytest.approx([3.1530e6, 3.1429e6, 2.2761e6], rel=1e-4)
+        assert stiffness[1] == pytest.approx([3.8265e6, 3.0815e6, 2.5318e6], rel=1e-4)
+        assert one.rms_residual == pytest.approx(0.0, abs=1e-12)
+        assert [two.compensation, two.condition_number] == pytest.approx([0.98257, 3.8246], rel=1e-4)
+        assert one.condition_number == pytest.approx(27.477, rel=1e-4)
+        assert (found.avoided.matching, found.avoided.measured) == (0, None)
+        assert found.avoided.predicted == pytest.approx(0.029253, rel=1e-3)
+        shares = [(each.side, each.predicted) for each in found.avoided.configurations[:3]]
+        assert shares == [
+            ("first", pytest.approx(0.017615, rel=1e-3)),
+            ("first", pytest.approx(0.012096, rel=1e-3)),
+            ("second", pytest.approx(-0.002926, rel=1e-2)),
+        ]
+        (warning,) = found.warnings
+        assert warning.code == "configurations_differ"
+        assert warning.message == (
+            "2 observations have the same label but different postures or loads, or no common target; "
+            "first 'c01'"
+        )
+
+    def test_robots_with_other_joints_are_not_compared(self, local, posted, run, pull):
+        first = js.identify(campaign(configurations=8, seed=5), elasticity="joints")
+        other = js.identify(with_elbow(campaign(configurations=8, seed=6)), elasticity="joints")
+        elbow = "joint_1, joint_2, elbow, joint_4, joint_5, joint_6"
+        said = (
+            f"the robots have different joints: {', '.join(NAMES)}, and {elbow} | compare sets of one "
+            "robot, or of two robots of the same model with the same joint names"
+        )
+        assert refused(js.compare, first, other, methods=[]) == f"comparison.run_ids | {said}"
+        stored = posted(with_elbow(pull), elasticity="joints")
+        assert told(posted_job(local, "comparison", run, stored["id"])) == f"422 | run_ids | {said}"
+
+    def test_an_observation_left_out_has_no_residual_but_its_deflection(self, local, run):
+        of_set = {"measurement_set_id": run["request"]["measurement_set_id"]}
+        options = {"elasticity": "joints", "leave_out": ["c03"]}
+        less = local.request("POST", "/v1/runs", json=of_set | options).json()
+        made = posted_job(local, "comparison", less, run["id"]).json()["result"]
+        assert [entry["left"].count(None) for entry in made["entries"]] == [1, 0]
+        assert [entry["left"].index(None) for entry in made["entries"][:1]] == [2]
+        assert [None in side["deflection"] for side in made["sides"]] == [False]
+        assert len(made["sides"][0]["deflection"]) == 12
+
+    @pytest.mark.parametrize(
+        ("other", "verdict", "said"),
+        [
+            (lambda pull: changed(pull, ("robot.name", "another")), "use", []),
+            (
+                lambda _: simulate_campaign(
+                    default_arm(wrist_offset=0.02), load="pull", configurations=12, seed=3
+                ),
+                "use",
+                [("robot_models_differ", None, "the robots differ in their kinematics or joint map")],
+            ),
+            (
+                lambda pull: changed(pull, ("measurement_set.observations.4.force", [0.0, 0.0, 0.0])),
+                "do_not_use",
+                [
+                    (
+                        "zero_load",
+                        "second.observations[4] 'c05'",
+                        "force and moment are zero, so the observation carries no information on stiffness",
+                    ),
+                    (
+                        "configurations_differ",
+                        None,
+                        "1 observations have the same label but different postures or loads, or no common "
+                        "target; first 'c05'",
+                    ),
+                    (
+                        "residuals_exceed_sigma",
+                        "second",
+                        "the residuals are 14.2 times as large as the stated noise allows, so the "
+                        "uncertainties are too small; how much depends on what the model leaves unexplained",
+                    ),
+                ],
+            ),
+        ],
+        ids=["another name", "another wrist", "no load"],
+    )
+    def test_a_fault_is_said_of_its_side(self, local, posted, run, pull, other, verdict, said):
+        made = posted_job(local, "comparison", run, posted(other(pull), elasticity="joints")["id"]).json()
+        result = made["result"]
+        assert result["assessment"]["verdict"] == verdict
+        reasons = result["warnings"] + result["assessment"]["reasons"]
+        assert [(each["code"], each["where"], each["message"]) for each in reasons] == said
+
+    def test_runs_are_of_two_sets_by_loads_of_their_own_and_of_joints(self, local, posted, run):
+        def compared(*ids):
+            return local.request("POST", "/v1/comparisons", json={"run_ids": [run["id"], *ids]})
+
+        three = [posted(campaign(seed=seed))["id"] for seed in (4, 5)]
+        assert told(compared(*three)) == (
+            "422 | run_ids | the runs are of 3 measurement sets | compare runs of one set or of two; the "
+            "robot's trend shows all its sets"
+        )
+        read = campaign(configurations=8, seed=7)
+        priors = {"joint_2": {"stiffness": 3e6, "standard_uncertainty": 3e5}}
+        with_priors = posted(read, priors=priors)["id"]
+        assert told(compared(with_priors)) == (
+            f"422 | run_ids | the run '{with_priors}' is with priors: both sets may share its errors, so "
+            "that they are not independent | identify its set by loads without `priors`, and give that "
+            "run"
+        )
+        bent = {"elasticity": "coupled_joints", "link_penalty": 0.1, "loss": "squared"}
+        coupled = posted(read, **bent, cross_validation={"folds": 2})["id"]
+        assert told(compared(coupled)) == (
+            f"422 | run_ids | two sides compare joints only, not the run '{coupled}' with elasticity "
+            "coupled_joints | identify its set with elasticity `joints`, and give that run"
+        )
+
+    def test_a_joint_at_its_bound_takes_its_ratio_from_the_run_without_constraints(self, local, posted):
+        bound = {"stiffness_bounds": {"joint_3": [3e6, None]}}
+        pair = [campaign(seed=seed) for seed in (1, 2)]
+        with_bound = [each | {"run": bound} for each in pair]
+        held = js.compare(*with_bound, methods=[], ordered=True).result
+        free = js.compare(*with_bound, methods=[], run={"positive": False}).result
+        one, two = (posted(each, **bound) for each in pair)
+        stored = posted_job(local, "comparison", one, two["id"]).json()["result"]
+        assert [entry.positive for entry in held.entries] == [True, False, True, False]
+        assert 1.0 / held.ordered.joints[2].compliance_first == pytest.approx(3e6)
+        ratios = [0.9993, 0.9981, 1.0, 0.9762, 1.012, 1.091]
+        assert [joint.ratio for joint in free.joints] == pytest.approx(ratios, rel=1e-3)
+        p_values = [0.917, 0.809, 0.974, 0.778, 0.464, 0.347]
+        assert [joint.p_value for joint in free.joints] == pytest.approx(p_values, rel=2e-3)
+        for name in ("ratio", "p_value"):
+            of_free = [getattr(joint, name) for joint in free.joints]
+            assert [getattr(joint, name) for joint in held.joints] == pytest.approx(of_free, rel=1e-6)
+        assert [joint["ratio"] for joint in stored["joints"]] == pytest.approx(ratios, rel=1e-3)
+
+
+@pytest.fixture(scope="module")
+def of_one_target():
+    return js.compare(campaign(seed=3, targets={"P10": (0.1, 0.1, 0.0)}))
+
+
+def shown(comparison, width=200):
+    """Return the words of a comparison in a terminal."""
+    console = Console(width=width, highlight=False)
+    with console.capture() as caught:
+        console.print(job_report(COMPARISON, comparison))
+    return " ".join(caught.get().split())
+
+
+class TestMethods:
+    def test_one_target_has_no_pose(self, of_one_target):
+        assert [
+            (entry.method, entry.error and entry.error.detail, len(entry.joints), len(entry.left))
+            for entry in of_one_target.result.entries
+        ] == [
+            *[("complete_pose", THREE_TARGETS, 0, 0)] * 4,
+            *[("partial_pose", None, 6, 12)] * 2,
+            *[("decoupled_partial_pose", THREE_TARGETS, 0, 0)] * 2,
+        ]
+        compensations = [entry.compensation for entry in of_one_target.result.entries]
+        assert [number is None for number in compensations] == [True] * 4 + [False] * 2 + [True] * 2
+
+    def test_the_table_has_a_row_for_each_joint_and_one_for_a_method_without(self, of_one_target):
+        head, *rows = (line for line in csv_text(entries_sheet(of_one_target)).splitlines())
+        assert head.startswith(
+            "side,method,weighting,constraint,characteristic_length [m],error,compensation [1],"
+            "rms_residual [m],condition_number [1],joint,status,verdict,stiffness [N.m/rad],"
+            "stiffness_low [N.m/rad],stiffness_high [N.m/rad],compliance [rad/(N.m)],"
+        )
+        assert rows[0].startswith(
+            f'first,complete_pose,characteristic_length,unconstrained,,"{THREE_TARGETS}",,,'
+        )
+        assert len(rows) == 4 + 2 * 6 + 2
+        cells = rows[4].split(",")
+        assert cells[:5] == ["first", "partial_pose", "covariance", "unconstrained", ""]
+        assert cells[9:12] == ["joint_1", "identified", "use"]
+        numbers = [0.982494, 4.30411e-05, 3.40238, 3.81737e6, 3.68593e6, 3.95852e6, 2.61961e-7, 4.76598e-9]
+        assert [float(cell) for cell in cells[6:9] + cells[12:17]] == pytest.approx(numbers, rel=1e-4)
+
+    def test_the_terminal_shows_the_method_that_was_possible(self, of_one_target):
+        words = shown(of_one_target)
+        for line in [
+            "Use this comparison: nothing speaks against it; all 6 joints of its run passed the checks",
+            "joint_1 free 3.817(69)",
+            "joint_6 free 0.090(18)",
+            "PP: partial pose; free: unconstrained; 3.188(17): 3.188 with standard uncertainty 0.017; "
+            "≥ 0 gives the same numbers as free: no constraint is active",
+            "PP free 98.2 % 43 3.4",
+            f"no complete pose, decoupled partial pose: {THREE_TARGETS}",
+        ]:
+            assert line in words
+        cancelled = of_one_target.model_copy(update={"result": None, "state": "cancelled"})
+        assert shown(cancelled, 80) == "the comparison is cancelled"
+
+    def test_names_of_joints_are_no_markup(self, pull):
+        text = json.dumps(pull)
+        for name, odd in zip(NAMES[2:], ["[red]x", ":smile:", "[/]", "[link=a]"], strict=True):
+            text = text.replace(name, odd)
+        words = shown(js.compare(json.loads(text), resampling={"size": 8, "repetitions": 200}), 140)
+        for line in [
+            "mean & standard deviation of 200 fits of 8 configurations drawn at random (seed 0)",
+            "joint_1 free 3.788 & 0.016 3.780 & 0.017 3.780 & 0.017 3.730 & 0.029",
+            "[red]x free 2.483 & 0.029",
+            ":smile: free 0.459 & 0.045",
+            "[/] free 0.2506 & 0.0031",
+            "[link=a] free 0.0878 & 0.0028",
+            "translations divided by a length of 0.522 m",
+            "No fit was negative, rigid or undetermined for any joint.",
+            "CP/L free 98.1 % 49 2.79 98.1 % & 0.087 0.0 %",
+            "DPP ≥ 0 98.1 % 51 1.96 98.0 % & 0.089 0.0 %",
+        ]:
+            assert line in words
+
+    @pytest.mark.parametrize(
+        ("options", "place", "said"),
+        [
+            (
+                {
+                    "methods": [
+                        {"method": "partial_pose"},
+                        {"method": "partial_pose", "weighting": "covariance"},
+                    ]
+                },
+                "methods",
+                "must not contain duplicates",
+            ),
+            (
+                {"methods": [{"method": "partial_pose", "characteristic_length": 0.5}]},
+                "methods[0].characteristic_length",
+                "needs weighting `characteristic_length`, not `covariance`",
+            ),
+            ({"constraints": ["positive", "positive"]}, "constraints", "must not contain duplicates"),
+            ({"constraints": []}, "constraints", "must have at least 1 items, but has 0"),
+            (
+                {"run": {"resampling": {"size": 5, "repetitions": 5}}},
+                "run",
+                "must have neither `priors` nor `resampling` here",
+            ),
+            (
+                {"run": {"priors": {"joint_2": {"stiffness": 1e6, "standard_uncertainty": 1e5}}}},
+                "run",
+                "must have neither `priors` nor `resampling` here",
+            ),
+        ],
+    )
+    def test_options_of_no_sense_are_refused(self, pull, options, place, said):
+        where, reason, _ = refused(js.compare, pull, **options).split(" | ")
+        assert (where, reason) == (place, f"1 fault; first: {place}: {said}")
+
+    def test_methods_by_default(self):
+        assert [(each.method, each.weighting) for each in CampaignComparison().methods] == [
+            ("complete_pose", "characteristic_length"),
+            ("complete_pose", "covariance"),
+            ("partial_pose", "covariance"),
+            ("decoupled_partial_pose", "covariance"),
+        ]
+
+
+@pytest.mark.parametrize(
+    ("name", "cell"),
+    [
+        ("=1+1", "'=1+1"),
+        ("+1", "'+1"),
+        ("-1", "'-1"),
+        ("@SUM(A1)", "'@SUM(A1)"),
+        ('=HYPERLINK("x","y")', '"\'=HYPERLINK(""x"",""y"")"'),
+        ("a,b", '"a,b"'),
+        ('a"b', '"a""b"'),
+    ],
+)
+def test_a_name_is_no_formula_of_a_spreadsheet(name, cell):
+    assert csv_text(Sheet({"joint": [name]})).splitlines()[1] == cell
+
+
+def test_a_fault_of_a_file_is_said_with_its_side(tmp_path: Path, pull):
+    files = [tmp_path / name for name in ("motor.json", "secondary.json")]
+    for file, document in zip(
+        files, (pull, changed(pull, ("measurement_set.load_point", None))), strict=True
+    ):
+        file.write_text(json.dumps(document))
+    result = terminal("compare", *files)
+    assert (result.exit_code, result.stdout) == (2, "")
+    assert " ".join(result.stderr.split()) == (
+        "second.measurement_set.observations[0].load_point: observation 'c01': the load point is missing "
+        "remedy: give `load_point`, in the flange frame, for the set or for each observation"
+    )
+
+
+def test_deflections_of_sides_are_numbers(few, second):
+    """Each side shows the deflection of each configuration, whatever the fit says of it."""
+    sides = js.compare(few, second, methods=[]).result.sides
+    assert sides[0].configurations == ["c01", "c02"]
+    assert sides[0].deflection == pytest.approx([0.0028512, 0.0040548], rel=1e-4)
+    assert np.sum(sides[1].deflection) == pytest.approx(0.0089587 + 0.0121634, rel=1e-4)

@@ -1,0 +1,305 @@
+"""What each kind of job answers and what stands in its files: comparison, geometry, plan, map, program."""
+
+import csv
+import io
+import re
+
+import numpy as np
+import pytest
+from support.api import file_at
+from support.documents import campaign
+from support.kinds import posted_job
+from support.pages import lines_of_page
+
+from jointstiff.service.kinds.registry import KINDS
+
+ALL_SIX = "nothing speaks against it; all 6 joints of its run passed the checks"
+BOUND = [
+    "own weight is not included, because no masses are given",
+    "no bound of the model error at 95 %: 19 postures are needed, and there are 12",
+]
+
+
+@pytest.fixture(scope="module")
+def run(local):
+    return local.request("POST", "/v1/campaigns", json=campaign()).json()
+
+
+@pytest.fixture(scope="module")
+def jobs(local, run):
+    """A job of each kind that is reported, all of one run."""
+    options = {"positive": False}
+    other = local.request("POST", "/v1/campaigns", json=campaign() | {"run": options}).json()
+    names = ("comparison", "geometry", "plan", "map", "program")
+    made = {name: posted_job(local, name, run, other["id"]) for name in names}
+    assert {answer.status_code for answer in made.values()} == {201}
+    return {"run": run, "other": other} | {name: answer.json() for name, answer in made.items()}
+
+
+def rows_of(local, job, name):
+    """Return the rows of a table without its head, which is the first of what is returned."""
+    head, *rows = csv.reader(local.get(file_at(job, name)).text.splitlines())
+    return head, rows
+
+
+def report_of(local, job):
+    return lines_of_page(local.get(file_at(job, "report.html")).text)
+
+
+def tables_of(local, job):
+    return local.get(file_at(job, "tables.json")).json()
+
+
+def numbers(cells):
+    return [float(cell) for cell in cells]
+
+
+class TestComparison:
+    def test_a_table_has_each_fit_beside_the_others(self, local, jobs):
+        found = tables_of(local, jobs["comparison"])
+        assert found["assessment"]["headline"] == f"Use this comparison: {ALL_SIX}"
+        stiffness, whole = found["tables"]
+        assert stiffness["title"] == "Stiffness in 10⁶ N·m/rad"
+        assert stiffness["caption"] == (
+            "PP: partial pose; free: unconstrained; ≥ 0: compliances zero or positive; 3.188(17): 3.188 with "
+            "standard uncertainty 0.017"
+        )
+        values = ["3.821(45)", "3.114(37)", "2.485(44)", "0.443(38)", "0.2446(75)", "0.083(17)"]
+        assert stiffness["rows"] == [
+            row
+            for i, value in enumerate(values, 1)
+            for row in ([f"joint_{i}", "free", value], ["", "≥ 0", value])
+        ]
+        assert whole["head"] == ["fit", "explained", "rms [µm]", "condition"]
+        assert whole["rows"] == [
+            ["PP free", "98.6 %", "40", "3.31"],
+            ["PP ≥ 0", "98.6 %", "40", "3.31"],
+        ]
+
+    def test_its_files_have_a_row_for_each_fit(self, local, jobs):
+        _, joints = rows_of(local, jobs["comparison"], "table.csv")
+        assert [row[3] for row in joints] == ["positive"] * 6 + ["unconstrained"] * 6
+        assert {row[-1] for row in joints} == {"use"}
+        expected = [0.986446, 4.02827e-5, 3.30773, 443228.0, 380042.0, 531615.0, 2.25618e-6, 1.91389e-7]
+        assert numbers(joints[3][6:9] + joints[3][12:17]) == pytest.approx(expected, rel=1e-4)
+        head, rows = rows_of(local, jobs["comparison"], "configurations.csv")
+        assert head[4:] == ["configuration", "deflection [m]", "left [m]", "overall verdict"]
+        assert [row[4] for row in rows] == [f"c{i:02}" for i in range(1, 13)] * 2
+        assert numbers(rows[1][5:7]) == pytest.approx([0.000461212, 4.42324e-5], rel=1e-4)
+        answer = local.get(file_at(jobs["comparison"], "ratios.csv"))
+        assert (answer.status_code, answer.json()["detail"]) == (
+            404,
+            "this comparison has no rows for ratios.csv, the ratios of two sides",
+        )
+        ids = f"{jobs['run']['id']}; {jobs['other']['id']}"
+        lines = report_of(local, jobs["comparison"])
+        assert lines[lines.index("Run ids") + 1] == ids
+        assert "joint_5 | free | 0.2446(75) |" in lines
+        assert f"– Use this comparison: {ALL_SIX}" in lines
+
+
+class TestGeometry:
+    def test_the_example_has_a_frame_targets_and_dh_tables_but_no_wrist(self, jobs):
+        result = jobs["geometry"]["result"]
+        transform = result["transform_tracker_to_base"]["translation"]
+        assert transform == pytest.approx([-2.0336, 1.8853, -0.10006], rel=1e-4)
+        assert result["targets"][0]["position"] == pytest.approx([-0.80003, 0.0, 0.099997], abs=1e-5)
+        assert result["no_wrist"] == "a robot with 2 axes has no three-axis wrist"
+        tables = [(each["convention"], len(each["rows"])) for each in result["dh"]]
+        assert tables == [("standard", 2), ("modified", 2)]
+        rows = result["dh"][0]["rows"]
+        assert [rows[0]["a"], rows[0]["alpha"], rows[1]["theta"]] == pytest.approx(
+            [0.30002, -np.pi / 2, np.pi], abs=1e-4
+        )
+
+    def test_its_tables_are_in_millimetres_and_its_file_in_metres(self, local, jobs):
+        found = tables_of(local, jobs["geometry"])
+        axes, sweeps, frame, targets = found["tables"]
+        assert axes["title"] == "Axes at model angle zero, in R0"
+        assert axes["head"] == ["axis", "x", "y", "z", "direction", "u [µm]", "u [µrad]"]
+        assert axes["rows"][1][:2] + axes["rows"][1][5:] == ["joint_2", "300.017", "18.9", "28.4"]
+        assert sweeps["rows"][0] == ["joint_1", "120.0°", "4", "0.99995", "1.53", "8.76", "0.138"]
+        assert [row[2] for row in frame["rows"]] == ["-2033.600", "1885.283", "-100.062"]
+        assert frame["rows"][2][3:] == ["9.82", "28.4"]
+        assert targets["rows"] == [["P10", "-800.030(16)", "-0.005(14)", "99.997(27)"]]
+        assert found["lines"][:3] == [
+            "sigma of a coordinate 10.0 µm (stated), χ²/dof 1.13 with 5 degrees of freedom",
+            "one robot fits all sweeps (noise alone fits no better with probability 80 %)",
+            "the controller's angles fit the readings (noise alone fits no better with probability 30 %)",
+        ]
+        head, rows = rows_of(local, jobs["geometry"], "axes.csv")
+        assert head[1] == "point x [m]"
+        assert head[-3:] == ["position uncertainty [m]", "direction uncertainty [rad]", "overall verdict"]
+        assert numbers(rows[1][1:3]) == pytest.approx([0.300017, 0.099997], rel=1e-4)
+        assert numbers(rows[1][7:9]) == pytest.approx([1.89356e-5, 2.8394e-5], rel=1e-3)
+
+
+class TestPlan:
+    def test_readings_uncertainties_and_certificate(self, local, jobs):
+        result = jobs["plan"]["result"]
+        assert result["assessment"]["headline"] == f"Use this plan: {ALL_SIX}"
+        efficiencies = {"relative_a": 0.94657, "d": 0.98552}
+        assert result["efficiencies"] == pytest.approx(efficiencies, rel=1e-3)
+        assert [result["random_efficiency"], result["one_at_a_time_efficiency"]] == pytest.approx(
+            [0.71359, 0.98431], rel=1e-3
+        )
+        assert (result["considered"], result["feasible"]) == (5000, 4999)
+        assert result["struck_out"] == {"self_collision": 1}
+        assert result["targets"]["P11"] == pytest.approx([-0.12801, 0.083992, 0.085002], abs=1e-5)
+        found = tables_of(local, jobs["plan"])
+        uncertainties, readings = found["tables"]
+        assert uncertainties["rows"] == [
+            ["joint_1", "0.43 %", "0.47 %"],
+            ["joint_2", "0.46 %", "0.53 %"],
+            ["joint_3", "0.82 %", "0.92 %"],
+            ["joint_4", "2.6 %", "7.9 %"],
+            ["joint_5", "1.1 %", "1.1 %"],
+            ["joint_6", "5.1 %", "7.7 %"],
+        ]
+        assert [row[:7] for row in readings["rows"]] == [
+            ["p1", "-99.0", "11.0", "54.0", "-55.0", "83.0", "160.0"],
+            ["p2", "-119.0", "61.0", "-82.0", "120.0", "-103.0", "178.0"],
+        ]
+        assert found["lines"] == [
+            "certified: at least 98.6 % of the best list's information (volume of the uncertainty ellipsoid)",
+            "4999 of 5000 readings were feasible; struck out: self collision 1",
+            "the list has only the new readings, but the predicted uncertainties also use those of the "
+            "campaign so far: identify both together, as in the campaign to fill in",
+        ]
+
+    def test_the_list_to_fill_in_and_the_page(self, local, jobs):
+        head, rows = rows_of(local, jobs["plan"], "readings.csv")
+        assert head[:2] == ["label", "joint_1 [deg]"]
+        assert [row[0] for row in rows] == ["p1", "p2"]
+        assert numbers(rows[0][7:13]) == [-571.4, 1294.9, -496.9, -60.0, 20.0, 180.0]
+        assert all(cell == "" for cell in rows[0][15:33])
+        lines = report_of(local, jobs["plan"])
+        for line in [
+            "joint_4 | 2.6 % | 7.9 % |",
+            "Readings, in order; v…: held out, to judge the model. Targets: P10, P11, P12. Load point in the "
+            "flange frame: -60, 20, 180 mm",
+            "p1 | -99.0 | 11.0 | 54.0 | -55.0 | 83.0 | 160.0 | 1500 | x -0.38 y +0.86 z -0.33 | [ ] | [ ] |",
+            "1500 N",
+        ]:
+            assert line in lines
+        asked = {"Candidates": "5000", "Distinct angle": "10°", "Criterion": "d", "Validation": "0.2"}
+        assert {name: lines[lines.index(name) + 1] for name in asked} == asked
+
+
+class TestMap:
+    def test_the_worst_and_the_stiffest_place(self, local, jobs):
+        result = jobs["map"]["result"]
+        assert (result["counts"]["reached"], sum(result["counts"].values())) == (4, 4)
+        assert result["remarks"] == BOUND
+        worst, stiffest = result["worst"], result["stiffest"]
+        assert (worst["position"], stiffest["position"]) == ([1.8, -0.2, 0.6], [1.4, 0.2, 0.6])
+        lines = report_of(local, jobs["map"])
+        for line in [
+            "place [mm] | 1800 -200 600 | 1400 200 600 |",
+            "controller's angles [°] | -6.3 20.7 16.1 0.0 53.2 -173.7 | 8.1 2.7 38.0 0.0 49.3 171.9 |",
+            "deflection [µm] | 794.9 | 506.6 |",
+            "readings only [µm] | 774 to 815 | 493 to 521 |",
+            "compliance along [µm/N] | 1.25 | 0.742 |",
+            "compliance across [µm/N] | 1.73 | 1.83 |",
+            "– all 4 places reached",
+            "– deflection: median 669.3 µm, 90 % of the places 523.5 to 783.6 µm, greatest 794.9 µm",
+            f"– {BOUND[1]}",
+            "(1400, -200, 600) mm; (1800, 200, 600) mm",
+            "(0, 300, -500) N",
+        ]:
+            assert line in lines
+
+    def test_its_table_is_in_three_formats(self, local, jobs):
+        head, rows = rows_of(local, jobs["map"], "map.csv")
+        assert head[:7] == ["status", "x [m]", "y [m]", "z [m]", "direction", "turn", "joint_1 [rad]"]
+        assert [row[0] for row in rows] == ["reached"] * 4
+        place = [1.4, -0.2, 0.6, 0.0, 0.0, -0.141897, 0.0464075, 0.663974]
+        assert numbers(rows[0][1:9]) == pytest.approx(place, rel=1e-4)
+        moved = [-0.000332851, 0.000297885, -0.000428351, 0.000618878, 0.000601211, 0.000636545]
+        assert numbers(rows[0][12:18]) == pytest.approx(moved, rel=1e-3)
+        with np.load(io.BytesIO(local.get(file_at(jobs["map"], "map.npz")).content)) as arrays:
+            shapes = {name: array.shape for name, array in arrays.items()}
+            assert shapes == {"headers": (22,), "overall verdict": (4,), "status": (4,), "table": (4, 22)}
+            of_csv = [[float(cell or "nan") for cell in row[1:-1]] for row in rows]
+            assert np.allclose(arrays["table"], of_csv, equal_nan=True)
+        columns = local.get(file_at(jobs["map"], "map.json")).json()["columns"]
+        assert columns[1] == {"name": "x", "unit": "m", "values": [1.4, 1.4, 1.8, 1.8]}
+        assert len(columns) == len(head)
+
+
+class TestProgram:
+    def test_distances_and_the_worst_points(self, local, jobs):
+        result = jobs["program"]["result"]
+        counts = {"format": "krl", "points": 3, "moves": 3, "moves_left": 0, "corrected": 3, "capped": 0}
+        assert {name: result[name] for name in counts} == counts
+        assert result["residual"]["greatest"] < 1e-7
+        assert result["remarks"] == BOUND
+        assert [(each["number"], each["line"]) for each in result["worst"]] == [(1, 7), (3, 9), (2, 8)]
+        lines = report_of(local, jobs["program"])
+        for line in [
+            "without correction | 2.3146 | 2.7790 | 2.8306 |",
+            "as written, predicted | 0.0001 | 0.0001 | 0.0001 |",
+            "displacement of targets | 2.3183 | 2.7845 | 2.8363 |",
+            "1 | | 7 | 2.831 | 2.755 … 2.906 | — | 0.0001 |",
+            "– 3 of 3 targets corrected",
+            f"– {BOUND[0]}",
+            "(300, 400, -1400) N",
+            "(10, -5, 10, 5, 45, 3) °",
+        ]:
+            assert line in lines
+
+    def test_the_program_has_other_targets_and_nothing_else_changed(self, local, jobs):
+        answer = local.get(file_at(jobs["program"], "program"))
+        lines = answer.text.splitlines()
+        assert lines[:6] == [
+            *("&ACCESS RVP", "DEF path()", ";FOLD INI", ";ENDFOLD"),
+            *("$TOOL=TOOL_DATA[1]", "$BASE=BASE_DATA[1]"),
+        ]
+        targets = [
+            [1809.8108, 268.9044, 1492.4817, -161.49172, 39.54207, -170.98413],
+            [1461.19, 634.927, 1280.4, -149.024, 29.38868, -167.817],
+            [1366.63, 139.5644, 1579.67, -168.26, 42.54148, -162.739],
+        ]
+        for line, target in zip(lines[6:9], targets, strict=True):
+            found = re.fullmatch(r"LIN \{X (.+),Y (.+),Z (.+),A (.+),B (.+),C (.+)\} C_DIS", line)
+            assert numbers(found.groups()) == pytest.approx(target, rel=1e-5)
+        assert lines[9:] == ["END"]
+        head, rows = rows_of(local, jobs["program"], "points.csv")
+        assert head[:8] == [
+            *("point", "name", "file", "line"),
+            *("place x [m]", "place y [m]", "place z [m]", "J1 [deg]"),
+        ]
+        assert [row[2:4] for row in rows] == [["cell.src", "7"], ["cell.src", "8"], ["cell.src", "9"]]
+        moved = [-0.245996, 0.373859, -2.794967, 2.83057, 2.687999, 0.242926, -0.374136, 2.801042, 2.83634]
+        assert numbers(rows[0][13:22]) == pytest.approx(moved, rel=1e-3)
+        columns = local.get(file_at(jobs["program"], "points.json")).json()["columns"]
+        assert columns[0] == {"name": "point", "unit": "", "values": [1, 2, 3]}
+        assert len(columns) == len(head)
+
+
+def test_lists_have_what_a_row_shows_of_each_kind(local, jobs):
+    listed = {kind.name: local.get("/v1/jobs", params={"kind": kind.name}).json() for kind in KINDS}
+    assert [item["id"] for item in listed["run"]["items"]] == [jobs["other"]["id"], jobs["run"]["id"]]
+    assert [item["positive"] for item in listed["run"]["items"]] == [False, True]
+    first = listed["run"]["items"][1]
+    assert {name: first[name] for name in ("joints_identified", "joint_count", "warning_count")} == {
+        "joints_identified": 6,
+        "joint_count": 6,
+        "warning_count": 0,
+    }
+    assert first["compensation"] == pytest.approx(0.98645, rel=1e-4)
+    assert (first["robot_name"], first["measurement_set_name"]) == (
+        "simulated 6R",
+        "pull, 12 configurations, motor encoders",
+    )
+    assert {name: answer["total"] for name, answer in listed.items() if answer["total"]} == {
+        "run": 2,
+        **dict.fromkeys(("comparison", "geometry", "plan", "map", "program"), 1),
+    }
+    assert {item["verdict"] for answer in listed.values() for item in answer["items"]} == {"use"}
+    of_run = {name: listed[name]["items"][0]["run_id"] for name in ("map", "program")}
+    assert of_run == dict.fromkeys(("map", "program"), jobs["run"]["id"])
+    names = (listed["geometry"]["items"][0]["name"], listed["program"]["items"][0]["name"])
+    assert names == ("pan and tilt", "cell.src")
+    outputs = [each["sha256"] for each in jobs["program"]["result"]["files"]]
+    assert listed["program"]["items"][0]["outputs"] == outputs

@@ -1,0 +1,365 @@
+"""Arms that slide: lengths in their units, springs in N/µm, and what is known of revolute joints alone."""
+
+import csv
+import io
+import json
+
+import numpy as np
+import pytest
+from support.documents import changed
+from support.importing_samples import sources_of
+from support.programs import FORCE, path
+from support.refusals import refused
+from support.slides import arm_on_rail, scara
+from support.terminal import terminal
+
+import jointstiff as js
+from jointstiff.schemas.imports import ImportRequest
+from jointstiff.schemas.robot import RobotDocument
+from jointstiff.service.conversion.prepared import prepare_robot
+from jointstiff.service.kinds.plan.kind import readings_sheet
+from jointstiff.service.resources.imports import ImportRefusedError, import_files
+from jointstiff.service.tables.files import csv_text
+from jointstiff.simulator import TARGETS, simulate_campaign
+
+MILLIMETRES, SI = (
+    {"length": "mm", "angle": "deg", "force": "N"},
+    {"length": "m", "angle": "rad", "force": "N"},
+)
+ARMS = {"scara": (scara, 300.0), "rail": (arm_on_rail, 1500.0)}
+RAIL = 1.25
+"""Where the arm stands on its rail [m]."""
+NEAR = [RAIL, *path(1)[0].tolist()]
+AREA = {
+    "area": [[1.3, RAIL - 0.1, 1.2], [1.5, RAIL + 0.1, 1.4]],
+    "grid": [2, 2, 2],
+    "place": [0, 0, 0.2],
+    "force": [0, 0, -300],
+}
+
+
+def sliding(name, units=MILLIMETRES):
+    arm, force = ARMS[name]
+    return simulate_campaign(arm(), load="pull", force=force, configurations=24, seed=3, units=units)
+
+
+@pytest.fixture(scope="module")
+def runs():
+    return {name: js.identify(sliding(name)) for name in ARMS}
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory):
+    """The campaigns as files."""
+    folder = tmp_path_factory.mktemp("slides")
+    for name in ARMS:
+        (folder / f"{name}.json").write_text(json.dumps(sliding(name)))
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("name", "slides"), [("scara", [2]), ("rail", [0])], ids=["spindle of a SCARA", "arm on a rail"]
+)
+def test_readings_in_millimetres_are_those_in_metres_and_each_joint_is_beside_its_spring(runs, name, slides):
+    in_mm, in_si = runs[name].result, js.identify(sliding(name, SI)).result
+    kinds = list(in_mm.joint_kinds.values())
+    assert [i for i, kind in enumerate(kinds) if kind == "prismatic"] == slides
+    compliances = [joint.compliance for joint in in_si.joints]
+    assert [joint.compliance for joint in in_mm.joints] == pytest.approx(compliances, rel=1e-6)
+    for joint, truth in zip(in_mm.joints, ARMS[name][0]().compliances, strict=True):
+        assert abs(joint.compliance - truth) < joint.standard_uncertainty
+
+
+@pytest.mark.parametrize(
+    ("unit", "lines"),
+    [
+        (
+            "mnm/rad",
+            [
+                "joint_1 │ 0.596 │ 0.021 │ 0.558 … 0.639 │ determined",
+                "joint_3 │ 4.22 N/µm │ 0.38 │ 3.60 … 5.12 │ determined",
+                "stiffness, its standard uncertainty and interval in 10⁶ N·m/rad, or N/µm where stated",
+            ],
+        ),
+        (
+            "knm/deg",
+            [
+                "joint_1 │ 10.39 │ 0.36 │ 9.73 … 11.15 │ determined",
+                "joint_3 │ 4.22 N/µm │ 0.38 │ 3.60 … 5.12 │ determined",
+                "stiffness, its standard uncertainty and interval in kN·m/°, or N/µm where stated",
+            ],
+        ),
+        (
+            "nm/rad",
+            [
+                "joint_1 │ 596000 │ 21000 │ 558000 … 639000 │ determined",
+                "joint_3 │ 4220000 N/m │ 380000 │ 3600000 … 5120000 │ determined",
+                "stiffness, its standard uncertainty and interval in N·m/rad, or N/m where stated",
+            ],
+        ),
+        (
+            "urad/nm",
+            [
+                "joint_1 │ 1.679 │ 0.058 │ 1.565 … 1.793 │ determined",
+                "joint_3 │ 0.237 µm/N │ 0.021 │ 0.195 … 0.278 │ determined",
+                "compliance, its standard uncertainty and interval in µrad/(N·m), or µm/N where stated",
+            ],
+        ),
+    ],
+)
+def test_a_slide_is_shown_in_the_unit_that_goes_with_the_chosen_one(files, unit, lines):
+    words = " ".join(terminal("identify", files / "scara.json", "--unit", unit, width=120).stdout.split())
+    others = [
+        "Use: all 4 joints passed the checks Forces up to 300 N (30.6 kgf), deflections up to 733 µm. If N "
+        "and kgf are confused, every stiffness is wrong by 9.81, and no reading shows it.",
+        "Load point: ±10 mm assumed. Measure where the force acts on the flange, and enter its uncertainty "
+        "(`noise.load_point`; on the page: Advanced, Uncertainty of the load point).",
+        "Forces: ±1 % assumed. Enter the uncertainty of the load cell or of the weight "
+        "(`noise.force.scale`; on the page: Advanced, Scale of the force).",
+        "│ roughly known │",
+        "explains 85.9 % of the mean deflection, residual 46.7 µm rms (3-D), sigma of a reading "
+        "20 µm (given)",
+        "Joints alone: no sign that anything else bends (F test of links beside joints: p = 0.06).",
+    ]
+    for line in lines + others:
+        assert line in words
+
+
+def test_the_rail_is_shown_first_and_the_axes_in_their_unit(files):
+    words = " ".join(terminal("identify", files / "rail.json", width=120).stdout.split())
+    for line in [
+        "Use: all 7 joints passed the checks",
+        "joint_1 │ 19.3 N/µm │ 1.9 │ 16.2 … 23.9 │ determined",
+        "joint_2 │ 3.795 │ 0.044 │ 3.711 … 3.884 │ well determined",
+        "joint_7 │ 0.096 │ 0.019 │ 0.069 … 0.154 │ roughly known",
+    ]:
+        assert line in words
+
+
+def test_the_table_of_joints_has_both_units_in_its_head(files, tmp_path):
+    assert terminal("export", files / "scara.json", "-o", tmp_path / "joints.csv").exit_code == 0
+    head, *rows = csv.reader((tmp_path / "joints.csv").read_text().splitlines())
+    assert head[:12] == [
+        "joint",
+        "kind",
+        "status",
+        "verdict",
+        "reason",
+        "stiffness [N.m/rad, prismatic N/m]",
+        "stiffness low [N.m/rad, prismatic N/m]",
+        "stiffness high [N.m/rad, prismatic N/m]",
+        "stiffness at least, one-sided [N.m/rad, prismatic N/m]",
+        "compliance [rad/(N.m), prismatic m/N]",
+        "compliance standard uncertainty [rad/(N.m), prismatic m/N]",
+        "compliance low [rad/(N.m), prismatic m/N]",
+    ]
+    assert [row[:5] for row in rows] == [
+        [f"joint_{i}", "prismatic" if i == 3 else "revolute", "identified", "use", ""] for i in range(1, 5)
+    ]
+    numbers = [4.22415e6, 3.59679e6, 5.1166e6, 3.68478e6, 2.36734e-7, 2.10675e-8, 1.95442e-7, 2.78025e-7]
+    assert [float(cell) for cell in rows[2][5:13]] == pytest.approx(numbers, rel=1e-4)
+
+
+def test_a_model_of_mujoco_has_a_slide_and_says_what_it_is_made_of(files, tmp_path):
+    assert terminal("export", files / "rail.json", "-o", tmp_path / "rail.mjcf").exit_code == 0
+    text = (tmp_path / "rail.mjcf").read_text()
+    for line in [
+        "<!-- Method: partial pose, covariance weights, compliances not negative. Intervals at 95 %. -->",
+        "<!-- Verdict on the result: use. -->",
+        "<!-- Geometry: of the robot as it was described, not identified. -->",
+        "<!-- Lengths in m, angles in rad, stiffness in N·m/rad, of prismatic joints in N/m. "
+        "Angles are those "
+        "of the model, in the frame of the link base_link. -->",
+        "<!-- joint_1: 19.3 N/µm (95 % interval 16.2 … 23.9); verdict: use -->",
+        "<!-- joint_5: 0.434 · 10⁶ N·m/rad (95 % interval 0.392 … 0.486); verdict: use -->",
+        '<compiler angle="radian" eulerseq="XYZ" autolimits="true" boundmass="1" boundinertia="1" />',
+        '<option gravity="0 0 0" />',
+        '<joint name="joint_1" type="slide" axis="0.0 1.0 0.0" range="-1.0 5.0" />',
+    ]:
+        assert line in text
+    assert (text.count('type="hinge"'), text.count("<position ")) == (6, 7)
+
+
+class TestWorkOfARail:
+    def test_a_map_needs_to_know_where_the_rail_stands(self, runs):
+        found = js.map(runs["rail"], near=NEAR, **AREA).result
+        assert (found.counts["reached"], found.worst.joints[0]) == (8, RAIL)
+        assert [name for name, kind in found.joint_kinds.items() if kind == "prismatic"] == ["joint_1"]
+        assert refused(js.map, runs["rail"], **AREA) == (
+            "map.run_id | it is not stated where the linear axis joint_1 stands | give all joints as "
+            "`near` or `start`: the linear axis stands still there"
+        )
+        assert refused(js.map, runs["scara"], **AREA) == (
+            "map.run_id | the robot has 3 revolute joints | inverse kinematics needs an arm with six "
+            "revolute joints"
+        )
+
+    def test_lengths_of_a_table_are_told_apart_from_angles(self, runs, tmp_path):
+        head = f"label,J1 [mm],{','.join(f'J{j} [deg]' for j in range(2, 8))},Fx [N],Fy [N],Fz [N]\n"
+        row = ",".join(map(str, ["a", 1e3 * RAIL, *np.degrees(NEAR[1:]).tolist(), *FORCE]))
+        right, wrong = tmp_path / "cases.csv", tmp_path / "wrong.csv"
+        right.write_text(head + row)
+        wrong.write_text(head.replace("J1 [mm]", "J1 [deg]") + row)
+        options = {"load_point": (0.01, -0.02, 0.2155), "units": SI}
+        one, other = (
+            js.predict(runs["rail"], cases, **options).cases[0].displacement
+            for cases in (right, [{"joints": NEAR, "force": FORCE}])
+        )
+        assert one == pytest.approx(other, rel=1e-9)
+        assert one == pytest.approx([-0.000234385, 0.000401642, -0.00278432], rel=1e-3)
+        assert refused(js.predict, runs["rail"], wrong, **options) == (
+            "prediction.line 1 | the header 'J1 [deg]' has the unit deg | write one of [m], [mm] behind "
+            "the name"
+        )
+
+    def test_a_plan_in_a_terminal_is_a_table_of_whole_millimetres_and_degrees(self, files):
+        lines = terminal("plan", files / "rail.json", "--readings", 3, "--candidates", 200, "--csv").stdout
+        head, *rows = csv.reader(lines.splitlines())
+        assert head[:3] == ["label", "joint_1 [mm]", "joint_2 [deg]"]
+        assert head[8:15] == [
+            "Fx [N]",
+            "Fy [N]",
+            "Fz [N]",
+            "load point x [mm]",
+            "load point y [mm]",
+            "load point z [mm]",
+            "anchor",
+        ]
+        assert [row[0] for row in rows] == ["p1", "v2", "p3"]
+        assert [row[15] for row in rows] == ["0", "1", "0"]
+        assert list(map(float, rows[0][1:14])) == [
+            *[-733.0, 120.0, 36.0, 57.0, 92.0, 23.0, 14.0],
+            *[-353.2, 1454.4, -99.2, -60.0, 20.0, 180.0],
+        ]
+
+
+@pytest.fixture(scope="module")
+def filled():
+    """The list with a reading of each target that moves 0.1 mm along each axis."""
+    load = {"kind": "any_direction", "force": 1500.0}
+    plan = js.plan(sliding("rail"), readings=5, load=load, candidates=200)
+    rows = list(csv.DictReader(io.StringIO(csv_text(readings_sheet(plan)))))
+    for row, reading in zip(rows, plan.result.readings, strict=True):
+        posture = arm_on_rail().posture(np.array(reading.joints))
+        assert float(row["joint_1 [mm]"]) == pytest.approx(1e3 * reading.joints[0])
+        assert float(row["joint_1 [mm]"]).is_integer()
+        for name, place in TARGETS.items():
+            at = posture.point_to_base(np.array(place))
+            for state, moved in (("unloaded", 0.0), ("loaded", 0.1)):
+                cells = {f"{name} {state} {axis} [mm]": at[k] for k, axis in enumerate("xyz")}
+                row.update({key: f"{1e3 * x - moved:.4f}" for key, x in cells.items()})
+    out = io.StringIO()
+    writer = csv.DictWriter(out, rows[0])
+    writer.writeheader()
+    writer.writerows(rows)
+    return out.getvalue()
+
+
+class TestThePlansListIsFilledIn:
+    def understood(self, text):
+        robot = prepare_robot(RobotDocument.model_validate(sliding("rail")["robot"])).robot
+        stated = {"encoders": "motor", "load_point": (0, 0, 100), "accept_unusual": True}
+        return import_files(sources_of(("plan.csv", text.encode())), ImportRequest(**stated), robot)
+
+    def test_and_read_again_as_a_campaign(self, filled):
+        answer = self.understood(filled)
+        assert (answer.observation_count, answer.joint_count, answer.reading_count) == (5, 7, 15)
+        assert answer.joint_kinds == ["prismatic", *["revolute"] * 6]
+        assert answer.first_labels == ["v1", "p2", "p3", "p4", "p5"]
+        assert (answer.targets, answer.leave_out) == (["P10", "P11", "P12"], ["v1"])
+        assert answer.assumptions == ["held out from the fit, to judge it: v1"]
+        meanings = [f"{each.meaning} [{each.unit}]" for each in answer.files[0].columns[1:14]]
+        assert meanings[:2] == ["joint 1 [mm]", "joint 2 [deg]"]
+        assert meanings[7:] == [
+            *(f"force {axis} [N]" for axis in "xyz"),
+            *(f"load point {axis} [mm]" for axis in "xyz"),
+        ]
+        observation = answer.measurement_set.observations[0]
+        assert observation.joints[:3] == pytest.approx([412.0, 16.0, 8.0])
+        assert list(observation.load_point) == [-60.0, 20.0, 180.0]
+        assert list(observation.readings[0].unloaded) == pytest.approx([1728.8, 719.43, 1378.8], rel=1e-4)
+        assert [finding.code for finding in answer.findings] == ["deflections_unexplained"]
+
+    @pytest.mark.parametrize(
+        ("change", "said"),
+        [
+            (
+                ("joint_1 [mm]", "joint_1 [deg]"),
+                "joint joint_1 is read as an angle, but the robot's is prismatic; give its lengths, in "
+                "`units.length`, or check the robot and the order of the joints",
+            ),
+            (
+                ("joint_2 [deg]", "joint_2 [mm]"),
+                "joint joint_2 is read as a length, but the robot's is revolute; give its angles, in "
+                "`units.angle`, or check the robot and the order of the joints",
+            ),
+        ],
+    )
+    def test_a_column_of_the_other_kind_is_refused(self, filled, change, said):
+        with pytest.raises(ImportRefusedError) as caught:
+            self.understood(filled.replace(*change))
+        assert str(caught.value) == f"files: the readings do not fit the robot (joint_kinds): {said}"
+
+    def test_inches_are_converted_and_a_rail_of_13_m_is_noticed(self, filled):
+        answer = self.understood(filled.replace("[mm]", "[in]"))
+        note = "lengths in inches were converted to mm; so are numbers in options"
+        assert note in answer.files[0].assumptions
+        observation = answer.measurement_set.observations[0]
+        assert observation.joints[:2] == pytest.approx([412.0 * 25.4, 16.0])
+        assert list(observation.load_point) == pytest.approx([-1524.0, 508.0, 4572.0])
+        messages = [each.message for each in answer.findings if each.code == "joint_outside_limits"]
+        assert messages[:3] == [
+            f"the model length of joint_1 is {length} m, outside its limits [-1, 5] m"
+            for length in ("10.46", "13.59", "-1.524")
+        ]
+        assert {each.weight for each in answer.findings} == {"use_with_care", "do_not_use"}
+
+
+class TestWhatDoesNotGoWithASlide:
+    def test_angles_of_a_spindle(self):
+        document = changed(sliding("scara", SI), ("measurement_set.joint_kinds", ["revolute"] * 4))
+        assert refused(js.identify, document) == (
+            "measurement_set.joint_kinds | joint joint_3 is read as an angle, but the robot's is "
+            "prismatic | give its lengths, in `units.length`, or check the robot and the order of the "
+            "joints"
+        )
+
+    def test_secondary_encoders(self):
+        document = sliding("scara", SI)
+        read = {"encoder_readings": [{"joint": "joint_3", "unloaded": 0.0, "loaded": 1e-5}]}
+        observations = [each | read for each in document["measurement_set"]["observations"]]
+        document = changed(
+            document,
+            ("measurement_set.observations", observations),
+            ("measurement_set.noise.encoder_sigma", 1e-6),
+        )
+        assert refused(js.identify, document) == (
+            "measurement_set.observations | there are encoder readings of joint_3, a prismatic joint | "
+            "omit them: secondary encoders are read of revolute joints only"
+        )
+
+    def test_a_geometry(self):
+        document = sliding("rail", SI)
+        poses = [
+            {
+                "joints": each["joints"],
+                "targets": {read["target"]: read["unloaded"] for read in each["readings"]},
+            }
+            for each in document["measurement_set"]["observations"]
+        ]
+        units = {"length": "m", "angle": "rad"}
+        cell = {"name": "cell", "robot": document["robot"], "units": units, "poses": poses}
+        assert refused(js.geometry, cell) == (
+            "robot | axes are identified of revolute joints only, but joint_1 slides | fix it in the "
+            "model (URDF: type fixed, at the position where it stands), and omit it from the readings; "
+            "or use the nominal model"
+        )
+
+    def test_own_weight(self):
+        body = {"name": "arm", "joint": "joint_3", "mass": 200.0, "centre": [0.0, 0.0, 0.5]}
+        document = changed(sliding("rail", SI), ("robot.bodies", [body]), ("run", {"weight": {}}))
+        run = js.identify(document)
+        assert (run.state, run.error.detail) == (
+            "failed",
+            "axes are identified of revolute joints only, but joint_1 slides",
+        )

@@ -1,0 +1,152 @@
+"""Campaigns of arrays: what is taken over as it is, and what each refusal says."""
+
+import numpy as np
+import pytest
+from support.documents import campaign
+
+import jointstiff as js
+from jointstiff.simulator import TARGETS
+
+UNITS = {"length": "mm", "angle": "deg", "force": "kN", "moment": "N.mm"}
+DOCUMENT = campaign(configurations=6, units=UNITS)
+ROWS = DOCUMENT["measurement_set"]["observations"]
+
+
+def column(name):
+    return np.array([one[name] for one in ROWS], dtype=float)
+
+
+def read(state):
+    return np.array([[r[state] for r in one["readings"]] for one in ROWS], dtype=float)
+
+
+MOVED = read("loaded") - read("unloaded")
+FREE = {"unloaded": None, "loaded": None, "deflections": MOVED}
+
+
+def of_arrays(**changes):
+    arrays = {
+        "robot": DOCUMENT["robot"],
+        "joints": column("joints"),
+        "forces": column("force"),
+        "moments": column("moment"),
+        "unloaded": read("unloaded"),
+        "loaded": read("loaded"),
+        "targets": list(TARGETS),
+        "load_point": DOCUMENT["measurement_set"]["load_point"],
+        "sigma": 0.02,
+        "units": "mm, deg, kN, N·mm",
+    }
+    stated = {key: value for key, value in (arrays | changes).items() if value is not None}
+    return js.Campaign.from_arrays(**stated).measurement_set
+
+
+def test_numbers_are_those_of_the_arrays_in_the_units_that_are_stated():
+    found = of_arrays()
+    assert (found.name, found.units.model_dump(mode="json")) == ("readings from arrays", UNITS)
+    assert (found.noise.sigma, tuple(found.load_point), found.flange_targets) == (0.02, (-60, 20, 180), {})
+    assert [each.label for each in found.observations] == [f"c{i:02}" for i in range(1, 7)]
+    for one, row in zip(found.observations, ROWS, strict=True):
+        assert list(one.joints) == row["joints"]
+        assert (list(one.force), list(one.moment)) == (row["force"], [0.0, 0.0, 0.0])
+        for reading, stated in zip(one.readings, row["readings"], strict=True):
+            assert reading.target == stated["target"]
+            assert list(reading.unloaded) == stated["unloaded"]
+            assert list(reading.loaded) == stated["loaded"]
+
+
+def test_what_is_not_stated_is_left_out_and_one_row_stands_for_all():
+    assert of_arrays(units="mm, deg, kN").units.model_dump(mode="json", exclude_none=True) == {
+        "length": "mm",
+        "angle": "deg",
+        "force": "kN",
+    }
+    assert {each.moment for each in of_arrays(moments=None).observations} <= {None, (0.0, 0.0, 0.0)}
+    assert "moment" not in of_arrays(moments=None).observations[0].model_fields_set
+    assert [each.force for each in of_arrays(forces=[0, 0, 1]).observations] == [(0.0, 0.0, 1.0)] * 6
+    assert [each.label for each in of_arrays(labels=list("abcdef")).observations] == list("abcdef")
+    zero = of_arrays(load_point=np.zeros((6, 3)))
+    assert tuple(zero.load_point) == (0.0, 0.0, 0.0)
+    flat = of_arrays(loaded=read("loaded").reshape(6, -1))
+    assert flat.observations == of_arrays().observations
+
+
+def test_deflections_stand_at_the_places_of_their_targets():
+    found = of_arrays(**FREE, targets={name: np.array(place) * 1e3 for name, place in TARGETS.items()})
+    assert found.flange_targets["P11"] == pytest.approx((-128.0, 84.0, 85.0))
+    reading = found.observations[0].readings[0]
+    assert (reading.unloaded, reading.loaded) == (None, None)
+    assert reading.deflection == pytest.approx([-0.0469, 2.8761, -0.0979], rel=1e-3)
+
+
+CELLS = "give finite numbers of shape (3,) or (6, 3)"
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"units": "mm"}, "units: the unit of angle is missing; remedy: write them like 'mm, deg, N'"),
+        (
+            {"units": "m, deg, kN, N·mm"},
+            "load_point: the point is 190.788 m from the flange, where no tool reaches; remedy: check its "
+            "unit; a point on the tool is at most 5 m from the flange",
+        ),
+        (
+            {"targets": ["P10"]},
+            "`unloaded` has the shape (6, 3, 3); remedy: give 3 numbers for each of 6 observations and 1 "
+            "targets",
+        ),
+        (
+            {"joints": column("joints")[:, :5]},
+            "measurement_set.observations[0].joints: observation 'c01': there are 5 joint angles, but the "
+            "robot has 6 joints; remedy: give the 6 controller angles of joint_1, joint_2, joint_3, joint_4, "
+            "joint_5, joint_6",
+        ),
+        ({"forces": column("force")[:3]}, f"`forces` has the shape (3, 3); remedy: {CELLS}"),
+        (
+            {"forces": [0, 0, np.nan]},
+            f"`forces` has the shape (3,), with places that have no number; remedy: {CELLS}",
+        ),
+        (
+            {"sigma": -1},
+            "1 fault; first: noise.sigma: must be positive, at least 1e-09: omit `noise` to estimate sigma "
+            "from the residuals; remedy: correct the field as the reason says",
+        ),
+        ({"labels": ["a"]}, "1 labels for 6 observations; remedy: give one for each"),
+        (
+            {"unloaded": None},
+            "unloaded: `loaded` alone cannot be used as readings; remedy: give `unloaded` and `loaded`, or "
+            "`deflections`; `unloaded` alone is for the own weight",
+        ),
+        (
+            FREE,
+            "measurement_set.observations[0].readings: observation 'c01': target 'P10' has a deflection but "
+            "no position in the flange frame; remedy: add 'P10' to `flange_targets`, in the flange frame",
+        ),
+        (
+            {"load_point": None},
+            "measurement_set.observations[0].load_point: observation 'c01': the load point is missing; "
+            "remedy: give `load_point`, in the flange frame, for the set or for each observation",
+        ),
+        (
+            {"unloaded": read("unloaded") * np.nan},
+            "1 fault; first: observations[0].readings: must have at least 1 items, but has 0; "
+            "remedy: compare "
+            "with an example: `jointstiff simulate FILE` writes one, and /openapi.json has them",
+        ),
+        (
+            {"joints": "x"},
+            "`joints` is no array of numbers: could not convert string to float: 'x'; remedy: give an array, "
+            "lists of equal lengths, or columns of a data frame; NaN for what was not read",
+        ),
+        (
+            {"joints": np.zeros((0, 6))},
+            "`joints` has the shape (0, 6); remedy: give a row of finite numbers for each "
+            "observation, (N, n)",
+        ),
+    ],
+)
+def test_what_does_not_fit_is_said_with_its_remedy(changes, said):
+    with pytest.raises(js.CampaignError) as caught:
+        of_arrays(**changes)
+    assert str(caught.value) == said
