@@ -57,7 +57,7 @@ def folder(tmp_path_factory):
                 "uncertainty from model error (type A, not in the intervals): 0.036 to 5.7 % of a compliance",
                 "complementary stiffness included (1 refit); it changes a compliance by at most 0.44 std. "
                 "uncertainties (K_c/k at most 0.0025)",
-                "causes tested beside the joints, p-value: play 0.5, load zero 0.6, load point 0.8, turn 0.9",
+                "causes tested with the joints, p-value: play 0.5, load zero 0.6, load point 0.8, turn 0.9",
                 "observability O1 0.57, O2 0.23, O3 0.29, O4 0.068, O5 0.1; condition number 4.45",
                 "or repeat the command with `--apply omit_noise`",
                 "│ Priors │ joint_1 stiffness 3 10⁶ N·m/rad, standard uncertainty 0.3 10⁶ N·m/rad; joint_2",
@@ -115,7 +115,7 @@ def test_coupled_joints_of_an_arm_whose_links_bend_are_not_to_be_used(folder):
         "│ joint_1 │ 0.869 │ 0.028 │ — │ do not use │",
         "│ joint_5 │ 0.0970 │ 0.0056 │ — │ do not use │",
         "│ joint_6 │ rigid │ — │ — │ at bound │",
-        "joint_6: what bends beside it explains the readings without it",
+        "joint_6: what else bends explains the readings without this joint",
         "explains 73.8 % of the mean deflection, residual 1.05 mm rms (3-D), sigma of a reading "
         "20 µm (given)",
         "coupled joints with loss squared explain 73.4 % of held-out postures, joints alone 73.4 %; simplest "

@@ -119,7 +119,7 @@ def test_a_slide_is_shown_in_the_unit_that_goes_with_the_chosen_one(files, unit,
         "│ roughly known │",
         "explains 85.9 % of the mean deflection, residual 46.7 µm rms (3-D), sigma of a reading "
         "20 µm (given)",
-        "Joints alone: no sign that anything else bends (F test of links beside joints: p = 0.06).",
+        "Joints alone: no sign that anything else bends (F test of links added to the joints: p = 0.06).",
     ]
     for line in lines + others:
         assert line in words
@@ -186,8 +186,8 @@ class TestWorkOfARail:
         assert (found.counts["reached"], found.worst.joints[0]) == (8, RAIL)
         assert [name for name, kind in found.joint_kinds.items() if kind == "prismatic"] == ["joint_1"]
         assert refused(js.map, runs["rail"], **AREA) == (
-            "map.run_id | it is not stated where the linear axis joint_1 stands | give all joints as "
-            "`near` or `start`: the linear axis stands still there"
+            "map.run_id | the position of the linear axis joint_1 is not stated | give all joints as "
+            "`near` or `start`: the linear axis stays there"
         )
         assert refused(js.map, runs["scara"], **AREA) == (
             "map.run_id | the robot has 3 revolute joints | inverse kinematics needs an arm with six "
@@ -351,7 +351,7 @@ class TestWhatDoesNotGoWithASlide:
         cell = {"name": "cell", "robot": document["robot"], "units": units, "poses": poses}
         assert refused(js.geometry, cell) == (
             "robot | axes are identified of revolute joints only, but joint_1 slides | fix it in the "
-            "model (URDF: type fixed, at the position where it stands), and omit it from the readings; "
+            "model (URDF: type fixed, at its present position), and omit it from the readings; "
             "or use the nominal model"
         )
 
