@@ -4,9 +4,10 @@ import csv
 import io
 from dataclasses import dataclass
 
-from jointstiff.schemas.imports import ImportAnswer, ImportOptions, ImportRequest
+from jointstiff.schemas.imports import ImportAnswer, ImportFault, ImportOptions, ImportRequest
 from jointstiff.service.importing.reading import SourceFile, Understood, understand_files
 from jointstiff.service.resources.imports import import_files
+from jointstiff.solver.mechanics.robot import Robot
 
 MM = {"length": "mm", "angle": "deg", "force": "N"}
 DELIMITERS = {"comma": ",", "semicolon": ";", "tab": "\t", "whitespace": " "}
@@ -19,6 +20,21 @@ c01;10.5;-20.25;30;0;0;-1471.5;1245.7134;-310.1127;239.2014;1245.6021;-310.1098;
 c02;-15;-35.125;42.75;0;0;-1471.5;1102.5518;402.9017;318.4406;1102.4127;402.8613;316.8891
 c03;0.5;-50;61.0625;0;0;-1471.5;1310.0042;12.4450;87.3391;1309.8717;12.4462;85.9120
 """
+
+CAMPAIGN_NUMBERS = [
+    (
+        "c01", [10.5, -20.25, 30.0], (0.0, 0.0, -1471.5),
+        {"P10": ((1245.7134, -310.1127, 239.2014), (1245.6021, -310.1098, 237.9853))},
+    ),
+    (
+        "c02", [-15.0, -35.125, 42.75], (0.0, 0.0, -1471.5),
+        {"P10": ((1102.5518, 402.9017, 318.4406), (1102.4127, 402.8613, 316.8891))},
+    ),
+    (
+        "c03", [0.5, -50.0, 61.0625], (0.0, 0.0, -1471.5),
+        {"P10": ((1310.0042, 12.4450, 87.3391), (1309.8717, 12.4462, 85.9120))},
+    ),
+]  # fmt: skip
 
 JOINTS = """\
 label,J1 [deg],J2 [deg],Fx [N],Fy [N],Fz [N]
@@ -107,7 +123,40 @@ def values_of(imported: Understood) -> dict[tuple[str, str], tuple[float, ...]]:
     }
 
 
-def answered(*files: tuple[str, str | bytes], **options: object) -> ImportAnswer:
-    """Return what is made of files, with a load point and encoders."""
+def answered(*files: tuple[str, str | bytes], robot: Robot | None = None, **options: object) -> ImportAnswer:
+    """Return what is made of files, with a load point and encoders; the faults if `show_faults` is set."""
     stated = {"encoders": "motor", "load_point": (0.0, 0.0, 120.0), **options}
-    return import_files(sources_of(*files), ImportRequest.model_validate(stated))
+    return import_files(sources_of(*files), ImportRequest.model_validate(stated), robot)
+
+
+def refusals(*files: tuple[str, str | bytes], robot: Robot | None = None, **options: object) -> list[str]:
+    """Return what is said of each fault of files: place, reason, remedy, and the option that corrects it."""
+    return [told(each) for each in answered(*files, robot=robot, show_faults=True, **options).faults]
+
+
+def told(fault: ImportFault) -> str:
+    """Return a fault in one line, such as `a.csv:4:1: the name is empty; fill it in`."""
+    parts = (fault.file, fault.line, fault.column)
+    place = ":".join(str(part) for part in parts if part is not None)
+    option = f" [{fault.option}]" if fault.option else ""
+    return f"{place}{': ' if place else ''}{fault.reason}; {fault.remedy}{option}"
+
+
+def numbers_of(answer: ImportAnswer) -> list[tuple[object, ...]]:
+    """Return each observation of a set: label, joints, force, and by target both positions."""
+    assert answer.measurement_set is not None
+    return [
+        (
+            one.label,
+            [*one.joints],
+            one.force,
+            {each.target: (each.unloaded, each.loaded) for each in one.readings},
+        )
+        for one in answer.measurement_set.observations
+    ]
+
+
+def meanings_of(answer: ImportAnswer, file: int = 0) -> list[str]:
+    """Return the meanings of the columns of a file, such as `joint 1 [deg]?`; ? stands for a guess."""
+    columns = answer.files[file].columns
+    return [f"{c.meaning}{f' [{c.unit}]' if c.unit else ''}{'?' * c.guessed}" for c in columns]

@@ -1,0 +1,357 @@
+"""Files that are refused: the place, the reason and the remedy that a person reads."""
+
+from pathlib import Path
+
+import pytest
+from pydantic import ValidationError
+from support import importing_samples
+from support.importing_samples import CAMPAIGN, JOINTS, MM, POINTS, answered, read, refusals
+
+from jointstiff.service.importing.errors import ImportFileError
+
+DIGITS = "use digits with at most one decimal mark, no unit, no thousands separator, no NaN"
+EXPORT = "export the readings as CSV, text or .xlsx"
+ROWS = CAMPAIGN.splitlines()[1:]
+
+
+def edits():
+    """Yield each edit of the data file: the sample, the old text, the new one, and the faults."""
+    sample, found = "", list[tuple[str, str, str, list[str]]]()
+    for line in Path(__file__).with_name("edits.txt").read_text(encoding="utf-8").splitlines()[2:]:
+        if line.startswith("    "):
+            found[-1][3].append(line.strip())
+        elif line.startswith("["):
+            sample = line.strip("[]")
+        else:
+            found.append((sample, *line.split(" => "), []))
+    return found
+
+
+@pytest.mark.parametrize(("sample", "old", "new", "wanted"), edits())
+def test_an_edit_of_a_file_is_told_by_place_reason_and_remedy(sample, old, new, wanted):
+    text = getattr(importing_samples, sample)
+    assert old in text
+    said = refusals(("a.csv", text.replace(old, new)), **{"units": MM} if sample == "POINTS" else {})
+    assert len(said) == len(wanted)
+    for line, whole in zip(said, wanted, strict=True):
+        assert line == whole or (whole.endswith("…") and line.startswith(whole[:-1]))
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "1.2.3",
+        "nan",
+        "-Infinity",
+        "1_000",
+        "0x10",
+        "1 000.5",
+        "٣.٥",
+        "−1.5",
+        "1.5mm",
+        "1.5 # bumped",
+        "9" * 50,
+    ],
+)
+def test_a_cell_that_is_no_plain_number_is_refused(text):
+    said = f"a.csv:4:8: '{text}' is not a number with a decimal point; {DIGITS}"
+    assert refusals(("a.csv", CAMPAIGN.replace("1102.5518", text))) == [said]
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("1e999", "'1e999' is outside ±1e+12; check the number and its unit"),
+        ("1e13", "'1e13' is outside ±1e+12; check the number and its unit"),
+        ("", "the cell is empty, but needs a number; fill it in"),
+        (
+            "1245,7134",
+            "'1245,7134': the file has decimal points and decimal commas; "
+            "use one decimal mark and no thousands separators",
+        ),
+        (
+            "1,102.5518",
+            "'1,102.5518': the file has decimal points and decimal commas; "
+            "use one decimal mark and no thousands separators",
+        ),
+    ],
+)
+def test_a_number_that_cannot_be_meant_is_refused(text, said):
+    assert refusals(("a.csv", CAMPAIGN.replace("1102.5518", text))) == [f"a.csv:4:8: {said}"]
+
+
+def test_a_number_at_the_bound_is_read():
+    answer = answered(("a.csv", CAMPAIGN.replace("1102.5518", "1e12")), accept_unusual=True)
+    assert answer.measurement_set.observations[1].readings[0].unloaded[0] == 1e12
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        (
+            "c02;", "c\x002;",
+            "4: the file contains the control character '\\x00', so it is not plain text; "
+            "save the file as text in UTF-8",
+        ),
+        (
+            "c02;", "c\u20282;",
+            "4:1: 'c\\u20282' is not a valid name; "
+            "give 1 to 200 printable characters, without blanks at the ends",
+        ),
+        (
+            "c02;", "c" * 201 + ";",
+            f"4:1: '{'c' * 60}…' is not a valid name; "
+            "give 1 to 200 printable characters, without blanks at the ends",
+        ),
+    ],
+)  # fmt: skip
+def test_a_label_is_a_name_that_can_be_printed(old, new, said):
+    assert refusals(("a.csv", CAMPAIGN.replace(old, new))) == [f"a.csv:{said}"]
+
+
+def test_a_label_of_200_characters_is_read():
+    assert answered(("a.csv", CAMPAIGN.replace("c02;", "c" * 200 + ";"))).first_labels[1] == "c" * 200
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        (b"", "a.csv: the file is empty; check the export"),
+        (b" \n\n", "a.csv: the file is empty; check the export"),
+        (b"# only\n// comments\n", "a.csv: the file has no row of data; check that it is the right file"),
+        (b"#" * 100_000, "a.csv: the file has no row of data; check that it is the right file"),
+        (b"label;x [mm]\n", "a.csv:1: the file has a header but no row of data; check the file"),
+        (
+            b"\xff\xfe\x00",
+            "a.csv: the text is damaged: not valid UTF-16-LE from byte 1 on, though it begins like it; "
+            "save the file as text in UTF-8",
+        ),
+        (
+            b"pos\xc3\xa9;1;2;3\nb\xff;1;2;3",
+            "a.csv:2: the text is damaged: not UTF-8 from byte 14 on, though it begins like it; "
+            "save the file as text in UTF-8",
+        ),
+        (
+            b"1.5 2.5 3.5\n",
+            "a.csv:1: the rows have 3 cells, and there is no header; "
+            "add a header such as `name x y z`, or give `header` [header]",
+        ),
+        (
+            b"a;1;2;3;4;5;6;7\n",
+            "a.csv:1: the rows have 8 cells, and there is no header; "
+            "add a header such as `name x y z`, or give `header` [header]",
+        ),
+        (
+            b"1.5;1.5;2.5;3.5\n",
+            "a.csv:1:1: '1.5' is where a point's name must be, because there is no header; "
+            "give rows of name x y z, add a header, or give `header` [header]",
+        ),
+        (
+            b";" * 65_000,
+            "a.csv:1: the file has more than 256 columns or 1000000 cells; "
+            "remove columns that are not needed, or split the file",
+        ),
+        (b"a" * 70_000, "a.csv:1: a line has more than 65536 characters; check the line endings"),
+        (
+            b'"' + b"a" * 20_000,
+            "a.csv:1: quotation marks do not enclose a whole cell; "
+            'enclose a cell as in "Point 1", on one line, or remove the marks',
+        ),
+        (
+            b"PK\x03\x04",
+            "a.csv: not an Excel file (.xlsx), or damaged (BadZipFile); "
+            "open it in Excel and save it again as .xlsx, or save the sheet as CSV",
+        ),
+    ],
+)
+def test_a_file_without_a_table_is_refused(content, said):
+    assert refusals(("a.csv", content), units=MM) == [said]
+
+
+@pytest.mark.parametrize(
+    ("content", "kind"),
+    [
+        (b"%PDF-1.7", "a PDF document"),
+        (b"\xff\xd8\xff\xe0", "a picture (JPEG)"),
+        (b"\x89PNG\r\n\x1a\n", "a picture (PNG)"),
+        (b"\0\0\0\x18ftypheic", "a picture (HEIC) or a film"),
+        (b"\xd0\xcf\x11\xe0\xa1", "an old Office document (such as .xls), or an encrypted one"),
+        (b"  <!DOCTYPE html><html>", "a web page (HTML)"),
+    ],
+)
+def test_a_file_of_another_kind_is_told_what_it_is(content, kind):
+    assert refusals(("a.csv", content)) == [f"a.csv: the file is {kind}, not a table; {EXPORT}"]
+
+
+@pytest.mark.parametrize("content", [b'{"measurement_set": {}}\n', b'\xef\xbb\xbf [\n{"a": 1}\n]'])
+def test_a_campaign_needs_no_import(content):
+    assert refusals(("a.csv", content)) == [
+        "a.csv: the file is a JSON document, not a table; "
+        "a campaign needs no import: `jointstiff identify` runs it, `jointstiff post` posts it"
+    ]
+
+
+def test_a_table_may_have_the_ending_of_json():
+    answer = answered(("a.json", JOINTS), ("b.json", JOINTS.replace("c0", "d0").encode("utf-16")))
+    assert answer.first_labels == ["c01", "c02", "d01", "d02"]
+    files = ("c.json", '{"a": 1'.encode("utf-16-le")), ("d.json", "[" * 300 + "]" * 300)
+    assert refusals(*files) == [
+        "c.json: Invalid JSON: key must be a string at line 1 column 2; "
+        "correct the JSON there; it must be UTF-8",
+        "d.json: Invalid JSON: recursion limit exceeded at line 1 column 202; "
+        "correct the JSON there; it must be UTF-8",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("files", "said"),
+    [
+        ([("0", b"a" * (4 << 20 | 1)), ("1", b"a" * (4 << 20 | 1))],
+         "'1': the files exceed 8 MiB together; import fewer files at once"),
+        ([], "0 files; send 1 to 64 files"),
+        ([(str(number), b"a") for number in range(65)], "65 files; send 1 to 64 files"),
+        ([("a", b"a")] * 2, "'a': two files have this name; send each file once"),
+        ([("a.csv", ";" * 256)], "'a.csv', line 1: the file has more than 256 columns or 1000000 cells; "
+         "remove columns that are not needed, or split the file"),
+    ],
+    ids=["bytes", "none", "files", "twice", "columns"],
+)  # fmt: skip
+def test_what_exceeds_the_limits_is_refused(files, said):
+    with pytest.raises(ImportFileError) as caught:
+        read(*files)
+    assert str(caught.value) == said
+
+
+def test_the_faults_of_all_files_are_in_one_answer():
+    first = CAMPAIGN.replace("J1 [deg]", "elbow").replace("Fx [N]", "Fx [kg]").replace("10.5;", "x;")
+    second = CAMPAIGN.replace("c0", "d0").replace("-20.25", "1.2.3").replace("42.75", "?")
+    said = refusals(("a.csv", first), ("b.csv", second))
+    assert [each.partition(";")[0] for each in said] == [
+        "a.csv:2:2: unknown column header 'elbow'",
+        "a.csv:2:5: 'Fx [kg]': 'kg' is not a known unit of force",
+        "b.csv:3:3: '1.2.3' is not a number with a decimal point",
+        "b.csv:4:4: '?' is not a number with a decimal point",
+    ]
+
+
+def test_the_first_twenty_faults_are_told():
+    said = refusals(("j.csv", "\n".join(["name;J1 [deg]", *(f"c{row};x" for row in range(100))])))
+    assert [each.split(" ")[0] for each in said] == [f"j.csv:{line}:2:" for line in range(2, 22)]
+
+
+def test_the_rows_of_later_faults_are_shown():
+    rows = [f"c{number:02},10,20,{'1.2.3' if number == 11 else '5'}" for number in range(1, 13)]
+    answer = answered(("a.csv", "\n".join(["label,J1 [deg],J2 [deg],J3 [deg]", *rows, ""])), show_faults=True)
+    (file,) = answer.files
+    assert (file.fault_lines, file.fault_rows) == ([12], [["c11", "10", "20", "1.2.3"]])
+    assert (file.header_lines, file.first_lines, file.row_count) == ([1], [2, 3, 4, 5, 6], 12)
+    assert file.first_rows[0] == ["c01", "10", "20", "5"]
+
+
+def test_an_observation_is_read_once():
+    row = "c01,0.1,0,0,-150,{},0.1,0.2,0.3\n"
+    table = "label,J1 [rad],Fx [N],Fy [N],Fz [N],target,dx [mm],dy [mm],dz [mm]\n" + row.format("P10")
+    assert refusals(("a.csv", table + row.format("P11").replace("-150", "-151"))) == [
+        "a.csv:3: the force of 'c01' differs from that at 'a.csv', line 2; "
+        "give each observation a unique label, or correct one of them"
+    ]
+    assert refusals(("a.csv", table + row.format("P10"))) == [
+        "a.csv:3:7: P10 deflection of 'c01' occurs twice, first at 'a.csv', line 2, column 7; "
+        "rename or remove one of them"
+    ]
+
+
+def test_labels_are_alike_in_all_files():
+    said = refusals(("j.csv", JOINTS.replace("c02", "c03")), ("p.txt", POINTS), units=MM)
+    assert said == [
+        "p.txt:3: 'c02' has no joint, but other labels have: 'c01', 'c03'; "
+        "spell labels alike in all files; without joint: 'c02'",
+        "p.txt:3: 'c02' has no force, but other labels have: 'c01', 'c03'; "
+        "spell labels alike in all files; without force: 'c02'",
+        "j.csv:3: c03: target P10 has no reading; "
+        "add the reading, check the spelling of names, or use `allow_missing` [allow_missing]",
+    ]
+
+
+@pytest.mark.parametrize(
+    "template", ["c01", "{any}", "{label}{target}", "{label}_{label}", "{x}", "{label}_{", "{}"]
+)
+def test_a_template_of_names_has_each_part_once_with_text_between(template):
+    assert refusals(("points.txt", POINTS), units=MM, point_name=template) == [
+        f"points.txt: the template '{template}' is invalid; in `point_name` use each of {{label}}, {{target}}, "
+        "{state} at most once, {any} for the rest, with a text such as _ between them [point_name]"
+    ]
+
+
+def test_a_template_is_not_empty():
+    with pytest.raises(ValidationError, match="at least 1 character"):
+        answered(("points.txt", POINTS), point_name="")
+
+
+@pytest.mark.parametrize(
+    ("text", "options", "said"),
+    [
+        (CAMPAIGN, {"point_name": "{label}_{state}"},
+         "the template '{label}_{state}' is not needed: headers or columns give the target and state; "
+         "correct it, or omit `point_name` [point_name]"),
+        (CAMPAIGN, {"file_name": "{target}"},
+         "the template '{target}' is not needed: headers or columns give the target and state; "
+         "correct it, or omit `file_name` [file_name]"),
+        ("name;unloaded x [mm];unloaded y [mm];unloaded z [mm]\nc01_P10_loaded;1;2;3.5\n",
+         {"point_name": "{label}_{target}_{state}"},
+         "the template '{label}_{target}_{state}' is not needed: headers or columns give the state; "
+         "correct it, or omit `point_name` [point_name]"),
+        (CAMPAIGN, {"columns": {"P10 Loaded x": "P11 loaded x"}},
+         "no file has the header 'P10 Loaded x', which `columns` names; "
+         "write it in `columns` as the file does [columns]"),
+        (CAMPAIGN, {"ignore": ["shift"]},
+         "no file has the header 'shift', which `ignore` names; "
+         "write it in `ignore` as the file does [ignore]"),
+        ("name;Y;x;Z\n" + POINTS, {"units": MM},
+         "a.csv:1:2: 'Y' and 'x' and 'Z' are not spelt alike; "
+         "write x, y and z alike, or give their meaning in `columns` [columns]"),
+        ("shift;x [mm];y [mm];z [mm]\nok;1;2;3.5\n", {"ignore": ["shift"]},
+         "a.csv:1: no column names the observations or points; add a column with the header label or name; "
+         "or `by_order`, to number the rows of each file [by_order]"),
+        ("label;x_t;y_t;z_t\nc01;1;2;3\n", {},
+         "a.csv:1:2: 'x_t', read as t x, has no unit, nor have 2 others; "
+         "write it in the header, such as `x_t [mm]`, or give `units`; "
+         "if it means something else, give `columns`, such as x_t=x [units.length]"),
+    ],
+)  # fmt: skip
+def test_an_option_that_does_not_fit_is_named(text, options, said):
+    assert refusals(("a.csv", text), **options) == [said]
+
+
+KNOWN = "convert to one of N, kN, kgf"
+SILENT = "correct the header or `columns`; a unit is never converted silently"
+
+
+@pytest.mark.parametrize(
+    ("header", "meaning", "said"),
+    [
+        ("K [Pfund]", "Fz [N]", f"'K [Pfund]': 'Pfund' is not a known unit of force; {KNOWN}"),
+        ("K lbf", "Fz [N]", f"'K lbf': 'lbf' is not a known unit of force; {KNOWN}"),
+        (
+            "K (kg)",
+            "Fz [N]",
+            f"'K (kg)': 'kg' is not a known unit of force; {KNOWN}; a hung mass is `mass [kg]`",
+        ),
+        ("K N", "Fz [kN]", f"'K N' is in N, but 'Fz [kN]' by `columns`; {SILENT}"),
+        ("K [mm]", "Fz [N]", f"'K [mm]' is in mm, but 'Fz [N]' by `columns`; {SILENT}"),
+    ],
+)
+def test_a_unit_in_a_header_is_never_overruled(header, meaning, said):
+    text = CAMPAIGN.replace("Fz [N]", header)
+    assert refusals(("a.csv", text), columns={header: meaning}) == [f"a.csv:2:7: {said}"]
+
+
+def test_a_header_of_the_caller_fits_the_rows():
+    body = "\n".join([*ROWS[1:], ""])
+    said = refusals(("a.csv", body), header=ROWS[0].split(";")[:-1])
+    row = "13: the row has 13 cells, but the header 12 (delimiter: semicolon); give every row the same number"
+    assert [each[: len(row) + 8] for each in said[:3]] == [f"a.csv:{line}:{row}" for line in (1, 2, 3)]
+    assert said[3].startswith("a.csv:11: column P10 loaded z is missing; add it")
+    again = refusals(("a.csv", CAMPAIGN), header=ROWS[0].split(";"))
+    assert again[0] == f"a.csv:2:2: 'J1 [deg]' is not a number with a decimal point; {DIGITS}"
+    assert [each.split(" ")[0] for each in again] == [f"a.csv:2:{column}:" for column in range(2, 14)]
