@@ -131,7 +131,8 @@ def answered(*files: tuple[str, str | bytes], robot: Robot | None = None, **opti
 
 def refusals(*files: tuple[str, str | bytes], robot: Robot | None = None, **options: object) -> list[str]:
     """Return what is said of each fault of files: place, reason, remedy, and the option that corrects it."""
-    return [told(each) for each in answered(*files, robot=robot, show_faults=True, **options).faults]
+    answer = answered(*files, robot=robot, **{**options, "show_faults": True})
+    return [told(each) for each in answer.faults]
 
 
 def told(fault: ImportFault) -> str:

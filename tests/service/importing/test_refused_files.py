@@ -278,8 +278,9 @@ def test_labels_are_alike_in_all_files():
 )
 def test_a_template_of_names_has_each_part_once_with_text_between(template):
     assert refusals(("points.txt", POINTS), units=MM, point_name=template) == [
-        f"points.txt: the template '{template}' is invalid; in `point_name` use each of {{label}}, {{target}}, "
-        "{state} at most once, {any} for the rest, with a text such as _ between them [point_name]"
+        f"points.txt: the template '{template}' is invalid; "
+        "in `point_name` use each of {label}, {target}, {state} at most once, "
+        "{any} for the rest, with a text such as _ between them [point_name]"
     ]
 
 
