@@ -57,6 +57,57 @@ READ_POINTS = {
 }
 
 
+BARE = CAMPAIGN.replace(" [deg]", "").replace(" [N]", "").replace(" [mm]", "")
+"""A table without units."""
+
+HUNG = """\
+label;J1 [deg];mass [kg];P10 dx [mm];P10 dy [mm];P10 dz [mm]
+c01;10.5;150;0.1;0.2;-1.25
+c02;-15;150;0.1;0.25;-1.5
+"""
+
+STATES = """\
+label target state x[mm] y[mm] z[mm]
+c01 P10 unloaded 1 2 3.5
+c01 P10 Loaded 1.5 2 3
+"""
+
+GROUPED = """\
+Punkt;Achse;;P10 ohne Last;;;P10 mit Last;;
+;1;2;x;y;z;x;y;z
+c01;10.5;-20;1;2;3;1;2;2.5
+"""
+
+SPATIAL_ANALYZER = """\
+// SpatialAnalyzer
+// FRAME = A::R0
+// AXES = CARTESIAN: X,  Y,  Z (mm)
+Collection,  Group,  Point,  X,  Y,  Z
+Unloaded, c01, P10, 1.0, 2.0, 4.5
+Loaded, c01, P10, 1.0, 2.0, 4.0
+"""
+
+LEICA = """\
+"Time","Name","X  [mm]","Y  [mm]","Z  [mm]","U(95)  [mm]",
+"2026-11-20 10:00:01","c01_P10_u",1.5,2.25,3.5,0.03,
+"2026-11-20 10:00:09","c01_P10_l",1.5,2.25,3.1,0.04,
+"""
+
+TRACKER = """\
+Name,X  [mm],Y  [mm],Z  [mm],U(95) X  [mm],U(95) Y  [mm],U(95) Z  [mm],Target,Pressure  [mBar],Time,Delete,
+c01_P10_unloaded,1245.7134,-310.1127,239.2014,0.031,0.012,0.0,CCR 1.5in,1013.2,'08.11.2022 16:10:28.353,False,
+c01_P10_loaded,1245.6021,-310.1098,237.9853,0.031,0.012,0.0,CCR 1.5in,1013.2,'08.11.2022 16:11:28.353,False,
+c02_P10_unloaded,1102.5518,402.9017,318.4406,0.031,0.012,0.0,CCR 1.5in,1013.2,'08.11.2022 16:12:28.353,False,
+c02_P10_loaded,1102.4127,402.8613,316.8891,0.031,0.012,0.0,CCR 1.5in,1013.2,'08.11.2022 16:13:28.353,False,
+"""
+
+POSES = """\
+name,J1 [deg],J2 [deg],P1 unloaded x [mm],P1 unloaded y [mm],P1 unloaded z [mm],dx,dy,dz
+c01,10,20,1000,200,300,0.5,-0.25,0.125
+c02,30,40,900,400,350,-0.5,0.75,0
+"""
+
+
 @dataclass(frozen=True)
 class Dialect:
     """How to write a table."""

@@ -169,7 +169,8 @@ def test_positions_of_targets_and_their_deviations_are_poses_of_a_geometry(folde
         (
             "KR 500",
             "the catalogue has no arm 'KR 500' "
-            "remedy: `jointstiff robots` and GET /v1/catalogue list its arms; or describe yours by a DH table or URDF",
+            "remedy: `jointstiff robots` and GET /v1/catalogue list its arms; "
+            "or describe yours by a DH table or URDF",
         ),
     ],
 )
@@ -192,7 +193,8 @@ def test_readings_that_do_not_fit_the_robot_are_written_only_despite_errors(fold
     assert shown.count("do not use:") == 5
     assert (
         "use with care: c01: the model angle of joint_2 is 0.6431 rad, "
-        "outside its limits [-2.443, -0.08727] rad; check `units.angle`, the joint map, and the order of the joints"
+        "outside its limits [-2.443, -0.08727] rad; "
+        "check `units.angle`, the joint map, and the order of the joints"
     ) in shown
     assert (
         "do not use: c02: target 'P11' is 3.79 m away from its median position on the flange; "

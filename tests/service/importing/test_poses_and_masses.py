@@ -4,7 +4,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from support.importing_samples import answered, refusals
+from support.importing_samples import POSES, answered, refusals
 from support.workbooks import table_of
 
 from jointstiff.schemas.robot import RobotDocument
@@ -12,13 +12,7 @@ from jointstiff.service.conversion.prepared import prepare_robot
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.own_weight import unloaded_campaign
 
-POSES = """name,J1 [deg],J2 [deg],P1 unloaded x [mm],P1 unloaded y [mm],P1 unloaded z [mm],dx,dy,dz
-c01,10,20,1000,200,300,0.5,-0.25,0.125
-c02,30,40,900,400,350,-0.5,0.75,0
-"""
 PLUS = {f"d{axis}": f"P1 unloaded plus {axis} [mm]" for axis in "xyz"}
-COLUMN = "add it, or correct the header of the column that holds it"
-SKIP = "correct its header, or use `ignore`"
 
 
 def test_deviations_are_added_to_positions():
@@ -37,42 +31,6 @@ def test_deviations_are_added_to_positions():
     assert answer.missing[1] == (
         "the positions under load, or the robot's masses (`bodies`, or a table of masses), for its own weight"
     )
-
-
-@pytest.mark.parametrize(
-    ("columns", "said"),
-    [
-        ({**PLUS, "dy": "ignore", "dz": "ignore"}, [f"1:7: column P1 unloaded plus y is missing; {COLUMN}"]),
-        (
-            {**PLUS, "dz": "P2 unloaded plus z [mm]"},
-            [
-                f"1:7: column P1 unloaded plus z is missing; {COLUMN}",
-                f"1:9: column P2 unloaded plus x is missing; {COLUMN}",
-                f"1:9: 'dz' belongs to no position; {SKIP}",
-            ],
-        ),
-        (
-            {axis: meaning.replace("P1", "P2") for axis, meaning in PLUS.items()},
-            [f"1:7: 'dx' belongs to no position; {SKIP}"],
-        ),
-        (
-            {**PLUS, "dx": "P1 unloaded plus x [m]"},
-            ["1:7: P1 unloaded plus x is in m, but other columns are in mm; use one unit for every length"],
-        ),
-    ],
-)
-def test_deviations_are_those_of_a_position(columns, said):
-    assert refusals(("poses.csv", POSES), columns=columns) == [f"poses.csv:{each}" for each in said]
-
-
-def test_a_deviation_has_an_axis_and_is_not_empty():
-    (said,) = refusals(("poses.csv", POSES), columns={**PLUS, "dx": "P1 unloaded plus [mm]"})
-    assert said.startswith(
-        "poses.csv:1:7: unknown column header 'P1 unloaded plus [mm]'; use headers such as"
-    )
-    assert refusals(("poses.csv", POSES.replace("-0.5,0.75,0\n", ",,\n")), columns=PLUS) == [
-        "poses.csv:3:7: the deviation to be added is empty; fill it in"
-    ]
 
 
 def test_the_noise_of_poses_is_the_root_mean_square_of_their_uncertainties():

@@ -17,7 +17,6 @@ ENTER = (
     "enter a number, and format the cell as a number; replace a formula without a stored value by its value"
 )
 TEXTS = "xl/sharedStrings.xml"
-CELL = b'<c r="C3" t="n"><v>-35.125</v></c>'
 
 
 def edited(old, new):
@@ -101,65 +100,11 @@ def test_the_size_that_a_sheet_states_does_not_matter():
         (with_cell("#DIV/0!"), "error: '#DIV/0!'"),
         (with_cell("1.5", "@"), "text: '1.5'"),
         (with_cell("n/a"), "text: 'n/a'"),
-        (edited(CELL, b'<c r="C3"><f>B3*2</f></c>'), "formula: '= …'"),
-        (edited(CELL, b'<c r="C3"><f>B3*2</f><v/></c>'), "formula: '= …'"),
-        (edited(CELL, b'<c r="C3" t="e"><f>1/0</f><v>#DIV/0!</v></c>'), "error: '#DIV/0!'"),
-        (edited(CELL, b'<c r="C3" t="b"><f>1=1</f><v>1</v></c>'), "truth value: '1'"),
-        (edited(CELL, b'<c r="C3" t="str"><f>A1</f><v>-35.125</v></c>'), "text: '-35.125'"),
     ],
     ids=lambda value: value if isinstance(value, str) else "",
 )
 def test_a_cell_of_another_type_is_no_number(cell, kind):
     assert refusals(cell) == [f"a.xlsx:3:3: a number is needed, but the cell has type {kind}; {ENTER}"]
-
-
-def test_a_formula_with_an_empty_text_is_an_empty_cell():
-    cell = edited(CELL, b'<c r="C3" t="str"><f>A1</f><v></v></c>')
-    assert refusals(cell) == ["a.xlsx:3:3: the cell is empty, but needs a number; fill it in"]
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "said"),
-    [
-        (b'<row r="3"', b'<row r="2"', ":2:13: row '2' follows row 2"),
-        (b'<row r="3"', b'<row r="x"', ":2:13: row 'x' follows row 2"),
-        (b'r="C3"', b'r="B3"', ":3:2: cell 'B3' is not in its place"),
-        (b'r="C3"', b'r="C4"', ":3:2: cell 'C4' is not in its place"),
-        (b'r="C3"', b'r="c3"', ":3:2: cell 'c3' is not in its place"),
-        (b'r="M4"', b'r="XFD3"', ":4:12: cell 'XFD3' is not in its place"),
-        (b'r="M4"', b'r="IV1048576"', ":4:12: cell 'IV1048576' is not in its place"),
-        (b'r="C3"', b'r="XFD3"', ":3:16384: the sheet has more than 256 columns or 500000 cells"),
-        (b'r="A3" t="inlineStr"', b'r="A3" t="x"', ":3:1: a cell of unknown type 'x'"),
-        (b'r="A3" t="inlineStr"', b'r="A3"', ":3:1: elements 'is', which a cell of type 'n' cannot have"),
-        (b'<c r="C3"', b'<c s="999" r="C3"', ":3:3: a cell of unknown format '999'"),
-        (b"<v>-20.25</v>", b"<v>-20.25</v><v>1</v>",
-         ":2:3: elements 'v, v', which a cell of type 'n' cannot have"),
-        (b"<v>-20.25</v>", b"<w>-20.25</w>", ":2:3: elements 'w', which a cell of type 'n' cannot have"),
-        (b"<v>-20.25</v>", b"<is><t>-20.25</t></is>",
-         ":2:3: elements 'is', which a cell of type 'n' cannot have"),
-        (b"<v>-20.25</v>", b"<v>-20<b/>.25</v>",
-         ": an element 'b' that '{http://schemas.openxmlformats.org/spreadsheetml/2006/main}v' cannot have"),
-        (b"<t>c01</t>", b"<u>c01</u>",
-         ": an element 'u' that '{http://schemas.openxmlformats.org/spreadsheetml/2006/main}i…' cannot have"),
-        (CELL, b'<d r="C3"><v>-35.125</v></d>',
-         ": an element 'd' that '{http://schemas.openxmlformats.org/spreadsheetml/2006/main}r…' cannot have"),
-        (b'<row r="3"', b'<row><row r="3"/></row><row r="3"', ": the workbook is damaged: "
-         "element '{http://schemas.openxmlformats.org/spreadsheetml/2006/main}r…' is nested"),
-        (b"</sheetData>", b"</sheetdata>",
-         f": part '{SHEET}' is not well-formed (mismatched tag: line 1, column 2491)"),
-        (b"<worksheet", b"<!DOCTYPE a [<!ENTITY b 'c'>]><worksheet",
-         f": a document type in part '{SHEET}', which could define entities"),
-        (b"<sheetData>", b"<sheetData>" + b"<a>" * 40,
-         f": more than 32 levels of elements, or 100000 in one, in part '{SHEET}'"),
-    ],
-)  # fmt: skip
-def test_a_damaged_sheet_is_refused_rather_than_guessed(old, new, said):
-    assert refusals(edited(old, new)) == [f"a.xlsx{said}; {SAVE_AGAIN}"]
-
-
-def test_a_sheet_of_another_standard_has_no_rows():
-    other = edited(b"spreadsheetml/2006/main", b"spreadsheetml/2007/main")
-    assert refusals(other) == ["a.xlsx: the file has no row of data; check that it is the right file"]
 
 
 def with_shared_texts(content):
