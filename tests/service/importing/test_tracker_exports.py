@@ -240,9 +240,8 @@ def test_a_remark_with_an_unknown_unit_is_refused():
 def test_a_remark_that_states_no_other_unit_is_skipped(remark):
     imported = read(listed(remark))
     assert points_of(imported) == {key: place for key, place in READ_POINTS.items() if key[2] == "unloaded"}
-    text = remark.lstrip("#/ ")
-    said = [f"comments were skipped (1 line); the first: '{text}'"]
-    assert imported.preview.files[0].assumptions == said
+    said = f"comments were skipped (1 line); the first: '{remark.lstrip('#/ ')}'"
+    assert imported.preview.files[0].assumptions == [said]
     assert imported.preview.files[0].columns[1].unit == "mm"
 
 
@@ -257,8 +256,7 @@ def test_a_remark_that_states_no_other_unit_is_skipped(remark):
 )
 def test_a_comment_that_names_the_columns_is_their_header(comment, order):
     imported = read(("a.csv", f"{comment}\n{POINTS}"), units=MM)
-    places = zip(*(READ_POINTS[key] for key in READ_POINTS), strict=True)
-    columns = dict(zip(order, places, strict=True))
+    columns = dict(zip(order, zip(*READ_POINTS.values(), strict=True), strict=True))
     assert list(points_of(imported).values()) == list(zip(*(columns[axis] for axis in "xyz"), strict=True))
     assert imported.preview.files[0].assumptions[1] == "the comment in line 1 was used as the header"
 
