@@ -234,3 +234,20 @@ def test_a_correction_is_held_back_by_its_limits(limits, capped, share, residual
     assert np.linalg.norm(found.correction[:, 3:], axis=1).max() <= limits.rotation * 1.01
     # The correction moves the tool against its displacement.
     assert found.correction[20] == pytest.approx(-share * found.uncorrected[20], rel=0.02)
+
+
+@pytest.mark.parametrize(
+    ("ramp", "shares"),
+    [
+        (0.8, [0.0, 0.798995, 1.0, 1.0, 0.768023, 0.0]),
+        (30.0, [0.0, 0.021307, 0.134787, 0.166729, 0.020481, 0.0]),
+    ],
+)
+def test_corrections_begin_and_end_with_the_load(ramp, shares):
+    cases = load_cases(ARM, 40, force=1500.0, moment=0.0, seed=5)
+    point, force = np.tile([0.0, 0.05, 0.25], (40, 1)), cases.force.copy()
+    force[:5] = force[-8:] = 0.0
+    found = ramp_shares(ROBOT, replace(cases, load_point=point, place=point, force=force), ramp)
+    assert found[[5, 6, 7, 29, 30, 31]] == pytest.approx(shares, abs=1e-5)
+    assert not found[[*range(5), *range(32, 40)]].any()
+    assert found.max() == 1.0
