@@ -44,8 +44,8 @@ NOT_RUN = {
     "pg_restore ": "needs a server of databases",
     "jointstiff serve": "does not end; the service of this test is one",
     "jointstiff worker": "does not end, and needs a server of databases; test_long_runs.py runs it",
-    "jointstiff keys revoke": "needs the id of a key; transcripts/keys.txt runs it",
-    "jointstiff keys link": "needs the id of a key; transcripts/keys.txt runs it",
+    "jointstiff keys revoke": "needs the id of a key; tests/service/cli/test_keys.py runs it",
+    "jointstiff keys link": "needs the id of a key; tests/service/cli/test_keys.py runs it",
 }
 """Beginnings of lines that are left out, with the reason."""
 

@@ -1,4 +1,4 @@
-"""What commands start and follow; what they say stands in the transcripts of commands and keys."""
+"""What commands start and follow."""
 
 import json
 import os

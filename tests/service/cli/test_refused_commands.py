@@ -1,0 +1,169 @@
+"""Commands that are refused before anything is written; simulated campaigns; words that a shell completes."""
+
+import json
+from functools import partial
+
+import numpy as np
+import pytest
+from support.programs import options, path, tool_poses
+from support.terminal import terminal
+from typer.testing import CliRunner
+
+from jointstiff.service.cli.app import app
+from jointstiff.simulator import default_arm, simulate_campaign
+from jointstiff.simulator.programs import program_text
+
+KRL = options("krl", axes="tool")
+LOAD = ["--force", "0,0,-500", "--load-point", "0,0,150.5"]
+run = partial(terminal, width=160)
+
+
+def words(text):
+    """Return a text of the terminal without line ends."""
+    return " ".join(text.split())
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path, monkeypatch):
+    """Work in a folder with a campaign, a program and its options."""
+    monkeypatch.chdir(tmp_path)
+    document = simulate_campaign(default_arm(), load="pull", configurations=12, seed=1)
+    radians = KRL | {"units": {"length": "mm", "angle": "rad", "force": "kN"}}
+    files = {"pull": document, "options": KRL, "radians": radians}
+    for name, content in files.items():
+        (tmp_path / f"{name}.json").write_text(json.dumps(content))
+    (tmp_path / "path.src").write_text(program_text("krl", tool_poses(path(6)), 4))
+    return tmp_path
+
+
+def compensate(name, *others, off=True):
+    option = ["--accuracy-option", "off"] if off else []
+    return run("compensate", "pull.json", "path.src", "-o", "out.src", *option, "--options", name, *others)
+
+
+def test_lengths_and_angles_at_the_terminal_become_those_of_the_file(folder):
+    shown = compensate("radians.json", *LOAD, "--start", "10,0,90,0,0,0", "--json")
+    request = json.loads(shown.stdout)["request"]
+    assert request["load"]["force"] == pytest.approx([0.0, 0.0, -0.5])
+    assert request["load_point"] == pytest.approx([0.0, 0.0, 150.5])
+    assert request["start"] == pytest.approx(np.radians([10.0, 0.0, 90.0, 0.0, 0.0, 0.0]))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (
+            ["radians.json", *LOAD, "--start", "10,0,90,0,0,0,1.5"],
+            "Error: Invalid value for --start: linear axes are not in deg, "
+            "and the file of options has angles in rad; remedy: state `start` in that file, in its units",
+        ),
+        (
+            ["options.json", "--load-point", "0,0,6000"],
+            "load_point: the point is 6 m from the flange, where no tool reaches "
+            "remedy: check its unit; a point on the tool is at most 5 m from the flange",
+        ),
+        (["pull.json"], "the file is a campaign remedy: use `jointstiff identify FILE`"),
+        (
+            ["options.json", "--accuracy-option", "compensates_load"],
+            "accuracy_option: the controller already compensates the load, which would be compensated twice "
+            "remedy: switch the controller's accuracy option off, measure with it off, and give `off`",
+        ),
+    ],
+)
+def test_a_program_that_cannot_be_compensated_is_not_written(folder, arguments, said):
+    refused = compensate(*arguments)
+    assert refused.exit_code == 2
+    assert words(refused.stderr).endswith(said)
+    assert not (folder / "out.src").exists()
+
+
+def test_a_result_that_must_not_be_used_compensates_no_program(folder):
+    turned = json.loads((folder / "pull.json").read_text())
+    for one in turned["measurement_set"]["observations"]:
+        one["joints"] = np.radians(one["joints"]).tolist()
+    (folder / "pull.json").write_text(json.dumps(turned))
+    refused = compensate("options.json")
+    assert refused.exit_code == 2
+    assert words(refused.stderr) == (
+        "The result must not be used all readings: the angles seem to be in rad, not in deg as declared: "
+        "as posted, the targets keep one position on the flange in 1 of 12 observations; "
+        "with all angles taken as radians, in 12 of 12, within 52.2 µm; set `units.angle` to rad "
+        "remedy: follow the remedies of its reasons and identify again; "
+        "to continue anyway, give `--despite-verdict`"
+    )
+    assert not (folder / "out.src").exists()
+    assert compensate("options.json", "--despite-verdict").exit_code == 0
+    assert (folder / "out.src").exists()
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        (
+            '{"robot": 1,}',
+            "other.json: Invalid JSON: trailing comma at line 1 column 13 "
+            "remedy: correct the JSON there; to read tables and point lists use `jointstiff import FILE`",
+        ),
+        (
+            "x;y",
+            "other.json is a text, not a JSON document "
+            "remedy: to read tables and point lists use `jointstiff import FILE`",
+        ),
+        (
+            '{"robot": {}, "measurement_set": 1}',
+            "other.json does not match the schema robot.name: required field is missing; add this field "
+            "robot.model: required field is missing; add this field measurement_set: must be an object",
+        ),
+    ],
+)
+def test_of_two_files_the_one_that_is_broken_is_named(folder, content, said):
+    (folder / "other.json").write_text(content)
+    refused = run("compare", "pull.json", "other.json")
+    assert (refused.exit_code, words(refused.stderr)) == (2, said)
+
+
+def test_a_simulated_campaign_depends_on_its_seed_alone_and_replaces_no_file(folder):
+    kept = (folder / "pull.json").read_bytes()
+    refused = run("simulate", "pull.json")
+    assert (refused.exit_code, words(refused.stderr)) == (
+        2, "pull.json exists remedy: choose another name, or --overwrite"
+    )  # fmt: skip
+    assert (folder / "pull.json").read_bytes() == kept
+    written = []
+    for seed in (2, 2, 3):
+        assert (
+            run("simulate", "s.json", "--overwrite", "--load", "dead_weight", "--seed", seed).exit_code == 0
+        )
+        written.append((folder / "s.json").read_bytes())
+    assert written[0] == written[1] != written[2]
+
+
+def test_the_help_lists_the_commands_in_the_order_of_work():
+    shown = terminal("--help").stdout
+    lines = shown[shown.index("Commands:") :].splitlines()[1:]
+    assert [line.split()[0] for line in lines] == [
+        "simulate", "examples", "identify", "compare", "geometry", "plan", "map", "fleet", "compensate",
+        "measure", "import", "predict", "robots", "export", "report", "serve", "worker", "post",
+        "demo", "keys",
+    ]  # fmt: skip
+    assert "  identify    Identify the joint stiffnesses of a campaign." in lines
+    assert "  keys        Create, list and revoke the keys that open a service." in lines
+    assert (
+        "Start with `jointstiff simulate campaign.json`, then `jointstiff identify campaign.json`."
+        in words(shown)
+    )
+
+
+@pytest.mark.parametrize(
+    ("line", "completed"),
+    [
+        ("ide", "identify"),
+        ("identify --meth", "--method"),
+        ("identify --method dec", "decoupled_partial_pose"),
+    ],
+)
+def test_a_shell_completes_commands_options_and_values(line, completed):
+    typed = f"jointstiff {line}"
+    count = str(len(typed.split()) - 1)
+    environment = {"_JOINTSTIFF_COMPLETE": "complete_bash", "COMP_WORDS": typed, "COMP_CWORD": count}
+    assert CliRunner().invoke(app, [], env=environment, prog_name="jointstiff").stdout.split() == [completed]
