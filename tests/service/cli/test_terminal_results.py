@@ -334,8 +334,8 @@ def test_a_program_is_corrected_and_its_points_are_written():
         "&ACCESS RVP",
         "DEF path()",
         "$TOOL=TOOL_DATA[1]",
-        "LIN {X 1809.81,Y 268.9044,Z 1492.48,A -161.492,B 39.54207,C -170.984} C_DIS",
-        "LIN {X 1366.63,Y 139.5644,Z 1579.67,A -168.26,B 42.54148,C -162.739} C_DIS",
+        "LIN {X 1809.8108,Y 268.9044,Z 1492.4817,A -161.49172,B 39.54207,C -170.98413} C_DIS",
+        "LIN {X 1366.6314,Y 139.5644,Z 1579.6742,A -168.25951,B 42.54148,C -162.73950} C_DIS",
         "END",
     )
     first, *_ = written(Path("points.csv").read_text())
