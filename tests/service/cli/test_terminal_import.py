@@ -212,9 +212,7 @@ def asking(monkeypatch):
 @pytest.mark.usefixtures("asking")
 def test_what_is_missing_is_asked_for_until_the_answer_can_be_used():
     bare = TABLE.decode().replace(" [rad]", "").replace(" [m]", "")
-    lines = (
-        line.replace(";", ";night;" if i else ";shift;", 1) for i, line in enumerate(bare.splitlines())
-    )
+    lines = (line.replace(";", ";night;" if i else ";shift;", 1) for i, line in enumerate(bare.splitlines()))
     Path("cell.csv").write_text("\n".join(lines) + "\n")
     answers = ["", "rad", "mm in", "m", "", "0,0", "0,0,120", "", "robot.json"]
     said = typed("import cell.csv --output asked.json", input="\n".join(answers) + "\n")
@@ -244,7 +242,9 @@ def test_what_is_missing_is_asked_for_until_the_answer_can_be_used():
 @pytest.mark.usefixtures("asking")
 def test_words_of_states_and_a_far_load_point_are_asked_for():
     Path("pre.csv").write_text(CAMPAIGN.replace("unloaded", "pre").replace("loaded", "post"))
-    said = typed("import pre.csv --output asked.json", input="\n".join(["", "0,0,6000", "", "y", "none"]) + "\n")
+    said = typed(
+        "import pre.csv --output asked.json", input="\n".join(["", "0,0,6000", "", "y", "none"]) + "\n"
+    )
     assert_said(
         said,
         "│ 8 │ P10 pre x [mm] │ P10 unloaded x │ mm │ 1245.7134; 1102.5518 │",

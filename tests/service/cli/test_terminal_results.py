@@ -128,7 +128,9 @@ def test_an_exported_table_has_numbers_of_each_joint_in_the_units_of_their_heade
 
 def test_deflections_are_predicted_with_their_uncertainty():
     assert_said(
-        typed("predict pull.json postures.csv --load-point 0,0,120 --run run.json --output p.csv --overwrite"),
+        typed(
+            "predict pull.json postures.csv --load-point 0,0,120 --run run.json --output p.csv --overwrite"
+        ),
         "Use this prediction: nothing speaks against it; all 6 joints of its run passed the checks",
         "Deflections in R0, with U without model error",
         "a -0.254 ± 0.017",
@@ -256,7 +258,9 @@ def test_a_map_along_the_flange_takes_the_best_of_its_turns_and_bounds_its_model
 
 
 def test_a_map_as_csv_has_a_row_for_each_place():
-    rows = written(terminal("map", "pull.json", "--options", "area.json", "--run", "run.json", "--csv").stdout)
+    rows = written(
+        terminal("map", "pull.json", "--options", "area.json", "--run", "run.json", "--csv").stdout
+    )
     assert [numbers(row, "x [m]", "y [m]", "z [m]") for row in rows] == [
         [1.4, -0.2, 0.6],
         [1.4, 0.2, 0.6],
