@@ -44,7 +44,8 @@ def test_a_joint_that_the_load_never_twists_has_no_number_and_says_what_to_do():
         "│ joint_6 │ 0.088 │ 0.016 │ 0.064 … 0.138 │ roughly known │",
         "stiffness, its standard uncertainty and interval in 10⁶ N·m/rad",
         "joint_1: the load never twists it: add loads that twist it",
-        "To do 1. joint_1: in posture c10 apply 1500 N along (0.34, 0.94, 0.00): the uncertainty of joint_1's "
+        "To do 1. joint_1: in posture c10 apply 1500 N along (0.34, 0.94, 0.00): the uncertainty of "
+        "joint_1's "
         "compliance falls to 0.0017 µrad/(N·m)",
     )
 
@@ -64,7 +65,8 @@ def test_assumed_errors_and_confused_units_of_force_are_said_with_every_result()
 def test_details_have_the_evidence_behind_the_numbers():
     assert_said(
         typed("identify weight.json --details"),
-        "explains 98.8 % of the mean deflection, residual 44.2 µm rms (3-D), sigma of a reading 20 µm (given)",
+        "explains 98.8 % of the mean deflection, residual 44.2 µm rms (3-D), sigma of a reading 20 µm "
+        "(given)",
         "Joints alone: no sign that anything else bends (F test of links beside joints: p = 0.9).",
         "χ²/dof 0.85: consistent with sigma (1 if model and sigma are right; 103 degrees of freedom)",
         "uncertainty from readings (type B): 0.47 to 4.7 % of a compliance",
@@ -151,8 +153,10 @@ def test_a_thousand_fits_are_drawn_where_no_number_is_given():
         (
             "--elasticity joints --cause load_point",
             [
-                "Use with care: 1 reason every load point moved by (-9.25, 1.95, 9.44) mm ± (8.38, 4.41, 29.8) mm "
-                "in the flange frame (95 %) was fitted beside the joints; the intervals hold its uncertainty, and "
+                "Use with care: 1 reason every load point moved by (-9.25, 1.95, 9.44) mm ± (8.38, 4.41, "
+                "29.8) mm "
+                "in the flange frame (95 %) was fitted beside the joints; the intervals hold its "
+                "uncertainty, and "
                 "what was stated stays refuted",
                 "│ joint_1 │ 3.827 │ 0.046 │ 3.739 … 3.918 │ use with care │",
                 "To do 1. measure the load point on the flange "
@@ -235,7 +239,8 @@ def test_two_campaigns_are_compared_joint_by_joint():
         "│ joint_3 │ 2.485(44) │ 1.991(34) │ 0.801 │ 0.783 … 0.820 │ < 0.0001 │",
         "│ joint_4 │ 0.443(38) │ 0.433(19) │ 0.98 │ 0.82 … 1.15 │ 0.78 │",
         "ratio of the stiffnesses, second to first; p: p-value of equal stiffnesses",
-        "deflection avoided by the second side: no observation is common to both sides; predicted -5.6 % in all",
+        "deflection avoided by the second side: no observation is common to both sides; predicted -5.6 % "
+        "in all",
         "joint_3 1 free 2.470(49) 2.485(44) 2.485(44) 2.497(58)",
         "CP/L 2 ≥ 0 98.2 % 47 2.68",
         "warning: 12 observations have the same label but different postures or loads, or no common target; "
@@ -289,7 +294,8 @@ def test_a_wrong_word_is_answered_with_those_that_are_known(line, said):
         (
             "import",
             '{"a": 1, }',
-            "Invalid JSON: trailing comma at line 1 column 10 remedy: correct the JSON there; it must be UTF-8",
+            "Invalid JSON: trailing comma at line 1 column 10 remedy: correct the JSON there; it must be "
+            "UTF-8",
         ),
     ],
 )

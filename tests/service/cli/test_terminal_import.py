@@ -42,7 +42,8 @@ def test_a_table_is_shown_as_it_is_read_with_what_is_missing():
         "│ 8 │ P10 unloaded x [mm] │ P10 unloaded x │ mm │ 1245.7134; 1102.5518 │",
         "│ 13 │ P10 loaded z [mm] │ P10 loaded z │ mm │ 237.9853; 316.8891 │",
         "assumed: comments were skipped (1 line); the first: 'cell 3, dead weight, 2026-11-20'",
-        "3 observations (c01, c02, c03), 3 joints, 3 complete readings; targets: P10; states: unloaded, loaded",
+        "3 observations (c01, c02, c03), 3 joints, 3 complete readings; targets: P10; states: unloaded, "
+        "loaded",
         "missing: the load point (`--load-point`), in the flange frame",
         "missing: the encoders that close the position loop (`--encoders`): motor or secondary",
     )
@@ -121,7 +122,8 @@ UNITLESS = (
     [
         (
             "table.csv --units length=inch,angle=deg,force=N",
-            "--units length: must be 'm', 'mm' or 'in' remedy: use one of the words named, as they are written",
+            "--units length: must be 'm', 'mm' or 'in' remedy: use one of the words named, as they are "
+            "written",
         ),
         (
             "table.csv --point-name ''",
@@ -154,7 +156,8 @@ UNITLESS = (
         ),
         (
             "table.csv --output new.json --encoders motor",
-            "nothing was written, because this is missing: the load point (`--load-point`), in the flange frame "
+            "nothing was written, because this is missing: the load point (`--load-point`), in the flange "
+            "frame "
             "remedy: add it",
         ),
         ("points.txt", UNITLESS),
@@ -172,7 +175,8 @@ def test_readings_of_a_known_robot_are_inspected_and_a_file_is_not_written_over(
     assert_said(
         typed(line),
         "│ 2 │ J1 [rad] │ joint 1 │ rad │ 0.393; -1.5543 │",
-        "6 observations (c01, c02, c03, c04, c05, …), 6 joints, 18 complete readings; targets: P10, P11, P12; "
+        "6 observations (c01, c02, c03, c04, c05, …), 6 joints, 18 complete readings; targets: P10, P11, "
+        "P12; "
         "states: unloaded, loaded",
         "complete: a measurement set integrity: nothing suspicious",
         "wrote new.json, a campaign; now: jointstiff identify new.json",
@@ -183,7 +187,8 @@ def test_readings_of_a_known_robot_are_inspected_and_a_file_is_not_written_over(
 def test_readings_with_errors_are_written_only_despite_them():
     line = f"import wrong.csv --robot robot.json {STATED} --output other.json"
     errors = (
-        "do not use: the angles seem to be in rad, not in deg as declared: no joint turns by more than 2.79° in 6 "
+        "do not use: the angles seem to be in rad, not in deg as declared: no joint turns by more than "
+        "2.79° in 6 "
         "observations; set `units.angle` to rad",
         "do not use: the angles seem to be in rad, not in deg as declared: as posted, the targets keep one "
         "position on the flange in 1 of 6 observations; with all angles taken as radians, in 6 of 6, within "

@@ -49,7 +49,8 @@ def test_a_revoked_key_is_listed_as_such():
     [
         (
             "--role owner",
-            "Error: Invalid value for '--role': Value error, 'owner' is not one of 'viewer', 'operator', 'admin'.",
+            "Error: Invalid value for '--role': Value error, 'owner' is not one of 'viewer', 'operator', "
+            "'admin'.",
         ),
         (
             "--role viewer --expires 2001-01-01",

@@ -36,7 +36,8 @@ def test_a_goal_takes_five_readings_and_one_that_is_held_out():
         "goes on: the goal is met; one held-out reading checks it",
         "m06: share of the goal 0.49, joint_6 ± 15 %, as expected with p 0.97, held out: as near to its "
         "prediction as 90 % of good readings, reached",
-        "reached after 6 readings, without the assumed errors of load point and force (with them ± 38 %); the "
+        "reached after 6 readings, without the assumed errors of load point and force (with them ± 38 %); "
+        "the "
         "held-out one is as near to its prediction as 90 % of good readings",
         "wrote closed.json",
     )
@@ -70,12 +71,14 @@ def test_a_campaign_that_ends_early_says_what_it_knows():
     [
         (
             "--goal 'below 3 %' --source simulated:1",
-            'goal: \'below 3 %\' is no goal remedy: write "15 %" for every joint, "6 um" for the deflection in '
+            'goal: \'below 3 %\' is no goal remedy: write "15 %" for every joint, "6 um" for the '
+            "deflection in "
             'the work area, or "below 0.5 mm" for a decision about it',
         ),
         (
             "--goal '30 %' --source magic:1",
-            "source: there is no source 'magic' remedy: give one of lines, robodk, simulated, such as simulated:1",
+            "source: there is no source 'magic' remedy: give one of lines, robodk, simulated, such as "
+            "simulated:1",
         ),
     ],
 )

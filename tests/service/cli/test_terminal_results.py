@@ -97,9 +97,11 @@ def test_an_exported_model_says_its_origin_verdict_and_intervals():
         "Joint stiffness of simulated 6R, identified from laser-tracker readings by jointstiff ",
         "Method: partial pose, covariance weights, compliances not negative. Intervals at 95 %.",
         "Verdict on the result: use.",
-        "Lengths in m, angles in rad, stiffness in N·m/rad. Angles are those of the model, in the frame of the "
+        "Lengths in m, angles in rad, stiffness in N·m/rad. Angles are those of the model, in the frame of "
+        "the "
         "link base_link.",
-        "Masses and inertias are placeholders of the format, not of the robot, and gravity is off: add those of "
+        "Masses and inertias are placeholders of the format, not of the robot, and gravity is off: add "
+        "those of "
         "the robot for dynamics or own weight.",
         "joint_1: 3.821 · 10⁶ N·m/rad (95 % interval 3.735 … 3.911); verdict: use",
         "joint_6: 0.083 · 10⁶ N·m/rad (95 % interval 0.059 … 0.138); verdict: use",
@@ -289,10 +291,12 @@ def test_a_plan_says_what_it_adds_and_is_a_campaign_to_fill_in():
         "by the noise of the readings alone; model error comes on top",
         "p1 -150.0 -4.0 48.0 -10.0 95.0 -15.0 1500",
         "v2 -22.0 69.0 37.0 44.0 -73.0 68.0 1500",
-        "v…: held out, to judge the model. Targets: P10, P11, P12. Load point in the flange frame: -60, 20, 180 mm",
+        "v…: held out, to judge the model. Targets: P10, P11, P12. Load point in the flange frame: -60, "
+        "20, 180 mm",
         "certified: at least 100.0 % of the best list's information (relative uncertainty of the joints)",
         "200 of 200 readings were feasible",
-        "the list has only the new readings, but the predicted uncertainties also use those of the campaign so "
+        "the list has only the new readings, but the predicted uncertainties also use those of the "
+        "campaign so "
         "far: identify both together, as in the campaign to fill in",
         "│ Distinct angle │ 10° │",
         "wrote filled.json",
@@ -352,7 +356,8 @@ def test_a_program_is_corrected_and_its_points_are_written():
 def test_moves_are_explained_before_they_are_corrected():
     assert_said(
         typed("compensate pull.json path.src --explain"),
-        "line 7: 1809.57, 269.279, 1489.68, -161.541, 39.3967, -171.051, base BASE_DATA[1], tool TOOL_DATA[1]: "
+        "line 7: 1809.57, 269.279, 1489.68, -161.541, 39.3967, -171.051, base BASE_DATA[1], tool "
+        "TOOL_DATA[1]: "
         "corrected",
         "4 of 4 moves can be corrected, 0 left",
     )
