@@ -251,32 +251,6 @@ def test_two_campaigns_are_compared_joint_by_joint():
 
 
 @pytest.mark.parametrize(
-    ("line", "said"),
-    [
-        (
-            "identify pull.json --cause moon",
-            "run.causes: the readings have nothing that shows 'moon' "
-            "remedy: give one of: constant_force, load_point, load_zero, play, shift, turn",
-        ),
-        ("identify nothing.json", "Error: Invalid value for 'FILE': file 'nothing.json' does not exist."),
-        (
-            "identify pull.json --method magic",
-            "Error: Invalid value for '--method': 'magic' is not one of 'complete_pose', 'partial_pose', "
-            "'decoupled_partial_pose'.",
-        ),
-        (
-            "identify pull.json --unit furlong",
-            "Error: Invalid value for '--unit': 'furlong' is not one of 'MNm/rad', 'kNm/deg', 'Nm/arcmin', "
-            "'Nm/rad', 'urad/Nm'.",
-        ),
-        ("dance", "Error: No such command 'dance'."),
-    ],
-)
-def test_a_wrong_word_is_answered_with_those_that_are_known(line, said):
-    assert refused(line) == said
-
-
-@pytest.mark.parametrize(
     ("command", "content", "said"),
     [
         (

@@ -111,65 +111,6 @@ def test_joints_and_points_in_two_files_are_one_set_and_guesses_are_marked():
     )
 
 
-UNITLESS = (
-    "points.txt:2: position x has no unit, nor have 2 others "
-    "remedy: write it in the header, such as `x [mm]`, or give `--units`"
-)
-
-
-@pytest.mark.parametrize(
-    ("arguments", "said"),
-    [
-        (
-            "table.csv --units length=inch,angle=deg,force=N",
-            "--units length: must be 'm', 'mm' or 'in' remedy: use one of the words named, as they are "
-            "written",
-        ),
-        (
-            "table.csv --point-name ''",
-            "--point-name: must have at least 1 character remedy: compare with an example: "
-            "`jointstiff simulate FILE` writes one, and /openapi.json has them",
-        ),
-        (
-            "table.csv --state-word a=heavy",
-            "--state-word a: must be 'unloaded', 'loaded' or 'deflection' "
-            "remedy: use one of the words named, as they are written",
-        ),
-        (
-            "table.csv --robot table.csv",
-            "table.csv is a text, not a JSON document "
-            "remedy: to read tables and point lists use `jointstiff import FILE`",
-        ),
-        (
-            "table.csv --load-point 1,2",
-            "Error: Invalid value for '--load-point': '1,2' must be three numbers, such as 0,0,120.5",
-        ),
-        ("table.csv --flange-target P10", "Error: Invalid value for '--flange-target': 'P10' has no '='"),
-        (
-            "table.csv --about measured_at=2026-11-20",
-            "--about.measured_at: Input should have timezone info "
-            "remedy: add the time zone, such as 2026-11-20T14:30:00+01:00",
-        ),
-        (
-            "table.csv --about colour=red",
-            "--about.colour: unknown field remedy: remove it, or check its spelling",
-        ),
-        (
-            "table.csv --output new.json --encoders motor",
-            "nothing was written, because this is missing: the load point (`--load-point`), in the flange "
-            "frame "
-            "remedy: add it",
-        ),
-        ("points.txt", UNITLESS),
-        ("table.csv points.txt", UNITLESS),
-        ("nothing.csv", "Error: Invalid value for 'FILES...': file 'nothing.csv' does not exist."),
-    ],
-)
-def test_what_is_refused_is_named_by_its_option_with_a_remedy(arguments, said):
-    assert refused(f"import {arguments}") == said
-    assert not Path("new.json").exists()
-
-
 def test_readings_of_a_known_robot_are_inspected_and_a_file_is_not_written_over():
     line = f"import cell.csv --robot robot.json {STATED} --output new.json"
     assert_said(

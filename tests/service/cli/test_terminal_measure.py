@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import pytest
 import typer
-from support.command_lines import assert_said, refused, typed
+from support.command_lines import assert_said, typed
 from support.terminal import terminal
 
 from jointstiff.service.cli.at_terminal import AtTerminal
@@ -64,26 +64,6 @@ def test_a_campaign_that_ends_early_says_what_it_knows():
     assert (second["doubtful"], second["causes"], second["message"]) == (False, [], "as expected")
     assert answer["result"]["budget"]["missing"] == ["model_error"]
     assert answer["result"]["compensation"] == pytest.approx(0.98796, rel=1e-4)
-
-
-@pytest.mark.parametrize(
-    ("options", "said"),
-    [
-        (
-            "--goal 'below 3 %' --source simulated:1",
-            'goal: \'below 3 %\' is no goal remedy: write "15 %" for every joint, "6 um" for the '
-            "deflection in "
-            'the work area, or "below 0.5 mm" for a decision about it',
-        ),
-        (
-            "--goal '30 %' --source magic:1",
-            "source: there is no source 'magic' remedy: give one of lines, robodk, simulated, such as "
-            "simulated:1",
-        ),
-    ],
-)
-def test_what_is_no_goal_or_no_source_is_refused(options, said):
-    assert refused(f"measure pull.json {options}") == said
 
 
 @pytest.fixture

@@ -173,59 +173,6 @@ def test_a_prediction_at_a_place_has_compliance_along_the_force_and_in_the_worst
     assert budget["expanded_uncertainty"] == pytest.approx(1.7343e-6, rel=1e-3)
 
 
-@pytest.mark.parametrize(
-    ("line", "said"),
-    [
-        (
-            "predict pull.json postures.csv --place 0,0,99999",
-            "prediction.place: the point is 99.999 m from the flange, where no tool reaches "
-            "remedy: check its unit; a point on the tool is at most 5 m from the flange",
-        ),
-        (
-            "predict pull.json postures.csv",
-            "prediction.cases[0].load_point: the load point is missing "
-            "remedy: give load_point, in the flange frame, for all cases or for each",
-        ),
-        (
-            "predict pull.json postures.csv --load-point 0,0,120 --confidence 2",
-            "prediction.confidence: Input should be less than or equal to 0.9999 remedy: correct it",
-        ),
-        (
-            "predict pull.json bad.csv",
-            "prediction.line 1: the column J2 is missing "
-            "remedy: give one column for each joint and three for each vector",
-        ),
-        (
-            "map pull.json --options area.json --run run.json --place 0,0,9999",
-            "map.place: the point is 9.999 m from the flange, where no tool reaches "
-            "remedy: check its unit; a point on the tool is at most 5 m from the flange",
-        ),
-        (
-            "map pull.json --place 0,0,250",
-            "Options are missing or wrong area: required field is missing; state it in the JSON file of "
-            "`--options` grid: required field is missing; state it in the JSON file of `--options` "
-            "force: required field is missing; give `--force`",
-        ),
-        (
-            "compensate pull.json path.src --options options.json",
-            "Error: Invalid value for --output: is missing: name the file to write",
-        ),
-        (
-            "compensate pull.json path.src --output o.src --accuracy-option compensates_load",
-            "body: state the load of the process: one of `--force`, `segments` and `--loads` "
-            "remedy: correct the field as the reason says",
-        ),
-        (
-            "compensate pull.json path.src --output o.src --tool a,b",
-            "Error: Invalid value for '--tool': 'a,b' must be numbers, such as 0,0,215.5",
-        ),
-    ],
-)
-def test_what_is_wrong_is_named_with_its_place_and_remedy(line, said):
-    Path("bad.csv").write_text("label,J1 [deg]\na,1\n")
-    assert refused(line) == said
-
-
 def test_a_map_shows_its_worst_and_its_stiffest_place():
     assert_said(
         typed("map pull.json --options area.json --run run.json --details"),

@@ -1,5 +1,6 @@
 """States of a live campaign: what is next, what readings say so far, what is refused, and the end."""
 
+import json
 from math import radians
 
 import numpy as np
@@ -7,6 +8,7 @@ import pytest
 from fastapi.testclient import TestClient
 from support.api import post
 from support.live import ARM, EXACT, OPEN, declared, described, measured, read
+from support.rows import rows_of
 
 from jointstiff.service.app import create_app
 from jointstiff.service.live.declaration import goal_of
@@ -224,77 +226,12 @@ def test_a_closed_set_is_an_ordinary_one_with_a_run_that_keeps_the_verdict(clien
     assert state_of(client, address)["run_id"] == run["id"]
 
 
-@pytest.mark.parametrize(
-    ("change", "where", "detail", "remedy"),
-    [
-        (
-            {"goal": {"kind": "joints", "relative": 0}},
-            "open.goal.joints.relative",
-            "1 fault; first: open.goal.joints.relative: must be greater than or equal to 0.001",
-            "compare with an example: `jointstiff simulate FILE` writes one, and /openapi.json has them",
-        ),
-        (
-            {"goal": None},
-            "open.goal",
-            "1 fault; first: open.goal: must be an object",
-            "compare with an example: `jointstiff simulate FILE` writes one, and /openapi.json has them",
-        ),
-        *(
-            (
-                {"goal": goal},
-                "open.work_area",
-                "the goal is about deflections, and the work area is missing",
-                "give the corners of the box in which they matter, in R0, or the goal `joints`",
-            )
-            for goal in ({"kind": "deflection", "uncertainty": 1e-5}, {"kind": "decision", "limit": 5e-3})
-        ),
-        (
-            {"targets": {}},
-            "targets",
-            "the positions of the targets are missing",
-            "give `targets`: name and position of at least one target, in the flange frame, in m",
-        ),
-        (
-            {"load": None},
-            "load",
-            "the loads are missing",
-            "give `load`: its kind (dead_weight, any_direction or cable) and its force in N, or the mass "
-            "of a "
-            "dead_weight in kg",
-        ),
-        (
-            {"plan_id": "none"},
-            "open.plan_id",
-            "there is no plan 'none'",
-            "check the id; list them with GET /v1/jobs?kind=plan",
-        ),
-        (
-            {"priors": {"joint_9": {"stiffness": 1e6, "standard_uncertainty": 1e5}}},
-            "open.priors.joint_9",
-            "the robot has no joint 'joint_9'",
-            "use one of joint_1, joint_2, joint_3, joint_4, joint_5, joint_6",
-        ),
-        (
-            {
-                "priors": {"joint_2": {"stiffness": 1e6, "standard_uncertainty": 1e5}},
-                "load": {"kind": "own_weight"},
-            },
-            "open.priors",
-            "readings by own weight take no priors",
-            "omit `priors`, or measure with a load",
-        ),
-        (
-            {},
-            "open.load_point",
-            "where the load acts is missing",
-            "give it in the flange frame, in metres, or `load_point` of the set in its unit",
-        ),
-    ],
-)
-def test_what_cannot_be_measured_is_refused_before_the_first_reading(client, change, where, detail, remedy):
+@pytest.mark.parametrize(("change", "refusal"), rows_of(__file__, "declarations.txt"))
+def test_what_cannot_be_measured_is_refused_before_the_first_reading(client, change, refusal):
     robot = post(client, "/v1/robots", robot_document(ARM))["id"]
-    problem = post(client, "/v1/measurement-sets", described(robot, OPEN | change), 422)
-    assert (problem["where"], problem["detail"], problem["remedy"]) == (where, detail, remedy)
+    body = described(robot, OPEN | json.loads(change))
+    problem = post(client, "/v1/measurement-sets", body, 422)
+    assert f"{problem['where']} | {problem['detail']} | {problem['remedy']}" == refusal
 
 
 def test_a_load_point_among_the_options_is_that_of_the_set_in_its_unit(client):

@@ -1,8 +1,10 @@
 """Sources of readings: what is none, and one of a class of one's own."""
 
+import json
 from types import SimpleNamespace
 
 import pytest
+from support.rows import rows_of
 
 import jointstiff as js
 from jointstiff.service.live import sources
@@ -10,53 +12,12 @@ from jointstiff.service.live.sources import SourceError, source_of
 from jointstiff.simulator import LOAD_POINT, TARGETS, default_arm, simulate_campaign
 from jointstiff.solver.errors import RequestError
 
-LINES = "write lines:/dev/ttyUSB0, lines:tcp://host:port or lines:udp://:port"
 
-
-@pytest.mark.parametrize(
-    ("text", "options", "said"),
-    [
-        (
-            "radar:1",
-            {},
-            "source: there is no source 'radar'; give one of lines, robodk, simulated, such as simulated:1",
-        ),
-        ("simulated:x", {}, "source: 'x' is no seed of a simulated arm; write simulated:1"),
-        (
-            "simulated:1",
-            {"columns": "x,y,z"},
-            "source: the source 'simulated' takes no `columns`; omit `columns`",
-        ),
-        ("lines:", {}, f"source: '' is no address of lines; {LINES}"),
-        ("lines:tcp://nowhere", {}, f"source: 'tcp://nowhere' is no address of lines; {LINES}"),
-        (
-            "lines:udp://:4000",
-            {"request": "READ"},
-            "request: UDP is only listened to; omit `request`, or use TCP",
-        ),
-        (
-            "lines:/dev/ttyS9",
-            {"columns": "x,y"},
-            "columns: the columns 'x,y' do not name x, y and z, each once; name them in order, such as "
-            "target,x,y,z or -,x,y,z,sigma",
-        ),
-        (
-            "lines:/dev/ttyS9",
-            {"pattern": "(?P<x>.*"},
-            "pattern: the pattern is no regular expression: missing ), unterminated subpattern at position "
-            "0; "
-            "correct it",
-        ),
-        (
-            "lines:/dev/ttyS9",
-            {"source_unit": "ell"},
-            "source_unit: 'ell' is no unit of length; give one of mm, m, um, in",
-        ),
-    ],
-)
-def test_what_is_no_source_is_refused_with_what_is(text, options, said):
+@pytest.mark.parametrize(("source", "said"), rows_of(__file__, "sources.txt"))
+def test_what_is_no_source_is_refused_with_what_is(source, said):
+    address, options = source.split(" ", 1)
     with pytest.raises(RequestError) as refused:
-        source_of(text, options)
+        source_of(address, json.loads(options))
     assert str(refused.value) == said
 
 
