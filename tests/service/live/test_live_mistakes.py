@@ -135,6 +135,15 @@ def test_a_mistake_that_is_kept_never_reaches_the_goal_and_its_withdrawal_does(c
     assert [each["state"] for each in state["readings"]] == ["withdrawn", *["counts"] * 10]
 
 
+def test_a_doubtful_reading_holds_up_a_goal_that_is_met(client):
+    address = declared(client)
+    state = measured(client, address, 5)
+    assert (state["share"] < 1.0, state["still_needed"], state["next"]["held_out"]) == (True, 1, True)
+    state = measured(client, address, 1, exchanged)
+    assert (state["state"], state["still_needed"]) == ("measuring", None)
+    assert (state["share"] < 1.0, state["next"]["held_out"]) == (True, False)
+
+
 def test_a_second_mistake_of_a_kind_is_named_beside_one_that_is_kept(client):
     address = declared(client)
     measured(client, address, 2, exchanged)

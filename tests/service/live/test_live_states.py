@@ -280,9 +280,11 @@ def test_a_goal_of_a_deflection_is_reached_by_its_uncertainty(client):
 
 
 def test_a_decision_is_reached_where_the_deflection_is_below_its_limit(client):
-    state = measured(client, declared(client, goal={"kind": "decision", "limit": 0.05}, **AREA), 20)
+    state = measured(client, declared(client, goal={"kind": "decision", "limit": 0.004}, **AREA), 20)
     assert (state["state"], state["message"]) == ("reached", f"reached after 6 readings; {CHECKED}")
-    assert state["greatest_deflection"] + state["deflection_uncertainty"] < 0.05
+    greatest, uncertainty = state["greatest_deflection"], state["deflection_uncertainty"]
+    assert (greatest, uncertainty) == pytest.approx((3.10877e-3, 1.4449e-5), rel=1e-3)
+    assert state["share"] == pytest.approx(uncertainty / (0.004 - greatest), rel=1e-3)
 
 
 def test_the_reading_that_is_held_out_is_announced_and_counts_towards_the_goal(client):

@@ -142,6 +142,8 @@ def test_a_report_has_the_budget_of_each_joint(laboratory, pulled):
         "combined, sources in the intervals | | 1.2 | 1.2 | 1.8 | 8.5 | 3.1 | 20 |",
         "combined, all sources | | 1.4 | 1.2 | 1.8 | 10.0 | 3.1 | 21 |",
         "expanded, all sources, k = 2 | | 2.8 | 2.3 | 3.6 | 20 | 6.2 | 41 |",
+        "Greatest correlation coefficient between two joints: 0.81 (joint_1 and joint_2); all are in "
+        "run.json.",
         "The interval of a joint differs from y ± U: it has all stiffnesses that the likelihood of the "
         "readings "
         "does not exclude, can be asymmetric, and omits the sources that are not included above.",
@@ -206,6 +208,8 @@ def test_stated_errors_take_the_place_of_assumed_ones(laboratory, weighed):
         "load point | B | 0.044 | 0.071 | 0.29 | 0.26 | 1.8 |",
         "model error (not included) | A | 0.079 | 0.030 | 6.4 | 0.25 | 0.76 |",
         "combined, all sources | | 0.52 | 0.75 | 8.0 | 1.2 | 4.9 |",
+        "Greatest correlation coefficient between two joints: -0.58 (joint_2 and joint_3); all are in "
+        "run.json.",
         "σ = 20 µm of a coordinate of a reading. Force: relative 0.002, direction 1 mrad. Load point: 1 mm a "
         "coordinate.",
     )
@@ -317,6 +321,14 @@ def test_a_moment_in_one_observation_is_said_and_none_is_not(laboratory, moment,
     document["measurement_set"]["observations"][2]["moment"] = [0.0, moment, 0.0]
     run = post(laboratory, "/v1/campaigns", document)
     assert f"Force on the robot {said} Load point" in report_of(laboratory, run)
+
+
+def test_forces_of_several_sizes_are_said_from_the_least_to_the_greatest(laboratory):
+    document = simulate_campaign(default_arm(), load="pull", configurations=6, seed=3)
+    first = document["measurement_set"]["observations"][0]
+    first["force"] = [0.8 * part for part in first["force"]]
+    words = report_of(laboratory, post(laboratory, "/v1/campaigns", document))
+    assert "Force on the robot 1200 N to 1500 N Load point" in words
 
 
 @pytest.mark.parametrize(
