@@ -129,22 +129,19 @@ def test_readings_with_errors_are_written_only_despite_them():
     line = f"import wrong.csv --robot robot.json {STATED} --output other.json"
     errors = (
         "do not use: the angles seem to be in rad, not in deg as declared: no joint turns by more than "
-        "2.79° in 6 "
-        "observations; set `units.angle` to rad",
+        "2.79° in 6 observations; set `units.angle` to rad "
         "do not use: the angles seem to be in rad, not in deg as declared: as posted, the targets keep one "
         "position on the flange in 1 of 6 observations; with all angles taken as radians, in 6 of 6, within "
-        "56.3 µm; set `units.angle` to rad",
+        "56.3 µm; set `units.angle` to rad"
     )
     assert_said(
         typed(line, status=1),
-        *errors,
-        "other.json was not written: correct the errors, or use --despite-errors",
+        f"{errors} other.json was not written: correct the errors, or use --despite-errors",
     )
     assert not Path("other.json").exists()
     assert_said(
         typed(f"{line} --despite-errors"),
-        *errors,
-        "wrote other.json, a campaign; now: jointstiff identify other.json",
+        f"{errors} wrote other.json, a campaign; now: jointstiff identify other.json",
     )
     assert json.loads(Path("other.json").read_text())["measurement_set"]["units"]["angle"] == "deg"
 
