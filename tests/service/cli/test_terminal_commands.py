@@ -48,9 +48,8 @@ def test_a_geometry_is_shown_with_its_uncertainty_and_written_as_a_robot():
 
 def test_a_simulated_campaign_states_its_true_stiffnesses_and_is_not_written_over():
     assert typed("simulate new.json --load pull --configurations 4 --seed 1 --sigma 0 --force 900") == (
-        "wrote new.json: 4 configurations, 900 N true stiffnesses, joint 1 to 6: 3.8, 3.1, 2.5, 0.45, "
-        "0.25, 0.09 "
-        "× 10⁶ N·m/rad now: jointstiff identify new.json"
+        "wrote new.json: 4 configurations, 900 N true stiffnesses, joint 1 to 6: 3.8, 3.1, 2.5, 0.45, 0.25, "
+        "0.09 × 10⁶ N·m/rad now: jointstiff identify new.json"
     )
     measured = json.loads(Path("new.json").read_text())["measurement_set"]
     assert measured["name"] == "pull, 4 configurations, motor encoders"
@@ -138,9 +137,8 @@ def test_an_arm_is_written_as_a_robot_in_metres_and_radians():
     assert [row["alpha"] for row in rows] == pytest.approx([1.570796, 0.0, 0.0, 1.570796, -1.570796, 0.0])
     assert (rows[0]["lower"], rows[0]["upper"]) == pytest.approx((-6.283185, 6.283185))
     assert refused("robots 'no such arm'") == (
-        "ARM: the catalogue has no arm 'no such arm' remedy: `jointstiff robots` and GET /v1/catalogue "
-        "list its "
-        "arms; or describe yours by a DH table or URDF"
+        "ARM: the catalogue has no arm 'no such arm' remedy: `jointstiff robots` and GET /v1/catalogue list "
+        "its arms; or describe yours by a DH table or URDF"
     )
 
 
@@ -172,15 +170,13 @@ HELP = {
         "--positive / --no-positive Constrain every compliance to be zero or positive.",
         "default 2.8, below which 95 % of good readings lie. Dimensionless.",
         "--cause NAME[:FIRST] Causes to fit beside the joints, such as a reason advises: the readings stay "
-        "as "
-        "they are, and the intervals include the uncertainty of the causes. Repeatable.",
+        "as they are, and the intervals include the uncertainty of the causes. Repeatable.",
         "--prior JOINT=STIFFNESS:UNCERTAINTY",
         "--resample SIZE[:REPETITIONS[:SEED]]",
         "--leave-out NAME,NAME,... Labels of observations to omit; the others are checked again without "
         "them.",
         "--apply ACTION Apply an action that a reason advises, such as exchange_columns or convert_units: "
-        "write "
-        "the corrected campaign to a new file, and identify it.",
+        "write the corrected campaign to a new file, and identify it.",
         "-o, --output FILE File to write the corrected campaign to; default: next to the old one.",
         "Unit of the tables: 10⁶ N·m/rad, kN·m/°, …, or µrad/(N·m). [default: MNm/rad]",
     ],
@@ -188,8 +184,7 @@ HELP = {
         "Compare methods on a campaign, or two campaigns of one robot.",
         "[SECOND] <file> Campaign to compare with: on secondary encoders, after a change, a twin.",
         "--ordered / --no-ordered Also identify two sets in one problem in which no joint is softer in the "
-        "second "
-        "one, as with secondary encoders switched on.",
+        "second one, as with secondary encoders switched on.",
         "--confidence NUMBER Confidence level of ratios; default: that of the first run.",
         "--csv Print CSV for spreadsheets.",
     ],
@@ -200,14 +195,12 @@ HELP = {
         "--run FILE Run of that campaign, as `identify --json` prints it; default: identify it now.",
         "--load-point X,Y,Z[mm] Point where the force acts, in the flange frame, in mm.",
         "--place X,Y,Z[mm] Point whose deflection is predicted, in the flange frame, in mm; default: the "
-        "load "
-        "point.",
+        "load point.",
     ],
     "map": [
         "Map deflection and compliance over a work area.",
         "--absolute / --no-absolute True for deflections relative to an arm that does not bend: with the "
-        "sag by "
-        "its own weight and any load. Needs a run with `weight`.",
+        "sag by its own weight and any load. Needs a run with `weight`.",
         "--despite-verdict `do_not_use` accepts a run with this verdict, which is refused otherwise.",
         "--load-point X,Y,Z[mm] Point where the force acts, flange frame; default: the tool's position.",
         "--turns <int> Number of angles about the tool's axis, evenly over a full turn.",
@@ -216,24 +209,20 @@ HELP = {
     ],
     "import": [
         "Nothing is written without --output or --save-template, nor while something is missing. At a "
-        "terminal "
-        "it asks for what is missing. If the inspection of the readings finds errors, they are written "
-        "only with "
-        "--despite-errors, and the exit status is 1 without it.",
+        "terminal it asks for what is missing. If the inspection of the readings finds errors, they are "
+        "written only with --despite-errors, and the exit status is 1 without it.",
         "--units length=mm,angle=deg,force=N Units of columns whose header has none; add moment=N.m if "
-        "there are "
-        "moments.",
+        "there are moments.",
         "--delimiter <comma|semicolon|tab|whitespace> Delimiter between cells; detected if absent.",
         "--encoders <motor|secondary> Encoders that close the position loop; never guessed.",
-        "--accept-unusual / --no-accept-unusual True accepts values that look wrong: more than 100 standard "
-        "deviations from their column's median, or a load point more than 5 m from the flange. Without it "
-        "they "
-        "are refused.",
+        "--accept-unusual / --no-accept-unusual True accepts values that look wrong: more than 100 "
+        "standard deviations from their column's median, or a load point more than 5 m from the flange. "
+        "Without it they are refused.",
         "--template FILE Template of an earlier import; files of another form are refused.",
     ],
     "measure": [
-        "Measure live: what to read next, what the readings say so far, and when it is enough. docs/live.md "
-        "explains goals and sources.",
+        "Measure live: what to read next, what the readings say so far, and when it is enough. "
+        "docs/live.md explains goals and sources.",
         '--goal GOAL "15 %" of every joint that the load twists; "6 um" of the deflection in the work area; '
         '"below 0.5 mm" to decide about it. [required]',
         "--source SOURCE simulated:SEED, lines:/dev/ttyUSB0, lines:tcp://host:port, lines:udp://:port, or "
@@ -242,39 +231,33 @@ HELP = {
         "--yes Ask nothing: read at once, one after the other.",
         "--timeout <float range> Seconds after which a silent source has stopped. [default: 30.0; x>=0.1]",
         "--load KIND:NEWTONS Load to apply, such as dead_weight:1500, dead_weight:150kg or "
-        "any_direction:1500; "
-        "default: the strongest force of the campaign, a weight if all of its forces pull down.",
+        "any_direction:1500; default: the strongest force of the campaign, a weight if all of its forces "
+        "pull down.",
         "--sigma NUMBER[mm] Standard uncertainty of one coordinate of one reading; default: that of the "
-        "campaign, "
-        "or 20 µm.",
+        "campaign, or 20 µm.",
         "--seed <int> Random seed of the postures; the same seed gives the same plan.",
     ],
     "compensate": [
         "Compensate a program for the deflection under load.",
         "PROGRAM <list[Path]> Robot program; a .src with its .dat. [required]",
         "--accuracy-option <off|same_as_measured|compensates_load> Accuracy option of the controller while "
-        "the "
-        "program runs: `off`, on `same_as_measured` in the campaign, or `compensates_load`, which is refused "
-        "because the load would be compensated twice.",
+        "the program runs: `off`, on `same_as_measured` in the campaign, or `compensates_load`, which is "
+        "refused because the load would be compensated twice.",
         "--max-displacement NUMBER[mm] Greatest displacement of a correction, in units.length; default: 5 "
         "mm.",
         "--max-rotation NUMBER[deg] Greatest rotation of a correction, in units.angle; default: 10 mrad.",
         "--mark / --no-mark True to write a comment into the compensated program with the run, its verdict "
-        "and "
-        "the date. A marked program is not corrected again. The mark is always written for a run with the "
-        "verdict do_not_use.",
+        "and the date. A marked program is not corrected again. The mark is always written for a run with "
+        "the verdict do_not_use.",
         "--explain Only print target, base and tool of each move, and why it is not corrected.",
     ],
     "geometry": [
         "Identify the geometry of a robot from sweeps or poses.",
         "--fit <one_by_one|together> Fit of the sweeps: one by one, which trusts the controller least, or "
-        "all "
-        "together, which assumes that resting joints are at the controller's angles.",
+        "all together, which assumes that resting joints are at the controller's angles.",
         "--base <nominal|axes> Definition of R0. `nominal`: as in the nominal model. `axes`: z along axis "
-        "1, x "
-        "from axis 1 towards axis 2 along their common perpendicular at model angle zero. Default: "
-        "`nominal`, or "
-        "`axes` without a model.",
+        "1, x from axis 1 towards axis 2 along their common perpendicular at model angle zero. Default: "
+        "`nominal`, or `axes` without a model.",
         "-o, --output ROBOT.json File to write the identified robot to.",
     ],
     "serve": [

@@ -45,8 +45,7 @@ def test_a_joint_that_the_load_never_twists_has_no_number_and_says_what_to_do():
         "stiffness, its standard uncertainty and interval in 10⁶ N·m/rad",
         "joint_1: the load never twists it: add loads that twist it",
         "To do 1. joint_1: in posture c10 apply 1500 N along (0.34, 0.94, 0.00): the uncertainty of "
-        "joint_1's "
-        "compliance falls to 0.0017 µrad/(N·m)",
+        "joint_1's compliance falls to 0.0017 µrad/(N·m)",
     )
 
 
@@ -57,8 +56,8 @@ def test_assumed_errors_and_confused_units_of_force_are_said_with_every_result()
         "stiffness is wrong by 9.81, and no reading shows it.",
         "Load point: ±10 mm assumed. Measure where the force acts on the flange, and enter its uncertainty "
         "(`noise.load_point`; on the page: Advanced, Uncertainty of the load point).",
-        "Forces: ±1 % assumed. Enter the uncertainty of the load cell or of the weight (`noise.force.scale`; "
-        "on the page: Advanced, Scale of the force).",
+        "Forces: ±1 % assumed. Enter the uncertainty of the load cell or of the weight "
+        "(`noise.force.scale`; on the page: Advanced, Scale of the force).",
     )
 
 
@@ -154,13 +153,11 @@ def test_a_thousand_fits_are_drawn_where_no_number_is_given():
             "--elasticity joints --cause load_point",
             [
                 "Use with care: 1 reason every load point moved by (-9.25, 1.95, 9.44) mm ± (8.38, 4.41, "
-                "29.8) mm "
-                "in the flange frame (95 %) was fitted beside the joints; the intervals hold its "
-                "uncertainty, and "
-                "what was stated stays refuted",
+                "29.8) mm in the flange frame (95 %) was fitted beside the joints; the intervals hold its "
+                "uncertainty, and what was stated stays refuted",
                 "│ joint_1 │ 3.827 │ 0.046 │ 3.739 … 3.918 │ use with care │",
-                "To do 1. measure the load point on the flange "
-                "2. joint_6: 1500 N along (0.00, 0.00, 1.00) in posture c08: u 10 % → 9 %",
+                "To do 1. measure the load point on the flange 2. joint_6: 1500 N along (0.00, 0.00, 1.00) "
+                "in posture c08: u 10 % → 9 %",
             ],
         ),
         (
@@ -243,8 +240,8 @@ def test_two_campaigns_are_compared_joint_by_joint():
         "in all",
         "joint_3 1 free 2.470(49) 2.485(44) 2.485(44) 2.497(58)",
         "CP/L 2 ≥ 0 98.2 % 47 2.68",
-        "warning: 12 observations have the same label but different postures or loads, or no common target; "
-        "first 'c01'; measure the same postures under the same load, or give different labels",
+        "warning: 12 observations have the same label but different postures or loads, or no common "
+        "target; first 'c01'; measure the same postures under the same load, or give different labels",
         "To do 1. measure some of the same postures under the same load on both sides",
         "│ Run ids │ 16 entries, SHA-256 ",
     )
@@ -262,8 +259,8 @@ def test_two_campaigns_are_compared_joint_by_joint():
         (
             "identify",
             '{"a": 1, }',
-            "Invalid JSON: trailing comma at line 1 column 10 remedy: correct the JSON there; "
-            "to read tables and point lists use `jointstiff import FILE`",
+            "Invalid JSON: trailing comma at line 1 column 10 remedy: correct the JSON there; to read "
+            "tables and point lists use `jointstiff import FILE`",
         ),
         (
             "import",

@@ -117,8 +117,7 @@ def test_readings_of_a_known_robot_are_inspected_and_a_file_is_not_written_over(
         typed(line),
         "│ 2 │ J1 [rad] │ joint 1 │ rad │ 0.393; -1.5543 │",
         "6 observations (c01, c02, c03, c04, c05, …), 6 joints, 18 complete readings; targets: P10, P11, "
-        "P12; "
-        "states: unloaded, loaded",
+        "P12; states: unloaded, loaded",
         "complete: a measurement set integrity: nothing suspicious",
         "wrote new.json, a campaign; now: jointstiff identify new.json",
     )
@@ -129,10 +128,9 @@ def test_readings_with_errors_are_written_only_despite_them():
     line = f"import wrong.csv --robot robot.json {STATED} --output other.json"
     errors = (
         "do not use: the angles seem to be in rad, not in deg as declared: no joint turns by more than "
-        "2.79° in 6 observations; set `units.angle` to rad "
-        "do not use: the angles seem to be in rad, not in deg as declared: as posted, the targets keep one "
-        "position on the flange in 1 of 6 observations; with all angles taken as radians, in 6 of 6, within "
-        "56.3 µm; set `units.angle` to rad"
+        "2.79° in 6 observations; set `units.angle` to rad do not use: the angles seem to be in rad, not in "
+        "deg as declared: as posted, the targets keep one position on the flange in 1 of 6 observations; "
+        "with all angles taken as radians, in 6 of 6, within 56.3 µm; set `units.angle` to rad"
     )
     assert_said(
         typed(line, status=1),

@@ -37,8 +37,7 @@ def test_a_goal_takes_five_readings_and_one_that_is_held_out():
         "m06: share of the goal 0.49, joint_6 ± 15 %, as expected with p 0.97, held out: as near to its "
         "prediction as 90 % of good readings, reached",
         "reached after 6 readings, without the assumed errors of load point and force (with them ± 38 %); "
-        "the "
-        "held-out one is as near to its prediction as 90 % of good readings",
+        "the held-out one is as near to its prediction as 90 % of good readings",
         "wrote closed.json",
     )
     assert len(json.loads(Path("closed.json").read_text())["measurement_set"]["observations"]) == 6
@@ -125,8 +124,8 @@ def test_lines_that_nobody_confirms_are_not_read(asked, capsys):
     with pytest.raises(typer.Exit):
         asked("confirms", "")
     assert capsys.readouterr().err == (
-        "lines\nare the lines read rightly? y or n: nobody confirmed how the lines are read\n"
-        "  remedy: confirm it, or give --yes\n"
+        "lines\nare the lines read rightly? y or n: nobody confirmed how the lines are read\n  remedy: "
+        "confirm it, or give --yes\n"
     )
 
 
@@ -143,8 +142,8 @@ def test_posture_and_force_are_shown_before_they_are_asked_for(force, anchor, sa
     for question, words in [
         (
             "unloaded",
-            f"\nm01: a 28.65°, b 200.0 mm\n  {said}; first\n"
-            "  Enter reads without load; s skips this posture; q ends: ",
+            f"\nm01: a 28.65°, b 200.0 mm\n  {said}; first\n  Enter reads without load; s skips this "
+            "posture; q ends: ",
         ),
         (
             "loaded",

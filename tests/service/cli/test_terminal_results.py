@@ -14,8 +14,8 @@ from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.programs import program_text
 
 POSTURES = (
-    "label,J1 [deg],J2 [deg],J3 [deg],J4 [deg],J5 [deg],J6 [deg],Fx [N],Fy [N],Fz [N]\n"
-    "a,0,-20,30,0,45,0,0,0,-800\nb,40,-10,5,7,30,2,100,0,0\n"
+    "label,J1 [deg],J2 [deg],J3 [deg],J4 [deg],J5 [deg],J6 [deg],Fx [N],Fy [N],Fz "
+    "[N]\na,0,-20,30,0,45,0,0,0,-800\nb,40,-10,5,7,30,2,100,0,0\n"
 )
 LAB = 'name = "Lab"\ncountry = "FR"\nresponsible = "A. Martin"\n'
 
@@ -98,11 +98,9 @@ def test_an_exported_model_says_its_origin_verdict_and_intervals():
         "Method: partial pose, covariance weights, compliances not negative. Intervals at 95 %.",
         "Verdict on the result: use.",
         "Lengths in m, angles in rad, stiffness in N·m/rad. Angles are those of the model, in the frame of "
-        "the "
-        "link base_link.",
+        "the link base_link.",
         "Masses and inertias are placeholders of the format, not of the robot, and gravity is off: add "
-        "those of "
-        "the robot for dynamics or own weight.",
+        "those of the robot for dynamics or own weight.",
         "joint_1: 3.821 · 10⁶ N·m/rad (95 % interval 3.735 … 3.911); verdict: use",
         "joint_6: 0.083 · 10⁶ N·m/rad (95 % interval 0.059 … 0.138); verdict: use",
         '<compiler angle="radian" eulerseq="XYZ" autolimits="true" boundmass="1" boundinertia="1" />',
@@ -138,8 +136,8 @@ def test_deflections_are_predicted_with_their_uncertainty():
         "a -0.254 ± 0.017",
         "0.000 ± 0.000 -1.194 ± 0.035 — 671",
         "b 0.063 ± 0.001 -0.018 ± 0.001 -0.028 ± 0.001 — 1591",
-        "U of readings, loads and places, and model error, at 95 %; stiffness along the force, free to move "
-        "sideways",
+        "U of readings, loads and places, and model error, at 95 %; stiffness along the force, free to "
+        "move sideways",
         "own weight is not included, because no masses are given",
         "no bound of the model error at 95 %: 19 postures are needed, and there are 12",
     )
@@ -243,8 +241,7 @@ def test_a_plan_says_what_it_adds_and_is_a_campaign_to_fill_in():
         "certified: at least 100.0 % of the best list's information (relative uncertainty of the joints)",
         "200 of 200 readings were feasible",
         "the list has only the new readings, but the predicted uncertainties also use those of the "
-        "campaign so "
-        "far: identify both together, as in the campaign to fill in",
+        "campaign so far: identify both together, as in the campaign to fill in",
         "│ Distinct angle │ 10° │",
         "wrote filled.json",
     )
@@ -304,8 +301,7 @@ def test_moves_are_explained_before_they_are_corrected():
     assert_said(
         typed("compensate pull.json path.src --explain"),
         "line 7: 1809.57, 269.279, 1489.68, -161.541, 39.3967, -171.051, base BASE_DATA[1], tool "
-        "TOOL_DATA[1]: "
-        "corrected",
+        "TOOL_DATA[1]: corrected",
         "4 of 4 moves can be corrected, 0 left",
     )
     moves = answered("compensate pull.json path.src --explain")

@@ -13,15 +13,15 @@ ADVICE = "`jointstiff robots` and GET /v1/catalogue list its arms; or describe y
     [
         (
             "IRB",
-            "'IRB' matches several arms of the catalogue: ABB IRB 6640-185/2.8, ABB IRB 6700-200/2.60, "
-            "ABB IRB 4600-60/2.05, ABB IRB 120-3/0.6; give the whole name",
+            "'IRB' matches several arms of the catalogue: ABB IRB 6640-185/2.8, ABB IRB 6700-200/2.60, ABB "
+            "IRB 4600-60/2.05, ABB IRB 120-3/0.6; give the whole name",
         ),
         ("", f"the catalogue has no arm ''; {ADVICE}"),
         ("/", f"the catalogue has no arm '/'; {ADVICE}"),
         (
             "KUKA KR 6 R700",
-            "the catalogue has no arm 'KUKA KR 6 R700'; similar names: KUKA KR 6 R900 sixx, "
-            f"KUKA KR 210 R2700 extra; {ADVICE}",
+            "the catalogue has no arm 'KUKA KR 6 R700'; similar names: KUKA KR 6 R900 sixx, KUKA KR 210 "
+            f"R2700 extra; {ADVICE}",
         ),
         ("💥", f"the catalogue has no arm '💥'; {ADVICE}"),
     ],

@@ -79,8 +79,7 @@ def test_a_result_shows_its_verdict_first(results, name, headline):
             "map",
             [
                 "all 9 places reached deflection: median 573.6 µm, 90 % of the places 499.7 to 664.7 µm, "
-                "greatest "
-                "664.7 µm",
+                "greatest 664.7 µm",
                 "│ place [mm] │ 1800 -200 600 │ 1400 0 600 │",
                 "│ readings only [µm] │ 647 to 682 │ 484 to 512 │",
             ],
@@ -102,8 +101,7 @@ def test_a_result_shows_its_verdict_first(results, name, headline):
                 "-1.145 ± 0.031 — 437",
                 "2 0.107 ± 0.009 0.019 ± 0.002 -1.145 ± 0.031 — 437",
                 "U of readings, loads and places, and model error, at 95 %; stiffness along the force, "
-                "free to move "
-                "sideways",
+                "free to move sideways",
             ],
         ),
     ],
@@ -210,14 +208,12 @@ def test_residuals_and_configurations_are_tables_of_their_own(results):
         (
             lambda run, _: run.predict([[0.0] * 6], FORCE, at=(0, 0, 120)),
             "prediction.load_point: the point is 120 m from the flange, where no tool reaches; remedy: "
-            "check its "
-            "unit; a point on the tool is at most 5 m from the flange",
+            "check its unit; a point on the tool is at most 5 m from the flange",
         ),
         (
             lambda run, _: run.predict([[0] * 5], FORCE, at=(0, 0, 0.1)),
             "prediction.cases[0].joints: there are 5 joint angles, but the robot has 6 joints; remedy: "
-            "give the 6 "
-            "controller angles of joint_1, joint_2, joint_3, joint_4, joint_5, joint_6",
+            "give the 6 controller angles of joint_1, joint_2, joint_3, joint_4, joint_5, joint_6",
         ),
         (
             lambda run, _: run.apply("dance"),

@@ -65,8 +65,7 @@ def test_a_reason_names_its_observation_and_its_action_what_it_changes():
                 "Do not use: 2 reasons the work of the load on the joints is -32.5 J",
                 "│ joint_1 │ rigid │ — │ — │ at bound │",
                 "joint_1, joint_2, joint_3, joint_4, joint_5, joint_6: these readings cannot distinguish "
-                "it from a "
-                "rigid joint",
+                "it from a rigid joint",
                 "explains 0.0 % of the mean deflection, residual 1.45 mm rms",
                 "To do 1. change the sign of every force",
                 "2. exchange unloaded and loaded readings",
@@ -88,8 +87,7 @@ def test_a_reason_names_its_observation_and_its_action_what_it_changes():
                 "Use: all 6 joints passed the checks",
                 "│ joint_4 │ 0.514 │ 0.052 │ 0.428 … 0.643 │ roughly known │",
                 "explains 96.2 % of the mean deflection, residual 50.7 µm rms (3-D), sigma of a reading 21 "
-                "µm "
-                "(residuals)",
+                "µm (residuals)",
                 "To do 1. joint_4: 1200 N along (-1.00, 0.00, 0.00) in posture c005: u 10 % → 9.6 %",
             ],
         ),
@@ -108,8 +106,7 @@ def test_a_reason_names_its_observation_and_its_action_what_it_changes():
                 "│ joint_3 │ 4.13 │ 0.15 │ 3.85 … 4.48 │ determined │",
                 "│ joint_4 │ rigid │ — │ > 7.66 │ at bound │",
                 "joint_4: stiffer than 7.66 · 10⁶ N·m/rad at 95 %: these readings cannot distinguish it "
-                "from a rigid "
-                "joint",
+                "from a rigid joint",
                 "To do 1. joint_4: 1200 N along (-0.87, -0.43, -0.22) in posture c005: u(c) becomes 0.14 "
                 "µrad/(N·m)",
             ],
@@ -118,8 +115,7 @@ def test_a_reason_names_its_observation_and_its_action_what_it_changes():
             "gauges",
             [
                 "The set has deflections and no positions, so the geometry of robot, frames and targets, "
-                "and the "
-                "joint angles, cannot be checked.",
+                "and the joint angles, cannot be checked.",
                 "│ joint_6 │ 0.1015 │ 0.0070 │ 0.0895 … 0.1173 │ determined │",
                 "residual 3.64 µm rms (3-D), sigma of a reading 3 µm (given)",
             ],

@@ -13,9 +13,8 @@ from jointstiff.service.store.store import Store
 AGAIN = "Read it again before the load is taken off."
 CHECKED = "the held-out one is as near to its prediction as 90 % of good readings"
 IN_FIRST = (
-    "m01: 'P11' and 'P10' are exchanged in the unloaded and loaded readings of 'm01'; exchange the "
-    "unloaded and "
-    "loaded values of 'P11' and 'P10' in 'm01'"
+    "m01: 'P11' and 'P10' are exchanged in the unloaded and loaded readings of 'm01'; exchange the unloaded "
+    "and loaded values of 'P11' and 'P10' in 'm01'"
 )
 
 
@@ -85,8 +84,7 @@ def with_less_force(reading, _first):
             0.0,
             ["the arm or the tracker moved between the two readings", "the force is another than stated"],
             "375 µm from where the others put it: the arm or the tracker moved between the two readings or "
-            "the "
-            f"force is another than stated? {AGAIN}",
+            f"the force is another than stated? {AGAIN}",
         ),
     ],
 )

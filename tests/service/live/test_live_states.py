@@ -18,13 +18,11 @@ from jointstiff.solver.errors import RequestError
 
 DOUBT = (
     "3.77 mm from where the others put it: the force has the opposite sign or unloaded and loaded readings "
-    "are "
-    "exchanged? Read it again before the load is taken off."
+    "are exchanged? Read it again before the load is taken off."
 )
 AGAINST = (
     "under 1471 N the targets moved opposite to the prediction from the other observations, by 2.99 mm; "
-    "with the "
-    "load reversed only 68.5 µm remain"
+    "with the load reversed only 68.5 µm remain"
 )
 CHECKED = "the held-out one is as near to its prediction as 90 % of good readings"
 AREA = {"work_area": [[0.8, -0.6, 0.4], [1.9, 0.6, 1.6]]}
@@ -100,8 +98,7 @@ def test_one_reading_gives_numbers_that_are_used_with_care(client):
     assert reason["remedy"] == "measure at least 3 postures that differ by 5° or more"
     assert assessment["notes"] == [
         "Forces up to 1471 N (150 kgf), deflections up to 4.62 mm. If N and kgf are confused, every "
-        "stiffness is "
-        "wrong by 9.81, and no reading shows it."
+        "stiffness is wrong by 9.81, and no reading shows it."
     ]
     assert state["next"]["reason"] == "it tells most of joint_4, which is farthest from the goal"
 
@@ -213,8 +210,8 @@ def test_a_closed_set_is_an_ordinary_one_with_a_run_that_keeps_the_verdict(clien
     stored = client.get(address).json()
     assert (stored["open"], stored["live"], len(stored["content_hash"])) == (None, None, 64)
     assert stored["notes"].startswith(
-        "Measured live. Declared goal: every joint that the load can twist is known to ± 15 %.\n"
-        f"Measuring: m02 is doubtful: {DOUBT}"
+        "Measured live. Declared goal: every joint that the load can twist is known to ± 15 %.\nMeasuring: "
+        f"m02 is doubtful: {DOUBT}"
     )
     assert [each["label"] for each in stored["observations"]] == [f"m{i:02d}" for i in range(1, 6)]
     run = client.get(f"/v1/jobs/{closed['run_id']}").json()

@@ -118,8 +118,8 @@ def test_a_report_has_results_with_expanded_uncertainty(laboratory, pulled):
         "Root mean square of the residuals' lengths 40.3 µm",
         "Standard uncertainty of a coordinate of a reading 20 µm (given)",
         "Stiffness of each joint with its interval 0.01 0.1 1 10 stiffness [10⁶ N·m/rad] joint_1",
-        "Deflection before and after compensation, mean length over the targets 0 2.5 5 mm "
-        "configurations 1 to 12 of 12 measured left by the model",
+        "Deflection before and after compensation, mean length over the targets 0 2.5 5 mm configurations "
+        "1 to 12 of 12 measured left by the model",
         "The arm in the posture of the first observation x y z 1 2 3, 4 5, 6",
         "3 Predicted static compliance of the flange",
         "X | 0.000510 | -0.000196 | -0.000995 | 0.000025 |",
@@ -145,8 +145,7 @@ def test_a_report_has_the_budget_of_each_joint(laboratory, pulled):
         "Greatest correlation coefficient between two joints: 0.81 (joint_1 and joint_2); all are in "
         "run.json.",
         "The interval of a joint differs from y ± U: it has all stiffnesses that the likelihood of the "
-        "readings "
-        "does not exclude, can be asymmetric, and omits the sources that are not included above.",
+        "readings does not exclude, can be asymmetric, and omits the sources that are not included above.",
     )
 
 
@@ -158,22 +157,18 @@ def test_a_report_says_what_is_assumed_and_where_its_numbers_come_from(laborator
         "Causes tested, p-value load point 0.6, play 0.9, constant force 1, load zero 1, shift 1, turn 1,",
         "Not stated characteristic length, stiffness bounds, huber threshold, causes,",
         "No adjustment or repair between the readings is stated: all results are as found. The second "
-        "number is "
-        "computed from the same readings and is no measurement.",
+        "number is computed from the same readings and is no measurement.",
         "σ = 20 µm of a coordinate of a reading. Size of the force: none stated; ±1 % assumed. Load point: "
-        "none "
-        "stated; ±10 mm assumed.",
-        "Position loop closed by motor encoders Observations 12 Force on the robot 1500 N "
-        "Load point in the flange frame (-60, 20, 180) mm Targets read 3: P10, P11, P12",
+        "none stated; ±10 mm assumed.",
+        "Position loop closed by motor encoders Observations 12 Force on the robot 1500 N Load point in "
+        "the flange frame (-60, 20, 180) mm Targets read 3: P10, P11, P12",
         "9 Assessment and warnings",
         "All 6 joints passed the checks.",
         "Verdict on the result use",
         "They are not a test of static compliance after ISO 9283:1998, clause 10, and do not replace one.",
         "No statement of conformity with a specification is made. The verdicts are opinions by the rules "
-        "of the "
-        "software, which are published with it; they say whether a number may be used, not whether the "
-        "item is "
-        "good.",
+        "of the software, which are published with it; they say whether a number may be used, not whether "
+        "the item is good.",
         f"Run {pulled['id']} SHA-256 of the input {pulled['provenance']['input_hash']}",
         "Geometry as described",
         "7.8.2.1 b | name and address of the laboratory | letterhead |",
@@ -191,8 +186,7 @@ def test_a_joint_without_a_number_has_none_in_results_prediction_and_budget(labo
         "joint_1 no number: see the table joint_2",
         "X | — | — | — | — | Y | — | — | — | — | Z | -0.000276 | 0.000226 | 0.001787 | 0.000011 |",
         "the load or own weight twists joint_1, which the readings of the run do not determine: the "
-        "prediction is "
-        "not valid",
+        "prediction is not valid",
         "source | type | joint_2 | joint_3 | joint_4 | joint_5 | joint_6 |",
         "5 of 6 joints passed the checks.",
     )
@@ -210,8 +204,8 @@ def test_stated_errors_take_the_place_of_assumed_ones(laboratory, weighed):
         "combined, all sources | | 0.52 | 0.75 | 8.0 | 1.2 | 4.9 |",
         "Greatest correlation coefficient between two joints: -0.58 (joint_2 and joint_3); all are in "
         "run.json.",
-        "σ = 20 µm of a coordinate of a reading. Force: relative 0.002, direction 1 mrad. Load point: 1 mm a "
-        "coordinate.",
+        "σ = 20 µm of a coordinate of a reading. Force: relative 0.002, direction 1 mrad. Load point: 1 mm "
+        "a coordinate.",
     )
     assert "assumed" not in words
 

@@ -43,8 +43,7 @@ def test_an_encoder_against_its_torque_is_warned_of(client, encoded):
     )
     assert warning["remedy"] == (
         "check the encoder's sign, which is that of the model's joint, not the controller's; that unloaded "
-        "and "
-        "loaded are not exchanged; and the signs of the force"
+        "and loaded are not exchanged; and the signs of the force"
     )
     assert post(client, "/v1/measurement-sets", encoded)["warnings"] == []
 
