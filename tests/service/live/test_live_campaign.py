@@ -10,32 +10,17 @@ import numpy as np
 import pytest
 from fastapi.testclient import TestClient
 from support.api import post
-from support.live import observation
+from support.live import ARM, EXACT, OPEN, SIGMA, declared, described, measured, observation, read
 
 from jointstiff.schemas.options import StiffnessPrior
 from jointstiff.service.api import live
 from jointstiff.service.app import create_app
 from jointstiff.service.live.campaign import LiveCampaign
 from jointstiff.service.store.store import Store
-from jointstiff.simulator import LOAD_POINT, TARGETS, default_arm, robot_document
+from jointstiff.simulator import LOAD_POINT, robot_document
 from jointstiff.solver.live.ahead import Known
 from jointstiff.solver.live.priors import standings
 from jointstiff.solver.live.progress import Progress
-
-ARM, SIGMA = default_arm(), 2e-5
-EXACT = {"sigma": SIGMA, "load_point": 1e-4, "force": {"scale": 1e-3}}  # next to exact
-OPEN: dict[str, Any] = {
-    "goal": {"kind": "joints", "relative": 0.15},
-    "load": {"kind": "dead_weight", "mass": 150.0},
-    "targets": {name: list(place) for name, place in TARGETS.items()},
-}
-Answer = dict[str, Any]
-
-
-def read(following: Answer, seed: int = 0, **changes: object) -> Answer:
-    """An observation of what is next, by springs that balance the load exactly, and noise."""
-    number = int(following["label"].strip("m"))
-    return observation(ARM, following, sigma=SIGMA, seed=1000 * seed + number) | changes
 
 
 @pytest.fixture
@@ -45,31 +30,6 @@ def service(either_database_url: str) -> Iterator[TestClient]:
         TestClient(create_app(store), base_url="http://127.0.0.1") as client,
     ):
         yield client
-
-
-def described(robot: str, options: Answer, **more: object) -> Answer:
-    """An open set of a robot, as it is posted."""
-    units = {"length": "m", "angle": "rad", "force": "N"}
-    return {"robot_id": robot, "name": "live", "units": units, "encoders": "motor", "open": options} | more
-
-
-def declared(service: TestClient, **changes: object) -> str:
-    """The address of an open set."""
-    robot = service.post("/v1/robots", json=robot_document(ARM)).json()["id"]
-    body = described(robot, OPEN | changes, noise=EXACT, load_point=list(LOAD_POINT))
-    answer = service.post("/v1/measurement-sets", json=body)
-    assert answer.status_code == 201, answer.text
-    return str(answer.headers["Location"])
-
-
-def measured(service: TestClient, address: str, readings: int, seed: int = 0) -> Answer:
-    """The state after some readings."""
-    state: Answer = service.get(f"{address}/next").json()
-    for _ in range(readings):
-        if state["next"] is None:
-            break
-        state = post(service, f"{address}/observations", read(state["next"], seed))
-    return state
 
 
 def test_a_silent_stream_of_an_open_set_sends_comments(monkeypatch):

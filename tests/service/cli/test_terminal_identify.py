@@ -1,0 +1,279 @@
+"""What `identify` and `compare` print: verdicts, numbers, reasons, what to do, and refusals."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from support.command_lines import answered, assert_said, refused, typed
+
+import jointstiff
+from jointstiff.simulator import default_arm, simulate_campaign
+
+ARM = default_arm()
+SOFT = replace(ARM, stiffnesses=ARM.stiffnesses * [1, 1, 0.8, 1, 1, 1])
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("identify")
+    for name, arm, load, seed in [
+        ("weight", ARM, "dead_weight", 2),
+        ("pull", ARM, "pull", 1),
+        ("soft", SOFT, "pull", 2),
+    ]:
+        document = simulate_campaign(arm, load=load, configurations=12, seed=seed)
+        (folder / f"{name}.json").write_text(json.dumps(document))
+    return folder
+
+
+@pytest.fixture(autouse=True)
+def inside(folder, monkeypatch):
+    monkeypatch.chdir(folder)
+
+
+def test_a_joint_that_the_load_never_twists_has_no_number_and_says_what_to_do():
+    assert_said(
+        typed("identify weight.json --details"),
+        "Use 5 of 6 joints: the others have no number that passed the checks",
+        "Joint stiffness, partial pose, covariance weights, compliance ≥ 0",
+        "┃ joint ┃ stiffness ┃ std. uncertainty ┃ 95 % interval ┃ verdict ┃",
+        "│ joint_1 │ — │ — │ — │ not observable │",
+        "│ joint_2 │ 3.109 │ 0.037 │ 3.038 … 3.183 │ well determined │",
+        "│ joint_5 │ 0.2556 │ 0.0077 │ 0.2414 … 0.2715 │ determined │",
+        "│ joint_6 │ 0.088 │ 0.016 │ 0.064 … 0.138 │ roughly known │",
+        "stiffness, its standard uncertainty and interval in 10⁶ N·m/rad",
+        "joint_1: the load never twists it: add loads that twist it",
+        "To do 1. joint_1: in posture c10 apply 1500 N along (0.34, 0.94, 0.00): the uncertainty of "
+        "joint_1's compliance falls to 0.0017 µrad/(N·m)",
+    )
+
+
+def test_assumed_errors_and_confused_units_of_force_are_said_with_every_result():
+    assert_said(
+        typed("identify weight.json"),
+        "Forces up to 1500 N (153 kgf), deflections up to 4.88 mm. If N and kgf are confused, every "
+        "stiffness is wrong by 9.81, and no reading shows it.",
+        "Load point: ±10 mm assumed. Measure where the force acts on the flange, and enter its uncertainty "
+        "(`noise.load_point`; on the page: Advanced, Uncertainty of the load point).",
+        "Forces: ±1 % assumed. Enter the uncertainty of the load cell or of the weight "
+        "(`noise.force.scale`; on the page: Advanced, Scale of the force).",
+    )
+
+
+def test_details_have_the_evidence_behind_the_numbers():
+    assert_said(
+        typed("identify weight.json --details"),
+        "explains 98.8 % of the mean deflection, residual 44.2 µm rms (3-D), sigma of a reading 20 µm "
+        "(given)",
+        "Joints alone: no sign that anything else bends (F test of links beside joints: p = 0.9).",
+        "χ²/dof 0.85: consistent with sigma (1 if model and sigma are right; 103 degrees of freedom)",
+        "uncertainty from readings (type B): 0.47 to 4.7 % of a compliance",
+        "uncertainty from scale of the force, 1 % assumed (type B): 1 % of a compliance",
+        "uncertainty from load point, 10 mm assumed (type B): 0.44 to 18 % of a compliance",
+        "uncertainty from model error (type A, not in the intervals): 0.03 to 6.4 % of a compliance",
+        "complementary stiffness included (1 refit); it changes a compliance by at most 0.56 std. "
+        "uncertainties (K_c/k at most 0.0023)",
+        "causes tested beside the joints, p-value: play 0.5, load zero 0.6, load point 0.8, turn 0.9, "
+        "constant force 1, shift 1, shift since c06 1, turn since c06 1, load scale since c08 1",
+        "observability O1 0.57, O2 0.23, O3 0.29, O4 0.068, O5 0.1; condition number 4.45",
+        "│ Complementary stiffness │ included │",
+        "│ Confidence │ 0.95 │",
+        "│ Not stated │ characteristic length, stiffness bounds, huber threshold, causes, priors,",
+    )
+
+
+def test_resampled_fits_are_shown_in_the_unit_that_is_asked_for():
+    assert_said(
+        typed("identify pull.json --unit nm/arcmin --details --resample 8:200 --elasticity joints"),
+        "│ joint_1 │ 1111 │ 13 │ 1086 … 1138 │ well determined │",
+        "│ joint_6 │ 24.0 │ 4.9 │ 17.2 … 40.1 │ roughly known │",
+        "stiffness, its standard uncertainty and interval in N·m/arcmin",
+        "200 fits of 8 configurations drawn at random",
+        "┃ joint ┃ mean ┃ deviation ┃ negative ┃ rigid ┃ undetermined ┃",
+        "│ joint_1 │ 1110.3 │ 6.4 │ 0 % │ 0 % │ 0 % │",
+        "│ joint_6 │ 24.1 │ 1.2 │ 0 % │ 0 % │ 0 % │",
+        "│ compensation │ 98.6 % │ 0.0 % │ — │ — │ — │",
+        "stiffness in N·m/arcmin: mean and standard deviation of one fit; compensation on all",
+        "│ Resampling: size │ 8 │ │ Resampling: repetitions │ 200 │ │ Resampling: seed │ 0 │",
+    )
+
+
+def test_a_thousand_fits_are_drawn_where_no_number_is_given():
+    assert_said(
+        typed("identify pull.json --resample 8"),
+        "Joints alone: elastic links exclude resampling (F test of links beside joints: p = 0.07).",
+        "1000 fits of 8 configurations drawn at random",
+        "│ joint_2 │ 3.1139 │ 0.0090 │ 0 % │",
+    )
+
+
+@pytest.mark.parametrize(
+    ("options", "sentences"),
+    [
+        (
+            "--method complete_pose --no-positive",
+            [
+                "Joint stiffness, complete pose, covariance weights, unconstrained",
+                "│ joint_1 │ 3.821 │ 0.045 │ 3.735 … 3.911 │ well determined │",
+                "Joints alone: elastic links exclude method (F test of links beside joints: p = 0.07).",
+            ],
+        ),
+        (
+            "--elasticity joints --method decoupled_partial_pose --weighting uniform",
+            [
+                "Joint stiffness, decoupled partial pose, uniform weights, compliance ≥ 0",
+                "│ joint_3 │ 2.541 │ 0.076 │ 2.400 … 2.700 │ determined │",
+                "residual 43.2 µm rms",
+                "1 warning (--details) To do 1. joint_4: 1500 N along (-0.48, -0.85, -0.21) in posture c03",
+            ],
+        ),
+        (
+            "--elasticity joints --loss huber --huber-threshold 2",
+            ["│ joint_3 │ 2.484 │ 0.044 │ 2.400 … 2.573 │", "│ joint_4 │ 0.444 │ 0.038 │ 0.380 … 0.533 │"],
+        ),
+        (
+            "--elasticity joints --prior joint_2=3e6:2e5",
+            [
+                "┃ 95 % interval ┃ prior/data ┃ verdict ┃",
+                "│ joint_1 │ 3.821 │ 0.045 │ 3.735 … 3.911 │ — │ well determined │",
+                "│ joint_2 │ 3.113 │ 0.036 │ 3.044 … 3.186 │ 0.0059 │ well determined │",
+            ],
+        ),
+        (
+            "--elasticity joints --confidence 0.9 --leave-out c01",
+            [
+                "┃ 90 % interval ┃",
+                "│ joint_1 │ 3.791 │ 0.047 │ 3.716 … 3.869 │",
+                "residual 38 µm rms",
+                "1 warning (--details)",
+            ],
+        ),
+        (
+            "--elasticity joints --cause load_point",
+            [
+                "Use with care: 1 reason every load point moved by (-9.25, 1.95, 9.44) mm ± (8.38, 4.41, "
+                "29.8) mm in the flange frame (95 %) was fitted beside the joints; the intervals hold its "
+                "uncertainty, and what was stated stays refuted",
+                "│ joint_1 │ 3.827 │ 0.046 │ 3.739 … 3.918 │ use with care │",
+                "To do 1. measure the load point on the flange 2. joint_6: 1500 N along (0.00, 0.00, 1.00) "
+                "in posture c08: u 10 % → 9 %",
+            ],
+        ),
+        (
+            "--elasticity joints --complementary-stiffness neglected",
+            ["│ joint_1 │ 3.823 │ 0.045 │ 3.737 … 3.913 │", "residual 40.7 µm rms"],
+        ),
+    ],
+    ids=lambda value: value if isinstance(value, str) else "",
+)
+def test_an_option_changes_the_numbers_and_is_named_with_them(options, sentences):
+    assert_said(typed(f"identify pull.json {options}"), *sentences)
+
+
+def test_a_load_point_that_is_fitted_is_no_longer_assumed():
+    assert "Load point: ±10 mm assumed" not in typed(
+        "identify pull.json --elasticity joints --cause load_point"
+    )
+
+
+def test_json_is_the_run_with_its_request_origin_and_numbers():
+    run = answered("identify pull.json --elasticity joints")
+    assert (run["kind"], run["state"], run["error"]) == ("run", "succeeded", None)
+    assert (run["request"]["elasticity"], run["request"]["confidence"]) == ("joints", 0.95)
+    assert run["provenance"]["versions"].keys() >= {"jointstiff", "pinocchio", "clarabel", "numpy"}
+    assert len(run["provenance"]["input_hash"]) == 64
+    result = run["result"]
+    assert result["assessment"]["verdict"] == "use"
+    assert result["assessment"]["joints_identified"] == 6
+    third = result["joints"][2]
+    assert third["stiffness"] == pytest.approx(2.4854e6, rel=1e-4)
+    assert third["compliance"] == pytest.approx(4.0234e-7, rel=1e-4)
+    assert third["standard_uncertainty"] == pytest.approx(7.0774e-9, rel=1e-4)
+    assert third["stiffness_interval"] == pytest.approx([2.4026e6, 2.5742e6], rel=1e-4)
+    assert third["stiffness_at_least"] == pytest.approx(2.4155e6, rel=1e-4)
+    goodness = result["goodness"]
+    assert goodness["chi_square"] == pytest.approx(73.021, rel=1e-4)
+    assert (goodness["degrees_of_freedom"], goodness["sigma_source"]) == (102, "given")
+    assert result["identifiability"]["condition_number"] == pytest.approx(3.3077, rel=1e-4)
+    assert result["choice"]["message"] == (
+        "Joints alone, as requested (F test of links beside joints: p = 0.07)."
+    )
+    shares = {each["joint"]: each["share"] for each in result["contributions"]}
+    assert [shares[f"joint_{j}"] for j in (1, 2, 3)] == pytest.approx([0.26355, 0.35162, 0.21138], rel=1e-4)
+    assert [each["source"] for each in result["budget"]["components"]] == [
+        "readings",
+        "assumed_force_scale",
+        "assumed_load_point",
+        "model_error",
+    ]
+    assert result["model"]["error"]["leverage"] == pytest.approx(6.7122e-5, rel=1e-4)
+
+
+def test_methods_that_agree_are_compared_in_the_unit_that_is_asked_for():
+    assert_said(
+        typed("compare pull.json --unit kNm/deg"),
+        "Use this comparison: nothing speaks against it; all 6 joints of its run passed the checks",
+        "Stiffness in kN·m/° joint sign CP/L CP PP DPP",
+        "joint_1 free 66.57(85) 66.69(78) 66.69(78) 66.01(86)",
+        "joint_3 free 43.11(86) 43.38(76) 43.38(76) 43.6(1.0)",
+        "joint_6 free 1.43(30) 1.44(29) 1.44(29) 1.45(29)",
+        "translations divided by a length of 0.533 m; free: unconstrained; 3.188(17): 3.188 with standard "
+        "uncertainty 0.017; ≥ 0 gives the same numbers as free: no constraint is active",
+        "fit explained rms [µm] condition",
+        "CP/L free 98.6 % 41 3.04",
+        "DPP free 98.6 % 42 1.81",
+        "1 warning (--details)",
+    )
+
+
+def test_two_campaigns_are_compared_joint_by_joint():
+    assert_said(
+        typed("compare pull.json soft.json --details"),
+        "First: pull.json. Second: soft.json. Use this comparison with care: 1 reason of its own",
+        "no configuration was measured on both sides, so the avoided deflection is a prediction alone",
+        "│ joint_1 │ 3.821(45) │ 3.818(46) │ 0.999 │ 0.986 … 1.013 │ 0.92 │",
+        "│ joint_3 │ 2.485(44) │ 1.991(34) │ 0.801 │ 0.783 … 0.820 │ < 0.0001 │",
+        "│ joint_4 │ 0.443(38) │ 0.433(19) │ 0.98 │ 0.82 … 1.15 │ 0.78 │",
+        "ratio of the stiffnesses, second to first; p: p-value of equal stiffnesses",
+        "deflection avoided by the second side: no observation is common to both sides; predicted -5.6 % "
+        "in all",
+        "joint_3 1 free 2.470(49) 2.485(44) 2.485(44) 2.497(58)",
+        "CP/L 2 ≥ 0 98.2 % 47 2.68",
+        "warning: 12 observations have the same label but different postures or loads, or no common "
+        "target; first 'c01'; measure the same postures under the same load, or give different labels",
+        "To do 1. measure some of the same postures under the same load on both sides",
+        "│ Run ids │ 16 entries, SHA-256 ",
+    )
+
+
+@pytest.mark.parametrize(
+    ("command", "content", "said"),
+    [
+        (
+            "identify",
+            "{",
+            "Invalid JSON: EOF while parsing an object at line 1 column 1 remedy: correct the JSON there; "
+            "to read tables and point lists use `jointstiff import FILE`",
+        ),
+        (
+            "identify",
+            '{"a": 1, }',
+            "Invalid JSON: trailing comma at line 1 column 10 remedy: correct the JSON there; to read "
+            "tables and point lists use `jointstiff import FILE`",
+        ),
+        (
+            "import",
+            '{"a": 1, }',
+            "Invalid JSON: trailing comma at line 1 column 10 remedy: correct the JSON there; it must be "
+            "UTF-8",
+        ),
+    ],
+)
+def test_a_broken_file_is_refused_with_its_line_and_column(command, content, said):
+    Path("broken.json").write_text(content)
+    assert refused(f"{command} broken.json") == f"broken.json: {said}"
+
+
+def test_the_version_is_that_of_the_package():
+    assert typed("--version") == f"jointstiff {jointstiff.__version__}"

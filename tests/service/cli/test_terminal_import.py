@@ -1,0 +1,198 @@
+"""What `import` shows, writes, refuses and asks."""
+
+import json
+from pathlib import Path
+
+import pytest
+from support.command_lines import answered, assert_said, refused, typed
+from support.importing_samples import CAMPAIGN, JOINTS, POINTS
+from support.workbooks import table_of
+
+from jointstiff.service.cli import imports
+from jointstiff.simulator import default_arm, simulate_campaign
+
+MEASURED = simulate_campaign(default_arm(), load="dead_weight", configurations=6, seed=7)
+TABLE = table_of(MEASURED)
+STATED = "--encoders motor --load-point 0,0,120 --sigma 0.02"
+FILES: dict[str, str | bytes] = {
+    "table.csv": CAMPAIGN,
+    "joints.csv": JOINTS,
+    "points.txt": POINTS,
+    "cell.csv": TABLE,
+    "wrong.csv": TABLE.replace(b"[rad]", b"[deg]"),
+    "robot.json": json.dumps(MEASURED["robot"]),
+}
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path, monkeypatch):
+    for name, content in FILES.items():
+        (tmp_path / name).write_bytes(content if isinstance(content, bytes) else content.encode())
+    monkeypatch.chdir(tmp_path)
+
+
+def test_a_table_is_shown_as_it_is_read_with_what_is_missing():
+    assert_said(
+        typed("import table.csv"),
+        "table.csv: utf-8, semicolon between cells, decimal point, 3 rows",
+        "┃ ┃ header ┃ read as ┃ unit ┃ first values ┃",
+        "│ 1 │ label │ name │ │ c01; c02 │",
+        "│ 3 │ J2 [deg] │ joint 2 │ deg │ -20.25; -35.125 │",
+        "│ 7 │ Fz [N] │ force z │ N │ -1471.5; -1471.5 │",
+        "│ 8 │ P10 unloaded x [mm] │ P10 unloaded x │ mm │ 1245.7134; 1102.5518 │",
+        "│ 13 │ P10 loaded z [mm] │ P10 loaded z │ mm │ 237.9853; 316.8891 │",
+        "assumed: comments were skipped (1 line); the first: 'cell 3, dead weight, 2026-11-20'",
+        "3 observations (c01, c02, c03), 3 joints, 3 complete readings; targets: P10; states: unloaded, "
+        "loaded",
+        "missing: the load point (`--load-point`), in the flange frame",
+        "missing: the encoders that close the position loop (`--encoders`): motor or secondary",
+    )
+
+
+def test_a_complete_table_is_written_as_a_set_in_its_own_units():
+    about = "--about operator=A --about measured_at=2021-02-03T04:05:06Z"
+    assert_said(
+        typed(f"import table.csv {STATED} --name 'cell 3' -o set.json {about}"),
+        "complete: a measurement set",
+        "wrote set.json, a measurement set; now: add a robot with --robot",
+    )
+    stored = json.loads(Path("set.json").read_text())
+    assert stored["units"] == {"length": "mm", "angle": "deg", "force": "N"}
+    assert (stored["name"], stored["operator"]) == ("cell 3", "A")
+    assert stored["measured_at"] == "2021-02-03T04:05:06Z"
+    assert (stored["encoders"], stored["noise"]["sigma"]) == ("motor", 0.02)
+    assert stored["load_point"] == [0.0, 0.0, 120.0]
+    assert stored["observations"][1] == {
+        "label": "c02",
+        "joints": [-15.0, -35.125, 42.75],
+        "force": [0.0, 0.0, -1471.5],
+        "readings": [
+            {
+                "target": "P10",
+                "unloaded": [1102.5518, 402.9017, 318.4406],
+                "loaded": [1102.4127, 402.8613, 316.8891],
+            }
+        ],
+    }
+
+
+def test_a_template_states_what_the_next_file_of_the_form_needs():
+    typed(f"import table.csv {STATED} --save-template t.json")
+    template = json.loads(Path("t.json").read_text())
+    assert template["columns"]["J1 [deg]"] == "joint 1 [deg]"
+    assert template["columns"]["P10 loaded z [mm]"] == "P10 loaded z [mm]"
+    assert len(template["layouts"][0]) == len(template["columns"]) == 13
+    assert (template["delimiter"], template["decimal_mark"]) == ("semicolon", "point")
+    assert (template["encoders"], template["noise"]) == ("motor", {"sigma": 0.02})
+    assert (template["load_point"], template["length_unit"]) == ([0.0, 0.0, 120.0], "mm")
+    answer = answered("import table.csv --template t.json")
+    assert (answer["missing_fields"], answer["faults"]) == ([], [])
+    assert (answer["observation_count"], answer["joint_count"], answer["reading_count"]) == (3, 3, 3)
+    assert (answer["first_labels"], answer["targets"]) == (["c01", "c02", "c03"], ["P10"])
+    (file,) = answer["files"]
+    assert (file["header_lines"], file["first_lines"], file["row_count"]) == ([2], [3, 4, 5], 3)
+    assert file["first_rows"][2][:4] == ["c03", "0.5", "-50", "61.0625"]
+    assert not any(column["guessed"] for column in file["columns"])
+
+
+def test_joints_and_points_in_two_files_are_one_set_and_guesses_are_marked():
+    assert_said(
+        typed(
+            "import joints.csv points.txt --units length=mm,angle=deg,force=N --encoders secondary "
+            "--load-point 0,0,120"
+        ),
+        "joints.csv: utf-8, comma between cells, decimal point, 2 rows",
+        "points.txt: utf-8, semicolon between cells, decimal point, 4 rows",
+        "│ 1 │ │ name ? │ │ c01_P10_unloaded; c01_P10_loaded │",
+        "│ 2 │ │ position x ? │ mm │ 1245.7134; 1245.6021 │",
+        "assumed: no header found; assumed columns: name, x, y, z",
+        "2 observations (c01, c02), 2 joints, 2 complete readings; targets: P10; states: unloaded, loaded",
+        "complete: a measurement set",
+    )
+
+
+def test_readings_of_a_known_robot_are_inspected_and_a_file_is_not_written_over():
+    line = f"import cell.csv --robot robot.json {STATED} --output new.json"
+    assert_said(
+        typed(line),
+        "│ 2 │ J1 [rad] │ joint 1 │ rad │ 0.393; -1.5543 │",
+        "6 observations (c01, c02, c03, c04, c05, …), 6 joints, 18 complete readings; targets: P10, P11, "
+        "P12; states: unloaded, loaded",
+        "complete: a measurement set integrity: nothing suspicious",
+        "wrote new.json, a campaign; now: jointstiff identify new.json",
+    )
+    assert refused(line).endswith("new.json exists remedy: choose another name, or --overwrite")
+
+
+def test_readings_with_errors_are_written_only_despite_them():
+    line = f"import wrong.csv --robot robot.json {STATED} --output other.json"
+    errors = (
+        "do not use: the angles seem to be in rad, not in deg as declared: no joint turns by more than "
+        "2.79° in 6 observations; set `units.angle` to rad do not use: the angles seem to be in rad, not in "
+        "deg as declared: as posted, the targets keep one position on the flange in 1 of 6 observations; "
+        "with all angles taken as radians, in 6 of 6, within 56.3 µm; set `units.angle` to rad"
+    )
+    assert_said(
+        typed(line, status=1),
+        f"{errors} other.json was not written: correct the errors, or use --despite-errors",
+    )
+    assert not Path("other.json").exists()
+    assert_said(
+        typed(f"{line} --despite-errors"),
+        f"{errors} wrote other.json, a campaign; now: jointstiff identify other.json",
+    )
+    assert json.loads(Path("other.json").read_text())["measurement_set"]["units"]["angle"] == "deg"
+
+
+@pytest.fixture
+def asking(monkeypatch):
+    """The commands ask as at a terminal."""
+    monkeypatch.setattr(imports, "may_ask", lambda: True)
+
+
+@pytest.mark.usefixtures("asking")
+def test_what_is_missing_is_asked_for_until_the_answer_can_be_used():
+    bare = TABLE.decode().replace(" [rad]", "").replace(" [m]", "")
+    lines = (line.replace(";", ";night;" if i else ";shift;", 1) for i, line in enumerate(bare.splitlines()))
+    Path("cell.csv").write_text("\n".join(lines) + "\n")
+    answers = ["", "rad", "mm in", "m", "", "0,0", "0,0,120", "", "robot.json"]
+    said = typed("import cell.csv --output asked.json", input="\n".join(answers) + "\n")
+    assert_said(
+        said,
+        "│ 2 │ shift │ ignored │ │ night; night │",
+        "│ 3 │ J1 │ joint 1 │ rad │ 0.393; -1.5543 │",
+        "complete: a measurement set integrity: nothing suspicious",
+        "Enter alone takes the answer in brackets; a question without one is asked until it is answered.",
+        "Meaning of column 'shift', such as J1 [deg] [ignore]:",
+        "Unit of angles (rad, deg) [deg]:",
+        "Unit of lengths (m, mm, in) [mm]:",
+        "Error: answer m, mm, in Unit of lengths (m, mm, in) [mm]:",
+        "Load point in the flange frame, X,Y,Z in mm (at the flange: 0,0,0):",
+        "Load point in the flange frame, X,Y,Z in mm (at the flange: 0,0,0):",
+        "Error: '0,0' must be three numbers, such as 0,0,120.5",
+        "Encoders that close the position loop (motor, secondary) [motor]:",
+        "Measured robot, for the integrity checks: file or arm [none]:",
+        "wrote asked.json, a campaign; now: jointstiff identify asked.json",
+    )
+    stored = json.loads(Path("asked.json").read_text())["measurement_set"]
+    assert stored["units"] == {"length": "m", "angle": "rad", "force": "N"}
+    assert stored["load_point"] == pytest.approx([0.0, 0.0, 0.12])
+    assert stored["encoders"] == "motor"
+
+
+@pytest.mark.usefixtures("asking")
+def test_words_of_states_and_a_far_load_point_are_asked_for():
+    Path("pre.csv").write_text(CAMPAIGN.replace("unloaded", "pre").replace("loaded", "post"))
+    said = typed(
+        "import pre.csv --output asked.json", input="\n".join(["", "0,0,6000", "", "y", "none"]) + "\n"
+    )
+    assert_said(
+        said,
+        "│ 8 │ P10 pre x [mm] │ P10 unloaded x │ mm │ 1245.7134; 1102.5518 │",
+        "│ 11 │ P10 post x [mm] │ P10 loaded x │ mm │ 1245.6021; 1102.4127 │",
+        "Word for readings without load (pre, post) [pre]:",
+        "Encoders that close the position loop (motor, secondary) [motor]:",
+        "Is this right: the load point is 6 m from the flange? [y/N]:",
+        "wrote asked.json, a measurement set; now: add a robot with --robot",
+    )
+    assert json.loads(Path("asked.json").read_text())["load_point"] == [0.0, 0.0, 6000.0]

@@ -1,0 +1,154 @@
+"""`measure` at the terminal: what it says of each reading, and what the person is asked."""
+
+import io
+import json
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+import typer
+from support.command_lines import assert_said, typed
+from support.terminal import terminal
+
+from jointstiff.service.cli.at_terminal import AtTerminal
+from jointstiff.simulator import default_arm, simulate_campaign
+
+
+@pytest.fixture(autouse=True)
+def inside(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    document = simulate_campaign(default_arm(), load="pull", configurations=12, seed=1)
+    Path("pull.json").write_text(json.dumps(document))
+
+
+def test_a_goal_takes_five_readings_and_one_that_is_held_out():
+    assert_said(
+        typed("measure pull.json --goal '30 %' --source simulated:1 --yes --save closed.json --most 6"),
+        "Use: all 6 joints passed the checks",
+        "│ joint_1 │ 7.13 │ 0.11 │ 6.91 … 7.36 │ well determined │",
+        "│ joint_6 │ 0.148 │ 0.029 │ 0.107 … 0.241 │ roughly known │",
+        "goal: every joint that the load can twist is known to ± 30 %",
+        "m01: joint_6 ± 234 %, about 5 more",
+        "m02: share of the goal 1.18, joint_6 ± 35 %, as expected with p 0.03, about 9 more",
+        "m03: share of the goal 0.75, joint_6 ± 22 %, as expected with p 0.89, about 3 more",
+        "goes on: 3 readings: the goal takes 5 and a held-out one to be sure of; about 3 more",
+        "m05: share of the goal 0.54, joint_6 ± 16 %, as expected with p 0.82, about 1 more",
+        "goes on: the goal is met; one held-out reading checks it",
+        "m06: share of the goal 0.49, joint_6 ± 15 %, as expected with p 0.97, held out: as near to its "
+        "prediction as 90 % of good readings, reached",
+        "reached after 6 readings, without the assumed errors of load point and force (with them ± 38 %); "
+        "the held-out one is as near to its prediction as 90 % of good readings",
+        "wrote closed.json",
+    )
+    assert len(json.loads(Path("closed.json").read_text())["measurement_set"]["observations"]) == 6
+
+
+def test_a_campaign_that_ends_early_says_what_it_knows():
+    line = ["measure", "pull.json", "--goal", "30 %", "--source", "simulated:1", "--json", "--most", "3"]
+    answer = json.loads(terminal(*line).stdout)
+    assert (answer["readings"], answer["state"], answer["stopped"]) == (3, "measuring", None)
+    assert answer["message"] == (
+        "3 readings: the goal takes 5 and a held-out one to be sure of; about 3 more"
+    )
+    assert answer["share"] == pytest.approx(0.74895, rel=1e-4)
+    first = answer["joints"][0]
+    assert first["stiffness"] == pytest.approx(6.9014e6, rel=1e-4)
+    assert first["interval"] == pytest.approx([6.5626e6, 7.277e6], rel=1e-4)
+    assert first["relative"] == pytest.approx(0.047386, rel=1e-4)
+    assert [each["label"] for each in answer["record"]] == ["m01", "m02", "m03"]
+    assert [each["state"] for each in answer["record"]] == ["counts"] * 3
+    second = answer["record"][1]
+    assert second["p_value"] == pytest.approx(0.030487, rel=1e-3)
+    assert second["distance"] == pytest.approx(2.6058e-3, rel=1e-3)
+    assert (second["doubtful"], second["causes"], second["message"]) == (False, [], "as expected")
+    assert answer["result"]["budget"]["missing"] == ["model_error"]
+    assert answer["result"]["compensation"] == pytest.approx(0.98796, rel=1e-4)
+
+
+@pytest.fixture
+def asked(monkeypatch):
+    """A function that asks a question, answered with lines of keys, and returns what is decided."""
+
+    def ask(question, keys, **options):
+        monkeypatch.setattr("sys.stdin", io.StringIO(keys))
+        return decided(question, **options)
+
+    return ask
+
+
+def decided(question, asks=True, force=(0, 60, -80), anchor=1):
+    campaign = SimpleNamespace(source=None, joint_names=["a", "b"], joint_kinds=["revolute", "prismatic"])
+    following = SimpleNamespace(label="m01", joints=[0.5, 0.2], force=force, anchor=anchor, reason="first")
+    person = AtTerminal(campaign, asks=asks, confirmed=False)
+    questions = {
+        "unloaded": lambda: person.ready(following, loaded=False),
+        "loaded": lambda: person.ready(following, loaded=True),
+        "doubt": lambda: person.doubts(None, again=False),
+        "earlier": lambda: person.doubts_earlier(None, again=True),
+        "missed": lambda: person.missed(OSError("no"), again=False),
+        "confirms": lambda: person.confirms("lines"),
+    }
+    return questions[question]()
+
+
+QUESTIONS = ("unloaded", "loaded", "doubt", "earlier", "missed")
+
+
+@pytest.mark.parametrize(
+    ("keys", "decisions"),
+    [
+        ("\n", ["read", "read", "keep", "keep", "stop"]),
+        ("r", ["stop", "stop", "again", "keep", "again"]),
+        ("K", ["stop", "stop", "keep", "keep", "stop"]),
+        ("x\nw", ["stop", "stop", "keep", "withdraw", "stop"]),
+        ("s", ["skip", "skip", "keep", "keep", "skip"]),
+        ("", ["stop", "stop", "keep", "keep", "stop"]),
+    ],
+    ids=["Enter", "r", "K", "x, then w", "s", "the end"],
+)
+def test_the_answer_of_the_person_decides_and_without_one_it_ends(keys, decisions, asked):
+    assert [asked(question, keys) for question in QUESTIONS] == decisions
+
+
+def test_nobody_is_asked_where_nobody_answers(asked):
+    assert [asked(question, "", asks=False) for question in QUESTIONS] == [
+        "read",
+        "read",
+        "again",
+        "keep",
+        "again",
+    ]
+
+
+def test_lines_that_nobody_confirms_are_not_read(asked, capsys):
+    with pytest.raises(typer.Exit):
+        asked("confirms", "")
+    assert capsys.readouterr().err == (
+        "lines\nare the lines read rightly? y or n: nobody confirmed how the lines are read\n  remedy: "
+        "confirm it, or give --yes\n"
+    )
+
+
+@pytest.mark.parametrize(
+    ("force", "anchor", "said"),
+    [
+        ((0, 0, -300), None, "300 N down"),
+        ((0, 60, -80), 1, "100 N x +0.00, y +0.60, z -0.80 to anchor 2"),
+        ((0, 0, 200), None, "200 N x +0.00, y +0.00, z +1.00"),
+        ((0, 0, 0), 0, "no load"),
+    ],
+)
+def test_posture_and_force_are_shown_before_they_are_asked_for(force, anchor, said, asked, capsys):
+    for question, words in [
+        (
+            "unloaded",
+            f"\nm01: a 28.65°, b 200.0 mm\n  {said}; first\n  Enter reads without load; s skips this "
+            "posture; q ends: ",
+        ),
+        (
+            "loaded",
+            f"  hang the load: {said}\n  Enter reads with the load; s skips this posture; q ends: ",
+        ),
+    ]:
+        asked(question, "\n", force=force, anchor=anchor)
+        assert capsys.readouterr().err == words

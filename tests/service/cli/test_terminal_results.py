@@ -1,0 +1,317 @@
+"""What is made of a run at the terminal: reports, exports, predictions, maps, plans, programs."""
+
+import csv
+import json
+from pathlib import Path
+
+import pytest
+from support.command_lines import answered, assert_said, refused, typed
+from support.kinds import MAP
+from support.programs import options, path, tool_poses
+from support.terminal import terminal
+
+from jointstiff.simulator import default_arm, simulate_campaign
+from jointstiff.simulator.programs import program_text
+
+POSTURES = (
+    "label,J1 [deg],J2 [deg],J3 [deg],J4 [deg],J5 [deg],J6 [deg],Fx [N],Fy [N],Fz "
+    "[N]\na,0,-20,30,0,45,0,0,0,-800\nb,40,-10,5,7,30,2,100,0,0\n"
+)
+LAB = 'name = "Lab"\ncountry = "FR"\nresponsible = "A. Martin"\n'
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("results")
+    campaign = simulate_campaign(default_arm(), load="pull", configurations=12, seed=1)
+    (folder / "pull.json").write_text(json.dumps(campaign))
+    campaign["measurement_set"]["measured_at"] = "2021-02-03T04:05:06Z"
+    (folder / "timed.json").write_text(json.dumps(campaign))
+    (folder / "run.json").write_text(terminal("identify", folder / "pull.json", "--json").stdout)
+    (folder / "postures.csv").write_text(POSTURES)
+    (folder / "area.json").write_text(json.dumps(MAP))
+    (folder / "path.src").write_text(program_text("krl", tool_poses(path(4)), 4))
+    (folder / "options.json").write_text(json.dumps(options("krl")))
+    return folder
+
+
+@pytest.fixture(autouse=True)
+def inside(folder, monkeypatch):
+    monkeypatch.chdir(folder)
+
+
+def written(text):
+    """Rows of a CSV: cells by their headers."""
+    return list(csv.DictReader(text.splitlines()))
+
+
+def numbers(row, *headers):
+    return [float(row[header]) for header in headers]
+
+
+def test_a_report_is_written_of_a_campaign_and_its_run_and_not_over_another_file():
+    assert typed("report pull.json --run run.json --output report.html").startswith("report.html: ")
+    page = Path("report.html").read_text()
+    assert json.loads(Path("run.json").read_text())["id"] in page
+    assert "3.735 … 3.911" in page
+    said = refused("report pull.json --run run.json -o report.html")
+    assert said == "report.html exists remedy: choose another name, or --overwrite"
+    assert Path("report.html").read_text() == page
+
+
+def test_a_run_in_place_of_a_campaign_is_refused_field_by_field():
+    assert_said(
+        refused("report run.json -o again.html"),
+        "run.json does not match the schema robot: required field is missing; add this field",
+        "measurement_set: required field is missing; add this field",
+        "id: unknown field; remove it, or check its spelling",
+        "provenance: unknown field; remove it, or check its spelling",
+    )
+
+
+def test_a_certificate_needs_the_country_and_the_responsible_person():
+    assert refused("report pull.json -o c.xml") == (
+        "report.laboratory: a certificate states the country of the measurement and the responsible person "
+        "remedy: give `country` and `responsible` in the settings of the laboratory"
+    )
+    Path("lab.toml").write_text(LAB)
+    typed("report timed.json -o c.xml --laboratory lab.toml")
+    assert_said(
+        Path("c.xml").read_text(),
+        '<dcc:digitalCalibrationCertificate xmlns:dcc="https://ptb.de/dcc"',
+        'schemaVersion="3.3.0"',
+        "<dcc:countryCodeISO3166_1>FR</dcc:countryCodeISO3166_1>",
+        "<dcc:beginPerformanceDate>2021-02-03</dcc:beginPerformanceDate>",
+        "<dcc:endPerformanceDate>2021-02-03</dcc:endPerformanceDate>",
+        "<dcc:performanceLocation>laboratory</dcc:performanceLocation>",
+        "Industrial robot simulated 6R, 6 joints",
+        "A. Martin",
+    )
+
+
+def test_an_exported_model_says_its_origin_verdict_and_intervals():
+    typed("export pull.json -o model.mjcf --run run.json")
+    assert_said(
+        Path("model.mjcf").read_text(),
+        '<mujoco model="simulated 6R">',
+        "Joint stiffness of simulated 6R, identified from laser-tracker readings by jointstiff ",
+        "Method: partial pose, covariance weights, compliances not negative. Intervals at 95 %.",
+        "Verdict on the result: use.",
+        "Lengths in m, angles in rad, stiffness in N·m/rad. Angles are those of the model, in the frame of "
+        "the link base_link.",
+        "Masses and inertias are placeholders of the format, not of the robot, and gravity is off: add "
+        "those of the robot for dynamics or own weight.",
+        "joint_1: 3.821 · 10⁶ N·m/rad (95 % interval 3.735 … 3.911); verdict: use",
+        "joint_6: 0.083 · 10⁶ N·m/rad (95 % interval 0.059 … 0.138); verdict: use",
+        '<compiler angle="radian" eulerseq="XYZ" autolimits="true" boundmass="1" boundinertia="1" />',
+        '<option gravity="0 0 0" />',
+        '<body name="link_1" pos="0.0 0.0 0.0"',
+        '<joint name="joint_1" type="hinge" axis="0.0 0.0 1.0" range="-3.14159',
+        '<body name="link_2" pos="0.33 0.0 0.78"',
+        '<body name="flange" pos="0.24 0.0 0.0" euler="3.14159',
+    )
+
+
+def test_an_exported_table_has_numbers_of_each_joint_in_the_units_of_their_headers():
+    typed("export pull.json -o model.csv --run run.json")
+    *_, sixth = written(Path("model.csv").read_text())
+    assert (sixth["joint"], sixth["status"], sixth["verdict"]) == ("joint_6", "identified", "use")
+    assert numbers(sixth, *(f"stiffness{each} [N.m/rad]" for each in ("", " low", " high"))) == pytest.approx(
+        [82619.9, 59015.8, 137691.0], rel=1e-5
+    )
+    compliance = [f"compliance{each} [rad/(N.m)]" for each in ("", " standard uncertainty", " low", " high")]
+    assert numbers(sixth, *compliance) == pytest.approx(
+        [1.21036e-5, 2.46994e-6, 7.26263e-6, 1.69446e-5], rel=1e-5
+    )
+    assert numbers(sixth, "stiffness at least, one-sided [N.m/rad]") == pytest.approx([61857.1], rel=1e-5)
+
+
+def test_deflections_are_predicted_with_their_uncertainty():
+    assert_said(
+        typed(
+            "predict pull.json postures.csv --load-point 0,0,120 --run run.json --output p.csv --overwrite"
+        ),
+        "Use this prediction: nothing speaks against it; all 6 joints of its run passed the checks",
+        "Deflections in R0, with U without model error",
+        "a -0.254 ± 0.017",
+        "0.000 ± 0.000 -1.194 ± 0.035 — 671",
+        "b 0.063 ± 0.001 -0.018 ± 0.001 -0.028 ± 0.001 — 1591",
+        "U of readings, loads and places, and model error, at 95 %; stiffness along the force, free to "
+        "move sideways",
+        "own weight is not included, because no masses are given",
+        "no bound of the model error at 95 %: 19 postures are needed, and there are 12",
+    )
+    first, second = written(Path("p.csv").read_text())
+    shifts = [f"displacement {axis} [mm]" for axis in "xyz"]
+    assert numbers(first, *shifts) == pytest.approx([-0.253917, 0.0, -1.19406], abs=1e-5)
+    assert numbers(second, *shifts) == pytest.approx([0.0628544, -0.0184783, -0.0280327], abs=1e-6)
+    assert numbers(first, "rotation y [mrad]") == pytest.approx([1.44763], abs=1e-5)
+    limits = [f"displacement z readings only {side} [mm]" for side in ("low", "high")]
+    assert numbers(first, *limits) == pytest.approx([-1.22877, -1.15936], abs=1e-5)
+
+
+def test_a_prediction_at_a_place_has_compliance_along_the_force_and_in_the_worst_direction():
+    first, second = answered("predict pull.json postures.csv --place 0,0,250 --load-point 0,0,120")["cases"]
+    assert first["displacement"] == pytest.approx([-4.0815e-4, 0.0, -1.3019e-3], abs=1e-7)
+    assert first["readings_only"][2] == pytest.approx([-1.3404e-3, -1.2633e-3], abs=1e-7)
+    assert first["with_model_error"] is None
+    along, worst = first["compliance"]["along"], first["compliance"]["worst"]
+    assert along["direction"] == [0.0, 0.0, -1.0]
+    assert along["lateral_free"] == pytest.approx(5.596e5, rel=1e-4)
+    assert along["lateral_blocked"] == pytest.approx(7.5954e5, rel=1e-4)
+    assert along["rotation_blocked"] == pytest.approx(1.3522e6, rel=1e-4)
+    assert along["compliance"] == pytest.approx(1.787e-6, rel=1e-4)
+    assert worst["direction"] == pytest.approx([0.45515, 0.0, 0.89041], abs=1e-4)
+    assert worst["compliance"] == pytest.approx(2.1131e-6, rel=1e-4)
+    budget = second["budget"]
+    assert budget["contributions"] == pytest.approx(
+        {"readings": 4.0224e-7, "assumed_force_scale": 7.4486e-7, "assumed_load_point": 2.5759e-7}, rel=1e-3
+    )
+    assert budget["standard_uncertainty"] == pytest.approx(8.8485e-7, rel=1e-3)
+    assert budget["expanded_uncertainty"] == pytest.approx(1.7343e-6, rel=1e-3)
+
+
+def test_a_map_shows_its_worst_and_its_stiffest_place():
+    assert_said(
+        typed("map pull.json --options area.json --run run.json --details"),
+        "Use this map: nothing speaks against it; all 6 joints of its run passed the checks",
+        "all 4 places reached",
+        "deflection: median 669.3 µm, 90 % of the places 523.5 to 783.6 µm, greatest 794.9 µm",
+        "┃ ┃ worst place ┃ stiffest place ┃",
+        "│ place [mm] │ 1800 -200 600 │ 1400 200 600 │",
+        "│ controller's angles [°] │ -6.3 20.7 16.1 0.0 53.2 -173.7 │ 8.1 2.7 38.0 0.0 49.3 171.9 │",
+        "│ deflection [µm] │ 794.9 │ 506.6 │",
+        "│ readings only [µm] │ 774 to 815 │ 493 to 521 │",
+        "│ with model error [µm] │ — │ — │",
+        "│ compliance along [µm/N] │ 1.25 │ 0.742 │",
+        "│ compliance across [µm/N] │ 1.73 │ 1.83 │",
+        "intervals at 95 %",
+        "│ Area │ (1400, -200, 600) mm; (1800, 200, 600) mm │",
+        "│ Force │ (0, 300, -500) N │",
+    )
+
+
+def test_a_map_along_the_flange_takes_the_best_of_its_turns_and_bounds_its_model_error():
+    line = "map pull.json --options area.json --run run.json"
+    assert_said(
+        typed(f"{line} --turns 3 --direction 1,0,0 --axes flange --confidence 0.9"),
+        "deflection: median 389.3 µm, 90 % of the places 304.3 to 489.2 µm, greatest 494.2 µm",
+        "│ controller's angles [°] │ 6.3 20.7 16.1 0.0 53.2 53.7 │ -8.1 2.7 38.0 0.0 49.3 68.1 │",
+        "│ readings only [µm] │ 484 to 505 │ 292 to 312 │",
+        "│ with model error [µm] │ 462 to 526 │ 270 to 334 │",
+        "│ compliance along [µm/N] │ 1.34 │ 0.951 │",
+        "intervals at 90 %",
+    )
+
+
+def test_a_map_as_csv_has_a_row_for_each_place():
+    rows = written(
+        terminal("map", "pull.json", "--options", "area.json", "--run", "run.json", "--csv").stdout
+    )
+    assert [numbers(row, "x [m]", "y [m]", "z [m]") for row in rows] == [
+        [1.4, -0.2, 0.6],
+        [1.4, 0.2, 0.6],
+        [1.8, -0.2, 0.6],
+        [1.8, 0.2, 0.6],
+    ]
+    assert {row["status"] for row in rows} == {"reached"}
+    assert numbers(rows[0], "joint_1 [rad]", "joint_3 [rad]", "joint_5 [rad]") == pytest.approx(
+        [-0.141897, 0.663974, 0.860415], abs=1e-5
+    )
+    assert numbers(rows[0], "dx [m]", "dy [m]", "dz [m]", "deflection [m]") == pytest.approx(
+        [-3.32851e-4, 2.97885e-4, -4.28351e-4, 6.18878e-4], abs=1e-8
+    )
+    assert numbers(rows[0], "readings only low [m]", "readings only high [m]") == pytest.approx(
+        [6.01211e-4, 6.36545e-4], abs=1e-8
+    )
+
+
+def test_a_plan_says_what_it_adds_and_is_a_campaign_to_fill_in():
+    assert_said(
+        typed("plan pull.json --readings 3 --candidates 200 --campaign filled.json --overwrite --details"),
+        "Use this plan: nothing speaks against it; all 6 joints of its run passed the checks",
+        "│ joint_1 │ 0.45 % │ 0.47 % │",
+        "│ joint_4 │ 2.3 % │ 7.9 % │",
+        "│ joint_6 │ 5.1 % │ 7.7 % │",
+        "by the noise of the readings alone; model error comes on top",
+        "p1 -150.0 -4.0 48.0 -10.0 95.0 -15.0 1500",
+        "v2 -22.0 69.0 37.0 44.0 -73.0 68.0 1500",
+        "v…: held out, to judge the model. Targets: P10, P11, P12. Load point in the flange frame: -60, "
+        "20, 180 mm",
+        "certified: at least 100.0 % of the best list's information (relative uncertainty of the joints)",
+        "200 of 200 readings were feasible",
+        "the list has only the new readings, but the predicted uncertainties also use those of the "
+        "campaign so far: identify both together, as in the campaign to fill in",
+        "│ Distinct angle │ 10° │",
+        "wrote filled.json",
+    )
+    stated = json.loads(Path("filled.json").read_text())["measurement_set"]
+    assert (stated["name"], stated["encoders"]) == ("planned for simulated 6R", "motor")
+    assert stated["load_point"] == pytest.approx([-0.06, 0.02, 0.18])
+    assert [each["label"] for each in stated["observations"]] == ["p1", "v2", "p3"]
+    assert stated["observations"][0]["force"] == pytest.approx([-619.65, 1344.4, -241.86], rel=1e-4)
+    assert stated["observations"][2]["joints"][:3] == pytest.approx([2.5482, -0.68068, -0.05236], abs=1e-4)
+    assert stated["observations"][1]["readings"][0] == {"target": "P10", "unloaded": None, "loaded": None}
+
+
+def test_a_plan_as_csv_marks_the_reading_that_is_held_out():
+    rows = written(terminal("plan", "pull.json", "--readings", 3, "--candidates", 200, "--csv").stdout)
+    assert [(row["label"], row["validation"]) for row in rows] == [("p1", "0"), ("v2", "1"), ("p3", "0")]
+    assert numbers(rows[1], "joint_2 [deg]", "joint_5 [deg]", "Fx [N]", "load point z [mm]") == [
+        69.0,
+        -73.0,
+        1466.7,
+        180.0,
+    ]
+    assert rows[0]["P10 unloaded x [mm]"] == ""
+
+
+def test_a_program_is_corrected_and_its_points_are_written():
+    line = "compensate pull.json path.src --options options.json --output out.src --report points.csv"
+    assert_said(
+        typed(f"{line} --overwrite"),
+        "Use this program: nothing speaks against it; all 6 joints of its run passed the checks",
+        "4 of 4 targets corrected",
+        "Distance of the loaded tool from its target, mm",
+        "│ without correction │ 2.2650 │ 2.7532 │ 2.8306 │",
+        "│ as written, predicted │ 0.0001 │ 0.0001 │ 0.0001 │",
+        "│ displacement of targets │ 2.2691 │ 2.7586 │ 2.8363 │",
+        "Worst points",
+        "│ 1 │ │ 7 │ 2.831 │ 2.755 … 2.906 │ — │ 0.0001 │",
+        "│ 4 │ │ 10 │ 2.315 │ 2.244 … 2.386 │ — │ 0.0001 │",
+        "wrote out.src wrote points.csv",
+    )
+    assert_said(
+        Path("out.src").read_text(),
+        "&ACCESS RVP",
+        "DEF path()",
+        "$TOOL=TOOL_DATA[1]",
+        "LIN {X 1809.8108,Y 268.9044,Z 1492.4817,A -161.49172,B 39.54207,C -170.98413} C_DIS",
+        "LIN {X 1366.6314,Y 139.5644,Z 1579.6742,A -168.25951,B 42.54148,C -162.73950} C_DIS",
+        "END",
+    )
+    first, *_ = written(Path("points.csv").read_text())
+    assert numbers(first, "line", "deflection [mm]", "deflection z [mm]") == pytest.approx(
+        [7, 2.83057, -2.794967], abs=1e-4
+    )
+    assert refused(line) == "out.src exists remedy: choose another name, or --overwrite"
+
+
+def test_moves_are_explained_before_they_are_corrected():
+    assert_said(
+        typed("compensate pull.json path.src --explain"),
+        "line 7: 1809.57, 269.279, 1489.68, -161.541, 39.3967, -171.051, base BASE_DATA[1], tool "
+        "TOOL_DATA[1]: corrected",
+        "4 of 4 moves can be corrected, 0 left",
+    )
+    moves = answered("compensate pull.json path.src --explain")
+    assert [(each["line"], each["corrected"]) for each in moves] == [(line, True) for line in (7, 8, 9, 10)]
+    assert moves[0] == {
+        "line": 7,
+        "target": "1809.57, 269.279, 1489.68, -161.541, 39.3967, -171.051",
+        "base": "BASE_DATA[1]",
+        "tool": "TOOL_DATA[1]",
+        "reason": "",
+        "remedy": "",
+        "corrected": True,
+    }

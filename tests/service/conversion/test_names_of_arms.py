@@ -1,0 +1,32 @@
+"""Names of arms of the catalogue that are not clear."""
+
+import pytest
+
+from jointstiff.service.conversion.catalogue import find_arm
+from jointstiff.solver.errors import RequestError
+
+ADVICE = "`jointstiff robots` and GET /v1/catalogue list its arms; or describe yours by a DH table or URDF"
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        (
+            "IRB",
+            "'IRB' matches several arms of the catalogue: ABB IRB 6640-185/2.8, ABB IRB 6700-200/2.60, ABB "
+            "IRB 4600-60/2.05, ABB IRB 120-3/0.6; give the whole name",
+        ),
+        ("", f"the catalogue has no arm ''; {ADVICE}"),
+        ("/", f"the catalogue has no arm '/'; {ADVICE}"),
+        (
+            "KUKA KR 6 R700",
+            "the catalogue has no arm 'KUKA KR 6 R700'; similar names: KUKA KR 6 R900 sixx, KUKA KR 210 "
+            f"R2700 extra; {ADVICE}",
+        ),
+        ("💥", f"the catalogue has no arm '💥'; {ADVICE}"),
+    ],
+)
+def test_an_unclear_name_is_answered_with_arms_that_are_meant(name, said):
+    with pytest.raises(RequestError) as refused:
+        find_arm(name, "model.arm")
+    assert (refused.value.where, str(refused.value)) == ("model.arm", f"model.arm: {said}")

@@ -1,0 +1,140 @@
+"""Campaigns with mistakes and without: the verdict, its reasons, what helps, and the numbers."""
+
+import re
+
+import pytest
+from support.cases import campaign
+from support.command_lines import assert_said
+from support.rows import rows_of
+
+import jointstiff as js
+
+CERTAIN = re.compile(r"p = \de-[2-9]\d")
+"""A p-value that is next to zero."""
+FORCES = "If N and kgf are confused, every stiffness is wrong by 9.81, and no reading shows it."
+POINT = "Load point: ±10 mm assumed."
+SCALE = "Forces: ±1 % assumed."
+
+
+def identified(name):
+    return js.identify(campaign(name), method="partial_pose", elasticity="joints")
+
+
+@pytest.mark.parametrize(("place", "expected"), rows_of(__file__, "mistakes.txt"))
+def test_a_mistake_is_not_to_be_used_and_named_with_what_helps(place, expected):
+    name, number = place.split()
+    assessment = identified(name).result.assessment
+    reason = assessment.reasons[int(number)]
+    kind = reason.action and reason.action.kind
+    message = CERTAIN.sub("p = 0", reason.message)
+    assert f"{reason.code} | {message} | {reason.remedy} | {kind}" == expected
+    assert assessment.verdict == assessment.reasons[0].weight == "do_not_use"
+
+
+def test_a_graver_reason_comes_first():
+    weights = {
+        name: [each.weight for each in identified(name).result.assessment.reasons]
+        for name in ("mistake_sign", "mistake_point", "mistake_bumped", "mistake_swap")
+    }
+    assert weights == {
+        "mistake_sign": ["do_not_use", "do_not_use"],
+        "mistake_point": ["do_not_use", "use_with_care"],
+        "mistake_bumped": ["do_not_use", "use_with_care"],
+        "mistake_swap": ["do_not_use"],
+    }
+
+
+def test_a_reason_names_its_observation_and_its_action_what_it_changes():
+    row = identified("mistake_row").result.assessment.reasons[0]
+    assert (row.where, row.observation) == ("observations[4] 'c005'", "c005")
+    assert row.action.observations == ["c005"]
+    bumped = identified("mistake_bumped").result.assessment.reasons[0]
+    assert (bumped.where, bumped.observation) == ("observations[12] 'c013'", "c013")
+    assert identified("mistake_swap").result.assessment.reasons[0].action.joints == ["joint_2", "joint_3"]
+    for name, cause in (("mistake_point", "load_point"), ("mistake_zero", "constant_force")):
+        (fitted,) = identified(name).result.assessment.reasons[0].action.causes
+        assert fitted.name == cause
+
+
+@pytest.mark.parametrize(
+    ("name", "sentences"),
+    [
+        (
+            "mistake_exchanged",
+            [
+                "Do not use: 2 reasons the work of the load on the joints is -32.5 J",
+                "│ joint_1 │ rigid │ — │ — │ at bound │",
+                "joint_1, joint_2, joint_3, joint_4, joint_5, joint_6: these readings cannot distinguish "
+                "it from a rigid joint",
+                "explains 0.0 % of the mean deflection, residual 1.45 mm rms",
+                "To do 1. change the sign of every force",
+                "2. exchange unloaded and loaded readings",
+            ],
+        ),
+        (
+            "mistake_swap",
+            [
+                "Do not use: 1 reason",
+                "│ joint_4 │ 0.813 │ 0.079 │ 0.397 … 1.420 │ do not use │",
+                "│ joint_6 │ rigid │ — │ — │ at bound │",
+                "joint_6: these readings cannot distinguish it from a rigid joint",
+                "explains 59.6 % of the mean deflection, residual 594 µm rms",
+            ],
+        ),
+        (
+            "no_sigma",
+            [
+                "Use: all 6 joints passed the checks",
+                "│ joint_4 │ 0.514 │ 0.052 │ 0.428 … 0.643 │ roughly known │",
+                "explains 96.2 % of the mean deflection, residual 50.7 µm rms (3-D), sigma of a reading 21 "
+                "µm (residuals)",
+                "To do 1. joint_4: 1200 N along (-1.00, 0.00, 0.00) in posture c005: u 10 % → 9.6 %",
+            ],
+        ),
+        (
+            "units",
+            [
+                "Forces up to 1200 N (122 kgf), deflections up to 2.81 mm.",
+                "│ joint_2 │ 3.722 │ 0.049 │ 3.628 … 3.819 │ well determined │",
+                "residual 52.2 µm rms (3-D), sigma of a reading 20 µm (given)",
+            ],
+        ),
+        (
+            "stiff_joint",
+            [
+                "Use 5 of 6 joints: the others have no number that passed the checks",
+                "│ joint_3 │ 4.13 │ 0.15 │ 3.85 … 4.48 │ determined │",
+                "│ joint_4 │ rigid │ — │ > 7.66 │ at bound │",
+                "joint_4: stiffer than 7.66 · 10⁶ N·m/rad at 95 %: these readings cannot distinguish it "
+                "from a rigid joint",
+                "To do 1. joint_4: 1200 N along (-0.87, -0.43, -0.22) in posture c005: u(c) becomes 0.14 "
+                "µrad/(N·m)",
+            ],
+        ),
+        (
+            "gauges",
+            [
+                "The set has deflections and no positions, so the geometry of robot, frames and targets, "
+                "and the joint angles, cannot be checked.",
+                "│ joint_6 │ 0.1015 │ 0.0070 │ 0.0895 … 0.1173 │ determined │",
+                "residual 3.64 µm rms (3-D), sigma of a reading 3 µm (given)",
+            ],
+        ),
+    ],
+)
+def test_a_run_is_printed_with_verdicts_numbers_and_what_to_do(name, sentences):
+    assert_said(" ".join(str(identified(name)).split()), *sentences)
+
+
+@pytest.mark.parametrize(
+    ("name", "known"),
+    [
+        ("units", [FORCES, POINT, SCALE]),
+        ("mistake_point", [FORCES, SCALE]),
+        ("mistake_exchanged", [FORCES]),
+    ],
+)
+def test_what_is_assumed_is_noted_where_it_counts(name, known):
+    notes = identified(name).result.assessment.notes
+    assert len(notes) == len(known)
+    assert all(words in note for words, note in zip(known, notes, strict=True))

@@ -1,0 +1,251 @@
+"""What results say of themselves in Python, the files that they are saved to, and what is refused."""
+
+import csv
+import re
+from pathlib import Path
+
+import openpyxl
+import pytest
+from support.command_lines import assert_said
+from support.guide_files import EXAMPLES
+from support.rows import rows_of
+
+import jointstiff as js
+from jointstiff.simulator import default_arm, simulate_campaign
+
+USE_OF = "nothing speaks against it; all 6 joints of its run passed the checks"
+FORCE = (0, 0, -500.0)
+
+
+@pytest.fixture(scope="module")
+def document():
+    return simulate_campaign(default_arm(), load="pull", configurations=12, seed=3)
+
+
+@pytest.fixture(scope="module")
+def run(document):
+    return js.identify(document)
+
+
+@pytest.fixture(scope="module")
+def results(run):
+    area = [[1.4, -0.2, 0.6], [1.8, 0.2, 0.6]]
+    postures = [[0, 0, 0, 0, 30, 0], [10, 0, 0, 0, 30, 0]]
+    return {
+        "run": run,
+        "comparison": js.compare(run),
+        "geometry": js.geometry(EXAMPLES / "sweeps.json"),
+        "plan": js.plan(run, readings=4, candidates=200),
+        "map": js.map(run, area=area, grid=(3, 3, 1), place=(0, 0, 0.25), force=FORCE),
+        "program": js.compensate(run, EXAMPLES / "pocket.src", accuracy_option="off", force=FORCE),
+        "prediction": run.predict(postures, FORCE, at=(0, 0, 0.12)),
+    }
+
+
+@pytest.mark.parametrize(
+    ("name", "headline"),
+    [
+        ("run", "Use: all 6 joints passed the checks"),
+        ("comparison", f"Use this comparison: {USE_OF}"),
+        ("geometry", "Use: the checks found no fault"),
+        ("plan", f"Use this plan: {USE_OF}"),
+        ("map", f"Use this map: {USE_OF}"),
+        ("program", f"Use this program: {USE_OF}"),
+        ("prediction", f"Use this prediction: {USE_OF}"),
+    ],
+)
+def test_a_result_shows_its_verdict_first(results, name, headline):
+    result = results[name]
+    shown = "" if name == "prediction" else f" {result.id[:8]}, succeeded"
+    assert repr(result) == f"<{name.capitalize()}{shown}: {headline}>"
+    assert result.summary().startswith(headline)
+    assert str(result).startswith(headline)
+
+
+@pytest.mark.parametrize(
+    ("name", "sentences"),
+    [
+        (
+            "run",
+            [
+                "│ joint_1 │ 3.778 │ 0.055 │ 3.673 … 3.888 │ well determined │",
+                "│ joint_6 │ 0.090 │ 0.017 │ 0.065 … 0.145 │ roughly known │",
+                "explains 98.2 % of the mean deflection, residual 48.1 µm rms (3-D), sigma of a reading 20 "
+                "µm (given)",
+                "Joints alone: no sign that anything else bends (F test of links beside joints: p = 0.5).",
+            ],
+        ),
+        (
+            "map",
+            [
+                "all 9 places reached deflection: median 573.6 µm, 90 % of the places 499.7 to 664.7 µm, "
+                "greatest 664.7 µm",
+                "│ place [mm] │ 1800 -200 600 │ 1400 0 600 │",
+                "│ readings only [µm] │ 647 to 682 │ 484 to 512 │",
+            ],
+        ),
+        (
+            "program",
+            [
+                "4 of 4 targets corrected",
+                "│ without correction │ 1.0464 │ 1.0538 │ 1.0540 │",
+                "│ displacement of targets │ 1.0471 │ 1.0545 │ 1.0546 │",
+                "3 7 1.054 1.025 … 1.083 — 0.0000",
+                "1 5 1.039 1.010 … 1.068 — 0.0000",
+            ],
+        ),
+        (
+            "prediction",
+            [
+                "1 0.108 ± 0.009",
+                "-1.145 ± 0.031 — 437",
+                "2 0.107 ± 0.009 0.019 ± 0.002 -1.145 ± 0.031 — 437",
+                "U of readings, loads and places, and model error, at 95 %; stiffness along the force, "
+                "free to move sideways",
+            ],
+        ),
+    ],
+)
+def test_a_printed_result_has_its_numbers(results, name, sentences):
+    assert_said(" ".join(str(results[name]).split()), *sentences)
+
+
+def test_a_summary_has_the_notes_without_the_tables(results):
+    assert results["map"].summary().splitlines()[1:] == [
+        "all 9 places reached",
+        "deflection: median 573.6 µm, 90 % of the places 499.7 to 664.7 µm, greatest 664.7 µm",
+        "own weight is not included, because no masses are given",
+        "no bound of the model error at 95 %: 19 postures are needed, and there are 12",
+    ]
+    assert "Joint stiffness" not in results["run"].summary()
+
+
+TABLES = {
+    "run": ["joints", "residuals"],
+    "comparison": ["table", "ratios", "configurations"],
+    "geometry": ["axes"],
+    "plan": ["readings"],
+    "map": ["map"],
+    "program": ["points"],
+    "prediction": ["cases"],
+}
+
+
+@pytest.mark.parametrize("name", TABLES)
+def test_a_result_is_saved_by_the_ending_of_its_file(results, name, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    result = results[name]
+    for ending in ("json", "csv", "xlsx"):
+        result.save(f"{name}.{ending}")
+    sheets = openpyxl.load_workbook(f"{name}.xlsx")
+    assert sheets.sheetnames == TABLES[name]
+    assert {sheet.freeze_panes for sheet in sheets} == {"B2"}
+    lines = list(csv.reader(Path(f"{name}.csv").read_text().splitlines()))
+    head, *rows = sheets.worksheets[0].iter_rows(values_only=True)
+    assert list(head) == lines[0]
+    assert head[-1] == "overall verdict"
+    assert [row[-1] for row in rows] == ["use"] * (len(lines) - 1)
+    assert len(result.to_frame()) == len(rows)
+    with pytest.raises(
+        ValueError, match=f"there is no table 'nothing': its tables are {', '.join(TABLES[name])}"
+    ):
+        result.to_frame("nothing")
+
+
+@pytest.mark.parametrize("name", [name for name in TABLES if name != "program"])
+def test_another_ending_is_refused_but_of_a_program_which_has_its_own(results, name):
+    said = re.escape(f"'{name}.docx' must end in .json, .csv, .xlsx, .svg or .png")
+    with pytest.raises(ValueError, match=said):
+        results[name].save(f"{name}.docx")
+
+
+@pytest.mark.parametrize(("place", "cells"), rows_of(__file__, "saved.txt"))
+def test_a_saved_row_has_numbers_in_the_units_of_their_headers(results, place, cells, tmp_path):
+    name, first = place.split()
+    results[name].save(tmp_path / "x.csv")
+    head, *rows = csv.reader((tmp_path / "x.csv").read_text().splitlines())
+    row = dict(zip(head, next(each for each in rows if each[0] == first), strict=True))
+    numbers = dict(cell.split(" = ") for cell in cells.split("; "))
+    expected = {header: float(number) for header, number in numbers.items()}
+    assert {header: float(row[header]) for header in numbers} == pytest.approx(expected, rel=1e-4)
+
+
+def test_residuals_and_configurations_are_tables_of_their_own(results):
+    residuals = results["run"].to_frame("residuals")
+    assert len(residuals) == 36
+    first = residuals.iloc[0]
+    assert [first[f"deflection {axis} [m]"] for axis in "xyz"] == pytest.approx(
+        [0.000163, -0.0013511, -0.003557]
+    )
+    assert first["residual x [m]"] == pytest.approx(5.6515e-5, rel=1e-3)
+    left = results["comparison"].to_frame("configurations")
+    assert len(left) == 8 * 12
+    first = left.iloc[0]
+    assert (first["deflection [m]"], first["left [m]"]) == pytest.approx((0.0038258, 4.9291e-5), rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("call", "said"),
+    [
+        (lambda _, __: js.identify({}), "2 faults; first: robot: required field is missing"),
+        (
+            lambda _, document: js.identify(document, method="magic"),
+            "1 fault; first: method: must be 'complete_pose', 'partial_pose' or 'decoupled_partial_pose'; "
+            "remedy: use one of the words named, as they are written",
+        ),
+        (
+            lambda _, document: js.identify(document, colour=1),
+            "1 fault; first: colour: unknown field; remedy: remove it, or check its spelling",
+        ),
+        (
+            lambda run, _: js.map(run),
+            "4 faults; first: area: required field is missing; remedy: add this field",
+        ),
+        (
+            lambda _, __: js.plan("no arm", readings=3),
+            "--robot: there is no file 'no arm', and the catalogue has no arm 'no arm'; remedy: ",
+        ),
+        (
+            lambda run, _: run.predict([[0.0] * 6], FORCE, at=(0, 0, 120)),
+            "prediction.load_point: the point is 120 m from the flange, where no tool reaches; remedy: "
+            "check its unit; a point on the tool is at most 5 m from the flange",
+        ),
+        (
+            lambda run, _: run.predict([[0] * 5], FORCE, at=(0, 0, 0.1)),
+            "prediction.cases[0].joints: there are 5 joint angles, but the robot has 6 joints; remedy: "
+            "give the 6 controller angles of joint_1, joint_2, joint_3, joint_4, joint_5, joint_6",
+        ),
+        (
+            lambda run, _: run.apply("dance"),
+            "apply: the assessment does not advise 'dance'; remedy: no reason has an action: read the "
+            "remedies",
+        ),
+    ],
+)
+def test_what_does_not_fit_is_a_campaign_error_with_a_remedy(run, document, call, said):
+    with pytest.raises(js.CampaignError) as refused:
+        call(run, document)
+    assert str(refused.value).startswith(said)
+
+
+def test_what_is_not_there_is_the_error_of_python(run):
+    with pytest.raises(KeyError, match="there is no joint 'joint_9': the joints are joint_1, joint_2"):
+        run.joints["joint_9"]
+    with pytest.raises(FileNotFoundError, match=r"nowhere\.json"):
+        js.identify("nowhere.json")
+    with pytest.raises(TypeError, match="options must be a CampaignComparison"):
+        js.compare(run, run, run)
+    with pytest.raises(ValueError, match=r"a run has tables of these endings: \.csv"):
+        run.table("docx")
+
+
+def test_a_posture_in_radians_is_predicted_as_such(run):
+    prediction = run.predict([[0.1] * 6], FORCE, at=(0, 0, 0.1), units="m, rad, N")
+    words = " ".join(str(prediction).split())
+    assert "1 0.064 ± 0.007 -0.015 ± 0.002 -1.218 ± 0.032 — 411" in words
+
+
+def test_a_job_equals_itself_alone_and_its_copy(run, document, results):
+    others = (js.identify(document), results["plan"], dict(run), 5)
+    assert run == run.model_copy()
+    assert [run == other for other in others] == [False] * 4
