@@ -169,7 +169,7 @@ HELP = {
         "FILE <file> Campaign file: robot, measurement set and run options in one JSON document. [required]",
         "--positive / --no-positive Constrain every compliance to be zero or positive.",
         "default 2.8, below which 95 % of good readings lie. Dimensionless.",
-        "--cause NAME[:FIRST] Causes to fit beside the joints, such as a reason advises: the readings stay "
+        "--cause NAME[:FIRST] Causes to fit with the joints, such as a reason advises: the readings stay "
         "as they are, and the intervals include the uncertainty of the causes. Repeatable.",
         "--prior JOINT=STIFFNESS:UNCERTAINTY",
         "--resample SIZE[:REPETITIONS[:SEED]]",

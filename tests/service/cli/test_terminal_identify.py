@@ -66,7 +66,7 @@ def test_details_have_the_evidence_behind_the_numbers():
         typed("identify weight.json --details"),
         "explains 98.8 % of the mean deflection, residual 44.2 µm rms (3-D), sigma of a reading 20 µm "
         "(given)",
-        "Joints alone: no sign that anything else bends (F test of links beside joints: p = 0.9).",
+        "Joints alone: no sign that anything else bends (F test of links added to the joints: p = 0.9).",
         "χ²/dof 0.85: consistent with sigma (1 if model and sigma are right; 103 degrees of freedom)",
         "uncertainty from readings (type B): 0.47 to 4.7 % of a compliance",
         "uncertainty from scale of the force, 1 % assumed (type B): 1 % of a compliance",
@@ -74,7 +74,7 @@ def test_details_have_the_evidence_behind_the_numbers():
         "uncertainty from model error (type A, not in the intervals): 0.03 to 6.4 % of a compliance",
         "complementary stiffness included (1 refit); it changes a compliance by at most 0.56 std. "
         "uncertainties (K_c/k at most 0.0023)",
-        "causes tested beside the joints, p-value: play 0.5, load zero 0.6, load point 0.8, turn 0.9, "
+        "causes tested with the joints, p-value: play 0.5, load zero 0.6, load point 0.8, turn 0.9, "
         "constant force 1, shift 1, shift since c06 1, turn since c06 1, load scale since c08 1",
         "observability O1 0.57, O2 0.23, O3 0.29, O4 0.068, O5 0.1; condition number 4.45",
         "│ Complementary stiffness │ included │",
@@ -102,7 +102,7 @@ def test_resampled_fits_are_shown_in_the_unit_that_is_asked_for():
 def test_a_thousand_fits_are_drawn_where_no_number_is_given():
     assert_said(
         typed("identify pull.json --resample 8"),
-        "Joints alone: elastic links exclude resampling (F test of links beside joints: p = 0.07).",
+        "Joints alone: elastic links exclude resampling (F test of links added to the joints: p = 0.07).",
         "1000 fits of 8 configurations drawn at random",
         "│ joint_2 │ 3.1139 │ 0.0090 │ 0 % │",
     )
@@ -116,7 +116,7 @@ def test_a_thousand_fits_are_drawn_where_no_number_is_given():
             [
                 "Joint stiffness, complete pose, covariance weights, unconstrained",
                 "│ joint_1 │ 3.821 │ 0.045 │ 3.735 … 3.911 │ well determined │",
-                "Joints alone: elastic links exclude method (F test of links beside joints: p = 0.07).",
+                "Joints alone: elastic links exclude method (F test of links added to the joints: p = 0.07).",
             ],
         ),
         (
@@ -153,7 +153,7 @@ def test_a_thousand_fits_are_drawn_where_no_number_is_given():
             "--elasticity joints --cause load_point",
             [
                 "Use with care: 1 reason every load point moved by (-9.25, 1.95, 9.44) mm ± (8.38, 4.41, "
-                "29.8) mm in the flange frame (95 %) was fitted beside the joints; the intervals hold its "
+                "29.8) mm in the flange frame (95 %) was fitted with the joints; the intervals include its "
                 "uncertainty, and what was stated stays refuted",
                 "│ joint_1 │ 3.827 │ 0.046 │ 3.739 … 3.918 │ use with care │",
                 "To do 1. measure the load point on the flange 2. joint_6: 1500 N along (0.00, 0.00, 1.00) "
@@ -197,7 +197,7 @@ def test_json_is_the_run_with_its_request_origin_and_numbers():
     assert (goodness["degrees_of_freedom"], goodness["sigma_source"]) == (102, "given")
     assert result["identifiability"]["condition_number"] == pytest.approx(3.3077, rel=1e-4)
     assert result["choice"]["message"] == (
-        "Joints alone, as requested (F test of links beside joints: p = 0.07)."
+        "Joints alone, as requested (F test of links added to the joints: p = 0.07)."
     )
     shares = {each["joint"]: each["share"] for each in result["contributions"]}
     assert [shares[f"joint_{j}"] for j in (1, 2, 3)] == pytest.approx([0.26355, 0.35162, 0.21138], rel=1e-4)

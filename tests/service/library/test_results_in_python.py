@@ -72,7 +72,8 @@ def test_a_result_shows_its_verdict_first(results, name, headline):
                 "│ joint_6 │ 0.090 │ 0.017 │ 0.065 … 0.145 │ roughly known │",
                 "explains 98.2 % of the mean deflection, residual 48.1 µm rms (3-D), sigma of a reading 20 "
                 "µm (given)",
-                "Joints alone: no sign that anything else bends (F test of links beside joints: p = 0.5).",
+                "Joints alone: no sign that anything else bends (F test of links added to the joints: "
+                "p = 0.5).",
             ],
         ),
         (
