@@ -212,7 +212,7 @@ class ProgramRequest(ProgramOptions):
     run_id: Identifier = Field(description="Id of the run whose model is used.")
     files: Annotated[list[ProgramFile], Field(max_length=MAX_FILES)] = Field(
         default_factory=list,
-        description="Files of the program: one file, or a .src with its .dat and $config.dat; and the table "
+        description="Program files: one file, or a .src with its .dat and $config.dat; and the table "
         "of loads. Post them as the form's `files`, not in its `options`.",
     )
 

@@ -65,7 +65,7 @@ _OF_ROW: Final = frozenset(field.name for field in fields(JobEntry)) - {"summary
 _CHANGING: Final = ("state", "summary", "trend", "document", "elasticity", "verdict")
 """Columns that change until a job ends."""
 STEPS_OF_A_PART: Final = 12
-"""Steps that one worker carries out before it looks for the part whose turn it is."""
+"""Number of steps that a worker carries out before it checks whether another part has priority."""
 PART_SECONDS: Final = 1.25
 """Time after which a worker leaves the other steps of a part, if other jobs wait for a worker [s]."""
 PARTS_AT_ONCE: Final = 8

@@ -544,7 +544,7 @@ def _shorten(text: str, longest: int = _LONGEST) -> str:
 
 
 def _path_text(location: Sequence[int | str]) -> str:
-    """Return observations[3].force[0]; FastAPI's `body` and the tag of a model's format are no fields."""
+    """Return a place as text, such as `observations[3].force[0]`, without FastAPI's `body` and model tags."""
     location = location[1:] if location[:1] == ("body",) else location
     path = ""
     for i, part in enumerate(location):

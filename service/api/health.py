@@ -179,7 +179,7 @@ class Watch:
     def _prove_writable(self) -> None:
         """Write: a file that can be read only, or a standby server, answers every look."""
         try:
-            self._store.heartbeats.prove()
+            self._store.heartbeats.check_writable()
         except StoreError as error:
             self._unwritable = error
         except Exception:

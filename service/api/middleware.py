@@ -72,13 +72,22 @@ class Guard:
         elif scope["path"].startswith(self._mounts):
             await self._app(scope, receive, send)
         elif scope["method"] in SAFE:
-            await self._pass_on(requester, scope, receive, send)
+            await self._authorise_and_forward(requester, scope, receive, send)
         else:
             await self._audit.follow(
-                requester, scope, send, lambda sent: self._pass_on(requester, scope, receive, sent)
+                requester,
+                scope,
+                send,
+                lambda sent: self._authorise_and_forward(requester, scope, receive, sent),
             )
 
-    async def _pass_on(self, requester: Requester, scope: Scope, receive: Receive, send: Send) -> None:
+    async def _authorise_and_forward(
+        self, requester: Requester, scope: Scope, receive: Receive, send: Send
+    ) -> None:
+        """Forward a request whose key has the role `viewer`; public paths need none.
+
+        A public path of the API still reads the key, for the audit.
+        """
         is_public = scope["path"] in self._paths
         try:
             if not is_public or scope["path"].startswith("/v1/"):

@@ -234,7 +234,7 @@ class PointNoise(ArrayGroup):
 
     @property
     def stated(self) -> BoolArray:
-        """(N, T) readings that state their noise."""
+        """(N, T) True where the noise of a reading is stated: a sigma, or covariances."""
         return np.asarray((self.sigma > 0.0) | self.unloaded.any(axis=(2, 3)))
 
     def covariances(self) -> tuple[FloatArray, FloatArray]:

@@ -144,8 +144,8 @@ class Quantity(NamedTuple):
     target: str | None = None  # target of a position or its uncertainty, if the header names it
     state: State | None = None  # state of a position or its uncertainty, if the header names it
 
-    def of(self, kind: Kind) -> Quantity:
-        """Return what another kind of column says of the same target and state."""
+    def with_kind(self, kind: Kind) -> Quantity:
+        """Return this quantity, of the same target and state, with another kind."""
         return self._replace(kind=kind)
 
 

@@ -37,7 +37,7 @@ _MAX_ROWS: Final = 3
 _DATA: Final = 3
 """Numbers in a row of data: no table has fewer."""
 _NONE: Final = frozenset("-–/")
-"""Cells of a row of units for columns without one."""
+"""Cell texts in a row of units that mean that the column has no unit."""
 _HEADERLESS: Final = MappingProxyType(
     {
         4: ("name", "x", "y", "z"),
@@ -480,7 +480,7 @@ class ColumnReader:
         place, report = self._heading.place(), self._faults.report
         points = [quantity for quantity in quantities if quantity.kind in POINTS]
         for quantity in points:
-            if quantity.kind != "along" and quantity.of("position") not in quantities:
+            if quantity.kind != "along" and quantity.with_kind("position") not in quantities:
                 column = quantities[quantity][0]
                 reason = f"{shown(self._headers[column])} belongs to no position"
                 report(self._heading.place(column), reason, "correct its header, or use `ignore`")

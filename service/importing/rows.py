@@ -149,7 +149,7 @@ class Names:
         """Return what names a row; its label is None if nothing names rows."""
         named = "name" in self._texts
         try:
-            naming = self._in_columns(row).merged(self._split_point_name(row)).merged(self._file)
+            naming = self._naming_from_columns(row).merged(self._split_point_name(row)).merged(self._file)
             wanted = (*(("label",) if named else ()), *self._needed)
             lacking = frozenset(kind for kind in wanted if getattr(naming, kind) is None)
             if lacking:
@@ -219,7 +219,12 @@ class Names:
         if note not in self._notes:
             self._notes.append(note)
 
-    def _in_columns(self, row: Row) -> Naming:
+    def _naming_from_columns(self, row: Row) -> Naming:
+        """Return the target and the state that the row's own columns state.
+
+        Raises:
+            ImportFileError: a word is no known state.
+        """
         target = self._text(row, "target") if "target" in self._texts else None
         if "state" not in self._texts:
             return Naming(None, target)
@@ -243,9 +248,10 @@ class Names:
 
 
 def _split_name(name: str, words: Mapping[str, State]) -> tuple[list[str], State | None]:
-    """Return the parts of a name without the one that is a word for a state.
+    """Split a name at `::` or `_`; return its parts, and the state that one part names.
 
-    In `c01 unloaded::P10` it is the last word of a part.
+    The part that names a state is left out. Without such a part, or with several, the state is None. In
+    `c01 unloaded::P10` the state is the last word of a part.
     """
     parts = name.split("::") if "::" in name else name.split("_")
     if not all(parts):
@@ -444,7 +450,7 @@ class RowReader:
         self, row: Row, position: Quantity, vector: Vector | None, faults: Faults
     ) -> Vector | None:
         """Return a position with the deviation that columns `plus x` add to it, if there are any."""
-        indices = self._columns.quantities.get(position.of("addition"))
+        indices = self._columns.quantities.get(position.with_kind("addition"))
         if indices is None or not vector:
             return vector
         added = self._vector(row, indices, faults)
@@ -462,7 +468,9 @@ class RowReader:
         """
         columns: tuple[int, ...] = ()
         expanded: Vector | None = None
-        for of_kind in (self._columns.quantities.get(position.of(kind), ()) for kind in _UNCERTAINTIES):
+        for of_kind in (
+            self._columns.quantities.get(position.with_kind(kind), ()) for kind in _UNCERTAINTIES
+        ):
             columns = columns or of_kind
             if expanded is None and of_kind:
                 expanded = self._vector(row, of_kind, faults)

@@ -291,7 +291,7 @@ def _model_to_export(run: Job) -> ExportedModel:
 
 
 def read_job(path: Path) -> Job | None:
-    """Return the job with a result that a file holds, as `--json` prints it; None if it holds none."""
+    """Read a file that `--json` printed; return its job, or None if the file has no job with a result."""
     from jointstiff.service.kinds.registry import KINDS
 
     for kind in KINDS:

@@ -309,7 +309,7 @@ class LiveMeasurement:
         return self._send_change({"withdrawn": {label: reason}})
 
     def keep(self, label: str) -> LiveState:
-        """Let a doubtful reading count, as it is right."""
+        """Let the doubtful reading of a label count, because it is right."""
         return self._send_change({"kept": [label]})
 
     def skip(self) -> LiveState:
@@ -355,7 +355,7 @@ class LiveMeasurement:
 
     @property
     def campaign(self) -> Campaign:
-        """The closed campaign: robot, readings, and in its notes the declared goal and how it ended."""
+        """Close the measurement; return its campaign, with the declared goal and the outcome in its notes."""
         return self.close().campaign
 
     def let_go(self) -> None:

@@ -328,9 +328,10 @@ class Columns:
 
 
 def _external_axes(axes: FloatArray, known: ExternalAxes) -> tuple[BoolArray, BoolArray]:
-    """Return which targets have external axes (t, k) away from zero, and which move them from the first ones.
+    """Return two masks (t,): targets with external axes away from zero; targets that move one.
 
-    An axis that a target does not state (NaN) stays where it was: it is away if any target has it away.
+    Both are false where external axes carry nothing, the first also where they are joints of the robot. An
+    axis that a target does not state (NaN) stays where it was: it is away if it is away in any target.
     """
     stated, none = np.nan_to_num(axes), np.zeros(len(axes), dtype=np.bool_)
     is_away: BoolArray = np.abs(stated) > _STANDS

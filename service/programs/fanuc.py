@@ -61,7 +61,7 @@ def _frame(line: Line) -> list[Op]:
 
 
 def _jump(line: Line) -> list[Op]:
-    """Return a jump; the label may be computed."""
+    """Return the operations of a jump: to a label in numbers, or to one that is computed first."""
     label = line["label"]
     if label == "\0":
         return [ir.Flow("jump", ("%s", line.number("label")))]

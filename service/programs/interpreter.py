@@ -287,7 +287,7 @@ class Machine:
                 continue
             self._take_operation(ops, source, line, number, declares)
             acts = [op for _, op in ops if not isinstance(op, ir.Use)]
-            alike = len(acts) == 1 and isinstance(acts[0], ir.Move) and acts[0].repeats
+            alike = len(acts) == 1 and isinstance(acts[0], ir.Move) and acts[0].differs_only_in_target
             last = ops if alike and not declares else None
 
     def _take_operation(
@@ -620,7 +620,7 @@ class Machine:
             self.columns.remark(place.line, text, op.name)
             return
         if state is None:
-            state = {UNKNOWN: (Cause(0, "no way that the program takes leads here", "omit the move"), 0)}
+            state = {UNKNOWN: (Cause(0, "the program never reaches this line", "omit the move"), 0)}
         frames = [
             (self._frame(place, base, state), self._frame(place, tool, state))
             for base, tool in zip(op.bases, op.tools, strict=True)

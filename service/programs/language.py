@@ -105,8 +105,8 @@ class Move(NamedTuple):
     remedy: str = ""
 
     @property
-    def repeats(self) -> bool:
-        """True if a move of the same shape differs from it in the numbers of its one target only."""
+    def differs_only_in_target(self) -> bool:
+        """True if two moves of this shape can differ only in the numbers of their single target."""
         own = isinstance(self.targets[0], Literal) if len(self.targets) == 1 else False
         return own and not (
             self.agree or self.reason or any(isinstance(base, Literal) for base in self.bases)

@@ -13,7 +13,7 @@ import numpy as np
 from jointstiff.schemas.run import JointResult, Run, RunResult
 from jointstiff.service.runs.verdicts import refuse_unaccepted, result_of
 from jointstiff.service.tables.files import csv_text, xlsx_bytes
-from jointstiff.service.tables.report import METHOD_NAMES, VERDICTS, judged
+from jointstiff.service.tables.report import METHOD_NAMES, VERDICTS, with_overall_verdict
 from jointstiff.service.tables.stiffness import UNITS, lower_limit
 from jointstiff.service.tables.table import Sheet, Value
 from jointstiff.solver.mechanics.chain import ChainJoint, KinematicChain
@@ -164,7 +164,7 @@ def joints_table(model: ExportedModel) -> Sheet:
     columns["run"] = [run.id] * len(joints)
     columns["input SHA-256"] = [run.provenance.input_hash] * len(joints)
     sheet = Sheet.of_joints(Sheet(columns), [joint.kind for joint in joints])
-    return judged(sheet, model.result.assessment)
+    return with_overall_verdict(sheet, model.result.assessment)
 
 
 def kinematics_table(model: ExportedModel) -> Sheet:

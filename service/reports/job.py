@@ -27,13 +27,13 @@ from jointstiff.service.reports.document import (
 from jointstiff.service.reports.laboratory import LaboratorySettings
 from jointstiff.service.tables.report import (
     View,
-    judged,
     problem_line,
     remedies,
     requested,
     to_do_lines,
     verdict_lines,
     warning_lines,
+    with_overall_verdict,
 )
 from jointstiff.service.tables.stiffness import DEFAULT_UNIT, UNITS
 from jointstiff.service.tables.table import Chart, Line, Part, Sheet, Table, text_table
@@ -101,7 +101,7 @@ def job_sheet(file: File, job: Job, work: Callable[[], Work]) -> Sheet:
         work: return the job's work, for a table that is made of it.
     """
     sheet = file.sheet(job if file.made_of == "result" else work())
-    return judged(sheet, getattr(job.result, "assessment", None))
+    return with_overall_verdict(sheet, getattr(job.result, "assessment", None))
 
 
 def job_document(

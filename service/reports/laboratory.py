@@ -23,7 +23,7 @@ MAX_LOGO_SIDE: Final = 2_000
 _PNG: Final = b"\x89PNG\r\n\x1a\n"
 _JPEG: Final = b"\xff\xd8\xff"
 _FRAMES: Final = frozenset((0xC0, 0xC1, 0xC2))
-"""Markers of JPEG behind which the size is: baseline, extended, progressive."""
+"""JPEG markers that are followed by the size of the image: baseline, extended, progressive."""
 
 
 class SettingsError(ServiceError):

@@ -33,8 +33,7 @@ from jointstiff.service.runs.verdicts import (
     of_points,
 )
 from jointstiff.service.tables.files import csv_text, rows_of
-from jointstiff.service.tables.report import judged as with_verdict
-from jointstiff.service.tables.report import verdict_lines
+from jointstiff.service.tables.report import verdict_lines, with_overall_verdict
 from jointstiff.service.tables.table import NO_NUMBER, Chart, Column, Line, Part, Sheet, Table, number
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import RequestError
@@ -346,7 +345,7 @@ def _component_with_interval(case: CaseResult, axis: int) -> str:
 
 def prediction_sheet(result: DeflectionResult) -> Sheet:
     """Return predictions as a table, one row a case."""
-    return with_verdict(Sheet.of_fields(result.cases, _CSV, _MILLI), result.assessment)
+    return with_overall_verdict(Sheet.of_fields(result.cases, _CSV, _MILLI), result.assessment)
 
 
 def prediction_charts(result: DeflectionResult) -> list[Chart]:

@@ -406,7 +406,7 @@ class Trends:
         """
         if entry.is_current:
             return None if entry.campaign is None else LastCampaign.model_validate(entry.campaign)
-        found = self._derive(entry.id)
+        found = self._summarise_last_campaign(entry.id)
         with suppress(StoreUnavailableError):  # of a database that cannot be written now
             self._store.robots.derive(entry, None if found is None else found.model_dump(mode="json"))
         return found
@@ -416,7 +416,8 @@ class Trends:
         for entry in self._store.robots.due(most):
             self.last_campaign(entry)
 
-    def _derive(self, robot_id: str) -> LastCampaign | None:
+    def _summarise_last_campaign(self, robot_id: str) -> LastCampaign | None:
+        """Return the newest run of a robot, and the joints that changed before it; None without runs."""
         sets = self._store.sets_of(robot_id)
         runs = self._runs_by_set(robot_id, sets)
         if not runs:

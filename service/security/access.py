@@ -341,7 +341,7 @@ class Gate:
             raise WrongKeysError
         raise KeyRefusedError(
             "the link was used before, or is older than ten minutes",
-            "ask for another one (`jointstiff keys link`), or enter a key",
+            "use a new link (`jointstiff keys link` makes one), or enter a key",
         )
 
     async def _is_too_much(self, address: str) -> bool:

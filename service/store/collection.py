@@ -344,7 +344,7 @@ class Collection(Generic[Record, Entry]):
         """Note that what is derived of a record is to be derived anew: the last act of a transaction."""
 
     def _forget(self, connection: sa.Connection, gone: Sequence[str]) -> None:
-        """Remove what else is kept of records that are no more."""
+        """Delete the related rows of deleted records; a hook for collections that have some."""
 
     def _narrows(self, name: str) -> bool:
         """Return whether a listing can be narrowed by a column: only by one of an index."""

@@ -226,8 +226,8 @@ class Heartbeats:
         """Remove an executor that ends or has ended."""
         self._database.change(sa.delete(heartbeats).where(heartbeats.c.executor == executor))
 
-    def prove(self) -> None:
-        """Write a row that is no worker's.
+    def check_writable(self) -> None:
+        """Check that the database can be written: write a heartbeat without a worker's name.
 
         Raises:
             StoreUnavailableError: the database cannot be written.

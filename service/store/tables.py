@@ -562,7 +562,7 @@ def make_tables(database: Database) -> None:
 
 
 def indexes_of(table: sa.Table) -> list[sa.Index]:
-    """Return the indexes of a table by name: SQLAlchemy has them in no order, and SQLite heeds theirs."""
+    """Return the indexes of a table sorted by name: SQLite's plans depend on the order of their creation."""
     return sorted(table.indexes, key=lambda index: str(index.name))
 
 

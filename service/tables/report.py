@@ -68,8 +68,8 @@ _STATED_BETTER: Final[Mapping[str, frozenset[str]]] = MappingProxyType(
 """Warnings that a reason says better."""
 
 
-def judged(sheet: Sheet, assessment: Assessment | None) -> Sheet:
-    """Return a sheet with the verdict on all of it in a column of its own; as it is without one."""
+def with_overall_verdict(sheet: Sheet, assessment: Assessment | None) -> Sheet:
+    """Return a sheet with a column that repeats the overall verdict; unchanged without an assessment."""
     if assessment is None or not sheet.columns:
         return sheet
     rows = len(next(iter(sheet.columns.values())))

@@ -107,7 +107,7 @@ class Table:
         return [[Line(column.header), *column.cells()] for column in self.columns[1:]]
 
     def text_columns(self) -> list[int]:
-        """Return the places of the shown columns that hold text."""
+        """Return the indices of the shown columns with text; in an upright table, that of its headers."""
         if self.upright:
             return [0]
         return [place for place, column in enumerate(self.columns) if column.text]

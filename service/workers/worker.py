@@ -254,7 +254,7 @@ def run_worker(database: str, executor: str, parent: int | None = None, signs: i
                 _end_process()
             if signs is not None and recovery.seconds_since_look() < _KEEPER_SECONDS:
                 _show_sign(signs)
-            if _has_ended(parent):  # nobody died over what is under way: it is handed over
+            if _parent_has_ended(parent):  # nobody died over what is under way: it is handed over
                 stop.set()
     except (MemoryError, RuntimeError):
         _end_process()
@@ -311,6 +311,6 @@ def _has_memory() -> bool:
     return True
 
 
-def _has_ended(parent: int | None) -> bool:
-    """Return whether the process that started this one has ended."""
+def _parent_has_ended(parent: int | None) -> bool:
+    """Return whether the parent process has ended: then its pipe, a file descriptor, is at end of file."""
     return parent is not None and bool(select.select([parent], [], [], 0.0)[0]) and not os.read(parent, 1024)

@@ -34,7 +34,8 @@ LoadKind = Literal["dead_weight", "any_direction", "cable"]
 _SAMPLES: Final = np.linspace(0.0, 1.0, 5)
 """Places along a link that are compared with boxes."""
 _FIRST_MOVING: Final = 2
-"""Origins of the base and of the first joint stand still, on the floor as a rule."""
+"""Number of origins that do not move, those of the base and the first joint; they are usually on the
+floor."""
 _NEAR_FLANGE: Final = 3
 """Last segments, which carry the reflectors: they hide none."""
 _RELATIVE_RADIUS: Final = 0.04

@@ -131,7 +131,7 @@ class EOptimality:
     metric: FloatArray
 
     def information(self, M: FloatArray) -> FloatArray:
-        """Return λ_min(V C V)."""
+        """Return the least eigenvalue of the first parameters' scaled information; 0 if M is singular."""
         s = len(self.metric)
         inverse, regular = _inverse(M)
         covariance = inverse[..., :s, :s] / np.outer(self.metric, self.metric)

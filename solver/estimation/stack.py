@@ -64,7 +64,7 @@ class Stack:
 
     @property
     def flat(self) -> FloatArray:
-        """(N m, K + 1) rows of all observations."""
+        """Rows of all observations as one matrix, N m by K + 1; the readings are its last column."""
         return self.rows.reshape(-1, self.rows.shape[-1])
 
     @property

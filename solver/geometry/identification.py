@@ -622,12 +622,12 @@ def _placed_axes(base: BaseFrame, names: Sequence[str]) -> list[results.Identifi
     identified = base.identified
     in_base = [axis.moved(base.place(identified.axes)) for axis in identified.axes]
 
-    def passing(axes: Sequence[Axis], _: FloatArray) -> FloatArray:
-        """Return where each axis passes, nearest to the identified point, and its direction (6 n,)."""
+    def axis_coordinates(axes: Sequence[Axis], _: FloatArray) -> FloatArray:
+        """Return (6 n,) of each axis: its point nearest to the identified axis' point, then its direction."""
         pairs = zip(axes, identified.axes, strict=True)
         return np.ravel([[axis.nearest(other.point), axis.direction] for axis, other in pairs])
 
-    covariances = identified.covariances(identified.jacobian_of(passing)).reshape(-1, 2, 3, 3)
+    covariances = identified.covariances(identified.jacobian_of(axis_coordinates)).reshape(-1, 2, 3, 3)
     seen = np.isfinite(covariances).all(axis=(-2, -1))
     greatest = np.full(seen.shape, np.nan)  # standard uncertainty in any direction
     greatest[seen] = np.sqrt(np.maximum(np.linalg.eigvalsh(covariances[seen])[:, -1], 0.0))

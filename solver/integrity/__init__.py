@@ -28,7 +28,7 @@ MAX_FINDINGS_PER_CODE: Final = 10
 _NO_RESPONSE: Final[frozenset[FindingCode]] = frozenset(
     {"angle_unit_suspect", "length_unit_suspect", "deflection_implausibly_large", "sigma_suspect"}
 )
-"""With these the deflections are not what the springs would make of the load."""
+"""With one of these mistakes, the deflections are not what springs would give under the load."""
 
 
 def inspect(

@@ -678,7 +678,7 @@ def inspect_response(view: View, good: BoolArray) -> Iterator[Finding]:
         )
     for coordinates in (1, 3):
         judged = (part.coordinates == coordinates) & ~against[:, None]
-        yield from _outliers(view, rows, part, springs, judged)
+        yield from _find_residual_outliers(view, rows, part, springs, judged)
 
 
 def _mistake_of_the_set(
@@ -764,12 +764,13 @@ def _shifted_rows(view: View, rows: IndexArray, block: RegressorBlock, springs: 
     )
 
 
-def _outliers(
+def _find_residual_outliers(
     view: View, rows: IndexArray, part: Measurements, springs: Springs, judged: BoolArray
 ) -> Iterator[Finding]:
-    """Find readings far beyond the others' residuals; a robust fit leaves them where they are.
+    """Yield a finding for each reading whose residual is far above the typical one.
 
-    Those judged (M, T) are compared with each other, and have as many coordinates each.
+    Two targets of an observation whose names look exchanged are one finding. Only readings marked in `judged`
+    (M, T) are compared; all of them have the same number of coordinates.
     """
     norm, targets = np.linalg.norm(springs.residual, axis=2), part.targets
     count, each = int(judged.sum()), int(part.coordinates[judged].max(initial=0))

@@ -370,7 +370,7 @@ def select_model(
     keys = [key for key in keys if answers[key] or (none and key[0] == requested)]
     places = {key: chosen_weight(paths[key].errors, validation.rule, validation.draws) for key in keys}
     chosen = np.array([paths[key].compliances[:, place] for key, place in places.items()])
-    compensation, norms = _predict_folds(folds, chosen)
+    compensation, norms = _score_held_out(folds, chosen)
     posture = np.unique(first_equal(folds.measurements.joints), return_inverse=True)[1]
     of_posture = posture[np.concatenate(folds.held_out)]
     by_posture = np.array([np.bincount(of_posture, row) for row in norms]) / np.bincount(of_posture)
@@ -432,12 +432,13 @@ def _gain(by_name: Sequence[HeldOut]) -> HeldOutGain | None:
     return HeldOutGain(best.model, best.mean_residual, joints.mean_residual, joints.behind(best)[1])
 
 
-def _predict_folds(folds: Folds, compliances: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Predict each of the K folds by the compliances (M, K, P) of M models that were fitted without it.
+def _score_held_out(folds: Folds, compliances: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Score M models on each of the K folds, by the compliances (M, K, P) that were fitted without the fold.
 
     Returns:
-        (M, K) compensation; (M, D N) mean norm of the residuals of each observation's targets [m], fold by
-        fold, D times the whole set for D draws.
+        (M, K) compensation, one less the ratio of residuals and deflections; (M, D N) mean norm of the
+        residuals of each observation's targets [m], in the order of the folds. Each of D draws divides all N
+        observations.
     """
     left, moved = np.zeros(compliances.shape[:2]), np.zeros(len(folds))
     norms = [np.zeros((len(compliances), len(part))) for part in folds.held_out]

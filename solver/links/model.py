@@ -156,7 +156,7 @@ class ElasticRows:
         return np.asarray(np.linalg.norm(residuals, axis=1))
 
     def weighted(self, weight: FloatArray) -> ElasticRows:
-        """Return the compressed rows, each target weighted (K,)."""
+        """Return the same rows with a triangle whose targets are weighted (K,); `each` stays unweighted."""
         rows = np.sqrt(weight)[:, None, None] * self.each
         return replace(self, triangle=triangle_of(rows.reshape(-1, rows.shape[-1])))
 

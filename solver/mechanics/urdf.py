@@ -224,8 +224,8 @@ class UrdfJoint:
         if kind is None:
             raise RobotError(
                 f"there is a {self.kind} joint between base and flange",
-                remedy="only revolute, continuous, prismatic and fixed joints are supported there: fix it at "
-                "its position, or choose another base or flange",
+                remedy="only revolute, continuous, prismatic and fixed joints are supported between base and "
+                "flange: fix it at its position, or choose another base or flange",
                 where=place,
             )
         if self.kind in JOINT_UNITS and not self.limit.keys() & {"lower", "upper"}:

@@ -47,8 +47,8 @@ from jointstiff.solver.own_weight.rows import (
     Reduced,
     WeightReadings,
     WeightRows,
-    across,
     base_motion,
+    perpendicular_basis,
     rows_at,
     torques_of,
 )
@@ -166,14 +166,14 @@ def fit_weight(
         others = by_loads.R[: by_loads.rows] / (1.0 if loaded is None else loaded.sigma or 1.0)
         reduced = reduce(rows, triangle, nuisance, burden, others)
         optimum = solve_weighed(reduced.A, reduced.b, reduced.cones)
-        move = triangle.fit(nuisance, reduced.unknowns_of(rows, optimum.x), RANK)
+        move = triangle.fit(nuisance, reduced.expand_solution(rows, optimum.x), RANK)
         after = rows.stack.widths["geometry"]
         before, sag = sag, reduced.sag(rows.torques, optimum.x)
         state = state.displaced(move[:after])
         if free_base:  # its columns are linear, and no reading is predicted with it
             base, move[after : after + 3] = move[after : after + 3].copy(), move[after : after + 3] - base
         if free_gravity:
-            turned = gravity + np.linalg.norm(gravity) * across(gravity) @ move[-2:]
+            turned = gravity + np.linalg.norm(gravity) * perpendicular_basis(gravity) @ move[-2:]
             gravity = turned * np.linalg.norm(gravity) / np.linalg.norm(turned)
         c[reduced.seen] = reduced.unit * optimum.x[reduced.cones.first]
         own = np.concatenate([triangle.span[name] for name in nuisance])

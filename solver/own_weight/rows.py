@@ -83,11 +83,11 @@ class Burden:
 
     @cached_property
     def unknown(self) -> tuple[list[tuple[int, FloatArray]], list[tuple[int, int, float]]]:
-        """Unknowns of the bodies, in the order of `Torques`, and uncertain centres of mass among them.
+        """Return the unknowns of the bodies, in the order of `Torques`, and the uncertain centres of mass.
 
-        Each unknown is a body and an inertia (4,) [kg, kg·m] at its bound. Each centre is the index of the
-        first of its three moments, that of its body's mass or −1 if that is exact, and the share by which the
-        moments' bound grows with it.
+        Each unknown is the index of a body, and the inertia (4,) [kg, kg·m] of its greatest deviation. Each
+        centre is the index of the first of its three moments among the unknowns, the index of the mass of the
+        same body or −1 if the mass is exact, and the relative growth of the moments' bound with the mass.
         """
         unknown: list[tuple[int, FloatArray]] = []
         balls = []
@@ -197,7 +197,9 @@ def rows_at(
     geometry = whitened.weight @ motion.jacobian()
     gravity, count = readings.burden.gravity, len(gap)
     size = np.linalg.norm(gravity)
-    tilted = np.einsum("kij,kjg,j->kig", weighted, torques.by_gravity @ (across(gravity) * size), compliance)
+    tilted = np.einsum(
+        "kij,kjg,j->kig", weighted, torques.by_gravity @ (perpendicular_basis(gravity) * size), compliance
+    )
     terms = {
         "geometry": geometry.reshape(count, weighted.shape[1], -1),
         "base": (whitened.weight @ base_motion(torques, motion.points)).reshape(count, -1, 3),
@@ -228,8 +230,8 @@ def base_motion(torques: Torques, places: FloatArray) -> FloatArray:
     return np.stack([np.cross(turn.T[:, None], places) for turn in turns], axis=-1)
 
 
-def across(vector: FloatArray) -> FloatArray:
-    """Return two unit vectors (3, 2) across a vector (3,)."""
+def perpendicular_basis(vector: FloatArray) -> FloatArray:
+    """Return two orthonormal vectors, columns of a (3, 2) matrix, that are perpendicular to a vector (3,)."""
     return np.asarray(np.linalg.svd(vector[None])[2][1:].T)
 
 
@@ -333,8 +335,11 @@ class Reduced:
         ):
             yield j, unit, slice(start, start + 1 + len(own)), own
 
-    def unknowns_of(self, rows: WeightRows, x: FloatArray) -> FloatArray:
-        """Return the unknowns (K,) of all terms of the rows by an x; zero of what is not in the problem."""
+    def expand_solution(self, rows: WeightRows, x: FloatArray) -> FloatArray:
+        """Return the unknowns (K,) of all terms of the rows, in SI units, from the solution x of the problem.
+
+        Unknowns that are not in the problem are zero.
+        """
         unknowns = np.zeros(sum(rows.stack.widths.values()))
         products = rows.stack.span["products"].reshape(rows.torques.unit.shape[1:])
         for j, unit, place, own in self.blocks:

@@ -159,8 +159,8 @@ class DeflectionMap:
     extrapolation: FloatArray
 
     @classmethod
-    def empty(cls, count: int, joints: int) -> DeflectionMap:
-        """Return places out of reach."""
+    def all_out_of_reach(cls, count: int, joints: int) -> DeflectionMap:
+        """Return a map of so many places, all of them out of reach, without numbers."""
         return cls(
             np.full(count, _OUT_OF_REACH, dtype=np.intp),
             np.zeros(count, dtype=np.intp),
@@ -200,7 +200,7 @@ def map_places(
         inverse: kinematics of the same robot.
         places: (P, 3) in R0 [m].
     """
-    robot, result = model.robot, DeflectionMap.empty(len(places), model.robot.n)
+    robot, result = model.robot, DeflectionMap.all_out_of_reach(len(places), model.robot.n)
     place, orientation, joints, solved, lost = postures_within_limits(robot, task, inverse, places)
     result.status[solved] = _JOINT_LIMITS
     result.status[lost] = _NOT_FOLLOWED
@@ -237,7 +237,7 @@ def map_postures(
         orientation: (P,) index of the orientation.
         joints: (P, n) controller's angles [rad].
     """
-    result = DeflectionMap.empty(len(joints), model.robot.n)
+    result = DeflectionMap.all_out_of_reach(len(joints), model.robot.n)
     result.orientation[:], result.joints[:] = orientation, joints
     cases = task.cases(orientation, joints)
     unloaded = model.unloaded(cases)

@@ -64,7 +64,8 @@ _WEIGHT_STEPS: Final = 8
 _TILT: Final = 5e-3
 """Torque of own weight, relative to another joint's, that a vertical axis has if not quite vertical."""
 _SOFTEST: Final = 0.5
-"""Share of the joints' stiffness that the load may take away; more is no load of a process."""
+"""Largest share of the joints' stiffness by which a load may reduce the stiffness; no process has a greater
+load."""
 _SHARE_OF_TRACE: Final = 0.5
 """Prior standard deviation of an entry relative to the elements' root mean square trace: on exact beams held
 out, 95 % intervals of displacements then hold 97 % (20 and 40 postures) and 95 % (100) of the truth."""

@@ -110,7 +110,7 @@ def _readings(job: Plan, result: PlanResult, *, boxes: bool) -> Table:
     """Return a row for each posture; with boxes to tick on paper."""
     readings = result.readings
     gauged = any(each.direction is not None for each in readings)
-    lengths, blocks = _lengths(result), max((each.block for each in readings), default=1)
+    lengths, blocks = _prismatic_joints(result), max((each.block for each in readings), default=1)
     angles = [
         Column(name, [1e3 * each.joints[j] for each in readings], number(".1f"), "mm")
         if j in lengths
@@ -139,7 +139,7 @@ def _readings(job: Plan, result: PlanResult, *, boxes: bool) -> Table:
     )
 
 
-def _lengths(result: PlanResult) -> list[int]:
+def _prismatic_joints(result: PlanResult) -> list[int]:
     """Return the indices of the prismatic joints."""
     return [j for j, kind in enumerate(result.joint_kinds.values()) if kind == "prismatic"]
 
@@ -184,7 +184,7 @@ def readings_sheet(plan: Plan) -> Sheet:
     result = plan.result
     if result is None:
         return Sheet({})
-    lengths = _lengths(result)
+    lengths = _prismatic_joints(result)
     names = [
         f"joint_{j + 1} [{'mm' if j in lengths else 'deg'}]" for j in range(len(result.readings[0].joints))
     ]

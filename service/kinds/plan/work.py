@@ -39,7 +39,7 @@ from jointstiff.solver.own_weight.run import run_by_weight
 from jointstiff.solver.result import stated_assessment
 
 _LARGEST_RELATIVE: Final = 0.5
-"""Relative uncertainty of a compliance above which it is no nominal value."""
+"""Relative uncertainty of a compliance above which the compliance is not used as a nominal value."""
 _TOO_LITTLE: Final = frozenset({"no_joint_identified", "no_residual_freedom", "few_postures"})
 """Reasons that are no mistakes in the readings: more of them are the remedy."""
 _LINKS: Final = frozenset({"deflection_unexplained"})

@@ -135,7 +135,7 @@ def _weight_lines(weight: WeightResult) -> Iterator[Line]:
 
 
 def _verdict_cell(joint: JointResult) -> Line:
-    """Return the status or the verdict; of a joint to use, the grade of its interval as on the page."""
+    """Return the cell of a joint: how narrow its interval is if it is to be used, else status or verdict."""
     if joint.status != "identified" or joint.verdict != "use":
         return _WORDS[joint.verdict if joint.status == "identified" else joint.status]
     low, high = joint.stiffness_interval or (None, None)

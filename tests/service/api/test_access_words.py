@@ -29,7 +29,7 @@ MISTYPED = f"401 no-valid-key | - | the key is mistyped: its check sum does not 
 FOREIGN = f"401 no-valid-key | - | the key is not one of this service | {ANOTHER}"
 USED_LINK = (
     "401 no-valid-key | - | the link was used before, or is older than ten minutes | "
-    "ask for another one (`jointstiff keys link`), or enter a key"
+    "use a new link (`jointstiff keys link` makes one), or enter a key"
 )
 EITHER = "422 invalid-request | body | give either `key` or `link` | correct the field as the reason says"
 NO_ADMINS = (

@@ -195,7 +195,7 @@ REMEDIES = {
     "needs <limit>": "give the limits in rad, or make the joint continuous",
     "leave no range": "give a finite lower limit that does not exceed the upper one, or no limits",
     "there is a (floating|planar) joint": (
-        "only revolute, continuous, prismatic and fixed joints are supported there: "
+        "only revolute, continuous, prismatic and fixed joints are supported between base and flange: "
         "fix it at its position, or choose another base or flange"
     ),
     "unknown joint type": "use one of revolute, continuous, fixed, prismatic, floating, planar",

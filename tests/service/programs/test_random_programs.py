@@ -15,7 +15,7 @@ from jointstiff.service.programs.formats import explained
 REASONS = {
     "unknown routine": "is unknown: it may move",
     "other callers": "may be called from elsewhere",
-    "no way": "no way that the program takes leads here",
+    "no way": "the program never reaches this line",
     "branch": "by a branch, a loop or a call",
     "part or computed": "computed",
     "no numbers": "is not given by constant numbers",

@@ -479,7 +479,7 @@ def test_the_living_are_counted_by_their_beats(beats_at):
         beats_at(NOW).beat(executor)
     assert beats_at(NOW).living(SILENCE) == ["a", "b"]
     assert beats_at(NOW + 2 * SILENCE).living(SILENCE) == []
-    beats_at(NOW).prove()
+    beats_at(NOW).check_writable()
     assert beats_at(NOW).living(SILENCE) == ["a", "b"], "a proof is no worker"
 
 
