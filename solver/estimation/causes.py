@@ -2,12 +2,12 @@
 
 A load point elsewhere, a forgotten force, a load cell's zero, some loads heavier than others, play in the
 gears, a tracker or base that moved: each is a term in addition to the joints, which are fitted with K_c to
-    the targets' rows, without bounds. One triangle of all terms answers every F test. Each test is made
-    twice, with the weights stated and with equal weights, and the larger p-value counts: a noise of the wrong
-    shape would accuse clean springs. Causes that speak are followed by Gauss-Newton to what they explain
-    most, and compared by the Bayesian information criterion (Schwarz 1978), with bending links among them; a
-    difference of less than `AS_WELL` is a tie. Mistakes come before links: added to columns of links their
-    tests accuse clean campaigns of elastic arms, and without them a load point elsewhere looks like links.
+the targets' rows, without bounds. One triangle of all terms answers every F test. Each test is made twice,
+with the weights stated and with equal weights, and the larger p-value counts: a noise of the wrong shape
+would accuse clean springs. Causes with a significant test are fitted by Gauss-Newton, and compared by the
+Bayesian information criterion (Schwarz 1978), with bending links among them; a difference of less than
+`AS_WELL` is a tie. Mistakes are tested before links: added to columns of links, their tests accuse clean
+campaigns of elastic arms, and without these tests a load point elsewhere looks like links.
 
 A *gross mistake* leaves numbers plausible: columns exchanged, a wrong joint map, the load as target. Each
 such alternative is one more regressor of the same deflections: ``q = M (E q_c + e) + o`` with E exchanging,
